@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from drivers import messages as m
-from drivers.agent.idle_watch import CARD, IdleWatch
+from drivers.agent import CARD, IdleWatch
 from drivers.clock import Clock
 from drivers.errors import AgentError, DriverError, PortError
 from drivers.firmware import Firmware
@@ -184,7 +184,7 @@ def _see_idle(port: Port, url: str, firmware: Firmware, answer_s: float) -> None
             link.send(now_s, b"M27")
             link.poll_soon(now_s + 0.5)
         elif isinstance(event, Said):
-            idle.said(event.text)
+            idle.judge_answer(event.text)
         elif isinstance(event, Report):
             if idle.card or not event.off:
                 why = CARD if idle.card else "a heater is on"

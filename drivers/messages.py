@@ -13,6 +13,8 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Base64Bytes, BaseModel, ConfigDict, Field, TypeAdapter
 
+AGENT_SOCKET = "agent.sock"  # in an agent's folder
+
 PROTOCOL = 2
 """Protocol of this version: one more where requests get a field, or there is a new one. An agent says its own
 with each snapshot; the first that did say none are 1."""

@@ -1,6 +1,11 @@
-"""The process that owns one printer's serial port, and goes on printing whatever becomes of the daemon.
+"""The process that owns one printer's serial port. It goes on printing whatever happens to the daemon.
 
-`journal` is its memory of prints, `record` keeps that in step with the board, `spool` has the files; `board`
-is the port with link and session, `idle` what it watches for without one; `server` is its socket, `loop` the
-one select loop over them, `inhibit` what keeps the host up; `__main__` is the process.
+`loop` is its one select loop, `server` its socket, `requests` what the daemon asks for, `status` what it
+reports. `board` has the port with link and session, `idle_watch` judges a board without a print, `recorder`
+writes changes to the journal, `alarm` cuts the mains, `spool` has the files.
 """
+
+from drivers.agent.idle_watch import CARD, IdleWatch
+from drivers.agent.loop import Agent
+
+__all__ = ["CARD", "Agent", "IdleWatch"]

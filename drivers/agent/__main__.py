@@ -1,4 +1,4 @@
-"""``python -m drivers.agent --folder FOLDER``: one agent, for the printer that `start.json` there names."""
+"""``python -m drivers.agent --folder FOLDER``: one agent, for the printer in FOLDER/start.json."""
 
 from __future__ import annotations
 
@@ -26,28 +26,27 @@ def main() -> int:
         stream=sys.stdout, level=logging.INFO, format="%(asctime)s %(levelname)s %(name)s: %(message)s"
     )
     try:
-        given = StartFile.read(folder)
-        profile = PROFILES.get(given.model)
-        if profile is None:
-            raise AgentError(f"no printer model {given.model!r}; use one of {', '.join(sorted(PROFILES))}")
+        start = StartFile.read(folder)
+        if start.model not in PROFILES:
+            raise AgentError(f"no printer model {start.model!r}; use one of {', '.join(sorted(PROFILES))}")
     except AgentError as error:
         logging.error("%s", error)
         return 1
-    inhibitor = Inhibitor(given.printer, simulated=given.port.startswith("sim://"))
+    inhibitor = Inhibitor(start.printer, simulated=start.port.startswith("sim://"))
     try:
-        if not _mine(folder):
-            logging.error("%s: another agent has this printer: end that first", folder)
+        if not _take_lock(folder):
+            logging.error("%s: another agent has this printer: end it first", folder)
             return 1
-        agent = Agent(given.printer, profile, given.port, folder, given.clock, given.power_off_cmd, inhibitor)
+        agent = Agent(start, folder, inhibitor)
     except OSError as error:
-        logging.error("%s: cannot be written (%s); see to its disk", folder, error)
-        _end_heat(given, folder)
+        logging.error("%s: cannot be written (%s); check its disk", folder, error)
+        _end_heat(start, folder)
         return 1
     agent.run()
     return 0
 
 
-def _mine(folder: Path) -> bool:
+def _take_lock(folder: Path) -> bool:
     """Take the folder's lock for as long as this process lives; False where another agent has it."""
     try:
         lock = hold(folder / AGENT_LOCK)
@@ -56,16 +55,16 @@ def _mine(folder: Path) -> bool:
             return False
         raise
     if lock is not None:
-        with suppress(OSError):  # a full disk: it prints nothing new, but the heat has to be ended
+        with suppress(OSError):  # a full disk: it starts no print, but the heat has to be ended
             sign(lock)
     return lock is not None
 
 
-def _end_heat(given: StartFile, folder: Path) -> None:
+def _end_heat(start: StartFile, folder: Path) -> None:
     """End the heat of the last agent: nothing can be written, so nothing is printed."""
     if read_journal(folder / JOURNAL)[0].may_be_hot:
-        stopped = stop_board(StopTarget.of_agent(given, folder))
-        logging.error("%s: its last agent left a print behind: %s", given.printer, stopped.text)
+        result = stop_board(StopTarget.of_agent(start, folder))
+        logging.error("%s: its last agent left a print open: %s", start.printer, result.text)
 
 
 if __name__ == "__main__":

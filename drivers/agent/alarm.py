@@ -1,4 +1,4 @@
-"""A heater that cannot be switched off: what was found of it, and the mains that are cut for it, once."""
+"""Alarm for a heater that cannot be switched off; the mains are cut for it once."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ _NOT_OFF = "heaters were not shown off"
 class Alarms:
     """Keeps the alarm of one printer, and runs its `power_off_cmd` once for each.
 
-    The order is `take`, then the journal, then `act`: nothing is run that is not written down, unless the
-    disk takes nothing.
+    Findings are taken first, then the journal is written, then `run_command` acts: unless the disk fails,
+    nothing is run that is not in the journal.
 
     Parameters
     ----------
@@ -28,19 +28,19 @@ class Alarms:
     command
         Its `power_off_cmd`, if it has one.
     alarm
-        What the journal has.
+        The alarm in the journal.
 
     Attributes
     ----------
     alarm
-        The last finding, until a person has seen to the printer.
+        The last finding, until a person has checked the printer.
     """
 
     def __init__(self, printer: str, command: str | None, alarm: Alarm | None) -> None:
         self._printer, self._command = printer, command
         self.alarm = alarm
         self._run: PowerOff | None = None
-        self._answered: Session | None = None  # it has asked
+        self._asked_by: Session | None = None  # the session that asked for the mains to be cut
 
     @property
     def pending(self) -> bool:
@@ -49,45 +49,45 @@ class Alarms:
 
     @property
     def message(self) -> str | None:
-        """For people."""
+        """Sentence for people; None without an alarm."""
         return None if self.alarm is None else self.alarm.message
 
     @property
     def suspicion(self) -> Suspicion | None:
-        """The suspicion that the session after a dead agent's has to know."""
+        """Suspicion that the session after a dead agent's continues with."""
         return None if self.alarm is None else self.alarm.suspicion
 
-    def printer_back(self) -> None:
-        """The printer was seen cold, or came back: what is found from now on is another finding."""
+    def mark_over(self) -> None:
+        """Note that the printer was seen cold or came back: later findings are new ones."""
         if self.alarm is not None and self.alarm.outcome is not None:
             self.alarm = self.alarm.model_copy(update={"over": True})
 
     def clear(self) -> None:
-        """Whatever was the matter is over."""
+        """End the alarm."""
         self.alarm = None
 
-    def of_session(self, session: Session, now_s: float) -> None:
-        """Take what a session found; its reason says it too."""
+    def take_from_session(self, session: Session, now_s: float) -> None:
+        """Take the finding of a session, and add it to the reason of its print."""
         found, alarm = session.context.suspicion, self.alarm
         if session.context.wants_power_off:
-            if session is not self._answered:
-                self._answered = session
-                self._ask(found.text if found is not None else _NOT_OFF, now_s)
+            if session is not self._asked_by:
+                self._asked_by = session
+                self._request_power_off(found.text if found is not None else _NOT_OFF, now_s)
                 assert self.alarm is not None
                 session.add_reason(self.alarm.text)
         elif found is not None:
             if alarm is None or not alarm.suspected:
                 self.alarm = Alarm(text=found.text, at_s=found.since_s)
         elif alarm is not None and alarm.suspected:
-            self.alarm = None  # it was seen to cool
+            self.alarm = None  # the heater was seen to cool
 
-    def of_idle(self, found: str | None, now_s: float) -> str | None:
-        """Take what was found without a session; what of it is news."""
+    def take_from_idle(self, found: str | None, now_s: float) -> str | None:
+        """Take a finding of the idle board; return it where it is new."""
         if found is None and self.alarm is not None and self.alarm.suspected:
-            found = self.alarm.text  # nobody is left to see it cool
-        return found if found is not None and self._ask(found, now_s) else None
+            found = self.alarm.text  # the session that watched it has ended
+        return found if found is not None and self._request_power_off(found, now_s) else None
 
-    def _ask(self, text: str, now_s: float) -> bool:
+    def _request_power_off(self, text: str, now_s: float) -> bool:
         alarm = self.alarm
         if alarm is not None and alarm.power_off_requested and not alarm.over:
             return False
@@ -98,21 +98,21 @@ class Alarms:
         return True
 
     def outcome(self) -> str | None:
-        """Take the outcome of the command, once; None where nothing is new."""
-        said = None if self._run is None else self._run.outcome()
-        if said is not None:
+        """Take the outcome of the command, once; None where there is no new one."""
+        outcome = None if self._run is None else self._run.outcome()
+        if outcome is not None:
             self._run = None
         elif self._command is None and self.pending:
-            said = NO_COMMAND
-        if said is not None and self.alarm is not None:
-            self.alarm = self.alarm.model_copy(update={"outcome": said})
-        return said
+            outcome = NO_COMMAND
+        if outcome is not None and self.alarm is not None:
+            self.alarm = self.alarm.model_copy(update={"outcome": outcome})
+        return outcome
 
-    def act(self) -> None:
-        """Run the command where that is asked for; it is written down."""
+    def run_command(self) -> None:
+        """Run the command where it was requested; the request is in the journal."""
         if self._run is None and self._command is not None and self.pending:
             self._run = PowerOff(self._command, self._printer)
 
     def wake_wall_s(self) -> float:
-        """Wall time at which `outcome` wants to be called."""
+        """Return the wall time of the next call of `outcome`."""
         return math.inf if self._run is None else wall_s() + POLL_S

@@ -1,4 +1,4 @@
-"""The port with its link and, while a print is open, its session: bytes in, bytes out, resets."""
+"""Board of one printer: its port, its link and, while a print is open, its session."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ from drivers.session import Pace, Session
 log = logging.getLogger(__name__)
 
 RETRY_S = 2.0  # wall seconds between attempts to open a port
-PULSES = 2
-UNWATCHED = "nobody watched it before its agent was started"
-NOT_IDLE = "its port is opened when somebody has said that it does not print: opening it may reset it"
-NO_RESET = "its board does not start again at a pulse of DTR: it prints only while somebody is there"
+RESET_PULSES = 2  # of DTR; the answer to one may be lost
+UNWATCHED = "it was not watched before its agent was started"
+MAY_PRINT = "its port is opened after a person confirms that it does not print: opening it may reset it"
+NO_RESET = "a pulse of DTR does not reset its board: it prints only while somebody is there"
 
 
 class Board:
@@ -34,17 +34,36 @@ class Board:
     Parameters
     ----------
     url
-        The port, as `fleet.yaml` names it.
+        The port, as in `fleet.yaml`.
     profile
         The printer's model.
     folder
-        Where an emulator of a ``sim://`` port lives.
+        Folder of the emulator of a ``sim://`` port.
     clock
         The farm's clock.
-    remember
-        Called before anything is written to the port and after anything changed: the journal's chance.
-    moved
-        Called with the new descriptor of the port, or None where it went.
+    save
+        Called after each change and before bytes are written to the port, to write the journal.
+    on_port_change
+        Called with the new descriptor of the port, or None where it went away.
+
+    Attributes
+    ----------
+    link, session, report
+        Conversation with the board; the open print, if any; the last temperatures, if known.
+    absent_reason, needs_permission
+        Reason for which the port is not open; True where a person has to confirm first that it may be.
+    state
+        State that outlives the agent.
+    resets
+        Number of resets that the agent did not cause.
+    stuck_heater
+        A heater of the idle board that is off and gets hotter; the recorder takes it.
+    returned
+        The printer came back or was seen cold: what is found from now on is another finding.
+    idle_watch
+        Watch over the idle board.
+    changed
+        Something happened other than the next line of a program.
     """
 
     def __init__(
@@ -53,34 +72,34 @@ class Board:
         profile: Profile,
         folder: Path,
         clock: Clock,
-        remember: Callable[[], None],
-        moved: Callable[[int | None], None],
+        save: Callable[[], None],
+        on_port_change: Callable[[int | None], None],
     ) -> None:
         self.simulated = url.startswith("sim://")
         self.pace = Pace.of(clock)
-        self._firmware = profile.firmware
+        self.profile, self._firmware = profile, profile.firmware
         self.link = Link(self._firmware, self.pace.floor_s)
         self.session: Session | None = None
         self.report: Report | None = None
-        self.absent: str | None = "the port was not opened yet"
-        self.untouched = False  # it is there, but nobody has said that it may be opened
+        self.absent_reason: str | None = "the port has not been opened yet"
+        self.needs_permission = False
         self.state = BoardState()
-        self.resets = 0  # that the agent did not cause
-        self.stuck: str | None = None  # a heater that is off and gets hotter, while idle; taken by the record
-        self.back = False  # the printer was away, or seen cold: what is found from now on is news
-        self.idle = IdleWatch()
-        self.stirred = False  # something other than the next line of a program happened
+        self.resets = 0
+        self.stuck_heater: str | None = None
+        self.returned = False
+        self.idle_watch = IdleWatch()
+        self.changed = False
         self._url, self._folder, self._clock = url, folder, clock
-        self._remember, self._moved = remember, moved
+        self._save, self._on_port_change = save, on_port_change
         self._port: Port | None = None
         self._retry_wall_s = 0.0
-        self._said_idle = False  # by a person: its port may be opened
-        self.proving = 0  # pulses of DTR that are left to show that it resets the board
+        self._declared_idle = False  # by a person: the port may be opened
+        self._pulses_left = 0  # pulses of DTR until it counts as not resetting the board
 
-    # --- what the loop does ---
+    # --- called by the loop ---
 
-    def readable(self, _: int = 0) -> None:
-        """Bytes came."""
+    def on_readable(self, _: int = 0) -> None:
+        """Read bytes from the port, and act on them."""
         port = self._port
         if port is None:
             return
@@ -92,19 +111,19 @@ class Board:
                 port.write(self.link.take())
                 return
         except PortError as error:
-            self._gone(error)
+            self._on_port_lost(error)
             return
-        self._go_on(events, now_s)
+        self._process(events, now_s)
 
     def tick(self) -> None:
-        """Look what is due."""
+        """Do what is due."""
         if self._port is None and wall_s() >= self._retry_wall_s:
             self.open()
         now_s = self._clock.now()
-        self._go_on(self.link.tick(now_s), now_s)
+        self._process(self.link.tick(now_s), now_s)
 
     def wake_wall_s(self) -> float:
-        """Wall time at which `tick` wants to be called."""
+        """Return the wall time of the next call of `tick`."""
         due_s = self.link.deadline_s
         if self.session is not None:
             due_s = min(due_s, self.session.deadline_s)
@@ -112,128 +131,139 @@ class Board:
         return min(wall_s, self._retry_wall_s) if self._port is None else wall_s
 
     def open(self) -> None:
-        """Open the port, which resets the board. Where that fails, it is tried again later.
+        """Open the port, which may reset the board. If that fails, `tick` tries again.
 
-        A port that the kernel has not opened since it was plugged in raises DTR, and nothing can be asked
-        before: it is left alone until somebody has said that the printer does not print by itself.
+        The first opening since a device was plugged in raises DTR, and its printer cannot be asked before. So
+        it is not opened until a person has confirmed that the printer does not print by itself.
         """
         try:
             device = identify_device(self._url)
             if not (
-                self.simulated or self._ours or self._said_idle or (device and device == self.state.opened)
+                self.simulated
+                or self._is_responsible
+                or self._declared_idle
+                or (device and device == self.state.opened)
             ):
-                raise PortNotIdle(NOT_IDLE)
+                raise PortNotIdle(MAY_PRINT)
             self._port = open_port(self._url, self._folder, self._clock, self._firmware.baud_rate)
             self.state.opened = device
         except PortError as error:
-            self.untouched = isinstance(error, PortNotIdle)
-            if self.absent != str(error):
+            self.needs_permission = isinstance(error, PortNotIdle)
+            if self.absent_reason != str(error):
                 log.warning("%s", error)
-            self.absent = str(error)
+            self.absent_reason = str(error)
             self._retry_wall_s = wall_s() + RETRY_S
             return
-        if not self._ours:
-            self._opened()
+        if not self._is_responsible:
+            self._on_opened()
         elif self.simulated:
             send_abort(self._port, self._firmware)
-            self._opened()
+            self._on_opened()
         else:
-            self._reset()  # opening alone resets no board whose last host left DTR up, as ours do
+            self._reset()  # opening alone resets no board whose last host left DTR up, as an agent does
 
     @property
-    def _ours(self) -> bool:
-        """Whether what moves and heats there is ours to stop."""
+    def _is_responsible(self) -> bool:
+        """True where motion and heat on the board are this agent's to end."""
         return self.session is not None or self.state.hot
 
     def begin(self, session: Session) -> None:
-        """Let a session have the board, from a reset on."""
+        """Give the board to a session, which begins with a reset."""
         self.session = session
-        self.stuck = None
-        self.idle.reset()
-        self._go_on((), self._clock.now())
+        self.stuck_heater = None
+        self.idle_watch.reset()
+        self._process((), self._clock.now())
 
     def cancel(self, reason: str) -> None:
         """End the open print safely."""
-        if self.session is not None:
-            now_s = self._clock.now()
-            self.session.cancel(reason, now_s)
-            self._go_on((), now_s)
+        self._with_session(lambda session, now_s: session.cancel(reason, now_s))
 
     def pause(self, wanted: bool) -> None:
-        """Have the open print wait, or go on."""
-        if self.session is not None:
-            now_s = self._clock.now()
-            (self.session.pause if wanted else self.session.resume)(now_s)
-            self._go_on((), now_s)
+        """Pause or resume the open print."""
+        self._with_session(lambda session, now_s: (session.pause if wanted else session.resume)(now_s))
 
     def end_by(self, at_s: float | None) -> None:
-        """End the open print safely where it has not ended by then."""
+        """Set the time at which the open print is ended safely; None for no limit."""
+        self._with_session(lambda session, now_s: session.end_by(at_s, now_s))
+
+    def _with_session(self, action: Callable[[Session, float], None]) -> None:
         if self.session is not None:
             now_s = self._clock.now()
-            self.session.end_by(at_s, now_s)
-            self._go_on((), now_s)
+            action(self.session, now_s)
+            self._process((), now_s)
 
     def clear_attention(self) -> None:
-        """A person saw to the printer: whatever was the matter is over."""
-        if self.idle.card:
+        """Clear all findings: a person has checked the printer.
+
+        Raises
+        ------
+        AgentError
+            The printer prints from its SD card.
+        """
+        if self.idle_watch.card:
             raise AgentError(CARD)
-        self.state.bed_unknown_reason = self.stuck = None
+        self.state.bed_unknown_reason = self.stuck_heater = None
         self.state.hot = False
         well = self.state.attention_reason is None and self.link.phase is not Phase.DEAD
         self.state.attention_reason = None
-        if not (well and (self.proven or self.refuted) and self._port is not None):
-            self.prove()
+        if not (well and (self.reset_verified or self.reset_failed) and self._port is not None):
+            self.verify_reset()
 
     @property
-    def proven(self) -> bool:
-        """Whether DTR was seen to reset the board behind this port."""
+    def reset_verified(self) -> bool:
+        """True where DTR was seen to reset the board behind this port."""
         return self.simulated or self.state.reset_verified == self._url
 
     @property
-    def refuted(self) -> bool:
-        """Whether DTR was seen not to reset it."""
-        return not self.proven and self.state.reset_failed == self._url
+    def reset_failed(self) -> bool:
+        """True where DTR was seen not to reset it."""
+        return not self.reset_verified and self.state.reset_failed == self._url
 
-    def prove(self) -> None:
-        """Reset the board, and see whether it starts again; somebody has said that it does not print.
+    @property
+    def verifying_reset(self) -> bool:
+        """True while the answer to a pulse of DTR is awaited."""
+        return self._pulses_left > 0
+
+    def verify_reset(self) -> None:
+        """Reset the board to see whether it restarts; a person has confirmed that it is idle.
 
         Raises
         ------
         AgentError
             It prints.
         """
-        if self.session is not None or self.idle.card:
-            raise AgentError(CARD if self.idle.card else "it prints")
-        self._said_idle = True
+        if self.session is not None or self.idle_watch.card:
+            raise AgentError(CARD if self.idle_watch.card else "it prints")
+        self._declared_idle = True
         self.state.reset_verified = self.state.reset_failed = None
         if self._port is None:
             self.open()
         if self._port is not None:
             self._reset()
         if self._port is not None:
-            self.proving = PULSES
+            self._pulses_left = RESET_PULSES
         else:
-            self._said_idle = False  # that was said of a printer that is not there
-        self.stirred = True
+            self._declared_idle = False  # the confirmation was for a printer that is not there
+        self.changed = True
 
-    def cut(self) -> None:
-        """Switch everything off by a reset, where heat of ours may be on: the agent is about to end."""
-        if self._port is None or not self._ours:
+    def switch_off(self) -> None:
+        """Switch heat and motion off by a reset where they may be this agent's: it is about to end."""
+        if self._port is None or not self._is_responsible:
             return
-        (send_abort_until_accepted if self.refuted else send_abort)(self._port, self._firmware)
+        (send_abort_until_accepted if self.reset_failed else send_abort)(self._port, self._firmware)
         with suppress(PortError):
             self._port.reset()
 
     def close(self) -> None:
-        """Give the port up."""
+        """Close the port."""
         if self._port is not None:
             self._port.close()
             self._port = None
 
-    # --- the emulator's own word ---
+    # --- emulator ---
 
     def status(self) -> EmulatorStatus | None:
-        """Read the status of an emulator; None for a real printer, which has none."""
+        """Read the status of an emulator; None for a real printer."""
         if not self.simulated:
             return None
         try:
@@ -242,7 +272,7 @@ class Board:
             return None
 
     def clear_bed(self) -> None:
-        """Take what was printed off an emulator's bed.
+        """Clear the bed of an emulator.
 
         Raises
         ------
@@ -252,41 +282,43 @@ class Board:
         if self.simulated:
             control(self._folder, "clear_bed")
 
-    # --- inside ---
+    # --- events ---
 
-    def _go_on(self, events: Events, now_s: float) -> None:
-        self.stirred = True
+    def _process(self, events: Events, now_s: float) -> None:
+        self.changed = True
         for event in events:
-            self._notice(event, now_s)
+            self._on_event(event, now_s)
         if self.session is not None:
             self._advance(self.session, events, now_s)
-        self._remember()
+        self._save()
         out = self.link.take()
         if self._port is not None and (out or self._port.unwritten):
             try:
                 self._port.write(out)
             except PortError as error:
-                self._gone(error)
+                self._on_port_lost(error)
 
     def _advance(self, session: Session, events: Events, now_s: float) -> None:
         session.advance(events, now_s)
         while session.context.wants_reset and self._port is not None and not session.context.ended:
-            self._remember()
+            self._save()
             self._reset()
             session.advance((), now_s)
 
-    def _notice(self, event: Event, now_s: float) -> None:
+    def _on_event(self, event: Event, now_s: float) -> None:
         if isinstance(event, Report):
             self.report = event
             if self.session is None:
-                self._idle_report(event, now_s)
+                self._on_idle_report(event, now_s)
         elif isinstance(event, Up):
             log.info("the board answers%s", " after a reset" if event.restarted else "")
-            self._answers(event)
+            self._on_up(event)
         elif isinstance(event, Said):
-            understood, cause = self.idle.said(event.text) if self.session is None else (False, None)
+            understood, cause = (
+                self.idle_watch.judge_answer(event.text) if self.session is None else (False, None)
+            )
             if cause is not None:
-                self._lose_track(cause)
+                self._mark_bed_unknown(cause)
             if not understood:
                 log.info("board: %s", event.text.decode("ascii", "replace"))
         else:
@@ -294,89 +326,89 @@ class Board:
             if event.fault is Fault.REBOOT:
                 self.resets += 1
             if self.session is None:
-                self._idle_trouble(event, now_s)
+                self._on_idle_trouble(event, now_s)
 
-    def _answers(self, up: Up) -> None:
-        """See whether the pulse of DTR before had reset the board."""
-        self.idle.reset()
-        if up.restarted and (self.proving or self.session is not None):
+    def _on_up(self, up: Up) -> None:
+        """Note whether the last pulse of DTR has reset the board."""
+        self.idle_watch.reset()
+        if up.restarted and (self._pulses_left or self.session is not None):
             self.state.reset_verified, self.state.reset_failed = self._url, None
-        elif self.proving > 1:
-            self.proving -= 1
-            self._reset()  # its `start` may have been lost on the way
+        elif self._pulses_left > 1:
+            self._pulses_left -= 1
+            self._reset()  # its `start` may have been lost
             return
-        elif self.proving:
+        elif self._pulses_left:
             log.warning("%s", NO_RESET)
             self.state.reset_failed = self._url
-        self.proving = 0
+        self._pulses_left = 0
 
-    def _idle_report(self, report: Report, now_s: float) -> None:
+    def _on_idle_report(self, report: Report, now_s: float) -> None:
         self.state.hot = self.state.hot and not report.off
-        cause, trouble = self.idle.report(report)
+        cause, trouble = self.idle_watch.judge_report(report)
         if cause is not None:
-            self._lose_track(cause)
-        self.stuck = self.stuck if trouble is None else trouble.text
-        self.back = self.back or self.idle.cold
+            self._mark_bed_unknown(cause)
+        self.stuck_heater = self.stuck_heater if trouble is None else trouble.text
+        self.returned = self.returned or self.idle_watch.cold
         if self.link.drained:
-            # what a port that went left hot, and no reset ends; asking alone would feed the dead-man for ever
+            # ends heat left on when the port went away; questions alone would feed the dead-man
             firmware = self._firmware
             self.link.send(now_s, *(firmware.heaters_off if self.state.hot else firmware.idle_queries))
 
-    def _idle_trouble(self, trouble: Trouble, now_s: float) -> None:
+    def _on_idle_trouble(self, trouble: Trouble, now_s: float) -> None:
         if trouble.fault is Fault.REBOOT:
-            self._lose_track("its board was reset, and not by the farm")
+            self._mark_bed_unknown("its board was reset, but not by the farm")
             self.link.restarted(now_s)
         elif trouble.fault in (Fault.NO_ANSWER, Fault.NOISY_LINE):
-            self._gone(PortError(f"{self._url}: {trouble.text}; is the printer switched on?"))
-        elif trouble.fault is Fault.MAXTEMP:  # nothing of ours heats: it burns, or nobody can tell
-            self.stuck = f"both heaters are off, and the board says {trouble.text.lstrip(' :')}"
+            self._on_port_lost(PortError(f"{self._url}: {trouble.text}; is the printer switched on?"))
+        elif trouble.fault is Fault.MAXTEMP:  # both heaters are off: one is stuck on, or a sensor is broken
+            self.stuck_heater = f"both heaters are off, and the board says {trouble.text.lstrip(' :')}"
         else:
             self.state.attention_reason = trouble.text
 
-    def _opened(self) -> None:
+    def _on_opened(self) -> None:
         assert self._port is not None
-        self.back = self.back or (self.absent is not None and self.session is None)
-        self.absent = None
-        self.untouched = False
-        self.report = self.stuck = None
-        self.idle.reset()
+        self.returned = self.returned or (self.absent_reason is not None and self.session is None)
+        self.absent_reason = None
+        self.needs_permission = False
+        self.report = self.stuck_heater = None
+        self.idle_watch.reset()
         if self.session is None:
             self.link.poll_every_s = self.pace.idle_s
         else:
             self.session.port_was_reset()
-        self.link.opened(self._clock.now(), self._firmware.abort_unnumbered if self._ours else b"")
-        self._moved(self._port.fileno())
+        self.link.opened(self._clock.now(), self._firmware.abort_unnumbered if self._is_responsible else b"")
+        self._on_port_change(self._port.fileno())
 
     def _reset(self) -> None:
         assert self._port is not None
-        self._moved(None)
-        if self._ours:
-            send_abort(self._port, self._firmware)  # a reset that does not get through is noticed late
+        self._on_port_change(None)
+        if self._is_responsible:
+            send_abort(self._port, self._firmware)  # a reset that fails is noticed late
         try:
             self._port.reset()
         except PortError as error:
-            self._gone(error)
+            self._on_port_lost(error)
             return
-        self._opened()
+        self._on_opened()
 
-    def _lose_track(self, reason: str) -> None:
-        """Bed and filament are not known any more; the first reason is kept."""
+    def _mark_bed_unknown(self, reason: str) -> None:
+        """Note that bed and filament are unknown; the first reason is kept."""
         if self.state.bed_unknown_reason is None:
-            log.warning("not known to be clear any more: %s", reason)
+            log.warning("bed and filament are unknown: %s", reason)
             self.state.bed_unknown_reason = reason
 
-    def _gone(self, error: PortError) -> None:
+    def _on_port_lost(self, error: PortError) -> None:
         log.warning("%s", error)
-        if self.session is None and self.absent is None:
-            self._lose_track("its port went away: it may have been used meanwhile")
-        self._moved(None)
+        if self.session is None and self.absent_reason is None:
+            self._mark_bed_unknown("its port went away: it may have been used since")
+        self._on_port_change(None)
         self.close()
-        self.absent = str(error)
+        self.absent_reason = str(error)
         self.report = None
-        self._said_idle, self.proving = False, 0
+        self._declared_idle, self._pulses_left = False, 0
         self.link.closed()
         self._retry_wall_s = wall_s() + RETRY_S
         session = self.session
         if session is not None and not session.context.wants_reset:
             session.fail(Fault.PORT_LOST, str(error), self._clock.now())
-        self._remember()
+        self._save()

@@ -1,6 +1,6 @@
-"""Watch over an idle board, for people, cards and faults that the farm did not cause. Pure.
+"""Watch over an idle board for people, SD prints and faults that the farm did not cause. Pure.
 
-Answers carry no checksum, so that what a garbled digit could have said is believed when it is said twice.
+Answers carry no checksum, so a finding that a garbled digit could cause must be seen twice.
 """
 
 from __future__ import annotations
@@ -14,14 +14,14 @@ CARD = "it prints from its SD card"
 MOVED = "somebody moved it at the printer"
 HEATED = "somebody switched a heater on at the printer"
 COLD_C = 45.0
-RISE_C, WARM_C = 15.0, 60.0  # a heater that is off and gets so much hotter, to more than this, is stuck on
+RISE_C, WARM_C = 15.0, 60.0  # a heater that is off is stuck on when it gets so much hotter, to above this
 
-_PLACE = re.compile(rb"X:-?[\d.]+ ?Y:-?[\d.]+ ?Z:-?[\d.]+ ?E:-?[\d.]+ Count")
+_POSITION = re.compile(rb"X:-?[\d.]+ ?Y:-?[\d.]+ ?Z:-?[\d.]+ ?E:-?[\d.]+ Count")
 _CARD = (b"SD printing byte", b"Not SD printing", b"Card error:")
 
 
 class IdleWatch:
-    """Tell it what the board answers from one reset or print to the next.
+    """Judges the answers of an idle board from one reset or print to the next.
 
     Attributes
     ----------
@@ -36,9 +36,9 @@ class IdleWatch:
         self.reset()
 
     def reset(self) -> None:
-        """The board was reset or printed for us: what was seen before is of no use."""
+        """Forget all answers: the board was reset, or has printed for the farm."""
         self.card = False
-        self._place: bytes | None = None
+        self._position: bytes | None = None
         self._moved_to: bytes | None = None
         self._heated = False
         self._coolest_c = [float("inf"), float("inf")]
@@ -49,29 +49,35 @@ class IdleWatch:
     def cold(self) -> bool:
         return self._cold >= 3
 
-    def said(self, text: bytes) -> tuple[bool, str | None]:
-        """Take an answer to `Firmware.idle_queries`.
+    def judge_answer(self, text: bytes) -> tuple[bool, str | None]:
+        """Judge an answer to `Firmware.idle_queries`.
 
         Returns
         -------
         (bool, str | None)
-            Whether it is one, and what it tells of what the farm did not cause.
+            True where it is such an answer; the event that it shows, if the farm did not cause it.
         """
         if text.startswith(_CARD):
             self.card = text.startswith(_CARD[0]) or (self.card and text.startswith(_CARD[2]))
             return True, CARD if self.card else None
-        if _PLACE.match(text) is None:
+        if _POSITION.match(text) is None:
             return False, None
-        moved = self._place is not None and text != self._place
+        moved = self._position is not None and text != self._position
         if moved and text == self._moved_to:
-            self._place, self._moved_to = text, None
+            self._position, self._moved_to = text, None
             return True, MOVED
         self._moved_to = text if moved else None
-        self._place = self._place or text
+        self._position = self._position or text
         return True, None
 
-    def report(self, report: Report) -> tuple[str | None, Trouble | None]:
-        """Take a report: what it tells of people, and of a heater that is stuck on."""
+    def judge_report(self, report: Report) -> tuple[str | None, Trouble | None]:
+        """Judge a report.
+
+        Returns
+        -------
+        (str | None, Trouble | None)
+            An event that the farm did not cause; a heater that is stuck on.
+        """
         heated = report.nozzle_target_c > 0 or report.bed_target_c > 0
         cold = not heated and max(report.nozzle_c, report.bed_c) < COLD_C
         self._cold = self._cold + 1 if cold else 0

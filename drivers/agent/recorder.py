@@ -1,4 +1,4 @@
-"""Recorder of a board in its journal: changes are written down before the board goes on."""
+"""Writes changes of a board to the journal before the board goes on."""
 
 from __future__ import annotations
 
@@ -10,8 +10,7 @@ from drivers.clock import Clock
 from drivers.errors import Fault, JournalError
 from drivers.gcode import Program
 from drivers.messages import Filament, PrintPhase, PrintSnapshot
-from drivers.printers import Profile
-from drivers.records import ESTOPPED, Journal
+from drivers.records import ESTOPPED, Journal, StartFile
 from drivers.session import Session, SessionContext
 
 log = logging.getLogger(__name__)
@@ -25,42 +24,31 @@ _NEEDS_ATTENTION = frozenset(
 
 
 class Recorder:
-    """Keeps board and journal in step, and the open print with both.
+    """Keeps board, journal and the open print in step.
 
     Parameters
     ----------
-    printer, profile
-        Its name in the fleet, and its model.
+    start
+        The agent's start file.
     board
-        Gets what the journal knows of it.
+        The board; gets its state from the journal.
     journal
-        Of this agent.
+        The agent's journal.
     clock
         The farm's clock.
-    power_off_cmd
-        See `mains.PowerOff`.
 
     Attributes
     ----------
     alarms
-        What was found of a heater that cannot be switched off.
+        Alarms for heaters that cannot be switched off.
     journal_error
-        Why the journal is behind, where it is.
+        Reason for which the last change is not in the journal; None where it is.
     """
 
-    def __init__(
-        self,
-        printer: str,
-        profile: Profile,
-        board: Board,
-        journal: Journal,
-        clock: Clock,
-        power_off_cmd: str | None,
-    ) -> None:
+    def __init__(self, start: StartFile, board: Board, journal: Journal, clock: Clock) -> None:
         self.journal_error: str | None = None
-        self._profile = profile
-        self.alarms = Alarms(printer, power_off_cmd, journal.state.alarm)
-        self._board, self._journal, self._clock = board, journal, clock
+        self.alarms = Alarms(start.printer, start.power_off_cmd, journal.state.alarm)
+        self.board, self.journal, self._clock = board, journal, clock
         self._program: Program | None = None
         self._starved_before_s = 0.0
         board.state = journal.state.board.model_copy()
@@ -70,112 +58,115 @@ class Recorder:
     def begin(
         self, program: Program | None, filament: Filament, extruded: bool, ends_by_s: float | None = None
     ) -> None:
-        """Open a print; without a program, recover from one that an agent left behind."""
-        now_s, memory = self._clock.now(), self._journal.state
-        left = Fault.ESTOP if memory.board.attention_reason == ESTOPPED else Fault.AGENT_DIED
+        """Open a print; without a program, end the one that a dead agent left open."""
+        now_s, saved_state = self._clock.now(), self.journal.state
+        left = Fault.ESTOP if saved_state.board.attention_reason == ESTOPPED else Fault.AGENT_DIED
         context = SessionContext(
-            link=self._board.link,
+            link=self.board.link,
             program=program,
-            profile=self._profile,
+            profile=self.board.profile,
             filament=filament,
-            pace=self._board.pace,
+            pace=self.board.pace,
             now_s=now_s,
-            identity=memory.identity,
+            identity=saved_state.identity,
             left_by=left,
             suspicion=self.alarms.suspicion,
             extruded=extruded,
-            board_resets=not self._board.refuted,
+            board_resets=not self.board.reset_failed,
             ends_by_s=ends_by_s,
         )
         self._program = program
-        status = self._board.status()
+        status = self.board.status()
         self._starved_before_s = status.starved_s if status is not None else 0.0
-        self._board.begin(Session(context))
+        self.board.begin(Session(context))
 
     def record_changes(self) -> None:
-        """Write down what changed, before the board goes on.
+        """Write all changes to the journal.
 
-        A full disk stops no print: it is tried again at every step, and until then no print is over.
+        A full disk stops no print: every step tries again, and until one succeeds no print has ended.
         """
-        self._look_for_alarm()
+        self._update_alarm()
         try:
-            self._write_down()
+            self._write()
         except JournalError as error:
             if self.journal_error is None:
                 log.error("%s", error)
             self.journal_error = str(error)
         else:
             self.journal_error = None
-        self.alarms.act()
+        self.alarms.run_command()
 
-    def _look_for_alarm(self) -> None:
-        session, board, alarms, now_s = self._board.session, self._board, self.alarms, self._clock.now()
-        if board.back:
-            board.back = False
-            alarms.printer_back()
+    def _update_alarm(self) -> None:
+        session, board, alarms, now_s = self.board.session, self.board, self.alarms, self._clock.now()
+        if board.returned:
+            board.returned = False
+            alarms.mark_over()
         if session is not None:
-            alarms.of_session(session, now_s)
-        elif (news := alarms.of_idle(board.stuck, now_s)) is not None:
-            board.state.attention_reason = _joined(board.state.attention_reason, f"{news}: switch it off")
-        board.stuck = None
-        said = alarms.outcome()
-        if said is None:
+            alarms.take_from_session(session, now_s)
+        elif (news := alarms.take_from_idle(board.stuck_heater, now_s)) is not None:
+            board.state.attention_reason = _join(board.state.attention_reason, f"{news}: switch it off")
+        board.stuck_heater = None
+        outcome = alarms.outcome()
+        if outcome is None:
             return
         if session is not None:
-            session.add_reason(said)
+            session.add_reason(outcome)
         else:
-            board.state.attention_reason = _joined(
-                board.state.attention_reason or (alarms.alarm.text if alarms.alarm is not None else None),
-                said,
-            )
+            finding = None if alarms.alarm is None else alarms.alarm.text
+            board.state.attention_reason = _join(board.state.attention_reason or finding, outcome)
 
-    def _write_down(self) -> None:
-        session, memory, now_s = self._board.session, self._journal.state, self._clock.now()
-        state, alarm = self._board.state, self.alarms.alarm
-        if alarm != memory.alarm or state != memory.board:
+    def _write(self) -> None:
+        session, saved_state, now_s = self.board.session, self.journal.state, self._clock.now()
+        state, alarm = self.board.state, self.alarms.alarm
+        if alarm != saved_state.alarm or state != saved_state.board:
             known = None if alarm is None else alarm.record()
-            self._journal.write(now_s, **state.record(), alarm=known)
-        if session is None or memory.print is None:
+            self.journal.write(now_s, **state.record(), alarm=known)
+        if session is None or saved_state.print is None:
             return
-        context, saved = session.context, memory.print
-        if self._held_back(context):
+        context, saved = session.context, saved_state.print
+        if self._awaits_outcome(context):
             return
         changed = (context.phase, context.extruded) != (saved.phase, saved.extruded)
-        if not changed and context.filament is memory.filament:
+        if not changed and context.filament is saved_state.filament:
             return
         attention = context.fault in _NEEDS_ATTENTION or context.wants_power_off or not context.heaters_off
         if context.ended and attention:
-            self._board.state.attention_reason = context.reason
+            self.board.state.attention_reason = context.reason
         if context.ended:
-            self._board.state.hot = not context.heaters_off
-        shot = self.describe_print(saved, context)
-        self._journal.write(
+            self.board.state.hot = not context.heaters_off
+        snapshot = self.describe_print(saved, context)
+        self.journal.write(
             now_s,
-            print=shot.model_dump(mode="json"),
+            print=snapshot.model_dump(mode="json"),
             filament=context.filament.value,
             **state.record(),
             identity=context.identity,
         )
-        log.info("print %s: %s%s", shot.print_id, shot.phase, f" ({shot.reason})" if shot.reason else "")
+        log.info(
+            "print %s: %s%s",
+            snapshot.print_id,
+            snapshot.phase,
+            f" ({snapshot.reason})" if snapshot.reason else "",
+        )
         if context.ended:
-            self._board.session = None
+            self.board.session = None
             self._program = None
 
-    def _held_back(self, context: SessionContext) -> bool:
-        """Whether a print has ended whose reason lacks what came of `power_off_cmd`."""
+    def _awaits_outcome(self, context: SessionContext) -> bool:
+        """Return True where an ended print still lacks the outcome of `power_off_cmd` in its reason."""
         return context.ended and self.alarms.pending
 
     def describe_print(self, saved: PrintSnapshot, context: SessionContext) -> PrintSnapshot:
-        """The open print as it is now."""
-        status = self._board.status()
+        """Return the open print as it is now."""
+        status = self.board.status()
         starved_s = saved.starved_s if status is None else status.starved_s - self._starved_before_s
-        held_back = self._held_back(context)
+        awaits_outcome = self._awaits_outcome(context)
         known: dict[str, object] = {
-            "phase": PrintPhase.ENDING if held_back else context.phase,
+            "phase": PrintPhase.ENDING if awaits_outcome else context.phase,
             "fault": context.fault,
             "reason": context.reason,
             "extruded": context.extruded,
-            "ended_s": None if held_back else context.ended_s,
+            "ended_s": None if awaits_outcome else context.ended_s,
             "ends_by_s": context.ends_by_s,
             "pause_ends_s": context.pause_ends_s if context.phase is PrintPhase.PAUSED else None,
             "starved_s": max(0.0, starved_s),
@@ -191,5 +182,5 @@ class Recorder:
         return saved.model_copy(update=known)
 
 
-def _joined(text: str | None, more: str) -> str:
+def _join(text: str | None, more: str) -> str:
     return more if text is None else f"{text}; {more}"

@@ -1,4 +1,4 @@
-"""The agent's socket: requests in, replies and snapshots out, one JSON object a line."""
+"""Socket of an agent: requests in, replies and snapshots out, one JSON object a line."""
 
 from __future__ import annotations
 
@@ -14,43 +14,42 @@ from pathlib import Path
 from pydantic import ValidationError
 
 from drivers.clock import wall_s
-from drivers.messages import FromAgent, Reply, Request, Snapshot, request_adapter
+from drivers.messages import AGENT_SOCKET, FromAgent, Reply, Request, Snapshot, request_adapter
 
 log = logging.getLogger(__name__)
 
-SOCKET = "agent.sock"
 _REQUEST_BYTES = 64 * 1024
-_MOST = 16  # clients: the daemon, a bridge, and a few people; each costs a descriptor
-_REQUEST_S = 10.0  # wall seconds in which a request that has begun has to be whole
-_DEAF_S = 1.0  # without accepting, where no descriptor is left
+_MAX_CLIENTS = 16  # the daemon, a bridge, and a few people; each costs a descriptor
+_REQUEST_S = 10.0  # wall seconds between the first and the last byte of a request
+_PAUSE_S = 1.0  # without accepting, where no descriptor is left
 _LOG_EVERY_S = 60.0
-_BACKLOG_BYTES = 1024 * 1024  # a client that reads so slowly is dropped; it comes back and asks
+_BACKLOG_BYTES = 1024 * 1024  # a client that reads too slowly is dropped; it connects again
 
 
 class _Client:
-    __slots__ = ("asked_s", "half_since_s", "incoming", "outgoing", "socket")
+    __slots__ = ("asked_s", "incoming", "outgoing", "partial_since_s", "socket")
 
     def __init__(self, connection: socket.socket) -> None:
         self.socket = connection
-        self.asked_s = -math.inf  # when it last asked for something
-        self.half_since_s = math.inf  # since when half a request has been there
+        self.asked_s = -math.inf  # time of its last request
+        self.partial_since_s = math.inf  # since when part of a request waits
         self.incoming = b""
         self.outgoing = b""
 
 
 class Server:
-    """Clients of one agent, on the agent's selector.
+    """Server of one agent's clients, on the agent's selector.
 
     Parameters
     ----------
     folder
         Gets `agent.sock`, for the agent's user alone; its path may be longer than a socket's may.
     selector
-        The agent's; keys carry a callable that takes the ready mask.
+        The agent's selector; its keys carry a callable that takes the ready mask.
     answer
-        What to do with a request.
-    look
-        What a new client is told first.
+        Answers a request.
+    make_snapshot
+        Makes the first message to a new client.
     """
 
     def __init__(
@@ -58,20 +57,20 @@ class Server:
         folder: Path,
         selector: selectors.BaseSelector,
         answer: Callable[[Request], Reply],
-        look: Callable[[], Snapshot],
+        make_snapshot: Callable[[], Snapshot],
     ) -> None:
         self._selector = selector
         self._answer = answer
-        self._look = look
-        self._clients: dict[_Client, None] = {}  # in the order in which they came
+        self._make_snapshot = make_snapshot
+        self._clients: dict[_Client, None] = {}  # in order of arrival
         self._listening = False
-        self._deaf_until_s = self._log_from_s = -math.inf
+        self._paused_until_s = self._quiet_until_s = -math.inf
         self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-        (folder / SOCKET).unlink(missing_ok=True)  # the agent holds the folder's lock: nobody lives there
+        (folder / AGENT_SOCKET).unlink(missing_ok=True)  # the agent holds the folder's lock: it is unused
         descriptor = os.open(folder, os.O_PATH | os.O_DIRECTORY)
         old_mask = os.umask(0o177)
         try:
-            self._listener.bind(f"/proc/self/fd/{descriptor}/{SOCKET}")
+            self._listener.bind(f"/proc/self/fd/{descriptor}/{AGENT_SOCKET}")
         finally:
             os.umask(old_mask)
             os.close(descriptor)
@@ -86,22 +85,22 @@ class Server:
             self._send(client, line)
 
     def end_stalled(self) -> None:
-        """End clients that have left a request half said for 10 s; to be called every few seconds."""
+        """Drop clients with part of a request for 10 s, and accept again; call it every few seconds."""
         now_s = wall_s()
         for client in tuple(self._clients):
-            if now_s - client.half_since_s > _REQUEST_S:
+            if now_s - client.partial_since_s > _REQUEST_S:
                 self._drop(client)
-        self._listen(now_s >= self._deaf_until_s)
+        self._listen(now_s >= self._paused_until_s)
 
     def close(self) -> None:
-        """Let all clients go."""
+        """Drop all clients, and listen no more."""
         for client in tuple(self._clients):
             self._drop(client)
         self._listen(False)
         self._listener.close()
 
     def _listen(self, wanted: bool) -> None:
-        """Hear of new clients, or not."""
+        """Start or stop to accept new clients."""
         if wanted and not self._listening:
             self._selector.register(self._listener, selectors.EVENT_READ, self._accept)
         elif self._listening and not wanted:
@@ -113,21 +112,21 @@ class Server:
         try:
             connection, _address = self._listener.accept()
         except (BlockingIOError, ConnectionAbortedError):
-            return  # it is gone again
+            return  # the client is gone again
         except OSError as error:  # else the loop would spin
-            self._deaf_until_s = now_s + _DEAF_S
+            self._paused_until_s = now_s + _PAUSE_S
             self._listen(False)
-            if now_s >= self._log_from_s:
-                self._log_from_s = now_s + _LOG_EVERY_S
-                log.warning("no client can be accepted: %s", error)
+            if now_s >= self._quiet_until_s:
+                self._quiet_until_s = now_s + _LOG_EVERY_S
+                log.warning("cannot accept a client: %s", error)
             return
-        if len(self._clients) >= _MOST:  # whoever was turned out and lives comes back
+        if len(self._clients) >= _MAX_CLIENTS:  # a live client that is dropped connects again
             self._drop(min(self._clients, key=lambda client: client.asked_s))
         connection.setblocking(False)
         client = _Client(connection)
         self._clients[client] = None
         self._selector.register(connection, selectors.EVENT_READ, partial(self._ready, client))
-        self._send(client, _line(self._look()))
+        self._send(client, _line(self._make_snapshot()))
 
     def _ready(self, client: _Client, mask: int) -> None:
         if mask & selectors.EVENT_WRITE:
@@ -148,16 +147,16 @@ class Server:
             return
         now_s = wall_s()
         if lines or not client.incoming:
-            client.half_since_s = math.inf
+            client.partial_since_s = math.inf
         if client.incoming:
-            client.half_since_s = min(client.half_since_s, now_s)
+            client.partial_since_s = min(client.partial_since_s, now_s)
         if lines:
             client.asked_s = now_s
         for line in lines:
             try:
                 request = request_adapter.validate_json(line)
             except ValidationError as error:
-                log.warning("a client sent what is no request: %s", error.errors()[0]["msg"])
+                log.warning("a client sent an invalid request: %s", error.errors()[0]["msg"])
                 self._drop(client)
                 return
             self._send(client, _line(self._answer(request)))

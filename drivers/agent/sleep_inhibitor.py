@@ -10,21 +10,21 @@ from pathlib import Path
 
 log = logging.getLogger(__name__)
 
-_SYSTEMD = Path("/run/systemd/system")  # there where systemd is what runs the host
+_SYSTEMD = Path("/run/systemd/system")  # exists where systemd runs the host
 _WORDS = ("systemd-inhibit", "--what=shutdown:sleep", "--mode=block", "--who=farm")
 
 
 class Inhibitor:
-    """An inhibitor lock of systemd's, held by a child that ends with this process, whatever ends that.
+    """An inhibitor lock of systemd, held by a child process that ends with this one.
 
     Parameters
     ----------
     printer
-        Named to whoever wants to shut the host down.
+        The printer's name, shown to people who shut the host down.
     simulated
-        Nothing is lost with a simulated print: it holds nothing.
+        A simulated printer takes no lock.
     words
-        The command that holds the lock as long as the command behind it runs.
+        Command that holds the lock while the command behind it runs.
     """
 
     def __init__(self, printer: str, *, simulated: bool, words: Sequence[str] | None = None) -> None:
@@ -33,7 +33,7 @@ class Inhibitor:
         self._child: subprocess.Popen[bytes] | None = None
 
     def hold(self, wanted: bool) -> None:
-        """Take the lock, or give it back. A host that gives none is only logged: the print goes on."""
+        """Take or release the lock. Where the host refuses it, that is logged, and the print goes on."""
         if self._words is None or wanted == (self._child is not None):
             return
         if self._child is not None:
@@ -50,5 +50,5 @@ class Inhibitor:
         try:
             self._child = subprocess.Popen(self._words, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL)
         except OSError as error:
-            log.warning("nothing keeps the host from shutting down in this print: %s", error)
+            log.warning("the host may shut down during this print: %s", error)
             self._words = None

@@ -21,7 +21,7 @@ _PART = ".part"
 
 
 class Spool:
-    """A folder with one file a print, each fit for a printer of one model."""
+    """A folder with one file for each print, checked for a printer of one model."""
 
     def __init__(self, folder: Path, profile: Profile) -> None:
         self._folder, self._profile = folder, profile
@@ -31,20 +31,29 @@ class Spool:
 
     def _path(self, print_id: str) -> Path:
         if _PRINT_ID.fullmatch(print_id) is None:
-            raise AgentError(f"{print_id!r}: a print id is letters, digits, dot, dash and underscore")
+            raise AgentError(f"{print_id!r}: a print id has letters, digits, dot, dash and underscore only")
         return self._folder / f"{print_id}.gcode"
 
     def check(self, print_id: str) -> None:
-        """Raise AgentError where a print cannot have this id."""
+        """Raise AgentError where this is no valid print id."""
         self._path(print_id)
 
     def put(self, print_id: str, at: int, data: bytes) -> None:
-        """Keep a piece of a file that comes over the socket.
+        """Append a piece of an uploaded file.
+
+        Parameters
+        ----------
+        print_id
+            Id of the print.
+        at
+            Bytes before this piece; 0 begins a new file.
+        data
+            The piece.
 
         Raises
         ------
         AgentError
-            It does not begin where the last one ended, or the disk does not take it.
+            It does not follow the last piece, or cannot be written.
         """
         part = self.part(print_id)
         try:
@@ -56,16 +65,16 @@ class Spool:
             raise _unwritten(part, error) from error
 
     def part(self, print_id: str) -> Path:
-        """The file that `put` makes."""
+        """Return the path of an uploaded file."""
         return self._path(print_id).with_suffix(_PART)
 
     def take(self, print_id: str, source: Path, sha256: str) -> Program:
-        """Make a file ready for the wire, and keep what goes over it: all of it is on the disk then.
+        """Read a file, and copy its commands into the spool: the whole copy is on the disk then.
 
         Raises
         ------
         BadGcode
-            It cannot be read, is not the file of this hash, or must not go to a printer.
+            The file cannot be read, has another hash, or must not be printed.
         AgentError
             The copy cannot be written.
         """
@@ -80,7 +89,7 @@ class Spool:
 
         try:
             with source.open("rb") as raw:
-                # a file that is no text may be one line, and need not be in memory for that
+                # limits the memory for a binary file, which may be one long line
                 lines = hashed(iter(lambda: raw.readline(LONGEST_LINE_BYTES + 1), b""))
                 try:
                     program = read_program(lines, self._profile, _Copy(path))
@@ -88,27 +97,25 @@ class Spool:
                     refusal = error
                     deque(lines, maxlen=0)
             if digest.hexdigest() != sha256.lower():
-                raise BadGcode(
-                    f"{source}: is not the file that was meant: its sha256 is {digest.hexdigest()}"
-                )
+                raise BadGcode(f"{source}: has changed: its sha256 is {digest.hexdigest()}")
             if refusal is not None:
                 raise refusal
             return program
         except OSError as error:
             with suppress(OSError):
-                path.unlink()  # half a file is of no use, and its disk may be full
+                path.unlink()  # half a file is useless, and the disk may be full
             if source.is_file() and os.access(source, os.R_OK):
                 raise _unwritten(path, error) from error
             raise BadGcode(f"{source}: cannot be read ({error.strerror}); is its folder shared?") from error
 
     def drop(self, print_id: str) -> None:
-        """Delete the copy, if there is one."""
+        """Delete the files of a print."""
         self._path(print_id).unlink(missing_ok=True)
         self.part(print_id).unlink(missing_ok=True)
 
 
 class _Copy:
-    """A new file, to be read for as long as this lives, whatever becomes of its name."""
+    """A new file that stays readable while this object lives, even when it is deleted."""
 
     def __init__(self, path: Path) -> None:
         self._fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o600)

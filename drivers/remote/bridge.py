@@ -20,10 +20,10 @@ from functools import partial
 from pathlib import Path
 
 from drivers.errors import AgentError, DriverError
+from drivers.messages import AGENT_SOCKET
 from drivers.remote.heartbeat import Heartbeat, sample_process
 from drivers.remote.process import (
     AGENT_LOG,
-    AGENT_SOCKET,
     RETRY_S,
     agent_pid,
     is_alive,

@@ -12,8 +12,16 @@ from pathlib import Path
 from pydantic import ValidationError
 
 from drivers.errors import AgentError, AgentTooOld, MessageError
-from drivers.messages import PROTOCOL, Reply, Request, Snapshot, for_protocol, from_agent_adapter
-from drivers.remote.process import AGENT_LOG, AGENT_SOCKET, RETRY_S
+from drivers.messages import (
+    AGENT_SOCKET,
+    PROTOCOL,
+    Reply,
+    Request,
+    Snapshot,
+    for_protocol,
+    from_agent_adapter,
+)
+from drivers.remote.process import AGENT_LOG, RETRY_S
 
 FIRST_MESSAGE_S = 45.0  # over ssh, to an agent that may have to be started
 _LINE_BYTES = 1024 * 1024

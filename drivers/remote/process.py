@@ -14,8 +14,7 @@ from drivers.errors import AgentError
 from drivers.locks import AGENT_LOCK, held, holder, kill_holder
 from drivers.records import StartFile
 
-AGENT_SOCKET = "agent.sock"  # in an agent's folder
-AGENT_LOG = "agent.log"
+AGENT_LOG = "agent.log"  # in an agent's folder
 UNIT = "FARM_AGENT_UNIT"
 RETRY_S = 0.25  # between two attempts to connect to an agent that starts
 

@@ -63,7 +63,7 @@ class Printer:
         self.last: m.Snapshot | None = None
         self._following: asyncio.Task[None] | None = None
 
-    def spawn_agent(self) -> None:
+    def spawn(self) -> None:
         self.process = spawn_agent("um2-01", MODEL, self.url, self.folder, self.clock, self.power_off_cmd)
 
     async def connect(self) -> None:

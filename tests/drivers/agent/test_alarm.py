@@ -15,7 +15,7 @@ from drivers.clock import Clock
 from drivers.errors import Fault, JournalError
 from drivers.link.replies import Report, Trouble
 from drivers.messages import Filament, PrintPhase, PrintSnapshot
-from drivers.records import JOURNAL, Alarm, Journal, read_journal
+from drivers.records import JOURNAL, Alarm, Journal, StartFile, read_journal
 from drivers.safety import NO_COMMAND
 from print_rig import PLUS, Rig, gcode
 
@@ -29,13 +29,14 @@ class Agent:
     def __init__(self, folder: Path, command: str | None) -> None:
         self.folder = folder
         self.journal = Journal(folder / JOURNAL)
+        start = StartFile("um2-01", PLUS.model, "sim://ultimaker2_plus", power_off_cmd=command)
         self.board = Board("sim://ultimaker2_plus", PLUS, folder, Clock(), lambda: None, lambda _: None)
-        self.recorder = Recorder("um2-01", PLUS, self.board, self.journal, Clock(), command)
+        self.recorder = Recorder(start, self.board, self.journal, Clock())
 
     def report(self, nozzle_c: float, times: int = 3) -> None:
         """What an idle board says."""
         for _ in range(times):
-            self.board._idle_report(Report(nozzle_c, 0.0, 21.0, 0.0), 0.0)
+            self.board._on_idle_report(Report(nozzle_c, 0.0, 21.0, 0.0), 0.0)
             self.recorder.record_changes()
 
     def until(self, seen: Callable[[], bool]) -> None:
@@ -99,7 +100,7 @@ def test_a_board_that_says_maxtemp_while_idle_is_not_left_to_itself(tmp_path: Pa
     """Its link is dead then: no report would tell that it gets hotter."""
     agent = Agent(tmp_path, relay(mark))
     agent.report(21.0)
-    agent.board._idle_trouble(Trouble(Fault.MAXTEMP, "MAXTEMP triggered"), 0.0)
+    agent.board._on_idle_trouble(Trouble(Fault.MAXTEMP, "MAXTEMP triggered"), 0.0)
     agent.report(21.0)
     agent.settled()
     assert runs(mark) == 1
@@ -124,8 +125,8 @@ def test_it_is_another_finding_after_it_was_cold_or_away_or_seen_to(tmp_path: Pa
 
     burns(1)
     burns(2)  # it was cold in between
-    agent.board.absent, agent.board.back = None, True  # it came back
-    agent.board.idle.reset()
+    agent.board.absent_reason, agent.board.returned = None, True  # it came back
+    agent.board.idle_watch.reset()
     agent.report(60.0)
     agent.report(90.0)
     agent.settled()

@@ -227,7 +227,7 @@ def test_the_last_word_to_a_board_that_nothing_resets_goes_out_over_a_full_wire(
     try:
         while not port.unwritten:
             port.write(b"G1 X1 Y1\n" * 100)
-        board.cut()
+        board.switch_off()
         # What the board has not taken yet goes for the next word: how many it hears is up to its own pace.
         assert everything(master).endswith(ULTIMAKER2.abort_unnumbered)
     finally:

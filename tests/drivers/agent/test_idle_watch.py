@@ -10,7 +10,7 @@ FED = b"X:0.00Y:224.50Z:215.00E:5.00 Count X: 0.00Y:224.50Z:215.00"
 def test_a_move_and_fed_filament_are_seen_when_they_are_said_twice():
     for new in (AWAY, FED):
         watch = IdleWatch()
-        heard = [watch.said(text) for text in (HOME, HOME, new, HOME, new, new, new, HOME, HOME)]
+        heard = [watch.judge_answer(text) for text in (HOME, HOME, new, HOME, new, new, new, HOME, HOME)]
         doubts = [doubt for understood, doubt in heard]
         assert all(understood for understood, _ in heard)
         assert doubts == [None, None, None, None, None, MOVED, None, None, MOVED]
@@ -18,35 +18,35 @@ def test_a_move_and_fed_filament_are_seen_when_they_are_said_twice():
 
 def test_after_a_reset_the_place_is_a_new_one():
     watch = IdleWatch()
-    watch.said(HOME)
+    watch.judge_answer(HOME)
     watch.reset()
-    assert [watch.said(AWAY), watch.said(AWAY)] == [(True, None), (True, None)]
+    assert [watch.judge_answer(AWAY), watch.judge_answer(AWAY)] == [(True, None), (True, None)]
 
 
 def test_a_print_from_the_card_is_seen_at_once_and_until_it_has_ended():
     watch = IdleWatch()
-    assert watch.said(b"Not SD printing") == (True, None)
-    assert watch.said(b"Card error:1") == (True, None) and not watch.card
-    assert watch.said(b"SD printing byte 2048/90210") == (True, CARD) and watch.card
-    assert watch.said(b"Card error:0") == (True, CARD) and watch.card
-    assert watch.said(b"Not SD printing") == (True, None) and not watch.card
-    assert watch.said(b"echo:SD init fail") == (False, None)
+    assert watch.judge_answer(b"Not SD printing") == (True, None)
+    assert watch.judge_answer(b"Card error:1") == (True, None) and not watch.card
+    assert watch.judge_answer(b"SD printing byte 2048/90210") == (True, CARD) and watch.card
+    assert watch.judge_answer(b"Card error:0") == (True, CARD) and watch.card
+    assert watch.judge_answer(b"Not SD printing") == (True, None) and not watch.card
+    assert watch.judge_answer(b"echo:SD init fail") == (False, None)
 
 
 def test_a_heater_that_somebody_switched_on_is_seen_and_a_garbled_report_is_not_one():
     watch = IdleWatch()
     cold, hot = Report(21.0, 0.0, 21.0, 0.0), Report(21.0, 180.0, 21.0, 0.0)
-    assert [watch.report(r)[0] for r in (cold, hot, cold, hot, hot)] == [None, None, None, None, HEATED]
+    assert [watch.judge_report(r)[0] for r in (cold, hot, cold, hot, hot)] == [None, None, None, None, HEATED]
 
 
 def test_a_heater_that_is_off_and_gets_hot_is_stuck_on_and_one_that_cools_is_not():
     watch = IdleWatch()
     falling = [Report(float(t), 0.0, 60.0, 0.0) for t in range(210, 40, -5)]
-    assert all(watch.report(report) == (None, None) for report in falling)
-    rising = [watch.report(Report(float(t), 0.0, 60.0, 0.0))[1] for t in range(45, 100, 5)]
+    assert all(watch.judge_report(report) == (None, None) for report in falling)
+    rising = [watch.judge_report(Report(float(t), 0.0, 60.0, 0.0))[1] for t in range(45, 100, 5)]
     found = [trouble for trouble in rising if trouble is not None]
     assert found and all(trouble.fault is Fault.HEATER_STUCK_ON for trouble in found)
     assert rising.index(found[0]) == 6  # three reports above 60 C
     assert "nozzle" in found[0].text
-    watch.report(Report(120.0, 200.0, 60.0, 0.0))  # a person heats: that is no fault
-    assert watch.report(Report(150.0, 0.0, 60.0, 0.0)) == (None, None)
+    watch.judge_report(Report(120.0, 200.0, 60.0, 0.0))  # a person heats: that is no fault
+    assert watch.judge_report(Report(150.0, 0.0, 60.0, 0.0)) == (None, None)

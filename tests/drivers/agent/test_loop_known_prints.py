@@ -1,4 +1,4 @@
-"""An agent in this process, without a port: what it begins, by what its journal remembers."""
+"""Starts of prints that the journal knows, by an agent in this process and without a port."""
 
 import hashlib
 import signal
@@ -9,17 +9,21 @@ import pytest
 
 from drivers import messages as m
 from drivers.agent.loop import Agent
-from drivers.clock import Clock
-from drivers.printers import PROFILES
-from drivers.records import JOURNAL, Journal
+from drivers.records import JOURNAL, Journal, StartFile
 
 MODEL = "ultimaker2_plus"
 GCODE = b"G28\n"
 
 
 @pytest.fixture(autouse=True)
+def ready_link(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Report the link as ready without a board."""
+    monkeypatch.setattr("drivers.agent.requests.describe_link", lambda *_: (m.LinkState.READY, None))
+
+
+@pytest.fixture(autouse=True)
 def signals() -> Iterator[None]:
-    """An agent listens to them; afterwards whoever did before."""
+    """Restore the handlers that an agent replaces."""
     before = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGINT)}
     yield
     signal.set_wakeup_fd(-1)
@@ -28,8 +32,7 @@ def signals() -> Iterator[None]:
 
 
 def agent(folder: Path) -> Agent:
-    one = Agent("a", PROFILES[MODEL], f"sim://{MODEL}", folder, Clock())
-    one._link_state = lambda: (m.LinkState.READY, None)  # type: ignore[method-assign]
+    one = Agent(StartFile("a", MODEL, f"sim://{MODEL}"), folder)
     one._board.state.bed_unknown_reason = None
     return one
 
@@ -44,8 +47,8 @@ def start(folder: Path, print_id: str) -> m.StartPrint:
     )
 
 
-def test_a_print_that_has_ended_and_was_forgotten_is_never_begun_again(tmp_path: Path):
-    """A daemon may have lost what it heard; the part would be printed twice."""
+def test_a_print_that_ended_and_was_forgotten_is_never_started_again(tmp_path: Path):
+    """A daemon may have lost the news of its end; the part would be printed twice."""
     journal = Journal(tmp_path / JOURNAL)
     for print_id in ("p-1", "p-2"):
         done = m.PrintSnapshot(print_id=print_id, phase=m.PrintPhase.DONE, ended_s=1.0)
@@ -59,5 +62,5 @@ def test_a_print_that_has_ended_and_was_forgotten_is_never_begun_again(tmp_path:
         assert one._board.session is None
     assert one._answer(start(tmp_path, "p-3")).error is None  # as any other is
     assert one._board.session is not None
-    one._over = True
+    one._requests.ended = True
     one.run()

@@ -14,12 +14,10 @@ import pytest
 from agent_with_emulator import DEADLINE_S, MODEL, SCALE, gcode, printer, run, settled
 from drivers import messages as m
 from drivers.agent.loop import Agent
-from drivers.clock import Clock
 from drivers.emulator.launch import alive as emulator_alive
 from drivers.emulator.launch import control, read_status
 from drivers.errors import Fault, JournalError
-from drivers.printers import PROFILES
-from drivers.records import Journal
+from drivers.records import Journal, StartFile
 
 
 class Driven(Agent):
@@ -53,9 +51,8 @@ class Driven(Agent):
 
 @pytest.fixture
 def driven(tmp_path: Path) -> Iterator[Driven]:
-    clock = Clock(SCALE, time.time())
     handlers = [(number, signal.getsignal(number)) for number in (signal.SIGTERM, signal.SIGINT)]
-    agent = Driven("um2-01", PROFILES[MODEL], f"sim://{MODEL}", tmp_path, clock)
+    agent = Driven(StartFile("um2-01", MODEL, f"sim://{MODEL}", SCALE, time.time()), tmp_path)
     try:
         yield agent
     finally:

@@ -12,7 +12,8 @@ import pytest
 
 from drivers import messages as m
 from drivers.agent import server as module
-from drivers.agent.server import SOCKET, Server
+from drivers.agent.server import Server
+from drivers.messages import AGENT_SOCKET
 
 MANY = 40
 
@@ -26,7 +27,7 @@ class Desk:
         self.selector = selectors.DefaultSelector()
         snapshot = m.Snapshot.model_construct()
         self.server = Server(folder, self.selector, lambda request: m.Reply(id=request.id), lambda: snapshot)
-        self.path = str(folder / SOCKET)
+        self.path = str(folder / AGENT_SOCKET)
         self.clients: list[socket.socket] = []
 
     def client(self, said: bytes = b"") -> socket.socket:
@@ -73,7 +74,7 @@ def test_of_many_idle_clients_only_some_are_kept_and_one_that_asked_is_among_the
     asks = desk.client(b'{"do": "hello", "id": 1}\n')
     idle = [desk.client() for _ in range(MANY)]
     assert is_open(asks) and is_open(idle[-1])
-    assert sum(map(is_open, idle)) == module._MOST - 1
+    assert sum(map(is_open, idle)) == module._MAX_CLIENTS - 1
 
 
 def test_half_a_request_is_ended_after_its_time_and_a_whole_or_no_request_is_not(desk: Desk):

@@ -131,7 +131,7 @@ def test_what_cannot_be_booked_is_seen_and_said_all_the_same(tmp_path):
     farm.store._db.execute("PRAGMA query_only = 1")
     for _ in range(2):
         with pytest.raises(StoreError):
-            farm.ready("a", nozzle_c=205.0, bed_unknown_reason="its board was reset, and not by the farm")
+            farm.ready("a", nozzle_c=205.0, bed_unknown_reason="its board was reset, but not by the farm")
     farm.ready("b")  # nothing new: nothing to be booked
     (first, *_) = list_tasks(farm.view_context(state))
     assert first.code == "farm"
@@ -139,5 +139,5 @@ def test_what_cannot_be_booked_is_seen_and_said_all_the_same(tmp_path):
     assert farm.controller.telemetry.snapshots["a"].nozzle_c == 205.0
     assert farm.controller.books.printers["a"].attention_reason is None
     farm.store._db.execute("PRAGMA query_only = 0")
-    farm.ready("a", bed_unknown_reason="its board was reset, and not by the farm")
+    farm.ready("a", bed_unknown_reason="its board was reset, but not by the farm")
     assert [item.code for item in list_tasks(farm.view_context(state))] == ["look"]

@@ -18,7 +18,7 @@ def test_what_happened_at_a_printer_makes_bed_and_filament_unknown_until_a_perso
         link=Link.READY,
         bed_clear=True,
         filament=FilamentState.PARKED,
-        bed_unknown_reason="its board was reset, and not by the farm",
+        bed_unknown_reason="its board was reset, but not by the farm",
     )
     books, _ = run(printing(), *observe_idle_printer(printing().printers["a"], said, 5.0))
     printer = books.printers["a"]

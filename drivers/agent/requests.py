@@ -1,0 +1,169 @@
+"""Requests to an agent, carried out or refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from drivers.agent.recorder import Recorder
+from drivers.agent.spool import Spool
+from drivers.agent.status import describe_link
+from drivers.clock import Clock
+from drivers.errors import AgentError, BadGcode, Fault, TooLate
+from drivers.messages import (
+    BedCleared,
+    CancelPrint,
+    Commission,
+    EndPrintBy,
+    Filament,
+    ForgetPrint,
+    Hello,
+    LinkState,
+    ListPrints,
+    PausePrint,
+    PrintPhase,
+    PrintSnapshot,
+    Request,
+    ResumePrint,
+    Shutdown,
+    StartPrint,
+    Upload,
+)
+
+
+class RequestHandler:
+    """Carries out requests on the board, the journal and the spool.
+
+    Parameters
+    ----------
+    printer
+        The printer's name in the fleet.
+    recorder
+        The recorder, with board and journal.
+    spool
+        The agent's files.
+    clock
+        The farm's clock.
+
+    Attributes
+    ----------
+    ended
+        The agent ends now.
+    ending
+        The agent ends after the open print.
+    """
+
+    def __init__(self, printer: str, recorder: Recorder, spool: Spool, clock: Clock) -> None:
+        self.ended = False
+        self.ending = False
+        self._printer = printer
+        self._recorder, self._board, self._journal = recorder, recorder.board, recorder.journal
+        self._spool, self._clock = spool, clock
+
+    def handle(self, request: Request) -> None:
+        """Carry out a request.
+
+        Raises
+        ------
+        DriverError
+            It is refused.
+        OSError
+            The disk failed.
+        """
+        match request:
+            case Hello() | ListPrints():
+                pass
+            case StartPrint():
+                self._start(request)
+            case Upload():
+                self._spool.put(request.print_id, request.at, request.data)
+            case CancelPrint() | EndPrintBy() | PausePrint() | ResumePrint() | ForgetPrint():
+                known = self._journal.state.print
+                if known is not None and known.print_id == request.print_id:
+                    self._change_print(request, known)
+            case BedCleared():
+                self._clear_bed(request)
+            case Commission():
+                self._board.verify_reset()
+            case Shutdown():
+                self._shut_down(request)
+
+    def _change_print(
+        self, request: CancelPrint | EndPrintBy | PausePrint | ResumePrint | ForgetPrint, known: PrintSnapshot
+    ) -> None:
+        match request:
+            case CancelPrint():
+                self._board.cancel(request.reason)
+            case EndPrintBy():
+                self._board.end_by(request.ends_by_s)
+            case PausePrint() | ResumePrint():
+                self._board.pause(isinstance(request, PausePrint))
+            case ForgetPrint():
+                if not known.phase.ended:
+                    raise AgentError(f"print {known.print_id} is still open: cancel it first")
+                self._journal.write(self._clock.now(), print=None)
+                self._spool.drop(request.print_id)
+
+    def _start(self, request: StartPrint) -> None:
+        self._spool.check(request.print_id)
+        saved = self._journal.state
+        if request.print_id in saved.ended or (saved.print and saved.print.print_id == request.print_id):
+            return  # it was asked before
+        now_s = self._clock.now()
+        self._check_may_start(request, now_s)
+        snapshot = PrintSnapshot(
+            print_id=request.print_id,
+            phase=PrintPhase.SPOOLED,
+            print_time_s=request.print_time_s,
+            sha256=request.sha256,
+        )
+        try:
+            source = Path(request.gcode) if request.gcode else self._spool.part(request.print_id)
+            program = self._spool.take(request.print_id, source, request.sha256)
+            self._spool.part(request.print_id).unlink(missing_ok=True)
+        except BadGcode as error:
+            update = {"phase": PrintPhase.FAILED, "fault": Fault.BAD_FILE, "reason": str(error)}
+            snapshot = snapshot.model_copy(update=update | {"started_s": now_s, "ended_s": now_s})
+            self._journal.write(now_s, print=snapshot.model_dump(mode="json"))
+            self._board.changed = True
+            return
+        snapshot = snapshot.model_copy(update={"lines": program.count, "started_s": now_s})
+        self._journal.write(now_s, print=snapshot.model_dump(mode="json"), filament=request.filament.value)
+        self._recorder.begin(program, request.filament, extruded=False, ends_by_s=request.ends_by_s)
+
+    def _check_may_start(self, request: StartPrint, now_s: float) -> None:
+        """Raise AgentError unless the printer is ready, its bed clear and its filament known."""
+        if request.not_after_s is not None and now_s > request.not_after_s:
+            late_s = now_s - request.not_after_s
+            raise TooLate(f"{self._printer}: the start came {late_s:.0f} s too late")
+        link, reason = describe_link(self._board, self._recorder.journal_error)
+        if link is not LinkState.READY:
+            raise AgentError(f"{self._printer} is {link}{': ' + reason if reason else ''}")
+        unknown = self._board.state.bed_unknown_reason
+        if unknown is not None:
+            raise AgentError(f"{self._printer}: its bed is not known to be clear: {unknown}")
+        if request.filament is Filament.UNKNOWN:
+            raise AgentError(f"{self._printer}: the place of its filament is unknown: load it first")
+
+    def _clear_bed(self, request: BedCleared) -> None:
+        if self._board.session is not None:
+            raise AgentError(f"{self._printer} prints: clear its bed when that has ended")
+        known, attention = self._journal.state.print, self._board.state.attention_reason
+        if attention is not None and known is not None and known.fault == Fault.WRONG_PRINTER:
+            self._journal.write(self._clock.now(), identity=None)  # a person has confirmed the printer
+        self._board.clear_bed()
+        self._board.clear_attention()
+        self._recorder.alarms.clear()
+        if request.filament is not None:
+            self._journal.write(self._clock.now(), filament=request.filament.value)
+        self._recorder.record_changes()
+
+    def _shut_down(self, request: Shutdown) -> None:
+        if self._board.session is None:
+            if self._board.state.hot and not request.now:
+                raise AgentError(f"{self._printer} may still be hot: check it, or shut down with `now`")
+            self.ended = True
+        elif request.now:
+            self.ending = True
+            self._board.cancel("the farm was shut down")
+        else:
+            raise AgentError(f"{self._printer} prints: cancel it, or shut down with `now`")

@@ -1,0 +1,109 @@
+"""Snapshots of an agent, from its board and its journal."""
+
+from __future__ import annotations
+
+import os
+
+from drivers.agent.board import NO_RESET, Board
+from drivers.agent.idle_watch import CARD
+from drivers.agent.recorder import Recorder
+from drivers.link import Phase
+from drivers.messages import PROTOCOL, Filament, Heater, LinkState, PrintSnapshot, Snapshot
+from drivers.records import StartFile
+
+UNVERIFIED = "it is not verified that DTR resets its board: that is tested when a person says that it is idle"
+_PARKED_SLACK_MM = 1.0
+
+
+def describe_link(board: Board, journal_error: str | None) -> tuple[LinkState, str | None]:
+    """Return the state of the link, and the reason for it as a sentence for people.
+
+    Parameters
+    ----------
+    board
+        The board.
+    journal_error
+        See `Recorder.journal_error`.
+    """
+    if board.needs_permission:
+        return LinkState.FAULT, board.absent_reason
+    if board.session is not None:
+        return LinkState.BUSY, board.absent_reason or journal_error
+    if board.absent_reason is not None:
+        return LinkState.ABSENT, board.absent_reason
+    if board.verifying_reset:
+        return LinkState.CONNECTING, None
+    if board.state.attention_reason is not None:
+        return LinkState.FAULT, board.state.attention_reason
+    if board.idle_watch.card:
+        return LinkState.FAULT, CARD
+    if not (board.reset_verified or board.reset_failed):
+        return LinkState.FAULT, UNVERIFIED
+    state = LinkState.READY if board.link.phase is Phase.LIVE else LinkState.CONNECTING
+    return state, NO_RESET if board.reset_failed else None
+
+
+def make_snapshot(start: StartFile, recorder: Recorder, now_s: float) -> Snapshot:
+    """Make a snapshot of everything that the daemon may know.
+
+    Parameters
+    ----------
+    start
+        The agent's start file.
+    recorder
+        The recorder, with board and journal.
+    now_s
+        The farm's clock.
+    """
+    board, saved = recorder.board, recorder.journal.state
+    session, report, emulator = board.session, board.report, board.status()
+    link, reason = describe_link(board, recorder.journal_error)
+    filament = saved.filament if session is None else session.context.filament
+    if filament is Filament.UNKNOWN and session is None and emulator is not None:
+        filament = _read_filament(emulator.filament_end_mm, board.profile.parked_mm)
+    off = report is not None and report.off
+    return Snapshot(
+        protocol=PROTOCOL,
+        printer=start.printer,
+        agent_pid=os.getpid(),
+        now_s=now_s,
+        model=board.profile.model,
+        port=start.port,
+        link=link,
+        reason=reason,
+        nozzle=Heater(now_c=report.nozzle_c, target_c=report.nozzle_target_c) if report else None,
+        bed=Heater(now_c=report.bed_c, target_c=report.bed_target_c) if report else None,
+        heaters_off=off if session is None else session.context.heaters_off,
+        filament=filament,
+        bed_clear=emulator.bed_clear if emulator is not None else None,
+        starved_s=emulator.starved_s if emulator is not None else 0.0,
+        board_resets=board.resets,
+        bed_unknown_reason=board.state.bed_unknown_reason,
+        alarm=recorder.alarms.message,
+        reset_verified=board.reset_verified,
+        print=describe_print(recorder),
+    )
+
+
+def describe_print(recorder: Recorder) -> PrintSnapshot | None:
+    """Return the open print as it is now, or the last one that was not forgotten."""
+    known, session = recorder.journal.state.print, recorder.board.session
+    if known is None or session is None:
+        return known
+    return recorder.describe_print(known, session.context)
+
+
+def list_prints(recorder: Recorder, since_s: float) -> tuple[PrintSnapshot, ...]:
+    """List all prints that had not ended at `since_s` of the farm's clock, the open one last."""
+    saved, known = recorder.journal.state, describe_print(recorder)
+    prints = [one for one in saved.recent if one.ended_s is None or one.ended_s >= since_s]
+    if known is not None and known.print_id not in saved.ended:
+        prints.append(known)
+    return tuple(prints)
+
+
+def _read_filament(end_mm: float, parked_mm: float) -> Filament:
+    """Return the place of an emulator's filament."""
+    if abs(end_mm + parked_mm) <= _PARKED_SLACK_MM:
+        return Filament.PARKED
+    return Filament.AT_NOZZLE if abs(end_mm) <= 1.0 else Filament.UNKNOWN
