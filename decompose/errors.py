@@ -43,6 +43,10 @@ class ModelHuge(DecomposeError):
     """The model is so large, or so far from its origin, that its numbers are no lengths of a print in mm."""
 
 
+class ModelTooDetailed(DecomposeError):
+    """The model has more triangles than the memory suffices for."""
+
+
 class NoFit(DecomposeError):
     """The parts do not fit the printers.
 

@@ -22,9 +22,17 @@ from decompose.errors import (
     ModelTiny,
     ModelUnreadable,
 )
-from decompose.geometry.repair import close_surface
+from decompose.geometry.file_limits import check_limits
+from decompose.geometry.repair import Report, close_surface
 from decompose.geometry.solid import Solid
-from decompose.geometry.stl import header_face_count, is_binary_stl, stored_face_count
+from decompose.geometry.stl import (
+    COUNT_BYTES,
+    FACE_BYTES,
+    HEADER_BYTES,
+    header_face_count,
+    is_binary_stl,
+    stored_face_count,
+)
 
 SUFFIXES = (".stl", ".obj", ".ply", ".off")
 TINY_MM = 5.0  # under this longest side the unit is doubted
@@ -70,6 +78,8 @@ def load_model(
     scale: float | None = None,
     longest_side_mm: float | None = None,
     name: str | None = None,
+    memory_bytes: int | None = None,
+    report: Report = lambda _: None,
 ) -> Model:
     """Read a model file, scale it, and close it where it is open.
 
@@ -93,7 +103,8 @@ def load_model(
     suffix = Path(path.name if name is None else name).suffix.lower()
     name = _one_line(path.name if name is None else name)
     _check_size_options(scale, longest_side_mm)
-    triangles = _read(path, where, name, suffix)
+    report("reading")
+    triangles, notes = _read(path, where, name, suffix, memory_bytes)
     longest, reach = _measure_triangles(name, triangles)
     factor = _factor(name, longest, scale, longest_side_mm)
     if longest * factor < SMALLEST_MM:
@@ -103,8 +114,8 @@ def load_model(
             f"{name}: would reach {reach * factor:.3g} mm from its origin (limit {LARGEST_MM:g} mm): "
             "give a smaller --longest-side, or move the model to its origin"
         )
-    solid, repairs = close_surface(name, triangles * factor)
-    return Model(solid, tuple(repairs), factor)
+    solid, repairs = close_surface(name, triangles * factor, report)
+    return Model(solid, (*notes, *repairs), factor)
 
 
 def _check_size_options(scale: float | None, longest_side_mm: float | None) -> None:
@@ -143,8 +154,10 @@ def _one_line(text: str) -> str:
     return "".join(c if c.isprintable() else "?" for c in text)
 
 
-def _read(path: Path, where: str, name: str, suffix: str) -> Floats:
-    """Triangles (m, 3, 3) of a file."""
+def _read(
+    path: Path, where: str, name: str, suffix: str, memory_bytes: int | None
+) -> tuple[Floats, tuple[str, ...]]:
+    """Triangles (m, 3, 3) of a file; also what a person has to know of it, a sentence each."""
     try:
         data = path.read_bytes()
     except (OSError, ValueError) as error:  # a path with a zero byte is a ValueError
@@ -155,6 +168,7 @@ def _read(path: Path, where: str, name: str, suffix: str) -> Floats:
         raise ModelUnreadable(f"{name}: not a known kind of model; export it as one of {known}")
     if not data:
         raise ModelEmpty(f"{name}: the file is empty; export the model again")
+    notes = []
     if suffix == ".stl" and is_binary_stl(data):
         if len(data) < 84:
             raise ModelUnreadable(f"{name}: {len(data)} bytes are no STL; export the model again")
@@ -164,8 +178,13 @@ def _read(path: Path, where: str, name: str, suffix: str) -> Floats:
                 f"{name}: its header promises {promised} triangles, the file holds {int(present)}: "
                 "not an STL or only a part of one; copy or export it again"
             )
+        if promised < present:  # some programs put colours or their name there
+            whole = HEADER_BYTES + COUNT_BYTES + promised * FACE_BYTES
+            notes.append(f"Left out {len(data) - whole} bytes behind the last triangle.")
+            data = data[:whole]
     if suffix == ".stl" and not is_binary_stl(data) and b"endsolid" not in data[-1000:].lower():
         raise ModelUnreadable(f"{name}: breaks off before its end; copy or export it again")
+    check_limits(name, data, suffix, memory_bytes)
     logging.getLogger("trimesh").setLevel(logging.CRITICAL)  # its errors come back as ours
     try:
         with np.errstate(all="ignore"):  # normals of hostile files; coordinates are checked by the caller
@@ -180,7 +199,7 @@ def _read(path: Path, where: str, name: str, suffix: str) -> Floats:
         ) from error
     if triangles.size == 0:
         raise ModelEmpty(f"{name}: holds no triangles; export the model again")
-    return triangles.reshape(-1, 3, 3)
+    return triangles.reshape(-1, 3, 3), tuple(notes)
 
 
 def _factor(name: str, longest: float, scale: float | None, longest_side_mm: float | None) -> float:

@@ -6,6 +6,7 @@ lies inside, and little may be there that was not.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -40,7 +41,11 @@ NEIGHBOURS = 6  # triangles of the nearest samples that are looked at exactly
 MAX_BODIES = 1000
 
 
-def close_surface(name: str, triangles: Floats) -> tuple[Solid, list[str]]:
+Report = Callable[[str], None]
+"""Takes a word or two on what is done now."""
+
+
+def close_surface(name: str, triangles: Floats, report: Report = lambda _: None) -> tuple[Solid, list[str]]:
     """Close triangles (m, 3, 3) in mm to a solid; also returns the repairs, a sentence each.
 
     Raises
@@ -48,17 +53,21 @@ def close_surface(name: str, triangles: Floats) -> tuple[Solid, list[str]]:
     ModelNotSolid
         They bound no solid, or closing them would lose or invent much of the surface.
     """
+    report("checking its surface")
     mesh, repairs = _weld(triangles)
     before = _bodies(name, mesh)
-    after, is_changed = _close_bodies(before)
+    after, is_changed = _close_bodies(before, report)
     if not after:
         raise ModelNotSolid(f"{name}: {len(before)} loose surfaces, none of them a solid; export a solid")
     said: list[str] = []
+    if len(after) > 1:
+        report(f"joining {len(after)} bodies")
     solid = _join(name, after, said)
     edges = np.sort(mesh.edges, axis=1)
     counts = np.unique(edges, axis=0, return_counts=True)[1]
     lone, shared = int((counts == 1).sum()), int((counts > 2).sum())
     if is_changed:
+        report("comparing the repaired surface")
         new = _refuse_if_changed(name, mesh, solid)
         repairs.append(
             f"Closed an open mesh ({lone} open edges, {shared} shared by more than two triangles): "
@@ -132,7 +141,7 @@ def _bodies(name: str, mesh: Any) -> list[Any]:
     return bodies
 
 
-def _close_bodies(bodies: list[Any]) -> tuple[list[Any], bool]:
+def _close_bodies(bodies: list[Any], report: Report) -> tuple[list[Any], bool]:
     """Closed surfaces that enclose something, and whether any hole was filled or a surface changed.
 
     Flat holes are capped. Others are closed by MeshFix, one body after the other (all at once would drop all
@@ -141,10 +150,11 @@ def _close_bodies(bodies: list[Any]) -> tuple[list[Any], bool]:
     whole: list[Any] = []
     rimmed: list[Any] = []
     is_changed = False
-    for body in bodies:
+    for number, body in enumerate(bodies, 1):
         if body.is_watertight and body.is_winding_consistent:
             whole.append(body)
             continue
+        report(f"repairing body {number} of {len(bodies)}" if len(bodies) > 1 else "repairing")
         parts = _shells(body)
         if parts is None or not all(
             is_flat(part.vertices[rim]) for part in parts for rim in find_rims(part.faces)

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
+from farm.compute.memory import machine_bytes
 from farm.compute.worker_process import Raised, Warm, Worker
 from farm.errors import ErrorCode, FarmError
 
@@ -62,7 +63,7 @@ def memory_for_each(count: int, memory_gb: float | None) -> int:
     """
     if memory_gb is not None:
         return int(memory_gb * _GB)
-    machine = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    machine = machine_bytes()
     return int(max(0.8 * machine / count, min(4 * _GB, machine / 2)))
 
 

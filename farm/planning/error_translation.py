@@ -14,6 +14,7 @@ _CODES: tuple[tuple[type[Exception], ErrorCode], ...] = (
     (de.NoFit, ErrorCode.NO_FIT),
     (de.GeometryError, ErrorCode.GEOMETRY),
     (de.BadSize, ErrorCode.SETTINGS),
+    (de.ModelTooDetailed, ErrorCode.LIMIT),
     (de.DecomposeError, ErrorCode.MODEL),
     (se.EngineMissing, ErrorCode.ENGINE),
     (se.EngineFailed, ErrorCode.ENGINE),

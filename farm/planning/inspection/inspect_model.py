@@ -7,7 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
+from decompose.errors import ModelTooDetailed
 from decompose.geometry import Model, Solid, load_model
+from farm.compute.memory import process_bytes
 from farm.errors import ErrorCode, FarmError
 from farm.model import JobOptions
 from farm.planning.error_translation import translate_errors
@@ -29,13 +31,23 @@ def inspect_model(path: Path, name: str, options: JobOptions, files: Path) -> In
     Raises
     ------
     FarmError
-        `model` with the reason, where it is no solid and cannot be repaired; `engine` where there is nothing
-        to slice it with later.
+        `model` with the reason, where it is no solid and cannot be repaired; `limit` where this process has
+        too little memory for it; `engine` where there is nothing to slice it with later.
     """
     with translate_errors():
         find_engine()
         find_resources()
-        model = load_model(path, name=name, scale=options.scale, longest_side_mm=options.longest_side_mm)
+        try:
+            model = load_model(
+                path,
+                name=name,
+                scale=options.scale,
+                longest_side_mm=options.longest_side_mm,
+                memory_bytes=process_bytes(),
+            )
+        except ModelTooDetailed as error:
+            detail = f"{error}, or raise `fleet.compute.memory_gb` in fleet.yaml"
+            raise FarmError(detail, ErrorCode.LIMIT) from error
         vertices, faces = model.solid.arrays()
     temporary = path.with_name(f"solid-{uuid.uuid4().hex}.npz")
     np.savez_compressed(

@@ -18,6 +18,7 @@ from decompose.options import BestOptions, Engine, Interior, Options, Parallelob
 from decompose.print_time import CostModel
 from decompose.printers import PrinterRoom
 from drivers.printers import PROFILES, part_room
+from farm.compute.memory import process_bytes
 from farm.errors import ErrorCode, FarmError, Refused
 from farm.planning.error_translation import translate_errors
 from farm.planning.parts.part_rooms import model_sizes
@@ -89,7 +90,12 @@ def decompose_to_folder(path: Path, out: Path, request: DecomposeRequest) -> dic
     _empty_for_parts(out)
     with translate_errors():
         settings = resolve_settings(SettingsRequest(slicing_printer(profile)), find_resources())
-        model = load_model(path, scale=request.scale, longest_side_mm=request.longest_side_mm)
+        model = load_model(
+            path,
+            scale=request.scale,
+            longest_side_mm=request.longest_side_mm,
+            memory_bytes=process_bytes(),
+        )
         rooms = [
             PrinterRoom(str(number), model_sizes(room, settings))
             for number in range(request.printers or MOST_PRINTERS)

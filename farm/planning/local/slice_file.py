@@ -12,6 +12,7 @@ from typing import Any
 
 from decompose.geometry import Model, load_model
 from drivers.printers import BEDS, Profile, RoomBox, part_room, place
+from farm.compute.memory import process_bytes
 from farm.errors import ErrorCode, FarmError
 from farm.planning.error_translation import translate_errors
 from farm.planning.part_records import SliceTask
@@ -94,8 +95,13 @@ def slice_to_file(
     with translate_errors():
         resources, engine = find_resources(), find_engine()
         settings = resolve_settings(request, resources)
-        on_step(f"reading {path.name}")
-        model = load_model(path, scale=options.scale, longest_side_mm=options.longest_side_mm)
+        model = load_model(
+            path,
+            scale=options.scale,
+            longest_side_mm=options.longest_side_mm,
+            memory_bytes=process_bytes(),
+            report=lambda step: on_step(f"{path.name}: {step}"),
+        )
     x, y, z = map(float, model.extents_mm)
     size = (x * settings.scale_xy, y * settings.scale_xy, z * settings.scale_z)  # as printed
     room = part_room(profile, settings.brim_width_mm)

@@ -8,7 +8,14 @@ import numpy as np
 import pytest
 import trimesh
 
-from decompose.errors import DecomposeError, ModelHuge, ModelNotSolid, ModelTiny, ModelUnreadable
+from decompose.errors import (
+    DecomposeError,
+    ModelHuge,
+    ModelNotSolid,
+    ModelTiny,
+    ModelTooDetailed,
+    ModelUnreadable,
+)
 from decompose.geometry import load_model, write_stl
 
 
@@ -125,3 +132,33 @@ def test_a_ply_with_a_lying_header(tmp_path: Path, encoding: str, true: bytes, l
     with pytest.raises(DecomposeError, match=r"^lie\.ply: ") as caught:
         load_model(path)
     assert "\n" not in str(caught.value)
+
+
+def test_bytes_behind_the_triangles_of_an_stl_are_left_out(tmp_path: Path) -> None:
+    path = tmp_path / "ball.stl"
+    write_stl(path, ball().astype(np.float32))
+    whole = load_model(path)
+    path.write_bytes(path.read_bytes() + b"a program's own words")
+    model = load_model(path)
+    assert model.repairs == ("Left out 21 bytes behind the last triangle.",)
+    assert model.solid.volume_mm3 == whole.solid.volume_mm3
+
+
+def test_what_is_done_with_a_model_is_reported(tmp_path: Path) -> None:
+    path, steps = tmp_path / "ball.stl", []
+    write_stl(path, ball().astype(np.float32))
+    load_model(path, report=steps.append)
+    assert steps == ["reading", "checking its surface"]
+    open_ball = np.delete(ball(), [0, 1, 5], axis=0)
+    write_stl(path, np.concatenate([open_ball, ball() + 60.0]).astype(np.float32))
+    load_model(path, report=steps.append)
+    assert "repairing body 1 of 2" in steps
+    assert "joining 2 bodies" in steps
+
+
+def test_a_model_with_more_triangles_than_memory_allows_is_refused_before_it_is_read(tmp_path: Path) -> None:
+    path, steps = tmp_path / "ball.stl", []
+    write_stl(path, np.tile(ball(), (1000, 1, 1)).astype(np.float32))  # 1,280,000
+    with pytest.raises(ModelTooDetailed, match=r"1\.3 million triangles.*1\.0 GB.*suffice for 0\.5 million"):
+        load_model(path, memory_bytes=2**30, report=steps.append)
+    assert steps == ["reading"]

@@ -44,8 +44,8 @@ def test_slicing_again_says_that_it_was_there_and_the_file_is_the_same(box, tmp_
     told = []
     first = slice_(box, out, cache=cache, on_step=told.append)
     content = out.read_bytes()
-    assert told[:2] == ["reading box.stl", "slicing box.stl"]
-    assert all(re.fullmatch(r"slicing box.stl, \d+%", text) for text in told[2:])
+    assert told[:3] == ["box.stl: reading", "box.stl: checking its surface", "slicing box.stl"]
+    assert all(re.fullmatch(r"slicing box.stl, \d+%", text) for text in told[3:])
     again = slice_(box, out, cache=cache)
     assert (first["cached"], again["cached"]) == (False, True)
     assert out.read_bytes() == content

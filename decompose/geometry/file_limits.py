@@ -1,0 +1,90 @@
+"""Limits on a model file, checked on its bytes before a parser spends memory or time on them. Pure."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+
+from decompose.errors import ModelTooDetailed, ModelUnreadable
+from decompose.geometry.stl import header_face_count, is_binary_stl
+
+MOST_CORNERS = 10_000  # of one face: triangles that share a corner with more take hours to repair
+LONGEST_PLY_HEADER_BYTES = 64 * 1024
+BYTES_PER_TRIANGLE = 1500  # measured: the most that reading and repairing takes, by the triangle
+OTHER_BYTES = 256 * 2**20  # of a process with the libraries that this needs
+
+_COMMENTS = (b"#", b"comment")
+_CORNER_BYTES = 4  # of a binary PLY
+_CONTINUED = re.compile(rb"\\\r?\n")
+_PLY_BINARY = re.compile(rb"format\s+binary")
+_PLY_FACES = re.compile(rb"element\s+face\s+(\d+)")
+_OFF_COUNTS = re.compile(rb"(?:\s|#[^\n]*\n)*C?OFF(?:\s|#[^\n]*\n)+\d+\s+(\d+)")
+
+
+def check_limits(name: str, data: bytes, suffix: str, memory_bytes: int | None) -> None:
+    """Refuse a file with too many triangles for the memory, with a face or with a header without end.
+
+    Parameters
+    ----------
+    name
+        Of the file, for messages.
+    data
+        All of it.
+    suffix
+        Its format, one of `SUFFIXES`.
+    memory_bytes
+        Memory that the process may use; None for any.
+
+    Raises
+    ------
+    ModelUnreadable, ModelTooDetailed
+    """
+    if suffix == ".ply" and b"end_header" not in data[:LONGEST_PLY_HEADER_BYTES]:
+        raise ModelUnreadable(
+            f"{name}: its header has no end within {LONGEST_PLY_HEADER_BYTES // 1024} KiB: not a PLY or only "
+            "a part of one; copy or export it again"
+        )
+    triangles = count_triangles(data, suffix)
+    if memory_bytes is not None and triangles > most_triangles(memory_bytes):
+        raise ModelTooDetailed(
+            f"{name}: has {triangles / 1e6:.1f} million triangles, and {memory_bytes / 2**30:.1f} GB of "
+            f"memory suffice for {most_triangles(memory_bytes) / 1e6:.1f} million: simplify its mesh"
+        )
+    if suffix == ".ply" and _PLY_BINARY.search(data, 0, LONGEST_PLY_HEADER_BYTES):
+        if triangles and len(data) > triangles * MOST_CORNERS * _CORNER_BYTES:
+            raise ModelUnreadable(
+                f"{name}: has {triangles} faces in {len(data) / 1e6:.0f} MB: faces of too many corners, or a "
+                "cloud of points; export it with triangles"
+            )
+    elif suffix != ".stl" and (corners := _count_corners(data)) > MOST_CORNERS:
+        raise ModelUnreadable(
+            f"{name}: has a face of {corners} corners (limit {MOST_CORNERS}); export it with triangles"
+        )
+
+
+def count_triangles(data: bytes, suffix: str) -> int:
+    """Count the triangles or faces that a file gives; 0 where it does not say."""
+    match suffix:
+        case ".stl":
+            return header_face_count(data) if is_binary_stl(data) else data.count(b"endloop")
+        case ".obj":
+            return data.count(b"\nf ")
+    found = (_PLY_FACES.search if suffix == ".ply" else _OFF_COUNTS.match)(data, 0, LONGEST_PLY_HEADER_BYTES)
+    return int(found[1]) if found else 0
+
+
+def most_triangles(memory_bytes: int) -> int:
+    """Return how many triangles can be read and repaired in so much memory."""
+    return max(0, memory_bytes - OTHER_BYTES) // BYTES_PER_TRIANGLE
+
+
+def _count_corners(data: bytes) -> int:
+    """Count the corners of the largest face of a text file; 0 where each has at most `MOST_CORNERS`."""
+    if b"\\" in data:
+        data = _CONTINUED.sub(b" ", data)
+    ends = np.flatnonzero(np.frombuffer(data, np.uint8) == ord("\n"))
+    begins, ends = np.append(0, ends + 1), np.append(ends, len(data))
+    long = ends - begins > 2 * MOST_CORNERS  # a digit and a blank
+    lines = (data[begin:end].split() for begin, end in zip(begins[long], ends[long], strict=True))
+    return max((len(words) - 1 for words in lines if words and not words[0].startswith(_COMMENTS)), default=0)

@@ -1,0 +1,76 @@
+"""Files that would cost a parser memory or time without end: refused on their bytes, each with a sentence."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from decompose.errors import ModelTooDetailed, ModelUnreadable
+from decompose.geometry.file_limits import (
+    BYTES_PER_TRIANGLE,
+    LONGEST_PLY_HEADER_BYTES,
+    MOST_CORNERS,
+    OTHER_BYTES,
+    check_limits,
+    count_triangles,
+    most_triangles,
+)
+
+SPHERE = trimesh.creation.icosphere(2, 10.0)
+
+
+def polygon(corners: int, suffix: str, comment: bytes = b"") -> bytes:
+    """A file with one face of so many corners, and few vertices."""
+    words = b" ".join(b"%d" % (1 + i % 3) for i in range(corners))
+    match suffix:
+        case ".obj":
+            return b"%sv 0 0 0\nv 1 0 0\nv 0 1 1\nf %s\nf 1 2 3\n" % (comment, words)
+        case ".off":
+            return b"OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 1\n%d %s\n" % (corners, words)
+    return b"ply\nformat ascii 1.0\nelement face 1\nend_header\n%d %s\n" % (corners, words)
+
+
+@pytest.mark.parametrize("suffix", [".obj", ".off", ".ply"])
+def test_a_face_of_a_million_corners_is_refused(suffix: str) -> None:
+    check_limits("a", polygon(MOST_CORNERS - 1, suffix), suffix, None)
+    with pytest.raises(
+        ModelUnreadable, match=r"face of 100000.? corners .limit 10000.; export it with triangles"
+    ):
+        check_limits("a", polygon(1_000_000, suffix), suffix, None)
+
+
+def test_a_face_over_several_lines_is_one_face_and_a_long_comment_is_none() -> None:
+    face = polygon(1_000_000, ".obj").replace(b" 1 2", b" \\\n1 2")
+    with pytest.raises(ModelUnreadable, match="1000000 corners"):
+        check_limits("a", face, ".obj", None)
+    check_limits("a", polygon(4, ".obj", b"# " + b"words " * MOST_CORNERS + b"\n"), ".obj", None)
+
+
+def test_a_binary_ply_of_few_faces_and_many_bytes_is_refused() -> None:
+    head = b"ply\nformat binary_little_endian 1.0\nelement face 2\nend_header\n"
+    check_limits("a", head + bytes(MOST_CORNERS), ".ply", None)
+    with pytest.raises(ModelUnreadable, match="has 2 faces in 8 MB"):
+        check_limits("a", head + bytes(8_000_000), ".ply", None)
+
+
+@pytest.mark.parametrize("data", [b"ply", b"ply\nformat ascii 1.0\n", b"ply\n" + b"comment x\n" * 10_000])
+def test_a_ply_without_an_end_of_its_header_is_refused(data: bytes) -> None:
+    with pytest.raises(ModelUnreadable, match="its header has no end within 64 KiB"):
+        check_limits("a", data + b" " * LONGEST_PLY_HEADER_BYTES + b"end_header\n", ".ply", None)
+
+
+@pytest.mark.parametrize("kind", ["stl", "stl_ascii", "obj", "ply", "off"])
+def test_the_triangles_of_each_format_are_counted_and_limited_by_memory(kind: str) -> None:
+    written = SPHERE.export(file_type=kind)
+    data = written if isinstance(written, bytes) else written.encode()
+    suffix = f".{kind[:3]}"
+    count = len(SPHERE.faces)
+    assert count_triangles(data, suffix) == count
+    enough = OTHER_BYTES + count * BYTES_PER_TRIANGLE
+    check_limits("a", data, suffix, enough)
+    with pytest.raises(ModelTooDetailed, match=r"suffice for 0.0 million: simplify its mesh"):
+        check_limits("a", data, suffix, enough - 1)
+
+
+def test_no_memory_is_enough_for_no_triangle() -> None:
+    assert most_triangles(0) == 0
+    assert np.isclose(most_triangles(4 * 2**30) / 1e6, 2.7, atol=0.05)
