@@ -27,7 +27,7 @@ CHANNEL_MM = (8.0, 8.0)  # width and depth of the water channel on top
 
 
 def prism(outline: list[tuple[float, float]], half_depth_mm: float) -> Solid:
-    """A convex outline in (x, z), counter-clockwise seen from -y, drawn out along y to both sides."""
+    """Extrude a convex outline in (x, z), counter-clockwise seen from -y, along y to both sides."""
     n = len(outline)
     vertices = [(x, y, z) for y in (-half_depth_mm, half_depth_mm) for x, z in outline]
     faces = []
@@ -40,7 +40,7 @@ def prism(outline: list[tuple[float, float]], half_depth_mm: float) -> Solid:
 
 
 def opening(left: float, right: float, floor: float, spring: float, segments: int, depth: float) -> Solid:
-    """An arched opening: upright to the spring line, a half circle above."""
+    """Make an arched opening: upright to the spring line, a half circle above."""
     radius, middle = (right - left) / 2.0, (left + right) / 2.0
     arc = [
         (middle + radius * math.cos(a), spring + radius * math.sin(a))
@@ -50,7 +50,7 @@ def opening(left: float, right: float, floor: float, spring: float, segments: in
 
 
 def cutwater(x: float, width: float, depth: float, height: float) -> Solid:
-    """A pier's prow against the current, on both sides, its top sloping back to the wall."""
+    """Make the cutwaters of a pier on both sides, their tops sloping back to the wall."""
     half, reach = width / 2.0, depth / 2.0 + 0.7 * width
     outline = [(x - half, 0.0), (x, -reach), (x + half, 0.0), (x, reach)]
     vertices = [(a, b, 0.0) for a, b in outline]
@@ -63,7 +63,7 @@ def cutwater(x: float, width: float, depth: float, height: float) -> Solid:
 
 
 def aqueduct() -> Solid:
-    """The whole model: long along x, deep along y, standing on z = 0, in mm."""
+    """Make the whole model: long along x, deep along y, standing on z = 0, in mm."""
     solids, openings = [], []
     cornice, ledge = CORNICE_MM
     for floor, height, depth, arches, pier, spring in TIERS:
