@@ -45,7 +45,9 @@ def _parse_windows(value: object) -> object:
     return tuple(line if isinstance(line, Window) else parse_window(str(line)) for line in lines)
 
 
-Windows = Annotated[tuple[Window, ...], BeforeValidator(_parse_windows)]
+Windows = Annotated[
+    tuple[Window, ...], Field(max_length=7 * 24), BeforeValidator(_parse_windows)
+]  # each hour of a week
 
 
 class _Section(BaseModel):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,10 @@ from yaml.constructor import ConstructorError
 
 from farm.config import ComputeSection, FieldError, Fleet, FleetSection, Place, PrinterSection, UploadsSection
 from farm.errors import FleetFileError
+
+LARGEST_FILE_BYTES = 512 * 1024  # of a thousand printers
+MOST_VALUES = 100_000
+"""Keys and values, aliases (`*name`) counted as what they stand for: a few lines can stand for billions."""
 
 _MUST_BE = {
     "int": "a whole number",
@@ -137,6 +142,20 @@ class _Document:
 
         return search(self.node, ())
 
+    def count_values(self) -> int:
+        """Count keys and values, with those of each alias; one that contains itself counts once."""
+        counted: dict[int, int] = {}
+
+        def count(node: yaml.Node) -> int:
+            if id(node) not in counted:
+                counted[id(node)] = 0
+                pairs = node.value if isinstance(node, yaml.CollectionNode) else []
+                children = chain.from_iterable(pairs) if isinstance(node, yaml.MappingNode) else pairs
+                counted[id(node)] = 1 + sum(map(count, children))
+            return counted[id(node)]
+
+        return 0 if self.node is None else count(self.node)
+
     def _find_source(self, place: Place) -> Place:
         """Find where a value comes from: a printer's key may be in `defaults`."""
         if len(place) < 3 or place[0] != "printers":
@@ -160,7 +179,11 @@ class _Loader(yaml.SafeLoader):
 
 def _read(path: Path) -> str:
     try:
-        return path.read_text(encoding="utf-8")
+        with path.open("rb") as file:
+            data = file.read(LARGEST_FILE_BYTES + 1)
+        if len(data) > LARGEST_FILE_BYTES:
+            raise FleetFileError(f"{path}: is larger than {LARGEST_FILE_BYTES // 1024} KiB: no fleet file")
+        return data.decode()
     except FileNotFoundError as error:
         raise FleetFileError(
             f"{path}: no such file; write one with the printers that `farm discover` lists, or give "
@@ -174,9 +197,12 @@ def _read(path: Path) -> str:
 def _parse(path: Path, text: str) -> tuple[_Document, Any]:
     """Parse YAML into nodes and values."""
     try:
-        document = _Document(path, yaml.compose(text, Loader=yaml.SafeLoader))
-        raw = yaml.load(text, Loader=_Loader)  # a SafeLoader
+        loader = _Loader(text)
+        document = _Document(path, loader.get_single_node())
+        if document.count_values() > MOST_VALUES:
+            raise FleetFileError(f"{path}: stands for more than {MOST_VALUES} values: use fewer aliases")
         duplicate = document.find_duplicate()
+        raw = None if document.node is None else loader.construct_document(document.node)
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         where = f"{path}:{mark.line + 1}" if mark else str(path)
@@ -216,7 +242,7 @@ def _reword(error: ErrorDetails, pattern: str | None) -> str:
     if kind in _LIMITS:
         return f"must be {_LIMITS[kind].format(**context)}"
     if kind == "too_long":
-        return "has too many values"
+        return "has {actual_length} values; {max_length} at most".format(**context)
     must_be = _MUST_BE.get(kind.partition("_")[0])
     return f"must be {must_be}" if must_be else error["msg"].removeprefix("Value error, ")
 

@@ -125,7 +125,7 @@ def test_the_repositorys_own_fleet_is_good():
         ),
         (GOOD.replace("colour: blue", "nozzle_mm: 0"), "printers.1.nozzle_mm: must be more than 0"),
         (GOOD.replace("colour: blue", "volume_mm: [200, 200]"), "volume_mm.2: is one value short"),
-        (GOOD.replace("colour: blue", "volume_mm: [1, 2, 3, 4]"), "volume_mm: has too many values"),
+        (GOOD.replace("colour: blue", "volume_mm: [1, 2, 3, 4]"), "volume_mm: has 4 values; 3 at most"),
         (GOOD.replace("colour: blue", "volume_mm: 2x2x2"), "printers.1.volume_mm: must be a list"),
         (GOOD + "  - um2-03\n", "fleet.yaml:7: printers.2: must be keys with values"),
         (GOOD + "colour: red\n", "fleet.yaml:7: colour: unknown key; known are fleet, printers, defaults"),
@@ -201,3 +201,39 @@ def test_a_file_that_is_not_there_or_cannot_be_read_is_named(tmp_path):
         load_fleet(tmp_path / "no.yaml", MODELS)
     with pytest.raises(FleetFileError, match=r"cannot be read \(Is a directory\)"):
         load_fleet(tmp_path, MODELS)
+
+
+MERGES = "".join(f"a{i}: &a{i} {{<<: [{', '.join([f'*a{i - 1}'] * 9)}]}}\n" for i in range(1, 12))
+LISTS = "".join(f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 9)}]\n" for i in range(1, 12))
+HOURS = "".join(f"  - mon {i // 60 % 24:02d}:{i % 60:02d}-24:00\n" for i in range(20_000))
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ("a0: &a0 {k: v}\n" + MERGES + GOOD, "stands for more than 100000 values: use fewer aliases"),
+        ("a0: &a0 [v]\n" + LISTS + GOOD, "stands for more than 100000 values: use fewer aliases"),
+        (
+            "fleet:\n attended:\n" + HOURS + "printers: []\n",
+            ":3: fleet.attended: has 20000 values; 168 at most",
+        ),
+        ("# and so on\n" * 50_000 + GOOD, "is larger than 512 KiB: no fleet file"),
+    ],
+    ids=["merges", "lists", "hours", "size"],
+)
+def test_a_file_that_would_take_all_time_or_memory_is_refused(tmp_path, text, why):
+    with pytest.raises(FleetFileError) as error:
+        load(tmp_path, text)
+    assert str(error.value).endswith(why)
+
+
+def test_aliases_of_a_usual_file_are_resolved(tmp_path):
+    text = """
+fleet: {attended: &hours [mon-fri 08:00-18:00], quiet: []}
+common: &common {model: ultimaker2_plus, colour: red}
+printers: [{<<: *common, name: a, port: /dev/one}]
+"""
+    with pytest.raises(FleetFileError, match="unknown key"):
+        load(tmp_path, text)
+    fleet = load(tmp_path, text.replace("common: &common", "defaults: &common"))
+    assert fleet.printers[0].colour == "red"
