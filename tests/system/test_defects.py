@@ -73,7 +73,7 @@ REFUSED = {
     "unknown_kind": (unknown_kind, "not a known kind"),
     "empty": (empty, "empty"),
     "flat": (flat, "flat"),
-    "nan": (nan, "no number"),
+    "nan": (nan, "not a number"),
     "half_an_stl": (half_an_stl, "promises"),
     "loose_triangles": (loose_triangles, "solid"),
     "in_metres": (in_metres, "--scale"),
