@@ -1,7 +1,7 @@
-"""The engine `best`: engines in a fixed order, then the guillotine engine on more grids, within a budget.
+"""Engine `best`: engines in a fixed order, then the guillotine engine on more grids, within a budget.
 
-How well parts fit a grid depends on its cells and on how the model lies in it: grids with more or fewer cells
-are tried, then the model turned about z, then the other grids at the best turn.
+Parts fit a grid better or worse by its cells and by the turn of the model in it: grids with more or fewer
+cells are tried, then the model turned about z, then the other grids at the best turn.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ BEST_ENGINES = (Engine.GUILLOTINE, Engine.PARALLELOBOX)
 OTHER_GRIDS = (1.1, 0.95, 0.9)  # cells a side for each one of the first grid
 OTHER_YAWS_DEG = (45.0, 15.0, 75.0, 30.0, 60.0)  # about z: a quarter turn is the same grid again
 WORTH_TURNING = 0.01  # share of the makespan: cuts along a model's own sides are easier to glue
-NEAR = 0.03  # share of the makespan that has to be left to gain, so that another grid is worth its work
+NEAR = 0.03  # least possible gain, as a share of the makespan, for which another grid is tried
 
 
 def find_best(problem: Problem, by_engine: Callable[[Problem], Decomposition]) -> Decomposition:
@@ -32,9 +32,9 @@ def find_best(problem: Problem, by_engine: Callable[[Problem], Decomposition]) -
     Parameters
     ----------
     problem
-        With the options of the engine `best`.
+        Problem with the options of the engine `best`.
     by_engine
-        Gives the checked result of the engine that a problem's options name.
+        Returns the checked result of the engine that a problem's options name.
 
     Raises
     ------
@@ -56,7 +56,7 @@ def find_best(problem: Problem, by_engine: Callable[[Problem], Decomposition]) -
 
 @dataclass(slots=True)
 class _Trials:
-    """Attempts so far and the best of them; `yaw_deg` is how the model is turned there."""
+    """Attempts so far and the best of them, with the model turned by `yaw_deg`."""
 
     problem: Problem
     by_engine: Callable[[Problem], Decomposition]
@@ -67,7 +67,7 @@ class _Trials:
     failure: DecomposeError | None = None
 
     def result(self) -> Decomposition:
-        """Best result; raises the error of the first engine where there is none."""
+        """Return the best result; raises the error of the first engine where there is none."""
         if self.best is None:
             assert self.failure is not None  # the first engine is always tried
             raise self.failure
@@ -128,7 +128,7 @@ class _Trials:
 
 
 def rotate_about_z(problem: Problem, yaw_deg: float) -> Problem:
-    """Same problem with its model turned about z."""
+    """Rotate a problem's model about z."""
     return problem.rotate(Rotation.from_euler("z", yaw_deg, degrees=True).as_matrix())
 
 

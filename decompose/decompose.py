@@ -1,4 +1,4 @@
-"""`decompose`: a model and printers in, checked parts out."""
+"""Decomposition of a model for some printers into checked parts."""
 
 from __future__ import annotations
 
@@ -33,17 +33,17 @@ def decompose_model(
     Parameters
     ----------
     model
-        From `decompose.mesh.load_model`.
+        Model of `decompose.geometry.load_model`.
     printers
-        Those that are free, one part each at most; a printer that may print in several rounds is there once
-        for each. The guillotine engine cuts a part for its own printer's room and speed; the parts of the
-        others fit all printers.
+        Free printers, one part each at most; a printer that may print in several rounds appears once for
+        each. The guillotine engine cuts a part for its own printer's room and speed; the parts of the others
+        fit all printers.
     options
-        How to cut.
+        Engine, grid and limits.
     cost
         Print time of a part.
     executor
-        For attempts that may run side by side; threads do.
+        For attempts that may run in parallel; threads are enough.
 
     Raises
     ------
@@ -65,7 +65,7 @@ def decompose_model(
 
 
 def _by_engine(problem: Problem, serial: tuple[float, float]) -> Decomposition:
-    """Checked result of the engine that the options name; `serial` is of `estimate_serial_s`."""
+    """Run the engine that the options name, and check its result; `serial` is of `estimate_serial_s`."""
     watch = _StageTimes()
     if problem.options.faithful and problem.options.engine is Engine.PARALLELOBOX:
         problem = replace(problem, options=paper_settings(problem.options))

@@ -53,8 +53,8 @@ class NoFit(DecomposeError):
     Attributes
     ----------
     printers_needed
-        The fewest printers that would do, were more of the kinds there that are there; or a number that is
-        surely not more. None where it is not known, or where no number would do.
+        Fewest printers that would be enough, with more of the same kinds; or a number that is surely not
+        more. None where it is not known, or where no number is enough.
     """
 
     def __init__(self, message: str, printers_needed: int | None = None) -> None:
@@ -65,7 +65,7 @@ class NoFit(DecomposeError):
     def of_too_few(
         cls, extents_mm: Iterable[float], needed: int, printers: int, more: str = "more printers"
     ) -> NoFit:
-        """Error of parts that outnumber the printers: which `more` to free, and the size that might do."""
+        """Build the error of parts that outnumber the printers: `more` to free, and a size to try."""
         sides_mm = list(extents_mm)
         longest = max(1, math.floor(max(sides_mm) * (printers / needed) ** (1.0 / 3.0)))
         return cls(
@@ -76,7 +76,7 @@ class NoFit(DecomposeError):
 
 
 def size_text(sides_mm: Iterable[float]) -> str:
-    """Sides of a box in whole mm, for a message."""
+    """Format the sides of a box in whole mm, for a message."""
     return " x ".join(f"{side:.0f}" for side in sides_mm)
 
 
@@ -100,9 +100,9 @@ class GeometryError(DecomposeError):
     Attributes
     ----------
     rule
-        A short name of the rule, see `Rule`.
+        Short name of the rule, see `Rule`.
     part
-        The part at fault, where it is one.
+        Part at fault, where it is one part.
     """
 
     def __init__(self, rule: str, part: str | None, what: str) -> None:

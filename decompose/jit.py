@@ -1,8 +1,8 @@
-"""One place for the settings of the just-in-time compiler, and for where its machine code is kept.
+"""Settings of the just-in-time compiler, and the folder of its machine code.
 
-Compiled code has the functions and constants of other files in it, and numba looks at the time stamp of one
-file alone: after an update it would go on with old prices. So the folder is named after the content of all
-files that are compiled.
+Compiled code contains functions and constants of other files, and numba compares the time stamp of one file
+only: after an update it would use old prices. So the folder is named after the content of all files that are
+compiled.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ def hash_sources(folder: Path) -> str:
 
 
 def _kept_in() -> Path:
-    """Folder of the machine code: beside the sources where writable, else in the user's cache."""
+    """Find the folder of the machine code: beside the sources where writable, else in the user's cache."""
     here = Path(__file__).parent
     home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     root = here / "__pycache__" if os.access(here, os.W_OK) else home / "farm"
@@ -46,3 +46,8 @@ def jit(function: F) -> F:
         return cast(F, numba.njit(cache=True, nogil=True)(function))
     except RuntimeError:  # no place: it is compiled on each run
         return cast(F, numba.njit(nogil=True)(function))
+
+
+def jit_inline(function: F) -> F:
+    """Compile a small function into the body of each compiled caller, for calls in inner loops."""
+    return cast(F, numba.njit(nogil=True, inline="always")(function))

@@ -7,12 +7,12 @@ from enum import StrEnum
 from typing import Any
 
 MIN_GLUE_MM2 = 25.0
-"""5 x 5 mm of glue holds a part of the size of a hand."""
+"""Area of a joint of 5 x 5 mm, which holds a part of the size of a hand."""
 BUDGET_S = 20.0
 
 
 class Engine(StrEnum):
-    """The engine that cuts a model."""
+    """Engine that cuts a model."""
 
     BEST = "best"  # `decompose.best`: several engines and grids, within a budget
     GUILLOTINE = "guillotine"
@@ -37,7 +37,7 @@ class Score(StrEnum):
 
     @property
     def readings(self) -> tuple[Score, ...]:
-        """The readings to try, each `LOW` or `HIGH`."""
+        """Readings to try, each `LOW` or `HIGH`."""
         return (Score.LOW, Score.HIGH) if self is Score.BOTH else (self,)
 
 
@@ -84,7 +84,7 @@ class Options:
     min_glue_mm2
         A joint of less area, or narrower than two walls, does not count as holding.
     seed
-        Of the random numbers of the engines that draw; the guillotine engine does not.
+        Seed of the random numbers of the engines; the guillotine engine uses none.
     faithful
         Run a rival as its authors published it, with their prices and settings.
     fit_first_layer
@@ -108,7 +108,7 @@ class Options:
     parallelobox: ParalleloboxOptions = ParalleloboxOptions()
 
     def as_dict(self) -> dict[str, Any]:
-        """The object that decomposition.json holds: one level, whatever engine an option is of."""
+        """Build the object that decomposition.json holds: one level, for the options of all engines."""
         return {
             "engine": self.engine,
             "granularity": self.granularity,

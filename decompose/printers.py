@@ -1,4 +1,4 @@
-"""A printer as a decomposition sees it: its name, its room for a part, and its speed."""
+"""Printer as a decomposition needs it: its name, its room for a part, and its speed."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dataclasses import dataclass
 class PrinterRoom:
     """Boxes (x, y, z) in mm that a part may fill on a printer; x and y may be swapped.
 
-    A part takes `time_factor` times what it costs: what was learned of the printer.
+    A part takes `time_factor` times its price: a ratio learned from the prints of the printer.
     """
 
     name: str
@@ -17,7 +17,7 @@ class PrinterRoom:
     time_factor: float = 1.0
 
     def fits(self, width_mm: float, depth_mm: float, height_mm: float) -> bool:
-        """Tell whether a part of these extents fits one of the boxes, turned about Z if need be."""
+        """Check whether a part of these extents fits one of the boxes, turned about Z if need be."""
         return any(
             height_mm <= z and ((width_mm <= x and depth_mm <= y) or (depth_mm <= x and width_mm <= y))
             for x, y, z in self.boxes

@@ -1,8 +1,8 @@
-"""Cut planes moved once more, by the sliced time of each part.
+"""Cut planes moved again, by the sliced time of each part.
 
-The price of a part is a per cent or two off, and the job waits for the part whose price is furthest off. How
-far each part's is hardly changes while its faces move by some millimetres: each keeps its own factor, and the
-planes are levelled by price times factor, as they were by the price alone.
+The price of a part is one or two per cent off, and the job waits for the part whose price is furthest off.
+This error hardly changes while the faces of a part move by some millimetres: so each part keeps its own
+factor, and the planes are moved by price times factor, as they were by the price alone.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from decompose.print_time import CostModel
 from decompose.problem import Effort, GridFigures, Partition, Problem
 from decompose.results import Cutting, Decomposition, apply_time_ratios, finish_result
 
-WORTH = 0.005  # share of the makespan that has to be promised: the parts are sliced again for it
+WORTH = 0.005  # least expected gain, as a share of the makespan: the parts are sliced again for it
 
 
 def relevel_planes(
@@ -51,7 +51,7 @@ def relevel_planes(
     Returns
     -------
     Decomposition | None
-        As many parts; their times are the cost's. None where the gain would not be worth slicing again, or
+        As many parts, with the times of the cost. None where the gain would not be worth slicing again, or
         where another engine than `guillotine` cut the parts.
 
     Raises
@@ -100,7 +100,7 @@ def _carry_over(previous: Decomposition, result: Decomposition, elapsed_s: float
 def _cut_previous_boxes(
     problem: Problem, cutting: Cutting, sliced_s: Sequence[float]
 ) -> list[list[Piece]] | None:
-    """Pieces in each box, in the order in which it is cut out, with the time ratio of slice to price.
+    """Cut the boxes of a decomposition again; each piece gets the time ratio of slice to price.
 
     `sliced_s` is in seconds, in the order of the parts. None where the boxes hold other parts than before.
     """
@@ -132,7 +132,7 @@ def _cut_previous_boxes(
 
 
 def _makespan_s(problem: Problem, pieces: Sequence[Piece]) -> float:
-    """Sliced time when the last piece ends, each on its best printer; inf where one fits none."""
+    """Compute the sliced time when the last piece ends, each on its best printer; inf where one fits none."""
     poses = [pose for pose in problem.find_poses(pieces) if pose is not None]
     if len(poses) != len(pieces):
         return math.inf

@@ -1,4 +1,4 @@
-"""Limit on the size of a folder of slices (`slicing.slice_store`): slices that were used last stay."""
+"""Limit on the size of a folder of slices (`slicing.slice_store`): those used most recently stay."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 CACHE_BYTES = 4 * 2**30
-"""What a cache may hold; a part that fills a bed has 0.07 GB of G-code."""
+"""Greatest size of a cache; a part that fills a bed has 0.07 GB of G-code."""
 # KEY.json, KEY.gcode, and .KEY.gcode.xyz of a program that was killed while it wrote.
 _ENTRY_FILE = re.compile(r"\.?([0-9a-f]{64})\.(?:json|gcode)(?:\.\w+)?")
 
 
 @dataclass(frozen=True, slots=True)
 class CacheEntry:
-    """One slice that is kept: its name, its size, and when it was used last (s, of any clock)."""
+    """Stored slice: its name, its size, and the time of its last use (s, of any clock)."""
 
     name: str
     size_bytes: int
@@ -59,7 +59,7 @@ def trim_cache(folder: Path, most_bytes: int = CACHE_BYTES) -> None:
     most_bytes
         Size that it may have.
 
-    Whoever reads an entry that goes meanwhile slices anew.
+    A process that is about to read a removed entry slices the part again.
     """
     files: dict[str, list[Path]] = {}
     entries: dict[str, CacheEntry] = {}

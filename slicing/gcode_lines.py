@@ -1,6 +1,6 @@
 """Lexer of G-code lines: code, words and comment, or a refusal with the line's number.
 
-The meaning of commands is not known here. Two readers stand on it: `own_gcode` takes every line apart;
+The lexer does not know the meaning of commands. It has two users: `own_gcode` splits every line;
 `checks.toolpath` reads plain moves by the column, and only the few other lines one by one.
 """
 
@@ -11,16 +11,17 @@ import re
 from slicing.errors import GcodeRefused
 
 MAX_LINE_BYTES = 1 << 16
-"""Bytes of a line; the longest that slicers write are comments that hold a whole script."""
-MOST = {"E": 1e8}
-MOST_MM = 1e4
-"""No coordinate, feed rate or dwell of a printer is larger; what a file has extruded so far may be."""
-MOST_OTHER = 1e6
+"""Longest line; the longest that slicers write are comments that contain a whole script."""
+MAX_MM = 1e4
+"""Greatest coordinate of any printer."""
+MAX_E = 1e8
+"""Greatest E: a file may count all of its filament."""
+MAX_OTHER = 1e6
 
 _CODE = re.compile(r"([GMT])0*(\d{1,5}(?:\.\d+)?)(?![\d.])")
 _NUMBERED = re.compile(rb"\s*[Nn](\d+)\s*(.*)\Z", re.DOTALL)
 _TEXT = re.compile(rb"\s*[Mm](11[78])\s")
-"""Texts for a display or a host may be in any language."""
+"""Commands whose text, for a display or a host, may be in any language."""
 _BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 _ASIDE = re.compile(r"\([^()]*\)")
 _WORD = re.compile(r"\s*([A-Z])\s?([-+]?(?:\d+\.?\d*|\.\d+))")
@@ -36,12 +37,12 @@ Line = tuple[str, str, bytes]
 
 
 def split_line(raw: bytes, number: int) -> Line:
-    """Take a line apart: code, words and comment. Line numbers and checksums are checked and taken off.
+    """Split a line into code, words and comment. Line numbers and checksums are checked and removed.
 
     Parameters
     ----------
     raw
-        The line as it stands in the file.
+        The line as it is in the file.
     number
         Its number in the file, for messages.
 
@@ -108,11 +109,11 @@ def parse_words(rest: str, number: int) -> Words:
     found: Words = {}
     at = 0
     if _RUN_TOGETHER.search(rest):  # the firmware reads X1E5 as a power of ten
-        raise GcodeRefused(f"line {number}: write a blank before each E: {quote_text(rest)} is not clear")
+        raise GcodeRefused(f"line {number}: write a space before each E: {quote_text(rest)} is not clear")
     while at < len(rest) and (word := _WORD.match(rest, at)) is not None:
         letter, digits = word.groups()
         if letter in found:
-            raise GcodeRefused(f"line {number}: {letter} stands twice in {quote_text(rest)}: take one out")
+            raise GcodeRefused(f"line {number}: {letter} appears twice in {quote_text(rest)}: take one out")
         value = float(digits)
         if abs(value) > _most(letter):
             raise GcodeRefused(
@@ -132,7 +133,10 @@ def quote_text(text: str) -> str:
 
 
 def _most(letter: str) -> float:
-    return MOST_MM if letter in "XYZIJ" else MOST.get(letter, MOST_OTHER)
+    """Return the greatest number that a word with this letter may have."""
+    if letter in "XYZIJ":
+        return MAX_MM
+    return MAX_E if letter == "E" else MAX_OTHER
 
 
 def _without_number(command: bytes, number: int) -> bytes:

@@ -23,11 +23,11 @@ from slicing.slice_store import CheckedSlice, StoredSlice, write_atomically
 
 _ON_BED_MM = 0.02
 _RETRIES = ((0.0, 0.0), (1e-4, 0.005), (-3e-4, -0.02), (5e-4, -0.03))
-"""Share by which a part is wider, and mm by which its outlines are grown, one try after the other.
+"""Shares by which a part is scaled, and mm by which its outlines are grown, in the order of the attempts.
 
 CuraEngine 4.13 loses a corner of a sound ring where the corner's two sides, in um, multiply to 2**32 (from
 0.99995 to 1.000003 of it, measured), in a layer's section as in the walls that it makes of it."""
-_BY_CHANCE = frozenset((Rule.NOTHING_PRINTED, Rule.LAYERS, Rule.HEIGHT, Rule.OUTLINE))
+_RETRIED = frozenset((Rule.NOTHING_PRINTED, Rule.LAYERS, Rule.HEIGHT, Rule.OUTLINE))
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,12 +39,12 @@ class PlateRequest:
     stl
         Binary STL in its printing pose, in bed-centred mm (XY 0 is the bed's centre), lowest point at Z 0.
     out
-        Where the G-code goes; it appears whole or not at all.
+        File of the G-code; it appears whole or not at all.
     bed
         Rectangles (min_x, min_y, max_x, max_y, height) in bed-centred mm; one of them must hold all that
         is extruded, brim and support included.
     cache
-        A folder that keeps results by content; None for none.
+        Folder that keeps results by content; None for no cache.
     """
 
     stl: Path
@@ -87,7 +87,7 @@ def slice_plate(request: PlateRequest, progress: Progress | None = None) -> Plat
     SliceRejected
         With the rule that the mesh or the G-code breaks.
     EngineMissing, EngineFailed, EngineTimeout
-        With CuraEngine's trouble.
+        Where CuraEngine cannot be run, fails, or takes too long.
     SlicingError
         Where a file cannot be read or written.
     """
@@ -107,13 +107,13 @@ def slice_plate(request: PlateRequest, progress: Progress | None = None) -> Plat
         write_atomically(request.out, sliced.gcode)
     except OSError as error:
         raise SlicingError(
-            f"{error.filename or request.out}: {error.strerror}; make room there, or see to its permissions"
+            f"{error.filename or request.out}: {error.strerror}; make room there, or check its permissions"
         ) from error
     return _result(request, sliced, kept is not None)
 
 
 def _slice(request: PlateRequest, corners: Floats, progress: Progress | None) -> CheckedSlice:
-    """Slice as the settings say; where that leaves something out, a bit wider or narrower, or with a wave."""
+    """Slice the part as it is; where that is rejected, slightly wider or narrower, or with a wave."""
     check_versions(request.engine, request.settings.extruder)
     first: SliceRejected | None = None
     with tempfile.TemporaryDirectory(prefix="farm-wider-") as folder:
@@ -125,7 +125,7 @@ def _slice(request: PlateRequest, corners: Floats, progress: Progress | None) ->
                 return _slice_once(way(), corners, progress)
             except SliceRejected as rejected:
                 first = first or rejected
-                if rejected.rule not in _BY_CHANCE:
+                if rejected.rule not in _RETRIED:
                     break
     assert first is not None
     raise first
@@ -134,7 +134,7 @@ def _slice(request: PlateRequest, corners: Floats, progress: Progress | None) ->
 def _widen(
     request: PlateRequest, corners: Floats, share: float, offset_mm: float, folder: Path
 ) -> PlateRequest:
-    """Make the request for a part that is wider by a share, about the bed's centre, its outlines grown."""
+    """Make the request for a part scaled by a share about the bed's centre, with its outlines grown."""
     if not share:
         return request
     wider = folder / request.stl.name

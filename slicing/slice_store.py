@@ -22,7 +22,7 @@ _FORMAT = "farm-slice-5"
 
 @dataclass(frozen=True, slots=True)
 class CheckedSlice:
-    """G-code that passed the checks, and what they found in it."""
+    """G-code that passed the checks, and its facts."""
 
     gcode: bytes
     facts: GcodeFacts
@@ -31,7 +31,7 @@ class CheckedSlice:
 
 @dataclass(frozen=True, slots=True)
 class StoredSlice:
-    """Cache entry: the G-code and what was found in it, named by what decides them."""
+    """Cache entry of a slice, named by a hash of all that decides it."""
 
     folder: Path | None
     key: str
@@ -48,7 +48,7 @@ class StoredSlice:
         return cls(cache, digest.hexdigest())
 
     def read(self) -> CheckedSlice | None:
-        """Read what is stored; None where nothing is, or it is not what was stored."""
+        """Read the stored slice; None where there is none, or it was damaged."""
         if self.folder is None:
             return None
         try:
@@ -62,7 +62,7 @@ class StoredSlice:
             sliced = CheckedSlice(gcode, GcodeFacts(**facts), unprinted)
         except (OSError, ValueError, KeyError, TypeError):
             return None
-        with contextlib.suppress(OSError):  # used now: what is not goes first (slicing.cache)
+        with contextlib.suppress(OSError):  # marks it as used (slicing.cache)
             os.utime(self.folder / f"{self.key}.json")
         return sliced
 

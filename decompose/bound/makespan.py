@@ -2,10 +2,10 @@
 
 By the tables: no partition of the grid into boxes ends sooner.
 
-The certificate is a weight for each needed cell. Of `n` parts that hold all the weight, one holds at least
-an n-th of it, so the makespan is at least the time of the quickest box that holds so much (a box of k pieces
-is k parts, and has to hold k times as much). That is true of any weights; weights are whole numbers, so that
-the comparison is exact, and every box is looked at.
+The certificate is a weight for each needed cell. Of `n` parts that hold all the weight, one holds at least an
+n-th of it, so the makespan is at least the time of the fastest box that holds that share (a box of k pieces
+is k parts, and has to hold k shares). This is true for any weights; weights are whole numbers, so that the
+comparison is exact, and every box is compared.
 
 Good weights are the dual solution of a linear programme (`bound.covering`): cover the needed cells with
 the fewest boxes, fractions of boxes allowed, that each take at most T seconds. Where that takes more than n,
@@ -57,9 +57,10 @@ def _proven_s(
     trimmed: npt.NDArray[np.int32],
     pieces: npt.NDArray[np.int16],
 ) -> float:
-    """Time of the fastest box that holds its pieces' share of the weight; at most makespan_s.
+    """Find the time of the fastest box that holds its pieces' share of the weight; at most makespan_s.
 
-    sat: summed-area table of the weights.
+    sat: (nx + 1, ny + 1, nz + 1) int64 summed-area table of the weights. seconds, trimmed, pieces: (boxes,)
+    of `BoxTables`.
     """
     nx, ny, nz = sat.shape[0] - 1, sat.shape[1] - 1, sat.shape[2] - 1
     ty, tz = ny * (ny + 1) // 2, nz * (nz + 1) // 2
@@ -84,7 +85,7 @@ def _proven_s(
 
 
 def _proof(boxes: BoxTables, weights: Floats, printers: int, makespan_s: float) -> Bound:
-    """Bound that weights prove."""
+    """Compute the bound that weights prove."""
     whole = np.floor(weights * UNIT).astype(np.int64)
     sat = np.pad(whole, ((1, 0),) * 3).cumsum(axis=0).cumsum(axis=1).cumsum(axis=2)
     tables = (boxes.seconds, boxes.trimmed, boxes.pieces)
@@ -92,7 +93,7 @@ def _proof(boxes: BoxTables, weights: Floats, printers: int, makespan_s: float) 
 
 
 def makespan_bound(boxes: BoxTables, needed: Bools, printers: int, makespan_s: float) -> Bound:
-    """Lower bound on the longest time of any box, over all partitions into boxes, guillotine or not.
+    """Prove a lower bound on the longest time of any box, over all partitions into boxes, guillotine or not.
 
     Parameters
     ----------
@@ -104,7 +105,7 @@ def makespan_bound(boxes: BoxTables, needed: Bools, printers: int, makespan_s: f
     printers
         The greatest number of pieces.
     makespan_s
-        The longest time by the tables of a partition into so many.
+        Longest time, by the tables, of a partition into that many pieces.
 
     Returns
     -------
@@ -130,16 +131,16 @@ def makespan_bound(boxes: BoxTables, needed: Bools, printers: int, makespan_s: f
 
 
 def surface_bound_s(area_mm2: float, volume_mm3: float, printers: int, cost: CostModel) -> float:
-    """Lower bound in seconds on the makespan of any partition that prints this surface and volume.
+    """Compute a lower bound in s on the makespan of any partition that prints a surface and a volume.
 
-    All of the surface is at best level skin or the flattest slope that has none; cuts, supports, brims and
+    At best all of the surface is level skin, or the flattest slope without skin; cuts, supports, brims and
     least times of layers only add. The work is shared by at most `printers` parts, each with its fixed time;
-    what each saves by shorter inner walls, and where its walls cover the rim of its skin, is taken off.
+    the savings of each part by shorter inner walls, and by walls over the rim of its skin, are subtracted.
 
     Parameters
     ----------
     area_mm2, volume_mm3
-        Of the original surface, and of the solid that has to be printed.
+        Original surface, and volume of the solid that has to be printed.
     printers
         The greatest number of parts.
     cost

@@ -62,7 +62,7 @@ def _rasterise(
 
 
 def part_colours(count: int) -> Floats:
-    """(count, 3) Red, green and blue from 0 to 1: no two alike, and neighbours far apart."""
+    """Choose colours (count, 3), red, green and blue from 0 to 1: no two alike, and neighbours far apart."""
     i = np.arange(count)
     saturation, value = 0.35 + 0.15 * (i % 3), 0.95 - 0.12 * (i // 3 % 2)
     return np.asarray(hsv_to_rgb(np.stack([(0.58 + GOLDEN * i) % 1.0, saturation, value], axis=1)))
@@ -149,7 +149,7 @@ def _outline(image: Floats, depth: Floats, step: float) -> None:
 
 
 def _camera() -> Floats:
-    """Directions of the screen's right, its up, and the eye, as rows (3, 3)."""
+    """Compute the directions of the screen's right, its up, and the eye, as rows (3, 3)."""
     azimuth, elevation = np.radians(AZIMUTH_DEG), np.radians(ELEVATION_DEG)
     eye = np.array(
         [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)]

@@ -1,4 +1,4 @@
-"""The convex outline of points in a plane, compiled: it is asked for in every pose of every part."""
+"""Convex outline of points in a plane, compiled because every pose of every part needs it."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ import numpy as np
 from decompose.arrays import Floats
 from decompose.jit import jit
 
-FLAT_MM2 = 1e-9  # twice the area of a corner that is none
+FLAT_MM2 = 1e-9  # twice the area below which three points count as one line
 
 
 @jit
 def convex_outline(points: Floats) -> Floats:
-    """Corners (k, 2), anticlockwise, of the convex outline about points (n, 2); none without area.
+    """Find the corners (k, 2), anticlockwise, of the convex outline about points; none without area.
 
     By A. M. Andrew, "Another efficient algorithm for convex hulls in two dimensions", 1979.
 
@@ -49,7 +49,7 @@ def convex_outline(points: Floats) -> Floats:
 
 @jit
 def half_planes(outline: Floats) -> Floats:
-    """(k, 3) ``edges[:, :2] @ p + edges[:, 2] <= 0`` for points p inside an outline (k, 2).
+    """Find half-planes (k, 3): ``edges[:, :2] @ p + edges[:, 2] <= 0`` for points p inside an outline.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ def half_planes(outline: Floats) -> Floats:
 
 @jit
 def rectangles(outline: Floats, angles: Floats) -> Floats:
-    """(n, 2) Width and depth of an outline (k, 2) after it is turned back by each of n angles in radians.
+    """Measure the width and depth (n, 2) of an outline after it is turned back by each of n angles.
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ def rectangles(outline: Floats, angles: Floats) -> Floats:
 
 @jit
 def smallest_rectangle(outline: Floats) -> float:
-    """Angle in radians of the long side of the smallest rectangle about an outline (k, 2)."""
+    """Find the angle in radians of the long side of the smallest rectangle about an outline (k, 2)."""
     best, angle = np.inf, 0.0
     for i in range(len(outline)):
         a, b = outline[i], outline[(i + 1) % len(outline)]

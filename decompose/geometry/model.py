@@ -67,7 +67,7 @@ class Model:
 
     @property
     def mesh(self) -> Any:
-        """The model as a `trimesh.Trimesh`, in mm."""
+        """Model as a `trimesh.Trimesh`, in mm."""
         vertices, faces = self.solid.arrays()
         return trimesh.Trimesh(vertices, faces, process=False)
 
@@ -150,14 +150,14 @@ def _measure_triangles(name: str, triangles: Floats) -> tuple[float, float]:
 
 
 def _one_line(text: str) -> str:
-    """Text without line breaks and unprintable characters; file names may hold anything."""
+    """Replace line breaks and unprintable characters; file names may hold anything."""
     return "".join(c if c.isprintable() else "?" for c in text)
 
 
 def _read(
     path: Path, where: str, name: str, suffix: str, memory_bytes: int | None
 ) -> tuple[Floats, tuple[str, ...]]:
-    """Triangles (m, 3, 3) of a file; also what a person has to know of it, a sentence each."""
+    """Read the triangles (m, 3, 3) of a file; also its notices, a sentence each."""
     try:
         data = path.read_bytes()
     except (OSError, ValueError) as error:  # a path with a zero byte is a ValueError

@@ -1,7 +1,7 @@
-"""Triangles that need not be closed -> a closed solid, with a word on each thing that was done, or a refusal.
+"""Repair of triangles to a closed solid, with a sentence on each change, or a refusal.
 
-A repair is judged by what it does to the surface: nothing that was there may be lost or moved, unless it now
-lies inside, and little may be there that was not.
+A repair is judged by its effect on the surface: nothing of it may be lost or moved, unless it now lies
+inside, and little may be added.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ SAMPLES = 40_000  # points on a surface that distances are measured to
 PROBES = 5_000  # points that they are measured from
 WELD_SHARES = (1e-7, 1e-6, 1e-5)  # of the longest side: gaps that rounding leaves between triangles
 THIN_SHARE = 1e-9  # of area^1.5: a surface around less volume encloses nothing
-NEIGHBOURS = 6  # triangles of the nearest samples that are looked at exactly
+NEIGHBOURS = 6  # triangles of the nearest samples whose distance is computed exactly
 # Each body is closed and joined by itself. Real models have hundreds of them at most; loose triangles are one
 # body each, no solid, and a large file of them would take hours.
 MAX_BODIES = 1000
@@ -110,7 +110,7 @@ def _weld(triangles: Floats) -> tuple[Any, list[str]]:
 
 
 def _distinct(faces: Any) -> Any:
-    """Faces (m, 3) with three different corners, each once; one that faces the other way is another."""
+    """Select faces (m, 3) with three different corners, each once; a reversed one is another."""
     f = faces[(faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])]
     least = f.argmin(axis=1)[:, None]
     turned = np.take_along_axis(f, (least + np.arange(3)) % 3, axis=1)
@@ -142,7 +142,7 @@ def _bodies(name: str, mesh: Any) -> list[Any]:
 
 
 def _close_bodies(bodies: list[Any], report: Report) -> tuple[list[Any], bool]:
-    """Closed surfaces that enclose something, and whether any hole was filled or a surface changed.
+    """Close surfaces that enclose something; also whether any hole was filled or a surface changed.
 
     Flat holes are capped. Others are closed by MeshFix, one body after the other (all at once would drop all
     but the largest), unless it takes away some of the surface: then they are capped too.
@@ -178,13 +178,13 @@ def _close_bodies(bodies: list[Any], report: Report) -> tuple[list[Any], bool]:
 
 
 def _volume_mm3(body: Any) -> float:
-    """Volume as `body.volume`, which divides by it."""
+    """Compute the volume; unlike `body.volume`, without dividing by it."""
     a, b, c = np.moveaxis(np.asarray(body.triangles) - body.bounds.mean(axis=0), 1, 0)
     return float(np.einsum("ij,ij->", np.cross(a, b), c) / 6.0)
 
 
 def _shells(body: Any) -> list[Any] | None:
-    """A body's surfaces by `split_shells`, None where it cannot take them apart."""
+    """Split a body into surfaces by `split_shells`, None where it cannot take them apart."""
     faces = orient_faces(np.asarray(body.faces))
     found = None if faces is None else split_shells(np.asarray(body.vertices), faces)
     return None if found is None else [trimesh.Trimesh(*shell, process=False) for shell in found]
@@ -205,7 +205,7 @@ def _mesh_fix(body: Any) -> Any:
 
 
 def _refuse_if_changed(name: str, before: Any, solid: Solid) -> float:
-    """Share of new surface; refuses a repair that changes so much that it invents a model."""
+    """Measure the share of new surface; refuse a repair that changes so much that it invents a model."""
     after: Any = trimesh.Trimesh(*solid.arrays(), process=False)
     probes = _probes(before, PROBES)
     away = probes[_far(before, after)]
@@ -232,7 +232,7 @@ def _probes(mesh: Any, count: int) -> Floats:
 
 
 def _far(mesh: Any, other: Any) -> Bools:
-    """(PROBES,) Tell whether points on a mesh are further from another mesh than a repair may move it."""
+    """Find which points (PROBES,) on a mesh are further from another mesh than a repair may move it."""
     geometry: Any = trimesh.triangles  # untyped
     samples, triangle = trimesh.sample.sample_surface(other, SAMPLES, seed=0)
     probes = _probes(mesh, PROBES)
@@ -246,7 +246,7 @@ def _far(mesh: Any, other: Any) -> Bools:
 
 
 def _inside(points: Floats, triangles: Floats) -> Bools:
-    """(n,) Tell whether points lie in a closed surface (m, 3, 3): a ray meets it an odd number of times.
+    """Find which points (n, 3) lie in a closed surface (m, 3, 3): a ray meets it an odd number of times.
 
     The ray leans by no round number, so that it meets no edge of what is square.
     """
@@ -258,7 +258,7 @@ def _inside(points: Floats, triangles: Floats) -> Bools:
 
 @jit
 def _triangles_above(points: Floats, triangles: Floats) -> Ints:
-    """(n,) Number of triangles (m, 3, 3) straight above each point."""
+    """Count the triangles (m, 3, 3) straight above each of n points (n, 3), both float64 in mm."""
     above = np.zeros(len(points), np.int64)
     for i in range(len(points)):
         x, y, z = points[i]

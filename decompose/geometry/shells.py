@@ -1,4 +1,4 @@
-"""Triangles into oriented shells: which triangle goes on to which over an edge, and what closes a hole.
+"""Oriented shells from triangles: the neighbours across each edge, and the caps of holes.
 
 Nothing here moves a vertex or drops a triangle.
 """
@@ -19,7 +19,7 @@ ONE_PLANE_SHARE = 1e-6  # of the model: rims this near to one plane may belong t
 
 
 def orient_faces(faces: Ints) -> Ints | None:
-    """Faces (m, 3) turned to face as their neighbours do; None for a one-sided surface.
+    """Turn faces (m, 3) to face as their neighbours do; None for a one-sided surface.
 
     Neighbours are the two faces of an edge. Of each surface the lesser half is turned.
     """
@@ -84,7 +84,7 @@ def split_shells(vertices: Floats, faces: Ints) -> list[tuple[Floats, Ints]] | N
 
 
 def find_rims(faces: Ints) -> list[Ints]:
-    """Rims of the holes of a shell, as vertices in the order of a face that fills them."""
+    """Find the rims of the holes of a shell, as vertices in the order of a face that fills them."""
     tail, head, _ = _half_edges(faces)
     order, starts, counts = _by_edge(tail, head)
     lone = order[starts[counts == 1]]
@@ -101,14 +101,14 @@ def find_rims(faces: Ints) -> list[Ints]:
 
 
 def is_flat(rim: Floats) -> bool:
-    """Tell whether a rim (k, 3) is flat, but for a small share of its size."""
+    """Check whether a rim (k, 3) is flat, but for a small share of its size."""
     centred = rim - rim.mean(axis=0)
     off = np.linalg.svd(centred, full_matrices=False)[2][-1]
     return float(np.abs(centred @ off).max()) <= FLAT_SHARE * float(np.ptp(rim, axis=0).max())
 
 
 def cap_holes(vertices: Floats, faces: Ints) -> Ints:
-    """Faces (k, 3) that close all holes of shells, without a new vertex.
+    """Find faces (k, 3) that close all holes of shells, without a new vertex.
 
     A hole is filled in its plane. Two rims in one plane, one inside the other and of opposite turns, are the
     end of a pipe: the ring between them is filled.
@@ -148,13 +148,13 @@ def _is_hole_of(rim: Floats, normal: Floats, polygon: shapely.Polygon, frame: Fl
 
 
 def _newell(loop: Floats) -> Floats:
-    """Area vector of a closed loop (k, 3), by Newell."""
+    """Compute the area vector of a closed loop (k, 3), by Newell's method."""
     centred = loop - loop.mean(axis=0)
     return np.asarray(np.cross(centred, np.roll(centred, -1, axis=0)).sum(axis=0) / 2.0)
 
 
 def _frame(loop: Floats, normal: Floats) -> Floats:
-    """(4, 3) Two directions in the plane of a loop, its normal, and a point on it."""
+    """Find a frame (4, 3): two directions in the plane of a loop, its normal, and a point on it."""
     centre = loop.mean(axis=0)
     length = float(np.linalg.norm(normal))
     on_a_line = length == 0.0
@@ -165,12 +165,12 @@ def _frame(loop: Floats, normal: Floats) -> Floats:
 
 
 def _half_edges(faces: Ints) -> tuple[Ints, Ints, Ints]:
-    """Tail, head and face of each directed edge; number 3 f + k begins at corner k of face f."""
+    """List tail, head and face of each directed edge; number 3 f + k begins at corner k of face f."""
     return faces.reshape(-1), np.roll(faces, -1, axis=1).reshape(-1), np.arange(3 * len(faces)) // 3
 
 
 def _by_edge(tail: Ints, head: Ints) -> tuple[Ints, Ints, Ints]:
-    """Half-edges sorted by the edge that they lie on; where each edge begins there, and how many it has."""
+    """Sort half-edges by their edges; also where each edge begins in that order, and how many it has."""
     lo, hi = np.minimum(tail, head), np.maximum(tail, head)
     order = np.lexsort((hi, lo))
     new = np.flatnonzero(np.concatenate([[True], (np.diff(lo[order]) != 0) | (np.diff(hi[order]) != 0)]))
@@ -178,7 +178,7 @@ def _by_edge(tail: Ints, head: Ints) -> tuple[Ints, Ints, Ints]:
 
 
 def label_components(count: int, rows: Ints, columns: Ints) -> Ints:
-    """(count,) Number of the connected component of each node of a graph.
+    """Number the connected component (count,) of each node of a graph.
 
     Parameters
     ----------

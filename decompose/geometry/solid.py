@@ -55,14 +55,14 @@ class Solid:
 
     @classmethod
     def box(cls, lo: npt.ArrayLike, hi: npt.ArrayLike) -> Solid:
-        """An axis-aligned box with exactly these corners, in mm."""
+        """Build an axis-aligned box with exactly these corners, in mm."""
         ends = np.array([lo, hi], dtype=np.float64)
         corners = np.array([[ends[i & 1, 0], ends[i >> 1 & 1, 1], ends[i >> 2, 2]] for i in range(8)])
         return cls.from_arrays(corners, _BOX_FACES)
 
     @classmethod
     def union(cls, solids: list[Solid]) -> Solid:
-        """Union of all solids."""
+        """Unite all solids."""
         merged = manifold3d.Manifold.batch_boolean([s.manifold for s in solids], manifold3d.OpType.Add)
         return cls(_check_status(merged, "joining solids"))
 
@@ -85,11 +85,11 @@ class Solid:
 
     @property
     def bounds_mm(self) -> Floats:
-        """(2, 3) Least and greatest coordinates."""
+        """Least and greatest coordinates (2, 3)."""
         return np.array(self.manifold.bounding_box(), dtype=np.float64).reshape(2, 3)
 
     def arrays(self) -> tuple[Floats, Ints]:
-        """Vertices (n, 3) in mm, and faces (m, 3)."""
+        """Return the vertices (n, 3) in mm, and the faces (m, 3)."""
         mesh = self.manifold.to_mesh64()
         vertices = np.array(mesh.vert_properties, dtype=np.float64)[:, :3]
         return vertices, np.array(mesh.tri_verts, dtype=np.int64)
@@ -101,36 +101,36 @@ class Solid:
         return Solid(_check_status(self.manifold - other.manifold, "subtracting solids"))
 
     def clip(self, lo: npt.ArrayLike, hi: npt.ArrayLike) -> Solid:
-        """Part inside an axis-aligned box."""
+        """Cut out the part inside an axis-aligned box."""
         return self.intersect(Solid.box(lo, hi))
 
     def rotate(self, rotation: Floats) -> Solid:
-        """Same solid after ``v -> rotation @ v``, a rotation (3, 3)."""
+        """Rotate by ``v -> rotation @ v``, a rotation (3, 3)."""
         vertices, faces = self.arrays()
         return Solid.from_arrays(vertices @ rotation.T, faces)
 
     def simplify(self, tolerance_mm: float) -> Solid:
-        """Same solid without edges shorter than the tolerance, and flat where it is flat to within it."""
+        """Remove edges shorter than the tolerance, and flatten what is flat to within it."""
         return Solid(_check_status(self.manifold.simplify(tolerance_mm), "simplifying a solid"))
 
     def gap_mm(self, other: Solid, up_to_mm: float) -> float:
-        """Least distance to another solid, exact between their triangles; 0 where they meet.
+        """Measure the least distance to another solid, exact between their triangles; 0 where they meet.
 
-        Not looked for further than `up_to_mm`, which is the answer where the two are further apart.
+        At most `up_to_mm`, also where the two are further apart.
         """
         return float(self.manifold.min_gap(other.manifold, up_to_mm))
 
     def split(self, axis: int, at_mm: float) -> tuple[Solid, Solid]:
-        """Parts below and above an axis plane."""
+        """Split into the parts below and above an axis plane."""
         return self.split_by_plane(np.eye(3)[axis], at_mm)
 
     def split_by_plane(self, normal: Floats, at_mm: float) -> tuple[Solid, Solid]:
-        """Parts below and above the plane ``normal . x = at_mm``, of a unit normal (3,)."""
+        """Split into the parts below and above the plane ``normal . x = at_mm``, of a unit normal (3,)."""
         above, below = self.manifold.split_by_plane(tuple(normal.tolist()), at_mm)
         return Solid(_check_status(below, "cutting a solid")), Solid(_check_status(above, "cutting a solid"))
 
     def pieces(self) -> list[Solid]:
-        """Connected pieces, each with the cavities inside it, in the order of their least corners."""
+        """Split into connected pieces, each with its cavities, in the order of their least corners."""
         if self.is_empty:
             return []
         surfaces = [Solid(_check_status(p, "separating pieces")) for p in self.manifold.decompose()]
@@ -154,7 +154,7 @@ class Solid:
 
 
 def triangulate(polygons: list[Floats]) -> Ints:
-    """Triangles (k, 3) that fill polygons (n, 2), holes turned the other way; numbers count all their points.
+    """Fill polygons (n, 2), holes turned the other way, with triangles (k, 3); indices count all points.
 
     No point is added or left out, whatever the polygons look like.
     """

@@ -1,4 +1,4 @@
-"""Binary STL: the format of the parts."""
+"""Binary STL, the file format of parts."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ HEADER_BYTES, COUNT_BYTES, FACE_BYTES = 80, 4, 50
 
 
 def round_triangles(vertices: Floats, faces: Ints) -> npt.NDArray[np.float32] | None:
-    """Triangles (m, 3, 3) in the format's precision, without those that collapse in it.
+    """Round triangles (m, 3, 3) to the format's precision, without those that collapse in it.
 
     None where the surface would not stay closed: features thinner than the precision touch.
 
@@ -55,7 +55,7 @@ def write_stl(path: Path, corners: npt.NDArray[np.float32]) -> None:
 
 
 def is_binary_stl(data: bytes) -> bool:
-    """Tell whether an STL is binary: an ASCII one begins with `solid` and has `facet` soon after."""
+    """Check whether an STL is binary: an ASCII one begins with `solid` and has `facet` soon after."""
     return not (data[:5].lower() == b"solid" and b"facet" in data[:1000].lower())
 
 

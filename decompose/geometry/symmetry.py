@@ -1,10 +1,10 @@
-"""Planes of symmetry, by the search of SBD; and the paper's symmetry cut: the best one, if it is good enough.
+"""Planes of symmetry, by the search of SBD; the symmetry cut of Parallelobox takes the best one.
 
 Hatton et al. 2023: planes through the mean of the vertices, normals drawn from the sphere; the score is the
-mean distance from the vertices' mirror images to the nearest vertex. Two things have no effect in their
-program by mistake, and are left out by `draw_mirrors` alone: the best normals are refined, and a plane
-counts only within a tolerance, which is here a share of the model's size. Of their three draws of normals
-the second alone has an effect: here is one.
+mean distance from the vertices' mirror images to the nearest vertex. Two steps have no effect in their
+program by mistake, and only `draw_mirrors` leaves them out: the best normals are refined, and a plane counts
+only within a tolerance, here a share of the model's size. Only the second of their three draws of normals has
+an effect: here there is one draw.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from decompose.arrays import Floats
 
 SAMPLES = 100  # normals a round
 CONES_RAD = (0.3, 0.1, 0.03, 0.01)  # of the rounds after the first, about the best so far
-MAX_MIRRORED = 1000  # vertices whose mirror images are looked up
-FEW_MIRRORED = 300  # likewise, where part after part is looked at
+MAX_MIRRORED = 1000  # vertices whose mirror images are measured, for a whole model
+FEW_MIRRORED = 300  # and for one of many parts
 TOLERANCE = 0.01  # of the diagonal of the model's box
 SAME_AXIS_RAD = 0.01  # nearer to an axis than this, a normal is the axis where that is as good
 APART_RAD = 0.5  # two planes of one part differ by more than this
@@ -50,11 +50,11 @@ class _Cloud:
         return float(self._tree.query(images)[0].mean())
 
     def draw_normals(self) -> Floats:
-        """Normals (SAMPLES, 3), each direction as likely."""
+        """Draw normals (SAMPLES, 3), each direction as likely."""
         return _unit(self.rng.standard_normal((SAMPLES, 3)))
 
     def refine(self, normal: Floats, error_mm: float, samples: int = SAMPLES) -> tuple[Floats, float]:
-        """Best normal near to one, and its error."""
+        """Find the best normal near to one, and its error."""
         least = error_mm
         for cone in CONES_RAD:
             near = _unit(normal + cone * self.rng.standard_normal((samples, 3)))
@@ -67,7 +67,7 @@ class _Cloud:
         return normal, least
 
     def principal(self) -> Floats:
-        """(6, 3) The axes, and the principal directions of the cloud."""
+        """Return the axes, and the principal directions of the cloud: (6, 3)."""
         _, principal = np.linalg.eigh(np.cov(self.mirrored.T))
         return np.vstack([np.eye(3), principal.T])
 
@@ -76,14 +76,14 @@ class _Cloud:
 
 
 def find_mirror(vertices: Floats, rng: np.random.Generator, tolerance: float = TOLERANCE) -> Mirror | None:
-    """Best plane of symmetry of vertices (n, 3) in mm, None where it is not good enough.
+    """Find the best plane of symmetry of vertices, None where it is not good enough.
 
     Parameters
     ----------
     vertices
         (n, 3) in mm.
     rng
-        Of the normals that are tried.
+        Random numbers of the normals that are tried.
     tolerance
         Mean distance of mirror images that is good enough, as a share of the diagonal of the box about them.
     """
@@ -96,16 +96,14 @@ def find_mirror(vertices: Floats, rng: np.random.Generator, tolerance: float = T
 
 
 def draw_mirrors(vertices: Floats, rng: np.random.Generator, most: int) -> list[Mirror]:
-    """Best planes of one draw of normals, however bad, as the program of SBD answers: the best first.
+    """Find the best planes of one draw of normals, however bad, as the program of SBD does.
 
     Parameters
     ----------
-    vertices
-        (n, 3) in mm.
-    rng
-        Of the normals that are tried.
+    vertices, rng
+        As of `find_mirror`.
     most
-        Number of planes, whose normals differ from each other.
+        Most planes; their normals differ from each other.
     """
     cloud = _Cloud(vertices, rng, FEW_MIRRORED)
     ranked = sorted((cloud.error_mm(n), tuple(n)) for n in cloud.draw_normals())
@@ -115,20 +113,16 @@ def draw_mirrors(vertices: Floats, rng: np.random.Generator, most: int) -> list[
 def find_good_mirrors(
     vertices: Floats, rng: np.random.Generator, most: int, samples: int, tolerance: float = TOLERANCE
 ) -> list[Mirror]:
-    """Refined planes of symmetry that are good enough, with `samples` normals a round.
+    """Find refined planes of symmetry that are good enough, the best first.
 
     Parameters
     ----------
-    vertices
-        (n, 3) in mm.
-    rng
-        Of the normals that are tried.
-    most
-        Number of planes, whose normals differ from each other.
-    samples
-        Normals a round.
-    tolerance
+    vertices, rng, tolerance
         As of `find_mirror`.
+    most
+        Most planes; their normals differ from each other.
+    samples
+        Number of normals in a round.
     """
     cloud = _Cloud(vertices, rng, FEW_MIRRORED)
     normals = np.vstack([cloud.principal(), cloud.draw_normals()])
@@ -143,7 +137,7 @@ Scored = tuple[float, tuple[float, ...]]  # the error in mm, and the normal
 
 
 def _apart(ranked: list[Scored], most: int) -> list[Scored]:
-    """First of these whose normals differ from each other, whichever way they point."""
+    """Select the first planes whose normals differ from each other, whichever way they point."""
     kept: list[Scored] = []
     for error, normal in ranked:
         if len(kept) < most and all(abs(np.dot(normal, n)) < np.cos(APART_RAD) for _, n in kept):
@@ -156,7 +150,7 @@ def _diagonal_mm(vertices: Floats) -> float:
 
 
 def rotation_to_axis(normal: Floats) -> tuple[Floats, int]:
-    """Least rotation (3, 3), ``v_new = rotation @ v``, that lays a normal on an axis, and the axis.
+    """Find the least rotation (3, 3), ``v_new = rotation @ v``, that lays a normal on an axis, and the axis.
 
     Parameters
     ----------

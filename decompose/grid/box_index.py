@@ -10,14 +10,14 @@ Shape = tuple[int, int, int]  # of a grid, in cells
 
 @jit
 def interval(lo: int, hi: int, n: int) -> int:
-    """Index of the interval [lo, hi) among all n(n+1)/2 intervals of n cells, by length."""
+    """Compute the index of the interval [lo, hi) among all n(n+1)/2 intervals of n cells, by length."""
     length = hi - lo
     return (length - 1) * n - (length - 1) * (length - 2) // 2 + lo
 
 
 @jit
 def index_of(box: Box, shape: Shape) -> int:
-    """Index of a box in the tables of `BoxTables`, for compiled code; see `box_index`."""
+    """Compute the index of a box in the tables of `BoxTables`, for compiled code; see `box_index`."""
     x0, y0, z0, x1, y1, z1 = box
     nx, ny, nz = shape
     ty, tz = ny * (ny + 1) // 2, nz * (nz + 1) // 2
@@ -25,7 +25,7 @@ def index_of(box: Box, shape: Shape) -> int:
 
 
 def box_index(box: Box, shape: Shape) -> int:
-    """Index of a box in the tables of `BoxTables` over a grid of so many cells.
+    """Compute the index of a box in the tables of `BoxTables` over a grid.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ def box_index(box: Box, shape: Shape) -> int:
 
 
 def box_at(index: int, shape: Shape) -> Box:
-    """Box of an index: the inverse of `box_index`."""
+    """Find the box of an index: the inverse of `box_index`."""
     _, ny, nz = shape
     index, iz = divmod(index, nz * (nz + 1) // 2)
     ix, iy = divmod(index, ny * (ny + 1) // 2)
@@ -47,7 +47,7 @@ def box_at(index: int, shape: Shape) -> Box:
 
 
 def interval_ends(interval: int, n: int) -> tuple[int, int]:
-    """Ends of an interval of n cells by its index: the inverse of `interval`."""
+    """Find the ends of an interval of n cells by its index: the inverse of `interval`."""
     length = 1
     while interval >= n - length + 1:
         interval -= n - length + 1

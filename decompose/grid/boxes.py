@@ -1,6 +1,6 @@
-"""Every axis-aligned box of a grid: what it costs, what of it is needed, how many pieces are in it.
+"""Tables over every axis-aligned box of a grid: price, box about the needed cells, and number of pieces.
 
-There are some millions of them; a row, a layer and then a box are added up from the one before, so that each
+There are some millions of boxes; a row, a layer and then a box are added up from the one before, so that each
 box costs a few dozen additions.
 """
 
@@ -30,13 +30,13 @@ class BoxTables:
     Attributes
     ----------
     seconds
-        (boxes,) print time in the best pose that fits; +inf where none fits or it was not worth computing.
+        (boxes,) print time in the best pose that fits; +inf where none fits, or it was not computed.
     trimmed
         (boxes,) index of the box about its needed cells, -1 where it has none.
     pieces
-        (boxes,) connected pieces of the solid in it, as far as the grid can tell.
+        (boxes,) number of connected pieces of the solid in it, by the grid.
     cut_mm2
-        (boxes,) area of its cut faces, of boxes that may be printed; or (0,) where it does not matter.
+        (boxes,) area of the cut faces of boxes that may be printed; or (0,) where it is not needed.
     """
 
     shape: tuple[int, int, int]
@@ -46,13 +46,13 @@ class BoxTables:
     cut_mm2: npt.NDArray[np.float32] = field(default_factory=lambda: np.zeros(0, np.float32))
 
     def longest_s(self, found: Iterable[Box]) -> float:
-        """The time of the costliest of some boxes, each trimmed."""
+        """Find the time of the costliest of some boxes, each trimmed."""
         return max(float(self.seconds[self.trimmed[box_index(box, self.shape)]]) for box in found)
 
 
 @jit
 def _fits_all(rooms: Floats, width_mm: float, depth_mm: float, height_mm: float) -> bool:
-    """Tell whether extents fit at least one box of each of rooms (rooms, boxes, 3), turned about z or not."""
+    """Check whether extents fit a box of each of rooms (rooms, boxes, 3), turned about z or not."""
     for r in range(len(rooms)):
         fits = False
         for b in range(rooms.shape[1]):
@@ -67,7 +67,7 @@ def _fits_all(rooms: Floats, width_mm: float, depth_mm: float, height_mm: float)
 
 @jit
 def _clear_ends(ends: Floats) -> None:
-    """Make ends (12,) those of nothing: see `_cell_ends`."""
+    """Reset ends (12,) to those of no cell: see `_cell_ends`."""
     for k in range(3):
         ends[k], ends[k + 3], ends[k + 6], ends[k + 9] = np.inf, -np.inf, np.inf, -np.inf
 
@@ -82,9 +82,10 @@ def _widen_ends(ends: Floats, more: Floats) -> None:
 
 @jit
 def _cell_ends(needed: Bools, extents: Floats) -> Floats:
-    """Ends of each cell (nx, ny, nz, 12): of its solid in mm, and of the cell where it is needed, in cells.
+    """Find the ends (nx, ny, nz, 12) of each cell: of its solid in mm, and of the needed cell, in cells.
 
-    Columns 0-2 and 6-8 are the least x, y and z, 3-5 and 9-11 the greatest; 1e9 and -1e9 of no cell.
+    Columns 0-2 and 6-8 are the least x, y and z, 3-5 and 9-11 the greatest; 1e9 and -1e9 for no cell.
+    extents: (nx, ny, nz, 6) of `Grid`.
     """
     nx, ny, nz = needed.shape
     own = np.zeros((nx, ny, nz, 6))
@@ -104,7 +105,7 @@ def _cell_ends(needed: Bools, extents: Floats) -> Floats:
 def _cut_areas(cuts: tuple[Floats, Floats, Floats], box: Box, areas: Floats) -> float:
     """Fill in the cut areas (6,) in mm2 of a box's sides, -x +x -y +y -z +z, and return their sum.
 
-    cuts: for each axis the prefix sums of `Grid.cuts` over the two other axes.
+    cuts: for each axis the summed-area table of `Grid.cuts` over the two other axes.
     """
     x0, y0, z0, x1, y1, z1 = box
     cut_x, cut_y, cut_z = cuts
@@ -118,10 +119,10 @@ def _cut_areas(cuts: tuple[Floats, Floats, Floats], box: Box, areas: Floats) -> 
 
 @jit
 def _least_price(prices: Prices, rooms: Floats, sums: Floats, ends_mm: Floats, areas: Floats) -> float:
-    """Seconds of a box in the best axis pose that fits all rooms; +inf where none does.
+    """Price a box in the best axis pose that fits all rooms, in seconds; +inf where none does.
 
-    sums: (SUMS,) of its cells, see `grid.clipping`. ends_mm: (12,), of which 0-5 are its extents.
-    areas: (6,) of its cut sides in mm2.
+    rooms: (rooms, boxes, 3) in mm. sums: (SUMS,) over its cells, see `grid.clipping`. ends_mm: (12,); 0-5 are
+    its extents. areas: (6,) of its cut sides in mm2.
     """
     cut = areas.sum()
     best = np.inf
@@ -176,7 +177,7 @@ class Priced(NamedTuple):
 
 @jit
 def _clear(total: Contents) -> None:
-    """Make contents those of no cells."""
+    """Reset contents to those of no cells."""
     total.sums[:] = 0.0
     for i in range(len(total.ends)):
         _clear_ends(total.ends[i])
@@ -320,7 +321,7 @@ def _count_pieces(
 
 
 def room_array(printers: Sequence[PrinterRoom]) -> Floats:
-    """Distinct rooms of printers as (rooms, boxes, 3) in mm, padded with boxes that nothing fits."""
+    """List the distinct rooms of printers (rooms, boxes, 3) in mm, padded with boxes that nothing fits."""
     distinct = sorted({p.boxes for p in printers})
     most = max(len(boxes) for boxes in distinct)
     return np.array([list(boxes) + [(-1.0, -1.0, -1.0)] * (most - len(boxes)) for boxes in distinct])

@@ -61,7 +61,7 @@ def _unit_normal(triangle: Floats, normal: Floats) -> bool:
 
 @jit
 def _slab_range(planes: Floats, polygon: Floats, axis: int) -> tuple[int, int]:
-    """First and last slab between planes (n + 1,) that a polygon (k, 3) crosses along an axis."""
+    """Find the first and last slab between planes (n + 1,) that a polygon (k, 3) crosses along an axis."""
     lo, hi = np.inf, -np.inf
     for i in range(len(polygon)):
         lo = min(lo, polygon[i, axis])
@@ -93,7 +93,7 @@ def _clip(polygon: Floats, axis: int, at_mm: float, above: bool, clipped: Floats
 
 @jit
 def _area_and_centre(polygon: Floats, normal: Floats, centre: Floats) -> float:
-    """Area in mm2 of a plane polygon (k, 3) with a unit normal (3,), by a fan of triangles.
+    """Compute the area in mm2 of a plane polygon (k, 3) with a unit normal (3,), by a fan of triangles.
 
     centre: (3,) filled in with its centroid times its area.
     """

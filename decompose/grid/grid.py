@@ -1,4 +1,4 @@
-"""The grid over a model: classes of its cells, and what each cell holds of everything that costs time.
+"""Grid over a model: classes of its cells, and the sums in each cell that print time depends on.
 
 Each triangle is clipped to the cells that it crosses, once. All else follows exactly from the divergence
 theorem: the flux of a constant field through a cell's piece of surface gives the cut area of its far side
@@ -28,7 +28,7 @@ taken for a cut."""
 
 
 class Cell(IntEnum):
-    """The class of a cell."""
+    """Class of a cell."""
 
     EXTERNAL = 0
     INTERNAL = 1
@@ -96,14 +96,14 @@ class Grid:
         return nx, ny, nz
 
     def bounds_mm(self, box: tuple[int, ...]) -> tuple[Floats, Floats]:
-        """Corners in mm of a box of cells ``(x0, y0, z0, x1, y1, z1)``, half-open."""
+        """Return the corners in mm of a box of cells ``(x0, y0, z0, x1, y1, z1)``, half-open."""
         lo = np.array([self.planes[a][box[a]] for a in range(3)])
         hi = np.array([self.planes[a][box[a + 3]] for a in range(3)])
         return lo, hi
 
 
 def flat_coordinates(triangles: Floats, axis: int) -> npt.NDArray[Any]:
-    """The coordinates (k,) at which the mesh has faces square to an axis, sorted.
+    """Find the coordinates (k,) at which the mesh has faces square to an axis, sorted.
 
     Parameters
     ----------
@@ -119,7 +119,7 @@ def flat_coordinates(triangles: Floats, axis: int) -> npt.NDArray[Any]:
 
 
 def place_planes(lo_mm: float, hi_mm: float, count: int, flats: npt.NDArray[Any]) -> Floats:
-    """Coordinates of count+1 planes: the first and last outside the model, the others clear of flat faces.
+    """Place count+1 planes: the first and last outside the model, the others clear of flat faces.
 
     A plane that would lie within CLEAR_MM of a flat face moves to the nearest place that is clear; where
     there is none within 0.4 of a cell it goes where it is furthest from any.
@@ -141,7 +141,7 @@ def place_planes(lo_mm: float, hi_mm: float, count: int, flats: npt.NDArray[Any]
 
 
 def cell_counts(size_mm: Floats, granularity: int) -> tuple[int, int, int]:
-    """Cells along each axis: near-cubes, granularity cubed of them, fewer where cells get too small.
+    """Count cells along each axis: near-cubes, granularity cubed of them, fewer where they get too small.
 
     Parameters
     ----------
@@ -233,7 +233,7 @@ def fill_grid(triangles: Floats, planes: tuple[Floats, Floats, Floats], rules: G
 def _wall(
     cells: npt.NDArray[np.int8], surface: Floats, planes: tuple[Floats, ...], min_wall_mm: float
 ) -> Bools:
-    """Internal cells that the surface may come nearer to than min_wall_mm.
+    """Find the internal cells that may be nearer to the surface than min_wall_mm.
 
     The distance is that between the cell and the box about the surface in each boundary cell, never more
     than the true one.

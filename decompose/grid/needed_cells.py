@@ -1,7 +1,7 @@
 """Needed cells of a grid, on finer cells than those that the model is cut along.
 
-A cell counts as needed whole, however little of it is. Where planes leave the grid that matters: a part that
-borders on the hollow may give way by what is neither surface nor the wall behind it.
+On the grid a whole cell counts as needed, however little of it is. Where planes leave the grid that matters:
+a part next to the hollow may shrink by all that is neither surface nor the wall behind it.
 """
 
 from __future__ import annotations
@@ -20,18 +20,20 @@ MAX_FINER = 4
 def refine_cells(
     grid: Grid, triangles: Floats, min_wall_mm: float, keep_interior: bool, most_cells: int
 ) -> NeededCells:
-    """Needed part of a grid's needed cells, each of them divided.
+    """Find the needed part of a grid's needed cells, each of them divided.
 
     Parameters
     ----------
+    grid
+        Over the triangles.
     triangles
-        (m, 3, 3) in mm, that the grid is laid over.
+        (m, 3, 3) in mm.
     min_wall_mm
-        What is nearer to the surface is needed.
+        Cells nearer than this to the surface are needed.
     keep_interior
-        All of the inside is needed.
+        Every internal cell is needed.
     most_cells
-        That there may be in all, where the grid itself has not more.
+        Most cells in all, where the grid itself does not have more.
     """
     times = max(1, min(MAX_FINER, int((most_cells / grid.needed.size) ** (1.0 / 3.0))))
     px, py, pz = (_finer(planes, times) for planes in grid.planes)
@@ -47,13 +49,13 @@ def refine_cells(
 
 
 def _finer(planes: Floats, times: int) -> Floats:
-    """Divide each interval of planes (n + 1,) into so many equal ones."""
+    """Divide each interval of planes (n + 1,) into equal ones."""
     shares = np.arange(times) / times
     return np.append((planes[:-1, None] + np.diff(planes)[:, None] * shares).ravel(), planes[-1])
 
 
 def _near(extents: Floats, planes: tuple[Floats, Floats, Floats], distance_mm: float) -> Bools:
-    """(nx, ny, nz) Whether a cell is nearer to any of the boxes (b, 6) than a distance, along the axes."""
+    """Find the cells (nx, ny, nz) nearer to any of the boxes (b, 6) than a distance, along the axes."""
     ends = np.zeros([len(p) for p in planes], dtype=np.int64)
     first = [np.searchsorted(p, extents[:, a] - distance_mm, side="right") - 1 for a, p in enumerate(planes)]
     last = [np.searchsorted(p, extents[:, a + 3] + distance_mm, side="left") for a, p in enumerate(planes)]
@@ -87,7 +89,7 @@ class NeededCells:
     needed: Bools
 
     def is_partition(self, boxes_mm: Floats) -> bool:
-        """Tell whether boxes (n, 2, 3) do not overlap and leave nothing of a needed cell open."""
+        """Check whether boxes (n, 2, 3) do not overlap and leave nothing of a needed cell open."""
         lo, hi = boxes_mm[:, 0], boxes_mm[:, 1]
         overlap = np.minimum(hi[:, None], hi[None]) - np.maximum(lo[:, None], lo[None])
         if (np.triu((overlap > SAME_MM).all(axis=2), k=1)).any() or (hi - lo <= SAME_MM).any():

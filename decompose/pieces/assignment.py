@@ -71,5 +71,5 @@ def assign_bottleneck(seconds: Floats) -> list[int] | None:
 
 
 def _has_matching(allowed: Bools) -> bool:
-    """Tell whether every row has a column of its own among those that it is allowed."""
+    """Check whether every row has a column of its own among those that it is allowed."""
     return bool((maximum_bipartite_matching(csr_array(allowed), perm_type="column") >= 0).all())

@@ -15,10 +15,10 @@ from decompose.geometry import Solid, label_components
 from decompose.options import MIN_GLUE_MM2
 from decompose.pieces.piece import ON_PLANE_MM, find_cut_faces
 
-SLIVER_MM = 8.0  # a piece that a cut leaves thinner than this in its box is lost, bent or glued askew
-TWO_WALLS_MM = 0.8  # of a 0.4 mm nozzle: what is thinner has no inside
-FLAKE_SHARE = 0.25  # of a flake's surface at least is cut
-SAME_DIGITS = 6  # of a plane's normal and distance: two pieces were cut at the same one
+SLIVER_MM = 8.0  # a piece that a cut leaves thinner than this is lost, bent or glued at an angle
+TWO_WALLS_MM = 0.8  # two walls of a 0.4 mm nozzle: a thinner piece has no interior
+FLAKE_SHARE = 0.25  # least share of a flake's surface that is cut
+SAME_DIGITS = 6  # decimals of normal and distance in which two pieces' planes agree
 
 
 class CutSolid(Protocol):
@@ -38,7 +38,7 @@ class Joint:
     Attributes
     ----------
     area_mm2
-        Of the faces that they share, which is the glue's.
+        Area of the faces that they share, which is glued.
     width_mm
         Diameter of the largest circle that has room in one of these faces: a long thin joint is as wide as it
         is thin.
@@ -50,22 +50,22 @@ class Joint:
     width_mm: float
 
     def holds(self, min_glue_mm2: float) -> bool:
-        """Tell whether it counts: of this area at least, and two walls wide; of any width where 0 will do.
+        """Check whether the joint counts: by its area, and two walls wide; of any width where 0 mm2 do.
 
         A narrower joint is a line of glue, however long: the parts fold about it.
         """
         return self.area_mm2 >= min_glue_mm2 and (min_glue_mm2 <= 0.0 or self.width_mm >= TWO_WALLS_MM)
 
     def weakness(self, min_glue_mm2: float) -> str:
-        """Reason why it does not count, as the end of a sentence."""
+        """Give the reason why the joint does not count, as the end of a sentence."""
         if self.area_mm2 < min_glue_mm2:
-            return f"is held by {self.area_mm2:.1f} mm2 of glue, of {min_glue_mm2:g} mm2 that are wanted"
-        return f"is held by a joint {self.width_mm:.1f} mm wide, of {TWO_WALLS_MM:g} mm that are wanted"
+            return f"is held by {self.area_mm2:.1f} mm2 of glue, less than {min_glue_mm2:g} mm2"
+        return f"is held by a joint {self.width_mm:.1f} mm wide, less than {TWO_WALLS_MM:g} mm"
 
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """A piece that a partition is better without, and the reason as the end of a sentence."""
+    """Piece that makes a partition bad to glue, and the reason as the end of a sentence."""
 
     piece: int
     reason: str
@@ -101,12 +101,11 @@ def find_joints(pieces: Sequence[CutSolid]) -> list[Joint]:
 def find_faults(
     pieces: Sequence[CutSolid], min_glue_mm2: float = MIN_GLUE_MM2, touching: Sequence[Joint] | None = None
 ) -> list[Fault]:
-    """Find the pieces that a partition is better without, at most one for each reason.
+    """Find the pieces that make a partition bad to glue, at most one for each reason.
 
     Slivers: a cut left them under SLIVER_MM across it, or they are flakes thinner than two walls. Loose
-    pieces: some joints do not hold (`Joint.holds`), and the others do not hold them to the body that they are
-    of. A piece that touches no other is a body of its own. `touching` are the joints, where
-    they are known already.
+    pieces: some joints do not hold (`Joint.holds`), and the others do not connect them to their body. A piece
+    that touches no other is a body of its own.
 
     Parameters
     ----------
@@ -115,7 +114,7 @@ def find_faults(
     min_glue_mm2
         Least area of a joint that counts as holding.
     touching
-        Of `find_joints`, where known.
+        Joints of `find_joints`, where they are known already.
     """
     found = [Fault(i, what) for i, piece in enumerate(pieces) if (what := _sliver(piece))]
     touching = find_joints(pieces) if touching is None else touching
@@ -123,7 +122,7 @@ def find_faults(
 
 
 def _loose(volumes_mm3: Sequence[float], touching: Sequence[Joint], min_glue_mm2: float) -> list[Fault]:
-    """Of each group of pieces that only weak joints hold to its body, the smallest that has such a joint."""
+    """Find, for each group that only weak joints hold to its body, the smallest piece with such a joint."""
     body = _groups(len(volumes_mm3), touching)
     held = _groups(len(volumes_mm3), [j for j in touching if j.holds(min_glue_mm2)])
     weight = np.bincount(held, weights=volumes_mm3)
@@ -139,13 +138,13 @@ def _loose(volumes_mm3: Sequence[float], touching: Sequence[Joint], min_glue_mm2
 
 
 def _sliver(piece: CutSolid) -> str:
-    """Reason why a piece is a sliver; empty where it is none."""
+    """Find the reason why a piece is a sliver; empty where it is none."""
     vertices, faces = piece.solid.arrays()
     for plane in piece.planes:
         off_mm = vertices @ plane[:3] - plane[3]
         across_mm = float(np.ptp(off_mm))
         if across_mm < SLIVER_MM and (np.abs(off_mm) < ON_PLANE_MM).sum() >= 3:
-            return f"is {across_mm:.1f} mm thin where it was cut, of {SLIVER_MM:g} mm that are wanted"
+            return f"is {across_mm:.1f} mm thin where it was cut, less than {SLIVER_MM:g} mm"
     thick_mm = 2.0 * piece.solid.volume_mm3 / piece.solid.area_mm2
     if thick_mm < TWO_WALLS_MM:
         triangles = vertices[faces[find_cut_faces(vertices, faces, piece.planes)]]
@@ -161,7 +160,7 @@ def _groups(count: int, touching: Sequence[Joint]) -> Ints:
 
 
 def _cut_sides(solid: Solid, planes: Floats) -> dict[tuple[float, ...], shapely.Geometry]:
-    """Faces of a solid on each plane, as one geometry in its coordinates, by the plane's name."""
+    """Find the faces of a solid on each plane, as one geometry in its coordinates, by the plane's name."""
     vertices, faces = solid.arrays()
     found: dict[tuple[float, ...], shapely.Geometry] = {}
     for plane in planes:
@@ -173,7 +172,7 @@ def _cut_sides(solid: Solid, planes: Floats) -> dict[tuple[float, ...], shapely.
         name = np.round(turn * plane, SAME_DIGITS) + 0.0
         side = np.cross(np.eye(3)[int(np.abs(name[:3]).argmin())], name[:3])
         frame = np.stack([side, np.cross(name[:3], side)]) / np.linalg.norm(side)
-        corners = np.round((vertices @ frame.T)[flat], SAME_DIGITS)  # a hair beside 0 has no inverse
+        corners = np.round((vertices @ frame.T)[flat], SAME_DIGITS)  # a value next to 0 has no inverse
         rings = shapely.polygons(np.concatenate([corners, corners[:, :1]], axis=1))
         whole = shapely.union_all(rings[shapely.area(rings) > 0.0])
         if whole.area > 0.0:

@@ -1,4 +1,4 @@
-"""A piece of the model as an engine cut it, and what of its surface is cut."""
+"""Piece of the model as an engine cut it, and the cut faces of its surface."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from decompose.geometry import Solid
 from decompose.grid import Box, Grid
 from decompose.printers import PrinterRoom
 
-ON_PLANE_MM = 1e-7  # how far from a cut plane rounding may leave a vertex
+ON_PLANE_MM = 1e-7  # distance from a cut plane at which rounding may leave a vertex
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Piece:
-    """One connected piece, not yet posed.
+    """Connected piece, not yet posed.
 
     Attributes
     ----------
@@ -30,9 +30,9 @@ class Piece:
         (b, 2, 3) corners of the axis-aligned boxes whose content it is a part of; none where it was cut
         in another way. The solid outside of all boxes was left out.
     printer
-        That it is cut for; None: any, so that it has to fit them all.
-    slower
-        How many times as long it takes as the cost says, as far as a slicer has shown it.
+        Printer that it is cut for; None: any, so that it has to fit them all.
+    time_ratio
+        Sliced time over the price, where a slicer has shown it.
     """
 
     solid: Solid
@@ -53,7 +53,7 @@ def sort_pieces(pieces: Iterable[Piece]) -> list[Piece]:
 
 
 def cut_box(solid: Solid, lo_mm: npt.ArrayLike, hi_mm: npt.ArrayLike) -> list[Piece]:
-    """Connected pieces of a solid in an axis-aligned box, cut exactly in double precision.
+    """Cut out the connected pieces of a solid in an axis-aligned box, exactly in double precision.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ def cut_box(solid: Solid, lo_mm: npt.ArrayLike, hi_mm: npt.ArrayLike) -> list[Pi
 
 
 def cut_cells(solid: Solid, grid: Grid, box: Box) -> list[Piece]:
-    """Connected pieces of a solid in a box of cells; the grid's outermost planes cut no face.
+    """Cut out the connected pieces of a solid in a box of cells; the outermost planes cut no face.
 
     Parameters
     ----------
@@ -83,12 +83,12 @@ def cut_cells(solid: Solid, grid: Grid, box: Box) -> list[Piece]:
 
 
 def box_planes(box_mm: Floats) -> Floats:
-    """(6, 4) Planes of the sides of a box (2, 3)."""
+    """List the planes (6, 4) of the sides of a box (2, 3)."""
     return np.array([[*np.eye(3)[axis], box_mm[side, axis]] for side in range(2) for axis in range(3)])
 
 
 def find_cut_faces(vertices: Floats, faces: Ints, planes: Floats) -> Bools:
-    """(m,) Tell which faces lie on one of these planes (k, 4).
+    """Find which faces (m,) lie on any of some planes (k, 4).
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ def find_cut_faces(vertices: Floats, faces: Ints, planes: Floats) -> Bools:
 
 
 def rotate_planes(planes: Floats, rotation: Floats) -> Floats:
-    """Planes (k, 4) after ``v -> rotation @ v``.
+    """Rotate planes (k, 4) by ``v -> rotation @ v``.
 
     Parameters
     ----------

@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from decompose.arrays import Bools, Floats, Ints
-from decompose.jit import jit
-from decompose.print_time.rays import Rays, find_crossings, unit_normals
+from decompose.jit import jit, jit_inline
+from decompose.print_time.rays import Crossings, Rays, find_crossings, unit_normals
 
 MIN_STEP_MM = 0.4
 LEVELS = 8  # heights at which the growing part is measured
@@ -26,8 +26,8 @@ class Runs(NamedTuple):
     start, counts
         (rays,) int64 index of the first run of each column, and the number of its runs.
     ends
-        (runs, 5) float64 in mm: bottom and top of a run, height of air and of support below it, and the
-        height by which its lower face falls from one column to the next.
+        (runs, 5) float64: bottom and top of a run, height of air and of support below it, all in mm, and the
+        slope of its lower face.
     """
 
     start: Ints
@@ -41,7 +41,7 @@ class Sweep(NamedTuple):
     Attributes
     ----------
     touched
-        Number of columns of support that hang under or stand on a marked face, once for each of the two.
+        Number of marked faces that columns of support touch, with their upper or their lower end.
     levels
         (LEVELS, 4) float64 moments in x, y, z and mass of the solid below each level, per area of a column.
     propped
@@ -89,13 +89,11 @@ def sweep_columns(triangles: Floats, marked: Floats, rays: Rays, height: float, 
     ending = np.zeros((LEVELS, 4))  # and those that end below it, and not below the one before
     for column in range(nx * ny):
         i, j = column // ny, column % ny
-        begin, end = crossings.start[column], crossings.start[column + 1]
-        crossed = (crossings.z_mm[begin:end], crossings.face[begin:end])
-        found = _follow_ray(crossed, normals, marked, overhang_cos, step, runs.ends[begin:end])
+        found = _follow_ray(crossings, column, normals, marked, overhang_cos, runs.ends)
         runs.counts[column], supports[i, j], on_marked, propped[i, j] = found
         touched += on_marked
         x, y = origin[0] + i * step, origin[1] + j * step
-        for run in range(begin, begin + runs.counts[column]):
+        for run in range(runs.start[column], runs.start[column] + runs.counts[column]):
             _add_run(passing, ending, (x, y), (runs.ends[run, 0], runs.ends[run, 1]), height)
     for level in range(LEVELS):
         for above in range(level, LEVELS):
@@ -106,27 +104,18 @@ def sweep_columns(triangles: Floats, marked: Floats, rays: Rays, height: float, 
     return Sweep(touched, passing, propped, supports, towers_mm, edges_mm2, islands_mm)
 
 
-@jit
+@jit_inline
 def _follow_ray(
-    crossed: tuple[Floats, Ints],
-    normals: Floats,
-    marked: Floats,
-    overhang_cos: float,
-    step: float,
-    ends: Floats,
+    crossings: Crossings, ray: int, normals: Floats, marked: Floats, overhang_cos: float, ends: Floats
 ) -> tuple[int, float, float, bool]:
     """Find the runs of solid along a ray, and the support below them.
 
     Parameters
     ----------
-    crossed
-        (k,) float64 rising heights in mm and (k,) int64 indices of the faces that it crosses.
-    normals, marked
-        (m, 3) float64 unit normals and (m,) float64 marks of all faces.
-    overhang_cos, step
-        As of `sweep_columns` and `Rays`.
+    normals, marked, overhang_cos
+        (m, 3) float64 unit normals of all faces; the others as of `sweep_columns`.
     ends
-        (k, 5) float64, of `Runs`, filled in.
+        (runs, 5) float64, of `Runs`, filled in from the first crossing of the ray on.
 
     Returns
     -------
@@ -134,12 +123,12 @@ def _follow_ray(
         Number of runs, height of support in mm, number of marked faces that it touches, and whether it
         carries the part from the bed.
     """
-    z_mm, face = crossed
+    first = crossings.start[ray]
     count, supported, touched, propped = 0, 0.0, 0.0, False
-    below, on_marked = 0.0, 0.0  # where a support in this column would stand, and on what
+    below, on_marked = 0.0, 0.0  # height at which a support would begin, and the mark of the face there
     depth, bottom, air, support, lean = 0, 0.0, 0.0, 0.0, 0.0
-    for k in range(len(z_mm)):
-        z, t = z_mm[k], face[k]
+    for k in range(first, crossings.start[ray + 1]):
+        z, t = crossings.z_mm[k], crossings.face[k]
         up = normals[t, 2]
         if up < 0.0:
             depth += 1
@@ -157,13 +146,13 @@ def _follow_ray(
         if depth != 0:
             continue
         below, on_marked = z, marked[t]
-        ends[count, 0], ends[count, 1], ends[count, 2], ends[count, 3] = bottom, z, air, support
-        ends[count, 4] = lean * step
+        run = first + count
+        ends[run, 0], ends[run, 1], ends[run, 2], ends[run, 3], ends[run, 4] = bottom, z, air, support, lean
         count += 1
     return count, supported, touched, propped
 
 
-@jit
+@jit_inline
 def _add_run(
     passing: Floats, ending: Floats, place: tuple[float, float], run: tuple[float, float], height: float
 ) -> None:
@@ -183,19 +172,19 @@ def _add_run(
     bottom, top = run
     level = int(bottom / height * LEVELS)
     while level < LEVELS - 1 and height * (level + 1) / LEVELS < top:
-        _add(passing[level], place, bottom, height * (level + 1) / LEVELS)
+        _add(passing, level, place, bottom, height * (level + 1) / LEVELS)
         level += 1
-    _add(ending[min(level, LEVELS - 1)], place, bottom, top)
+    _add(ending, min(level, LEVELS - 1), place, bottom, top)
 
 
-@jit
-def _add(sums: Floats, place: tuple[float, float], bottom: float, top: float) -> None:
-    """Add the moments and the mass of a part of a column at x, y in mm to sums (4,) float64."""
+@jit_inline
+def _add(sums: Floats, level: int, place: tuple[float, float], bottom: float, top: float) -> None:
+    """Add the moments and the mass of a part of a column at x, y in mm to sums (LEVELS, 4) float64."""
     x, y = place
-    sums[0] += x * (top - bottom)
-    sums[1] += y * (top - bottom)
-    sums[2] += (top * top - bottom * bottom) / 2.0
-    sums[3] += top - bottom
+    sums[level, 0] += x * (top - bottom)
+    sums[level, 1] += y * (top - bottom)
+    sums[level, 2] += (top * top - bottom * bottom) / 2.0
+    sums[level, 3] += top - bottom
 
 
 @jit
@@ -207,14 +196,10 @@ def _towers(runs: Runs, supports: Floats, carried: float, step: float) -> tuple[
 
     Parameters
     ----------
-    runs
-        Runs of all columns.
     supports
         (nx, ny) float64 height of support in each column, in mm.
-    carried
-        Height in mm by which a run beside has to begin lower to carry a run.
-    step
-        Distance of the columns in mm.
+    carried, step
+        Height by which a run beside has to begin lower to carry a run, and distance of the columns, in mm.
 
     Returns
     -------
@@ -228,7 +213,7 @@ def _towers(runs: Runs, supports: Floats, carried: float, step: float) -> tuple[
         for k in range(start[column], start[column] + counts[column]):
             bottom, air = ends[k, 0], ends[k, 2]
             # A thin wall that leans is carried by what is lower, by as much as it falls between two columns.
-            reached = bottom - ends[k, 4]
+            reached = bottom - ends[k, 4] * step
             if air <= MIN_GAP_MM:
                 continue
             begins, edge = True, False

@@ -1,6 +1,6 @@
-"""A part seen as upright columns: where its supports stand, and how its mass grows as it is printed.
+"""Part as upright columns: the places of its supports, and the growth of its mass as it is printed.
 
-A support ends on whatever is below it, which is often the part itself; sums over faces cannot see that.
+A support ends on whatever is below it, which is often the part itself; sums over faces do not show that.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from decompose.arrays import Bools, Floats
 from decompose.print_time.column_kernels import MIN_STEP_MM, sweep_columns
 from decompose.print_time.rays import Rays, find_bounds
 
-COLUMNS = 12_000  # about how many: support volumes then err by 1 to 2 %
+COLUMNS = 12_000  # approximate number, at which support volumes err by 1 to 2 %
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,14 +65,14 @@ def measure_columns(triangles: Floats, marked: Bools, overhang_cos: float, count
     overhang_cos
         Faces whose normal points down by more than this get support.
     count
-        About how many columns.
+        Approximate number of columns.
     """
     triangles = np.ascontiguousarray(triangles)
     lo, hi = find_bounds(triangles)
     width, depth, height = (hi - lo).tolist()
     step = max(MIN_STEP_MM, math.sqrt(width * depth / count))
     shape = math.ceil(width / step), math.ceil(depth / step)
-    # Off the middle by an odd share: a column through an edge of the mesh would be seen twice or not at all.
+    # Off the middle by an odd share: a ray through an edge of the mesh could count twice or not at all.
     origin = lo[:2] + step * (0.5 + np.array([0.0123, 0.0271]))
     found = sweep_columns(
         triangles, marked.astype(np.float64), Rays(origin, step, shape), height, overhang_cos
@@ -93,14 +93,14 @@ def measure_columns(triangles: Floats, marked: Bools, overhang_cos: float, count
 
 
 def _row_ends(marked: Bools) -> Floats:
-    """(p, 2) indices of the first and the last column marked in each row."""
+    """Find the indices (p, 2) of the first and the last column marked in each row."""
     rows = np.flatnonzero(marked.any(axis=1))
     first, last = marked.argmax(axis=1), marked.shape[1] - 1 - marked[:, ::-1].argmax(axis=1)
     return np.concatenate([np.stack([rows, ends[rows]], axis=1) for ends in (first, last)]).astype(np.float64)
 
 
 def _side_mm2(heights_mm: Floats, step_mm: float) -> float:
-    """Upright area between columns (nx, ny) of different heights; what slants is taken along the grid."""
+    """Sum the upright area between columns (nx, ny) of different heights; slopes count along the grid."""
     heights = np.pad(heights_mm, 1)
     steps = np.abs(np.diff(heights, axis=0)).sum() + np.abs(np.diff(heights, axis=1)).sum()
     return float(steps * step_mm)

@@ -1,11 +1,11 @@
-"""Price of a part: its print time in seconds, from features that need no slicing.
+"""Price of a part: its estimated print time in seconds, from features that need no slicing.
 
 Two kinds of feature. The additive ones (`ADDITIVE`) are integrals over volume and surface: the sum over the
 cells of a grid is that of a part, cut faces being ordinary faces, so that `grid.boxes` prices any box
 from tables. The rest follows from the sums (`skin_rim_mm`) and from the extents of a part.
 
-The time of each term is the length of its lines over their speed. What lengths and speeds leave out (travel,
-acceleration, retraction) is measured: `FACTORS`, by bench/print_time_model.py.
+The time of each term is the length of its lines over their speed. Travel, acceleration and retraction, which
+these leave out, are in factors that were measured: `FACTORS`, by bench/print_time_model.py.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ Additive = tuple[float, float, float, float, float]
 Extents = tuple[float, float, float]
 
 MAX_INSET_SHARE = 0.1
-"""Share of the walls that is lost so at most: beyond it they are as thick as the part."""
+"""Greatest share of the walls that insets take off: beyond it they are as thick as the part."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,12 +63,12 @@ class CostModel:
 
     @property
     def overhang_cos(self) -> float:
-        """Faces whose normal points down by more than this get support."""
+        """Downward part of a face's unit normal above which it gets support."""
         return math.sin(math.radians(self.supported_deg))
 
     @classmethod
     def from_recipe(cls, recipe: Recipe, factors: Mapping[str, float] = FACTORS) -> CostModel:
-        """Cost of print settings: their terms, each times its factor."""
+        """Build the cost of print settings: their terms, each times its factor."""
         each = sum(
             (factors[name] * vector for name, vector in time_terms(recipe).items()), np.zeros(len(FEATURES))
         )
@@ -97,17 +97,17 @@ class CostModel:
     def support_price_s(
         self, support_mm3: float, side_mm2: float, towers_mm: float = 0.0, islands_mm: float = 0.0
     ) -> float:
-        """Time of a support of this volume and these upright sides, with towers and islands this high."""
+        """Price a support by its volume, its upright sides, and the height of its towers and islands."""
         support = self.support_s_mm3 * support_mm3 + self.support_side_s_mm2 * side_mm2
         return support + self.tower_s_mm * towers_mm + self.island_s_mm * islands_mm
 
     def prices(self) -> Prices:
-        """The coefficients as a record for compiled code, one float64 a field, by the names of the fields."""
+        """Return the coefficients as a record for compiled code, one float64 a field, by their names."""
         record: Prices = np.array([astuple(self)], dtype=_PRICES)[0]
         return record
 
     def price_s(self, additive: Sequence[float] | Floats, extents_mm: Sequence[float] | Floats) -> float:
-        """Print time in one pose: `ADDITIVE` features (5,), and width, depth and height (3,) in mm."""
+        """Price a part in one pose by its `ADDITIVE` features (5,) and width, depth, height (3,) in mm."""
         volume, lateral, skin, slope, column = map(float, additive)
         width, depth, height = map(float, extents_mm)
         return float(price(self.prices(), (volume, lateral, skin, slope, column), (width, depth, height)))

@@ -1,4 +1,4 @@
-"""Hold of a part on the bed: its first layer, the brim that it needs, and its elephant foot."""
+"""Adhesion of a part to the bed: its first layer, the brim that it needs, and its elephant foot."""
 
 from __future__ import annotations
 
@@ -11,20 +11,19 @@ from scipy.spatial.distance import pdist
 from decompose.arrays import Floats
 from decompose.geometry import convex_outline, half_planes
 
-FIRST_LAYER_MM = 0.15  # where the first layer is cut: the middle of it
+FIRST_LAYER_MM = 0.15  # height at which the first layer is cut, its middle
 SHARP_DEG = 120.0
 ROUNDED_MM = 1.0  # a corner that is rounded or chamfered by less is one corner
 
-# [assumed] How wide a brim has to be.
-STEADY = 3.0  # times the width of its walls' feet that a part may be high without a brim
+# [assumed] Widths of brims.
+STEADY = 3.0  # greatest height of a part without a brim, over the width of its walls in the first layer
 GOOD_CONTACT_MM2 = 400.0
-WARPS_MM = (60.0, 120.0)  # bases this long begin to lift at their corners; need all the brim there is
-REFERENCE_SHRINKAGE = (
-    0.007  # where the material shrinks by so much (ABS): what lifts is shrinkage times length squared
-)
+WARPS_MM = (60.0, 120.0)  # lengths of a base at which its corners begin to lift, and need the widest brim
+REFERENCE_SHRINKAGE = 0.007
+"""Shrinkage (of ABS) to which `WARPS_MM` applies: a corner lifts by shrinkage times length squared."""
 MIN_BRIM_MM = 2.0
 
-# [assumed] What the squeezed first layer adds to each side; thinner walls could be lost by taking it off.
+# [assumed] Width that the squeezed first layer adds to each side; it is not taken off thinner walls.
 ELEPHANT_FOOT_MM = 0.2
 MIN_WALL_MM = 2.0
 
@@ -53,7 +52,7 @@ class Footing:
 
     @classmethod
     def from_mesh(cls, triangles: Floats, props_mm: Floats) -> Footing:
-        """The footing of a closed mesh (m, 3, 3) in mm on z = 0 and of its supports at (p, 2)."""
+        """Measure the footing of a closed mesh (m, 3, 3) in mm on z = 0 and of its supports at (p, 2)."""
         contact_mm2, outline_mm, points = _first_layer(triangles)
         rim = convex_outline(points)
         sides = np.diff(rim, axis=0, append=rim[:1])
@@ -72,7 +71,7 @@ class Footing:
         )
 
     def inside_mm(self, points: Floats) -> float:
-        """Distance of the outermost of some points (n, 2) inside the outline; negative outside."""
+        """Measure how far the outermost of some points (n, 2) is inside the outline; negative outside."""
         if not len(self.edges):
             return -math.inf
         return -float((points @ self.edges[:, :2].T + self.edges[:, 2]).max())
@@ -80,11 +79,12 @@ class Footing:
     def brim_width_mm(
         self, height_mm: float, lean_mm: float, widest_mm: float, shrinkage: float = REFERENCE_SHRINKAGE
     ) -> float:
-        """Brim that a part of this height needs; 0 for none, never more than the widest.
+        """Choose the brim that a part of this height needs; 0 for none, never more than the widest.
 
-        Where it is high for its feet, or its centre of mass is not inside them (`lean_mm`), a brim widens
-        them; a small contact sticks by its brim; a long base curls up at its corners, less where they are
-        blunt, and with a material that shrinks less (`shrinkage`, a share of its length) only when longer.
+        A part that is high for its base, or whose centre of mass is not above it (`lean_mm`), gets a brim
+        that widens the base; a small contact sticks by its brim; a long base curls up at its corners, less
+        where they are blunt, and later with a material that shrinks less (`shrinkage`, a share of its
+        length).
         """
         lever = (height_mm / STEADY - self.wall_mm) / 2.0
         contact = widest_mm * (1.0 - self.contact_mm2 / GOOD_CONTACT_MM2)
@@ -96,12 +96,12 @@ class Footing:
         return 0.0 if needed < MIN_BRIM_MM else math.floor(10.0 * min(needed, widest_mm)) / 10.0
 
     def expansion_mm(self, joined: bool) -> float:
-        """Horizontal expansion of the first layer: a face that is glued must not stick out."""
+        """Choose the horizontal expansion of the first layer: a face that is glued must not stick out."""
         return -ELEPHANT_FOOT_MM if joined and self.wall_mm >= MIN_WALL_MM else 0.0
 
 
 def _first_layer(triangles: Floats) -> tuple[float, float, Floats]:
-    """Area in mm2 and length of the outline in mm of the first layer, and points (n, 2) that span it."""
+    """Measure the first layer: area in mm2, length of the outline in mm, and points (n, 2) that span it."""
     low = triangles[triangles[:, :, 2].min(axis=1) < FIRST_LAYER_MM]
     across = np.cross(low[:, 1] - low[:, 0], low[:, 2] - low[:, 0])[:, 2] / 2.0
     order = np.argsort(low[:, :, 2], axis=1)[:, :, None]
@@ -125,14 +125,14 @@ def _first_layer(triangles: Floats) -> tuple[float, float, Floats]:
 
 
 def _corner_share(z: Floats) -> Floats:
-    """The share of a triangle's area on its first corner's side of the first layer, by heights (m, 3)."""
+    """Compute the share of a triangle's area below the first layer, by heights (m, 3), corner first."""
     apex, b, c = z.T
     share: Floats = (FIRST_LAYER_MM - apex) ** 2 / ((b - apex) * (c - apex))
     return share
 
 
 def _crossing(corners: Floats, a: int, b: int) -> Floats:
-    """(m, 2) Where the edges between two corners cross the first layer."""
+    """Find the points (m, 2) where the edges between two corners cross the first layer."""
     start, end = corners[:, a], corners[:, b]
     share = (FIRST_LAYER_MM - start[:, 2:]) / (end[:, 2:] - start[:, 2:])
     points: Floats = start[:, :2] + share * (end - start)[:, :2]

@@ -1,8 +1,8 @@
-"""Orientation of a part: the fastest to print among the poses in which it stands safely.
+"""Orientation of a part: the fastest pose to print among those in which it stays upright.
 
 Candidates are the six axis poses and those that lie on a facet of the convex hull or on a large flat face.
-Each is priced with its supports, and looked at for what a price cannot say: whether it stands while it grows,
-and whether support would stick to a cut face, which is to be glued.
+Each is priced with its supports, and checked for what a price does not cover: whether the part stays upright
+while it grows, and whether support would stick to a cut face, which is to be glued.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ from decompose.printers import PrinterRoom
 
 HULL_FACETS, FLAT_FACES = 24, 12  # candidates of each kind, the largest first
 APART_DEG = 2.0  # directions closer than this are one candidate
-MAX_MEASURED = 24  # of all candidates, in the order of their prices
-FEW = 1_500  # columns of a glance
-SURELY = 0.8  # of a support seen at a glance is there
+MAX_MEASURED = 24  # candidates that are measured, in the order of their prices
+FEW_COLUMNS = 1_500  # for an estimate
+SURE_SHARE = 0.8  # of an estimated support that is surely needed
 DEGREES: Floats = np.radians(np.arange(90.0))
 
 
@@ -47,9 +47,9 @@ def find_best_pose(
     vertices, faces
         (n, 3) in mm and (m, 3) of a closed mesh, outward.
     cut
-        (m,) whether a face is a cut, which no support shall touch.
+        (m,) faces that are cuts, which no support should touch.
     printers
-        All of them have to have room for the part; none for a printer without limits.
+        The part has to fit all of them; empty for a printer without limits.
     fit_first_layer
         Choose the brim and the first layer's expansion too.
 
@@ -59,8 +59,7 @@ def find_best_pose(
         None where no pose fits.
     """
     hull = _hull_points(vertices)
-    ups = candidate_directions(vertices, faces)
-    turned = [_orient(up, hull, printers) for up in ups]
+    turned = [_orient(up, hull, printers) for up in candidate_directions(vertices, faces)]
     rotations = np.array([r for r in turned if r is not None]).reshape(-1, 3, 3)
     if not len(rotations):
         return None
@@ -72,11 +71,11 @@ def find_best_pose(
     best: Pose | None = None
     measured = 0
     for i in np.argsort(most_s, kind="stable"):
-        clean = best is not None and best.rank[:3] == (0, 0.0, 0.0)
-        if best is not None and clean:
+        if best is not None and best.rank[:3] == (0, 0.0, 0.0):
             if least_s[i] >= best.price_s or measured >= MAX_MEASURED:
                 continue
-            if least_s[i] + SURELY * _support_s(vertices, faces, hull, rotations[i], cost) >= best.price_s:
+            support_s = _support_s(vertices, faces, hull, rotations[i], cost)
+            if least_s[i] + SURE_SHARE * support_s >= best.price_s:
                 continue
         pose = measure_from_features(mesh, rotations[i], features[i], cost, fit_first_layer)
         measured += 1
@@ -86,14 +85,14 @@ def find_best_pose(
 
 
 def _support_s(vertices: Floats, faces: Ints, hull: Floats, rotation: Floats, cost: CostModel) -> float:
-    """Estimate the time of the support in a pose by few columns: too few to tell islands apart."""
+    """Estimate the time of the support in a pose by few columns, without its islands."""
     triangles = (vertices @ rotation.T - (hull @ rotation.T).min(axis=0))[faces]
-    seen = measure_columns(triangles, np.zeros(len(faces), np.bool_), cost.overhang_cos, FEW)
+    seen = measure_columns(triangles, np.zeros(len(faces), np.bool_), cost.overhang_cos, FEW_COLUMNS)
     return cost.support_price_s(seen.support_mm3, seen.support_side_mm2, seen.towers_mm)
 
 
 def candidate_directions(vertices: Floats, faces: Ints) -> Floats:
-    """Directions (k, 3) to try as up: the axes, then away from hull facets and from large flat faces."""
+    """List directions (k, 3) to try as up: the axes, then away from hull facets and from large flat faces."""
     corners = vertices[faces]
     areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) / 2.0
     found = POSE_ROTATIONS[[4, 5, 0, 1, 2, 3], 2]
@@ -110,7 +109,7 @@ def candidate_directions(vertices: Floats, faces: Ints) -> Floats:
 
 @jit
 def _apart(found: Floats, more: Floats, most: int, near_cos: float) -> Floats:
-    """Directions (k, 3), and as many of `more` that are near to none so far."""
+    """Add directions of `more` (m, 3) that are near to none so far to directions (k, 3), float64 units."""
     all_of_them = np.zeros((len(found) + most, 3))
     count = len(found)
     all_of_them[:count] = found
@@ -131,7 +130,7 @@ def _apart(found: Floats, more: Floats, most: int, near_cos: float) -> Floats:
 
 
 def _flats(areas: Floats) -> Floats:
-    """Directions (k, 3) of area vectors (m, 3), summed by direction; the largest first."""
+    """Sum area vectors (m, 3) by direction, and return the directions (k, 3), the largest sum first."""
     size = np.linalg.norm(areas, axis=1)
     areas = areas[size > 0.0]
     if not len(areas):
@@ -146,17 +145,17 @@ def _flats(areas: Floats) -> Floats:
 
 
 def _hull_points(points: Floats) -> Floats:
-    """Points of (n, d) that span their convex hull; all where they span no volume."""
+    """Select the points of (n, d) that span their convex hull; all where they span no volume."""
     with suppress(QhullError):
         points = points[ConvexHull(points).vertices]
     return points
 
 
 def _orient(up: Floats, hull: Floats, printers: Sequence[PrinterRoom]) -> Floats | None:
-    """Rotation (rows) with this direction up and a yaw that fits every printer; None where none does.
+    """Find the rotation (rows) with a direction up and a yaw that fits every printer; None for none.
 
-    What stands along the axes stays so. Anything else is turned into its smallest rectangle, and further only
-    where that has no room.
+    Axis poses are not turned. Any other pose is turned into its smallest rectangle, and further only where
+    that does not fit.
     """
     axis = np.flatnonzero((POSE_ROTATIONS[:, 2] == up).all(axis=1))
     if len(axis):
@@ -178,5 +177,5 @@ def _orient(up: Floats, hull: Floats, printers: Sequence[PrinterRoom]) -> Floats
 
 
 def _plane(angle: float) -> Floats:
-    """(2, 2) Rows: x and y turned by an angle in radians."""
+    """Turn x and y by an angle in radians: rows (2, 2)."""
     return np.array([[math.cos(angle), math.sin(angle)], [-math.sin(angle), math.cos(angle)]])

@@ -1,4 +1,4 @@
-"""A part in one pose: its price with the supports that it has there, and whether it stands."""
+"""Part in one pose: its price with its supports, and whether it stays upright."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from decompose.print_time.recipe import ADDITIVE
 COLUMN = ADDITIVE.index("column_mm3")  # the last: the support's volume, were it to reach the bed
 TOUCHED_MM2 = 1.0  # less than this of a cut face under support is rounding
 
-# [assumed] A part stands while it sticks to the bed better than the nozzle pulls at its top and its weight at
-# its side. What a support carries is made to be peeled off; the outer half of a brim is too thin to hold.
+# [assumed] A part stays upright while it sticks to the bed better than the nozzle pulls at its top and its
+# weight at its side. Support is made to be peeled off; the outer half of a brim is too thin to hold.
 MIN_CONTACT_MM2 = 4.0
-MIN_FOOT_MM = 0.8  # of `Footing.wall_mm`: an edge is narrower than a line, so that its layer is not printed
+MIN_FOOT_MM = 0.8  # least `Footing.wall_mm`: the layer of an edge narrower than a line is not printed
 STICKS_N_MM2 = 0.05
 PROPPED = 0.1  # share of that for the area that supports carry
 BRIM_HOLDS = 0.5  # share of a brim's width that counts as footing
@@ -40,17 +40,17 @@ class Pose:
     size_mm
         Width, depth and height.
     price_s
-        Estimated print time with the supports and the brim that it has.
+        Estimated print time with its supports and its brim.
     strain
-        What pulls it over while it is printed, as a share of what holds it; up to 1 it holds.
+        Moment that pulls it over while it is printed, over the moment that holds it; up to 1 it holds.
     lean_mm
-        How far inside its footing the centre of mass of the whole is; negative outside.
+        Distance of the centre of mass of the whole part inside its footing; negative outside.
     touched_mm2
         Area of cut faces that support sticks to.
     brim_share_mm
-        How far the brim widens the footing.
+        Width by which the brim widens the footing.
     brim_width_mm, layer_0_expansion_mm
-        Chosen for it; None: as the quality has them.
+        Chosen for the part; None: those of the quality.
     """
 
     to_model: Floats
@@ -67,7 +67,7 @@ class Pose:
 
     @property
     def stands(self) -> bool:
-        """Tell whether it stays in place while it is printed, its weight on its footing or its brim."""
+        """Check whether it stays in place while it is printed, its weight on its footing or its brim."""
         footing = self.footing
         touches = footing.contact_mm2 >= MIN_CONTACT_MM2 and footing.wall_mm >= MIN_FOOT_MM
         return touches and self.strain <= 1.0 and self.lean_mm >= -self.brim_share_mm
@@ -96,7 +96,7 @@ def measure_pose(
     vertices, faces
         (n, 3) in mm and (m, 3) of a closed mesh, outward.
     cut
-        (m,) whether a face is a cut, which no support shall touch.
+        (m,) faces that are cuts, which no support should touch.
     rotation
         (3, 3) rows: the bed's x, y and z in the model's frame.
     cost
@@ -158,7 +158,7 @@ def measure_from_features(
 
 
 def _strain(footing: Footing, inside: Columns, height_mm: float, leans_mm: Sequence[float]) -> float:
-    """Worst ratio of the moments that pull a growing part over to the one that holds it."""
+    """Compute the worst ratio of the moments that pull a growing part over to the one that holds it."""
     area_mm2 = footing.contact_mm2 + PROPPED * inside.propped_mm2
     holds = STICKS_N_MM2 * area_mm2 * footing.width_mm / 2.0
     outside = max(w * max(0.0, -lean) for w, lean in zip(inside.volumes_mm3, leans_mm, strict=True))

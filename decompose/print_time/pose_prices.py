@@ -16,18 +16,18 @@ from decompose.print_time.recipe import ADDITIVE
 # A pose is the direction of the model that points up on the bed: +x, -x, +y, -y, +z, -z.
 POSES = 6
 
-SLABS = 32  # of the height, in each of which all layers are taken as equal
+SLABS = 32  # equal slabs of the height; all layers in one are taken as equal
 SLOWED_AT_MOST = 4.0  # times: walls of 40 to 50 mm/s are not printed at less than 10
 
 
 def pose_axes(pose: int) -> tuple[int, int, int]:
-    """Model axes that become width, depth and height in a pose."""
+    """Return the model axes that become width, depth and height in a pose."""
     up = pose // 2
     return ((up + 1) % 3, (up + 2) % 3, up)
 
 
 def _pose_rotation(pose: int) -> Floats:
-    """(3, 3) Rows: where the bed's x, y and z point in the model; odd poses are turned over about x."""
+    """Build the rotation (3, 3) of a pose: the bed's x, y and z in the model; odd poses are turned over."""
     rotation = np.eye(3)[list(pose_axes(pose))]
     if pose % 2:
         rotation[1:] *= -1.0
@@ -35,7 +35,7 @@ def _pose_rotation(pose: int) -> Floats:
 
 
 POSE_ROTATIONS: Floats = np.array([_pose_rotation(pose) for pose in range(POSES)])
-"""(6, 3, 3) The axis poses, as rotations that `pose_seconds` takes."""
+"""Rotations (6, 3, 3) of the axis poses, as `pose_prices_s` takes them."""
 
 
 @jit
@@ -78,7 +78,7 @@ def pose_features(
     cost: CostModel,
     hull: Floats | None = None,
 ) -> tuple[Floats, Floats]:
-    """`ADDITIVE` features (k, 5) of a closed mesh in each of k poses, and its extents (k, 3) in mm.
+    """Sum the `ADDITIVE` features (k, 5) of a closed mesh in k poses, and measure its extents (k, 3) in mm.
 
     Parameters
     ----------
@@ -87,7 +87,7 @@ def pose_features(
     rotations
         (k, 3, 3) The rows are the bed's x, y and z in the model's frame: ``v_bed = rotation @ v_model``.
     hull
-        (h, 3) those vertices that span the convex hull, where they are known: sooner.
+        (h, 3) vertices that span the convex hull, where they are known; with them it is faster.
     """
     corners = vertices[faces]
     cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -108,13 +108,13 @@ def pose_features(
 
 
 def pose_prices_s(vertices: Floats, faces: Ints, rotations: Floats, cost: CostModel) -> Floats:
-    """Print time (k,) in seconds of a closed mesh in each of k poses; see `pose_features`."""
+    """Price a closed mesh in each of k poses, in seconds (k,); see `pose_features`."""
     features, extents = pose_features(vertices, faces, rotations, cost)
     return np.array([cost.price_s(*each) for each in zip(features, extents, strict=True)])
 
 
 def axis_prices_s(vertices: Floats, faces: Ints, cost: CostModel) -> Floats:
-    """Print time (6,) in seconds of a closed mesh in each axis pose.
+    """Price a closed mesh in each axis pose, in seconds (6,).
 
     Parameters
     ----------
@@ -127,9 +127,9 @@ def axis_prices_s(vertices: Floats, faces: Ints, cost: CostModel) -> Floats:
 
 
 def short_layers_s(triangles: Floats, cost: CostModel) -> float:
-    """Time in seconds by which short layers exceed their lines, beyond what `CostModel.price_s` knows.
+    """Compute the extra time in seconds of short layers, beyond what `CostModel.price_s` covers.
 
-    That knows the mean of all layers only: of a part that tapers those at the tip are slowed down alone.
+    That covers the mean of all layers only: of a part that tapers just the layers at the tip are slowed down.
 
     Parameters
     ----------
@@ -149,7 +149,7 @@ def short_layers_s(triangles: Floats, cost: CostModel) -> float:
 
 @jit
 def _by_slab(triangles: Floats, height: float) -> tuple[Floats, Floats]:
-    """(SLABS,) Sums of A sqrt(1 - n^2) over the faces in each slab, and the mean section of the solid there.
+    """Sum A sqrt(1 - n^2) over the faces in each slab (SLABS,), and the mean section of the solid there.
 
     The section at a height is the sum of A n over all faces above it, n being the upward part of a face's
     unit normal.

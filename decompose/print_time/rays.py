@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from decompose.arrays import Floats, Ints
-from decompose.jit import jit
+from decompose.jit import jit, jit_inline
 
 
 class Rays(NamedTuple):
@@ -91,8 +91,8 @@ def find_crossings(triangles: Floats, normals: Floats, rays: Rays) -> Crossings:
         for t in range(len(triangles)):
             if normals[t, 2] == 0.0:
                 continue
-            left, right = _set_edges(triangles[t], edges)
-            (ax, ay, az), slope_x, slope_y, (lowest, highest) = _plane(triangles[t], normals[t])
+            left, right = _set_edges(triangles, t, edges)
+            (ax, ay, az), slope_x, slope_y, (lowest, highest) = _plane(triangles, normals, t)
             first = max(0, int(np.ceil((left - x0) / step)))
             for i in range(first, min(nx, int(np.ceil((right - x0) / step)))):
                 x = x0 + i * step
@@ -119,25 +119,25 @@ def _allocate_crossings(counts: Ints) -> Crossings:
     return Crossings(counts, np.zeros(counts[-1], np.float64), np.zeros(counts[-1], np.int64))
 
 
-@jit
-def _set_edges(triangle: Floats, edges: Floats) -> tuple[float, float]:
-    """Describe the edges of a triangle (3, 3) in mm as seen from above; return its least and greatest x.
+@jit_inline
+def _set_edges(triangles: Floats, t: int, edges: Floats) -> tuple[float, float]:
+    """Describe the edges of one of triangles (m, 3, 3) in mm as seen from above; return its x range.
 
     edges: (3, 4) float64, filled in: x at the left and the right end, y at the left end, and slope.
     """
     left, right = np.inf, -np.inf
     for k in range(3):
         p, q = k, (k + 1) % 3
-        if triangle[p, 0] > triangle[q, 0]:
+        if triangles[t, p, 0] > triangles[t, q, 0]:
             p, q = q, p  # so that both triangles of an edge find the same y
-        px, qx = triangle[p, 0], triangle[q, 0]
-        edges[k, 0], edges[k, 1], edges[k, 2] = px, qx, triangle[p, 1]
-        edges[k, 3] = (triangle[q, 1] - triangle[p, 1]) / (qx - px) if qx > px else 0.0
+        px, qx = triangles[t, p, 0], triangles[t, q, 0]
+        edges[k, 0], edges[k, 1], edges[k, 2] = px, qx, triangles[t, p, 1]
+        edges[k, 3] = (triangles[t, q, 1] - triangles[t, p, 1]) / (qx - px) if qx > px else 0.0
         left, right = min(left, px), max(right, qx)
     return left, right
 
 
-@jit
+@jit_inline
 def _edge_span(edges: Floats, x: float) -> tuple[float, float]:
     """Find the least and the greatest y of edges (3, 4), of `_set_edges`, at an x; +inf and -inf for none."""
     low, high = np.inf, -np.inf
@@ -148,24 +148,25 @@ def _edge_span(edges: Floats, x: float) -> tuple[float, float]:
     return low, high
 
 
-@jit
+@jit_inline
 def _plane(
-    triangle: Floats, normal: Floats
+    triangles: Floats, normals: Floats, t: int
 ) -> tuple[tuple[float, float, float], float, float, tuple[float, float]]:
-    """Describe the plane of a triangle (3, 3) in mm with a unit normal (3,).
+    """Describe the plane of one of triangles (m, 3, 3) in mm with unit normals (m, 3).
 
     Returns
     -------
     tuple
         A corner in mm, the slopes of z along x and y, and the least and the greatest z of the corners.
     """
-    ax, ay, az = triangle[0, 0], triangle[0, 1], triangle[0, 2]
-    lowest = min(az, triangle[1, 2], triangle[2, 2])
-    highest = max(az, triangle[1, 2], triangle[2, 2])
-    return (ax, ay, az), -normal[0] / normal[2], -normal[1] / normal[2], (lowest, highest)
+    ax, ay, az = triangles[t, 0, 0], triangles[t, 0, 1], triangles[t, 0, 2]
+    lowest = min(az, triangles[t, 1, 2], triangles[t, 2, 2])
+    highest = max(az, triangles[t, 1, 2], triangles[t, 2, 2])
+    up = normals[t, 2]
+    return (ax, ay, az), -normals[t, 0] / up, -normals[t, 1] / up, (lowest, highest)
 
 
-@jit
+@jit_inline
 def _insert_crossing(found: Crossings, ray: int, count: int, z: float, face: int) -> None:
     """Insert a crossing among the `count` that a ray has already, by its height in mm."""
     first = found.start[ray]

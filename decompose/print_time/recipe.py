@@ -30,9 +30,9 @@ FEATURES = (
     *("height_mm", "skin_rim_mm", "brim_mm2"),
     *("support_mm3", "support_side_mm2", "towers_mm", "islands_mm"),
 )
-"""And those that do not add up: the height, the root of `skin_mm2`, the ring of the brim about the part's
-rectangle and, where a part is looked at closely, its islands and, in place of `column_mm3`, the support that
-it has (`columns`)."""
+"""All features. Those that do not add up are the height, the root of `skin_mm2`, the ring of the brim about
+the part's rectangle and, where the columns of a part are measured (`columns`), its islands, and its support
+in place of `column_mm3`."""
 
 
 FACTORS: Mapping[str, float] = {
@@ -52,23 +52,25 @@ FACTORS: Mapping[str, float] = {
 }
 """Factors of the seconds of each term of `time_terms`: one set for all settings.
 
-``columns`` stands for all of `SUPPORT` where only tables are at hand. The factor of ``islands`` is seconds
+``columns`` replaces all of `SUPPORT` where only tables are available. The factor of ``islands`` is in seconds
 a layer: there and back, with a retraction each way.
 """
 
 
 SUPPORT = ("support", "support sides", "islands")
 TOWER = 2.7
-"""Time of a layer of a tower of support, in islands: it is printed, too."""
+"""Time of a layer of a tower of support, as a multiple of an island's: it is printed, too."""
 
 
 INSET = 8.0
-"""A loop is shorter by so many mm for each mm that it lies inside the outline: two at each right angle."""
+"""Length by which a loop is shorter for each mm that it lies inside the outline: two mm at each right
+angle."""
 
 
 OUTLINE_MM = 0.004
-"""By so much less than it may a layer reach out beyond the one below, and is supported: outlines are rounded,
-and a line that is left grows to the whole face. A face at just the support angle would be priced bare."""
+"""Margin below the greatest overhang of a layer, beyond which it gets support: outlines are rounded, and a
+line of support grows to the whole face. Without it a face at just the support angle would be priced without
+one."""
 
 
 TURNED = 0.5
@@ -95,12 +97,12 @@ class Recipe:
     support_angle_deg: float = 45.0  # from the vertical; faces that lean out further get support
     brim_mm: float = 8.0
     brim_mm_s: float = 30.0  # of the first layer
-    speeding_layers: int = 2  # the speed rises to that of the others over so many
+    speeding_layers: int = 2  # number of layers over which the speed rises to that of the others
     travel_mm_s: float = 150.0
     acceleration_mm_s2: float = 3000.0
-    least_layer_s: float = 5.0  # the slicer slows down for it
-    shrinkage: float = 0.007  # of the material, a share of its length: what warps
-    prelude_s: float = 0.0  # heat-up, homing, start and end code, once a part
+    least_layer_s: float = 5.0  # the slicer slows down shorter layers to this time
+    shrinkage: float = 0.007  # of the material, a share of its length, which makes parts warp
+    prelude_s: float = 0.0  # heating, homing, start and end code, once for each part
 
     @property
     def walls_mm(self) -> float:
@@ -109,7 +111,7 @@ class Recipe:
 
     @property
     def insets_s(self) -> float:
-        """Of all walls of a layer: mm that each lies inside the outline, over its speed."""
+        """Sum over the walls of a layer: mm that each lies inside the outline, over its speed."""
         inner = range(1, self.wall_count)
         depths_mm = [self.outer_line_width_mm + (i - 0.5) * self.line_width_mm for i in inner]
         outer_s = self.outer_line_width_mm / 2.0 / self.outer_wall_mm_s if self.wall_count > 0 else 0.0
@@ -117,7 +119,7 @@ class Recipe:
 
     @property
     def skin_s_mm(self) -> float:
-        """Seconds for a mm of line in each layer of a skin; every second skin lies on the bed."""
+        """Seconds for a mm of line in all layers of a skin; every second skin lies on the bed."""
         layers = min(self.speeding_layers, round(self.skin_layers))
         faster = (self.skin_mm_s - self.brim_mm_s) / max(self.speeding_layers, 1)
         first = sum(1.0 / (self.brim_mm_s + i * faster) for i in range(layers))
@@ -125,22 +127,22 @@ class Recipe:
 
     @property
     def supported_deg(self) -> float:
-        """Angle from the vertical beyond which faces count as supported: a hair less than the setting."""
+        """Angle from the vertical beyond which faces count as supported: slightly less than the setting."""
         out_mm = self.layer_height_mm * math.tan(math.radians(self.support_angle_deg)) - OUTLINE_MM
         return math.degrees(math.atan2(max(0.0, out_mm), self.layer_height_mm))
 
     @property
     def skin_cos(self) -> float:
-        """Faces with a larger |n| get skin: there the next few layers leave bare more than the walls."""
+        """Least |n| of faces with skin: there the next few layers cover less than the walls."""
         bare_mm = self.skin_layers * self.layer_height_mm
         return math.cos(math.atan(bare_mm / (self.walls_mm + self.line_width_mm / 2.0)))
 
 
 def time_terms(recipe: Recipe) -> dict[str, Floats]:
-    """Seconds of each term for one unit of each of `FEATURES`: (12,) vectors, under the names of `FACTORS`.
+    """Compute the seconds of each term, by name, for one unit of each of `FEATURES`.
 
-    An end is where a line of infill or of a slope's narrow skin turns round: the nozzle stops and starts.
-    Walls cover the rim of a skin.
+    A line of infill or of a slope's narrow skin ends where it turns round: the nozzle stops and starts. Walls
+    cover the rim of a skin.
 
     Parameters
     ----------

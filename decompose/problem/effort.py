@@ -1,7 +1,7 @@
 """Effort of a search: work that is counted, never timed, so that every machine finds the same.
 
-Each kind of work has a price: what a unit of it takes on one core of a usual machine (`bench/effort.py`).
-What was done is booked where work is given out, in one thread, whatever threads do it.
+Each kind of work has a price: the time of a unit on one core of a usual machine (`bench/effort.py`). Work is
+booked where it is given out, in one thread, whatever threads do it.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ class Work(StrEnum):
     FACE_GRIDDED = "face-gridded"  # a triangle of the model, laid on a grid
     BOX_PRICED = "box-priced"  # in a room
     SUM = "sum"  # of two sides of a cut, in a search for a partition
-    FACE_CUT = "face-cut"  # a triangle of a solid that something is cut out of
-    FACE_POSED = "face-posed"  # a triangle of a piece whose best pose is looked for
+    FACE_CUT = "face-cut"  # a triangle of a solid that is cut
+    FACE_POSED = "face-posed"  # a triangle of a piece whose best pose is searched
     PIECE_POSED = "piece-posed"
-    FACE_MEASURED = "face-measured"  # a triangle of a piece that is priced in a pose that it has
+    FACE_MEASURED = "face-measured"  # a triangle of a piece that is priced in a given pose
     PIECE_MEASURED = "piece-measured"
     POINT_CLUSTERED = "point-clustered"  # a vertex, for each cluster of a draw of seeds
     CELL_GROWN = "cell-grown"  # a cell of the grid, for each attempt to cover it by growth
@@ -41,7 +41,7 @@ WORK_NS = {
     Work.CELL_GROWN: 1_500.0,
     Work.BOX_PROVEN: 700.0,
 }
-"""Of one core for a unit of each kind."""
+"""Nanoseconds of one core for a unit of each kind."""
 
 
 @dataclass(slots=True)
@@ -51,11 +51,11 @@ class Effort:
     Attributes
     ----------
     budget_s
-        What may be done, in seconds of one core of a usual machine.
+        Work that may be done, in seconds of one core of a usual machine.
     done
-        Units of each kind.
+        Units of each kind that were done.
     cut_short
-        Whether a search has stopped for it.
+        Whether a search has stopped because of the budget.
     """
 
     budget_s: float = math.inf
@@ -68,16 +68,17 @@ class Effort:
         return sum(price * self.done[work] for work, price in WORK_NS.items()) / 1e9
 
     def book(self, work: Work, units: int) -> None:
+        """Book work that is given out."""
         self.done[work] += units
 
     def can_afford(self, work: Work, units: int) -> bool:
-        """Tell whether that much may be done; a refusal is recorded in `cut_short`."""
+        """Check whether that much may be done; a refusal is recorded in `cut_short`."""
         can_afford = self.spent_s + units * WORK_NS[work] / 1e9 <= self.budget_s
         self.cut_short = self.cut_short or not can_afford
         return can_afford
 
     def is_spent(self) -> bool:
-        """Tell whether no more may be done; if so, that is recorded in `cut_short`."""
+        """Check whether no more may be done; if so, that is recorded in `cut_short`."""
         spent = self.spent_s >= self.budget_s
         self.cut_short = self.cut_short or spent
         return spent

@@ -22,14 +22,14 @@ from decompose.printers import PrinterRoom
 from decompose.problem.effort import Effort, Work
 from decompose.problem.granularity import choose_granularity
 
-Posing = tuple[Solid, tuple[tuple[tuple[float, float, float], ...], ...]]  # what, and for which rooms
+Posing = tuple[Solid, tuple[tuple[tuple[float, float, float], ...], ...]]  # a solid and the rooms to fit
 
 MAX_PARTS = 200  # more printers, or rounds, are not offered for a model that needs more
 
 
 @dataclass(frozen=True, slots=True)
 class GridFigures:
-    """Makespan on the grid of an engine that searches one, the proven bound, and the cells."""
+    """Makespan on the grid of an engine, the proven bound, and the shape of the grid; None without a grid."""
 
     makespan_s: float
     lower_bound_s: float
@@ -43,7 +43,7 @@ class Problem:
     Attributes
     ----------
     printers
-        Those that are free, one piece each at most; a printer of several rounds is there once for each.
+        Free printers, one piece each at most; a printer of several rounds appears once for each.
     executor
         For work that may run side by side, by threads; None: one after the other.
     effort
@@ -56,7 +56,7 @@ class Problem:
         Shift the planes of other partitions of a grid besides its best, and shift moved planes again, as
         far as the budget goes.
     frame
-        (3, 3) ``v_cut = frame @ v_model``: how the model was turned before.
+        (3, 3) ``v_cut = frame @ v_model``: rotation of the model so far.
     """
 
     model: Model
@@ -78,7 +78,7 @@ class Problem:
 
     @property
     def is_uniform(self) -> bool:
-        """Tell whether all printers have the same room and the same speed."""
+        """Check whether all printers have the same room and the same speed."""
         return len({(printer.boxes, printer.time_factor) for printer in self.printers}) == 1
 
     @property
@@ -92,14 +92,14 @@ class Problem:
         return [min(max(box[axis] for box in p.boxes) for p in self.rooms) for axis in range(3)]
 
     def rotate(self, rotation: Floats) -> Problem:
-        """Same problem with the model turned by (3, 3); itself for the identity."""
+        """Rotate the model by (3, 3); the same problem for the identity."""
         if (rotation == np.eye(3)).all():
             return self
         model = replace(self.model, solid=self.model.solid.rotate(rotation))
         return replace(self, model=model, frame=rotation @ self.frame)
 
     def granularity(self, model: Model) -> int:
-        """Cube root of the number of cells for a model in the frame of the cut."""
+        """Choose the cube root of the number of cells for a model in the frame of the cut."""
         rooms_long = max(model.extents_mm) / min(self.room_mm)
         return choose_granularity(self.options.granularity, len(self.printers), rooms_long)
 
@@ -109,7 +109,7 @@ class Problem:
         plane_at: tuple[int, float] | None = None,
         overhang_cos: float | None = None,
     ) -> Grid:
-        """Grid over a model in the frame that it is cut in; see `grid.build_grid`."""
+        """Build the grid over a model in the frame that it is cut in; see `grid.build_grid`."""
         options, cost = self.options, self.cost
         vertices, faces = model.solid.arrays()
         self.effort.book(Work.FACE_GRIDDED, len(faces))
@@ -126,10 +126,10 @@ class Problem:
     def grid_figures(
         self, grid: Grid, boxes: BoxTables, chosen: list[Box], pieces: Sequence[Piece]
     ) -> GridFigures:
-        """Makespan of these boxes by the tables, and a bound that no partition undercuts.
+        """Compute the makespan of boxes by the tables, and a bound that no partition undercuts.
 
-        `pieces` are what came of them, or of others like them, in the end. The boxes fit every printer: the
-        longest is for the quickest one. The bound is proven as if all printers were as quick as that one.
+        `pieces` are the final pieces from these boxes, or from similar ones. The boxes fit every printer: the
+        longest is for the fastest one. The bound is proven as if all printers were as fast as that one.
         """
         printers = len(self.printers)
         times_s = sorted((boxes.longest_s([box]) for box in chosen), reverse=True)
@@ -143,16 +143,16 @@ class Problem:
         return GridFigures(ends_s, self.fastest_factor * bound_s, grid.shape)
 
     def needs_proof(self, pieces: Sequence[Piece]) -> bool:
-        """Tell whether to prove the bound for a result of these pieces: if it may be the best there is."""
+        """Check whether to prove the bound for a result of these pieces: where it may be the best result."""
         if not self.options.prove:
             return False
         ends_s = self.makespan_s(pieces)
         return math.isfinite(ends_s) and ends_s <= self.best_known_s  # of two that end together one is chosen
 
     def makespan_s(self, pieces: Sequence[Piece]) -> float:
-        """Time when the last piece ends, truly posed, each on its printer; inf where they do not fit.
+        """Compute the time when the last piece ends, each truly posed, on its printer; inf for no fit.
 
-        Whatever printers they are cut for: it is the makespan of the result.
+        The printers that they are cut for do not matter: it is the makespan of the result.
         """
         takers = self.assign_printers(pieces)
         if takers is None:
@@ -168,18 +168,18 @@ class Problem:
         return assign_printers(posed, self.printers) if len(posed) == len(pieces) else None
 
     def rooms_for(self, piece: Piece) -> tuple[PrinterRoom, ...]:
-        """Rooms that a piece has to fit: its printer's, or those of all."""
+        """List the rooms that a piece has to fit: its printer's, or those of all."""
         return self.rooms if piece.printer is None else (piece.printer,)
 
     def find_pose(self, piece: Piece) -> Pose | None:
-        """Best pose of a piece that fits `rooms_for` it; None where there is none."""
+        """Find the best pose of a piece that fits `rooms_for` it; None where there is none."""
         vertices, faces = piece.solid.arrays()
         cut = find_cut_faces(vertices, faces, piece.planes)
         rooms = self.rooms_for(piece)
         return find_best_pose(vertices, faces, cut, rooms, self.cost, self.options.fit_first_layer)
 
     def find_poses(self, pieces: Sequence[Piece]) -> list[Pose | None]:
-        """`find_pose` of each, once for a solid and its rooms, in parallel where there is an executor."""
+        """Find the pose of each piece, once for a solid and its rooms, in parallel with an executor."""
         run = map if self.executor is None else self.executor.map
         new = {self._posing(piece): piece for piece in pieces if self._posing(piece) not in self._posed}
         self.effort.book(Work.PIECE_POSED, len(new))
@@ -241,7 +241,7 @@ def validate_problem(
 
 
 def _refuse_too_long(model: Model, printers: tuple[PrinterRoom, ...]) -> None:
-    """Refuse models longer than all printers' rooms one after the other, along their diagonals."""
+    """Refuse models longer than all printers' rooms in a row, along their diagonals."""
     reach_mm = sum(max(math.hypot(*box) for box in p.boxes) for p in printers)
     if float(model.extents_mm.max()) <= reach_mm:
         return

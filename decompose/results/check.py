@@ -1,4 +1,4 @@
-"""The geometry rules, checked on every result before it is written. None of them trusts the search."""
+"""Geometry rules, checked on every result before it is written, independently of the search."""
 
 from __future__ import annotations
 
@@ -38,8 +38,8 @@ def check_result(
     Parameters
     ----------
     boxes_mm
-        (b, 2, 3) the boxes that were cut out, outside of which the inside of the model was left; none where
-        nothing may be missing.
+        (b, 2, 3) boxes that were cut out; the interior of the model outside of them is not printed. None
+        where nothing may be missing.
 
     Returns
     -------

@@ -24,7 +24,7 @@ ON_BED_MM = 2e-5  # single precision leaves the corners of a tilted face this fa
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """One printable piece.
+    """Printable piece.
 
     Attributes
     ----------
@@ -33,13 +33,13 @@ class Part:
     to_model
         (4, 4) row-major: coordinates of the part's file (printing pose) -> model frame, mm.
     printer
-        The name of the printer that it is meant for.
+        Name of the printer that it is meant for.
     brim_width_mm, layer_0_expansion_mm
-        Chosen for the part; None: as the quality has them.
+        Chosen for the part; None: those of the quality.
     planes
         (k, 4) rows nx, ny, nz, d: the planes n.x = d that it was cut at, in the model's frame.
     stands
-        Whether it stays where it is while it is printed, in the pose that it is printed in.
+        Whether it stays upright while it is printed in its pose.
     """
 
     id: str
@@ -55,11 +55,11 @@ class Part:
 
     @property
     def rotation(self) -> Floats:
-        """(3, 3) rows: the bed's x, y and z in the model's frame."""
+        """Bed's x, y and z in the model's frame, as rows (3, 3)."""
         return self.to_model[:3, :3].T
 
     def printing_mesh(self, tolerance_mm: float = 0.0) -> tuple[Floats, Ints]:
-        """Vertices and faces in printing pose: centred on the bed's origin, standing flat on z = 0."""
+        """Return vertices and faces in printing pose: centred on the bed's origin, standing flat on z = 0."""
         solid = self.solid.simplify(tolerance_mm) if tolerance_mm > 0.0 else self.solid
         vertices, faces = solid.arrays()
         placed = (vertices - self.to_model[:3, 3]) @ self.to_model[:3, :3]
@@ -67,7 +67,7 @@ class Part:
         return placed, faces
 
     def stl_triangles(self) -> npt.NDArray[np.float32]:
-        """Triangles (m, 3, 3) for an STL, simplified by as little as keeps them closed in its precision."""
+        """Return triangles (m, 3, 3) for an STL, simplified as little as keeps them closed in it."""
         for tolerance_mm in STL_TOLERANCES_MM:
             corners = round_triangles(*self.printing_mesh(tolerance_mm))
             if corners is not None:
@@ -107,13 +107,13 @@ class Attempt:
     Attributes
     ----------
     yaw_deg
-        By how much the model was turned about z for it.
+        Angle by which the model was turned about z.
     makespan_s
-        None where it reached nothing, and why is in `reason`.
+        None where nothing was found; `reason` has the cause.
     compute_s, effort_s
         Wall time; and the work that was counted, which is the same on every machine (`problem.Effort`).
     finished
-        Whether the budget let it do all that it does.
+        Whether the budget was enough for the whole search.
     """
 
     engine: Engine
@@ -182,9 +182,9 @@ class Decomposition:
     curve
         Where the number of printers was chosen: the makespan of each number by the tables, in seconds.
     yaw_deg
-        By how much `best` turned the model about z, against which it is cut askew.
+        Angle by which `best` turned the model about z before it was cut.
     attempts
-        What `best` tried, in its order; empty of a single engine.
+        Attempts of `best`, in order; empty for a single engine.
     compute_s
         Wall time by stage of the engine whose result it is; ``total`` is of all that was done for it, with
         what `best` tried besides.
@@ -211,7 +211,7 @@ class Decomposition:
     cutting: Cutting | None = None
 
     def possible_gain(self, printers: Sequence[PrinterRoom]) -> float:
-        """Share of the makespan that perfect balance would gain with no less work in all.
+        """Compute the share of the makespan that perfect balance would gain with no less work in all.
 
         All printers would be busy to the end, each as quick as it is.
         """
@@ -219,7 +219,7 @@ class Decomposition:
         return 1.0 - busy_s / self.makespan_s
 
     def without_parts(self) -> Decomposition:
-        """Same result without its parts, joints and faults: figures alone, for another process."""
+        """Return the result without its parts, joints and faults: figures alone, for another process."""
         return replace(self, parts=(), joints=(), faults=())
 
     def as_dict(self) -> dict[str, Any]:

@@ -46,7 +46,7 @@ def finish_result(problem: Problem, partition: Partition, serial: tuple[float, f
 
 
 def _record_cutting(problem: Problem, pieces: Sequence[Piece], boxes_mm: Floats) -> Cutting | None:
-    """Boxes to level the pieces again from; None unless they were cut from boxes of a grid."""
+    """Record the boxes to level the pieces again from; None unless they were cut from boxes of a grid."""
     if problem.options.engine is not Engine.GUILLOTINE or len(boxes_mm) != len(pieces):
         return None
     cut_for = tuple(piece.printer for piece in pieces)
@@ -87,7 +87,7 @@ def _build_decomposition(
 
 
 def _build_parts(pieces: Sequence[Piece], problem: Problem) -> list[Part]:
-    """Pieces in their best poses, numbered, each with a printer."""
+    """Pose and number pieces, and give each a printer."""
     posed = [_require_pose(pose) for pose in problem.find_poses(pieces)]
     takers = assign_printers(apply_time_ratios(pieces, posed), problem.printers)
     if takers is None:
@@ -110,7 +110,7 @@ def _build_parts(pieces: Sequence[Piece], problem: Problem) -> list[Part]:
 
 
 def apply_time_ratios(pieces: Sequence[Piece], poses: Sequence[Pose]) -> list[Pose]:
-    """Poses with each price multiplied by the ratio that a slicer has shown for its piece.
+    """Multiply the price of each pose by the ratio that a slicer has shown for its piece.
 
     Parameters
     ----------
@@ -133,7 +133,7 @@ def _require_pose(pose: Pose | None) -> Pose:
 
 
 def _restore_frame(part: Part, rotation: Floats) -> Part:
-    """Part in the frame of the original model; `rotation` (3, 3) led to the frame of the cut."""
+    """Move a part to the frame of the original model; `rotation` (3, 3) led to the frame of the cut."""
     if (rotation == np.eye(3)).all():
         return part
     back = np.eye(4)

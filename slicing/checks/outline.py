@@ -151,7 +151,7 @@ def _check_areas(model: Rings, printed: Rings, walls: Walls, layout: WallLayout)
             f"{100 - 100 * share:.0f} % of the model is missing: its walls are too thin to print, or its "
             "mesh is broken; thicken them, scale it up, take a finer nozzle, or repair it",
         )
-    lost_mm2 = walls.lost_mm2(layout, len(model.area_mm2))
+    lost_mm2 = walls.lost_areas_mm2(layout, len(model.area_mm2))
     lacking = np.flatnonzero(lost_mm2 > LOST_MM2 + LOST_SHARE * model.area_mm2)
     if len(lacking):
         layer = int(lacking[0])
@@ -253,6 +253,7 @@ def _worst(shape: Geometry) -> Geometry | None:
 
 
 def _at(shape: Geometry) -> str:
+    """Format a place in a shape."""
     middle = shape.representative_point()
     return f"X{middle.x:.1f} Y{middle.y:.1f} (from the bed's centre)"
 

@@ -1,7 +1,7 @@
 """Rules that CuraEngine's log and G-code must keep to be printed.
 
-CuraEngine answers most bad input with exit code 0 and a file that heats and homes and prints nothing, or a
-part of the model; so every file is walked through before a printer sees it.
+For most bad input CuraEngine ends with exit code 0 and a file that heats, homes and prints nothing, or only a
+part of the model; so every file is checked before it is printed.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from slicing.errors import Rule, SliceRejected
 
 PARK_TOLERANCE_MM = 0.1
 TOP_MM = 1.0
-"""What may be missing of the height without a look at the outline."""
+"""Height that may be missing where the outline is not compared."""
 BED_TOLERANCE_MM = 0.2
-"""A brim is whole lines wide, and support may stand out of the part by half a line."""
+"""A brim is whole lines wide, and support may exceed the part by half a line."""
 _WARNINGS = ("disconnected faces", "Face count")
 
 
@@ -87,7 +87,7 @@ def _last_comment(path: Toolpath, name: str) -> str:
 
 
 def _heat(path: Toolpath, pushes: npt.NDArray[np.bool_], min_extrusion_c: float) -> tuple[bool, bool]:
-    """Tell whether filament is pushed into a cold nozzle, and whether all heaters are off at the end."""
+    """Check whether filament is pushed into a cold nozzle, and whether all heaters are off at the end."""
     target_c = {"M104": 0.0, "M140": 0.0}
     reached_c = 0.0
     done, cold = 0, False
@@ -131,13 +131,13 @@ def check_facts(
     Parameters
     ----------
     height_mm
-        Of the model that was sliced.
+        Height of the model that was sliced.
     cut_mm
-        Height that the engine took away at the bottom, where it found nothing to print.
+        Height that the engine removed at the bottom, where it found nothing to print.
     top_checked
-        Whether what is missing at the top was looked at by its outline; else `TOP_MM` of it may be missing.
+        Whether the outline is compared up to the top; else `TOP_MM` of the height may be missing.
     layer_height_mm
-        The thickest layer: what a flat top may be off by is half of it.
+        Height of the thickest layer; a flat top may be off by half of it.
     min_extrusion_c
         Nozzle temperature, in C, below which the firmware does not extrude.
     """
@@ -147,12 +147,12 @@ def check_facts(
             "CuraEngine found nothing to print; the part is too thin or its mesh is open: thicken it, scale "
             "it up, or repair it",
         )
-    # Layers above the last one are the outline's business.
+    # Layers above the last one are checked by the outline.
     if not facts.layers == facts.top_layer + 1 <= facts.layer_count:
         raise SliceRejected(
             Rule.LAYERS,
             f"only {facts.layers} of the first {facts.top_layer + 1} layers have something to print, and it "
-            f"names {facts.layer_count}; repair the mesh, or turn a part that stands on a tip",
+            f"names {facts.layer_count}; repair the mesh, or turn a part with a tip on the bed",
         )
     over_mm = layer_height_mm / 2 + 0.005
     missing_mm = height_mm - cut_mm - facts.max_mm[2]
@@ -160,7 +160,7 @@ def check_facts(
         raise SliceRejected(
             Rule.HEIGHT,
             f"it is {facts.max_mm[2]:.2f} mm high, the model {height_mm:.2f} mm; repair the mesh, or turn a "
-            "part that stands on a tip",
+            "part with a tip on the bed",
         )
     _check_commands(facts, min_extrusion_c)
 
@@ -208,8 +208,8 @@ def check_parking(facts: GcodeFacts, parked_mm: float) -> None:
     if abs(facts.parked_mm - parked_mm) > PARK_TOLERANCE_MM:
         raise SliceRejected(
             Rule.PARKING,
-            f"the filament ends {facts.parked_mm:.2f} mm back instead of {parked_mm:g} mm; leave the end "
-            "code and retraction_amount as they are",
+            f"the filament is drawn back {facts.parked_mm:.2f} mm at the end instead of {parked_mm:g} mm; "
+            "leave the end code and retraction_amount as they are",
         )
 
 

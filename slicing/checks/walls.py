@@ -15,9 +15,9 @@ from slicing.checks.toolpath import Toolpath
 from slicing.settings import EngineSettings
 
 TOLERANCE_MM = 0.15
-"""How far an outline may be off: the engine simplifies it (0.05 mm), and a section on a slope is rounded."""
-_NEAR_MM = 1.0  # how far a line may be from a place that it fills
-_GAPS = 8  # in one ring
+"""Tolerance of an outline: the engine simplifies it (0.05 mm), and a section on a slope is rounded."""
+_NEAR_MM = 1.0  # distance of a line from a place that it fills
+_GAPS = 8  # most gaps in one ring
 _FOLLOWING = {
     "adaptive_layer_height_enabled": "False",
     "coasting_enable": "False",
@@ -39,11 +39,11 @@ class WallLayout:
     width_mm: float
     factor_0: float  # the first layer's width over the others'
     inset_mm: float
-    offset_0_mm: float  # how far the model is grown in the first layer
+    offset_0_mm: float  # growth of the model in the first layer
     offset_mm: float
     slack_mm: float
     step_mm: float = 0.0  # from one wall's middle to the next one's, at most
-    inner_walls: int = 0  # how many whole rings lie within the outer one; 0 where that is not known
+    inner_walls: int = 0  # number of whole rings within the outer one; 0 where it is not known
 
     def reach_mm(self, layer: npt.NDArray[np.int32]) -> Floats:
         """Compute the distance (n,) from a ring's middle to the model's outline, for layers (n,)."""
@@ -93,7 +93,7 @@ class Walls:
     start: Floats  # (n, 2)
     end: Floats  # (n, 2)
     layer: npt.NDArray[np.int32]
-    run: npt.NDArray[np.intp]  # which unbroken line it belongs to
+    run: npt.NDArray[np.intp]  # index of the unbroken line of a move
     closed: npt.NDArray[np.bool_]  # whether that line is a ring
     width_mm: Floats  # by the filament that was pushed
     half_mm: Floats  # of the line's width; of a ring: from its middle to the model's outline
@@ -152,11 +152,11 @@ class Walls:
             moment[:, axis] += np.bincount(self.layer, band_mm2 * middle, count)
         return Rings(area, inside.length_mm, moment)
 
-    def lost_mm2(self, layout: WallLayout, count: int) -> Floats:
+    def lost_areas_mm2(self, layout: WallLayout, count: int) -> Floats:
         """Compute the area (count,) that the inner walls of each layer enclose less than they must.
 
-        What is d further in than a ring encloses less by d times the ring's length at most. 0 where an inner
-        wall is no whole ring.
+        A ring that is d further in encloses at most d times the ring's length less. 0 where an inner wall is
+        not a whole ring.
         """
         start, end, layer = self.inner[:, :2], self.inner[:, 2:4], self.inner[:, 4].astype(np.int32)
         bridges, run, closed = _runs(start, end, layer)
@@ -187,7 +187,7 @@ class Walls:
         return np.where(self.closed, self.half_mm**2 * half_turn, 0.0)
 
     def printed(self, layer: int, model: Geometry) -> Geometry:
-        """Draw the area within the outer edge of the outer wall in one layer.
+        """Build the area within the outer edge of the outer wall in one layer.
 
         A ring is the edge of an area, or by itself a wall of one line: that has the model on neither side.
         """
@@ -207,7 +207,7 @@ class Walls:
         return shapely.union_all([inside.buffer(reach_mm, join_style="mitre"), strokes])
 
     def _alone(self, ring: npt.NDArray[np.intp], model: Geometry) -> bool:
-        """Tell whether there is nothing of the model beside a line."""
+        """Check whether there is nothing of the model beside a line."""
         way = self.end[ring] - self.start[ring]
         aside = np.column_stack((-way[:, 1], way[:, 0])) / np.hypot(*way.T)[:, None]
         aside *= (self.width_mm[ring] / 2 + TOLERANCE_MM)[:, None]
@@ -216,7 +216,7 @@ class Walls:
         return float(np.mean(beside[0] | beside[1])) < 0.5
 
     def filling(self, layer: int, bounds: tuple[float, float, float, float]) -> Geometry:
-        """Draw the other lines of the part in a layer that come near a rectangle (x0, y0, x1, y1)."""
+        """Build the area of the other lines in a layer that come near a rectangle (x0, y0, x1, y1)."""
         rows = self.others[self.others[:, 4] == layer]
         low, high = (
             np.minimum(rows[:, :2], rows[:, 2:4]) - _NEAR_MM,
@@ -230,7 +230,7 @@ class Walls:
 def _runs(
     start: Floats, end: Floats, layer: npt.NDArray[np.int32]
 ) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp], npt.NDArray[np.bool_]]:
-    """Join moves to unbroken lines, and tell which of them are rings.
+    """Join moves to unbroken lines, and find which of them are rings.
 
     Where two walls overlap, an engine leaves out the flow of a move or two: a line that does not close is
     joined over such gaps to those that follow, if it closes then.
@@ -270,5 +270,6 @@ def _runs(
 
 
 def _strokes(start: Floats, end: Floats, half_mm: Floats) -> Geometry:
+    """Build the area of lines (n, 2) of a half width (n,)."""
     lines = shapely.linestrings(np.stack((start, end), axis=1))
     return shapely.union_all(shapely.buffer(lines, half_mm))

@@ -1,4 +1,4 @@
-"""Heights of what is printed, and whether the head can move over it."""
+"""Heights of the printed lines, and whether the head can move over them."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ Point = list[float]
 
 
 class Clearance:
-    """Heights of what is printed, on a grid of 1 mm, in the printer's own mm.
+    """Heights of the printed lines, on a grid of 1 mm, in the printer's coordinates.
 
-    Lines are buffered: in a print that only rises nothing is ever asked.
+    Lines are buffered: for a print that only rises the grid is never needed.
 
     Parameters
     ----------
     slack_mm
-        How far below what is printed the nozzle may be: within a layer slicers go up and down.
+        Depth below printed lines that the nozzle may reach: within a layer slicers go up and down.
     head
         The printer's head.
     """
@@ -39,7 +39,7 @@ class Clearance:
         self._height_mm = np.zeros((_CELLS, _CELLS))  # [y, x]
         self._above_nozzle: NDArray[np.float64] | None = None  # highest within a cell of each place
         self._above_head: NDArray[np.float64] | None = None  # highest below a head at each place
-        self._printed_since_mm = 0.0  # highest line that the two do not know
+        self._printed_since_mm = 0.0  # highest line since the two were computed
 
     def add(self, old: Point, target: Point) -> None:
         """Record a printed line."""
@@ -50,7 +50,7 @@ class Clearance:
             self._flush()
 
     def obstacle_mm(self, old: Point, target: Point) -> float | None:
-        """Height of what a straight move would hit with the nozzle or the head; None for nothing."""
+        """Find the height of what a straight move would hit with the nozzle or the head; None for nothing."""
         lowest_mm = min(old[2], target[2])
         if self._above_nozzle is None or self._printed_since_mm > lowest_mm + self._slack_mm:
             self._flush()
@@ -74,7 +74,7 @@ class Clearance:
 
 
 def _samples(lines: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Points on lines (n, 6), no further apart than a step: XY (m, 2) and Z (m,), in mm."""
+    """Sample lines (n, 6) no further apart than a step: XY (m, 2) and Z (m,), in mm."""
     start, end = lines[:, :3], lines[:, 3:]
     counts = np.ceil(np.linalg.norm(end - start, axis=1) / _STEP_MM).astype(np.intp) + 1
     first = np.repeat(np.cumsum(counts) - counts, counts)
@@ -84,7 +84,7 @@ def _samples(lines: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[n
 
 
 def _cells(xy: NDArray[np.float64]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Row and column of each point; what lies outside the grid, which no printer reaches, at its edge."""
+    """Find row and column of each point; a point outside the grid, which no printer reaches, at its edge."""
     cells = np.clip((xy - _LOWEST_MM) / _CELL_MM, 0, _CELLS - 1).astype(np.intp)
     return cells[:, 1], cells[:, 0]
 

@@ -1,7 +1,7 @@
-"""Lists of the commands of a person's own G-code that are printed, left out, or refused.
+"""Lists of the commands in a person's own G-code that are printed, left out, or refused.
 
-What is printed is an allow-list: every other command is refused where a print is under way. The start and the
-end of a file are not printed, so that there only what gives the whole file another meaning is refused.
+Printed commands are an allow-list: every other command is refused within a print. The start and the end of a
+file are not printed, so that there only commands that change the meaning of the whole file are refused.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ PRINTED = frozenset(
         *("M82", "M83", "M104", "M109", "M140", "M190", "M106", "M107", "M220", "M221"),
     )
 )
-"""Carried out; what reaches the printer is written anew (`slicing.own_gcode.writer`)."""
+"""Commands that are run; the lines for the printer are written by `slicing.own_gcode.writer`."""
 
 _IN_MM = re.compile(r"\s*D\s?0*\.?0*\s*")  # switches volumetric extrusion off, as it is here
 
@@ -26,7 +26,7 @@ NEEDLESS = frozenset(
         *("M117", "M118", "M119", "M155", "M240", "M300", "M355", "M400", "M486", "M531", "M532"),
     )
 )
-"""Change nothing in a print: texts, beeps, questions."""
+"""Commands that change nothing in a print: texts, beeps, queries."""
 
 NOT_TAKEN_OVER = {
     "M204": "acceleration",
@@ -36,9 +36,9 @@ NOT_TAKEN_OVER = {
     "M900": "linear advance",
     "M413": "power-loss recovery",
 }
-"""Left out, and said: the printer's own values are used, by which the print time was computed too."""
+"""Left out, with a notice: the printer's own values are used, also for the print time."""
 
-_WAITS = f"waits for the knob for ever: {_SCRIPT}"
+_WAITS = f"waits for somebody to press the knob: {_SCRIPT}"
 _CARD = f"belongs to the SD card: {_SCRIPT}"
 _EEPROM = f"changes what the printer remembers: {_SCRIPT}"
 _OFFSET = f"shifts the printer's coordinates: {_SCRIPT}, and place the model in the slicer"
@@ -71,7 +71,7 @@ REFUSED = {
     "M999": f"restarts a printer that stopped for a reason: {_SCRIPT}",
     **{f"M{n}": _CARD for n in (*range(20, 25), *range(26, 33), 923, 928)},
 }
-"""Refused wherever it stands."""
+"""Refused anywhere in a file."""
 
 _REASONS = {
     "G28": "homes in the middle of the print: take it out of your slicer's layer script",
@@ -84,21 +84,21 @@ _REASONS = {
 
 
 END_COMMANDS = frozenset(("G28", "M84", "M18", "M81", "M2"))
-"""Show, where they stand after all that is printed, that the file has come to its end script."""
+"""Commands that, after all that is printed, show that the end script has begun."""
 
 
 def is_needless(code: str, rest: str) -> bool:
-    """Tell whether a command changes nothing in a print; `rest` is what follows its code."""
+    """Check whether a command changes nothing in a print; `rest` is what follows its code."""
     return code in NEEDLESS or (code == "M200" and _IN_MM.fullmatch(rest) is not None)
 
 
 def find_refusal(code: str) -> str | None:
-    """Find why a command is refused wherever it stands; None where it is not."""
+    """Find the reason why a command is refused anywhere in a file; None where it is not."""
     if code[0] == "T" and code != "T0":
         return "asks for another extruder, and there is one: slice for a single extruder"
     return REFUSED.get(code)
 
 
 def find_refusal_in_print(code: str) -> str:
-    """Find why a command that is not printed makes the farm refuse a print."""
+    """Find the reason why a command is refused within a print."""
     return _REASONS.get(code, "is not on the list of commands that are printed: take it out")

@@ -152,7 +152,7 @@ class Completeness:
         self._layers += 1
 
     def closed(self, last_print: int) -> bool | None:
-        """Tell whether the closing mark stands behind line `last_print`; None where the slicer has none."""
+        """Check whether the closing mark comes after line `last_print`; None where the slicer has none."""
         return None if self._closing is None else self._closed_at > last_print
 
     def missing(self, last: bytes, number: int, last_print: int) -> str | None:
@@ -195,7 +195,7 @@ class Completeness:
         self._count, self._count_at = count, number
 
     def warning(self) -> str | None:
-        """Tell of layers that are missing in a file that is whole by its closing mark alone."""
+        """Warn of layers that are missing in a file that is whole by its closing mark alone."""
         missing = self._layers_missing(0) if self.stated is None else None
         return missing and f"Warning: {missing}: Cura leaves out empty ones; look at its preview."
 
@@ -229,7 +229,7 @@ def _read_filament(found: re.Match[bytes], line: int) -> StatedFilament | None:
 
 
 def _is_json(escaped: bytes) -> bool:
-    """Tell whether Cura's settings can be read: JSON, with backslashes and newlines escaped once more."""
+    """Check whether Cura's settings can be read: JSON, with backslashes and newlines escaped once more."""
     text = _ESCAPED.sub(
         lambda found: {"n": "\n", "r": "\r"}.get(found[1], found[1]), escaped.decode("utf-8", "replace")
     )

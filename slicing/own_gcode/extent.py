@@ -1,4 +1,4 @@
-"""Gathers move by move where a file prints, and how much."""
+"""Extent of a print: bounding boxes and sums, gathered move by move."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ Corner = list[float]
 
 
 class Extent:
-    """Bounding boxes in the printer's own mm, and the sums that show whether E is mm of filament.
+    """Bounding boxes in the printer's coordinates, and the sums that show whether E is mm of filament.
 
     Attributes
     ----------
     low, high
-        Of all that is extruded, and in X and Y of the moves as low as the bed's clips.
+        Corners of all extrusion, and in X and Y of the moves as low as the bed's clips.
     reach_low, reach_high
-        Of all moves up to the last one that printed.
+        Corners of all moves up to the last one that printed.
     filament_mm
         Fed beyond what had been drawn back.
     path_mm, lines
@@ -65,7 +65,7 @@ class Extent:
         return self._jumped_mm + (self._primed_mm if 2 * self._primes < self._pushes else 0.0)
 
     def rises(self, old: Corner, target: Corner) -> bool:
-        """Tell whether a printed line lies higher than all before it, but is not the first."""
+        """Check whether a printed line lies higher than all before it, but is not the first."""
         return self.path_mm > 0 and old[2] == target[2] > self._flat_z + 0.01
 
     def print(self, old: Corner, target: Corner) -> None:
@@ -89,7 +89,7 @@ class Extent:
 
     @property
     def layer_mm(self) -> float:
-        """Usual height of a layer, in mm: half of the path is on layers no higher. 0 without layers."""
+        """Median height of a layer in mm, by the length of path; 0 without layers."""
         done_mm = 0.0
         for step_mm, path_mm in sorted(self._path_on_step_mm.items()):
             done_mm += path_mm

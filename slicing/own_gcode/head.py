@@ -1,4 +1,4 @@
-"""Moves of the printer's head in a person's own G-code: which of them are printed, and which are refused."""
+"""Moves of the printer's head in a person's own G-code, printed or refused."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from slicing.own_gcode.writer import Writer
 from slicing.printer import PrintCode
 
 RETRACTED_SLACK_MM = 0.5
-"""Further back than a print parks it, the filament leaves the hot end."""
+"""Distance beyond the parked position at which the filament leaves the hot end."""
 MOST_PUSHED_MM = 200.0
-"""In one move: more than any slicer asks for, less than what the firmware drops."""
+"""Most filament in one move: more than any slicer feeds, less than what the firmware drops."""
 LEAST_MM_S = 0.1
 MOST_SWALLOWED_MM = 0.3
-"""Furthest that filament may be drawn back when a line begins: slicers push it forth before."""
+"""Greatest retraction at which a line may begin: slicers push the filament back before."""
 MOST_SECTION = 4.0
 """Of a line, as a multiple of the nozzle's diameter squared: more than any slicer's."""
 MOST_JUMP_MM = MOST_PRIMED_MM
@@ -67,11 +67,11 @@ class Head:
         self._retracted_in = 0  # line
 
     def forget_position(self) -> None:
-        """Take the position for unknown, as after homing."""
+        """Set the position to unknown, as after homing."""
         self.at = [math.nan] * 3
 
     def begin(self, retraction_mm_s: float) -> None:
-        """Begin the print: the head stands over the bed, primed."""
+        """Begin the print, with the head over the bed and primed."""
         if self._retracted_mm > self._most_retracted_mm:
             self._objections.refuse(
                 f"the print begins here, with the filament drawn {self._retracted_mm:.1f} mm back, out of "
@@ -86,9 +86,9 @@ class Head:
         Parameters
         ----------
         target
-            Where it ends (x, y, z), in printer's mm.
+            End of the move (x, y, z), in the printer's coordinates.
         pushed_mm
-            Filament that it feeds.
+            Filament that it feeds, in mm.
         speed_mm_s, factor
             Feed rate, and the factor of M220 on it.
 
@@ -111,7 +111,7 @@ class Head:
         if self._retracted_mm > MOST_SWALLOWED_MM and pushed_mm > 0 and old[:2] != target[:2]:
             self._objections.add(
                 f"would print, with the filament drawn {self._retracted_mm:.1f} mm back since line "
-                f"{self._retracted_in}: where E begins anew, the file has to say G92 E0"
+                f"{self._retracted_in}: where E starts again from 0, the file needs G92 E0"
             )
         self._writer.move((x, y, z, pushed_mm, speed_mm_s * factor))
         fed_mm = pushed_mm - retracted_mm
@@ -138,20 +138,20 @@ class Head:
                 f"draws the filament {self._retracted_mm:.1f} mm back, out of the hot end"
             )
         if speed_mm_s < LEAST_MM_S:
-            self._objections.add(f"moves at {speed_mm_s * 60:g} mm a minute, which takes for ever")
+            self._objections.add(f"moves at {speed_mm_s * 60:g} mm a minute, which never ends")
 
     def _check_jump(self, old: Point, target: Point, fed_mm: float) -> None:
-        """Object to filament for lines that are missing; a start script may prime as it likes."""
+        """Object to filament for missing lines; a start script may prime any amount."""
         if fed_mm > MOST_JUMP_MM and self.extent.path_mm:
             jump_mm = fed_mm - self._most_fed * math.dist(old, target)
             if jump_mm > MOST_JUMP_MM:
                 self._objections.add(
                     f"one move feeds {jump_mm:.1f} mm of filament more than its line takes: lines are "
-                    "missing before it, or E begins anew and the file has to say G92 E0"
+                    "missing before it, or E starts again from 0 and the file needs G92 E0"
                 )
 
     def _arrive(self, old: Point, target: Point, pushed_mm: float, speed_mm_s: float) -> bool:
-        """Come from above to where the file first pushes filament; False where it has not come to that."""
+        """Move from above to the place where the file first pushes filament; False before that."""
         if self._arrived:
             return True
         x, y, z = old
@@ -161,7 +161,7 @@ class Head:
                 a != b and not (math.isnan(a) and math.isnan(b)) for a, b in zip(old, target, strict=True)
             )
             if pushed_mm > 0 and moves:
-                self._objections.add("extrudes before the file has said where: X, Y and Z")
+                self._objections.add("extrudes before the file has set X, Y and Z")
             elif pushed_mm:
                 self._writer.move((*ready_mm, pushed_mm, speed_mm_s))
             return False
@@ -176,7 +176,7 @@ class Head:
             self._objections.add(f"moves to Z {z:g}, into the bed")
 
     def _check_clear(self, old: Point, target: Point) -> None:
-        """Object to a way through what is printed."""
+        """Object to a move through printed lines."""
         if min(old[2], target[2]) >= self.extent.high[2]:
             return
         obstacle_mm = self._clearance.obstacle_mm(old, target)

@@ -20,15 +20,15 @@ from slicing.own_gcode.writer import Writer
 Point = tuple[float, float]
 
 MOST_DWELL_S = 60.0
-"""In one place: the nozzle is hot, and a cancelled print has to wait for its end."""
-MOST_STANDING_S = 3600.0
-"""All dwells together."""
+"""Longest pause in one place: the nozzle is hot, and a cancelled print has to wait for its end."""
+MOST_PAUSES_S = 3600.0
+"""Longest sum of all pauses."""
 MOST_ARC_MM = 700.0
-"""Once round the whole bed."""
+"""Longest arc: once round the whole bed."""
 ARC_TOLERANCE_MM = 0.2
 """Difference of an arc's radius between its start and its end."""
 LONGEST_CHORD_MM = 1.0
-"""Straight moves of an arc are no longer: the firmware's ``MM_PER_ARC_SEGMENT``."""
+"""Greatest length of the straight moves of an arc: the firmware's ``MM_PER_ARC_SEGMENT``."""
 CHORD_DEVIATION_MM = 0.01
 _FIRST_MM_S = 25.0  # of the firmware, before the first F
 _NO_FAN = b"M107"
@@ -36,12 +36,12 @@ _FEATURE = re.compile(rb"TYPE:[A-Z-]{1,20}\Z")  # Cura's comments on what it pri
 
 
 class Interpreter:
-    """Printer's modes and temperatures, line by line; from `survey.first_line` on, lines are printed.
+    """Interpreter of lines, with the printer's modes and temperatures; from `survey.first_line` on it prints.
 
     Parameters
     ----------
     nozzle_mm
-        For which the file was sliced.
+        Nozzle that the file was sliced for.
 
     Attributes
     ----------
@@ -72,7 +72,7 @@ class Interpreter:
         self._writer = writer
         self._printer = target.printer
         self._mm_per_e = 1 / target.filament_mm2 if survey.ulticode else 1.0
-        self._e = 0.0  # in the file's own measure
+        self._e = 0.0  # in the file's own unit
         self._relative = self._relative_e = False
         self._speed_mm_s = _FIRST_MM_S
         self._speed_factor = self._flow_factor = 1.0
@@ -81,12 +81,12 @@ class Interpreter:
         self._fan: bytes = _NO_FAN
 
     def run_line(self, raw: bytes, number: int) -> None:
-        """Carry out one line.
+        """Run one line.
 
         Parameters
         ----------
         raw
-            The line as it stands in the file.
+            The line as it is in the file.
         number
             Its number, from 1.
 
@@ -113,7 +113,7 @@ class Interpreter:
         if code in command_rules.NOT_TAKEN_OVER:
             self.left_out[code] = command_rules.NOT_TAKEN_OVER[code]
         elif code in command_rules.PRINTED:
-            self._carry_out(code, parse_words(rest, number))
+            self._run_command(code, parse_words(rest, number))
         elif code == "G28" and not self._printing:
             self.head.forget_position()
         elif self._printing:
@@ -151,7 +151,7 @@ class Interpreter:
         if not self._survey.marks_layers:
             self._writer.layer()
 
-    def _carry_out(self, code: str, given: Words) -> None:
+    def _run_command(self, code: str, given: Words) -> None:
         match code:
             case "G0" | "G1":
                 self._move(given)
@@ -225,9 +225,9 @@ class Interpreter:
             self._waiting_s += seconds
             if self._waiting_s > MOST_DWELL_S:
                 self._objections.add(f"G4 waits {self._waiting_s:g} s in one place: at most {MOST_DWELL_S:g}")
-            elif self._waited_s > MOST_STANDING_S:
+            elif self._waited_s > MOST_PAUSES_S:
                 self._objections.add(
-                    f"G4 waits {self._waited_s:g} s in all so far: at most {MOST_STANDING_S:g}"
+                    f"G4 waits {self._waited_s:g} s in all so far: at most {MOST_PAUSES_S:g}"
                 )
             else:
                 self._writer.dwell(seconds)

@@ -1,4 +1,4 @@
-"""Machine that a file was sliced for, and whether the file fits the farm's printer all the same."""
+"""Machine that a file was sliced for, and whether the file still fits the farm's printer."""
 
 from __future__ import annotations
 
@@ -33,18 +33,18 @@ FOREIGN_START = {
 
 @dataclass(frozen=True, slots=True)
 class Machine:
-    """Machine that a file was sliced for, by its own words.
+    """Machine that a file was sliced for, by its comments.
 
     Attributes
     ----------
     name
-        As the slicer calls it; None where there is none.
+        Name that the slicer gives it; None where there is none.
     filament_mm
         The filament's diameter; None where the file does not say.
     filament_type
-        Like PLA; None where the file does not say.
+        Material, like PLA; None where the file does not say.
     bed_corner
-        The first corner of its bed, as written; None where the file does not say.
+        First corner of its bed, as written; None where the file does not say.
     start
         Line and command in its start that the farm's printers do not have; None where there is none.
     """

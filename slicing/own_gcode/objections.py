@@ -10,13 +10,13 @@ from slicing.errors import GcodeRefused
 class Objections:
     """Reasons that refuse a file once something is printed after them.
 
-    What must not stand in a print is harmless in an end script, which is not printed. So a command is only
-    objected to where it stands, and the file is refused with the next line that prints.
+    A command that must not be in a print is harmless in an end script, which is not printed. So an objection
+    is only recorded, and the file is refused with the next line that prints.
 
     Attributes
     ----------
     line
-        Number of the line that is being carried out.
+        Number of the line that is run.
     printing
         Whether the print has begun.
     first
@@ -27,7 +27,7 @@ class Objections:
         self.line = 0
         self.printing = False
         self.first: str | None = None
-        self._unexplained: str | None = None  # a reason that no end script explains
+        self._unexplained: str | None = None  # a reason before any end script
         self._ended = False  # by an end script: nothing is printed after it
 
     def add(self, reason: str) -> None:
@@ -38,7 +38,7 @@ class Objections:
                 self._unexplained = self._unexplained or self._located(reason)
 
     def add_end(self, reason: str, *, ends_print: bool = False) -> None:
-        """Refuse the file if something is printed after this line; an end script may well hold it.
+        """Refuse the file if something is printed after this line; an end script may contain it.
 
         Parameters
         ----------
@@ -52,7 +52,7 @@ class Objections:
             self._ended = self._ended or ends_print
 
     def reject(self, reason: str) -> None:
-        """Refuse what changes all that comes after it: in a start script too, but not in an end script."""
+        """Refuse a command that changes all after it: also in a start script, but not in an end script."""
         if not self.printing:
             self.refuse(reason)
         self.add(reason)
@@ -67,7 +67,7 @@ class Objections:
             raise GcodeRefused(self.first)
 
     def record_printed_line(self) -> None:
-        """Take what stood before a printed line for no end script."""
+        """Record a printed line: the lines before it were not an end script."""
         self._ended = False
 
     def check_end(self, closed: bool) -> None:
@@ -76,7 +76,7 @@ class Objections:
         Parameters
         ----------
         closed
-            Whether the slicer's closing mark stands behind the print.
+            Whether the slicer's closing mark comes after the print.
 
         Raises
         ------

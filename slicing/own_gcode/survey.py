@@ -64,7 +64,7 @@ class Survey:
 
 
 def is_layer(comment: bytes) -> bool:
-    """Tell whether a comment marks the start of a layer."""
+    """Check whether a comment marks the start of a layer."""
     return _LAYER.match(comment) is not None
 
 

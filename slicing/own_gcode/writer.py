@@ -1,33 +1,33 @@
-"""Writes a print's body: absolute moves, E in mm of filament, a timeline of its own."""
+"""Writer of a print's body: absolute moves, E in mm of filament, and a timeline."""
 
 from __future__ import annotations
 
 from typing import Protocol
 
 RESET_E_MM = 1000.0
-"""The firmware counts in single precision: E starts anew before its steps get coarse."""
+"""Largest E: the firmware counts in single precision, so E is reset before its steps get coarse."""
 MARK_S = 60.0
-"""Where a layer takes longer, the timeline has more marks."""
+"""Longest time between two marks of the timeline."""
 
 Step = tuple[float, float, float, float, float]
 """x, y, z, filament fed, all in mm, and mm/s."""
 
 
 class Stopwatch(Protocol):
-    """Follows the moves as the printer would make them, and tells the time that they take."""
+    """Follows the moves as the printer would make them, and measures their time."""
 
     def move(self, x: float, y: float, z: float, e: float, speed_mm_s: float) -> None:
         """Go to x, y, z at a speed; `e` counts all filament fed so far. All in mm."""
 
     def wait(self, seconds: float) -> None:
-        """Wait where the head is."""
+        """Wait at the current position."""
 
     def seconds(self, finish: bool = False) -> float:
-        """Time that all ended moves took, in s; with `finish`, until everything has ended."""
+        """Return the time of all ended moves in s; with `finish`, until everything has ended."""
 
 
 class Writer:
-    """Lines and marks. What comes after the last `commit` is never written."""
+    """Writer of lines and time marks. Records after the last `commit` are never written."""
 
     def __init__(self, stopwatch: Stopwatch) -> None:
         self.text = bytearray()
@@ -56,7 +56,7 @@ class Writer:
         self._tail.insert(next(at, len(self._tail)), None)
 
     def commit(self) -> None:
-        """Take all that was recorded since the last `commit` into the print."""
+        """Write all that was recorded since the last `commit`."""
         for item in self._tail:
             if isinstance(item, tuple):
                 self._write(item)
@@ -70,7 +70,7 @@ class Writer:
         self._tail.clear()
 
     def finish(self) -> float:
-        """Close the timeline; the seconds that the print takes."""
+        """Close the timeline, and return the seconds that the print takes."""
         self._tail.clear()
         seconds = self._stopwatch.seconds(finish=True)
         self.text += b";TIME_ELAPSED:%.3f\n" % seconds

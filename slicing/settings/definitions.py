@@ -1,4 +1,4 @@
-"""Settings in Cura's definition files: type, default, formulas, limits and scope of each."""
+"""Settings of Cura's definition files: type, default, formulas, limits and scope of each."""
 
 from __future__ import annotations
 
@@ -180,7 +180,7 @@ _ALLOWED: Mapping[SettingType, str] = {
 
 
 def fits_type(setting: Setting, value: Any) -> bool:
-    """Tell whether the engine reads a computed value as this setting's type."""
+    """Check whether the engine reads a computed value as this setting's type."""
     match setting.type:
         case SettingType.BOOL:
             return isinstance(value, bool | int)
@@ -198,7 +198,7 @@ def fits_type(setting: Setting, value: Any) -> bool:
 
 
 def _is_list(kind: SettingType, value: Any) -> bool:
-    """Tell whether a value is a list or the text of one; of whole numbers where the type says so."""
+    """Check whether a value is a list or the text of one; of whole numbers where the type says so."""
     try:
         items = ast.literal_eval(value) if isinstance(value, str) else value
     except (ValueError, SyntaxError, MemoryError, RecursionError):

@@ -1,4 +1,4 @@
-"""Layer heights with which a part comes out as high as it is.
+"""Layer heights that give a printed part its exact height.
 
 CuraEngine keeps layer heights in whole micrometres and prints the layers whose middle lies in the part
 (measured with 4.13), so that a part ends up to half a layer too high or too low. Heights near the wanted
@@ -12,12 +12,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 EXACT_MM = 0.02
-"""How near the printed height comes to the part's, for every part of `CERTAIN_LAYERS` layers or more."""
+"""Greatest error of the printed height, for every part of `CERTAIN_LAYERS` layers or more."""
 CERTAIN_LAYERS = 6
 _SPREAD = 0.04  # of the layer height
 SPREADS_0 = (0.0, _SPREAD, 0.25)
-"""What the first layer may differ by, as a share: more only where a height is not reached with less. It evens
-out the bed anyway, and without it some heights cannot be reached in whole micrometres."""
+"""Shares by which the first layer may differ: a larger one only where a height is not reached with a smaller
+one. It evens out the bed anyway, and without it some heights cannot be reached in whole micrometres."""
 _WEIGHT_0 = 0.1  # of its change: it is one layer of many
 _SLACK_UM = 1  # for rounding
 
@@ -59,19 +59,19 @@ def fit_heights(height_mm: float, wanted: LayerHeights, *, most_first_mm: float)
     Parameters
     ----------
     height_mm
-        The part's.
+        Height of the part.
     wanted
-        What the quality asks for. Layers differ from it by 4 % at most, the first one by the least of
-        `SPREADS_0` that will do.
+        Heights of the quality. Layers differ from them by 4 % at most, the first one by the least of
+        `SPREADS_0` that is enough.
     most_first_mm
-        How high the first layer may be; 0 to leave it as it is.
+        Greatest height of the first layer; 0 to leave it as it is.
     """
     first, other = _um(wanted.first_mm), _um(wanted.other_mm)
     height, tolerance = 1000 * height_mm, 1000 * EXACT_MM - _SLACK_UM
     step = _floor(other * _SPREAD)
 
     def candidates(low: int, high: int) -> Iterator[tuple[float, float, int, int]]:
-        """Best first: missed by (um), the change of both heights, and both heights."""
+        """Yield candidates: missed by (um), the change of both heights, and both heights."""
         for layer in range(other - step, other + step + 1):
             above = max(0, _floor((height - first) / layer))
             for count in (above, above + 1):

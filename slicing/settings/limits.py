@@ -19,14 +19,14 @@ _MOST_EXTRA_MM3 = 5.0  # at each retraction, where Cura warns
 
 _PRINTER = "it describes the printer; choose another printer model or nozzle"
 _STREAM = "set by this program, for streaming; leave it out"
-_PLACE = "where the part lies is this program's matter; leave it out"
-_FILE = "it names a file, which is not looked at; leave it out"
+_PLACE = "this program places the part; leave it out"
+_FILE = "it names a file, which is not read; leave it out"
 _ONE_MESH = "it is for one mesh among several, and a plate has one; leave it out"
 _ONE_EXTRUDER = "it is for printers with several nozzles; leave it out"
 _ALONE = "a plate has one part; leave it out"
 _SHAPE = "it does not print the part as it is; leave it out"
-_HEAT = "its temperatures are not looked at; leave it out, and set material_print_temperature"
-_MOTION = "accelerations are the printer's and the material's matter; leave it out"
+_HEAT = "its temperatures are not checked; leave it out, and set material_print_temperature"
+_MOTION = "accelerations depend on the printer and the material; leave it out"
 
 _RESERVED: Mapping[str, str] = {
     "material_diameter": _PRINTER,
@@ -93,7 +93,7 @@ def find_reserved_reason(key: str) -> str | None:
 
 @dataclass(frozen=True, slots=True)
 class Violation:
-    """A value that is not of its type, not an option, or beyond a limit."""
+    """Value that is not of its type, not an option, or beyond a limit."""
 
     scope: Scope
     key: str

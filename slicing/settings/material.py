@@ -82,7 +82,7 @@ def read_material(root: ET.Element, name: str, product: str, hotend: str) -> Mat
     root
         The file's root element.
     name
-        How the user calls the material; for messages.
+        Name of the material in messages.
     product
         The printer's name in material files, like ``Ultimaker 2+``.
     hotend

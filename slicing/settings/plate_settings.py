@@ -19,7 +19,7 @@ from slicing.settings.resolver import Layer, Place, Resolver
 from slicing.settings.resources import Resources
 from slicing.settings.stacks import Stacks, find_stacks
 
-# What a file that is streamed needs.
+# Values that a streamed file needs.
 _FIXED: Mapping[str, Any] = {
     "machine_firmware_retract": False,
     "machine_center_is_zero": False,
@@ -46,7 +46,7 @@ class SettingsRequest:
 
 @dataclass(frozen=True, slots=True)
 class PartSettings:
-    """Settings of one part; None is the quality's own. A user's own settings win over them.
+    """Settings of one part; None for those of the quality. A user's own settings win over them.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ def resolve_settings(
 
 
 def _has_own_heights(request: SettingsRequest) -> bool:
-    """Tell whether the user has set how high layers are, or which of them are printed."""
+    """Check whether the user has set layer heights, or which layers are printed."""
     return not request.overrides.keys().isdisjoint(
         ("layer_height", "adaptive_layer_height_enabled", "slicing_tolerance")
     )
@@ -111,7 +111,7 @@ def _has_own_heights(request: SettingsRequest) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class _RequestKey:
-    """A request that can be looked up."""
+    """Request as a key of a cache."""
 
     printer: PrinterModel
     quality: str
@@ -155,7 +155,7 @@ def _resolve(
 
 
 def _is_cura_value(found: Violation, resources: Resources, lookup: _RequestKey) -> bool:
-    """Tell whether Cura's own profiles go beyond its limits here: it prints all the same."""
+    """Check whether Cura's own profiles exceed its limits here: Cura prints them anyway."""
     bare = replace(lookup, overrides=())
     stacks = find_stacks(resources, lookup.printer.name, lookup.nozzle_mm, lookup.material, lookup.quality)
     return bool(_resolver(stacks, bare, ANY_PART, None).value(found.scope, found.key) == found.value)
@@ -177,7 +177,8 @@ def _refusal(found: Violation, lookup: _RequestKey) -> str:
 def _resolver(
     stacks: Stacks, lookup: _RequestKey, part: PartSettings, heights: LayerHeights | None
 ) -> Resolver:
-    """Put a user's layer on the stacks: overrides, values for streaming, the part's, the quality's."""
+    """Put a user's layer on the stacks: overrides, values for streaming, those of the part and the
+    quality."""
     user: dict[str, Any] = dict(SUPPORTED) if lookup.supported else {}
     quality = FARM_QUALITIES.get(lookup.quality)
     if quality is not None:

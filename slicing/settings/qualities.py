@@ -1,4 +1,4 @@
-"""Qualities: Cura's own by their names, and the two of this project, each a base with changes."""
+"""Qualities of this project, each one of Cura's as a base, with changes."""
 
 from __future__ import annotations
 
@@ -50,8 +50,8 @@ FARM_QUALITIES: Mapping[str, Quality] = {
         {
             **SUPPORTED,
             **_BRIMMED,
-            # Half the nozzle, where Cura's fast profile has 0.15 mm: sooner by a quarter, and the seams of a
-            # glued model show more than its layers.
+            # Half the nozzle, where Cura's fast profile has 0.15 mm: a quarter faster, and the seams of a
+            # glued model are more visible than its layers.
             "layer_height": Formula("round(max(extruderValues('machine_nozzle_size')) / 2, 2)"),
             "infill_sparse_density": 10.0,
             "infill_pattern": "zigzag",

@@ -2,12 +2,13 @@
 
 The rules are those of Cura 4.13 (``GlobalStack``, ``ExtruderStack``, ``CuraFormulaFunctions``):
 
-- Layers, first wins: user, quality, material, variant, definition. The extruder's stack falls through to
+- The first of these layers wins: user, quality, material, variant, definition. The extruder's stack falls
+through to
   the global one.
-- What is not settable per extruder is always asked of the global stack.
+- A setting that is not settable per extruder is always looked up in the global stack.
 - The global stack tries ``resolve`` (unless the user has set the value), then the extruder, where
   ``limit_to_extruder`` says so, then its own value. In a definition a ``value`` beats any ``default_value``.
-- A formula's names are looked up in the stack that was asked, even where the formula comes from the other.
+- A formula's names are looked up in the same stack, even where the formula comes from the other.
 
 One extruder, as the Ultimaker 2 family has.
 """
@@ -27,7 +28,7 @@ Layer = Mapping[str, Any]
 
 
 class Scope(StrEnum):
-    """Stack of profiles that is asked."""
+    """Stack of profiles."""
 
     GLOBAL = "global"
     EXTRUDER = "extruder"
@@ -63,8 +64,8 @@ class Resolver:
         self._layers = {scope: sorted(layers.get(scope, {}).items()) for scope in Scope}
         self._memo: dict[tuple[Scope, str, frozenset[str], int], Any] = {}
         self._active: set[tuple[Scope, str, frozenset[str], int]] = set()
-        self._resolving: frozenset[str] = frozenset()  # keys whose `resolve` is being worked out
-        self._from = 0  # the first place that is asked
+        self._resolving: frozenset[str] = frozenset()  # keys whose `resolve` is being computed
+        self._from = 0  # the first place of the look-up
         self._functions: dict[str, Callable[..., Any]] = {
             "extruderValue": lambda _, key: self._own(Scope.EXTRUDER, key),
             "extruderValues": lambda key: [self._own(Scope.EXTRUDER, key)],
@@ -98,7 +99,7 @@ class Resolver:
         Parameters
         ----------
         scope
-            The stack that is asked.
+            The stack.
         key
             Cura's name of the setting.
 
@@ -107,7 +108,7 @@ class Resolver:
         KeyError
             Where no definition has the key.
         DefinitionError
-            Where a formula cannot be worked out.
+            Where a formula cannot be computed.
         """
         if scope is Scope.EXTRUDER:
             return self._own(scope, key) if self.is_per_extruder(key) else self.value(Scope.GLOBAL, key)
@@ -131,7 +132,7 @@ class Resolver:
         return self._bound(scope, key, setting.minimum), self._bound(scope, key, setting.maximum)
 
     def is_enabled(self, key: str) -> bool:
-        """Tell whether a setting counts, as the others are: Cura hides it where not."""
+        """Check whether a setting counts with the values of the others: Cura hides it where not."""
         raw = self.setting(key).enabled
         try:
             return bool(self._evaluate(Scope.EXTRUDER, key, raw) if isinstance(raw, Formula) else raw)
@@ -139,7 +140,7 @@ class Resolver:
             return True
 
     def is_per_extruder(self, key: str) -> bool:
-        """Tell whether the extruder has a value of its own."""
+        """Check whether the extruder has a value of its own."""
         machine, extruder = self._definitions[Scope.GLOBAL], self._definitions[Scope.EXTRUDER]
         setting = extruder.get(key) or machine.get(key)
         if setting is None:
@@ -152,7 +153,8 @@ class Resolver:
         return None if bound is None else float(bound)
 
     def _is_limited(self, setting: Setting) -> bool:
-        """Tell whether the global stack asks an extruder: the text "-1" is none, the number the first."""
+        """Check whether the global stack takes the extruder's value: the text "-1" is none, a number the
+        first."""
         if setting.limit_to_extruder is None:
             return False
         return bool(self._evaluate(Scope.GLOBAL, setting.key, setting.limit_to_extruder) != "-1")

@@ -1,4 +1,4 @@
-"""Places of CuraEngine and of Cura's files, and their parsed contents (see `definitions`)."""
+"""Locations of CuraEngine and of Cura's files, and their parsed contents (see `definitions`)."""
 
 from __future__ import annotations
 
@@ -180,7 +180,7 @@ def _material(root: Path, name: str) -> ET.Element:
     path = root / "materials" / f"{name}{suffix}"
     known = {p.name.removesuffix(suffix) for p in path.parent.glob(f"*{suffix}")}
     if name not in known:
-        generic = f"generic_{name.lower()}"  # PLA is the name of a kind, of which there is a generic one
+        generic = f"generic_{name.lower()}"  # PLA is a kind, and Cura has a generic material of each
         hint = suggest_names(generic if generic in known else name, known)
         raise BadSetting(f"{name}: Cura has no such material{hint}")
     try:

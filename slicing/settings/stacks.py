@@ -71,7 +71,7 @@ def _known(machine: Machine, key: str) -> bool:
 
 
 def _written(machine: Machine, key: str, text: str) -> object:
-    """A profile's value: a formula where it starts with an equals sign."""
+    """Read a profile's value: a formula where it starts with an equals sign."""
     if text.startswith("="):
         return Formula(text[1:])
     setting = machine.settings.get(key) or machine.extruder[key]
@@ -137,5 +137,5 @@ def _qualities(
 
 
 def _is_kind(material: str | None, kind: str, resources: Resources) -> bool:
-    """Tell whether a quality's material is of a kind, like PLA."""
+    """Check whether a quality's material is of a kind, like PLA."""
     return material is not None and resources.material_kind(material) == kind

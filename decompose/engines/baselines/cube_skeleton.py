@@ -6,10 +6,10 @@ while they fit. With the interior kept, the cube is printed too, with cubes from
 skeleton.
 
 `--faithful` takes the cube in whole cells, and merges pairs, once, by volume, whatever the number of
-printers. Otherwise the cube is refined against the mesh, too, and that one taken whose pieces end sooner;
-regions larger than a printer are cut on a grid, and neighbours that are printed soonest are merged until each
+printers. Otherwise the cube is also refined against the mesh, and the one whose pieces end sooner is taken;
+regions larger than a printer are cut on a grid, and neighbours that are printed fastest are merged until each
 piece has a printer.
-Where nothing can be hollowed, the cube is the largest deep inside, and a piece of its own.
+Where nothing can be hollowed, the largest cube deep inside is a piece of its own.
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ def cut_by_cube_skeleton(problem: Problem) -> Partition:
 
 
 def _cut(problem: Problem, grid: Grid, shell: Shell, cube: Block | None) -> tuple[Piece, ...]:
-    """Pieces that the sides of a cube cut a shell into, merged, and those of the skeleton."""
+    """Cut a shell by the sides of a cube, merge the pieces, and add those of the skeleton."""
     skeleton: list[Piece] = []
     if cube is not None and shell.cavity.any() and problem.options.interior is Interior.KEEP:
         skeleton = _skeleton([cube, *cubes_about(cube, shell.cavity)], grid, problem)
@@ -100,7 +100,7 @@ def _skeleton(cubes: list[Block], grid: Grid, problem: Problem) -> list[Piece]:
 
 
 def _regions(whole: Piece, cube: Block | None, grid: Grid) -> list[Piece]:
-    """Regions between the planes of a cube's sides; each may be in several pieces."""
+    """Split a piece by the planes of a cube's sides; each region may be in several pieces."""
     parts = [whole]
     if cube is None:
         return parts
@@ -143,7 +143,7 @@ class _Group:
         return self.solid.volume_mm3
 
     def size_mm(self, other: _Group) -> Floats:
-        """(3,) Size of the box about both groups."""
+        """Compute the size (3,) of the box about both groups."""
         both = np.array([self.solid.bounds_mm, other.solid.bounds_mm])
         return np.asarray(both[:, 1].max(axis=0) - both[:, 0].min(axis=0))
 
@@ -239,7 +239,7 @@ class _Merging:
 
 
 def _merge_regions(regions: list[Piece], printers: int, problem: Problem) -> list[Piece]:
-    """Pieces of regions, with islands joined to neighbours and neighbours merged."""
+    """Take regions apart into pieces, join islands to neighbours, and merge neighbours."""
     pieces: list[Piece] = []
     islands: list[int] = []
     for region in regions:

@@ -21,7 +21,7 @@ ROUNDING_MM3 = 1e-6  # a film on a cut plane
 
 
 def count_blocks(size_mm: Floats, printers: Sequence[PrinterRoom]) -> tuple[int, int, int]:
-    """Least equal blocks along each axis of a box (3,) that fit every printer, square to its sides.
+    """Count the least equal blocks along each side of a box (3,) that fit every printer, square to its sides.
 
     A box that needs one block fits; it may fit turned where it needs more.
     """
@@ -34,14 +34,14 @@ def count_blocks(size_mm: Floats, printers: Sequence[PrinterRoom]) -> tuple[int,
 
 
 def count_parts(solid: Solid, printers: Sequence[PrinterRoom]) -> int:
-    """Least number of axis-aligned parts of a solid; 1 where it fits as it is."""
+    """Count the least axis-aligned parts of a solid; 1 where it fits as it is."""
     return math.prod(count_blocks(np.ptp(solid.bounds_mm, axis=0), printers))
 
 
 def place_clear_of_faces(
     solid: Solid, normal: Floats, at_mm: float, reach_mm: float = 2.0 * CLEAR_MM
 ) -> float:
-    """Place for a plane next to `at_mm` where no face of the solid lies near it.
+    """Find a place for a plane next to `at_mm` where no face of the solid lies near it.
 
     A cut there would leave slivers, and the face be taken for a cut. Where nothing within the reach is clear,
     the place is that which is furthest from any face.
@@ -63,7 +63,7 @@ def place_clear_of_faces(
 
 
 def connected_pieces(piece: Piece) -> list[Piece]:
-    """Connected pieces of a piece, without the films that rounding leaves on a cut."""
+    """Split a piece into connected pieces, without the films that rounding leaves on a cut."""
     found = [solid for solid in piece.solid.pieces() if solid.volume_mm3 > ROUNDING_MM3]
     return [Piece(solid, piece.planes, piece.boxes_mm) for solid in found]
 

@@ -79,7 +79,7 @@ def remove_diagonals(cells: Bools, kept: Bools | None = None) -> Bools:
 
 
 def blocks(cells: Bools) -> list[Block]:
-    """Disjoint boxes that cover just these cells: each grows along z, then y, then x as far as it can."""
+    """Cover cells by disjoint boxes: each grows along z, then y, then x as far as it can."""
     free = cells.copy()
     found: list[Block] = []
     for x, y, z in np.argwhere(cells).tolist():
@@ -98,7 +98,7 @@ def blocks(cells: Bools) -> list[Block]:
 
 
 def largest_cube(cells: Bools) -> Block | None:
-    """Largest cube of these cells, the one nearest to their middle; None where there are no cells."""
+    """Find the largest cube of cells, the one nearest to their middle; None where there are no cells."""
     if not cells.any():
         return None
     edge = np.zeros([n + 1 for n in cells.shape], dtype=np.int64)  # of the largest cube that ends at a cell
@@ -169,7 +169,7 @@ def planes_at(solid: Solid, grid: Grid, cube_mm: Floats) -> tuple[tuple[Floats, 
 
 
 def _clear(flats_mm: Floats, at_mm: float, by_mm: float) -> float:
-    """Nearest place within reach that is clear of all flat faces, or the furthest from any."""
+    """Find the nearest place within reach that is clear of all flat faces, or the furthest from any."""
     places = np.linspace(at_mm, at_mm + by_mm, 41)
     gaps = np.abs(places[:, None] - flats_mm[None]).min(axis=1, initial=np.inf)
     clear = np.flatnonzero(gaps >= CLEAR_MM)
@@ -177,7 +177,7 @@ def _clear(flats_mm: Floats, at_mm: float, by_mm: float) -> float:
 
 
 def cubes_about(cube: Block, cells: Bools) -> list[Block]:
-    """Largest cube of these cells outwards from the middle of each face of a cube, no larger than it.
+    """Find the largest cube of cells outwards from the middle of each face of a cube, no larger than it.
 
     Where cells are no cubes, cubes are what has fewer of them than the first by as many along every axis.
     """

@@ -1,10 +1,10 @@
 """The engine `symmetry`: SBD, recursive cuts at planes of symmetry (Hatton et al. 2023).
 
-First a tree of cuts to a depth of three, of which those leaves are taken that make the worst part best; then
-part after part is cut on, while there are printers. `--faithful` does as the authors' program does: a draw
-of normals decides, parts count by their volume, the least symmetric is cut first, halves of too little volume
-are refused, and nothing looks at the printers' room. Otherwise planes are refined and count only where they
-are good, parts count by their print time, the costliest is cut first, and the printers' room forces cuts.
+First a tree of cuts to a depth of three, whose leaves are chosen to make the worst part best; then part after
+part is cut further, while there are printers. `--faithful` follows the authors' program: a draw of normals
+decides, parts count by their volume, the least symmetric one is cut first, halves of too little volume are
+refused, and the printers' room does not matter. Otherwise planes are refined and used only where they are
+good, parts count by their print time, the costliest one is cut first, and the printers' room forces cuts.
 """
 
 from __future__ import annotations
@@ -30,13 +30,13 @@ from decompose.pieces import Piece
 from decompose.print_time import axis_prices_s
 from decompose.problem import Partition, Problem
 
-LOOK_AHEAD = 3  # cuts
-DRAWN_PLANES = 5  # of a part, kept of a draw
+LOOK_AHEAD = 3  # depth of the tree of cuts
+DRAWN_PLANES = 5  # planes of a part that are kept of a draw
 GOOD_PLANES = 3
 REFINING_SAMPLES = 25  # normals a round
 MIN_SHARE = 1.0 / 1.5  # of the mean part's volume, below which the authors' program makes no half
-ASIDE: Floats = np.array([0.0, 0.05, -0.05, 0.1, -0.1, 0.15, -0.15, 0.2, -0.2, 0.3, -0.3])  # of a block
-CRUMB_SHARE = 0.05  # likewise of the corrected form: a part that is not worth a printer
+OFFSETS: Floats = np.array([0.0, 0.05, -0.05, 0.1, -0.1, 0.15, -0.15, 0.2, -0.2, 0.3, -0.3])  # of a block
+CRUMB_SHARE = 0.05  # of the mean part's volume, below which a part is not worth a printer
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,15 +62,15 @@ class _Form(ABC):
 
     @abstractmethod
     def part(self, piece: Piece) -> _Part:
-        """Part of a piece, with its price."""
+        """Price a piece as a part."""
 
     @abstractmethod
     def cuts(self, part: _Part) -> Iterator[list[_Part]]:
-        """Parts that each plane of a part leaves, the best plane first."""
+        """Yield the parts that each plane of a part leaves, the best plane first."""
 
     @abstractmethod
     def cut_on(self, parts: list[_Part]) -> list[_Part]:
-        """The parts after the second phase."""
+        """Cut the parts further, while there are printers."""
 
     def whole(self) -> _Part:
         return self.part(Piece(self.problem.model.solid, np.zeros((0, 4)), np.zeros((0, 2, 3))))
@@ -97,12 +97,12 @@ def cut_by_symmetry(problem: Problem) -> Partition:
     parts = form.cut_on(parts)
     problem.on_stage("greedy")
     pieces = tuple(piece for part in parts for piece in connected_pieces(part.piece))
-    refuse_misfits("symmetry", pieces, problem, would_do=None)  # with more it makes more
+    refuse_misfits("symmetry", pieces, problem, would_do=None)  # with more printers it makes more parts
     return Partition(pieces, problem.model, np.eye(3))
 
 
 def _best_leaves(form: _Form, part: _Part, printers: int, depth: int) -> list[Leaves]:
-    """Leaves of the tree of cuts whose greatest price is least, for 0, 1, ... printers."""
+    """Find the leaves of the tree of cuts whose greatest price is least, for 0, 1, ... printers."""
     best = [NO_LEAVES if k < part.needs else (part.price, (part,)) for k in range(printers + 1)]
     if depth == 0 or printers < 2:
         return best
@@ -119,14 +119,14 @@ def _best_leaves(form: _Form, part: _Part, printers: int, depth: int) -> list[Le
 
 
 def _join_leaves(some: list[Leaves], others: list[Leaves], printers: int) -> Leaves:
-    """Best leaves of two sides for so many printers together."""
+    """Find the best leaves of two sides together for a number of printers."""
     shares = [(some[k], others[printers - k]) for k in range(printers + 1)]
     a, b = min(shares, key=lambda both: (max(both[0][0], both[1][0]), len(both[0][1]) + len(both[1][1])))
     return (max(a[0], b[0]), a[1] + b[1]) if max(a[0], b[0]) < math.inf else NO_LEAVES
 
 
 def _halves(piece: Piece, normal: Floats, at_mm: float) -> list[Piece]:
-    """Pieces on the two sides of a plane, where both have any."""
+    """Cut a piece by a plane; the pieces on both sides, as far as they are not empty."""
     planes = np.vstack([piece.planes, [*normal, at_mm]])
     sides = piece.solid.split_by_plane(normal, at_mm)
     return [Piece(side, planes, piece.boxes_mm) for side in sides if not side.is_empty]
@@ -152,7 +152,7 @@ class _PublishedForm(_Form):
                 yield halves
 
     def halves(self, part: _Part, mirror: Mirror) -> list[_Part]:
-        """Both halves, connected or not; none where one of them is too small."""
+        """Cut a part into two halves, connected or not; none where one of them is too small."""
         found = [self.part(piece) for piece in _halves(part.piece, mirror.normal, mirror.offset_mm)]
         whole = len(found) == 2 and all(half.price >= MIN_SHARE * self.mean_mm3 for half in found)
         return found if whole else []
@@ -176,7 +176,7 @@ class _CorrectedForm(_Form):
     """The method that the authors' program means, with parts that fit."""
 
     def part(self, piece: Piece) -> _Part:
-        """Part of a piece, with its price."""
+        """Price a piece as a part."""
         needs = count_parts(piece.solid, self.problem.rooms)
         seconds = float(axis_prices_s(*piece.solid.arrays(), self.problem.cost).min())
         return _Part(piece, seconds / needs, needs)
@@ -198,7 +198,7 @@ class _CorrectedForm(_Form):
             yield fewest
 
     def pieces(self, piece: Piece, normal: Floats, at_mm: float) -> Iterator[list[_Part]]:
-        """Connected pieces on both sides of a plane next to this one, unless one of them is a crumb."""
+        """Yield the connected pieces on both sides of a plane near a place, unless one of them is a crumb."""
         at_mm = place_clear_of_faces(piece.solid, normal, at_mm)
         found = [p for half in _halves(piece, normal, at_mm) for p in connected_pieces(half)]
         least_mm3 = CRUMB_SHARE * min(self.mean_mm3, piece.solid.volume_mm3)
@@ -206,14 +206,14 @@ class _CorrectedForm(_Form):
             yield [self.part(each) for each in found]
 
     def across(self, solid: Solid) -> tuple[Floats, list[float]]:
-        """Normal and places of planes across the longest side, or the one that exceeds the room most.
+        """Find planes across the longest side, or the one that exceeds the room most: normal and places.
 
         The first divides it by a whole number of rooms, the others lie about it.
         """
         lo, hi = solid.bounds_mm
         counts = count_blocks(hi - lo, self.problem.rooms)
         axis = int(np.lexsort((hi - lo, counts))[-1])
-        shares = (counts[axis] // 2 + ASIDE) / counts[axis] if counts[axis] > 1 else (1.0 + ASIDE) / 2.0
+        shares = (counts[axis] // 2 + OFFSETS) / counts[axis] if counts[axis] > 1 else (1.0 + OFFSETS) / 2.0
         return np.eye(3)[axis], (lo[axis] + shares * (hi - lo)[axis]).tolist()
 
     def cut_on(self, parts: list[_Part]) -> list[_Part]:

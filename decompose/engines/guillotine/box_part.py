@@ -26,7 +26,7 @@ class BoxPart:
 
     @property
     def size_mm(self) -> Floats:
-        """(3,) Longest sides of its pieces along the axes."""
+        """Longest sides (3,) of its pieces along the axes."""
         return np.asarray(np.max([np.ptp(piece.solid.bounds_mm, axis=0) for piece in self.pieces], axis=0))
 
     @property
@@ -35,34 +35,34 @@ class BoxPart:
         return min(float(np.ptp(piece.solid.bounds_mm, axis=0).min()) for piece in self.pieces)
 
     def with_poses(self, poses: Sequence[Pose | None]) -> BoxPart:
-        """Same part with its pieces in these poses, inf seconds where one fits in none."""
+        """Return the part with its pieces in these poses, inf seconds where one fits in none."""
         found = tuple(pose for pose in poses if pose is not None)
         return replace(self, poses=found, seconds=slowest_s(self.pieces, poses))
 
     def is_like(self, other: BoxPart) -> bool:
-        """Tell whether it has as many pieces as another, and none that is a sliver by comparison."""
+        """Check whether it has as many pieces as another, and none that is a sliver by comparison."""
         return len(self.pieces) == len(other.pieces) and self.least_mm >= min(SLIVER_MM, other.least_mm)
 
 
 def slowest_s(pieces: Sequence[Piece], poses: Sequence[Pose | None]) -> float:
-    """Time of the slowest of pieces on its printer, in seconds; inf where one has no pose."""
+    """Compute the time in seconds of the slowest piece on its printer; inf where one has no pose."""
     each = zip(pieces, poses, strict=True)
     times = [math.inf if pose is None else pose.price_s * piece.time_factor for piece, pose in each]
     return max(times, default=math.inf)
 
 
 def sorted_times_s(parts: Sequence[BoxPart]) -> list[float]:
-    """Times, the longest first; lexicographically less is better."""
+    """Sort the times of parts, the longest first; lexicographically less is better."""
     return sorted((part.seconds for part in parts), reverse=True)
 
 
 def longest_s(parts: Sequence[BoxPart]) -> float:
-    """Time of the slowest part, in seconds."""
+    """Find the time of the slowest part, in seconds."""
     return max(part.seconds for part in parts)
 
 
 def spare_length_mm(size_mm: Floats, rooms: Sequence[PrinterRoom]) -> Floats:
-    """(3,) Length that a part of this size may gain along each axis, the others as they are, in all rooms.
+    """Compute the length (3,) that a part may gain along each axis alone, in all rooms.
 
     inf where it fits one of them only turned out of the axes: then nothing is known.
     """

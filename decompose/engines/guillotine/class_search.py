@@ -81,7 +81,7 @@ def _assign_cut(problem: Problem, cut: Cut) -> Cut:
 
 
 def _set_printers(cut: Cut, takers: Sequence[PrinterRoom]) -> Cut:
-    """Same pieces, each with its printer."""
+    """Give each piece its printer."""
     each = iter(takers)
     return {box: [replace(piece, printer=next(each)) for piece in found] for box, found in cut.items()}
 
@@ -108,7 +108,7 @@ class _ClassSearch(ExactSearch):
         self.solver = Partitioner(self.tables[0], [OtherClass(table, own.count) for table, own in others])
 
     def run(self, below_s: float) -> list[Cut]:  # type: ignore[override]
-        """Partitions that truly end sooner than that, the last one soonest; none where there is one class."""
+        """Search for partitions that truly end sooner than a time, the soonest last; none for one class."""
         found: list[Cut] = []
         close_s = CLOSE * (below_s if math.isfinite(below_s) else self.least_s)
         if len(self.classes) == 1 or not self._may_succeed(GAIN * below_s, close_s):
@@ -135,7 +135,7 @@ class _ClassSearch(ExactSearch):
         return found
 
     def _may_succeed(self, at_most_s: float, close_s: float) -> bool:
-        """Tell whether there might be such a partition, were every printer the best for each box."""
+        """Check whether there might be such a partition, were every printer the best for each box."""
         best = replace(self.boxes, seconds=np.min([table.seconds for table in self.tables], axis=0))
         count = sum(own.count for own in self.classes)
         solver = Partitioner(best)
@@ -150,7 +150,7 @@ class _ClassSearch(ExactSearch):
             table.seconds[at] = math.inf
 
     def _assign_by_tables(self, chosen: Sequence[Box]) -> Cut:
-        """Pieces of boxes, each with the printer that is best by the tables."""
+        """Give each piece of boxes the printer that is best by the tables."""
         cut = {box: self.cut[box] for box in chosen}
         takers = assign_bottleneck(self._seconds(chosen))
         assert takers is not None  # the search found a way
@@ -158,7 +158,7 @@ class _ClassSearch(ExactSearch):
         return _set_printers(cut, [printers[i] for i in takers])
 
     def _seconds(self, chosen: Sequence[Box]) -> Floats:
-        """(pieces, printers) Time of each piece by the tables; printers in the order of the classes."""
+        """Look up the time (pieces, printers) of each piece; printers in the order of the classes."""
         at = [box_index(box, self.boxes.shape) for box in chosen]
         rows = np.repeat(at, self.boxes.pieces[at])
         columns = [
@@ -180,7 +180,7 @@ class _ClassSearch(ExactSearch):
                         table.seconds[at] = max(float(table.seconds[at]), seconds * own.time_factor)
 
     def grid_figures(self, grid: Grid, cut: Cut, least_s: float, pieces: Sequence[Piece]) -> GridFigures:
-        """Makespan of these boxes by the tables, and a bound that no partition undercuts on any printer.
+        """Compute the makespan of boxes by the tables, and a bound that no partition undercuts.
 
         Proven as if all printers had the speed of the quickest, and the room of whichever is best.
         """
@@ -206,7 +206,7 @@ class _ClassSearch(ExactSearch):
 
 
 def _too_few_error(problem: Problem, grid: Grid, shared: BoxTables) -> NoFit | None:
-    """Error with the number of printers that would do, had the fleet more of its kinds; None if unknown.
+    """Build the error with the number of printers of these kinds that would do; None if unknown.
 
     More of the first class, of one other, or of both.
     """
@@ -238,7 +238,7 @@ def _too_few_error(problem: Problem, grid: Grid, shared: BoxTables) -> NoFit | N
 
 
 def _grow_counts(own: Sequence[int], which: int, most_sums: float) -> list[int]:
-    """Counts of all classes but the first, one of them raised as far as the search allows."""
+    """Raise the count of one class as far as the search allows; returns those of all but the first."""
     counts = list(own[1:])
     for _ in range(MAX_MORE):
         larger = list(counts)
@@ -252,7 +252,7 @@ def _grow_counts(own: Sequence[int], which: int, most_sums: float) -> list[int]:
 def class_tables(
     problem: Problem, grid: Grid, shared: BoxTables, classes: Sequence[PrinterClass]
 ) -> list[BoxTables]:
-    """Tables of each class, times multiplied by its speed; `trimmed` and `pieces` are the same in all.
+    """Build the tables of each class, times multiplied by its speed; `trimmed` and `pieces` are shared.
 
     Parameters
     ----------

@@ -1,8 +1,8 @@
 """The curve of makespan over the number of printers, and the number of printers that is worth its work.
 
-One search serves all numbers: the fewest parts at a time T say of every number whether it reaches T, so that
-each solve narrows down many of them. So it does for classes of printers: the fewest of the first class are
-known beside any number of the others.
+One search serves all numbers: the fewest parts at a time T show for every number whether it reaches T, so
+that each solve narrows down many of them. The same holds for classes of printers: the fewest of the first
+class are known beside any number of the others.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from decompose.engines.guillotine.partitioner import OtherClass, Partitioner
 from decompose.grid import BoxTables
 
 CLOSE = 0.005  # share of a makespan to which it is known
-AT_ONCE = 2  # solves side by side; their number is fixed, so that the answer is
+AT_ONCE = 2  # solves in parallel; a fixed number, so that the result does not depend on the machine
 CLEAR_S = 120.0
-"""A person's time to take a part off a bed and to make the bed clear, an estimate."""
+"""A person's time to take a part off a bed and to clear the bed, an estimate."""
 ASSEMBLE_S = 216.0
-"""A person's time to clean and glue a part: 3.6 min, as the literature on such models has it."""
+"""A person's time to clean and glue a part: 3.6 min in the literature on such models."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +46,7 @@ class _Narrowing:
         self.refuted_s = np.zeros(len(fleets))
 
     def solve(self, limit_s: float) -> tuple[float, Bools, float]:
-        """Solve for a limit: the limit, the fleets that reach it, and when the last part ends then."""
+        """Solve for a limit; returns it, the fleets that reach it, and when the last part ends."""
         solver = Partitioner(self._boxes, self._others)
         solver.solve(limit_s)
         states, fewest = solver.class_shares()
@@ -56,12 +56,12 @@ class _Narrowing:
         return limit_s, enough, ends_s
 
     def learn(self, limit_s: float, enough: Bools, ends_s: float) -> None:
-        """Narrow the bounds of every number by a solve."""
+        """Narrow the bounds of every number by the result of a solve."""
         self.reached_s[enough] = np.minimum(self.reached_s[enough], ends_s)
         self.refuted_s[~enough] = np.maximum(self.refuted_s[~enough], limit_s)
 
     def next_limits(self) -> list[float]:
-        """Next limits to solve for: in the widest gaps; none where all are narrow."""
+        """Choose the next limits to solve for, in the widest gaps; none where all are narrow."""
         known = np.isfinite(self.reached_s)
         gaps: dict[tuple[float, float], float] = {}
         for low, high in zip(self.refuted_s[known].tolist(), self.reached_s[known].tolist(), strict=True):
@@ -74,7 +74,7 @@ class _Narrowing:
 def makespan_curve(
     tables: Sequence[BoxTables], fleets: Ints, executor: Executor | None = None
 ) -> tuple[CurvePoint, ...]:
-    """Least makespan of guillotine partitions for some fleets.
+    """Compute the least makespan of guillotine partitions for some fleets.
 
     Each is known to `CLOSE`; those that are too few for any partition are left out.
 
@@ -102,7 +102,7 @@ def makespan_curve(
 def find_knee(
     points: Sequence[CurvePoint], clear_s: float = CLEAR_S, assemble_s: float = ASSEMBLE_S
 ) -> CurvePoint:
-    """Point where printing plus a person's handling of every part takes least.
+    """Find the point where printing plus a person's handling of every part takes least.
 
     Parameters
     ----------
@@ -115,7 +115,7 @@ def find_knee(
 
 
 def find_fewest_in_time(points: Sequence[CurvePoint], within_s: float) -> CurvePoint:
-    """Fewest printers that are done within so many seconds; where none are, the fastest.
+    """Find the fewest printers that finish within a time; where none do, the fastest.
 
     Parameters
     ----------

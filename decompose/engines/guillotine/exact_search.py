@@ -1,6 +1,6 @@
 """The engine `guillotine`: a grid, the price of every box of it, the exact partition, and its true cost.
 
-What guillotine cuts and the grid have cost is won back then: boxes cut anew, and planes off the grid.
+The loss by guillotine cuts and by the grid is then reduced: boxes are cut again, and planes leave the grid.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ from decompose.grid import VOLUME, Box, BoxTables, Grid, box_index
 from decompose.pieces import Piece, cut_cells, find_faults
 from decompose.problem import Partition, Problem, Work
 
-MAX_ROUNDS = 8  # of pricing truly what was chosen, and choosing again
-MAX_REJECTIONS = 40  # choices that are given up for a sliver or a weak joint
+MAX_ROUNDS = 8  # of true prices for the chosen boxes, and a new choice
+MAX_REJECTIONS = 40  # choices given up for a sliver or a weak joint
 WORTH = 1.01  # a true makespan of more than this share of the tables' is worth another round
 LOOSER = (0.1, 0.25, 0.4)  # of the way to the least makespan of one printer less
-LOOSEST = 1.06  # where there is none for one less: of the least makespan
-NEAR = 1.03  # of the makespan to beat: what ends later than that is not worth looking on
+LOOSEST = 1.06  # of the least makespan, where there is none for one printer less
+NEAR = 1.03  # of the makespan to beat: a result that ends later is not improved further
 
 
 def cut_for_uniform_printers(problem: Problem) -> Partition:
@@ -81,10 +81,10 @@ class ExactSearch:
         self.solver = Partitioner(boxes)
         self.cut: dict[Box, list[Piece]] = {}
         self.posed_s: dict[Box, float] = {}
-        self.rejections: list[str] = []  # what was wrong with each choice that was given up
+        self.rejections: list[str] = []  # the fault of each choice that was given up
 
     def run(self) -> dict[Box, list[Piece]]:
-        """Boxes of the solution that truly ends soonest, and their pieces."""
+        """Search for the partition that truly ends soonest; its boxes, and their pieces."""
         best: list[Box] = []
         best_s = math.inf
         rounds, effort = 0, self.problem.effort
@@ -92,7 +92,7 @@ class ExactSearch:
             makespan_s = self._solve(len(self.problem.printers))
             if makespan_s is None or len(self.rejections) > MAX_REJECTIONS:
                 if best:
-                    break  # prices only ever grow: nothing is left that fits
+                    break  # prices only grow: no other partition fits
                 raise self._no_fit_error()
             self.least_s = max(self.least_s, makespan_s - 1.0)
             if makespan_s >= best_s:
@@ -109,10 +109,11 @@ class ExactSearch:
         return {box: self.cut[box] for box in self._improve(best)}
 
     def looser_partitions(self, best: Sequence[Box]) -> Iterator[dict[Box, list[Piece]]]:
-        """Other partitions than the best: less work, with boxes that are a little longer than need be.
+        """Yield other partitions than the best: less work, with boxes that take a little longer.
 
-        What ends soonest on the grid need not once its planes move: they level what is long, and it is the
-        work in all that is left. Each has the fewest boxes, and of those the least work, within a limit.
+        The partition that ends soonest on the grid need not do so once its planes move: they level long
+        parts, and then the total work counts. Each has the fewest boxes, and of those the least work, in a
+        limit.
         """
         if len(best) < 2:
             return
@@ -133,7 +134,7 @@ class ExactSearch:
                 yield {box: self.cut[box] for box in chosen}
 
     def _solve_within(self, limit_s: float) -> list[Box]:
-        """Partition of least work whose boxes truly take about that at most; empty where there is none."""
+        """Find the partition of least work that truly keeps a limit, about; empty where there is none."""
         found: list[Box] = []
         for _ in range(MAX_ROUNDS):
             before = self.solver.sums
@@ -151,14 +152,14 @@ class ExactSearch:
         return found
 
     def _solve(self, printers: int, *limits_s: float) -> float | None:
-        """Least makespan by the tables (`Partitioner.find_least_makespan`); books the work."""
+        """Find the least makespan by the tables (`Partitioner.find_least_makespan`), and book the work."""
         before = self.solver.sums
         found = self.solver.find_least_makespan(printers, self.least_s, *limits_s)
         self.problem.effort.book(Work.SUM, self.solver.sums - before)
         return found
 
     def _improve(self, best: list[Box]) -> list[Box]:
-        """Best partition near this one, truly priced, not bound to guillotine cuts."""
+        """Find the best partition near this one, truly priced, not bound to guillotine cuts."""
         for _ in range(MAX_ROUNDS):
             if len(self.rejections) == MAX_REJECTIONS or self.problem.effort.is_spent():
                 break
@@ -173,7 +174,7 @@ class ExactSearch:
         return best
 
     def _correct_piece_counts(self, chosen: list[Box]) -> bool:
-        """Put true counts of pieces into the table; tell whether a box has more than the table said."""
+        """Put true counts of pieces into the table; return whether a box has more than before."""
         more = False
         for box in chosen:
             if box not in self.cut:
@@ -185,7 +186,7 @@ class ExactSearch:
         return more
 
     def _forbid_faulty(self, chosen: list[Box]) -> bool:
-        """Price boxes with a piece that is bad to glue out of the table; tell whether there was one."""
+        """Price boxes with a piece that is bad to glue out of the table; return whether there was one."""
         owners = [box for box in chosen for _ in self.cut[box]]
         pieces = [piece for box in chosen for piece in self.cut[box]]
         found = find_faults(pieces, self.problem.options.min_glue_mm2)
@@ -198,7 +199,7 @@ class ExactSearch:
         self.boxes.seconds[at] = math.inf
 
     def _true_makespan_s(self, chosen: list[Box]) -> float:
-        """True makespan of these boxes in seconds; prices above the table's are put into it."""
+        """Compute the true makespan of boxes in seconds, and put prices above the table's into it."""
         new = [(box, piece) for box in chosen if box not in self.posed_s for piece in self.cut[box]]
         poses = self.problem.find_poses([piece for _, piece in new])
         for (box, _), pose in zip(new, poses, strict=True):
@@ -210,7 +211,7 @@ class ExactSearch:
         return max(self.posed_s[box] for box in chosen)
 
     def _no_fit_error(self) -> NoFit:
-        """Error that says why there is no partition for these printers."""
+        """Build the error with the reason why there is no partition for these printers."""
         problem, model = self.problem, self.problem.model
         if self.rejections:
             return NoFit(

@@ -37,7 +37,7 @@ Pinwheel = tuple[int, int, int, int, int, int]  # axis that it is extruded along
 
 @jit
 def _two_parts(box: Box, shape: Shape) -> tuple[int, int]:
-    """Indices of the two boxes that make up a box of two cells or more: all but its last layer, and it."""
+    """Find the two boxes that make up a box of two cells or more: all but its last layer, and that layer."""
     x0, y0, z0, x1, y1, z1 = box
     if z1 - z0 > 1:
         return index_of((x0, y0, z0, x1, y1, z1 - 1), shape), index_of((x0, y0, z1 - 1, x1, y1, z1), shape)
@@ -138,7 +138,7 @@ def _fill_tables(
 def _fewest_in_pinwheel(
     counts: npt.NDArray[np.int16], wx: int, wy: int, wz: int
 ) -> tuple[int, int, int, int, int, int, int]:
-    """Fewest parts of a pinwheel of the whole window, and the pinwheel; see `pinwheel_boxes`."""
+    """Find the pinwheel of the whole window with the fewest parts; see `pinwheel_boxes`."""
     sizes = (wx, wy, wz)
     strides = (wy * (wy + 1) // 2 * (wz * (wz + 1) // 2), wz * (wz + 1) // 2, 1)
     best = (UNREACHABLE, 0, 0, 0, 0, 0, 0)
@@ -171,7 +171,7 @@ def _fewest_in_pinwheel(
 
 
 def pinwheel_boxes(shape: tuple[int, int, int], wheel: Pinwheel) -> list[Box]:
-    """Five boxes of a pinwheel that fills a grid of this shape; the last one is in the middle."""
+    """List the five boxes of a pinwheel that fills a grid; the last one is in the middle."""
     axis, mirrored, p1, p2, q1, q2 = wheel
     p, q = shape[(axis + 1) % 3], shape[(axis + 2) % 3]
     if mirrored:
@@ -188,14 +188,14 @@ def pinwheel_boxes(shape: tuple[int, int, int], wheel: Pinwheel) -> list[Box]:
 
 
 class Window:
-    """Some boxes of a partition, to be cut anew between the others.
+    """Some boxes of a partition, to be cut again between the others.
 
     Parameters
     ----------
     boxes
         The tables of the grid.
     mine, others
-        The boxes of the partition that are cut anew, and all the rest.
+        Boxes of the partition that are cut again, and all the rest.
     """
 
     def __init__(self, boxes: BoxTables, mine: Iterable[Box], others: Iterable[Box]) -> None:
@@ -233,7 +233,7 @@ class Window:
         return self._solver.sums
 
     def _mark_cells(self, boxes: Ints) -> Bools:
-        """(nx, ny, nz) Cells of the window that lie in some of these boxes (n, 6)."""
+        """Mark the cells (nx, ny, nz) of the window that lie in any of some boxes (n, 6)."""
         inside = np.zeros(self.shape, dtype=np.bool_)
         for box in boxes:
             lo, hi = np.maximum(box[:3] - self._lo, 0), box[3:] - self._lo
@@ -241,7 +241,7 @@ class Window:
         return inside
 
     def fewest_parts(self, limit_s: float) -> int:
-        """Fewest parts that each take at most limit_s; `UNREACHABLE` or more where there are none."""
+        """Find the fewest parts that each take at most limit_s; `UNREACHABLE` or more for none."""
         by_cuts = self._solver.solve(limit_s, ties=True)
         count, *wheel = _fewest_in_pinwheel(self._solver.counts, *self.shape)
         axis, mirrored, p1, p2, q1, q2 = wheel
@@ -249,7 +249,7 @@ class Window:
         return min(by_cuts, int(count))
 
     def chosen_boxes(self) -> list[Box]:
-        """Boxes of the last solution, in the cells of the grid."""
+        """List the boxes of the last solution, in the cells of the grid."""
         if self._wheel is None:
             found = self._solver.chosen_boxes()
         else:
@@ -259,9 +259,9 @@ class Window:
         return [(a + x, b + y, c + z, d + x, e + y, f + z) for a, b, c, d, e, f in found]
 
     def solve(self, parts: int, below_s: float, least_s: float) -> list[Box] | None:
-        """Cut it into at most so many parts, all faster than below_s, about as fast as possible.
+        """Cut the window into at most `parts` parts, all faster than below_s, about as fast as possible.
 
-        Nobody looks below least_s.
+        The search does not go below least_s.
         """
         high = float(np.nextafter(np.float32(below_s), np.float32(0.0)))
         if self.fewest_parts(high) > parts:
@@ -283,7 +283,7 @@ def improve_locally(
     most_windows: int = MAX_WINDOWS,
     effort: Effort | None = None,
 ) -> list[Box]:
-    """Partition whose times, the longest first, are lexicographically less, or the same partition.
+    """Search for a partition whose times, the longest first, are lexicographically less, else return it.
 
     Parameters
     ----------
@@ -320,7 +320,7 @@ def improve_locally(
 
 
 def sorted_times_s(boxes: BoxTables, chosen: Sequence[Box]) -> list[float]:
-    """Times of a partition, the longest first; lexicographically less is better."""
+    """Sort the times of a partition, the longest first; lexicographically less is better."""
     return sorted((_seconds(boxes, box) for box in chosen), reverse=True)
 
 
@@ -333,7 +333,7 @@ def _pieces(boxes: BoxTables, chosen: Iterator[Box] | Sequence[Box] | frozenset[
 
 
 def _groups(boxes: BoxTables, parts: list[Box]) -> Iterator[frozenset[Box]]:
-    """Windows about each part, the slowest part first; of its windows the one with the most slack first."""
+    """Yield windows about each part, the slowest part first, and its window with the most slack first."""
     ends = np.array(parts)
     seconds = np.array([_seconds(boxes, box) for box in parts])
     for centre in np.lexsort((*ends.T, -seconds)):

@@ -70,7 +70,7 @@ class Partitioner:
         self.sums = 0  # that all solves have made
 
     def solve(self, limit_s: float, ties: bool = False) -> int:
-        """Fewest printers of the first class with which each part costs at most limit_s.
+        """Find the fewest printers of the first class with which each part costs at most limit_s.
 
         Without others that is the number of parts. `UNREACHABLE` where there is no such partition.
         With `ties`, of the solutions with so few the one of least work, then of the least area of cuts.
@@ -87,7 +87,7 @@ class Partitioner:
 
     @property
     def can_break_ties(self) -> bool:
-        """Tell whether there is memory to choose among partitions of as few parts."""
+        """Check whether there is memory to choose among partitions of as few parts."""
         return len(self._states) * len(self.boxes.seconds) <= MAX_TIED
 
     def _fill(self, state: int, at: slice, value: npt.NDArray[Any]) -> None:
@@ -109,7 +109,7 @@ class Partitioner:
 
     @property
     def counts(self) -> npt.NDArray[np.int16]:
-        """(boxes,) Fewest parts of each box in the last solution, by the index of the box.
+        """Fewest parts (boxes,) of each box in the last solution, by the index of the box.
 
         Beside the parts of all others, where there are any.
         """
@@ -119,7 +119,7 @@ class Partitioner:
         return value.astype(np.int16, copy=False)
 
     def class_shares(self) -> tuple[Ints, Ints]:
-        """(m, classes) Usable numbers of printers of the others, and (m,) the fewest of the first then.
+        """List usable numbers (m, classes) of the others, and the fewest (m,) of the first beside them.
 
         Of the last solution; `UNREACHABLE` or more where there is none.
         """
@@ -129,7 +129,7 @@ class Partitioner:
         return self._states, fewest.astype(np.int64)
 
     def chosen_boxes(self, within: Box | None = None) -> list[Box]:
-        """Boxes of the last solution, all or those of one box, in the order of the cuts."""
+        """List the boxes of the last solution, all or those of one box, in the order of the cuts."""
         found: list[Box] = []
         stack = [(within or self._root, len(self._states) - 1)]
         while stack:
@@ -147,14 +147,14 @@ class Partitioner:
         return int(self._value[state * len(self.boxes.seconds) + box_index(box, self.boxes.shape)])
 
     def _uncut(self, box: Box, state: int) -> int:
-        """Value of a box as one part."""
+        """Compute the value of a box as one part."""
         at = box_index(box, self.boxes.shape)
         value = np.empty(1, self._value.dtype)
         self._fill(state, slice(at, at + 1), value)
         return int(value[0])
 
     def _cut(self, box: Box, state: int) -> tuple[tuple[Box, int], tuple[Box, int]]:
-        """Far and near side, with their states, of the first cut that reaches the value of a box."""
+        """Find the first cut that reaches the value of a box: its far and near side, with their states."""
         value = self._worth(box, state)
         shares = self._sums[self._sums[:, 0] == state, 1:].tolist()
         for axis in range(3):
@@ -174,7 +174,7 @@ class Partitioner:
     def find_least_makespan(
         self, printers: int, at_least_s: float, tolerance_s: float = 1.0, at_most_s: float = math.inf
     ) -> float | None:
-        """Least limit (to tolerance_s) at which so many printers of the first class are enough.
+        """Find the least limit (to tolerance_s) at which a number of printers of the first class is enough.
 
         Leaves its solution. None where there is no limit, or none up to at_most_s.
         """
@@ -194,7 +194,7 @@ class Partitioner:
         return high
 
     def longest_s(self) -> float:
-        """Time of the costliest box of the last solution on a printer of the first class."""
+        """Find the time of the costliest box of the last solution on a printer of the first class."""
         return self.boxes.longest_s(self.chosen_boxes())
 
 

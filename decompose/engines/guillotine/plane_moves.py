@@ -98,7 +98,7 @@ def group_faces(boxes_mm: Floats) -> Ints:
 
 
 def _crossings(boxes_mm: Floats, overlap: Floats) -> list[tuple[int, int, tuple[int, int]]]:
-    """Boxes i < j that meet at an edge only, and the two axes across that edge."""
+    """Find boxes i < j that meet at an edge only, and the two axes across that edge."""
     touches = np.abs(overlap) < SAME_MM
     found = []
     for along in range(3):
@@ -113,7 +113,7 @@ def _face(box: int, side: int, axis: int) -> int:
 
 
 def _facing(boxes_mm: Floats, box: int, other: int, axis: int) -> int:
-    """The face of a box that lies on the plane at which another box begins."""
+    """Find the face of a box that lies on the plane at which another box begins."""
     return _face(box, int(boxes_mm[box, 0, axis] < boxes_mm[other, 0, axis]), axis)
 
 
@@ -137,12 +137,12 @@ class _Groups:
             self._size[a] += self._size[b]
 
     def size(self, *members: int) -> int:
-        """Size of the set that joining these would give."""
+        """Compute the size of the set that joining sets would give."""
         return sum(self._size[root] for root in {self.of(member) for member in members})
 
 
 def move_groups(boxes_mm: Floats, groups: Ints, by_mm: Floats) -> Floats:
-    """Move each group (of `group_faces`) of boxes along its axis by so much (groups,) in mm.
+    """Move each group of faces of boxes along its axis.
 
     Parameters
     ----------
@@ -158,7 +158,7 @@ def move_groups(boxes_mm: Floats, groups: Ints, by_mm: Floats) -> Floats:
 
 
 def free_directions(boxes_mm: Floats, groups: Ints, cells: NeededCells, step_mm: float) -> Bools:
-    """(groups, 2) Tell whether each group can move down, and up, by a step while all others stay.
+    """Find whether each group can move down, and up, by a step while all others stay: (groups, 2).
 
     Parameters
     ----------
@@ -182,9 +182,9 @@ def free_directions(boxes_mm: Floats, groups: Ints, cells: NeededCells, step_mm:
 
 
 def keep_clear(flats_mm: Floats, old_mm: float, new_mm: float, clear_mm: float) -> float:
-    """Place of a plane that moves, short of its target where that is near a flat face.
+    """Find the place of a plane that moves, short of its target where that is near a flat face.
 
-    Between the old and the new place, as far from all flats (k,) as asked; the old place where there is none.
+    It is between the old and the new place, clear of all flat faces; the old place where there is none.
 
     Parameters
     ----------
@@ -249,7 +249,7 @@ def solve_plane_shifts(
     np.add.at(times, (parts, faces), slopes[parts, sides, axes])
     np.add.at(lengths, (parts * 3 + axes, faces), 2.0 * sides - 1.0)
     each, none = np.eye(count), np.zeros((n * 3, count))
-    rows = np.block(  # of the moves, how far they are either way, and the makespan
+    rows = np.block(  # columns: the moves, their lengths, and the makespan
         [
             [times, np.zeros((n, count)), -np.ones((n, 1))],
             [lengths, none, np.zeros((n * 3, 1))],
@@ -258,9 +258,8 @@ def solve_plane_shifts(
             [-each, -each, np.zeros((count, 1))],
         ]
     )
-    rights = np.concatenate(
-        [-seconds, limits.longer_mm.ravel(), limits.shorter_mm.ravel(), np.zeros(2 * count)]
-    )
+    lengths_mm = limits.longer_mm.ravel(), limits.shorter_mm.ravel()
+    rights = np.concatenate([-seconds, *lengths_mm, np.zeros(2 * count)])
     known = np.isfinite(rights)
     solved = linprog(
         np.array([*np.zeros(count), *np.full(count, MOVE_S_MM), 1.0]),

@@ -3,8 +3,8 @@
 A grid moves a face by a whole layer of cells, which is a large share of a part. Here every group of faces
 that can move (`plane_moves`) moves at once, by a linear programme: the least makespan were every
 part's time linear in the places of its faces, within steps that are short enough for that. The parts are then
-priced at the new places, which corrects the slopes. Every `ROUNDS_EACH` rounds all parts that moved are posed
-anew; until then each stays in its pose, which is much faster to price. One such search is made even when the
+priced at the new places, which corrects the slopes. Every `ROUNDS_EACH` rounds all parts that moved get new
+poses; until then each keeps its pose, which is much faster to price. One such search is made even when the
 budget is spent: little else gains as much in its time.
 """
 
@@ -50,19 +50,19 @@ from decompose.problem import Problem, Work
 
 Face = tuple[int, ...]  # of a box: its side, 0 or 1, and its axis
 
-PROBE_MM = 3.0  # how far a face is moved inwards to see what that saves
+PROBE_MM = 3.0  # move of a face inwards to measure the time that it saves
 REACH = 0.9  # share of a cell that a plane may move by in all
 FIRST_STEP = 0.5  # share of that
 TRY_MM = 0.4  # a group that cannot move so far alone never moves
 ROUNDS, ROUNDS_EACH = 4, 8
-SHORTER = 0.6  # times as long is the next step, where one was no gain
-NOISE_MM = 2.0  # moves shorter than this teach little: supports, and so times, change by jumps
+SHORTER = 0.6  # factor on the next step, where one was no gain
+NOISE_MM = 2.0  # moves shorter than this show little: supports, and so times, change by jumps
 WORTH = 0.0015  # share of the makespan that a step has to promise
-WORTH_MORE = 0.003  # share that a search has to gain, so that another one begins where it has ended
+WORTH_MORE = 0.003  # share that a search has to gain, so that another one starts from its result
 PLANE_DIGITS = 6  # of a plane that moved, in mm
 UNMOVED_MM = 0.02
-MAX_COVERED = 20_000_000  # fine cells, for each box, that are looked at to see whether all is covered
-MAX_KEPT = 4  # times that a step is found anew around planes that flat faces keep
+MAX_COVERED = 20_000_000  # fine cells times boxes in the test of the covering
+MAX_KEPT = 4  # solutions of a step, each around more planes that flat faces stop
 
 
 def shift_planes(problem: Problem, grid: Grid, cut: Mapping[Box, Sequence[Piece]]) -> list[Piece]:
@@ -90,8 +90,8 @@ def shift_box_planes(
 ) -> list[Piece]:
     """Move the planes of boxes (n, 2, 3) in mm, on a grid or not, with the pieces in each.
 
-    What barred a face at one start, or was out of its reach, may not from where that has led to: as long as
-    it is worth it, planes are moved again from there.
+    A face that was stopped, or whose best place was out of reach, may be free after the others have moved. So
+    planes are moved again from the result, as long as it is worth it.
 
     Parameters
     ----------
@@ -157,11 +157,11 @@ class _PlaneShift:
         ]
 
     def pose_start(self) -> list[BoxPart]:
-        """Parts as they are at first, in their best poses."""
+        """Pose the parts of the given partition."""
         return self._pose(self.start)
 
     def run(self, best: list[BoxPart]) -> list[BoxPart]:
-        """Parts of the best partition found, starting from these."""
+        """Search for a better partition, starting from parts in their poses."""
         if not (self.free.any() and math.isfinite(longest_s(best))):
             return best
         self._book([i for i in range(len(best)) for _ in range(6)])
@@ -186,7 +186,7 @@ class _PlaneShift:
         return best
 
     def _book(self, parts: Sequence[int]) -> None:
-        """Book the work of cutting these parts, by number, and pricing them in the poses that they have."""
+        """Book the work of cutting parts, by number, and of pricing them in their poses."""
         self.problem.effort.book(Work.PIECE_MEASURED, len(parts))
         self.problem.effort.book(Work.FACE_MEASURED, sum(self.near[i].faces for i in parts))
 
@@ -196,7 +196,7 @@ class _PlaneShift:
         )
 
     def _take_steps(self, parts: list[BoxPart], slopes: Floats) -> list[BoxPart]:
-        """Parts after some steps, each in its pose; the same parts where no step is worth it."""
+        """Take some steps, each part in its pose; returns the same parts where no step is worth it."""
         step_mm = FIRST_STEP * self.reach_mm
         for _ in range(ROUNDS_EACH):
             boxes, promised_s = self._step(parts, slopes, step_mm)
@@ -215,7 +215,7 @@ class _PlaneShift:
         return parts
 
     def _bar_faces(self, parts: Sequence[BoxPart], new: Sequence[BoxPart], limit_s: float = math.inf) -> bool:
-        """Bar faces from moving on by which parts break, fit no longer, or take as long as this.
+        """Stop faces whose moves make parts break, not fit, or take as long as a limit.
 
         Where a support comes to touch a cut face, or the brim to be too narrow, another pose is the best, and
         may be much slower.
@@ -223,7 +223,7 @@ class _PlaneShift:
         Returns
         -------
         bool
-            Whether there are any that were free to: the next step is another one.
+            Whether any of them was free: then the next step is a different one.
         """
         before = self.free.copy()
         for i, (old, part) in enumerate(zip(parts, new, strict=True)):
@@ -237,7 +237,7 @@ class _PlaneShift:
         return bool((self.free != before).any())
 
     def _breaking_faces(self, i: int, part: BoxPart, faces: Sequence[Face], by_mm: Floats) -> list[Face]:
-        """Faces whose move alone breaks a part into pieces, or makes it too thin."""
+        """Find the faces whose move alone breaks a part into pieces, or makes it too thin."""
         self.problem.effort.book(Work.FACE_CUT, len(faces) * self.near[i].faces)
         found = []
         for face in faces:
@@ -248,10 +248,9 @@ class _PlaneShift:
         return found
 
     def _step(self, parts: list[BoxPart], slopes: Floats, step_mm: Floats) -> tuple[Floats, float]:
-        """Best places of the boxes, were the slopes true, and the makespan that this promises.
+        """Find the best places of the boxes, as if the slopes were exact, and the makespan that they promise.
 
-        A plane that a flat face keeps from where it would be best stays where that leaves it, and the others
-        make the best of it.
+        A plane that a flat face stops short of its best place stays there, and the others are solved again.
         """
         now = np.array([part.box_mm for part in parts])
         places = self._places(now)
@@ -265,25 +264,25 @@ class _PlaneShift:
         for _ in range(MAX_KEPT):
             limits = ShiftLimits(longer_mm, shorter_mm, low_mm, high_mm)
             by_mm, least_s = solve_plane_shifts(seconds, slopes, self.groups, limits)
-            if not math.isfinite(least_s):  # not with all of these kept: what was found before has to do
+            if not math.isfinite(least_s):  # no solution with all of these stopped: the one before is taken
                 break
             promised_s = least_s
             boxes_mm = self._keep_clear(now, move_groups(now, self.groups, by_mm))
-            really_mm = self._places(boxes_mm) - places
-            kept = np.abs(really_mm - by_mm) > UNMOVED_MM
+            moved_mm = self._places(boxes_mm) - places
+            kept = np.abs(moved_mm - by_mm) > UNMOVED_MM
             if not kept.any():
                 break
-            low_mm[kept] = high_mm[kept] = really_mm[kept]
+            low_mm[kept] = high_mm[kept] = moved_mm[kept]
         return boxes_mm, promised_s
 
     def _places(self, boxes_mm: Floats) -> Floats:
-        """(groups,) Coordinate of each group."""
+        """Find the coordinate (groups,) of each group."""
         places = np.zeros(len(self.free))
         places[self.groups[self.groups >= 0]] = boxes_mm[self.groups >= 0]
         return places
 
     def _keep_clear(self, now: Floats, boxes_mm: Floats) -> Floats:
-        """Boxes with every plane short of flat faces, and unmoved where it hardly moved."""
+        """Stop every plane short of flat faces, and leave it where it would hardly move."""
         old, new = self._places(now), self._places(boxes_mm)
         for group in range(len(old)):
             if abs(new[group] - old[group]) < UNMOVED_MM:
@@ -307,7 +306,7 @@ class _PlaneShift:
         return BoxPart(box_mm, tuple(pieces), (), math.inf)
 
     def _pose(self, parts: list[BoxPart], before: Sequence[BoxPart] = ()) -> list[BoxPart]:
-        """Parts in their best poses; parts that have not moved since `before` keep theirs."""
+        """Find the best poses of parts; those that have not moved since `before` keep theirs."""
         done = {i: old for i, old in enumerate(before) if (old.box_mm == parts[i].box_mm).all()}
         new = [i for i in range(len(parts)) if i not in done]
         poses = iter(self.problem.find_poses([piece for i in new for piece in parts[i].pieces]))
@@ -316,7 +315,7 @@ class _PlaneShift:
         return [done[i] for i in range(len(parts))]
 
     def _cut_moved(self, parts: list[BoxPart], boxes_mm: Floats) -> list[BoxPart]:
-        """Cut parts anew where their boxes moved, and pose pieces anew where their old poses do not do."""
+        """Cut parts again where their boxes moved, and find new poses where the old ones do not fit."""
         moved = [i for i, part in enumerate(parts) if (boxes_mm[i] != part.box_mm).any()]
         self._book(moved)
         run = map if self.problem.executor is None else self.problem.executor.map
@@ -335,9 +334,9 @@ class _PlaneShift:
         return new
 
     def _cut_in_old_poses(self, i: int, part: BoxPart, box_mm: Floats) -> tuple[BoxPart, list[Pose | None]]:
-        """Cut a part anew, with its pieces in their old poses; None for a pose that does not do.
+        """Cut a part again, with its pieces in their old poses; None for a pose that does not fit.
 
-        No poses where it came to pieces.
+        No poses where the part broke into pieces.
         """
         new = self._cut(i, box_mm)
         if not new.is_like(part):
@@ -351,13 +350,14 @@ class _PlaneShift:
         return new, poses
 
     def _measure(self, piece: Piece, pose: Pose) -> Pose:
+        """Price a piece in the rotation of a pose."""
         vertices, faces = piece.solid.arrays()
         cut = find_cut_faces(vertices, faces, piece.planes)
         rotation, options = pose.to_model[:3, :3].T, self.problem.options
         return measure_pose(vertices, faces, cut, rotation, self.problem.cost, options.fit_first_layer)
 
     def _slopes(self, i: int, part: BoxPart) -> Floats:
-        """(2, 3) Change of a part's time in s/mm as each of its faces moves up its axis."""
+        """Measure the change (2, 3) of a part's time in s/mm as each of its faces moves up its axis."""
         slopes = np.zeros((2, 3))
         for side, axis in np.ndindex(2, 3):
             if self.groups[i, side, axis] < 0 or part.box_mm[1, axis] - part.box_mm[0, axis] < 2.0 * PROBE_MM:

@@ -35,7 +35,7 @@ class PrinterClass:
 
     @property
     def room(self) -> PrinterRoom:
-        """A printer that is no better than any of them."""
+        """Printer that is no better than any of them."""
         return PrinterRoom("", self.boxes, self.time_factor)
 
     @property
@@ -50,7 +50,7 @@ class PrinterClass:
 
 
 def classify_printers(printers: Sequence[PrinterRoom], most_sums: float) -> list[PrinterClass]:
-    """Classes of some printers, the largest first; one where they are about equal.
+    """Classify printers, the largest class first; one class where they are about equal.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ def count_sums(counts: Sequence[int]) -> int:
 
 
 def _lost_throughput(a: PrinterClass, b: PrinterClass) -> float:
-    """Throughput that two classes lose when they become one."""
+    """Compute the throughput that two classes lose when they become one."""
     one = _merge(a, b)
     rooms = sum(each.throughput for each in (a, b) if each.boxes != one.boxes)
     return a.throughput + b.throughput - one.throughput + ROOM_WORTH * rooms
@@ -91,7 +91,7 @@ def _merge(a: PrinterClass, b: PrinterClass) -> PrinterClass:
 
 
 def _shared_room(a: Room, b: Room) -> Room:
-    """Boxes that fit two rooms, without those that lie in others."""
+    """Find the boxes that fit two rooms, without those that lie in others."""
     if a == b:
         return a
     both = {(min(p[0], q[0]), min(p[1], q[1]), min(p[2], q[2])) for p, q in product(a, b)}

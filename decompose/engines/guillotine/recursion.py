@@ -9,11 +9,11 @@ from decompose.arrays import Ints
 from decompose.grid import interval
 from decompose.jit import jit
 
-UNREACHABLE = 16_000  # more parts than anybody has printers; twice as many are an int16
-PART = 1 << 46  # of a key: the digit of the parts
-SECOND = 1 << 20  # of the seconds, rounded; what is left counts the area of the cuts
-AREA_MM2 = 64.0  # in units of this
-MAX_S = 1e6  # so many seconds of a box count, so that the digits keep apart
+UNREACHABLE = 16_000  # more parts than any fleet has printers; twice as many fit an int16
+PART = 1 << 46  # digit of the parts in a key
+SECOND = 1 << 20  # digit of the seconds, rounded; the rest counts the area of the cuts
+AREA_MM2 = 64.0  # unit of that area
+MAX_S = 1e6  # most seconds of a box, so that the digits stay apart
 
 Table = npt.NDArray[np.int16] | Ints
 
@@ -49,9 +49,9 @@ def _least(value: Table, size: int, at: tuple[int, int, int], count: int, sums: 
 def solve_recursion(value: Table, sums: Ints, nx: int, ny: int, nz: int) -> None:
     """Lower every box, in place, to its least sum over all guillotine partitions.
 
-    Boxes of one length along an axis stand side by side: those of the same sides are added at once, whatever
-    their places; along z after they were turned, so that z comes before y.
-    A box that is larger than its needed cells needs no care: what a cut takes off there is worth 0.
+    Boxes of one length along an axis are next to each other: those of the same sides are added at once, at
+    all places; along z after a transposition that puts z before y. A box larger than its needed cells is no
+    special case: a cut takes off parts of value 0 there.
 
     Parameters
     ----------
@@ -110,7 +110,7 @@ def fill_counts(
     pieces: npt.NDArray[np.int16],
     value: npt.NDArray[np.int16],
 ) -> None:
-    """Fill in the parts of each box where it is not cut: (boxes,) each, as in `BoxTables`."""
+    """Fill in the number of parts (boxes,) of each uncut box, from the tables (boxes,) of `BoxTables`."""
     for box in range(len(value)):
         if trimmed[box] < 0:
             value[box] = 0
@@ -120,7 +120,7 @@ def fill_counts(
 
 @jit
 def _key(seconds: float, pieces: int, cut_mm2: float) -> int:
-    """Key of a box that is not cut: parts, seconds and area of cuts as digits of one number."""
+    """Compute the key of an uncut box: parts, seconds and area of cuts as digits of one number."""
     key: int = pieces * PART + round(min(seconds, MAX_S)) * SECOND + round(cut_mm2 / AREA_MM2)
     return key
 
@@ -134,7 +134,7 @@ def fill_keys(
     cut_mm2: npt.NDArray[np.float32],
     value: Ints,
 ) -> None:
-    """Fill in the key of each box where it is not cut: (boxes,) each, `cut_mm2` maybe empty."""
+    """Fill in the key (boxes,) of each uncut box, from the tables of `BoxTables`; `cut_mm2` may be empty."""
     for box in range(len(value)):
         if trimmed[box] < 0:
             value[box] = 0

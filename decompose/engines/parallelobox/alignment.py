@@ -69,7 +69,7 @@ def align_model(model: Model, seed: int, overhang_cos: float) -> AlignedModel:
 
 
 def overhang_mm2(triangles: Floats, overhang_cos: float) -> float:
-    """Least overhanging area of a mesh (m, 3, 3) in mm2, over the six axes as the way up."""
+    """Compute the least overhanging area of a mesh (m, 3, 3) in mm2, over the six axes as the way up."""
     cross = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     area = np.linalg.norm(cross, axis=1)
     found = []
@@ -81,7 +81,7 @@ def overhang_mm2(triangles: Floats, overhang_cos: float) -> float:
 
 
 def _box_frame(vertices: Floats, axis: int) -> Floats:
-    """Rotation (3, 3) into the frame of the smallest box about vertices (n, 3).
+    """Find the rotation (3, 3) into the frame of the smallest box about vertices (n, 3).
 
     With an axis from 0 to 2 only turns about it, which leave a plane of symmetry where it is.
     """
@@ -98,7 +98,7 @@ def _box_frame(vertices: Floats, axis: int) -> Floats:
 
 
 def _least_turn(rotation: Floats) -> Floats:
-    """Least rotation among the frames with these axes, in any order and direction."""
+    """Find the least rotation among the frames with the same axes, in any order and direction."""
     left = np.abs(rotation)
     rows = [-1, -1, -1]
     for _ in range(3):

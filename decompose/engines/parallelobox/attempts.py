@@ -1,4 +1,4 @@
-"""The metaheuristic: many attempts, with fewer and fewer seeds and several draws of each, and the best one.
+"""Metaheuristic: the best of many attempts, with fewer and fewer seeds and several draws of each number.
 
 Fewer seeds leave more printers to the void fill, so that it more often finds enough.
 """
@@ -42,9 +42,9 @@ class BlockPartition:
     Attributes
     ----------
     longest
-        The greatest P of a block, the paper's parallel score.
+        Greatest P of a block, the paper's parallel score.
     parts
-        Pieces in all blocks, as far as the grid can tell.
+        Number of pieces in all blocks, by the grid.
     """
 
     blocks: tuple[Box, ...]
@@ -98,7 +98,7 @@ def draw_seed_sets(source: SeedSource, printers: int, tries: int, seed: int, run
 def run_attempts(
     drawn: Sequence[Seeds], terrain: Terrain, printers: int, score: Score, run: Run = map
 ) -> list[BlockPartition]:
-    """Attempts that cover the model, the best first: least parallel score, then fewest parts.
+    """Run attempts and return those that cover the model: least parallel score, then fewest parts first.
 
     Parameters
     ----------
@@ -116,7 +116,7 @@ def run_attempts(
 
 
 def _attempt(seeds: Seeds, terrain: Terrain, printers: int, score: Score) -> BlockPartition | None:
-    """One attempt; None where it needs more parts than there are printers."""
+    """Make one attempt; None where it needs more parts than there are printers."""
     blocks, owner = grow_blocks(seeds, terrain, score)
     filled = fill_voids(blocks, owner, terrain, printers - _parts(blocks, terrain))
     if filled is None or _parts(filled, terrain) > printers:

@@ -24,7 +24,7 @@ NOBODY, BARRED = -1, -2
 
 @jit
 def _block_index(block: Ints, shape: tuple[int, int, int]) -> int:
-    """Index of a block (6,) among all boxes of a grid."""
+    """Compute the index of a block (6,) int64 among all boxes of a grid."""
     return index_of((block[0], block[1], block[2], block[3], block[4], block[5]), shape)
 
 
@@ -37,7 +37,7 @@ def grown_box_index(
     seconds: npt.NDArray[np.float32],
     pieces: npt.NDArray[np.int16],
 ) -> int:
-    """Index of the box that a block grows to, -1 where a hard constraint forbids it.
+    """Find the index of the box that a block grows to, -1 where a hard constraint forbids it.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ def claim_cells(block: Ints, number: int, owner: Ints) -> None:
 
 @jit
 def _proximity(blocks: Ints, number: int, direction: int, cells: int) -> float:
-    """S_prox: 0.5 where another block ahead touches, 1 where none is within the length of the grid.
+    """Compute S_prox: 0.5 where another block in front touches, 1 where none is within the grid's length.
 
     The gap is the L1 distance of the centres less half the sizes, as in the paper; its share of the grid and
     the half are those of the paper's program, without which a touching block would bar every growth.

@@ -3,9 +3,9 @@
 Orientation and symmetry cut (`alignment`), then for each half seeds, growth and void fill (`growth`), over
 many attempts (`attempts`).
 
-`--faithful` takes the best attempt by the paper's score. Otherwise blocks grow from the same seeds by prices
-in seconds too, by both readings of the score, on a finer grid too, and uncut too. Of all attempts, and the
-faithful one is among them, that is taken whose pieces end soonest in the poses that they are printed in.
+`--faithful` takes the best attempt by the paper's score. Otherwise blocks grow from the same seeds also by
+prices in seconds, by both readings of the score, on a finer grid, and without the symmetry cut. Of all
+attempts, the faithful one included, the one whose pieces end soonest in their printing poses is taken.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from decompose.pieces import Piece, cut_cells, find_faults
 from decompose.problem import Partition, Problem, Work
 
 MAX_CUT = 12  # partitions whose pieces are counted, the best first
-MAX_OF_A_HALF = 100  # attempts that are combined with those of the other half
+MAX_OF_A_HALF = 100  # attempts of a half that are combined with those of the other
 
 
 def paper_settings(options: Options) -> Options:
@@ -51,7 +51,7 @@ def cut_by_parallelobox(problem: Problem) -> Partition:
     Raises
     ------
     NoFit
-        No attempt covers the model; not faithful also, none that was looked at is good to glue.
+        No attempt covers the model; unless faithful, also where none of the best can be glued well.
     """
     grounds = _lay_grounds(problem)
     tried: list[_Candidate] = []
@@ -80,7 +80,7 @@ def cut_by_parallelobox(problem: Problem) -> Partition:
 class _Ground:
     """A frame, the grid in it, and the terrains on it: the paper's, and one in seconds unless faithful.
 
-    `cut` are the pieces of each box that was cut already.
+    `cut` holds the pieces of each box that was cut already.
     """
 
     aligned: AlignedModel
@@ -97,7 +97,7 @@ class _Ground:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Candidate:
-    """A partition that was cut, when its last piece ends, and why a piece is bad to glue, if one is."""
+    """Partition that was cut, the time when its last piece ends, and a piece that is bad to glue, if any."""
 
     ground: _Ground
     cut: dict[Box, list[Piece]]
@@ -114,7 +114,7 @@ class _Candidate:
 
 
 def _lay_grounds(problem: Problem) -> list[_Ground]:
-    """Grid of the paper, and unless faithful the problem's own; only that where its granularity is given."""
+    """Build the paper's grid and, unless faithful, the problem's own; only that for a given granularity."""
     options = problem.options
     steep = math.sin(math.radians(OVERHANG_TOLERANCE_DEG))  # the paper's
     found = []
@@ -142,7 +142,7 @@ def _same(aligned: AlignedModel, grid: Grid, ground: _Ground) -> bool:
 
 
 def _search_ground(ground: _Ground, problem: Problem) -> list[_Candidate]:
-    """Best partitions on one ground: the paper's choice, and unless faithful those that end soonest."""
+    """Find the best partitions on one ground: the paper's choice and, unless faithful, the soonest ones."""
     points = np.unique(ground.aligned.model.solid.arrays()[0], axis=0)
     tried: list[_Candidate] = []
     for halves in _halves(ground, points, len(problem.printers)):
@@ -169,7 +169,7 @@ Ranked = list[tuple[float, list[Box]]]  # what partitions promise, the least fir
 
 
 def _halves(ground: _Ground, points: Floats, printers: int) -> Iterator[list[Half]]:
-    """Halves of a symmetric model, the larger with the odd printer; then the model uncut."""
+    """Yield the halves of a symmetric model, the larger with the odd printer; then the model uncut."""
     if ground.aligned.mirror is not None and printers > 1:
         axis, at_mm = ground.aligned.mirror
         for plane in np.flatnonzero(ground.grid.planes[axis][1:-1] == at_mm)[:1] + 1:
@@ -185,7 +185,7 @@ def _halves(ground: _Ground, points: Floats, printers: int) -> Iterator[list[Hal
 
 
 def _grow_half(half: Half, ground: _Ground, problem: Problem) -> Grown:
-    """Attempts on one half, from the same seeds; none where the budget is too small to draw these."""
+    """Make the attempts on one half, from the same seeds; none where the budget is too small for them."""
     terrains, points, printers = half
     options = problem.options
     clustered = len(points) * options.parallelobox.tries * printers * (printers + 1) // 2
@@ -207,7 +207,7 @@ def _grow_half(half: Half, ground: _Ground, problem: Problem) -> Grown:
 def _rank_partitions(
     found: Sequence[Sequence[BlockPartition]], key: Callable[[BlockPartition], float]
 ) -> Ranked:
-    """Partitions that attempts on the halves make together, the best first."""
+    """Combine the attempts on the halves to partitions, the best first."""
     best = [sorted((key(a), a.parts, a.blocks) for a in half)[:MAX_OF_A_HALF] for half in found]
     together = [
         (max(longest for longest, _, _ in picks), sum(parts for _, parts, _ in picks), picks)
@@ -218,13 +218,13 @@ def _rank_partitions(
 
 
 def _first_that_fits(ranked: Ranked, ground: _Ground, problem: Problem) -> list[_Candidate]:
-    """First of these that has no more pieces than there are printers, if any."""
+    """Find the first partition that has no more pieces than there are printers, if any."""
     tried = (_cut_candidate(boxes, ground, problem) for _, boxes in ranked[:MAX_CUT])
     return list(islice((each for each in tried if each is not None), 1))
 
 
 def _find_soonest(ranked: Ranked, ground: _Ground, problem: Problem) -> list[_Candidate]:
-    """Partition of these that ends soonest; the search stops when no other promises more."""
+    """Find the partition that ends soonest; the search stops when no other promises more."""
     best: list[_Candidate] = []
     for promised_s, boxes in ranked[:MAX_CUT]:
         enough = best and not best[0].fault and promised_s >= best[0].ends_s

@@ -12,7 +12,7 @@ from decompose.grid import OVERHANG, VOLUME, BoxTables, Grid, index_of
 from decompose.jit import jit
 
 SPEED_MM_S = 20.0  # of shell and of infill, in the paper's settings
-OVERHANG_TOLERANCE_DEG = 1.0  # likewise
+OVERHANG_TOLERANCE_DEG = 1.0  # in the paper's settings
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +49,7 @@ class Terrain:
         return nx, ny, nz
 
     def half(self, axis: int, plane: int, upper: bool) -> Terrain:
-        """Terrain on one side of a plane of the grid alone."""
+        """Restrict the terrain to one side of a plane of the grid."""
         other = np.zeros(self.needed.shape, dtype=np.bool_)
         side = slice(None, plane) if upper else slice(plane, None)
         other[tuple(side if a == axis else slice(None) for a in range(3))] = True
@@ -57,18 +57,18 @@ class Terrain:
 
 
 def time_terrain(grid: Grid, boxes: BoxTables) -> Terrain:
-    """Terrain where P is the print time in the best pose that fits, with supports, so that O is nothing."""
+    """Build the terrain where P is the print time in the best pose, with supports, and O is 0."""
     none = np.zeros(len(boxes.seconds), np.float32)
     return Terrain(grid.needed, np.zeros_like(grid.needed), boxes.seconds, boxes.pieces, boxes.seconds, none)
 
 
 def paper_terrain(grid: Grid, boxes: BoxTables) -> Terrain:
-    """Terrain where P is speed times volume plus area, and O the least overhanging area.
+    """Build the terrain where P is speed times volume plus area, and O the least overhanging area.
 
     Parameters
     ----------
     grid
-        Whose overhangs count: of the paper's tolerance where it was laid with that.
+        Its overhangs count: with the paper's tolerance where it was built with that.
     """
     columns = np.concatenate(
         [grid.sums[..., [VOLUME]], grid.area[..., None], grid.sums[..., OVERHANG : OVERHANG + 6]], axis=3
@@ -90,6 +90,20 @@ def paper_terrain(grid: Grid, boxes: BoxTables) -> Terrain:
 def _paper_prices(
     prefix: Floats, cut_x: Floats, cut_y: Floats, cut_z: Floats, total: int, speed: float
 ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+    """Compute P and O of `Terrain` for every box.
+
+    Parameters
+    ----------
+    prefix
+        (nx + 1, ny + 1, nz + 1, 8) float64 summed-area table of volume in mm3, surface in mm2, and overhangs
+        in the six poses in mm2.
+    cut_x, cut_y, cut_z
+        Summed-area tables of the cut areas in mm2 on the planes across each axis.
+    total
+        Number of boxes.
+    speed
+        mm/s of shell and infill.
+    """
     nx, ny, nz = prefix.shape[0] - 1, prefix.shape[1] - 1, prefix.shape[2] - 1
     printing = np.zeros(total, np.float32)
     overhang = np.zeros(total, np.float32)

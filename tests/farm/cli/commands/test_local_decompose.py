@@ -50,14 +50,14 @@ def test_cuts_askew_are_told() -> None:
 
 def test_all_that_can_be_said_is_six_lines() -> None:
     parts = [{"id": f"p0{i}", "file": f"p0{i}.stl", "stands": i == 1} for i in range(1, 7)]
-    fault = {"part": "p03", "what": "is 5.0 mm thin where it was cut, of 8 mm that are wanted"}
+    fault = {"part": "p03", "what": "is 5.0 mm thin where it was cut, less than 8 mm"}
     lines = summarise_decomposition(
         report(repairs=["Closed it.", "Turned it."], faults=[fault], parts=parts), 4, Path("out")
     )
     assert len(lines) == 6
     assert lines[0] == "Closed it. Turned it."
     assert lines[4] == (
-        "Check: p03 is 5.0 mm thin where it was cut, of 8 mm that are wanted; "
+        "Check: p03 is 5.0 mm thin where it was cut, less than 8 mm; "
         "p02 may fall over while it is printed; p03 may fall over while it is printed, and 3 more"
     )
 
