@@ -65,8 +65,8 @@ def decompose_auto(
 ) -> Decomposition:
     """Cut a model for as many of the first printers as suit a goal.
 
-    The number is chosen from the curve of what the first of them reach by the tables, with the rooms and the
-    speeds that they have; where they turn out too few for the true parts, all printers are used.
+    The number is chosen from the curve of makespans of the first printers by the tables, with their rooms and
+    speeds; where they turn out too few for the true parts, all printers are used.
 
     Parameters
     ----------

@@ -48,7 +48,7 @@ def decompose_model(
     Raises
     ------
     NoFit
-        The parts are more than the printers, with how many would do.
+        The parts are more than the printers; with the number that would be enough.
     GeometryError
         The result breaks a geometry rule.
     """

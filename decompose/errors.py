@@ -89,8 +89,8 @@ class Rule(StrEnum):
     OWN_PRINTER = "own-printer"  # no printer has more parts than it may print
     NO_OVERLAP = "no-overlap"
     SURFACE = "surface"  # the original surface is covered exactly once
-    WALL = "wall"  # what is missing keeps its distance from the original surface
-    INSIDE = "inside"  # parts and what is missing are the model, no more
+    WALL = "wall"  # hollows keep their distance from the original surface
+    INSIDE = "inside"  # parts and hollows together are the model, no more
     STL = "stl"  # the file, read back, is watertight and has the part's volume
 
 

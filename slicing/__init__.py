@@ -1,4 +1,4 @@
-"""Slicing of plates with CuraEngine, checks of what it writes, and reading of a person's own G-code.
+"""Slicing of plates with CuraEngine, checks of its output, and reading of a person's own G-code.
 
 Public interface: `plate.slice_plate` with its records; the names in the `__init__` of `settings` and
 `own_gcode`; `printer`, `errors` and `cache`. This file imports nothing: a program may read an error or

@@ -50,7 +50,8 @@ def find_least_used(entries: Iterable[CacheEntry], most_bytes: int) -> list[str]
 
 
 def trim_cache(folder: Path, most_bytes: int = CACHE_BYTES) -> None:
-    """Remove the slices that were not used for longest, until the rest fits; what cannot be removed stays.
+    """Remove the slices that were not used for longest, until the rest fits; files that cannot be removed
+    stay.
 
     Parameters
     ----------

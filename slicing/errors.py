@@ -28,11 +28,11 @@ class EngineCrashed(EngineFailed):
 
 
 class EngineOutOfMemory(EngineFailed):
-    """CuraEngine needed more memory than it may have, or than there is."""
+    """CuraEngine needed more memory than its limit, or than the machine has."""
 
 
 class EngineTimeout(SlicingError):
-    """CuraEngine took longer than it was given, and was stopped."""
+    """CuraEngine took longer than its limit, and was stopped."""
 
 
 class BadSetting(SlicingError):
@@ -64,7 +64,7 @@ class Rule(StrEnum):
 
 
 class SliceRejected(SlicingError):
-    """CuraEngine ended well, but what it wrote must not be printed.
+    """CuraEngine ended without an error, but its output must not be printed.
 
     Parameters
     ----------

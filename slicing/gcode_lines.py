@@ -33,7 +33,7 @@ _PLAIN_MOVE = re.compile(rb"G[01](?: [FXYZE]-?\d{1,4}(?:\.\d{1,9})?)+\r?\n?\Z")
 
 Words = dict[str, float]
 Line = tuple[str, str, bytes]
-"""Code like ``G1`` (empty where there is none), what follows it, and the comment."""
+"""Code like ``G1`` (empty where there is none), the rest of the command, and the comment."""
 
 
 def split_line(raw: bytes, number: int) -> Line:
@@ -92,7 +92,7 @@ def parse_plain_move(raw: bytes) -> Words | None:
 
 
 def parse_words(rest: str, number: int) -> Words:
-    """Read what follows a code, as letter -> number.
+    """Parse the words after a code, as letter -> number.
 
     Parameters
     ----------

@@ -19,7 +19,7 @@ from slicing.errors import Rule, SliceRejected
 Floats = npt.NDArray[np.float64]
 
 STEPS_MM = (29.0, 23.0)  # along x and y, from crest to trough: a corner's sides multiply to less then
-WAVE_MM = 0.03  # what is smaller CuraEngine may take for straight
+WAVE_MM = 0.03  # CuraEngine may flatten a smaller wave
 SAME_MM = 1e-6
 
 
@@ -64,7 +64,7 @@ def write_triangles(corners: npt.NDArray[np.floating]) -> bytes:
 def add_waves(corners: Floats) -> Floats:
     """Give long flat sides a wave: cut triangles where it turns, and move each point along x and y.
 
-    The wave is linear between the cuts: what was flat there stays so, and a closed mesh stays closed.
+    The wave is linear between the cuts: flat areas between them stay flat, and a closed mesh stays closed.
 
     Parameters
     ----------

@@ -17,7 +17,7 @@ from slicing.engine import engine_version
 from slicing.settings import EngineSettings
 
 _FORMAT = "farm-slice-5"
-"""Part of the cache's key: changes where what is stored or checked changes."""
+"""Part of the cache's key: to be changed with the stored record or the checks."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -139,7 +139,7 @@ def _cover(shares: Floats, corners: Ints, steps: Floats, covered: Floats) -> Non
     corners
         (k, 8) of `_corners`.
     steps
-        (nx + 1, ny + 1, nz + 1) workspace: what changes where boxes begin and end.
+        (nx + 1, ny + 1, nz + 1) workspace: differences where boxes begin and end.
     covered
         (nx, ny, nz) filled in.
     """

@@ -27,14 +27,14 @@ from decompose.jit import jit
 from decompose.print_time import MAX_INSET_SHARE, CostModel
 
 UNIT = 1 << 24  # the weight of a whole part, once weights are rounded to whole numbers
-LIMITS = 30  # times that are tried at most
+LIMITS = 30  # most times that are tried
 FIRST = 0.95  # share of the makespan of a good partition near which its bound mostly is
-CLOSE = 0.005  # a bound this close to what can be proven so is good enough
+CLOSE = 0.005  # accuracy of the bound, as a share of it
 
 
 @dataclass(frozen=True, slots=True)
 class Bound:
-    """A lower bound and what proves it.
+    """Lower bound with its certificate.
 
     Attributes
     ----------
@@ -98,8 +98,8 @@ def makespan_bound(boxes: BoxTables, needed: Bools, printers: int, makespan_s: f
     Parameters
     ----------
     boxes
-        The tables. The proof is about them: a box takes what it takes in the best of its axis poses, with
-        supports down to the bed, and has as many pieces as they say.
+        The tables, for which the proof holds: a box takes its time in the best of its axis poses, with
+        supports down to the bed, and has their number of pieces.
     needed
         (nx, ny, nz) cells that must be in some box; at least one.
     printers
@@ -110,8 +110,8 @@ def makespan_bound(boxes: BoxTables, needed: Bools, printers: int, makespan_s: f
     Returns
     -------
     Bound
-        The best that was proven. It misses the optimum by what fractions of boxes win, and by what the
-        programmes were not solved to.
+        Best bound that was proven. It is below the optimum by the gain of fractional boxes, and by the
+        remaining error of the programmes.
     """
     weights = needed * (printers / needed.sum())
     low = _proof(boxes, weights, printers, makespan_s)

@@ -1,4 +1,4 @@
-"""The assembly picture: the parts pulled apart, each in its colour with its number, by a small renderer."""
+"""Picture of the assembly: the parts pulled apart, each in its colour with its number."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from decompose.arrays import Floats, Ints
 from decompose.jit import jit
 from decompose.results import Part
 
-EXPLODE = 0.28  # how far parts move from the middle, as a share of their distance to it
+EXPLODE = 0.28  # move of parts from the middle, as a share of their distance to it
 OVERSAMPLE = 3  # pixels of the buffer along each side of a pixel of the picture
 AZIMUTH_DEG, ELEVATION_DEG = -58.0, 22.0  # the eye: from the front, a little from the right and above
 LIGHT = np.array([-0.25, 0.62, 0.74]) / np.linalg.norm([-0.25, 0.62, 0.74])  # right, up, towards the eye
@@ -35,7 +35,8 @@ def _rasterise(
 ) -> None:
     """Draw triangles (m, 3, 3) in pixels, z towards the eye, each in one colour (m, 3).
 
-    `seen` gets the owner (m,) of the triangle that is in front.
+    image (height, width, 3), depth (height, width) and seen (height, width) are filled in: colour, z, and the
+    owner (m,) of the triangle in front.
     """
     height, width = depth.shape
     for t in range(len(triangles)):

@@ -35,9 +35,9 @@ from decompose.geometry.stl import (
 )
 
 SUFFIXES = (".stl", ".obj", ".ply", ".off")
-TINY_MM = 5.0  # under this longest side the unit is doubted
-SMALLEST_MM = 0.1  # less than any nozzle draws
-LARGEST_MM = 1e6  # further from the origin double precision falls short of the tolerances that cuts need
+TINY_MM = 5.0  # longest side below which the unit is probably not the mm
+SMALLEST_MM = 0.1  # thinner than the line of any nozzle
+LARGEST_MM = 1e6  # further from the origin double precision is too coarse for cuts
 FLAT_RATIO = 1e-6  # of the longest side
 UNITS = {"metres": 1000.0, "inches": 25.4}
 
@@ -51,7 +51,7 @@ class Model:
     solid
         Closed, in mm, in the file's own frame times `scale`.
     repairs
-        What was done to it, a sentence each.
+        Repairs, a sentence each.
     scale
         The factor from the file's numbers to mm.
     """
@@ -130,7 +130,7 @@ def _check_size_options(scale: float | None, longest_side_mm: float | None) -> N
 def _measure_triangles(name: str, triangles: Floats) -> tuple[float, float]:
     """Measure the longest side and the greatest coordinate of triangles (m, 3, 3) in the unit of the file.
 
-    Refuses what is not finite, empty or flat.
+    Refuses triangles that are not finite, empty or flat.
     """
     if not np.isfinite(triangles).all():
         bad = int((~np.isfinite(triangles)).any(axis=(1, 2)).sum())

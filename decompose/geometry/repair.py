@@ -248,7 +248,7 @@ def _far(mesh: Any, other: Any) -> Bools:
 def _inside(points: Floats, triangles: Floats) -> Bools:
     """Find which points (n, 3) lie in a closed surface (m, 3, 3): a ray meets it an odd number of times.
 
-    The ray leans by no round number, so that it meets no edge of what is square.
+    The ray leans by an odd number, so that it meets no edge of a box.
     """
     lean = np.array([0.0123456789, 0.0345678912])
     points = np.column_stack([points[:, :2] - points[:, 2:] * lean, points[:, 2]])

@@ -35,7 +35,7 @@ class Mirror:
 
 
 class _Cloud:
-    """Vertices (n, 3) in mm, and how far from them the mirror images of some of them are."""
+    """Vertices (n, 3) in mm, and the distance of mirror images of some of them."""
 
     def __init__(self, vertices: Floats, rng: np.random.Generator, most: int = MAX_MIRRORED) -> None:
         self.centre = vertices.mean(axis=0)

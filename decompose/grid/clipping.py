@@ -1,4 +1,4 @@
-"""Kernel of the grid: each triangle clipped to the cells that it crosses, and what it adds to them."""
+"""Kernels that clip each triangle to the cells that it crosses, and add its fragments to their sums."""
 
 from __future__ import annotations
 
@@ -164,7 +164,7 @@ def clip_into_cells(triangles: Floats, planes: Planes, skin_cos: float, overhang
     planes
         For each axis the ascending coordinates (n + 1,) of the planes in mm.
     skin_cos, overhang_cos
-        Faces whose normal has a larger component along an axis get skin, count as overhangs.
+        Faces whose normal has a larger component along an axis get skin, or count as overhangs.
     """
     shape = (len(planes[0]) - 1, len(planes[1]) - 1, len(planes[2]) - 1)
     extents = np.full((*shape, 6), np.inf)

@@ -17,7 +17,7 @@ from decompose.printers import PrinterRoom
 def assign_printers(posed: Sequence[Pose], printers: Sequence[PrinterRoom]) -> list[PrinterRoom] | None:
     """Assign a printer to each part so that the last one ends soonest; None where they do not all fit.
 
-    A part fits by its pose, whose time leaves the speeds of the printers out.
+    A part fits by its pose; the price of a pose does not include the speed of a printer.
 
     Parameters
     ----------

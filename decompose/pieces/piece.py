@@ -27,8 +27,8 @@ class Piece:
     planes
         (k, 4) rows nx, ny, nz, d with unit n: the planes n.x = d that it was cut at.
     boxes_mm
-        (b, 2, 3) corners of the axis-aligned boxes whose content it is a part of; none where it was cut
-        in another way. The solid outside of all boxes was left out.
+        (b, 2, 3) corners of the axis-aligned boxes that it was cut from; none where it was cut in another
+        way. The solid outside of all boxes was left out.
     printer
         Printer that it is cut for; None: any, so that it has to fit them all.
     time_ratio

@@ -33,13 +33,13 @@ class Columns:
     islands_mm
         Height of all islands but one, of part or support, in each layer: the nozzle goes there and back.
     propped_mm2, props_mm
-        Area, as seen from above, that this support carries from the bed, and (p, 2) what it stands on there:
+        Area, as seen from above, that this support carries from the bed, and (p, 2) points of it on the bed:
         the ends of each row of columns, which span the rest.
     touched_mm2
         Area of marked faces, as seen from above, that this support hangs under or stands on.
     volumes_mm3, centres_mm
-        (LEVELS,) and (LEVELS, 3) volume and centre of mass of what is below each of LEVELS evenly spaced
-        heights; the last is the whole part's.
+        (LEVELS,) and (LEVELS, 3) volume and centre of mass of the part below each of LEVELS evenly spaced
+        heights; the last is that of the whole part.
     """
 
     support_mm3: float

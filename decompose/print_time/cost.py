@@ -59,7 +59,7 @@ class CostModel:
     support_side_s_mm2: float = 0.0
     tower_s_mm: float = 0.0
     island_s_mm: float = 0.0
-    shrinkage: float = 0.007  # how wide a brim has to be against warping; no part of the price
+    shrinkage: float = 0.007  # decides the width of a brim against warping; not part of the price
 
     @property
     def overhang_cos(self) -> float:

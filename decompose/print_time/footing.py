@@ -37,7 +37,7 @@ class Footing:
     contact_mm2, wall_mm
         Area of the first layer, and the width of the walls that it consists of (four areas over its outline).
     length_mm, sharp_corners
-        Greatest extent of the convex outline around it, and how many corners of that are under `SHARP_DEG`.
+        Greatest extent of the convex outline around it, and the number of its corners under `SHARP_DEG`.
     width_mm, edges
         Least extent of the convex outline around it and the supports that stand on the bed, and that outline
         as half-planes (q, 3): ``edges[:, :2] @ p + edges[:, 2] <= 0`` in mm; empty without area.
@@ -118,7 +118,7 @@ def _first_layer(triangles: Floats) -> tuple[float, float, Floats]:
             np.stack([_crossing(corners[two], 0, 2), _crossing(corners[two], 1, 2)], axis=1),
         ]
     )
-    # By the divergence theorem a section is what looks down below it, less what looks up.
+    # By the divergence theorem a section is the area that faces down below it, less the area that faces up.
     area_mm2 = max(0.0, -float((across * share).sum()))
     outline_mm = float(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).sum())
     return area_mm2, outline_mm, np.concatenate([corners[z < FIRST_LAYER_MM][:, :2], ends.reshape(-1, 2)])

@@ -89,7 +89,7 @@ def measure_pose(
     cost: CostModel,
     fit_first_layer: bool = True,
 ) -> Pose:
-    """Price a pose, a rotation in rows, with its true supports, and measure how the part stands.
+    """Price a pose, a rotation in rows, with its true supports, and measure the stability of the part.
 
     Parameters
     ----------

@@ -77,8 +77,8 @@ def unit_normals(triangles: Floats) -> Floats:
 def find_crossings(triangles: Floats, normals: Floats, rays: Rays) -> Crossings:
     """Find the crossings of rays with triangles (m, 3, 3) in mm with unit normals (m, 3), all float64.
 
-    Of two triangles with an edge in common a ray goes through one: what lies on an edge belongs to the
-    triangle above it.
+    A ray through the common edge of two triangles crosses one of them: an edge belongs to the triangle above
+    it.
     """
     x0, y0, step = rays.origin_mm[0], rays.origin_mm[1], rays.step_mm
     nx, ny = rays.shape

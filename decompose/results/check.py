@@ -116,7 +116,7 @@ def check_surface(parts: Sequence[Part], model: Model) -> float:
 
 
 def check_missing(parts: Sequence[Part], boxes_mm: Floats, model: Model, min_wall_mm: float) -> None:
-    """Check that only what lies in no box is missing, and that it keeps its distance from the surface."""
+    """Check that only hollows outside of the boxes are missing, at a distance from the surface."""
     whole = model.solid.volume_mm3
     missing = whole - sum(p.solid.volume_mm3 for p in parts)
     hollow = None

@@ -128,7 +128,7 @@ class Attempt:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Cutting:
-    """Boxes that the parts were cut from, so that they can be levelled again (`decompose.relevel`).
+    """Boxes that the parts were cut from, so that their planes can be moved again (`decompose.relevel`).
 
     Attributes
     ----------
@@ -137,7 +137,7 @@ class Cutting:
     frame
         (3, 3) ``v_cut = frame @ v_model``.
     boxes_mm
-        (parts, 2, 3) corners of the box whose content each part is of, in the frame of the cut.
+        (parts, 2, 3) corners of the box that each part was cut from, in the frame of the cut.
     cut_for
         The printer that each part was cut for; None: any.
     printers
@@ -178,7 +178,7 @@ class Decomposition:
         Slivers, and parts that joints of enough glue do not hold. A result with any is given up, except
         of the rivals and of `--faithful`, which report them.
     cutting
-        Of the engine `guillotine`: what its parts can be levelled again from.
+        Boxes of the engine `guillotine`, from which its planes can be moved again.
     curve
         Where the number of printers was chosen: the makespan of each number by the tables, in seconds.
     yaw_deg
@@ -186,8 +186,7 @@ class Decomposition:
     attempts
         Attempts of `best`, in order; empty for a single engine.
     compute_s
-        Wall time by stage of the engine whose result it is; ``total`` is of all that was done for it, with
-        what `best` tried besides.
+        Wall time by stage of the engine of the result; ``total`` includes all attempts of `best`.
     """
 
     engine: Engine

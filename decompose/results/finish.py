@@ -46,7 +46,7 @@ def finish_result(problem: Problem, partition: Partition, serial: tuple[float, f
 
 
 def _record_cutting(problem: Problem, pieces: Sequence[Piece], boxes_mm: Floats) -> Cutting | None:
-    """Record the boxes to level the pieces again from; None unless they were cut from boxes of a grid."""
+    """Record the boxes of the pieces for another move of planes; None unless they were cut from boxes."""
     if problem.options.engine is not Engine.GUILLOTINE or len(boxes_mm) != len(pieces):
         return None
     cut_for = tuple(piece.printer for piece in pieces)

@@ -1,4 +1,4 @@
-"""Checks of what CuraEngine wrote: its log, its G-code, and each layer's outline against the model."""
+"""Checks of CuraEngine's output: its log, its G-code, and each layer's outline against the model."""
 
 from slicing.checks.outline import Unprinted, check_outline
 from slicing.checks.output import GcodeFacts

@@ -1,4 +1,4 @@
-"""Comparison of each layer's printed outline with the mesh's section: what is missing, and what is too much.
+"""Comparison of each layer's printed outline with the mesh's section: missing parts, and extra ones.
 
 First the areas and first moments of all sections and of all printed outlines are compared at once, by Green's
 theorem over segments. Only the layers that differ are compared as polygons, which show the place, and whether
@@ -33,7 +33,7 @@ TIP_MM = 1.0
 """A sharp edge or a tip may end this much early."""
 EXACT_LAYERS = 24
 """Number of differing layers that are compared as polygons; the others count as those next to them."""
-_PLANE_MM = 0.005  # the engine rounds to 0.001 mm, which tilts what is nearly flat
+_PLANE_MM = 0.005  # the engine rounds to 0.001 mm, which tilts nearly flat faces
 _SPECK_MM2 = 0.2
 
 
@@ -101,7 +101,7 @@ def check_outline(
         `OUTLINE` where something thick enough is missing, something is printed outside of the model, or most
         of the model is too thin.
     """
-    if removed:  # what is printed first is not the layer that was grown as the first
+    if removed:  # the first printed layer is not the one that was grown as the first
         layout = replace(layout, offset_0_mm=layout.offset_mm)
     if np.linalg.det(corners).sum() < 0:  # inside out, which the engine accepts
         corners = corners[:, ::-1]
@@ -143,7 +143,7 @@ def _find_differing_layers(
 
 
 def _check_areas(model: Rings, printed: Rings, walls: Walls, layout: WallLayout) -> None:
-    """Refuse a slice of which most is missing, or a layer whose inner walls lost a corner."""
+    """Refuse a slice that lacks most of the model, or a layer whose inner walls lost a corner."""
     share = printed.area_mm2.sum() / max(model.area_mm2.sum(), _SPECK_MM2)
     if share < 0.5:
         raise SliceRejected(

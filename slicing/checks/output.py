@@ -40,7 +40,7 @@ class GcodeFacts:
     moved_before_homing: bool
     extruded_cold: bool
     heaters_off: bool
-    parked_mm: float  # how far the filament is drawn back at the end
+    parked_mm: float  # distance by which the filament is drawn back at the end
 
 
 def gather_facts(path: Toolpath, min_extrusion_c: float) -> GcodeFacts:

@@ -88,7 +88,7 @@ END_COMMANDS = frozenset(("G28", "M84", "M18", "M81", "M2"))
 
 
 def is_needless(code: str, rest: str) -> bool:
-    """Check whether a command changes nothing in a print; `rest` is what follows its code."""
+    """Check whether a command changes nothing in a print; `rest` is the text after its code."""
     return code in NEEDLESS or (code == "M200" and _IN_MM.fullmatch(rest) is not None)
 
 

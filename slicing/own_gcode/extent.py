@@ -6,9 +6,9 @@ import math
 from collections import defaultdict
 
 CLIPS_MM = 10.0
-"""[assumed] Below it the head must keep off the bed's clips where it only travels, too."""
+"""[assumed] Height below which the head must keep off the bed's clips also on travels."""
 MOST_PRIMED_MM = 1.0
-"""Filament that slicers push forth at one place, beyond what was drawn back, is less."""
+"""Most filament that slicers feed at one place, beyond what was drawn back."""
 _NOTHING_MM = 0.001
 
 Corner = list[float]
@@ -24,7 +24,7 @@ class Extent:
     reach_low, reach_high
         Corners of all moves up to the last one that printed.
     filament_mm
-        Fed beyond what had been drawn back.
+        Filament fed, without what had been drawn back before.
     path_mm, lines
         Length and number of all printed lines.
     """

@@ -18,7 +18,7 @@ LEAST_MM_S = 0.1
 MOST_SWALLOWED_MM = 0.3
 """Greatest retraction at which a line may begin: slicers push the filament back before."""
 MOST_SECTION = 4.0
-"""Of a line, as a multiple of the nozzle's diameter squared: more than any slicer's."""
+"""Greatest section of a line, over the nozzle's diameter squared: more than any slicer's."""
 MOST_JUMP_MM = MOST_PRIMED_MM
 """Filament that a move may feed beyond what was drawn back and what its line takes:
 where lines are missing from a file whose E counts on, all of their filament comes in one move."""

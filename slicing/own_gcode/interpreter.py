@@ -46,11 +46,11 @@ class Interpreter:
     Attributes
     ----------
     head
-        Position of the head, and what it has printed.
+        Position of the head, and the extent of its print.
     nozzle_c, bed_c
         Temperatures as last set before the print, in C.
     left_out
-        Commands that were left out, and what they would change.
+        Commands that were left out, and the property that each would change.
     """
 
     def __init__(

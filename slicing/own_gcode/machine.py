@@ -28,7 +28,7 @@ FOREIGN_START = {
     "M862.2": "checks its model",
     "M862.3": "checks its model",
 }
-"""Commands of start scripts for what the farm's printers do not have."""
+"""Commands of start scripts for hardware that the farm's printers do not have."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,7 +16,7 @@ SHRINKAGE = (
     "material_shrinkage_percentage_xy",  # from Cura 5 on
     "material_shrinkage_percentage_z",
 )
-"""Cura's own keys for printing larger what shrinks, in percent."""
+"""Cura's own keys that scale parts against shrinkage, in percent."""
 # Directions in which a pattern lays its lines `infill_line_distance` apart (Cura's formula for that setting).
 _DIRECTIONS = {
     "grid": 2,
@@ -180,7 +180,7 @@ def _scope_texts(resolver: Resolver) -> tuple[dict[str, str], dict[str, str]]:
     extruder = {key: _text(resolver.value(Scope.EXTRUDER, key)) for key in resolver.keys(Scope.EXTRUDER)}
     # The engine reads it in both places, and prints no support where either says no.
     extruder["support_enable"] = global_["support_enable"]
-    # The mesh is scaled before it is placed, so that the checks see what is printed.
+    # The mesh is scaled before it is placed, so that the checks compare the printed shape.
     unscaled = dict.fromkeys(SHRINKAGE, "100.0")
     global_ |= {key: unscaled[key] for key in unscaled.keys() & global_.keys()}
     extruder |= {key: unscaled[key] for key in unscaled.keys() & extruder.keys()}

@@ -1,4 +1,4 @@
-"""Pieces and the printers' room: how many it asks for, which do not fit, and where to cut."""
+"""Pieces and the printers' room: number of parts that it needs, misfits, and places for cuts."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from decompose.pieces import Piece
 from decompose.printers import PrinterRoom
 from decompose.problem import Problem
 
-FIT_MM = 1e-6  # a part may be this much larger than its room: rounding
+FIT_MM = 1e-6  # rounding: a part may exceed its room by this
 ROUNDING_MM3 = 1e-6  # a film on a cut plane
 
 
 def count_blocks(size_mm: Floats, printers: Sequence[PrinterRoom]) -> tuple[int, int, int]:
     """Count the least equal blocks along each side of a box (3,) that fit every printer, square to its sides.
 
-    A box that needs one block fits; it may fit turned where it needs more.
+    A box of one block fits; a box of more may still fit turned.
     """
     each = []
     for printer in printers:
@@ -43,8 +43,8 @@ def place_clear_of_faces(
 ) -> float:
     """Find a place for a plane next to `at_mm` where no face of the solid lies near it.
 
-    A cut there would leave slivers, and the face be taken for a cut. Where nothing within the reach is clear,
-    the place is that which is furthest from any face.
+    A cut there would leave slivers, and the face would count as a cut. Where no place within reach is clear,
+    it is the one furthest from any face.
     """
     vertices, faces = solid.arrays()
     a, b, c = (vertices[faces[:, i]] for i in range(3))

@@ -1,4 +1,4 @@
-"""A model hollowed on a grid, and the largest cube in the hollow, which may be refined against the mesh."""
+"""Hollow of a model on a grid, and its largest cube, which may be refined against the mesh."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from decompose.pieces import box_planes
 
 Block = tuple[int, int, int, int, int, int]  # x0, y0, z0, x1, y1, z1 in cells, half-open
 
-REACH = 2.0  # times the longest side of a cell, by which a cube may get larger on each side
-CLOSE_MM = 0.2  # to which that is found
-SURE_MM = 0.01  # by which it keeps more than the least wall, since distances are rounded
-ROUNDS = 2  # of growing it every way
+REACH = 2.0  # most growth of a cube on each side, over the longest side of a cell
+CLOSE_MM = 0.2  # accuracy of its size
+SURE_MM = 0.01  # margin above the least wall, since distances are rounded
+ROUNDS = 2  # rounds of growth in every direction
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -117,8 +117,8 @@ def refine_cube(solid: Solid, cube_mm: Floats, cell_mm: float, wall_mm: float) -
     """Grow a cube (2, 3) within a cuboid of these corners in mm until it reaches the least wall.
 
     It grows about its middle and towards each corner, by bisection against the mesh itself, and so often that
-    hardly any larger cube that contains it keeps the wall; not further than `REACH` cells. What it begins as
-    keeps the wall.
+    hardly any larger cube that contains it keeps the wall; not further than `REACH` cells. The given cube has
+    to keep the wall.
     """
     reach_mm, wall_mm = REACH * cell_mm, max(wall_mm, CLOSE_MM) + SURE_MM
     middle, half = cube_mm.mean(axis=0), np.ptp(cube_mm, axis=0).min() / 2.0
@@ -179,7 +179,8 @@ def _clear(flats_mm: Floats, at_mm: float, by_mm: float) -> float:
 def cubes_about(cube: Block, cells: Bools) -> list[Block]:
     """Find the largest cube of cells outwards from the middle of each face of a cube, no larger than it.
 
-    Where cells are no cubes, cubes are what has fewer of them than the first by as many along every axis.
+    Where cells are not cubes, a cube is a block with the same number of cells less along every axis than the
+    first.
     """
     edges = [cube[axis + 3] - cube[axis] for axis in range(3)]
     found: list[Block] = []

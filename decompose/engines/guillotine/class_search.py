@@ -2,8 +2,8 @@
 
 The model is cut as for equal printers first: each part fits the room that all of them share, and the quickest
 printer takes the longest part. Then it is cut for classes of printers (`printer_classes`): exact over all
-guillotine partitions and all ways to share their parts out. The better one of the two is the answer, so that
-nothing is lost where the classes, which are coarser than the printers, miss something.
+guillotine partitions and all ways to share their parts out. The better one of the two is the result, so that
+nothing is lost where the classes are too coarse.
 """
 
 from __future__ import annotations
@@ -30,10 +30,10 @@ from decompose.problem import GridFigures, Partition, Problem, Work
 Cut = Mapping[Box, Sequence[Piece]]
 
 MAX_SUMS = 4e8  # of the search for classes, over all boxes: some seconds for each limit
-MAX_ROUNDS, MAX_REJECTIONS = 4, 20  # of pricing truly what was chosen; of choices that were given up
-GAIN = 0.995  # of the makespan so far, which a partition has to reach to be worth its search
+MAX_ROUNDS, MAX_REJECTIONS = 4, 20  # rounds of true prices; choices that are given up
+GAIN = 0.995  # share of the makespan so far that a partition has to reach to be worth its search
 CLOSE = 0.003  # share of it to which the least makespan is found
-MAX_MORE = 32  # printers of a class that are thought of where there are too few
+MAX_MORE = 32  # most printers that are added to a class where there are too few
 WORTH = 1.01  # as in `exact_search`
 
 
@@ -43,7 +43,7 @@ def cut_by_guillotine(problem: Problem) -> Partition:
     Raises
     ------
     NoFit
-        The pieces are more than the printers, with how many of the smallest would do.
+        The pieces are more than the printers; with the number of printers that would be enough.
     """
     if problem.is_uniform:
         return cut_for_uniform_printers(problem)
@@ -187,7 +187,7 @@ class _ClassSearch(ExactSearch):
         problem = self.problem
         times = self._seconds(list(cut))
         takers = assign_bottleneck(times)
-        if takers is None:  # what this search gave up, the one for all printers need not have
+        if takers is None:  # the cut for all printers may use boxes that this search gave up
             makespan_s = _ends_s(problem, cut)
         else:
             makespan_s = float(times[range(len(takers)), takers].max())

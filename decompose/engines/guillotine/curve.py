@@ -76,14 +76,14 @@ def makespan_curve(
 ) -> tuple[CurvePoint, ...]:
     """Compute the least makespan of guillotine partitions for some fleets.
 
-    Each is known to `CLOSE`; those that are too few for any partition are left out.
+    Each is accurate to `CLOSE`; fleets too small for any partition are left out.
 
     Parameters
     ----------
     tables
         Of each class of printers, its speed in the times; the largest class is the first.
     fleets
-        (n, classes) how many printers of each class there are, no row the same in number as another.
+        (n, classes) number of printers of each class; no two rows have the same sum.
     """
     finite = [own.seconds[np.isfinite(own.seconds)] for own in tables]
     if not any(len(own) for own in finite):

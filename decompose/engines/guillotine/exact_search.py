@@ -36,7 +36,7 @@ def cut_for_uniform_printers(problem: Problem) -> Partition:
     Raises
     ------
     NoFit
-        The pieces are more than the printers, with how many would do.
+        The pieces are more than the printers; with the number that would be enough.
     """
     grid, boxes, bound_s = build_tables(problem)
     engine = ExactSearch(problem, grid, boxes, bound_s)

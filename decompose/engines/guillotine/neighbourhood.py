@@ -292,9 +292,9 @@ def improve_locally(
     chosen
         A partition: trimmed boxes that do not overlap and cover every needed cell.
     printers
-        The greatest number of pieces; at least as many as there are.
+        Greatest number of pieces; at least the present one.
     effort
-        Where the work is booked, and what may be done.
+        Budget in which the work is booked.
     """
     effort = effort or Effort()
     parts = list(chosen)

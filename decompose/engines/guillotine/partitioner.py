@@ -1,9 +1,9 @@
-"""The exact guillotine engine: the partition by recursive axis cuts that ends soonest.
+"""Exact solver of the engine `guillotine`: the partition by recursive axis cuts that ends soonest.
 
-For a time T the fewest parts that cover all needed cells of a box is: none where it has no needed cell; one
-where it costs at most T and is one piece; or the best sum over all cuts across it. Bisection over T gives the
-least makespan for a number of printers. (Hierarchical bipartition HIER-OPT of Saule, Bas and Catalyurek 2012,
-in three dimensions and with a cost that is not additive.)
+For a time T the fewest parts that cover all needed cells of a box are: none where it has no needed cell; one
+where it costs at most T and is one piece; else the best sum over all cuts across it. Bisection over T gives
+the least makespan for a number of printers. (Hierarchical bipartition HIER-OPT of Saule, Bas and Catalyurek
+2012, in three dimensions and with a cost that is not additive.)
 
 Among partitions of as few parts the one with the least sum of times wins, then the one with the least area of
 cuts: the three are digits of one whole number, `_key`, whose sum is made least.
@@ -33,7 +33,7 @@ from decompose.engines.guillotine.recursion import (
 )
 from decompose.grid import Box, BoxTables, box_at, box_index
 
-MAX_TIED = 120_000_000  # values of all states, beyond which what is least is left to chance: too much memory
+MAX_TIED = 120_000_000  # values of all states, beyond which ties are not broken, to save memory
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,8 +55,8 @@ class OtherClass:
 class Partitioner:
     """Exact solver over one table of boxes; keeps its last solution.
 
-    Where there are `others`, a part may be theirs too. There is a state for each number of printers of every
-    other class that may be used; of each box and state the fewest of the first class are known, so that the
+    With `others`, a part may also go to one of them. There is a state for each number of printers of every
+    other class that may be used; for each box and state the fewest of the first class are known, so that the
     search is exact over all ways to share the parts out. The cost grows with the square of the states.
     """
 
@@ -98,7 +98,7 @@ class Partitioner:
                 own_s = other.boxes.seconds[at]
                 pieces = np.where(own_s <= self._limit_s, np.maximum(pieces - free, 0), pieces)
                 seconds = np.minimum(seconds, own_s)
-        if self.others:  # what is left of a box has to be quick enough on the first class
+        if self.others:  # the rest of a box has to be fast enough on the first class
             able = (self.boxes.seconds[at] <= self._limit_s) | (pieces == 0)
             seconds = np.where(able, seconds, np.float32(np.inf))
         tables = (self._limit_s, seconds, self.boxes.trimmed[at], pieces.astype(np.int16, copy=False))

@@ -1,8 +1,8 @@
 """Moves of cut planes: groups of faces that move together, and the shifts with the least makespan.
 
 Two faces that lie on each other move together. Where four boxes meet along an edge (or two do, crosswise),
-one of the two planes there has to go through: the faces on both sides of the edge move together too, or a
-corner would be left open or be taken twice.
+one of the two planes there has to go through: the faces on both sides of the edge also move together, or a
+corner would be left open or belong to two boxes.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ MOVE_S_MM = 0.05  # least gain for each mm of a move, so that nothing moves for 
 def fill_out_boxes(chosen: Sequence[Box], empty: Bools) -> list[Box]:
     """Grow boxes of cells over cells without solid (nx, ny, nz) so that they face more neighbours.
 
-    A face can only give way to a box that covers all of it. Nothing is printed of what is added here.
+    A face can only give way to a box that covers all of it. Nothing is printed in the added cells.
 
     Parameters
     ----------
@@ -71,8 +71,8 @@ def _cells(box: Ints) -> tuple[slice, ...]:
 def group_faces(boxes_mm: Floats) -> Ints:
     """Number the groups (n, 2, 3) in which the faces of boxes (n, 2, 3) move; -1 where a face is fixed.
 
-    A face is fixed whose group has no two faces on each other: no box gives or takes room there.
-    All faces of a group have one axis and one coordinate.
+    A face is fixed where its group has no two faces on each other: no box gives or takes room there. All
+    faces of a group have the same axis and the same coordinate.
     """
     count = len(boxes_mm)
     groups = _Groups(count * 6)

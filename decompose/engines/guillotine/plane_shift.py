@@ -128,7 +128,7 @@ def shift_box_planes(
 
 
 class _PlaneShift:
-    """Search from one partition: groups of faces that may move, how far, and the parts so far."""
+    """Search from one partition: the groups of faces that may move, their reach, and the parts so far."""
 
     def __init__(
         self,
@@ -152,7 +152,7 @@ class _PlaneShift:
         self.reach_mm = (REACH * cell_mm)[self.axes]
         vertices, faces = problem.model.solid.arrays()
         self.flats_mm = [flat_coordinates(vertices[faces], axis) for axis in range(3)]
-        self.near = [  # no face ever moves out of what is cut out here
+        self.near = [  # clipped solids that no face ever leaves
             problem.model.solid.clip(lo - cell_mm, hi + cell_mm) for lo, hi in self.start_mm
         ]
 

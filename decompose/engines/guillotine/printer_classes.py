@@ -15,8 +15,8 @@ from decompose.printers import PrinterRoom
 
 Room = tuple[tuple[float, float, float], ...]
 
-LITTLE = 0.003  # share of what all printers can do, which is given up so that two classes become one
-ROOM_WORTH = 0.05  # what a printer's larger room is worth, as a share of what that printer can do
+LITTLE = 0.003  # share of the throughput of all printers that may be lost when two classes become one
+ROOM_WORTH = 0.05  # value of a printer's larger room, as a share of the printer's throughput
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,8 +1,8 @@
-"""The paper's orientation step: the frame in which a model is laid on the grid.
+"""Orientation step of the paper: the frame in which the grid is built over a model.
 
-Its plane of symmetry lies on an axis, where it has one; of the frames that are left, that of its oriented
-bounding box is taken where faces overhang less in it. That the centroid lies in the origin changes nothing
-here: the grid is laid from one end of the model to the other.
+Its plane of symmetry lies on an axis, where it has one; among the remaining frames, that of its oriented
+bounding box is taken where faces overhang less in it. The paper also moves the centroid to the origin, which
+has no effect here: the grid reaches from one end of the model to the other.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from decompose.geometry import Model, convex_outline, find_mirror, rotation_to_a
 from decompose.grid import CLEAR_MM, flat_coordinates
 from decompose.print_time import POSE_ROTATIONS
 
-WORTH_TURNING = 0.95  # of the overhang as it stands: with more left a model is not turned
+WORTH_TURNING = 0.95  # share of the unturned overhang: with more left a model is not turned
 ON_BED_MM = 1e-3  # a face as low as this lies on the bed
 
 
@@ -43,7 +43,8 @@ class AlignedModel:
 def align_model(model: Model, seed: int, overhang_cos: float) -> AlignedModel:
     """Turn a model for its symmetry and its overhangs.
 
-    A plane of symmetry next to a face would cut slivers off, and the face be taken for a cut: there is none.
+    A plane of symmetry next to a face is not used: it would cut slivers off, and the face would count as a
+    cut.
 
     Parameters
     ----------

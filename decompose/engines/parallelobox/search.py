@@ -39,7 +39,7 @@ MAX_OF_A_HALF = 100  # attempts of a half that are combined with those of the ot
 def paper_settings(options: Options) -> Options:
     """Settings of the paper's table; its speeds and its overhang tolerance are in `terrain`.
 
-    The table does not say how to read the score: the reading of the paper's text is the default.
+    The table does not define the sign of the score: the reading of the paper's text is the default.
     """
     reading = Score.HIGH if options.parallelobox.score is Score.BOTH else options.parallelobox.score
     return replace(options, granularity="vfine", parallelobox=ParalleloboxOptions(tries=3, score=reading))
@@ -165,7 +165,7 @@ Half = tuple[tuple[Terrain, ...], Floats, int]  # where blocks grow, the points 
 Grown = dict[
     tuple[int, Score], list[BlockPartition]
 ]  # by the number of the terrain and the reading of the score
-Ranked = list[tuple[float, list[Box]]]  # what partitions promise, the least first, and their boxes
+Ranked = list[tuple[float, list[Box]]]  # expected times of partitions, the least first, and their boxes
 
 
 def _halves(ground: _Ground, points: Floats, printers: int) -> Iterator[list[Half]]:
