@@ -13,14 +13,15 @@ from pathlib import Path
 from typing import Any
 
 from drivers.printers import PROFILES
-from farm.control.controller import Controller
+from farm.control import Controller
 from farm.daemon import Daemon, run
 from farm.fleet_file import load_fleet
 from farm.model import Job, JobOptions, Part, PartGeometry, Plate
 from farm.paths import Places, StateFolder
+from farm.state import Books
 from farm.state import events as ev
-from farm.state.books import Books, changed
-from farm.state.storage.store import Store
+from farm.state.books import changed
+from farm.state.storage import Store
 from farm.state.transitions import apply
 
 MEASURES = "measures.json"

@@ -26,8 +26,8 @@ from decompose.options import Options
 from decompose.print_time import POSE_ROTATIONS, CostModel, Recipe, measure_columns, pose_features
 from decompose.printers import PrinterRoom
 from drivers.printers import BEDS, PROFILES, part_room
-from farm.planning.parts.print_recipe import recipe
-from farm.planning.slicing_printers import slicing_printer
+from farm.planning.parts.pricing import build_recipe
+from farm.planning.printer_settings import slicing_printer
 from slicing.errors import SlicingError
 from slicing.plate import PlateRequest, slice_plate
 from slicing.settings import EngineSettings, SettingsRequest, find_engine, find_resources, resolve_settings
@@ -114,7 +114,7 @@ def settings_of(name: str) -> EngineSettings:
 
 def recipe_of(name: str) -> Recipe:
     """What the cost is told of one of SETTINGS."""
-    return recipe(settings_of(name), prelude_s=0.0)
+    return build_recipe(settings_of(name), prelude_s=0.0)
 
 
 def write(path: Path, rows: Sequence[Row]) -> None:
@@ -213,7 +213,7 @@ def measure(posed: Posed, setting: str, folder: Path, cache: Path | None) -> Row
     kinds = kind_seconds(out.read_text(encoding="utf-8"))
     stl.unlink()
     out.unlink()
-    cost = CostModel.from_recipe(recipe(settings, prelude_s=0.0))
+    cost = CostModel.from_recipe(build_recipe(settings, prelude_s=0.0))
     (features,), (extents,) = pose_features(*posed.arrays, POSE_ROTATIONS[4:5], cost)
     unmarked = np.zeros(len(posed.corners), dtype=np.bool_)
     support = measure_columns(posed.corners.astype(np.float64), unmarked, cost.overhang_cos)

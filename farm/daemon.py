@@ -16,14 +16,10 @@ from typing import IO
 import uvicorn
 
 from drivers.clock import Clock
-from farm.agents.manager import AgentManager
-from farm.compute.worker_pool import Workers
+from farm.agents import AgentManager
+from farm.compute import Workers
 from farm.config import Fleet
-from farm.control.controller import Controller
-from farm.control.effects import FarmEffects
-from farm.control.job_commands import abort_prints
-from farm.control.notifier import Notifier, delete_record
-from farm.control.timers import Timers
+from farm.control import Controller, FarmEffects, Notifier, Timers, abort_prints, delete_record
 from farm.errors import FarmError, Refused
 from farm.http import (
     BoundedServer,
@@ -36,11 +32,10 @@ from farm.http import (
     make_app,
 )
 from farm.paths import Places, StateFolder, read_anchor, write_anchor
-from farm.planning.job_planner import JobPlanner
-from farm.planning.parts.part_rooms import bed_boxes
-from farm.planning.replanning.worker import ReplanWorker
+from farm.planning import JobPlanner, bed_boxes
+from farm.planning.replanning import ReplanWorker
 from farm.planning.tasks import warm
-from farm.state.storage.backups import Nightly, open_books
+from farm.state.storage import Nightly, open_books
 from slicing.cache import trim_cache
 
 log = logging.getLogger(__name__)

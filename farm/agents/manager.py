@@ -18,8 +18,8 @@ from farm.agents.remote import Route, delete_route, load_route, without_starting
 from farm.config import Fleet
 from farm.errors import NoSuchThing, Refused
 from farm.paths import StateFolder
+from farm.state import Books
 from farm.state import events as ev
-from farm.state.books import Books
 
 log = logging.getLogger(__name__)
 

@@ -8,8 +8,8 @@ from pathlib import Path
 from drivers import messages as m
 from drivers.clock import Clock
 from farm.model import AgentPrint, AgentSnapshot, FilamentState, Link, PrintState
+from farm.state import Books
 from farm.state import events as ev
-from farm.state.books import Books
 from farm.text import flatten_text
 
 _CLOCKS_APART_S = 60.0  # wall seconds; no word that is still heard is as old as that

@@ -15,9 +15,7 @@ from itertools import chain
 
 from drivers.clock import Clock
 from farm.config import Fleet
-from farm.control.admission import HoldJob, JobAdmission, taken_printers
 from farm.control.effects import Effect, Effects
-from farm.control.forecast_cache import ForecastCache
 from farm.control.telemetry import Telemetry, owed_instructions, read_snapshot
 from farm.errors import FarmError
 from farm.model import (
@@ -32,32 +30,35 @@ from farm.model import (
     PrintState,
 )
 from farm.paths import StateFolder
-from farm.planning.plan import Plan, TooFewPrinters
-from farm.planning.planned_event import build_planned_event
-from farm.planning.replanning.coordinator import ReplanCoordinator
-from farm.planning.replanning.replan import ReplannedPlate
-from farm.scheduling.assign import assign
-from farm.scheduling.matching import FleetPrinter
-from farm.scheduling.plate_holds import find_plate_holds
-from farm.scheduling.situation import Situation
-from farm.scheduling.situation_builder import (
+from farm.planning import Plan, TooFewPrinters, build_planned_event
+from farm.planning.replanning import ReplanCoordinator, ReplannedPlate
+from farm.scheduling import (
     BuildVolumes,
+    FleetPrinter,
+    ForecastCache,
+    HoldJob,
+    JobAdmission,
     PrintLimits,
+    Situation,
+    StartRules,
+    assign_plates,
     describe_plates,
     describe_printers,
+    find_plate_holds,
     find_print_limits,
+    taken_printers,
 )
-from farm.scheduling.spares import spare_printers
-from farm.scheduling.start_rules import StartRules
 from farm.state import events as ev
+from farm.state import (
+    fleet_with_reels,
+    import_agent_journal,
+    outage_window_s,
+    refused_print_end,
+    validate_books,
+)
 from farm.state.lifecycles import InvalidTransition
-from farm.state.outage import window_s
-from farm.state.reconcile import refused_print_end
-from farm.state.recovery.journal_import import import_agent_journal
-from farm.state.reels import fleet_with_reels
-from farm.state.storage.store import Store, StoreError
+from farm.state.storage import Store, StoreError
 from farm.state.transitions import apply
-from farm.state.validate import validate
 from farm.views import ViewContext
 
 log = logging.getLogger(__name__)
@@ -90,7 +91,7 @@ class Controller:
         self.progress: dict[int, PlanProgress] = {}
         self.stopping = False
         self.rules = StartRules.of(fleet.fleet)
-        self.books = replace(store.load(), outage_window_s=window_s(clock.scale))
+        self.books = replace(store.load(), outage_window_s=outage_window_s(clock.scale))
         self.fleet = fleet_with_reels(fleet, self.books.printers)
         self._written = fleet
         self._store = store
@@ -128,7 +129,7 @@ class Controller:
         planning = (job.id for job in self.books.jobs.values() if job.state is JobState.PLANNING)
         events += [ev.PlanningAbandoned(at_s=now_s, job=number, hold=None) for number in planning]
         self._perform(self._commit(events))
-        for problem in validate(self.books) if restored_s is not None else ():
+        for problem in validate_books(self.books) if restored_s is not None else ():
             log.error("the books that were restored do not agree with themselves: %s", problem)
 
     # -- the one entry ----------------------------------------------------------------------------------
@@ -194,7 +195,7 @@ class Controller:
         yield from self._replanning.recut_failures(self.books, offered)
         held_back |= self._replanning.holds()
         situation = offered.with_waiting(tuple(p for p in offered.waiting if p.id not in held_back))
-        assignments, holds = assign(situation)
+        assignments, holds = assign_plates(situation)
         yield from self._commit(
             ev.PlateAssigned(at_s=now_s, plate=a.plate, printer=a.printer, print_id=uuid.uuid4().hex)
             for a in assignments
@@ -202,7 +203,7 @@ class Controller:
         yield from self._hold_plates(holds | held_back)
         after = situation.with_printers(tuple(self.fleet_printers()))
         if holds:
-            kept = spare_printers(situation.printers, situation.planned, situation.spares)
+            kept = situation.spare_printers()
             yield from self._replanning.reslice_waiting(self.books, after, holds, kept)
         yield from self._admit_jobs(after, holds)
 

@@ -6,19 +6,15 @@ import logging
 from typing import Protocol
 
 from drivers.clock import Clock
-from farm.agents.manager import AgentManager
+from farm.agents import AgentManager
 from farm.config import Fleet
-from farm.control.admission import StartPlanning
 from farm.paths import StateFolder
-from farm.planning.booking import list_job_files
-from farm.planning.job_planner import JobPlanner
-from farm.planning.replanning.coordinator import StartReplan
-from farm.planning.replanning.replan import ReplanTask
-from farm.planning.replanning.worker import ReplanWorker
+from farm.planning import JobPlanner, list_job_files
+from farm.planning.replanning import ReplanTask, ReplanWorker, StartReplan
+from farm.scheduling import StartPlanning
+from farm.state import Books, fleet_with_reels
 from farm.state import events as ev
-from farm.state.books import Books
-from farm.state.reels import fleet_with_reels
-from farm.state.storage.file_store import name_files
+from farm.state.storage import name_files
 
 log = logging.getLogger(__name__)
 

@@ -6,13 +6,13 @@ import asyncio
 
 from farm.control.controller import Controller
 from farm.control.printer_commands import PrinterCommands
-from farm.errors import Refused
+from farm.errors import ErrorCode, FarmError, Refused
 from farm.model import Job, JobOptions, JobState
 from farm.paths import StateFolder
-from farm.planning.plan import InspectedSubmission
-from farm.scheduling.time_expressions import start_and_deadline_s
+from farm.planning import InspectedSubmission
+from farm.scheduling import StartRules, parse_moment_s
 from farm.state import events as ev
-from farm.state.storage.file_store import sha256_of
+from farm.state.storage import sha256_of
 
 
 class JobCommands:
@@ -138,3 +138,24 @@ def abort_prints(controller: Controller) -> None:
     controller.handle(*(ev.JobCancelled(at_s=now_s, job=number) for number in going))
     others = [attempt.plate for attempt in controller.books.open_prints() if attempt.cancel_reason is None]
     controller.handle(*(ev.PlateCancelled(at_s=now_s, plate=plate, by=ev.A_PERSON) for plate in others))
+
+
+def start_and_deadline_s(
+    options: JobOptions, rules: StartRules, now_s: float
+) -> tuple[float | None, float | None]:
+    """Parse when a job may start and by when it is wanted; None for what was not said.
+
+    Raises
+    ------
+    FarmError
+        Where what they said is no moment to come.
+    """
+    try:
+        if options.at is not None:
+            begins_s: float | None = parse_moment_s(options.at, now_s, rules.zone)
+        else:
+            begins_s = rules.evening_s(now_s) if options.overnight else None
+        done_by = options.done_by
+        return begins_s, None if done_by is None else parse_moment_s(done_by, begins_s or now_s, rules.zone)
+    except ValueError as error:
+        raise FarmError(str(error), ErrorCode.SETTINGS) from error

@@ -13,7 +13,7 @@ from typing import Any
 from pydantic import SecretStr
 
 from farm.errors import FleetFileError
-from farm.state.books import Books
+from farm.state import Books
 from farm.views import list_due_notices
 
 log = logging.getLogger(__name__)

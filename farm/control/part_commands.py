@@ -6,8 +6,8 @@ from farm.control.controller import Controller
 from farm.control.printer_commands import PrinterCommands
 from farm.errors import NoSuchThing, Refused
 from farm.model import Plate
+from farm.state import PlateState, stopped_print
 from farm.state import events as ev
-from farm.state.plate_state import PlateState, stopped_print
 from farm.text import parse_part_number
 
 _PRINTED = {

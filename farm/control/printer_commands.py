@@ -9,11 +9,9 @@ from farm import api
 from farm.control.controller import Controller
 from farm.errors import Refused
 from farm.model import Print, PrintState, Reel, Verdict
-from farm.planning.inspection.fleet_check import find_mistake
+from farm.planning.inspection import find_mistake
+from farm.state import PlateState, failed_print_on, part_name, reprinting_printers, section_with_reel
 from farm.state import events as ev
-from farm.state.plate_state import PlateState
-from farm.state.reels import section_with_reel
-from farm.state.salvaged_parts import failed_print_on, part_name, reprinting_printers
 from farm.text import parse_part_number
 
 

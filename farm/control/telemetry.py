@@ -10,18 +10,17 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 from farm.model import AgentSnapshot, Link, Print
-from farm.scheduling.situation import Situation
-from farm.scheduling.situation_builder import may_start_now
-from farm.state import events as ev
-from farm.state.books import Books
-from farm.state.lifecycles import InvalidTransition
-from farm.state.reconcile import (
+from farm.scheduling import Situation, may_start_now
+from farm.state import (
+    Books,
     detect_alarm,
     handle_unknown_print,
     observe_idle_printer,
     pending_instructions,
-    reconcile,
+    reconcile_print,
 )
+from farm.state import events as ev
+from farm.state.lifecycles import InvalidTransition
 from farm.state.transitions import apply
 
 
@@ -149,7 +148,7 @@ class _Comparison:
         elif attempt.cancel_reason is None and in_use and printer.unreported_since_s is not None:
             return  # there is no agent now that could tell what became of it
         else:
-            self._add(reconcile(attempt, snapshot, now_s))
+            self._add(reconcile_print(attempt, snapshot, now_s))
         said = snapshot.print
         if said is not None and (attempt is None or said.print_id != attempt.id):
             known = self._books.prints.get(said.print_id)

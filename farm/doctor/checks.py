@@ -8,8 +8,8 @@ from datetime import UTC, datetime
 from drivers.messages import PROTOCOL
 from farm.doctor.facts import Facts
 from farm.doctor.finding import Finding, passed, problem, warning
-from farm.state.storage.migrations import FORM
-from farm.state.validate import validate
+from farm.state import validate_books
+from farm.state.storage import FORM
 from farm.text import format_count
 
 LEAST_BYTES = 64 * 1024**2
@@ -89,7 +89,7 @@ def check_books(facts: Facts) -> Iterator[Finding]:
         action = "see docs/how-to/backup-restore.md: the daemon restores the newest intact backup"
         yield problem("database", books.error or f"{books.path} cannot be read", action)
         return
-    problems = validate(books.books)
+    problems = validate_books(books.books)
     action = "report it with the database; `farm history` of what it names shows what was printed"
     yield from (problem("database", text, action) for text in problems[:_SHOWN])
     if len(problems) > _SHOWN:

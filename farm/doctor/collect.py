@@ -37,10 +37,9 @@ from farm.errors import FarmError
 from farm.fleet_file import load_fleet
 from farm.model import Job
 from farm.paths import Places, StateFolder, read_anchor
-from farm.planning.inspection.fleet_check import find_mistake
-from farm.state.books import Books
-from farm.state.storage.file_store import sha256_of
-from farm.state.storage.store import read_books
+from farm.planning.inspection import find_mistake
+from farm.state import Books
+from farm.state.storage import read_books, sha256_of
 from slicing.errors import SlicingError
 from slicing.settings import find_engine, find_resources
 

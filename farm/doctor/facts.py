@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from farm.config import Fleet
-from farm.state.books import Books
+from farm.state import Books
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,10 +8,7 @@ from fastapi.responses import JSONResponse
 
 import farm
 from farm import api
-from farm.control.dry_runs import DryRuns
-from farm.control.job_commands import JobCommands
-from farm.control.part_commands import PartCommands
-from farm.control.printer_commands import PrinterCommands
+from farm.control import DryRuns, JobCommands, PartCommands, PrinterCommands
 from farm.errors import ErrorCode, ExitCode, FarmError, NoSuchThing, Refused
 from farm.http.body_limit import LARGEST_BODY_BYTES, TOO_LARGE, BodyLimit
 from farm.http.job_routes import job_routes, part_routes

@@ -12,7 +12,7 @@ from farm.model import Job, Part, Plate
 from farm.planning.part_records import DecomposedPart, SlicedPart
 from farm.planning.plan import Plan, SlicedJob
 from farm.planning.plate_times import prelude_seconds
-from farm.state.storage.file_store import store_file
+from farm.state.storage import store_file
 
 MOST_WARNINGS = 3
 """Of a plate: walls too thin to print, the largest first."""
@@ -47,7 +47,7 @@ def book_plate(names: PlateNames, sliced: SlicedPart, time_factor: float, files:
     Parameters
     ----------
     time_factor
-        Learned of the printer (farm.state.time_factor).
+        Learned of the printer (`update_time_factor`).
     files
         The store.
     """

@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from farm.compute.worker_pool import DECOMPOSING, Workers
+from farm.compute import DECOMPOSING, Workers
 from farm.config import PrinterSection
 from farm.errors import FarmError
 from farm.model import Job, PlanProgress, PlanStep

@@ -9,13 +9,9 @@ from dataclasses import replace
 
 from farm.model import Job, Part, Plate
 from farm.planning.plan import Plan
-from farm.scheduling.forecast import forecast, idle
-from farm.scheduling.matching import FleetPrinter
-from farm.scheduling.situation import Situation
-from farm.scheduling.situation_builder import describe_plates
-from farm.scheduling.start_rules import StartRules
+from farm.scheduling import FleetPrinter, Situation, StartRules, as_idle, describe_plates, forecast_prints
+from farm.state import Books
 from farm.state import events as ev
-from farm.state.books import Books
 
 
 def build_planned_event(
@@ -24,18 +20,18 @@ def build_planned_event(
     """Build the event of a plan; rounds, hours and the breaker may make it longer than its longest plate."""
     used = {plate.printer for plate in plan.plates}
     printers = list(printers)
-    fleet = [idle(view) for view in printers if view.name in used]
+    fleet = [as_idle(view) for view in printers if view.name in used]
     books = replace(books, plates={plate.id: plate for plate in plan.plates})
     waiting = list(describe_plates(plan.plates, books))
     situation = Situation(tuple(waiting), tuple(fleet), rules, now_s)
-    seen = forecast(situation)
+    seen = forecast_prints(situation)
     notices = plan.repairs
     materials = sorted({plate.material for plate in plan.plates})
     if len(materials) > 1:
         of = " and ".join(materials)
         notices = (*notices, f"Its parts are of {of}, as the printers have it: `--material` takes one.")
     if job.done_by_s is not None:
-        ends_s = forecast(
+        ends_s = forecast_prints(
             situation.with_printers(tuple(printers))
         ).ends_s  # on printers as they are: beds may be full
         if ends_s > job.done_by_s:

@@ -30,7 +30,7 @@ def plate_seconds(
     nozzle_c, bed_c
         First-layer temperatures. The bed heats first, as the start code says, and then the nozzle.
     time_factor
-        Learned of the printer (farm.state.time_factor), for its layers alone.
+        Learned of the printer (`update_time_factor`), for its layers alone.
     """
     bed_s = max(0.0, profile.bed.seconds_to(bed_c) - HOMING_S)
     return START_S + bed_s + profile.nozzle.seconds_to(nozzle_c) + sliced_s * time_factor + END_S

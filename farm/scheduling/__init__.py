@@ -1,0 +1,51 @@
+"""Scheduling: which plate starts where and when, why the others wait, and the forecast. Pure.
+
+Every decision is a function of one `Situation`.
+"""
+
+from farm.scheduling.admission import HoldJob, JobAdmission, StartPlanning, taken_printers
+from farm.scheduling.assignment import assign_plates
+from farm.scheduling.forecast import ForecastCache, Slot, as_idle, forecast_prints, seconds_on
+from farm.scheduling.holds import find_plate_holds, join_names
+from farm.scheduling.hours import Hours, parse_moment_s
+from farm.scheduling.matching import Capabilities, FleetPrinter, Requirements, WaitingPlate
+from farm.scheduling.situation import Situation
+from farm.scheduling.situation_builder import (
+    BuildVolumes,
+    PrintLimits,
+    describe_plates,
+    describe_printers,
+    find_print_limits,
+    may_start_now,
+)
+from farm.scheduling.start_rules import StartRules, short_of_filament
+
+__all__ = [
+    "BuildVolumes",
+    "Capabilities",
+    "FleetPrinter",
+    "ForecastCache",
+    "HoldJob",
+    "Hours",
+    "JobAdmission",
+    "PrintLimits",
+    "Requirements",
+    "Situation",
+    "Slot",
+    "StartPlanning",
+    "StartRules",
+    "WaitingPlate",
+    "as_idle",
+    "assign_plates",
+    "describe_plates",
+    "describe_printers",
+    "find_plate_holds",
+    "find_print_limits",
+    "forecast_prints",
+    "join_names",
+    "may_start_now",
+    "parse_moment_s",
+    "seconds_on",
+    "short_of_filament",
+    "taken_printers",
+]

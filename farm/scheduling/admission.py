@@ -1,12 +1,15 @@
-"""Admission of the job in front: whether its planning can begin, and for which printers. Pure."""
+"""Admission of jobs to planning: the front of the queue begins, the others get a reason to wait. Pure."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
-from farm.model import Hold, HoldCode, Link
+from farm.model import Hold, HoldCode, Job, JobState, Link
 from farm.scheduling.matching import FleetPrinter, Requirements
+from farm.scheduling.situation import Situation
+from farm.scheduling.situation_builder import job_requirements
+from farm.state import Books
 
 _PASSING = (
     HoldCode.PRINTER_BUSY,
@@ -86,7 +89,7 @@ def find_mismatch(requirements: Requirements, printers: Iterable[FleetPrinter]) 
     )
 
 
-def begin(request: JobRequest, availability: Availability) -> Begin | Hold:
+def choose_printers(request: JobRequest, availability: Availability) -> Begin | Hold:
     """Choose the printers that the job in front takes.
 
     It takes all that match and are idle and clear, or as many as it was given, once they can hold it in one
@@ -147,15 +150,147 @@ def choose_printers_beside(
     Parameters
     ----------
     request, availability
-        As for `begin`.
+        As for `choose_printers`.
     priority
         The job's priority.
     promised
         The priorities of the jobs that are being planned, and their printers.
     """
     others = list(promised)
-    first = begin(request, availability.without(frozenset().union(*(names for _, names in others))))
+    first = choose_printers(request, availability.without(frozenset().union(*(names for _, names in others))))
     if isinstance(first, Begin):
         return first
     above = frozenset().union(*(names for other, names in others if other > priority))
-    return begin(request, availability.without(above))
+    return choose_printers(request, availability.without(above))
+
+
+@dataclass(frozen=True, slots=True)
+class StartPlanning:
+    """Instruction to plan a job for these printers, in as many rounds."""
+
+    job: int
+    printers: tuple[str, ...]
+    rounds: int
+
+
+@dataclass(frozen=True, slots=True)
+class HoldJob:
+    """Decision that a job waits, and why."""
+
+    job: int
+    hold: Hold
+
+
+class JobAdmission:
+    """Decides which jobs begin to be planned, and remembers for which printers.
+
+    It is in memory only: a plan that died with a daemon is made again by the next one.
+    """
+
+    def __init__(self) -> None:
+        self._least_parts: dict[int, int] = {}
+        self._planned: dict[int, frozenset[str]] = {}  # the printers that a job is being planned for
+
+    def require_parts(self, number: int, parts: int) -> None:
+        """Note that a job needs so many parts, as an attempt to plan it has shown."""
+        self._least_parts[number] = parts
+
+    def begin(self, order: StartPlanning) -> None:
+        """Note that a job is being planned."""
+        self._planned[order.job] = frozenset(order.printers)
+
+    def end(self, number: int) -> None:
+        """Note that a job is not being planned any more."""
+        self._planned.pop(number, None)
+
+    def decide(
+        self, books: Books, situation: Situation, taken: frozenset[str], starting: bool
+    ) -> Iterator[StartPlanning | HoldJob]:
+        """Yield what becomes of each queued job: it begins, or has a reason to wait.
+
+        Own G-code has a front of its own: it is planned in a moment, and never waits for a decomposition. A
+        job that no printer matches lets the others pass.
+
+        Parameters
+        ----------
+        books
+            As committed, with the plates that have just been assigned.
+        situation
+            The fleet after that, the rules, and the spares.
+        taken
+            Printers that a waiting plate will get, or is being replanned for.
+        starting
+            The farm has just started: printers that are still connecting are waited for.
+        """
+        planned = dict(self._planned)
+        fronts: dict[bool, Job] = {}
+        for job in books.queue():
+            own = job.own_gcode is not None
+            if job.state is JobState.PLANNING:
+                fronts[own] = job
+                continue
+            decision: Begin | Hold | None = _own_hold(job, situation)
+            if decision is None and own in fronts:
+                text = f"job {fronts[own].id} goes first"
+                decision = Hold(code=HoldCode.NOT_FRONT, text=text)
+            if decision is None:
+                fronts[own] = job
+                decision = choose_printers_beside(
+                    self._request(job),
+                    _availability(situation, taken, starting),
+                    job.options.priority,
+                    [(books.job(n).options.priority, names) for n, names in planned.items()],
+                )
+            if isinstance(decision, Begin):
+                planned[job.id] = frozenset(decision.printers)
+                yield StartPlanning(job.id, decision.printers, decision.rounds)
+            else:
+                yield HoldJob(job.id, decision)
+
+    def _request(self, job: Job) -> JobRequest:
+        return JobRequest(
+            requirements=job_requirements(job),
+            printers=job.options.printers if job.own_gcode is None else None,  # its plan chooses one
+            least_parts=self._least_parts.get(job.id, 0),
+            spares=job.options.spares,
+            needs_approval=job.options.hold,
+        )
+
+
+def taken_printers(
+    books: Books, situation: Situation, holds: Mapping[str, Hold], reserved: frozenset[str]
+) -> frozenset[str]:
+    """Return the printers that no job can count on.
+
+    Parameters
+    ----------
+    books
+        As committed.
+    situation
+        The fleet, and how many spares are kept.
+    holds
+        The plates that no printer takes now.
+    reserved
+        Printers that plates are being replanned for.
+    """
+    planned = frozenset(books.plates[name].printer for name in holds)
+    return planned | situation.spare_printers(planned) | reserved
+
+
+def _own_hold(job: Job, situation: Situation) -> Hold | None:
+    """Return why a job would begin on no printer, whoever is in front of it."""
+    nobody = find_mismatch(job_requirements(job), situation.printers)
+    if nobody is not None:
+        return nobody
+    if job.paused:
+        return Hold(code=HoldCode.PAUSED, text=f"it is paused: `farm resume {job.id}`")
+    if job.not_before_s is not None and situation.now_s < job.not_before_s and not job.options.hold:
+        text = f"it starts {situation.rules.format_moment(job.not_before_s)}"
+        return Hold(code=HoldCode.START_TIME, text=text)
+    return None
+
+
+def _availability(situation: Situation, taken: frozenset[str], starting: bool) -> Availability:
+    attended = situation.rules.is_attended(situation.now_s)
+    blocked = frozenset(p.name for p in situation.printers if not (p.unattended or attended))
+    return Availability(situation.printers, taken, starting, blocked)

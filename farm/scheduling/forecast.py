@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from farm.model import Bed, FilamentState, HoldCode, Link
 from farm.scheduling.matching import Capabilities, FleetPrinter, WaitingPlate
 from farm.scheduling.situation import Situation
+from farm.scheduling.situation_builder import describe_plates
 from farm.scheduling.start_rules import Start, StartRules, short_of_filament
+from farm.state import Books
 
 CLEARING_S = 900.0
 """Time in which a person clears a bed, once somebody is there."""
@@ -46,7 +48,7 @@ class Forecast:
         return min((slot.starts_s for slot in self.slots), default=self.ends_s)
 
 
-def forecast(situation: Situation, bounded: bool = True) -> Forecast:
+def forecast_prints(situation: Situation, bounded: bool = True) -> Forecast:
     """Forecast the prints of all waiting plates by list scheduling.
 
     Longest first, each plate goes to the printer where it ends soonest. Between two plates on a printer its
@@ -101,7 +103,7 @@ def forecast(situation: Situation, bounded: bool = True) -> Forecast:
     return Forecast(tuple(slots), tuple(left), ends_s, min(bound_s, ends_s))
 
 
-def idle(printer: FleetPrinter) -> FleetPrinter:
+def as_idle(printer: FleetPrinter) -> FleetPrinter:
     """Return the printer as it is when idle and clear: for how long a plan takes, not for when it begins."""
     return replace(
         printer,
@@ -199,3 +201,42 @@ def _filled_s(work_s: float, ready: Sequence[float]) -> float:
         work_s -= room_s
         level_s = following
     raise AssertionError("the last machine takes whatever is left")
+
+
+_KEPT_S = 60.0  # farm seconds in which nothing has happened
+_APART_S = 5.0  # wall seconds: 300 plates on 100 printers take a third of one
+
+
+class ForecastCache:
+    """Forecasts the ends of all waiting plates, at most every few wall seconds.
+
+    Parameters
+    ----------
+    rules
+        Hours and the heating limit.
+    scale
+        Farm seconds in a wall second.
+    """
+
+    def __init__(self, rules: StartRules, scale: float) -> None:
+        self._rules, self._apart_s = rules, _APART_S * scale
+        self._books: Books | None = None
+        self._at_s = float("-inf")
+        self._ends_s: Mapping[str, float] = {}
+
+    def clock_set(self) -> None:
+        """Forecast anew: the host's clock was set, and hours are others."""
+        self._at_s = float("-inf")
+
+    def ends_s(
+        self, books: Books, printers: Callable[[], Sequence[FleetPrinter]], now_s: float
+    ) -> Mapping[str, float]:
+        """Return when each waiting plate that a printer can take ends, in seconds since the epoch."""
+        old_s = now_s - self._at_s
+        if old_s > self._apart_s and (books is not self._books or old_s > _KEPT_S):
+            waiting = tuple(describe_plates(books.waiting_plates(), books))
+            situation = Situation(waiting, tuple(printers()) if waiting else (), self._rules, now_s)
+            slots = forecast_prints(situation, bounded=False).slots if waiting else ()
+            self._books, self._at_s = books, now_s
+            self._ends_s = {slot.plate: slot.ends_s for slot in slots}
+        return self._ends_s

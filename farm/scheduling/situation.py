@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 from functools import cached_property
 
+from farm.model import Link
 from farm.scheduling.matching import FleetPrinter, WaitingPlate
 from farm.scheduling.start_rules import StartRules
 
@@ -55,6 +57,30 @@ class Situation:
     def free(self) -> tuple[FleetPrinter, ...]:
         """Return the printers that are idle and clear, by name."""
         return tuple(printer for printer in self.fleet.values() if printer.obstacle() is None)
+
+    def spare_printers(self, planned: Collection[str] | None = None) -> frozenset[str]:
+        """Return the free printers that are kept for plates that failed elsewhere: the roomiest.
+
+        Parameters
+        ----------
+        planned
+            Printers that are not kept, as plates were planned for them; None for those of the waiting plates.
+        """
+        planned = self.planned if planned is None else planned
+        free = [printer for printer in self.free if printer.name not in planned]
+        free.sort(key=lambda p: (p.capabilities.height_mm, p.name), reverse=True)
+        return frozenset(printer.name for printer in free[: self.spares])
+
+    def takes_spare(self, plate: WaitingPlate) -> bool:
+        """Tell whether a plate may take a spare: it failed elsewhere, or its own printer is out of use."""
+        own = self.fleet.get(plate.planned)
+        if plate.failed_on or own is None or not plate.requirements.matches(own.capabilities):
+            return True
+        return (
+            own.maintenance is not None
+            or own.attention_reason is not None
+            or own.link in (Link.ABSENT, Link.FAULT)
+        )
 
     def can_start(self, plate: WaitingPlate, printer: FleetPrinter) -> bool:
         """Tell whether hours and start times let a plate start on a printer now."""

@@ -11,7 +11,7 @@ from farm.config import PrinterSection
 from farm.model import AgentSnapshot, Job, Link, Plate, Print, PrintState
 from farm.scheduling.matching import Box, Capabilities, FleetPrinter, Requirements, WaitingPlate
 from farm.scheduling.situation import Situation
-from farm.state.books import Books
+from farm.state import Books
 
 BuildVolumes = Callable[[PrinterSection], tuple[Box, ...]]
 

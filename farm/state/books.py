@@ -35,7 +35,7 @@ class Books:
     prints: Mapping[str, Print] = field(default_factory=dict)
     printers: Mapping[str, Printer] = field(default_factory=dict)
     outages: Mapping[int, Outage] = field(default_factory=dict)
-    outage_window_s: float = WINDOW_S  # as the farm's clock has it (`outage.window_s`)
+    outage_window_s: float = WINDOW_S  # by the scale of the farm's clock
     _open: Mapping[str, Print] = field(default_factory=dict, compare=False)  # of `prints`: kept by `put`
     _last: Mapping[str, Print] = field(default_factory=dict, compare=False)  # by printer: what ended last
 

@@ -11,7 +11,7 @@ WINDOW_S = 10.0
 _LEAST_WALL_S = 1.0
 
 
-def window_s(scale: float) -> float:
+def outage_window_s(scale: float) -> float:
     """Return the window in farm seconds, on a clock of `scale` of them in a wall second.
 
     The host tells of several losses one after the other: no shorter than that takes it.

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 from farm import api
 from farm.errors import EXIT_CODES, ExitCode
 from farm.model import HoldCode, Job, JobState, Plate, Print, PrintState, Verdict
-from farm.state.books import Books
-from farm.state.plate_state import PlateState
+from farm.state import Books, PlateState
 from farm.views.accounting import duration_s, summarise_job
 from farm.views.context import ViewContext
 

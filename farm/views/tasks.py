@@ -9,9 +9,7 @@ from datetime import datetime, tzinfo
 from farm import api
 from farm.config import PrinterSection
 from farm.model import AgentPrint, AgentSnapshot, Bed, JobState, Link, Outage, PlanStep, Print, PrintState
-from farm.state.books import Books
-from farm.state.plate_state import stopped_print
-from farm.state.salvaged_parts import part_name, possibly_whole_print
+from farm.state import Books, part_name, possibly_whole_print, stopped_print
 from farm.text import format_count, format_mass
 from farm.views.context import ViewContext
 

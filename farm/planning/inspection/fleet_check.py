@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from drivers.printers import PROFILES
 from farm.config import PrinterSection
-from farm.planning.slicing_printers import slicing_printer
+from farm.planning.printer_settings import slicing_printer
 from slicing.errors import BadSetting, SlicingError
 from slicing.settings import SettingsRequest, find_resources, resolve_settings
 

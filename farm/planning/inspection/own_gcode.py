@@ -9,19 +9,18 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from drivers.emulator.firmware.planner import CAPACITY, Limits, Planner
 from drivers.errors import BadGcode
 from drivers.gcode import read_program
-from drivers.printers import PROFILES
+from drivers.printers import PROFILES, Profile
 from farm.config import PrinterSection
 from farm.errors import ErrorCode, FarmError
 from farm.model import JobOptions, OwnGcode, Part, PartGeometry, Plate
 from farm.planning.error_translation import translate_errors
-from farm.planning.inspection.move_times import FirmwareTime
-from farm.planning.parts.part_rooms import bed_boxes
 from farm.planning.plan import DecomposeTask, InspectedSubmission, Plan
 from farm.planning.plate_times import plate_seconds
-from farm.planning.printer_settings import matching_printers, printer_settings
-from farm.state.storage.file_store import sha256_of, store_file
+from farm.planning.printer_settings import bed_boxes, matching_printers, printer_settings
+from farm.state.storage import sha256_of, store_file
 from slicing.errors import GcodeRefused
 from slicing.own_gcode import MAX_LINE_BYTES, AcceptedGcode, PrintTarget, accept_gcode, quote_text
 from slicing.settings import EngineSettings, find_resources
@@ -286,3 +285,30 @@ class _Lines:
         with self.path.open("rb") as file:
             while line := file.readline(MAX_LINE_BYTES):
                 yield line
+
+
+class FirmwareTime:
+    """Stopwatch for moves that never wait for the host, by the planner of the firmware."""
+
+    def __init__(self, profile: Profile) -> None:
+        self._planner = Planner(Limits.of(profile), (*profile.ready_mm, 0.0), lambda _e_mm, _z_mm: None)
+        self._now_s = 0.0
+
+    def move(self, x: float, y: float, z: float, e: float, speed_mm_s: float) -> None:
+        """Add a move to a position in mm."""
+        planner = self._planner
+        if len(planner) >= CAPACITY:
+            self._now_s = planner.free_s()
+            planner.advance(self._now_s)
+        planner.add((x, y, z, e), speed_mm_s, self._now_s)
+
+    def wait(self, seconds: float) -> None:
+        """Add a pause after all moves."""
+        self._now_s = self.seconds(finish=True) + seconds
+
+    def seconds(self, finish: bool = False) -> float:
+        """Return the time so far; with `finish`, until the last move has ended."""
+        while finish and len(self._planner):
+            self._now_s = self._planner.end_s
+            self._planner.advance(self._now_s)
+        return self._now_s

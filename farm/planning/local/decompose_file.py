@@ -20,9 +20,8 @@ from decompose.printers import PrinterRoom
 from drivers.printers import PROFILES, part_room
 from farm.errors import ErrorCode, FarmError, Refused
 from farm.planning.error_translation import translate_errors
-from farm.planning.parts.part_rooms import model_sizes
-from farm.planning.parts.print_recipe import recipe
-from farm.planning.slicing_printers import slicing_printer
+from farm.planning.parts.pricing import build_recipe
+from farm.planning.printer_settings import model_sizes, slicing_printer
 from slicing.settings import SettingsRequest, find_resources, resolve_settings
 
 MOST_PRINTERS = 100
@@ -94,7 +93,7 @@ def decompose_to_folder(path: Path, out: Path, request: DecomposeRequest) -> dic
             PrinterRoom(str(number), model_sizes(room, settings))
             for number in range(request.printers or MOST_PRINTERS)
         ]
-        cost = CostModel.from_recipe(replace(recipe(settings, prelude_s=0.0), brim_mm=request.brim_mm))
+        cost = CostModel.from_recipe(replace(build_recipe(settings, prelude_s=0.0), brim_mm=request.brim_mm))
         with ThreadPoolExecutor(os.cpu_count()) as executor:
             if request.printers is None:
                 handling = {"clear_s": request.clear_s, "assemble_s": request.assemble_s}

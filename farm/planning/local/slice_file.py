@@ -17,7 +17,7 @@ from farm.planning.error_translation import translate_errors
 from farm.planning.part_records import SliceTask
 from farm.planning.parts.slice_part import settings_of, slice_part
 from farm.planning.plate_times import plate_seconds
-from farm.planning.slicing_printers import slicing_printer
+from farm.planning.printer_settings import slicing_printer
 from slicing.cache import trim_cache
 from slicing.errors import suggest_names
 from slicing.plate import PlateResult

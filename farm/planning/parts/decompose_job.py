@@ -4,25 +4,25 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
+from concurrent.futures import Executor, ThreadPoolExecutor
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+from decompose.auto import decompose_auto
 from decompose.decompose import decompose_model
 from decompose.errors import NoFit
 from decompose.export import write_decomposition
 from decompose.geometry import Model, Solid
-from decompose.options import BestOptions, Options
+from decompose.options import BestOptions, Engine, Options
 from decompose.print_time import CostModel, Recipe
 from decompose.printers import PrinterRoom
 from decompose.results import Decomposition
 from farm.errors import ErrorCode, FarmError
 from farm.planning.error_translation import translate_errors
-from farm.planning.inspection.inspect_model import read_inspected
+from farm.planning.inspection.inspect_submission import read_inspected
 from farm.planning.part_records import DecomposedPart
 from farm.planning.parts.cut_record import write_cut_record
-from farm.planning.parts.priced_rooms import decomposition_options, price_rooms
-from farm.planning.parts.printer_choice import ModelCutter
+from farm.planning.parts.pricing import decomposition_options, price_rooms
 from farm.planning.plan import DecomposedJob, DecomposeTask, TooFewPrinters
 from farm.planning.plate_times import reassign_loads
 from slicing.settings import find_resources
@@ -92,3 +92,52 @@ def _reassign_parts(parts: Sequence[DecomposedPart], task: DecomposeTask) -> tup
     kinds = {s.name: (s.model, s.material, s.nozzle_mm, s.volume_mm) for s in task.printers}
     takers = reassign_loads(loads_s, kinds, task.time_factors)
     return tuple(replace(part, printer=takers[part.printer]) for part in parts)
+
+
+LATE_SHARE = 1.1
+"""Margin of `--done-by`, for the time of planning and for prints that take longer."""
+
+
+@dataclass(frozen=True, slots=True)
+class ModelCutter:
+    """A model, and the printers that it may be cut for. Every method raises the errors of `decompose`."""
+
+    model: Model
+    rooms: list[PrinterRoom]
+    options: Options
+    cost: CostModel
+    executor: Executor
+
+    def cut_for_all(self) -> Decomposition:
+        """Cut the model for all of the printers."""
+        return decompose_model(self.model, self.rooms, self.options, self.cost, self.executor)
+
+    def cut_for_worthwhile(self, within_s: float | None = None) -> Decomposition:
+        """Cut the model for as many printers as are worth it, or as few as end within a time."""
+        return decompose_auto(
+            self.model, self.rooms, self.options, self.cost, self.executor, within_s=within_s
+        )
+
+    def cut_for_one(self) -> Decomposition | None:
+        """Keep the model whole, on the lowest printer that can hold it; None where none can.
+
+        Who wants it sooner says how many printers.
+        """
+        x, y, z = map(float, self.model.extents_mm)
+        poses = ((x, y, z), (y, z, x), (z, x, y))
+        rooms = [room for room in self.rooms if any(room.fits(*pose) for pose in poses)]
+        options = replace(self.options, engine=Engine.GUILLOTINE)  # which finds one part wherever one will do
+        for room in sorted(rooms, key=lambda room: max(box[2] for box in room.boxes)):
+            try:
+                return decompose_model(self.model, [room], options, self.cost, self.executor)
+            except NoFit:
+                continue
+        return None
+
+    def cut_in_time(self, within_s: float) -> Decomposition:
+        """Cut the model into as few parts as end within a time, with a margin; else into the soonest."""
+        limit_s = within_s / LATE_SHARE
+        whole = self.cut_for_one()
+        if whole is not None and whole.makespan_s <= limit_s:
+            return whole
+        return self.cut_for_worthwhile(within_s=limit_s)

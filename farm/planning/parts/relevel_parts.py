@@ -8,10 +8,10 @@ from pathlib import Path
 
 from decompose.relevel import relevel_planes
 from farm.planning.error_translation import translate_errors
-from farm.planning.inspection.inspect_model import read_inspected
+from farm.planning.inspection.inspect_submission import read_inspected
 from farm.planning.parts.cut_record import read_cut_record
 from farm.planning.parts.decompose_job import write_decomposed
-from farm.planning.parts.print_recipe import printer_cost, time_ratio
+from farm.planning.parts.pricing import printer_cost, time_ratio
 from farm.planning.plan import DecomposedJob, SlicedJob
 from farm.planning.printer_settings import printer_settings
 from slicing.settings import find_resources

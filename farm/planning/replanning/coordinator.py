@@ -10,13 +10,9 @@ from farm.errors import FarmError
 from farm.model import Hold, HoldCode, Plate, PrintState, Verdict
 from farm.planning.replanning import policy
 from farm.planning.replanning.replan import ReplannedPlate
-from farm.scheduling.hold_reasons import join_names
-from farm.scheduling.matching import Capabilities, FleetPrinter, WaitingPlate
-from farm.scheduling.situation import Situation
-from farm.scheduling.situation_builder import describe_plates
-from farm.scheduling.spares import takes_spare
+from farm.scheduling import Capabilities, FleetPrinter, Situation, WaitingPlate, describe_plates, join_names
+from farm.state import Books
 from farm.state import events as ev
-from farm.state.books import Books
 
 log = logging.getLogger(__name__)
 
@@ -117,7 +113,7 @@ class ReplanCoordinator:
         kept: frozenset[str],
     ) -> bool:
         untried = _tried_key(plate, printer.capabilities) not in self._tried
-        return untried and (printer.name not in kept or takes_spare(view, situation.fleet))
+        return untried and (printer.name not in kept or situation.takes_spare(view))
 
     def finish(
         self, name: str, result: ReplannedPlate | FarmError, books: Books, situation: Situation

@@ -10,11 +10,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from farm.model import Bed, HoldCode
-from farm.scheduling.assign import assign
-from farm.scheduling.forecast import forecast, seconds_on
-from farm.scheduling.matching import FleetPrinter, WaitingPlate
-from farm.scheduling.situation import Situation
-from farm.scheduling.start_rules import short_of_filament
+from farm.scheduling import (
+    FleetPrinter,
+    Situation,
+    WaitingPlate,
+    assign_plates,
+    forecast_prints,
+    seconds_on,
+    short_of_filament,
+)
 
 MARGIN = 0.2
 """Share of the time until the part ends that replanning must save at least."""
@@ -73,7 +77,7 @@ def expected_end_s(plate: WaitingPlate, situation: Situation) -> float:
             for p in situation.printers
         )
         situation = situation.with_printers(tuple(inspected))
-    seen = forecast(situation)
+    seen = forecast_prints(situation)
     return next((slot.ends_s for slot in seen.slots if slot.plate == plate.id), float("inf"))
 
 
@@ -119,7 +123,7 @@ def choose_recut(plate: WaitingPlate, situation: Situation) -> Recut | None:
         The moment.
     """
     others = tuple(other for other in situation.waiting if other.id != plate.id)
-    taken = {given.printer for given in assign(replace(situation, waiting=others, spares=0))[0]}
+    taken = {given.printer for given in assign_plates(replace(situation, waiting=others, spares=0))[0]}
     layers_s = plate.expected_s - plate.heating_s
     piece = replace(plate, expected_s=plate.heating_s + layers_s * _MORE / 2, grams=0.0)
     free = [

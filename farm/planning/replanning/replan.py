@@ -15,7 +15,7 @@ from farm.errors import ErrorCode, FarmError
 from farm.model import JobOptions, Part, Plate
 from farm.planning.booking import PlateNames, book_part, book_plate
 from farm.planning.part_records import DecomposedPart, SlicedPart
-from farm.state.storage.file_store import store_file
+from farm.state.storage import store_file
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,7 +7,7 @@ import logging
 import shutil
 from collections.abc import Callable
 
-from farm.compute.worker_pool import Limit, Workers
+from farm.compute import Limit, Workers
 from farm.errors import FarmError
 from farm.paths import StateFolder
 from farm.planning.part_records import DecomposedPart, SliceBatch, SlicedPart

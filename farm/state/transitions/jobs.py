@@ -5,9 +5,9 @@ from __future__ import annotations
 from farm.errors import ErrorCode
 from farm.model import Hold, HoldCode, JobState
 from farm.state import events as ev
+from farm.state import restore
 from farm.state.books import Books, edited, put
 from farm.state.consequences import Result, end_job, request_pause, update_job_state
-from farm.state.recovery import restore
 from farm.state.transitions.rules import change
 
 

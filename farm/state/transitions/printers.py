@@ -1,12 +1,13 @@
-"""Rules for events about a printer. Pure."""
+"""Rules for events about a printer, or the farm as a whole. Pure."""
 
 from __future__ import annotations
 
 from farm.model import Bed, FilamentState, Printer, Verdict
 from farm.state import events as ev
+from farm.state import restore
 from farm.state.books import Books, edited, put
-from farm.state.consequences import Result, mark_printer_lost, update_job_state
-from farm.state.recovery import restore
+from farm.state.consequences import Result, mark_printer_lost, shift_print_times, update_job_state
+from farm.state.lifecycles import InvalidTransition
 from farm.state.salvaged_parts import book_part_whole
 from farm.state.transitions.rules import change
 
@@ -90,3 +91,20 @@ def _(event: ev.MaintenanceEnded, books: Books) -> Result:
 @change.register
 def _(event: ev.AgentJournalImported, books: Books) -> Result:
     return restore.finish_journal_import(event, books), ()
+
+
+@change.register
+def _(event: ev.ClockSet, books: Books) -> Result:
+    return shift_print_times(books, event.by_s), ()
+
+
+@change.register
+def _(event: ev.BooksRestored, books: Books) -> Result:
+    return restore.restore_books(event, books), ()
+
+
+@change.register
+def _(event: ev.OutageConfirmed, books: Books) -> Result:
+    if books.outage is None:
+        raise InvalidTransition(event, None, None, None, "in no outage")
+    return put(books, edited(books.outage, confirmed_s=event.at_s)), ()

@@ -19,7 +19,7 @@ from farm.model import (
 )
 from farm.paths import StateFolder
 from farm.planning.plan import InspectedSubmission, Plan, TooFewPrinters
-from farm.scheduling.assign import assign
+from farm.scheduling.assignment import assign_plates
 from farm.state import events as ev
 from farm.state.storage.store import StoreError
 from farm.views import describe_job, describe_printer, list_tasks
@@ -235,7 +235,7 @@ def test_temperatures_and_progress_run_no_scheduler(farm, plan, monkeypatch):
     farm.controller.on_plan(1, plan)
     attempt = farm.controller.books.open_print_on("a")
     runs = []
-    monkeypatch.setattr(module, "assign", lambda situation: (runs.append(1), assign(situation))[1])
+    monkeypatch.setattr(module, "assign", lambda situation: (runs.append(1), assign_plates(situation))[1])
 
     def report(step, link=Link.BUSY, state=PrintState.PRINTING):
         said = AgentPrint(

@@ -21,7 +21,7 @@ from farm.model import (
 from farm.paths import StateFolder
 from farm.state import events as ev
 from farm.state.books import put
-from farm.state.recovery.journal_import import import_agent_journal
+from farm.state.reconciliation import import_agent_journal
 from farm.state.storage.store import copy_books
 from farm.views import list_tasks
 from make_books import plan as planned

@@ -15,7 +15,7 @@ from farm.http import Services, make_app
 from farm.http.body_limit import LARGEST_BODY_BYTES
 from farm.model import AgentSnapshot, FilamentState, Link
 from farm.paths import StateFolder
-from farm.planning.parts.part_rooms import bed_boxes
+from farm.planning.printer_settings import bed_boxes
 from farm.state.storage.store import Store
 from make_gcode import marlin
 from recording_controller import RecordedEffects

@@ -20,8 +20,8 @@ from farm.http import PeerProtocol, Services, check_operators, listen, make_app
 from farm.http.callers import Person
 from farm.model import AgentSnapshot, FilamentState, Link
 from farm.paths import StateFolder
-from farm.planning.parts.part_rooms import bed_boxes
 from farm.planning.plan import InspectedSubmission
+from farm.planning.printer_settings import bed_boxes
 from farm.state.storage.store import Store
 from recording_controller import RecordedEffects
 

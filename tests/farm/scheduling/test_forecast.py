@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from farm.model import Bed, Link
-from farm.scheduling import forecast as forecasting
+from farm.scheduling import forecast_prints as forecasting
 from farm.scheduling.forecast import CLEARING_S, seconds_on
 from farm.scheduling.matching import Requirements
 from scheduling_examples import LOW, TALL, box, plate, printer, rules, situation

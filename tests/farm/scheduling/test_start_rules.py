@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from farm.model import Bed, HoldCode
-from farm.scheduling import assign as assignment
+from farm.scheduling import assignment
 from farm.scheduling.matching import Requirements
 from farm.scheduling.start_rules import ENDED_BEFORE_S
 from scheduling_examples import LOW, TALL, UTC, box, plate, printer, rules, situation
@@ -26,7 +26,7 @@ FRIDAY = at("2026-11-20 17:00")
 
 
 def assign(waiting, fleet, house, now_s, spares=0):
-    return assignment.assign(situation(waiting, fleet, house, now_s, spares=spares))
+    return assignment.assign_plates(situation(waiting, fleet, house, now_s, spares=spares))
 
 
 fleets = st.lists(

@@ -15,7 +15,7 @@ from decompose.print_time import POSE_ROTATIONS, CostModel
 from decompose.print_time.pose_prices import pose_prices_s
 from drivers.printers import PROFILES
 from farm.config import PrinterSection
-from farm.planning.parts.print_recipe import recipe
+from farm.planning.parts.pricing import build_recipe
 from farm.planning.plate_times import plate_seconds, prelude_seconds
 from slicing.errors import EngineMissing
 from slicing.plate import PlateRequest, slice_plate
@@ -41,7 +41,7 @@ def settings_of():
 
 
 def test_a_changed_setting_reaches_the_cost(settings_of):
-    before = recipe(settings_of("glue"), prelude_s=0.0)
+    before = build_recipe(settings_of("glue"), prelude_s=0.0)
     assert before.infill_connected
     for key, value, field in (
         ("infill_sparse_density", 20, "infill_line_distance_mm"),
@@ -52,7 +52,7 @@ def test_a_changed_setting_reaches_the_cost(settings_of):
         ("adhesion_type", "skirt", "brim_mm"),
         ("wall_line_width_0", 0.4, "outer_line_width_mm"),
     ):
-        after = recipe(settings_of("glue", **{key: value}), prelude_s=0.0)
+        after = build_recipe(settings_of("glue", **{key: value}), prelude_s=0.0)
         assert getattr(after, field) != getattr(before, field), key
 
 
@@ -60,8 +60,8 @@ def test_what_a_plate_takes_beside_its_layers_is_in_its_price_once(settings_of):
     settings = settings_of("glue")
     section = PrinterSection(name="a", model="ultimaker2_plus", port="sim://ultimaker2_plus")
     prelude_s = prelude_seconds(section, settings)
-    with_prelude = CostModel.from_recipe(recipe(settings, prelude_s))
-    layers_only = CostModel.from_recipe(recipe(settings, prelude_s=0.0))
+    with_prelude = CostModel.from_recipe(build_recipe(settings, prelude_s))
+    layers_only = CostModel.from_recipe(build_recipe(settings, prelude_s=0.0))
     cube = Solid.box((0, 0, 0), (20, 20, 20)).arrays()
     layers_s = pose_prices_s(*cube, UPRIGHT, layers_only)[0]
     whole_s = plate_seconds(PROFILES[section.model], layers_s, settings.nozzle_c, settings.bed_c)
@@ -109,7 +109,7 @@ def test_prices_are_those_of_the_engine(how, settings_of, tmp_path):
     except EngineMissing as missing:
         pytest.skip(str(missing))
     settings = settings_of(**how)
-    cost = CostModel.from_recipe(recipe(settings, prelude_s=0.0))
+    cost = CostModel.from_recipe(build_recipe(settings, prelude_s=0.0))
     errors = []
     for make in (block, cup, bridge, needle, cone):
         vertices, faces = make().arrays()

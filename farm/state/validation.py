@@ -14,7 +14,7 @@ _SETTLED = (JobState.PRINTING, JobState.PRINTED, JobState.DONE, JobState.FAILED)
 _NOT_PLANNED = (JobState.QUEUED, JobState.PLANNING)
 
 
-def validate(books: Books) -> list[str]:
+def validate_books(books: Books) -> list[str]:
     """Check that the books agree with themselves.
 
     Parameters

@@ -1,14 +1,88 @@
-"""Reasons why a plate waits: a code and a sentence with what ends the wait. Pure."""
+"""Holds of plates: why each waits, as a code and a sentence with what ends the wait. Pure."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 
-from farm.model import Hold, HoldCode
+from farm.config import PrinterSection
+from farm.model import Hold, HoldCode, Job, JobState, Plate
 from farm.scheduling.matching import Capabilities, WaitingPlate
 from farm.scheduling.situation import Situation
-from farm.scheduling.spares import takes_spare
 from farm.scheduling.start_rules import short_of_filament
+from farm.state import LOSSES, Books, PlateState, stopped_print
+
+
+def find_plate_holds(books: Books, printers: Iterable[PrinterSection], now_s: float) -> dict[str, Hold]:
+    """Find the plates that are offered to no printer.
+
+    Parameters
+    ----------
+    books
+        All jobs, plates, prints and printers.
+    printers
+        The printers of `fleet.yaml`.
+    now_s
+        Farm time, seconds since the epoch.
+
+    Returns
+    -------
+    dict
+        The reason of each such plate, by its id.
+    """
+    held = {}
+    unreported = " ".join(
+        section.name for section in printers if section.enabled and _has_not_reported(books, section.name)
+    )
+    for job in books.jobs.values():
+        for plate in books.plates_of(job) if job.state is JobState.PRINTING else ():
+            hold = _find_hold(books, job, plate, unreported if job.restored else "", now_s)
+            if hold is not None:
+                held[plate.id] = hold
+    return held
+
+
+def _has_not_reported(books: Books, printer: str) -> bool:
+    """Tell whether a printer may have printed what restored books take for waiting; not in maintenance."""
+    entry = books.printer(printer)
+    return entry.unreported_since_s is not None and entry.maintenance is None
+
+
+def _find_hold(books: Books, job: Job, plate: Plate, unreported: str, now_s: float) -> Hold | None:
+    """Find why a plate may start on no printer; `unreported` printers may have printed it already."""
+    state = books.plate_state(plate)
+    if state is PlateState.OUT_OF_ATTEMPTS:
+        text = (
+            f"plate {plate.id} failed too often: print it again with `farm reprint {job.id} {plate.parts[0]}`"
+        )
+        return Hold(code=HoldCode.OUT_OF_ATTEMPTS, text=text)
+    if state is not PlateState.WAITING:
+        return None
+    if books.outage is not None:
+        text = (
+            f"{' '.join(books.outage.printers)} were lost at the same time: inspect them, then `farm resume`"
+        )
+        return Hold(code=HoldCode.OUTAGE, text=text)
+    if unreported:
+        text = (
+            f"{unreported} may have printed it since the books were copied: "
+            "connect them, or `farm maintenance`"
+        )
+        return Hold(code=HoldCode.UNTOLD, text=text)
+    if job.paused:
+        return Hold(code=HoldCode.PAUSED, text=f"job {job.id} is paused: `farm resume {job.id}`")
+    part = plate.parts[0]
+    if (halted := stopped_print(plate, books.prints_of(plate))) is not None:
+        text = f"`farm estop` stopped it on {halted.printer}: `farm resume {part}` prints it again"
+        return Hold(code=HoldCode.STOPPED, text=text)
+    if plate.paused:
+        return Hold(code=HoldCode.PAUSED, text=f"part {part} is paused: `farm resume {part}`")
+    last = books.prints[plate.prints[-1]] if plate.prints else None
+    lost_s = last.ended_s if last is not None and last.fault in LOSSES else None
+    if last is not None and lost_s is not None and abs(now_s - lost_s) <= books.outage_window_s:
+        text = f"{last.printer} was lost just now: waiting in case others are lost too"
+        return Hold(code=HoldCode.JUST_LOST, text=text)
+    return None
+
 
 _NAMED = 4  # printers that a sentence names; the rest is counted
 
@@ -83,7 +157,7 @@ class HoldReasons:
         start = self._situation.rules.find_start(plate, printer, self._situation.now_s)
         if start.at_s != self._situation.now_s:
             return start.reason
-        if name in self._kept and not takes_spare(plate, self._situation.fleet):
+        if name in self._kept and not self._situation.takes_spare(plate):
             return Hold(
                 code=HoldCode.KEPT_AS_SPARE, text=f"{name} is kept in reserve for a failed part (--spares)"
             )

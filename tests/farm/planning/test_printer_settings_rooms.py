@@ -4,7 +4,7 @@ import pytest
 
 from drivers.printers import BEDS, PROFILES
 from farm.config import PrinterSection
-from farm.planning.parts.part_rooms import bed_boxes, model_sizes, printer_room
+from farm.planning.printer_settings import bed_boxes, model_sizes, printer_room
 from slicing.errors import EngineMissing
 from slicing.settings import SettingsRequest, find_resources, resolve_settings
 from slicing_printers import UM2_PLUS

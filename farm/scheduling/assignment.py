@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from farm.model import Hold
-from farm.scheduling.hold_reasons import HoldReasons
+from farm.scheduling.holds import HoldReasons
 from farm.scheduling.matching import WaitingPlate
 from farm.scheduling.situation import Situation
-from farm.scheduling.spares import spare_printers, takes_spare
 from farm.scheduling.start_rules import short_of_filament
 
 
@@ -18,7 +17,7 @@ class Assignment:
     printer: str
 
 
-def assign(situation: Situation) -> tuple[list[Assignment], dict[str, Hold]]:
+def assign_plates(situation: Situation) -> tuple[list[Assignment], dict[str, Hold]]:
     """Give each waiting plate a printer, or a reason to wait.
 
     Plates choose by priority, then by order of submission, then the longest first (LPT). A plate
@@ -40,7 +39,7 @@ def assign(situation: Situation) -> tuple[list[Assignment], dict[str, Hold]]:
         Each printer at most once, each plate in exactly one of the two.
     """
     free = sorted((p.name for p in situation.free), key=lambda n: situation.fleet[n].capabilities.height_mm)
-    kept = spare_printers(situation.printers, situation.planned, situation.spares)
+    kept = situation.spare_printers()
     matching = _Matching(situation, free, kept)
     limit = situation.rules.max_heating
     heating = sum(printer.heating for printer in situation.printers)
@@ -120,7 +119,7 @@ class _Matching:
         printer = self._situation.fleet[name]
         return (
             plate.requirements.matches(printer.capabilities)
-            and (name not in self._kept or takes_spare(plate, self._situation.fleet))
+            and (name not in self._kept or self._situation.takes_spare(plate))
             and short_of_filament(plate, printer, printer.grams) is None
             and self._situation.can_start(plate, printer)
         )

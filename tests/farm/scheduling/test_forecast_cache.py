@@ -1,6 +1,6 @@
 """When what waits should end is foreseen when it may have changed, and not more often than it can be."""
 
-from farm.control.forecast_cache import ForecastCache
+from farm.scheduling.forecast import ForecastCache
 from make_books import printing
 from scheduling_examples import printer, rules
 

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from farm.model import Bed, FilamentState, HoldCode, Link
-from farm.scheduling import assign as assignment
+from farm.scheduling import assignment
 from farm.scheduling.matching import Requirements
 from scheduling_examples import LOW, TALL, box, plate, printer, situation
 
@@ -14,7 +14,7 @@ NOW_S = 1_000_000.0
 
 
 def assign(waiting, fleet, house=None, **changes):
-    return assignment.assign(situation(waiting, fleet, house, NOW_S, **changes))
+    return assignment.assign_plates(situation(waiting, fleet, house, NOW_S, **changes))
 
 
 printers = st.lists(

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from farm.model import Bed, PrintState
 from farm.state import events as ev
-from farm.state.time_factor import LEAST, MOST, MOST_STARVED, SHORTEST_S, update_time_factor
+from farm.state.transitions.prints import LEAST, MOST, MOST_STARVED, SHORTEST_S, update_time_factor
 from make_books import ended, printing, run
 
 HOUR_S = 3600.0

@@ -5,10 +5,10 @@ from zoneinfo import ZoneInfo
 
 import pytest
 
+from farm.control.job_commands import start_and_deadline_s
 from farm.model import JobOptions
-from farm.scheduling.hours import Hours
+from farm.scheduling.hours import Hours, parse_moment_s
 from farm.scheduling.start_rules import StartRules
-from farm.scheduling.time_expressions import moment_s, start_and_deadline_s
 from farm.week_windows import parse_window
 
 LONDON, BERLIN = ZoneInfo("Europe/London"), ZoneInfo("Europe/Berlin")
@@ -27,7 +27,7 @@ NOW_S = datetime(2026, 10, 23, 17, 30, tzinfo=LONDON).timestamp()  # a Friday be
     ],
 )
 def test_the_next_such_moment(text, then):
-    assert datetime.fromtimestamp(moment_s(text, NOW_S, LONDON), LONDON).isoformat() == then
+    assert datetime.fromtimestamp(parse_moment_s(text, NOW_S, LONDON), LONDON).isoformat() == then
 
 
 NEVER = ["9999-12-31T23:59-12:00", "9999-12-31", "0001-01-01", "2027-11-01 10:00"]
@@ -36,7 +36,7 @@ NEVER = ["9999-12-31T23:59-12:00", "9999-12-31", "0001-01-01", "2027-11-01 10:00
 @pytest.mark.parametrize("text", ["soon", "25:00", "fry 10:00", "2026-10-22 10:00", "", "10", *NEVER])
 def test_what_is_no_moment_to_come_is_refused(text):
     with pytest.raises(ValueError, match=r"is not a time|has passed|is more than a year ahead"):
-        moment_s(text, NOW_S, LONDON)
+        parse_moment_s(text, NOW_S, LONDON)
 
 
 @pytest.mark.parametrize(
@@ -51,7 +51,7 @@ def test_what_is_no_moment_to_come_is_refused(text):
     ],
 )
 def test_a_time_in_the_hour_that_is_skipped_or_comes_twice(now, then):
-    at_s = moment_s("02:30", datetime.fromisoformat(now).timestamp(), BERLIN)
+    at_s = parse_moment_s("02:30", datetime.fromisoformat(now).timestamp(), BERLIN)
     assert at_s == datetime.fromisoformat(then).timestamp()
 
 

@@ -8,7 +8,12 @@ from farm.state.books import Books
 from farm.state.faults import OwnFault
 from farm.state.lifecycles import InvalidTransition
 from farm.state.plate_state import PlateState
-from farm.state.reconcile import handle_unknown_print, observe_idle_printer, pending_instructions, reconcile
+from farm.state.reconciliation import (
+    handle_unknown_print,
+    observe_idle_printer,
+    pending_instructions,
+    reconcile_print,
+)
 from make_books import fleet, printing, run
 
 
@@ -65,23 +70,23 @@ def assigned():
 
 def test_reconciling_follows_an_agent_and_is_quiet_when_nothing_is_new():
     books = assigned()
-    books, _ = run(books, *reconcile(books.prints["x"], word(), 3.0))
+    books, _ = run(books, *reconcile_print(books.prints["x"], word(), 3.0))
     assert books.prints["x"].state is PrintState.PRINTING
     assert books.prints["x"].started_s == 2.0
     assert books.printers["a"].bed is Bed.NOT_CLEAR
-    assert list(reconcile(books.prints["x"], word(), 4.0)) == []
+    assert list(reconcile_print(books.prints["x"], word(), 4.0)) == []
     last = word(state=PrintState.DONE, link=Link.READY, ended_s=90.0)
-    books, _ = run(books, *reconcile(books.prints["x"], last, 100.0))
+    books, _ = run(books, *reconcile_print(books.prints["x"], last, 100.0))
     assert (books.prints["x"].state, books.prints["x"].ended_s) == (PrintState.DONE, 90.0)
 
 
 def test_an_agent_that_was_not_told_is_told_again_and_one_that_forgot_has_lost_the_print():
     books = assigned()
-    assert list(reconcile(books.prints["x"], empty(), 3.0)) == []
+    assert list(reconcile_print(books.prints["x"], empty(), 3.0)) == []
     assert list(pending_instructions(books.prints["x"], empty())) == [ev.SendStart(print_id="x", printer="a")]
-    books, _ = run(books, *reconcile(books.prints["x"], word(), 3.0))
+    books, _ = run(books, *reconcile_print(books.prints["x"], word(), 3.0))
     assert list(pending_instructions(books.prints["x"], empty())) == []
-    books, _ = run(books, *reconcile(books.prints["x"], empty(), 9.0))
+    books, _ = run(books, *reconcile_print(books.prints["x"], empty(), 9.0))
     assert books.prints["x"].state is PrintState.FAILED
     assert books.prints["x"].fault == OwnFault.PRINT_LOST
 
@@ -95,11 +100,11 @@ def test_a_print_that_was_cancelled_ends_when_its_agent_has_heard_of_it():
     """Until then the start may be on its way beside an older word of the agent's."""
     books, _ = run(assigned(), ev.JobCancelled(at_s=3.0, job=1))
     stop = ev.SendCancel(print_id="x", printer="a", reason=books.prints["x"].cancel_reason)
-    assert list(reconcile(books.prints["x"], empty(), 4.0)) == []
+    assert list(reconcile_print(books.prints["x"], empty(), 4.0)) == []
     assert list(pending_instructions(books.prints["x"], empty())) == [stop]
     assert list(pending_instructions(books.prints["x"], empty(Link.STARTING))) == []  # nobody would hear it
-    assert list(reconcile(books.prints["x"], empty(heard_cancel="another"), 4.0)) == []
-    books, _ = run(books, *reconcile(books.prints["x"], empty(heard_cancel="x"), 4.0))
+    assert list(reconcile_print(books.prints["x"], empty(heard_cancel="another"), 4.0)) == []
+    books, _ = run(books, *reconcile_print(books.prints["x"], empty(heard_cancel="x"), 4.0))
     assert books.prints["x"].state is PrintState.CANCELLED
     assert books.printers["a"].bed is Bed.CLEAR
 
@@ -108,20 +113,22 @@ def test_a_print_that_was_cancelled_ends_when_its_agent_has_heard_of_it():
 def test_what_a_printer_cannot_begin_goes_elsewhere_only_when_its_agent_has_heard_of_it(link):
     books = assigned()
     stale = empty(link, reason="unplugged")
-    books, sent = run(books, *reconcile(books.prints["x"], stale, 3.0))
+    books, sent = run(books, *reconcile_print(books.prints["x"], stale, 3.0))
     assert sent == [ev.SendCancel(print_id="x", printer="a", reason="unplugged")]
     assert [plate.id for plate in books.waiting_plates()] == ["1/02"]
-    assert list(reconcile(books.prints["x"], stale, 4.0)) == []
+    assert list(reconcile_print(books.prints["x"], stale, 4.0)) == []
     # It began all the same, and is ended: its plate is free then, and nobody is to blame.
-    began, _ = run(books, *reconcile(books.prints["x"], word(state=PrintState.HEATING, extruded=False), 5.0))
+    began, _ = run(
+        books, *reconcile_print(books.prints["x"], word(state=PrintState.HEATING, extruded=False), 5.0)
+    )
     assert [type(one) for one in pending_instructions(began.prints["x"], word(state=PrintState.HEATING))] == [
         ev.SendCancel
     ]
     last = word(state=PrintState.CANCELLED, link=Link.READY, extruded=False, ended_s=9.0)
-    began, _ = run(began, *reconcile(began.prints["x"], last, 9.0))
+    began, _ = run(began, *reconcile_print(began.prints["x"], last, 9.0))
     assert began.prints["x"].state is PrintState.CANCELLED
     # Or it never did.
-    books, _ = run(books, *reconcile(books.prints["x"], empty(link, heard_cancel="x"), 5.0))
+    books, _ = run(books, *reconcile_print(books.prints["x"], empty(link, heard_cancel="x"), 5.0))
     assert books.prints["x"].state is PrintState.CANCELLED
     assert books.printers["a"].bed is Bed.CLEAR
     for each in (books, began):
@@ -130,7 +137,7 @@ def test_what_a_printer_cannot_begin_goes_elsewhere_only_when_its_agent_has_hear
 
 def test_where_no_agent_is_left_nothing_can_begin():
     books = assigned()
-    books, _ = run(books, *reconcile(books.prints["x"], empty(Link.ABSENT, None), 3.0))
+    books, _ = run(books, *reconcile_print(books.prints["x"], empty(Link.ABSENT, None), 3.0))
     assert books.prints["x"].state is PrintState.CANCELLED
 
 
@@ -151,12 +158,12 @@ def test_what_an_agent_prints_is_taken_over_by_books_that_are_a_copy(state):
     books = restored(state)
     assert list(pending_instructions(books.prints["a"], empty())) == []  # it is not begun (again)
     said = word("a")
-    books, sent = run(books, *reconcile(books.prints["a"], said, 51.0))
+    books, sent = run(books, *reconcile_print(books.prints["a"], said, 51.0))
     assert (sent, list(pending_instructions(books.prints["a"], said))) == ([], [])
     assert (books.prints["a"].state, books.prints["a"].restored) == (PrintState.PRINTING, False)
-    assert list(reconcile(books.prints["a"], said, 52.0)) == []
+    assert list(reconcile_print(books.prints["a"], said, 52.0)) == []
     last = word("a", state=PrintState.DONE, link=Link.READY, ended_s=90.0)
-    books, _ = run(books, *reconcile(books.prints["a"], last, 100.0))
+    books, _ = run(books, *reconcile_print(books.prints["a"], last, 100.0))
     assert books.plate_state(books.plates["1/01"]) is PlateState.PRINTED
     assert books.jobs[1].state is JobState.HELD
     books, _ = run(books, ev.JobApproved(at_s=101.0, job=1, by="ann"))
@@ -167,18 +174,18 @@ def test_what_no_agent_knows_any_more_is_no_outage_and_costs_no_attempt():
     books = restored(PrintState.PRINTING, PrintState.PRINTING)
     for name in "ab":
         said = empty().model_copy(update={"printer": name})
-        books, _ = run(books, *reconcile(books.prints[name], said, 51.0))
+        books, _ = run(books, *reconcile_print(books.prints[name], said, 51.0))
     assert books.outage is None
     assert {(p.state, p.charged) for p in books.prints.values()} == {(PrintState.FAILED, False)}
     assert "check what became of it" in books.printers["a"].attention_reason
     fresh = restored(PrintState.ASSIGNED)
-    fresh, _ = run(fresh, *reconcile(fresh.prints["a"], empty(), 51.0))
+    fresh, _ = run(fresh, *reconcile_print(fresh.prints["a"], empty(), 51.0))
     assert fresh.prints["a"].state is PrintState.CANCELLED
 
 
 def test_a_print_that_the_books_have_ended_is_ended_at_the_printer_too():
     books = assigned()
-    books, _ = run(books, *reconcile(books.prints["x"], empty(Link.ABSENT, None), 3.0))
+    books, _ = run(books, *reconcile_print(books.prints["x"], empty(Link.ABSENT, None), 3.0))
     heating = word(state=PrintState.HEATING, extruded=False)
     told = list(handle_unknown_print(books.printers["a"], books.prints["x"], heating, 4.0))
     assert [type(one) for one in told] == [ev.SendCancel]

@@ -1,7 +1,7 @@
 """The books where the host's clock is set: spans stay what they were, and the last print is the last one."""
 
 from farm.model import HoldCode, PrintState, Verdict
-from farm.scheduling.plate_holds import find_plate_holds
+from farm.scheduling.holds import find_plate_holds
 from farm.state import events as ev
 from farm.state.books import Books, put
 from farm.state.plate_state import PlateState

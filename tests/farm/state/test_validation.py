@@ -6,7 +6,7 @@ from farm.model import Bed, JobState, Outage, PrintState, Reel, Verdict
 from farm.state import events as ev
 from farm.state.books import edited, put
 from farm.state.storage.store import Store
-from farm.state.validate import validate
+from farm.state.validation import validate_books
 from make_books import ended, printing, run
 from recorded_state import unpack_state
 
@@ -102,18 +102,18 @@ BROKEN = {
 
 @pytest.mark.parametrize(("spoil", "problem"), BROKEN.values(), ids=BROKEN)
 def test_a_contradiction_is_named(spoil, problem):
-    assert problem in validate(spoil(done()))
+    assert problem in validate_books(spoil(done()))
 
 
 def test_sound_books_have_no_problem():
     books = done()
-    assert validate(books) == []
+    assert validate_books(books) == []
     books, _ = run(
         books, ev.BedCleared(at_s=300.0, printer="a", by="ann"), ev.JobCancelled(at_s=301.0, job=1)
     )
-    assert validate(books) == []
+    assert validate_books(books) == []
 
 
 def test_the_books_of_the_first_release_are_sound(tmp_path):
     with Store(unpack_state(tmp_path) / "farm.db") as store:
-        assert validate(store.load()) == []
+        assert validate_books(store.load()) == []

@@ -5,7 +5,7 @@ import pytest
 import trimesh
 
 from farm.model import JobOptions
-from farm.planning.inspection.inspect_model import inspect_model, read_inspected
+from farm.planning.inspection.inspect_submission import inspect_model, read_inspected
 
 
 def test_what_was_submitted_is_read_back_to_the_last_bit(tmp_path, files):

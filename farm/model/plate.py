@@ -1,0 +1,110 @@
+"""Parts of a job, and the plates that print them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pydantic import model_validator
+
+from farm.model.entity import Entity
+from farm.model.hold import Hold
+
+
+class PartGeometry(Entity):
+    """Size and pose of a part.
+
+    Attributes
+    ----------
+    to_model
+        4 x 4, row by row: from the part's file (printing pose) to the model's frame, mm.
+    min_mm, max_mm
+        Corners of its box in the model's frame.
+    """
+
+    to_model: tuple[float, ...]
+    min_mm: tuple[float, float, float]
+    max_mm: tuple[float, float, float]
+    volume_mm3: float
+
+
+class PartPrintOptions(Entity):
+    """Print settings that the decomposition chooses for one part, in its printing pose.
+
+    Attributes
+    ----------
+    brim_width_mm, layer_0_expansion_mm
+        None: the quality's.
+    stands
+        Whether the part stays upright while it is printed.
+    """
+
+    brim_width_mm: float | None = None
+    layer_0_expansion_mm: float | None = None
+    stands: bool = True
+
+
+DEFAULT_PRINT_OPTIONS = PartPrintOptions()
+
+
+class Part(Entity):
+    id: str  # "3/p01"
+    job: int
+    plate: str
+    file: str  # STL in printing pose; a person's own G-code as it was submitted
+    geometry: PartGeometry
+    print_options: PartPrintOptions = DEFAULT_PRINT_OPTIONS
+    cut_from: str | None = None  # the part that it is a piece of: that one failed, and was recut
+
+    @model_validator(mode="before")
+    @classmethod
+    def _nest_flat_fields(cls, fields: Any) -> Any:
+        """Read a part of farm 0.1, whose geometry and print options stood beside its name."""
+        if not isinstance(fields, dict) or "geometry" in fields:
+            return fields
+        nested: dict[str, Any] = dict(fields)
+        for name, record in (("geometry", PartGeometry), ("print_options", PartPrintOptions)):
+            nested[name] = {key: nested.pop(key) for key in record.model_fields if key in nested}
+        return nested
+
+
+class Plate(Entity):
+    id: str  # "3/01"
+    job: int
+    parts: tuple[str, ...]
+    gcode: str
+    sha256: str
+    sliced_s: float  # its layers, by CuraEngine; of own G-code by the firmware's planner
+    expected_s: float  # with heat-up, start and end code, at the printer's factor
+    grams: float
+    filament_mm: float
+    price: float | None = None  # in the fleet's currency, by the reel of the printer as planned
+    layers: int
+    min_mm: tuple[float, float, float]  # of all that it extrudes, from the bed's centre
+    max_mm: tuple[float, float, float]
+    material: str
+    nozzle_mm: float
+    kin: str | None = None  # `Profile.kin` of the printers that it was sliced for; None: any
+    printer: str  # as planned
+    time_factor: float = 1.0  # of that printer, when it was planned; it is in `expected_s`
+    cached: bool = False  # sliced before: the engine did not run
+    warnings: tuple[str, ...] = ()  # walls that are not printed, parts that may fall over, in sentences
+    prints: tuple[str, ...] = ()
+    counted_from: int = 0  # a person asked for it again: only failures of these prints count
+    replaced_by: tuple[str, ...] = ()  # the plates that are printed in its place
+    cancelled: bool = False  # by a person: never printed, unless a person wishes it
+    paused: bool = False  # by a person: it waits until it is resumed
+    hold: Hold | None = None
+
+    @property
+    def prelude_s(self) -> float:
+        """Expected time beside its layers: heat-up, start and end code."""
+        return self.expected_s - self.sliced_s * self.time_factor
+
+    @property
+    def first_layer_s(self) -> float:
+        """Expected time until its first layer lies, which is printed at half the speed of the others."""
+        return self.prelude_s + 2.0 * self.sliced_s * self.time_factor / max(1, self.layers)
+
+    def expected_on(self, time_factor: float) -> float:
+        """Return the expected time on a printer with this factor."""
+        return self.prelude_s + self.sliced_s * time_factor
