@@ -41,7 +41,7 @@ from slicing.cache import trim_cache
 log = logging.getLogger(__name__)
 
 _WATCH_S = 0.5  # wall seconds; a dead agent's printer must be cold within 5
-_SCHEDULE_S = 1.0
+_TICK_S = 1.0
 _NOTIFY_S = 2.0
 _DRY_RUNS_S = 5.0
 _FOLLOW_S = 1.0  # wall seconds: as long as a clock that is set back may delay what is due
@@ -76,7 +76,7 @@ class Daemon:
             self._notifier = Notifier(urls, name, self._state.notices, self._clock.now())
         else:
             delete_record(self._state.notices)
-        self._edge_s: float | None = None  # for which a timer is set
+        self._change_s: float | None = None  # for which a timer is set
         self._server: uvicorn.Server | None = None
         self._ending: asyncio.Task[None] | None = None
 
@@ -109,7 +109,7 @@ class Daemon:
         self._agents.start({attempt.printer for attempt in self._controller.books.open_prints()})
         timers = self._timers
         timers.every(_WATCH_S, "watch agents", self._agents.watch)
-        timers.every(_SCHEDULE_S, "schedule", self._schedule)
+        timers.every(_TICK_S, "tick", self._schedule)
         timers.every(_NOTIFY_S, "notify", self._notify)
         cancel_abandoned = app.state.dry_runs.cancel_abandoned
         timers.every(_DRY_RUNS_S, "dry runs", lambda: cancel_abandoned(time.monotonic()))
@@ -148,12 +148,12 @@ class Daemon:
             self._notifier.notify(self._controller.books, self._clock.now())
 
     def _schedule(self) -> None:
-        """Schedule what time alone changes, and set a timer for when hours or start times next change."""
-        self._controller.handle()
-        edge_s = self._controller.next_edge_s()
-        if edge_s is not None and edge_s != self._edge_s:
-            self._timers.at(edge_s, "edge of hours", self._schedule)
-        self._edge_s = edge_s
+        """Schedule where time has changed a decision, and set a timer for the next such moment."""
+        self._controller.tick()
+        change_s = self._controller.next_change_s
+        if change_s is not None and change_s != self._change_s:
+            self._timers.at(change_s, "next change", self._schedule)
+        self._change_s = change_s
 
     async def _shut_down(self, now: bool) -> None:
         """End the farm: every print first (with `now`), then the agents, then the daemon."""

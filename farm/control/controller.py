@@ -7,6 +7,7 @@ events are applied and committed, the scheduler runs once, and what follows is p
 from __future__ import annotations
 
 import logging
+import math
 import uuid
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -14,21 +15,11 @@ from dataclasses import replace
 from itertools import chain
 
 from drivers.clock import Clock
-from farm.config import Fleet
+from farm.config import Fleet, PrinterSection
 from farm.control.effects import Effect, Effects
 from farm.control.telemetry import Telemetry, owed_instructions, read_snapshot
 from farm.errors import FarmError
-from farm.model import (
-    AgentPrint,
-    AgentSnapshot,
-    Bed,
-    Hold,
-    Job,
-    JobState,
-    PlanProgress,
-    Print,
-    PrintState,
-)
+from farm.model import AgentPrint, AgentSnapshot, Bed, Hold, Job, JobState, PlanProgress, Print, PrintState
 from farm.paths import StateFolder
 from farm.planning import Plan, TooFewPrinters, build_planned_event
 from farm.planning.replanning import ReplanCoordinator, ReplannedPlate
@@ -42,10 +33,11 @@ from farm.scheduling import (
     Situation,
     StartRules,
     assign_plates,
-    describe_plates,
+    build_situation,
     describe_printers,
     find_plate_holds,
     find_print_limits,
+    loss_window_end_s,
     taken_printers,
 )
 from farm.state import events as ev
@@ -102,6 +94,7 @@ class Controller:
         self._forecast_cache = ForecastCache(self.rules, clock.scale)
         self._refusals: Counter[str] = Counter()
         self._backup_failure: str | None = None
+        self._next_change_s = -math.inf  # before the first decision, and where one could not be finished
         self._plate_holds: dict[str, Hold] = {}
         self._job_holds: dict[int, Hold] = {}
 
@@ -145,11 +138,24 @@ class Controller:
             Where the books cannot be written. What was committed before that is performed.
         """
         effects: list[Effect] = []
+        self._next_change_s = -math.inf
         try:
             for effect in chain(self._commit(events), self._schedule()):
                 effects.append(effect)  # noqa: PERF402  (an error keeps those before it)
         finally:
             self._perform(effects)
+
+    def tick(self) -> None:
+        """Schedule where time has changed a decision; else send what agents have not confirmed yet."""
+        if self.clock.now() >= self._next_change_s:
+            self.handle()
+        else:
+            self._perform(self._owed_instructions(*self.books.open_prints()))
+
+    @property
+    def next_change_s(self) -> float | None:
+        """Farm time at which `tick` schedules next; None where only an event changes anything."""
+        return self._next_change_s if math.isfinite(self._next_change_s) else None
 
     def _commit(self, events: Iterable[ev.AnyEvent]) -> Iterator[Effect]:
         """Take events into the books, each with a commit of its own; yield the instructions that follow."""
@@ -185,8 +191,7 @@ class Controller:
 
     def _schedule(self) -> Iterator[Effect]:
         """Give plates to printers, and begin the jobs in front, as far as both can be done now."""
-        for attempt in list(self.books.open_prints()):
-            yield from self._owed(attempt)
+        yield from self._owed_instructions(*self.books.open_prints())
         if self.stopping:
             return
         now_s = self.clock.now()
@@ -206,6 +211,19 @@ class Controller:
             kept = situation.spare_printers()
             yield from self._replanning.reslice_waiting(self.books, after, holds, kept)
         yield from self._admit_jobs(after, holds)
+        self._next_change_s = self._find_next_change_s(after, holds, held_back)
+
+    def _find_next_change_s(
+        self, situation: Situation, holds: Mapping[str, Hold], held_back: Mapping[str, Hold]
+    ) -> float:
+        """Return the next moment at which time alone changes a decision."""
+        now_s = situation.now_s
+        jobs = (job.not_before_s for job in self.books.jobs.values() if not job.state.ended)
+        moments = [situation.next_change_s(), loss_window_end_s(self.books, held_back)]
+        moments += [at_s for at_s in (*jobs, self._startup_end_s) if at_s is not None and at_s > now_s]
+        if holds:
+            moments.append(self._replanning.next_search_s)
+        return min(moments)
 
     def _hold_plates(self, holds: Mapping[str, Hold]) -> Iterator[Effect]:
         """Keep the sentences in memory, and book reasons that have changed."""
@@ -229,31 +247,17 @@ class Controller:
 
     def _situation(self, held_back: Mapping[str, Hold]) -> Situation:
         """Describe this moment to the scheduler, with all waiting plates but those held back."""
-        waiting = (plate for plate in self.books.waiting_plates() if plate.id not in held_back)
-        return Situation(
-            waiting=tuple(describe_plates(waiting, self.books)),
-            printers=tuple(self.fleet_printers()),
-            rules=self.rules,
-            now_s=self.clock.now(),
-            time_scale=self.clock.scale,
-            spares=self._spares(),
-        )
+        printers, clock = self.fleet_printers(), self.clock
+        return build_situation(self.books, held_back, printers, self.rules, clock.now(), clock.scale)
 
-    def _spares(self) -> int:
-        """Return how many printers are kept for what fails while nobody is there, by the printing jobs."""
-        if self.rules.is_attended(self.clock.now()):
-            return 0
-        jobs = self.books.jobs.values()
-        return max((job.options.spares for job in jobs if job.state is JobState.PRINTING), default=0)
-
-    def _owed(self, attempt: Print) -> Iterator[ev.AnyInstruction]:
-        """Return what an open print's agent has to be told (again): it was away, or hours changed."""
-        snapshot = self.telemetry.snapshots.get(attempt.printer)
-        if snapshot is None:
-            return iter(())
-        printer = self.fleet_printer(attempt.printer)
-        moment = self._moment([printer] if printer is not None else [])
-        return owed_instructions(attempt, snapshot, self.books, moment)
+    def _owed_instructions(self, *attempts: Print) -> Iterator[ev.AnyInstruction]:
+        """Yield the instructions on open prints that their agents have not confirmed yet."""
+        names = {attempt.printer for attempt in attempts}
+        moment = self._moment(self._describe(s for s in self.fleet.printers if s.name in names))
+        for attempt in attempts:
+            snapshot = self.telemetry.snapshots.get(attempt.printer)
+            if snapshot is not None:
+                yield from owed_instructions(attempt, snapshot, self.books, moment)
 
     # -- agents -----------------------------------------------------------------------------------------
 
@@ -271,7 +275,7 @@ class Controller:
             if reading.events or changed:
                 self.handle(*reading.events)
             elif (attempt := self.books.open_print_on(name)) is not None:
-                self._perform(self._owed(attempt))
+                self._perform(self._owed_instructions(attempt))
             self._perform(reading.instructions)
         except StoreError as error:
             self.telemetry.reject(snapshot, before, str(error))
@@ -350,13 +354,14 @@ class Controller:
 
     def fleet_printers(self) -> list[FleetPrinter]:
         """Return the enabled printers as the scheduler sees them."""
-        return describe_printers(self.fleet.printers, self.books, self.telemetry.snapshots, self._rooms)
+        return self._describe(self.fleet.printers)
 
     def fleet_printer(self, name: str) -> FleetPrinter | None:
         """Return a printer as the scheduler sees it; None where it is not used."""
-        sections = [section for section in self.fleet.printers if section.name == name]
-        printers = describe_printers(sections, self.books, self.telemetry.snapshots, self._rooms)
-        return printers[0] if printers else None
+        return next(iter(self._describe(s for s in self.fleet.printers if s.name == name)), None)
+
+    def _describe(self, printers: Iterable[PrinterSection]) -> list[FleetPrinter]:
+        return describe_printers(printers, self.books, self.telemetry.snapshots, self._rooms)
 
     def print_limits(self, print_id: str) -> PrintLimits:
         """Return when hours let a print begin and go on."""
@@ -366,16 +371,13 @@ class Controller:
         """Describe this moment for some printers, with no plate that waits."""
         return Situation((), tuple(printers), self.rules, self.clock.now())
 
-    def next_edge_s(self) -> float | None:
-        """Return when hours or start times next change what may start; None where they never do."""
-        now_s = self.clock.now()
-        starts = (j.not_before_s for j in self.books.jobs.values() if not j.state.ended and j.not_before_s)
-        edges = [self.rules.attended.edge_s(now_s), self.rules.quiet.edge_s(now_s), *starts]
-        return min((edge for edge in edges if edge is not None and edge > now_s), default=None)
+    @property
+    def _startup_end_s(self) -> float:
+        return self.started_s + PATIENCE_S * self.clock.scale
 
     def is_starting(self) -> bool:
         """Tell whether the farm has just started: printers that do not answer yet are still expected."""
-        return self.clock.now() - self.started_s < PATIENCE_S * self.clock.scale
+        return self.clock.now() < self._startup_end_s
 
     def build_view_context(self, state: StateFolder) -> ViewContext:
         """Return all that a view is drawn from."""

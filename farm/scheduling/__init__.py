@@ -6,13 +6,14 @@ Every decision is a function of one `Situation`.
 from farm.scheduling.admission import HoldJob, JobAdmission, StartPlanning, taken_printers
 from farm.scheduling.assignment import assign_plates
 from farm.scheduling.forecast import ForecastCache, Slot, as_idle, forecast_prints, seconds_on
-from farm.scheduling.holds import find_plate_holds, join_names
+from farm.scheduling.holds import find_plate_holds, join_names, loss_window_end_s
 from farm.scheduling.hours import Hours, parse_moment_s
 from farm.scheduling.matching import Capabilities, FleetPrinter, Requirements, WaitingPlate
 from farm.scheduling.situation import Situation
 from farm.scheduling.situation_builder import (
     BuildVolumes,
     PrintLimits,
+    build_situation,
     describe_plates,
     describe_printers,
     find_print_limits,
@@ -37,12 +38,14 @@ __all__ = [
     "WaitingPlate",
     "as_idle",
     "assign_plates",
+    "build_situation",
     "describe_plates",
     "describe_printers",
     "find_plate_holds",
     "find_print_limits",
     "forecast_prints",
     "join_names",
+    "loss_window_end_s",
     "may_start_now",
     "parse_moment_s",
     "seconds_on",

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import math
+from collections.abc import Iterable, Mapping
 
 from farm.config import PrinterSection
 from farm.model import Hold, HoldCode, Job, JobState, Plate
@@ -39,6 +40,13 @@ def find_plate_holds(books: Books, printers: Iterable[PrinterSection], now_s: fl
             if hold is not None:
                 held[plate.id] = hold
     return held
+
+
+def loss_window_end_s(books: Books, holds: Mapping[str, Hold]) -> float:
+    """Return when the first hold for a printer that was just lost ends; infinity where there is none."""
+    lost = (books.plates[name].prints[-1] for name, hold in holds.items() if hold.code is HoldCode.JUST_LOST)
+    ends_s = ((books.prints[name].ended_s or 0.0) + books.outage_window_s for name in lost)
+    return math.nextafter(min(ends_s, default=math.inf), math.inf)
 
 
 def _has_not_reported(books: Books, printer: str) -> bool:

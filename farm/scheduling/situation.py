@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -85,6 +86,16 @@ class Situation:
     def can_start(self, plate: WaitingPlate, printer: FleetPrinter) -> bool:
         """Tell whether hours and start times let a plate start on a printer now."""
         return self.rules.find_start(plate, printer, self.now_s).at_s == self.now_s
+
+    def next_change_s(self) -> float:
+        """Return the next moment at which time alone changes a decision or its reason; infinity for never.
+
+        Until then, scheduling the same plates and printers gives the same answer: hours and start times
+        change at the moments of `StartRules.next_change_s`, and reasons name the end of a print while it is
+        still to come.
+        """
+        ends_s = (p.free_s for p in self.printers if p.free_s is not None and p.free_s > self.now_s)
+        return min(self.rules.next_change_s(self.waiting, self.printers, self.now_s), *ends_s, math.inf)
 
     def with_waiting(self, waiting: tuple[WaitingPlate, ...]) -> Situation:
         """Return the same moment with other plates that wait."""

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 from drivers.printers import PROFILES
 from farm.config import PrinterSection
-from farm.model import AgentSnapshot, Job, Link, Plate, Print, PrintState
+from farm.model import AgentSnapshot, Job, JobState, Link, Plate, Print, PrintState
 from farm.scheduling.matching import Box, Capabilities, FleetPrinter, Requirements, WaitingPlate
 from farm.scheduling.situation import Situation
+from farm.scheduling.start_rules import StartRules
 from farm.state import Books
 
 BuildVolumes = Callable[[PrinterSection], tuple[Box, ...]]
@@ -99,6 +100,44 @@ def describe_plates(plates: Iterable[Plate], books: Books) -> Iterator[WaitingPl
             places=None if wanted is None else max(0, wanted - printing.get(job.id, 0)),
             not_before_s=job.not_before_s,
         )
+
+
+def build_situation(
+    books: Books,
+    held_back: Container[str],
+    printers: Iterable[FleetPrinter],
+    rules: StartRules,
+    now_s: float,
+    time_scale: float,
+) -> Situation:
+    """Build the situation at one moment.
+
+    Parameters
+    ----------
+    books
+        As committed.
+    held_back
+        Ids of waiting plates that are offered to no printer.
+    printers
+        The fleet, as `describe_printers` describes it.
+    rules
+        Hours and the heating limit.
+    now_s
+        Farm time, seconds since the epoch.
+    time_scale
+        Farm seconds in a wall second.
+    """
+    waiting = (plate for plate in books.waiting_plates() if plate.id not in held_back)
+    printing = (job for job in books.jobs.values() if job.state is JobState.PRINTING)
+    attended = rules.is_attended(now_s)  # a person can clear a bed then: no printer is kept free
+    return Situation(
+        waiting=tuple(describe_plates(waiting, books)),
+        printers=tuple(printers),
+        rules=rules,
+        now_s=now_s,
+        time_scale=time_scale,
+        spares=0 if attended else max((job.options.spares for job in printing), default=0),
+    )
 
 
 def may_start_now(attempt: Print, books: Books, situation: Situation) -> bool:

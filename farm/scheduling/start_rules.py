@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
 from datetime import datetime, tzinfo
 from zoneinfo import ZoneInfo
@@ -22,6 +23,7 @@ FIRST_LAYER_S = 3600.0
 ENDED_BEFORE_S = 900.0
 """Before the end of the attended hours, for a print that is ended: to cool, and to be seen to."""
 _FARTHEST_S = 15 * 86400.0
+_JUST_AFTER_S = 0.001  # a plate may still start at its last moment
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,13 +130,34 @@ class StartRules:
 
     def latest_start_s(self, plate: WaitingPlate, printer: FleetPrinter, at_s: float) -> float:
         """Return until when a plate that may start at `at_s` still may; infinity where hours set no end."""
-        quiet = self.quiet.following(at_s)
-        latest_s = math.inf if quiet is None else quiet[0] - plate.expected_s * LATE
-        needed_s = self._needed_attendance_s(plate, printer)
-        span = None if needed_s is None else self.attended.span(at_s)
-        if needed_s is not None and span is not None:
-            latest_s = min(latest_s, span[1] - needed_s)
-        return latest_s
+        return min(self._latest_starts_s([plate], [printer], at_s))
+
+    def _latest_starts_s(
+        self, plates: Iterable[WaitingPlate], printers: Collection[FleetPrinter], at_s: float
+    ) -> Iterator[float]:
+        """Yield the last moment in the hours around `at_s` for each plate on each printer."""
+        quiet, attended = self.quiet.following(at_s), self.attended.span(at_s)
+        for plate in plates:
+            before_quiet_s = math.inf if quiet is None else quiet[0] - plate.expected_s * LATE
+            for printer in printers:
+                needed_s = self._needed_attendance_s(plate, printer)
+                if needed_s is None or attended is None:
+                    yield before_quiet_s
+                else:
+                    yield min(before_quiet_s, attended[1] - needed_s)
+
+    def next_change_s(
+        self, plates: Collection[WaitingPlate], printers: Iterable[FleetPrinter], now_s: float
+    ) -> float:
+        """Return the next moment at which hours or start times change what may start; infinity for never.
+
+        Hours begin or end, a job may start, or it becomes too late for a plate to start.
+        """
+        kinds = {printer.unattended: printer for printer in printers}  # all that hours ask of a printer
+        moments = [self.attended.edge_s(now_s), self.quiet.edge_s(now_s)]
+        moments += [plate.not_before_s for plate in plates]
+        moments += [at_s + _JUST_AFTER_S for at_s in self._latest_starts_s(plates, kinds.values(), now_s)]
+        return min((at_s for at_s in moments if at_s is not None and at_s > now_s), default=math.inf)
 
     def ends_by_s(self, printer: FleetPrinter, at_s: float) -> float | None:
         """Return when a print that goes on at `at_s` has to end; None where it may go on unattended."""

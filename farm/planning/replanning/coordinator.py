@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
@@ -16,7 +17,7 @@ from farm.state import events as ev
 
 log = logging.getLogger(__name__)
 
-_LOOK_S = 10.0  # wall seconds between two searches for plates to reslice
+_SEARCH_S = 10.0  # wall seconds between two searches for plates to reslice
 _TriedKey = tuple[str, int, str | None, float]
 
 
@@ -39,7 +40,9 @@ class ReplanCoordinator:
         self._running: dict[str, StartReplan] = {}
         self._examined: set[tuple[str, int]] = set()  # failed plates with their number of prints
         self._tried: set[_TriedKey] = set()  # plates with the kinds of printer that were of no use
-        self._searched_s = float("-inf")
+        self._search_due_s = -math.inf
+        self.next_search_s = math.inf
+        """Moment at which a search may find what the last one did not; infinity where none is needed."""
 
     @property
     def reserved_printers(self) -> frozenset[str]:
@@ -47,8 +50,8 @@ class ReplanCoordinator:
         return frozenset(name for replan in self._running.values() for name in replan.printers)
 
     def clock_set(self) -> None:
-        """Forget when the last search was: the host's clock was set."""
-        self._searched_s = float("-inf")
+        """Allow the next search at once: the host's clock was set."""
+        self._search_due_s = -math.inf
 
     def holds(self) -> dict[str, Hold]:
         """Return a hold for each plate whose part is being cut: meanwhile it goes to no printer."""
@@ -87,9 +90,11 @@ class ReplanCoordinator:
         kept
             Free printers that are kept for plates that failed.
         """
-        if situation.now_s - self._searched_s < _LOOK_S * situation.time_scale:
+        if situation.now_s < self._search_due_s:
+            self.next_search_s = self._search_due_s
             return
-        self._searched_s = situation.now_s
+        self._search_due_s = situation.now_s + _SEARCH_S * situation.time_scale
+        self.next_search_s = math.inf
         reserved = self.reserved_printers
         free = [printer for printer in situation.free if printer.name not in reserved]
         for view in situation.by_priority:
@@ -99,6 +104,8 @@ class ReplanCoordinator:
             if view.id not in holds or not policy.waits_for_its_printer_kind(holds[view.id].code):
                 continue
             candidates = [p for p in free if self._is_candidate(plate, view, p, situation, kept)]
+            if candidates:
+                self.next_search_s = self._search_due_s
             reslice = policy.choose_reslice(view, situation, candidates)
             if reslice is not None:
                 yield self._start(plate, (reslice.printer,), cut=False)
