@@ -18,7 +18,7 @@ import httpx
 from drivers.clock import Clock
 from farm.compute import Workers
 from farm.config import Fleet
-from farm.control import Controller
+from farm.control import Controller, DryRuns
 from farm.http import Services, make_app
 from farm.model import (
     AgentPrint,
@@ -124,7 +124,9 @@ async def measure(printers: int, jobs: int, times: int, folder: Path) -> dict[st
         pass
 
     workers = Workers(folder / "workers", 1, None)
-    app = make_app(Services(controller, StateFolder(folder), folder / "fleet.yaml", workers, down))
+    app = make_app(
+        Services(controller, StateFolder(folder), folder / "fleet.yaml", workers, down), DryRuns(controller)
+    )
     took_s, cpu_s = [], []
     async with httpx.AsyncClient(transport=httpx.ASGITransport(app), base_url="http://farm") as client:
         for _ in range(times + 1):

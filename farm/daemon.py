@@ -19,7 +19,7 @@ from drivers.clock import Clock
 from farm.agents import AgentManager
 from farm.compute import Workers
 from farm.config import Fleet
-from farm.control import Controller, FarmEffects, Notifier, Timers, abort_prints, delete_record
+from farm.control import Controller, DryRuns, FarmEffects, Notifier, Timers, abort_prints, delete_record
 from farm.errors import FarmError, Refused
 from farm.http import (
     BoundedServer,
@@ -93,7 +93,8 @@ class Daemon:
             self._shut_down,
             self._agents.replace,
         )
-        app = make_app(services)
+        dry_runs = DryRuns(self._controller)
+        app = make_app(services, dry_runs)
         config = uvicorn.Config(
             app,
             http=PeerProtocol,
@@ -111,8 +112,7 @@ class Daemon:
         timers.every(_WATCH_S, "watch agents", self._agents.watch)
         timers.every(_TICK_S, "tick", self._schedule)
         timers.every(_NOTIFY_S, "notify", self._notify)
-        cancel_abandoned = app.state.dry_runs.cancel_abandoned
-        timers.every(_DRY_RUNS_S, "dry runs", lambda: cancel_abandoned(time.monotonic()))
+        timers.every(_DRY_RUNS_S, "dry runs", lambda: dry_runs.cancel_abandoned(time.monotonic()))
         timers.start()
         following = asyncio.get_running_loop().create_task(self._follow_clock())
         await Nightly(

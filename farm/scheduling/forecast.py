@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from farm.model import Bed, FilamentState, HoldCode, Link
@@ -64,43 +64,81 @@ def forecast_prints(situation: Situation, bounded: bool = True) -> Forecast:
     bounded
         Compute a lower bound better than now.
     """
-    turns, rules, now_s = situation.by_priority, situation.rules, situation.now_s
-    fleet = list(situation.fleet.values())
+    plates, fleet = situation.by_priority, list(situation.fleet.values())
     coming = [p for p in fleet if ((hold := p.obstacle()) and hold.code) in _COMING] or fleet
-    ready_s = {p.name: _ready_s(p, rules, now_s) for p in coming}
-    grams = {p.name: p.grams for p in coming}
-    classes: dict[Capabilities, list[FleetPrinter]] = {}
-    for printer in coming:
-        classes.setdefault(printer.capabilities, []).append(printer)
-    can = {plate.id: _fitting(plate, classes, grams) for plate in turns}
-    bound_s = _lower_bound_s(turns, can, dict(ready_s), rules, now_s) if bounded else now_s
-    heating: list[tuple[float, float]] = []
-    slots: list[Slot] = []
-    left: list[str] = []
-    for plate in turns:
+    schedule = _ListSchedule(coming, situation.rules, situation.now_s)
+    candidates = schedule.candidates(plates)
+    bound_s = situation.now_s
+    if bounded:
+        bound_s = _lower_bound_s(plates, candidates, dict(schedule.ready_s), situation.rules, bound_s)
+    slots, left = [], []
+    for plate in plates:
+        slot = schedule.find_slot(plate, candidates[plate.id])
+        if slot is None:
+            left.append(plate.id)
+        else:
+            schedule.add(plate, slot)
+            slots.append(slot)
+    slots.sort(key=lambda slot: (slot.starts_s, slot.printer))
+    ends_s = max((slot.ends_s for slot in slots), default=situation.now_s)
+    return Forecast(tuple(slots), tuple(left), ends_s, min(bound_s, ends_s))
+
+
+class _ListSchedule:
+    """Printers with the prints that a forecast has given them so far.
+
+    Attributes
+    ----------
+    ready_s
+        When each printer is idle and its bed clear, in seconds since the epoch, by name.
+    """
+
+    def __init__(self, printers: Sequence[FleetPrinter], rules: StartRules, now_s: float) -> None:
+        self.ready_s = {p.name: _ready_s(p, rules, now_s) for p in printers}
+        self._printers, self._rules = printers, rules
+        self._grams = {p.name: p.grams for p in printers}
+        self._heating: list[tuple[float, float]] = []
+
+    def candidates(self, plates: Iterable[WaitingPlate]) -> dict[str, list[FleetPrinter]]:
+        """Return the printers that match each plate and have enough on their reels, by the plate's id."""
+        classes: dict[Capabilities, list[FleetPrinter]] = {}
+        for printer in self._printers:
+            classes.setdefault(printer.capabilities, []).append(printer)
+        return {
+            plate.id: [
+                printer
+                for capabilities, printers in classes.items()
+                if plate.requirements.matches(capabilities)
+                for printer in printers
+                if self._has_filament(plate, printer)
+            ]
+            for plate in plates
+        }
+
+    def find_slot(self, plate: WaitingPlate, candidates: Iterable[FleetPrinter]) -> Slot | None:
+        """Return the slot in which a plate ends soonest, rather on its planned printer; None for none."""
         best = (math.inf, True, "", 0.0)
-        earliest = sorted((ready_s[p.name] + seconds_on(plate, p), p.name, p) for p in can[plate.id])
-        for least_s, _, printer in earliest:
+        earliest = sorted((self.ready_s[p.name] + seconds_on(plate, p), p.name, p) for p in candidates)
+        for least_s, name, printer in earliest:
             if least_s > best[0]:
                 break  # nor would any after it end sooner
-            if short_of_filament(plate, printer, grams[printer.name]) is not None:
+            if not self._has_filament(plate, printer):
                 continue
-            start_s = _start_s(plate, printer, ready_s[printer.name], rules, heating)
+            start_s = _start_s(plate, printer, self.ready_s[name], self._rules, self._heating)
             if start_s is not None:
-                end_s = start_s + seconds_on(plate, printer)
-                best = min(best, (end_s, printer.name != plate.planned, printer.name, start_s))
+                best = min(best, (start_s + seconds_on(plate, printer), name != plate.planned, name, start_s))
         end_s, _, name, start_s = best
-        if not name:
-            left.append(plate.id)
-            continue
-        slots.append(Slot(plate.id, name, start_s, end_s))
-        heating.append((start_s, start_s + plate.heating_s))
-        ready_s[name] = rules.bed_clear_s(end_s, CLEARING_S)
-        on_reel = grams[name]
-        grams[name] = None if on_reel is None else on_reel - plate.grams
-    slots.sort(key=lambda slot: (slot.starts_s, slot.printer))
-    ends_s = max((slot.ends_s for slot in slots), default=now_s)
-    return Forecast(tuple(slots), tuple(left), ends_s, min(bound_s, ends_s))
+        return Slot(plate.id, name, start_s, end_s) if name else None
+
+    def add(self, plate: WaitingPlate, slot: Slot) -> None:
+        """Take a slot into the schedule: its printer is busy, and its reel has less."""
+        self._heating.append((slot.starts_s, slot.starts_s + plate.heating_s))
+        self.ready_s[slot.printer] = self._rules.bed_clear_s(slot.ends_s, CLEARING_S)
+        grams = self._grams[slot.printer]
+        self._grams[slot.printer] = None if grams is None else grams - plate.grams
+
+    def _has_filament(self, plate: WaitingPlate, printer: FleetPrinter) -> bool:
+        return short_of_filament(plate, printer, self._grams[printer.name]) is None
 
 
 def as_idle(printer: FleetPrinter) -> FleetPrinter:
@@ -128,18 +166,6 @@ def _ready_s(printer: FleetPrinter, rules: StartRules, now_s: float) -> float:
     if printer.obstacle() is None:
         return now_s
     return rules.bed_clear_s(max(now_s, printer.free_s or now_s), CLEARING_S)
-
-
-def _fitting(
-    plate: WaitingPlate,
-    classes: Mapping[Capabilities, Sequence[FleetPrinter]],
-    grams: Mapping[str, float | None],
-) -> list[FleetPrinter]:
-    """Return the printers that hold a plate and have enough on their reels."""
-    fitting = (
-        printer for each, own in classes.items() if plate.requirements.matches(each) for printer in own
-    )
-    return [printer for printer in fitting if short_of_filament(plate, printer, grams[printer.name]) is None]
 
 
 def _start_s(

@@ -96,21 +96,12 @@ def slice_to_file(
         settings = resolve_settings(request, resources)
         on_step(f"reading {path.name}")
         model = load_model(path, scale=options.scale, longest_side_mm=options.longest_side_mm)
-    x, y, z = map(float, model.extents_mm)
-    size = (x * settings.scale_xy, y * settings.scale_xy, z * settings.scale_z)  # as printed
     room = part_room(profile, settings.brim_width_mm)
-    if place(size, room) is None:
-        raise FarmError(
-            f"{path.name} ({_format_size(size)} mm as printed) does not fit the {profile.title}: "
-            + _suggest_size(size, room, max(x, y, z), model.scale),
-            ErrorCode.NO_FIT,
-        )
+    _check_size(path.name, model, settings, room, profile)
     with tempfile.TemporaryDirectory(prefix="farm-slice-") as folder:
-        stl = Path(folder) / "model.stl"
-        model.mesh.export(stl)
         task = SliceTask(
             part=path.name,
-            stl=stl,
+            stl=Path(folder) / "model.stl",
             request=request,
             resources=resources,
             settings=settings,
@@ -119,13 +110,39 @@ def slice_to_file(
             out=Path(folder) / "model.gcode",
             cache=cache,
         )
-        on_step(f"slicing {path.name}")
-        result = slice_part(task, lambda share: on_step(f"slicing {path.name}, {share:.0%}"))
-        with translate_errors():
-            settings = settings_of(task, size[2])
-        _put(result.gcode, out)
+        report = _slice_model(model, task, profile, on_step)
+        _put(task.out, out)
     if cache is not None:
         trim_cache(cache)
+    return report
+
+
+def _check_size(
+    name: str, model: Model, settings: EngineSettings, room: tuple[RoomBox, ...], profile: Profile
+) -> None:
+    """Raise FarmError where a model, as large as it is printed, has no place on the bed."""
+    size = _printed_size_mm(model, settings)
+    if place(size, room) is None:
+        raise FarmError(
+            f"{name} ({_format_size(size)} mm as printed) does not fit the {profile.title}: "
+            + _suggest_size(size, room, float(max(model.extents_mm)), model.scale),
+            ErrorCode.NO_FIT,
+        )
+
+
+def _printed_size_mm(model: Model, settings: EngineSettings) -> tuple[float, float, float]:
+    """Return the size (x, y, z) of a model as it is printed: larger, as the material shrinks."""
+    x, y, z = map(float, model.extents_mm)
+    return x * settings.scale_xy, y * settings.scale_xy, z * settings.scale_z
+
+
+def _slice_model(model: Model, task: SliceTask, profile: Profile, on_step: OnStep) -> dict[str, Any]:
+    """Slice a model into the file of its task. Returns the report."""
+    model.mesh.export(task.stl)
+    on_step(f"slicing {task.part}")
+    result = slice_part(task, lambda share: on_step(f"slicing {task.part}, {share:.0%}"))
+    with translate_errors():
+        settings = settings_of(task, _printed_size_mm(model, task.settings)[2])
     return _build_report(model, result, settings, profile)
 
 

@@ -235,7 +235,12 @@ def test_temperatures_and_progress_run_no_scheduler(farm, plan, monkeypatch):
     farm.controller.on_plan(1, plan)
     attempt = farm.controller.books.open_print_on("a")
     runs = []
-    monkeypatch.setattr(module, "assign", lambda situation: (runs.append(1), assign_plates(situation))[1])
+
+    def counted(situation):
+        runs.append(1)
+        return assign_plates(situation)
+
+    monkeypatch.setattr(module, "assign_plates", counted)
 
     def report(step, link=Link.BUSY, state=PrintState.PRINTING):
         said = AgentPrint(

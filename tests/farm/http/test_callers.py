@@ -14,6 +14,7 @@ import uvicorn
 
 from drivers.clock import Clock
 from farm.config import Fleet
+from farm.control import DryRuns
 from farm.control.controller import Controller
 from farm.errors import FleetFileError, Refused
 from farm.http import PeerProtocol, Services, check_operators, listen, make_app
@@ -52,7 +53,9 @@ def make(folder, **fleet):
     async def down(now):
         pass
 
-    return make_app(Services(controller, state, folder / "fleet.yaml", SameProcess(), down))
+    return make_app(
+        Services(controller, state, folder / "fleet.yaml", SameProcess(), down), DryRuns(controller)
+    )
 
 
 def ask(app, person, method, path, **more):

@@ -11,7 +11,7 @@ ANY = Requirements(None, None, None)
 
 def begin(requirements, printers, least, fleet, taken, starting, needs_approval=False, blocked=frozenset()):
     request = JobRequest(requirements, printers, least, needs_approval=needs_approval)
-    return admission.begin(request, Availability(tuple(fleet), taken, starting, blocked))
+    return admission.choose_printers(request, Availability(tuple(fleet), taken, starting, blocked))
 
 
 def test_the_front_job_takes_all_that_are_idle_and_clear():
