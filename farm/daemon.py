@@ -35,7 +35,7 @@ from farm.paths import Places, StateFolder, read_anchor, write_anchor
 from farm.planning import JobPlanner, bed_boxes
 from farm.planning.replanning import ReplanWorker
 from farm.planning.tasks import warm
-from farm.state.storage import Nightly, open_books
+from farm.state.storage import NightlyBackup, open_books
 from slicing.cache import trim_cache
 
 log = logging.getLogger(__name__)
@@ -115,7 +115,7 @@ class Daemon:
         timers.every(_DRY_RUNS_S, "dry runs", lambda: dry_runs.cancel_abandoned(time.monotonic()))
         timers.start()
         following = asyncio.get_running_loop().create_task(self._follow_clock())
-        await Nightly(
+        await NightlyBackup(
             self._state, self._clock, self._fleet.zone, timers.at, self._controller.on_backup
         ).begin()
         try:

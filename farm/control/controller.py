@@ -1,7 +1,7 @@
 """Controller of the farm: the only entry to its state.
 
-Everything here runs on one thread and never waits. Whatever happens goes through `Controller.handle`: the
-events are applied and committed, the scheduler runs once, and what follows is performed after that.
+Everything here runs on one thread and never blocks. Every change goes through `Controller.handle`: its events
+are applied and committed, the scheduler runs once, and the effects are performed after that.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ log = logging.getLogger(__name__)
 PATIENCE_S = 30.0
 """Wall seconds in which printers are expected to connect after the farm has started."""
 REFUSALS = 5
-"""How often an agent may refuse to start a print; a port that is just opening refuses too."""
+"""Refusals of an agent after which a print has failed; a port that is just opening refuses too."""
 
 
 class Controller:
@@ -72,11 +72,11 @@ class Controller:
         The books.
     clock
         The farm's clock.
-    rooms
-        Gives the boxes that a printer of a section can print in.
+    build_volumes
+        Function that returns the boxes in which a printer can print.
     """
 
-    def __init__(self, fleet: Fleet, store: Store, clock: Clock, rooms: BuildVolumes) -> None:
+    def __init__(self, fleet: Fleet, store: Store, clock: Clock, build_volumes: BuildVolumes) -> None:
         self.clock = clock
         self.started_s = clock.now()
         self.telemetry = Telemetry()
@@ -85,30 +85,30 @@ class Controller:
         self.rules = StartRules.of(fleet.fleet)
         self.books = replace(store.load(), outage_window_s=outage_window_s(clock.scale))
         self.fleet = fleet_with_reels(fleet, self.books.printers)
-        self._written = fleet
+        self._configured_fleet = fleet
         self._store = store
-        self._rooms = rooms
+        self._build_volumes = build_volumes
         self._effects: Effects | None = None
         self._admission = JobAdmission()
         self._replanning = ReplanCoordinator()
         self._forecast_cache = ForecastCache(self.rules, clock.scale)
         self._refusals: Counter[str] = Counter()
         self._backup_failure: str | None = None
-        self._next_change_s = -math.inf  # before the first decision, and where one could not be finished
+        self._next_change_s = -math.inf  # -inf: schedule at the next tick
         self._plate_holds: dict[str, Hold] = {}
         self._job_holds: dict[int, Hold] = {}
 
     def start(self, effects: Effects, restored_s: float | None = None) -> None:
-        """Bring the books in line with the fleet, and give up plans that died with a daemon.
+        """Add printers that are new in the fleet, and abandon plans that an earlier daemon left.
 
-        Nothing is scheduled: no agent has been heard.
+        Nothing is scheduled, as no agent has reported yet.
 
         Parameters
         ----------
         effects
-            Performs what is decided from now on.
+            Performs the effects of decisions from now on.
         restored_s
-            When the books were copied, where they are a copy because they were damaged.
+            Time of the backup, where the database was damaged and restored from one.
         """
         self._effects = effects
         now_s = self.clock.now()
@@ -123,19 +123,17 @@ class Controller:
         events += [ev.PlanningAbandoned(at_s=now_s, job=number, hold=None) for number in planning]
         self._perform(self._commit(events))
         for problem in validate_books(self.books) if restored_s is not None else ():
-            log.error("the books that were restored do not agree with themselves: %s", problem)
+            log.error("the restored database is inconsistent: %s", problem)
 
     # -- the one entry ----------------------------------------------------------------------------------
 
     def handle(self, *events: ev.AnyEvent) -> None:
-        """Apply events, commit each, schedule once, and have what follows performed.
-
-        Without events, what time alone changes is scheduled: hours, start times, the end of a wait.
+        """Apply events, commit each, schedule once, and perform the effects.
 
         Raises
         ------
         StoreError
-            Where the books cannot be written. What was committed before that is performed.
+            Where the books cannot be written. The effects of earlier commits are performed.
         """
         effects: list[Effect] = []
         self._next_change_s = -math.inf
@@ -146,7 +144,7 @@ class Controller:
             self._perform(effects)
 
     def tick(self) -> None:
-        """Schedule where time has changed a decision; else send what agents have not confirmed yet."""
+        """Schedule where time has changed a decision; else repeat unconfirmed instructions to agents."""
         if self.clock.now() >= self._next_change_s:
             self.handle()
         else:
@@ -158,16 +156,16 @@ class Controller:
         return self._next_change_s if math.isfinite(self._next_change_s) else None
 
     def _commit(self, events: Iterable[ev.AnyEvent]) -> Iterator[Effect]:
-        """Take events into the books, each with a commit of its own; yield the instructions that follow."""
+        """Apply events to the books, with a commit each, and yield the instructions that follow."""
         for event in events:
             try:
                 after, instructions = apply(event, self.books)
             except InvalidTransition as error:
-                raise self._store.tell_story(error) from None
+                raise self._store.add_history(error) from None
             self._store.commit(event, self.books, after)
             self.books = after
             if isinstance(event, ev.ReelLoaded):
-                self.fleet = fleet_with_reels(self._written, after.printers)
+                self.fleet = fleet_with_reels(self._configured_fleet, after.printers)
             log.info(
                 "%s %s", type(event).__name__, event.model_dump_json(exclude={"at_s"}, exclude_none=True)
             )
@@ -190,7 +188,7 @@ class Controller:
     # -- scheduling -------------------------------------------------------------------------------------
 
     def _schedule(self) -> Iterator[Effect]:
-        """Give plates to printers, and begin the jobs in front, as far as both can be done now."""
+        """Give plates to printers, and start planning the first jobs of the queue, where possible now."""
         yield from self._owed_instructions(*self.books.open_prints())
         if self.stopping:
             return
@@ -226,11 +224,11 @@ class Controller:
         return min(moments)
 
     def _hold_plates(self, holds: Mapping[str, Hold]) -> Iterator[Effect]:
-        """Keep the sentences in memory, and book reasons that have changed."""
+        """Keep all holds in memory, and book those whose reason has changed."""
         self._plate_holds = dict(holds)
-        news = {n: hold for n, hold in holds.items() if not hold.same_reason(self.books.plates[n].hold)}
-        if news:
-            yield from self._commit([ev.PlatesHeld(at_s=self.clock.now(), holds=dict(news))])
+        changes = {n: hold for n, hold in holds.items() if not hold.same_reason(self.books.plates[n].hold)}
+        if changes:
+            yield from self._commit([ev.PlatesHeld(at_s=self.clock.now(), holds=dict(changes))])
 
     def _admit_jobs(self, situation: Situation, holds: Mapping[str, Hold]) -> Iterator[Effect]:
         taken = taken_printers(self.books, situation, holds, self._replanning.reserved_printers)
@@ -262,13 +260,13 @@ class Controller:
     # -- agents -----------------------------------------------------------------------------------------
 
     def on_snapshot(self, snapshot: AgentSnapshot) -> None:
-        """Take an agent's snapshot: what is news is handled, the rest is telemetry."""
+        """Handle the changes that an agent's snapshot shows; the rest of it is telemetry."""
         name = snapshot.printer
         before = self.telemetry.snapshots.get(name)
         in_use = any(section.name == name and section.enabled for section in self.fleet.printers)
         reading = read_snapshot(self.books, snapshot, before, in_use, self.clock.now())
-        if reading.misfit is not None:  # whatever an agent says, the others go on
-            story = self._store.tell_story(reading.misfit)
+        if reading.misfit is not None:  # one faulty agent must not stop the others
+            story = self._store.add_history(reading.misfit)
             log.error("%s: its agent's snapshot does not fit the books: %s", name, story)
         changed = self.telemetry.store(snapshot)
         try:
@@ -282,9 +280,9 @@ class Controller:
             raise
 
     def on_refusal(self, print_id: str, reason: str, late: bool = False) -> None:
-        """Count that an agent would not start a print: after several times, that print has failed.
+        """Count an agent's refusal to start a print; after `REFUSALS`, the print has failed.
 
-        One that came too `late` was never begun, and its plate is given a printer by what holds now.
+        A request that arrived too `late` was not begun: its plate is scheduled again.
         """
         attempt = self.books.prints[print_id]
         self._refusals[print_id] += 1
@@ -294,21 +292,21 @@ class Controller:
         self.handle(refused_print_end(attempt, printer, reason, late, self.clock.now()))
 
     def unreported_since_s(self, printer: str) -> float | None:
-        """Return from when on an agent has to list its prints before it counts; None: it need not."""
+        """Return the time since which an agent has to list its prints first; None where it need not."""
         return self.books.printer(printer).unreported_since_s
 
     def on_journal(self, snapshot: AgentSnapshot, prints: Sequence[AgentPrint]) -> None:
-        """Take over what an agent has printed since the books were copied."""
+        """Book the prints that an agent has made since the backup."""
         self.handle(*import_agent_journal(self.books, snapshot, prints, self.clock.now()))
 
     # -- workers, clock, backups ------------------------------------------------------------------------
 
     def on_plan_progress(self, number: int, progress: PlanProgress) -> None:
-        """Note how far the plan of a job is."""
+        """Store the progress of a job's plan."""
         self.progress[number] = progress
 
     def on_plan(self, number: int, result: Plan | FarmError) -> None:
-        """Book the plan of a job, or why there is none."""
+        """Book the plan of a job, or the error that prevents it."""
         self._end_planning(number)
         job = self.books.job(number)
         if job.state is JobState.PLANNING:  # else it was cancelled meanwhile
@@ -328,16 +326,13 @@ class Controller:
         self._admission.end(number)
 
     def on_replan(self, plate: str, result: ReplannedPlate | FarmError) -> None:
-        """Book what a replan came to."""
+        """Book the result of a replan."""
         offered = self._situation(find_plate_holds(self.books, self.fleet.printers, self.clock.now()))
         event = self._replanning.finish(plate, result, self.books, offered)
         self.handle(*([event] if event is not None else []))
 
     def on_clock_set(self, by_s: float) -> None:
-        """Follow the host's clock, which was set: hours are others, spans go on.
-
-        `by_s` are the farm seconds by which it is ahead of what it was.
-        """
+        """Follow a step of the host's clock by so many farm seconds: hours follow it, durations stay."""
         self.started_s += by_s
         self._forecast_cache.clock_set()
         self._replanning.clock_set()
@@ -347,28 +342,28 @@ class Controller:
             log.error("%s", error)
 
     def on_backup(self, failure: str | None) -> None:
-        """Note that the books were copied, or why they could not be."""
+        """Store why the last backup failed; None where it succeeded."""
         self._backup_failure = failure
 
     # -- queries ----------------------------------------------------------------------------------------
 
     def fleet_printers(self) -> list[FleetPrinter]:
-        """Return the enabled printers as the scheduler sees them."""
+        """Describe the enabled printers to the scheduler."""
         return self._describe(self.fleet.printers)
 
     def fleet_printer(self, name: str) -> FleetPrinter | None:
-        """Return a printer as the scheduler sees it; None where it is not used."""
+        """Describe a printer to the scheduler; None where it is not in use."""
         return next(iter(self._describe(s for s in self.fleet.printers if s.name == name)), None)
 
     def _describe(self, printers: Iterable[PrinterSection]) -> list[FleetPrinter]:
-        return describe_printers(printers, self.books, self.telemetry.snapshots, self._rooms)
+        return describe_printers(printers, self.books, self.telemetry.snapshots, self._build_volumes)
 
     def print_limits(self, print_id: str) -> PrintLimits:
-        """Return when hours let a print begin and go on."""
+        """Return the limits that hours set to a print."""
         return find_print_limits(self.books.prints[print_id], self.books, self._moment(self.fleet_printers()))
 
     def _moment(self, printers: Iterable[FleetPrinter]) -> Situation:
-        """Describe this moment for some printers, with no plate that waits."""
+        """Return the situation of some printers, without waiting plates."""
         return Situation((), tuple(printers), self.rules, self.clock.now())
 
     @property
@@ -376,11 +371,11 @@ class Controller:
         return self.started_s + PATIENCE_S * self.clock.scale
 
     def is_starting(self) -> bool:
-        """Tell whether the farm has just started: printers that do not answer yet are still expected."""
+        """Return whether the farm has just started: printers that do not answer yet are still expected."""
         return self.clock.now() < self._startup_end_s
 
     def build_view_context(self, state: StateFolder) -> ViewContext:
-        """Return all that a view is drawn from."""
+        """Return the data that views are built from."""
         now_s = self.clock.now()
         failure = self.telemetry.failure
         if failure is not None:

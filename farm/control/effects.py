@@ -1,4 +1,4 @@
-"""Effects of a decision on the outside: what the controller hands to agents, planner and replan worker."""
+"""Effects of decisions: instructions of the controller to agents, planner and replan worker."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ Effect = ev.AnyInstruction | StartPlanning | StartReplan
 
 
 class Effects(Protocol):
-    """Performs effects: it starts things and returns at once."""
+    """Performs effects without waiting for their end."""
 
     def perform(self, effect: Effect, books: Books) -> None:
-        """Start what the effect asks for; `books` are as committed."""
+        """Start an effect; `books` are as committed."""
 
 
 class FarmEffects:
@@ -88,5 +88,5 @@ class FarmEffects:
         names = list_job_files(job, map(books.parts.__getitem__, job.parts), books.plates_of(job))
         try:
             name_files(self._state.job(job.id), self._state.files, names)
-        except OSError as error:  # a convenience: no reason to stop a job
+        except OSError as error:  # the links are a convenience: the job goes on
             log.warning("job %d: its files could not be named: %s", job.id, error)

@@ -9,7 +9,7 @@ from drivers.messages import PROTOCOL
 from farm.doctor.facts import Facts
 from farm.doctor.finding import Finding, passed, problem, warning
 from farm.state import validate_books
-from farm.state.storage import FORM
+from farm.state.storage import SCHEMA_VERSION
 from farm.text import format_count
 
 LEAST_BYTES = 64 * 1024**2
@@ -99,7 +99,9 @@ def check_books(facts: Facts) -> Iterator[Finding]:
             format_count(len(books.books.jobs), "job"),
             format_count(len(books.books.prints), "print"),
         )
-        form = f"form {books.form}" + ("" if books.form == FORM else f" (the daemon brings it to {FORM})")
+        form = f"form {books.form}" + (
+            "" if books.form == SCHEMA_VERSION else f" (the daemon brings it to {SCHEMA_VERSION})"
+        )
         yield passed("database", f"{books.path}: {form}, {jobs} and {prints}, all agree")
 
 

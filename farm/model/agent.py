@@ -12,7 +12,7 @@ from farm.model.printer import FilamentState
 class Link(StrEnum):
     """State of the connection to a board."""
 
-    STARTING = "starting"  # no word from its agent yet
+    STARTING = "starting"  # its agent has not reported yet
     ABSENT = "absent"
     CONNECTING = "connecting"
     READY = "ready"
@@ -33,13 +33,13 @@ class AgentPrint(Entity):
     started_s: float | None
     ended_s: float | None
     starved_s: float = 0.0  # simulated printers: how long it waited for the host
-    layer: int | None = None  # from 1
+    layer: int | None = None  # counted from 1
     layers: int = 0
     z_mm: float | None = None
-    feature: str | None = None  # by Cura's name
-    pause_ends_s: float | None = None  # when its agent ends it, unless it is resumed
-    ends_by_s: float | None = None  # when its agent ends it, unless it has ended
-    sha256: str | None = None  # of the file that it was given
+    feature: str | None = None  # type of the current lines, as Cura names it
+    pause_ends_s: float | None = None  # when its agent ends the print unless it is resumed
+    ends_by_s: float | None = None  # when its agent ends the print if it still runs
+    sha256: str | None = None  # of its G-code file
 
 
 class AgentSnapshot(Entity):
@@ -55,12 +55,12 @@ class AgentSnapshot(Entity):
     bed_target_c: float | None = None
     heaters_off: bool = False
     filament: FilamentState = FilamentState.UNKNOWN
-    bed_clear: bool | None = None  # an emulator's own word
-    alarm: str | None = None  # a heater that cannot be switched off: a person has to go there now
+    bed_clear: bool | None = None  # reported by emulators only
+    alarm: str | None = None  # a heater that cannot be switched off: a person has to act now
     bed_unknown_reason: str | None = (
         None  # why bed and filament are not known, until a person has cleared the bed
     )
-    outdated: bool = False  # its agent is of an older version, and gets no more prints
-    reset_verified: bool = True  # its board can be stopped by a reset; else it prints only while attended
-    heard_cancel: str | None = None  # a print that it had been told to end when it said this
+    outdated: bool = False  # its agent is of an earlier version, and gets no more prints
+    reset_verified: bool = True  # a reset stops its board; else it prints only while attended
+    acknowledged_cancel: str | None = None  # id of a print whose cancel request its agent has received
     print: AgentPrint | None = None

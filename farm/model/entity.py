@@ -13,6 +13,7 @@ FORMER_NAMES = {
     "fail_reason": "fail_asked",
     "pause_requested": "pause_asked",
     "sliced_s": "print_time_s",
+    "uncertain": "doubted",
     "unreported_since_s": "untold_since_s",
 }
 """Fields that the books of farm 0.1 have under another name."""

@@ -33,9 +33,9 @@ class PartPrintOptions(Entity):
     Attributes
     ----------
     brim_width_mm, layer_0_expansion_mm
-        None: the quality's.
+        None: as the quality sets it.
     stands
-        Whether the part stays upright while it is printed.
+        True where the part is expected to stay upright while it prints.
     """
 
     brim_width_mm: float | None = None
@@ -50,15 +50,15 @@ class Part(Entity):
     id: str  # "3/p01"
     job: int
     plate: str
-    file: str  # STL in printing pose; a person's own G-code as it was submitted
+    file: str  # STL in printing pose, or own G-code as submitted
     geometry: PartGeometry
     print_options: PartPrintOptions = DEFAULT_PRINT_OPTIONS
-    cut_from: str | None = None  # the part that it is a piece of: that one failed, and was recut
+    cut_from: str | None = None  # the failed part that this is a piece of
 
     @model_validator(mode="before")
     @classmethod
     def _nest_flat_fields(cls, fields: Any) -> Any:
-        """Read a part of farm 0.1, whose geometry and print options stood beside its name."""
+        """Read a part of farm 0.1, whose geometry and print options were not nested."""
         if not isinstance(fields, dict) or "geometry" in fields:
             return fields
         nested: dict[str, Any] = dict(fields)
@@ -73,38 +73,38 @@ class Plate(Entity):
     parts: tuple[str, ...]
     gcode: str
     sha256: str
-    sliced_s: float  # its layers, by CuraEngine; of own G-code by the firmware's planner
+    sliced_s: float  # time of its layers, by CuraEngine; of own G-code, by the firmware's planner
     expected_s: float  # with heat-up, start and end code, at the printer's factor
     grams: float
     filament_mm: float
-    price: float | None = None  # in the fleet's currency, by the reel of the printer as planned
+    price: float | None = None  # in the fleet's currency, by the material of the planned printer
     layers: int
-    min_mm: tuple[float, float, float]  # of all that it extrudes, from the bed's centre
+    min_mm: tuple[float, float, float]  # extent of all extrusion, from the bed's centre
     max_mm: tuple[float, float, float]
     material: str
     nozzle_mm: float
-    kin: str | None = None  # `Profile.kin` of the printers that it was sliced for; None: any
-    printer: str  # as planned
-    time_factor: float = 1.0  # of that printer, when it was planned; it is in `expected_s`
-    cached: bool = False  # sliced before: the engine did not run
-    warnings: tuple[str, ...] = ()  # walls that are not printed, parts that may fall over, in sentences
+    kin: str | None = None  # `Profile.kin`: the printer family that it was sliced for; None: any
+    printer: str  # that the plan chose
+    time_factor: float = 1.0  # of that printer when it was planned; included in `expected_s`
+    cached: bool = False  # its slice came from the cache
+    warnings: tuple[str, ...] = ()  # sentences: walls that are not printed, parts that may fall over
     prints: tuple[str, ...] = ()
-    counted_from: int = 0  # a person asked for it again: only failures of these prints count
-    replaced_by: tuple[str, ...] = ()  # the plates that are printed in its place
-    cancelled: bool = False  # by a person: never printed, unless a person wishes it
-    paused: bool = False  # by a person: it waits until it is resumed
+    counted_from: int = 0  # index of the first print whose failure counts, after `farm reprint`
+    replaced_by: tuple[str, ...] = ()  # plates that are printed in its place
+    cancelled: bool = False  # by a person: not printed, unless a person asks for it
+    paused: bool = False  # by a person, until it is resumed
     hold: Hold | None = None
 
     @property
     def prelude_s(self) -> float:
-        """Expected time beside its layers: heat-up, start and end code."""
+        """Expected time apart from the layers: heat-up, start and end code, in seconds."""
         return self.expected_s - self.sliced_s * self.time_factor
 
     @property
     def first_layer_s(self) -> float:
-        """Expected time until its first layer lies, which is printed at half the speed of the others."""
+        """Expected time until the first layer is done, which prints at half the speed, in seconds."""
         return self.prelude_s + 2.0 * self.sliced_s * self.time_factor / max(1, self.layers)
 
     def expected_on(self, time_factor: float) -> float:
-        """Return the expected time on a printer with this factor."""
+        """Return the expected time on a printer with this time factor, in seconds."""
         return self.prelude_s + self.sliced_s * time_factor

@@ -8,7 +8,7 @@ from farm.model.entity import Entity
 
 
 class PrintState(StrEnum):
-    ASSIGNED = "assigned"  # in the books; the agent has been or will be told
+    ASSIGNED = "assigned"  # committed; its agent is sent the start request
     HEATING = "heating"
     PRINTING = "printing"
     PAUSED = "paused"  # by a person: parked, its bed warm
@@ -23,20 +23,20 @@ class PrintState(StrEnum):
 
 
 class Verdict(StrEnum):
-    """Judgement of a person on what was printed."""
+    """Judgement of a person on a printed part."""
 
     GOOD = "good"
     BAD = "bad"
 
 
 class Print(Entity):
-    """Attempt to print a plate. Its id never comes back, even where the books are lost."""
+    """Attempt to print a plate. Its id is never used again, even if the database is lost."""
 
     id: str
     plate: str
     job: int
     printer: str
-    number: int = 0  # of all prints, in the order of their beginning: a clock may be set back meanwhile
+    number: int = 0  # sequence number in order of start: clocks may be set back
     state: PrintState = PrintState.ASSIGNED
     assigned_s: float
     started_s: float | None = None
@@ -45,12 +45,12 @@ class Print(Entity):
     reason: str | None = None
     extruded: bool = False
     cancel_reason: str | None = None
-    restored: bool = False  # from a copy of the books: it may have begun or ended since, and is never begun
-    fail_reason: str | None = None  # a person saw it go wrong: what they said of it
-    charged: bool = True  # its failure counts as an attempt
-    verdict: Verdict | None = None  # once it is done
+    restored: bool = False  # from a backup: it may have started or ended since, and is never started
+    fail_reason: str | None = None  # why a person failed it (`farm fail`)
+    charged: bool = True  # its failure counts as one of the attempts
+    verdict: Verdict | None = None  # of its part, once it is done
     verdict_why: str | None = None
-    pause_requested: bool = False  # a person wants it to wait
-    paused: bool = False  # it did at some time: how long it took says nothing of its printer
+    pause_requested: bool = False  # by a person
+    paused: bool = False  # it was paused at some time: no time factor is learned from it
     starved_s: float = 0.0
-    grams: float = 0.0  # what it took off its reel, once it has ended
+    grams: float = 0.0  # used filament, once it has ended

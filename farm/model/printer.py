@@ -20,31 +20,31 @@ class FilamentState(StrEnum):
 
 
 class Reel(Entity):
-    """Filament on a printer, and its nozzle, as a person reported last."""
+    """Filament on a printer, and its nozzle, as last reported by a person."""
 
     material: str
     colour: str | None = None
-    grams: float | None = None  # left; None: nobody said
+    grams: float | None = None  # left; None: unknown
     nozzle_mm: float
-    doubted: bool = False  # `grams` are of a copy of the books: prints may have taken of them since
+    uncertain: bool = False  # `grams` are from a backup: prints since may have used some
 
 
 class Printer(Entity):
-    """State of a printer in the books; the rest is telemetry."""
+    """State of a printer as the books keep it; the rest is telemetry."""
 
     name: str
     bed: Bed = Bed.NOT_CLEAR
     filament: FilamentState = FilamentState.UNKNOWN
-    attention_reason: str | None = None  # why a person has to look before it prints again
+    attention_reason: str | None = None  # why a person has to inspect it before it prints again
     attention_since_s: float | None = None  # since when
-    alarm: str | None = None  # what its agent last said of a heater that cannot be switched off
-    alarm_s: float | None = None  # when it said so
+    alarm: str | None = None  # its agent's last report of a heater that cannot be switched off
+    alarm_s: float | None = None  # when it was reported
     maintenance: str | None = None  # why a person has taken it out of use
-    disconnected_at_s: float | None = None  # when its board was last found to be gone
-    restored_s: float | None = None  # when its books were last put back from a copy
-    unreported_since_s: float | None = None  # the books are a copy; its agent has not reported since
+    disconnected_at_s: float | None = None  # when the connection to its board was last lost
+    restored_s: float | None = None  # when the database was last restored from a backup
+    unreported_since_s: float | None = None  # of the backup: its agent has not reported since
     reel: Reel | None = None  # None: as fleet.yaml says
-    time_factor: float = 1.0  # its layers' time, reached over expected, as learned from its prints
+    time_factor: float = 1.0  # reached over expected time of its layers, learned from its prints
 
 
 class Outage(Entity):

@@ -115,7 +115,7 @@ class SlicedJob:
         return max(self.busy_s().values())
 
     def should_relevel(self) -> bool:
-        """Tell whether the last printer ends late enough to move cuts, and reslice all parts.
+        """Return whether the last printer ends late enough to move cuts, and reslice all parts.
 
         Where a printer has several parts, levelling those would not level the printers.
         """

@@ -15,7 +15,7 @@ _PASSING = (
     HoldCode.PRINTER_BUSY,
     HoldCode.BED_NOT_CLEAR,
     HoldCode.FILAMENT_UNKNOWN,
-    HoldCode.REEL_DOUBTED,
+    HoldCode.REEL_UNCERTAIN,
 )
 
 
@@ -232,7 +232,7 @@ class JobAdmission:
             decision: Begin | Hold | None = _own_hold(job, situation)
             if decision is None and own in fronts:
                 text = f"job {fronts[own].id} goes first"
-                decision = Hold(code=HoldCode.NOT_FRONT, text=text)
+                decision = Hold(code=HoldCode.NOT_FIRST, text=text)
             if decision is None:
                 fronts[own] = job
                 decision = choose_printers_beside(

@@ -20,7 +20,7 @@ _COMING = (
     HoldCode.PRINTER_BUSY,
     HoldCode.BED_NOT_CLEAR,
     HoldCode.FILAMENT_UNKNOWN,
-    HoldCode.REEL_DOUBTED,
+    HoldCode.REEL_UNCERTAIN,
 )
 
 
@@ -151,7 +151,7 @@ def as_idle(printer: FleetPrinter) -> FleetPrinter:
         booked=False,
         attention_reason=None,
         maintenance=None,
-        reel_doubted=False,
+        reel_uncertain=False,
     )
 
 

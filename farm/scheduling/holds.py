@@ -50,7 +50,7 @@ def loss_window_end_s(books: Books, holds: Mapping[str, Hold]) -> float:
 
 
 def _has_not_reported(books: Books, printer: str) -> bool:
-    """Tell whether a printer may have printed what restored books take for waiting; not in maintenance."""
+    """Return whether a printer may have printed what restored books take for waiting; not in maintenance."""
     entry = books.printer(printer)
     return entry.unreported_since_s is not None and entry.maintenance is None
 
@@ -75,7 +75,7 @@ def _find_hold(books: Books, job: Job, plate: Plate, unreported: str, now_s: flo
             f"{unreported} may have printed it since the books were copied: "
             "connect them, or `farm maintenance`"
         )
-        return Hold(code=HoldCode.UNTOLD, text=text)
+        return Hold(code=HoldCode.PRINTER_UNREPORTED, text=text)
     if job.paused:
         return Hold(code=HoldCode.PAUSED, text=f"job {job.id} is paused: `farm resume {job.id}`")
     part = plate.parts[0]
@@ -123,7 +123,7 @@ class HoldReasons:
 
     def no_place(self) -> Hold:
         return Hold(
-            code=HoldCode.ALL_ITS_PRINTERS_BUSY,
+            code=HoldCode.JOB_PRINTER_LIMIT,
             text="its job already uses as many printers as it may (--printers)",
         )
 

@@ -36,7 +36,7 @@ class Capabilities:
         return max((height for *_, height in self.room), default=0.0)
 
     def holds(self, box: Box) -> bool:
-        """Tell whether a box lies in the room."""
+        """Return whether a box lies in the room."""
         x0, y0, x1, y1, height = box
         slack = SLACK_MM
         return any(
@@ -61,7 +61,7 @@ class FleetPrinter:
     heating: bool = False
     free_s: float | None = None  # when its print should end, as expected when it began
     grams: float | None = None  # on its reel; None: nobody said
-    reel_doubted: bool = False  # there may be less on it
+    reel_uncertain: bool = False  # there may be less on it
     time_factor: float = 1.0  # as learned
     unattended: bool = True  # it may print while nobody is there
     why_attended: str = ""  # why it may not
@@ -78,7 +78,7 @@ class FleetPrinter:
             )
         if self.attention_reason is not None:
             return Hold(
-                code=HoldCode.NEEDS_A_LOOK,
+                code=HoldCode.NEEDS_INSPECTION,
                 text=f"inspect {self.name} ({self.attention_reason}), then `farm cleared {self.name}`",
             )
         if self.link is not Link.READY:
@@ -94,9 +94,9 @@ class FleetPrinter:
                 text=f"the position of the filament in {self.name} is unknown: "
                 f"`farm cleared {self.name} --filament parked` (or at_nozzle) sets it",
             )
-        if self.reel_doubted:
+        if self.reel_uncertain:
             return Hold(
-                code=HoldCode.REEL_DOUBTED,
+                code=HoldCode.REEL_UNCERTAIN,
                 text=f"the filament left on {self.name} is unknown since the database was restored: "
                 f"weigh its reel, then `farm load {self.name} --grams G`",
             )

@@ -73,7 +73,7 @@ class Situation:
         return frozenset(printer.name for printer in free[: self.spares])
 
     def takes_spare(self, plate: WaitingPlate) -> bool:
-        """Tell whether a plate may take a spare: it failed elsewhere, or its own printer is out of use."""
+        """Return whether a plate may take a spare: it failed elsewhere, or its own printer is out of use."""
         own = self.fleet.get(plate.planned)
         if plate.failed_on or own is None or not plate.requirements.matches(own.capabilities):
             return True
@@ -84,7 +84,7 @@ class Situation:
         )
 
     def can_start(self, plate: WaitingPlate, printer: FleetPrinter) -> bool:
-        """Tell whether hours and start times let a plate start on a printer now."""
+        """Return whether hours and start times let a plate start on a printer now."""
         return self.rules.find_start(plate, printer, self.now_s).at_s == self.now_s
 
     def next_change_s(self) -> float:

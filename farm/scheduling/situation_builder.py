@@ -58,7 +58,7 @@ def _describe_printer(
         heating=attempt is not None and attempt.state in (PrintState.ASSIGNED, PrintState.HEATING),
         free_s=None if attempt is None else _expected_end_s(books, attempt, entry.time_factor),
         grams=entry.reel.grams if entry.reel is not None else None,
-        reel_doubted=entry.reel is not None and entry.reel.doubted,
+        reel_uncertain=entry.reel is not None and entry.reel.uncertain,
         time_factor=entry.time_factor,
         unattended=section.unattended and verified,
         why_attended="fleet.yaml says so" if verified else "its board was not seen to reset",
@@ -141,7 +141,7 @@ def build_situation(
 
 
 def may_start_now(attempt: Print, books: Books, situation: Situation) -> bool:
-    """Tell whether hours let a print begin of which its agent has not heard yet.
+    """Return whether hours let a print begin of which its agent has not heard yet.
 
     An agent may have been away since: a start that was right in the evening may be wrong at night.
     """

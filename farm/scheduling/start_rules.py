@@ -193,7 +193,7 @@ class StartRules:
         return max(now_s, span[1] - (FIRST_LAYER_S if self.first_layers_attended else 0.0))
 
     def is_attended(self, at_s: float) -> bool:
-        """Tell whether a moment is within the attended hours; never where none are named."""
+        """Return whether a moment is within the attended hours; never where none are named."""
         return self.attended.span(at_s) is not None
 
     def bed_clear_s(self, ended_s: float, clearing_s: float) -> float:

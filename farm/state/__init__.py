@@ -4,7 +4,7 @@
 books on disk.
 """
 
-from farm.state.books import Books, edited, put
+from farm.state.books import Books, put, replace_fields
 from farm.state.faults import BY_PEOPLE, LOSSES, OwnFault
 from farm.state.outage import outage_window_s
 from farm.state.plate_state import PlateState, stopped_print
@@ -28,7 +28,6 @@ __all__ = [
     "OwnFault",
     "PlateState",
     "detect_alarm",
-    "edited",
     "failed_print_on",
     "fleet_with_reels",
     "handle_unknown_print",
@@ -41,6 +40,7 @@ __all__ = [
     "put",
     "reconcile_print",
     "refused_print_end",
+    "replace_fields",
     "reprinting_printers",
     "section_with_reel",
     "stopped_print",

@@ -115,7 +115,7 @@ class Books:
         return sorted(jobs, key=lambda j: (j.state is not JobState.PLANNING, -j.options.priority, j.id))
 
 
-def edited(entity: E, **changes: object) -> E:
+def replace_fields(entity: E, **changes: object) -> E:
     """Return the entity with some fields replaced; itself where nothing changes."""
     if all(getattr(entity, name) == value for name, value in changes.items()):
         return entity
@@ -124,14 +124,14 @@ def edited(entity: E, **changes: object) -> E:
 
 def put(books: Books, *entities: Entity) -> Books:
     """Return the books with these entities in place of those of the same id."""
-    changed: dict[str, dict[object, Entity]] = {}
+    changed_entities: dict[str, dict[object, Entity]] = {}
 
     def page(kind: str) -> dict[object, Entity]:
-        return changed.setdefault(kind, dict(getattr(books, kind)))
+        return changed_entities.setdefault(kind, dict(getattr(books, kind)))
 
     for entity in entities:
         kind, key = _locate(entity)
-        if changed.get(kind, getattr(books, kind)).get(key) is entity:
+        if changed_entities.get(kind, getattr(books, kind)).get(key) is entity:
             continue
         page(kind)[key] = entity
         if isinstance(entity, Print) and not entity.state.ended:
@@ -140,11 +140,11 @@ def put(books: Books, *entities: Entity) -> Books:
             page("_open").pop(entity.id, None)
             if _ended_last(entity, page("_last").get(entity.printer)):
                 page("_last")[entity.printer] = entity
-    return replace(books, **changed) if changed else books  # type: ignore[arg-type]
+    return replace(books, **changed_entities) if changed_entities else books  # type: ignore[arg-type]
 
 
 def _ended_last(attempt: Print, before: Entity | None) -> bool:
-    """Tell whether an ended print is its printer's last; one that never began is not."""
+    """Return whether an ended print is its printer's last; one that never began is not."""
     if attempt.started_s is None and attempt.state is PrintState.CANCELLED:
         return False
     return not isinstance(before, Print) or _order_key(attempt) >= _order_key(before)
@@ -172,7 +172,7 @@ def _locate(entity: Entity) -> tuple[str, object]:
     raise TypeError(f"the books keep no {type(entity).__name__}")
 
 
-def changed(before: Books, after: Books) -> Iterable[Entity]:
+def changed_entities(before: Books, after: Books) -> Iterable[Entity]:
     """Yield the entities of `after` that `before` does not have, or has with other fields."""
     for kind in ("jobs", "parts", "plates", "prints", "printers", "outages"):
         old, new = getattr(before, kind), getattr(after, kind)

@@ -61,7 +61,9 @@ def _reconcile_unknown(attempt: Print, snapshot: AgentSnapshot, now_s: float) ->
     begun = attempt.state is not PrintState.ASSIGNED
     reason = attempt.cancel_reason or snapshot.reason or f"its printer is {snapshot.link}"
     # What it was told may be on its way: it is done with the print when it has heard of the end too.
-    if not begun and not (_is_gone(snapshot) or attempt.restored or snapshot.heard_cancel == attempt.id):
+    if not begun and not (
+        _is_gone(snapshot) or attempt.restored or snapshot.acknowledged_cancel == attempt.id
+    ):
         if attempt.cancel_reason is None and snapshot.link in (Link.FAULT, Link.ABSENT):
             yield ev.PrintWithdrawn(at_s=now_s, print_id=attempt.id, reason=reason)
         return
@@ -100,7 +102,7 @@ def refused_print_end(
 
 
 def _is_gone(snapshot: AgentSnapshot) -> bool:
-    """Tell whether there is no agent any more that could begin anything."""
+    """Return whether there is no agent any more that could begin anything."""
     return snapshot.link is Link.ABSENT and snapshot.agent_pid is None
 
 
@@ -138,7 +140,7 @@ def pending_instructions(
 
 
 def _is_same_moment(one_s: float | None, other_s: float | None) -> bool:
-    """Tell whether two moments are the same, as far as clocks of two hosts can tell."""
+    """Return whether two moments are the same, as far as clocks of two hosts can tell."""
     if one_s is None or other_s is None:
         return one_s is other_s
     return abs(one_s - other_s) <= CLOCKS_APART_S
@@ -263,6 +265,6 @@ def _waits(books: Books, plate: Plate) -> bool:
 
 
 def _waited(books: Books, plate: Plate) -> bool:
-    """Tell whether a plate may wait again: no agent has confirmed yet that its open prints still are."""
+    """Return whether a plate may wait again: no agent has confirmed yet that its open prints still are."""
     still = [attempt.restored for attempt in books.prints_of(plate) if not attempt.state.ended]
     return books.plate_state(plate) is PlateState.PRINTING and all(still)

@@ -34,7 +34,7 @@ def mark_uncertain(reel: Reel | None) -> Reel | None:
     """Return the reel where prints may have used some of it that are not known."""
     if reel is None or reel.grams is None:
         return reel
-    return reel.model_copy(update={"doubted": True})
+    return reel.model_copy(update={"uncertain": True})
 
 
 def section_with_reel(section: PrinterSection, reel: Reel | None) -> PrinterSection:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from farm.model import Bed, FilamentState, Hold, HoldCode, Job, JobState, Print, Printer
 from farm.state import events as ev
-from farm.state.books import Books, edited, put
+from farm.state.books import Books, put, replace_fields
 from farm.state.reels import mark_uncertain
 
 HOLD = Hold(
@@ -20,7 +20,7 @@ def restore_books(event: ev.BooksRestored, books: Books) -> Books:
     What the agents print, or have printed since, is taken over by their word (`journal_import`).
     """
     printers = [_restored_printer(printer, event, books) for printer in books.printers.values()]
-    prints = [edited(attempt, restored=True) for attempt in books.open_prints()]
+    prints = [replace_fields(attempt, restored=True) for attempt in books.open_prints()]
     jobs = [_held_job(job) for job in books.jobs.values() if not job.state.ended]
     return put(books, *printers, *prints, *jobs)
 
@@ -33,7 +33,7 @@ def _restored_printer(printer: Printer, event: ev.BooksRestored, books: Books) -
     attempt = books.open_print_on(printer.name)
     if attempt is not None:  # it may have ended before, and the copy was made before that was heard
         since_s = min(since_s, attempt.assigned_s)
-    return edited(
+    return replace_fields(
         printer,
         bed=Bed.NOT_CLEAR,
         filament=FilamentState.UNKNOWN,
@@ -46,8 +46,8 @@ def _restored_printer(printer: Printer, event: ev.BooksRestored, books: Books) -
 def _held_job(job: Job) -> Job:
     """Return a job that goes on when a person has approved it; it may have been approved since the copy."""
     if job.state in (JobState.QUEUED, JobState.PLANNING):
-        return edited(job, options=job.options.model_copy(update={"hold": True}), restored=True)
-    return edited(job, state=JobState.HELD, hold=HOLD, restored=True)
+        return replace_fields(job, options=job.options.model_copy(update={"hold": True}), restored=True)
+    return replace_fields(job, state=JobState.HELD, hold=HOLD, restored=True)
 
 
 def book_found_print(event: ev.PrintFound, books: Books) -> Books:
@@ -62,15 +62,15 @@ def book_found_print(event: ev.PrintFound, books: Books) -> Books:
         assigned_s=event.at_s,
         restored=True,
     )
-    return put(books, edited(plate, prints=(*plate.prints, attempt.id), hold=None), attempt)
+    return put(books, replace_fields(plate, prints=(*plate.prints, attempt.id), hold=None), attempt)
 
 
 def finish_journal_import(event: ev.AgentJournalImported, books: Books) -> Books:
     """Book that an agent has reported all; a person looks at prints that fit no plate."""
-    printer = edited(books.printer(event.printer), unreported_since_s=None)
+    printer = replace_fields(books.printer(event.printer), unreported_since_s=None)
     if event.unknown:
         prints = "a print" if event.unknown == 1 else f"{event.unknown} prints"
-        printer = edited(
+        printer = replace_fields(
             printer,
             bed=Bed.UNKNOWN,
             filament=FilamentState.UNKNOWN,

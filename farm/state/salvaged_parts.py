@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from farm.model import Bed, Plate, Print, PrintState, Verdict
-from farm.state.books import Books, edited, put
+from farm.state.books import Books, put, replace_fields
 from farm.state.consequences import Result, request_cancel, update_job_state
 from farm.state.plate_state import PlateState
 from farm.state.reels import subtract_grams
@@ -65,7 +65,7 @@ def book_part_whole(books: Books, print_id: str, by: str, at_s: float) -> Result
     attempt = books.prints[print_id]
     plate, printer = books.plates[attempt.plate], books.printer(attempt.printer)
     was = attempt.reason or attempt.fault or "it failed"
-    whole = edited(
+    whole = replace_fields(
         attempt,
         state=PrintState.DONE,
         fault=None,
@@ -77,5 +77,5 @@ def book_part_whole(books: Books, print_id: str, by: str, at_s: float) -> Result
     reel = subtract_grams(printer.reel, plate.grams - attempt.grams)
     not_begun = [p for p in _reprints(books, attempt) if p.state is PrintState.ASSIGNED]
     stopped = [request_cancel(p, f"{part_name(books, attempt)} was confirmed good") for p in not_begun]
-    books = put(books, whole, edited(printer, reel=reel), *(p for p, _ in stopped))
+    books = put(books, whole, replace_fields(printer, reel=reel), *(p for p, _ in stopped))
     return update_job_state(books, attempt.job, at_s), tuple(stop for _, stop in stopped)

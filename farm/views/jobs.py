@@ -13,9 +13,9 @@ from farm.views.accounting import duration_s, summarise_job
 from farm.views.context import ViewContext
 
 _TEMPORARY_HOLDS = {
-    HoldCode.NOT_FRONT, HoldCode.PRINTER_BUSY, HoldCode.ALL_ITS_PRINTERS_BUSY, HoldCode.PRINTER_CONNECTING,
+    HoldCode.NOT_FIRST, HoldCode.PRINTER_BUSY, HoldCode.JOB_PRINTER_LIMIT, HoldCode.PRINTER_CONNECTING,
     HoldCode.START_TIME, HoldCode.QUIET_HOURS, HoldCode.UNATTENDED, HoldCode.HEATING_LIMIT,
-    HoldCode.KEPT_AS_SPARE, HoldCode.JUST_LOST, HoldCode.CUT_AGAIN,
+    HoldCode.KEPT_AS_SPARE, HoldCode.JUST_LOST, HoldCode.BEING_RECUT,
 }  # fmt: skip
 
 

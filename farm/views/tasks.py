@@ -234,7 +234,7 @@ def _list_reels(books: Books) -> Iterator[api.Todo]:
     for name, what in sorted(short.items()):
         text = f"{what}: load a reel, then `farm load {name}`"
         yield api.Todo(code="reel", printers=[name], text=text, brief=what)
-    uncertain = [name for name, printer in books.printers.items() if printer.reel and printer.reel.doubted]
+    uncertain = [name for name, printer in books.printers.items() if printer.reel and printer.reel.uncertain]
     if uncertain:
         names = " ".join(uncertain)
         text = f"weigh the reels of {names} (the database was restored), then `farm load PRINTER --grams G`"

@@ -57,7 +57,7 @@ class ReplanCoordinator:
         """Return a hold for each plate whose part is being cut: meanwhile it goes to no printer."""
         return {
             name: Hold(
-                code=HoldCode.CUT_AGAIN,
+                code=HoldCode.BEING_RECUT,
                 text=f"it failed and is being cut for {join_names(replan.printers)}, to finish sooner",
             )
             for name, replan in self._running.items()
@@ -194,7 +194,7 @@ def _failed(books: Books, plate: Plate) -> bool:
 
 
 def _may_be_replanned(books: Books, plate: Plate) -> bool:
-    """Tell whether a plate may change: not a person's own G-code, and not what a person has approved."""
+    """Return whether a plate may change: not a person's own G-code, and not what a person has approved."""
     job = books.jobs[plate.job]
     meshes = [books.parts[name].file for name in plate.parts if books.parts[name].file.endswith(".stl")]
     return not job.options.hold and len(plate.parts) == len(meshes) == 1

@@ -34,11 +34,11 @@ _WAITS = (
     HoldCode.PRINTER_BUSY,
     HoldCode.BED_NOT_CLEAR,
     HoldCode.FILAMENT_UNKNOWN,
-    HoldCode.NEEDS_A_LOOK,
+    HoldCode.NEEDS_INSPECTION,
     HoldCode.PRINTER_ABSENT,
     HoldCode.MAINTENANCE,
     HoldCode.REEL_TOO_SHORT,
-    HoldCode.REEL_DOUBTED,
+    HoldCode.REEL_UNCERTAIN,
     HoldCode.UNATTENDED,
     HoldCode.NO_SUCH_PRINTER,
 )
@@ -62,7 +62,7 @@ class Recut:
 
 
 def saves_enough(before_s: float, after_s: float, now_s: float) -> bool:
-    """Tell whether an end at `after_s` instead of `before_s` saves the margin."""
+    """Return whether an end at `after_s` instead of `before_s` saves the margin."""
     return after_s + max(LEAST_GAIN_S, MARGIN * (before_s - now_s)) <= before_s
 
 
@@ -148,7 +148,7 @@ def choose_recut(plate: WaitingPlate, situation: Situation) -> Recut | None:
 
 
 def waits_for_its_printer_kind(code: HoldCode) -> bool:
-    """Tell whether a printer of another kind may be free of what a plate waits for."""
+    """Return whether a printer of another kind may be free of what a plate waits for."""
     return code in _WAITS
 
 
@@ -158,7 +158,7 @@ def _same_filament(plate: WaitingPlate, printer: FleetPrinter) -> bool:
 
 
 def _other_kind(plate: WaitingPlate, printer: FleetPrinter) -> bool:
-    """Tell whether only the kind of printer that a plate was sliced for keeps it from this one."""
+    """Return whether only the kind of printer that a plate was sliced for keeps it from this one."""
     any_kind = replace(plate.requirements, kin=None, nozzle_mm=None)
     return any_kind.matches(printer.capabilities) and not plate.requirements.matches(printer.capabilities)
 

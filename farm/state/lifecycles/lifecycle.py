@@ -119,14 +119,14 @@ class InvalidTransition(FarmError):
         story: Iterable[str] = (),
     ) -> None:
         self.event, self.lifecycle, self.key, self.start = event, lifecycle, key, start
-        self.story, self.reason = tuple(story), reason
+        self.history, self.reason = tuple(story), reason
         entity = "the farm" if lifecycle is None else f"{lifecycle.entity} {key}"
         state = reason or ("not in the books" if start is None else f"{start}")
         message = f"{type(event).__name__} does not fit: {entity} is {state}"
-        if self.story:
-            message += f"; before that: {', '.join(self.story)}"
+        if self.history:
+            message += f"; before that: {', '.join(self.history)}"
         super().__init__(message)
 
-    def with_story(self, story: Iterable[str]) -> InvalidTransition:
+    def with_history(self, story: Iterable[str]) -> InvalidTransition:
         """Return the same error with the entity's last events."""
         return InvalidTransition(self.event, self.lifecycle, self.key, self.start, self.reason, story)

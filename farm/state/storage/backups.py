@@ -36,12 +36,12 @@ def back_up(state: StateFolder, now_s: float) -> Path:
         raise StoreError(f"the database cannot be backed up: {error}") from error
     target = state.backups / f"{datetime.fromtimestamp(now_s, UTC).strftime(_STAMP)}.db"
     copy_books(state.books, target, now_s)
-    for old in copies(state)[KEPT:]:
+    for old in list_backups(state)[KEPT:]:
         old.unlink(missing_ok=True)
     return target
 
 
-class Nightly:
+class NightlyBackup:
     """Copies the books every night; where that cannot be done it is told, and tried again the next night.
 
     Parameters
@@ -84,20 +84,20 @@ class Nightly:
             )
         finally:
             least_s = self._clock.now() + _LEAST_S * self._clock.scale
-            self._at(max(next_s(now_s, self._zone), least_s), "copy the books", self.turn)
+            self._at(max(next_backup_s(now_s, self._zone), least_s), "copy the books", self.turn)
 
 
-def copies(state: StateFolder) -> list[Path]:
+def list_backups(state: StateFolder) -> list[Path]:
     """List the copies, the newest first; files that a person put there have names of another form."""
     return sorted(state.backups.glob(_NAMES), reverse=True)
 
 
-def made_s(copy: Path) -> float:
+def backup_time_s(copy: Path) -> float:
     """Return when a copy was made, in farm time."""
     return datetime.strptime(copy.stem, _STAMP).replace(tzinfo=UTC).timestamp()
 
 
-def next_s(now_s: float, zone: tzinfo) -> float:
+def next_backup_s(now_s: float, zone: tzinfo) -> float:
     """Return when the next copy is due."""
     now = datetime.fromtimestamp(now_s, zone)
     due = now.replace(hour=_HOUR, minute=0, second=0, microsecond=0, fold=0)
@@ -105,9 +105,9 @@ def next_s(now_s: float, zone: tzinfo) -> float:
 
 
 def is_due(state: StateFolder, now_s: float) -> bool:
-    """Tell whether there is no copy of the last day: a farm may be off every night."""
-    newest = next(iter(copies(state)), None)
-    return newest is None or made_s(newest) < now_s - 86400.0
+    """Return whether there is no copy of the last day: a farm may be off every night."""
+    newest = next(iter(list_backups(state)), None)
+    return newest is None or backup_time_s(newest) < now_s - 86400.0
 
 
 def open_books(state: StateFolder, now_s: float) -> tuple[Store, float | None]:
@@ -122,7 +122,7 @@ def open_books(state: StateFolder, now_s: float) -> tuple[Store, float | None]:
         Where they cannot be opened for another reason, or where no copy is whole.
     """
     try:
-        if copies(state) and not (state.books.is_file() and state.books.stat().st_size):
+        if list_backups(state) and not (state.books.is_file() and state.books.stat().st_size):
             raise DamagedBooks(f"the database {state.books} is missing")
         store = Store(state.books)
         if store.copied_s is not None:
@@ -131,7 +131,7 @@ def open_books(state: StateFolder, now_s: float) -> tuple[Store, float | None]:
     except DamagedBooks as error:
         damage = error
     log.error("%s", damage)
-    for copy in copies(state):
+    for copy in list_backups(state):
         try:
             Store(copy).close()
         except StoreError as error:
@@ -142,9 +142,9 @@ def open_books(state: StateFolder, now_s: float) -> tuple[Store, float | None]:
             path = state.books.with_name(state.books.name + suffix)
             if path.exists():
                 path.rename(aside.with_name(aside.name + suffix))
-        copy_books(copy, state.books, made_s(copy))
+        copy_books(copy, state.books, backup_time_s(copy))
         log.error("the database was restored from %s; the damaged one is %s", copy, aside)
-        return Store(state.books), made_s(copy)
+        return Store(state.books), backup_time_s(copy)
     raise FarmError(
         f"{damage}, and {state.backups} has no intact backup of it: move {state.books} away, and the "
         "farm starts with an empty database"

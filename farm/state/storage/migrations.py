@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from farm.model import Entity, Job, Outage, Part, Plate, Print, Printer
 
-FORM = 3
+SCHEMA_VERSION = 3
 TABLES: dict[type[Entity], str] = {
     Job: "job",
     Part: "part",
@@ -17,9 +17,9 @@ TABLES: dict[type[Entity], str] = {
     Outage: "outage",
 }
 _COPIED = "copied (at_s REAL NOT NULL)"
-COPIED = f"CREATE TABLE IF NOT EXISTS {_COPIED}"
+CREATE_COPIED = f"CREATE TABLE IF NOT EXISTS {_COPIED}"
 """Table with the time at which these books were copied, until they are restored."""
-CHANGED = "SELECT id FROM {} WHERE crc IS NOT crc32(CAST(body AS BLOB)) LIMIT 1"
+FIND_CHANGED_ROW = "SELECT id FROM {} WHERE crc IS NOT crc32(CAST(body AS BLOB)) LIMIT 1"
 """Query for a row of a table that is not as it was written."""
 
 _EMPTY = (
@@ -27,7 +27,7 @@ _EMPTY = (
     "CREATE TABLE event"
     " (seq INTEGER PRIMARY KEY, at_s REAL NOT NULL, kind TEXT NOT NULL, body TEXT NOT NULL)",
 )
-WRITTEN = frozenset((*_EMPTY, f"CREATE TABLE {_COPIED}"))
+EXPECTED_TABLES = frozenset((*_EMPTY, f"CREATE TABLE {_COPIED}"))
 """Tables as SQLite lists them: with one letter of that damaged, it would go on with another table."""
 _LAST_ON_BED = """
     SELECT json_extract(p.body, '$.id') AS id, json_extract(p.body, '$.job') AS job
@@ -55,5 +55,5 @@ _FROM_2 = tuple(
         f"UPDATE {table} SET crc = crc32(CAST(body AS BLOB))",
     )
 )
-STEPS = {0: _EMPTY, 1: (*_FROM_1, *_FROM_2), 2: _FROM_2, FORM: ()}
+STEPS = {0: _EMPTY, 1: (*_FROM_1, *_FROM_2), 2: _FROM_2, SCHEMA_VERSION: ()}
 """Statements that lead from each form to the present one; 0 is that of an empty file."""

@@ -14,10 +14,17 @@ from pydantic import ValidationError
 
 from farm.errors import FarmError
 from farm.model import Entity, Job, Outage, Part, Plate, Print, Printer
-from farm.state.books import Books, changed
+from farm.state.books import Books, changed_entities
 from farm.state.events import BooksRestored, Event
 from farm.state.lifecycles import InvalidTransition
-from farm.state.storage.migrations import CHANGED, COPIED, FORM, STEPS, TABLES, WRITTEN
+from farm.state.storage.migrations import (
+    CREATE_COPIED,
+    EXPECTED_TABLES,
+    FIND_CHANGED_ROW,
+    SCHEMA_VERSION,
+    STEPS,
+    TABLES,
+)
 from farm.text import describe_first_error
 
 E = TypeVar("E", bound=Entity)
@@ -60,7 +67,7 @@ def copy_books(source: Path, target: Path, at_s: float) -> None:
             # So that no damage to the write-ahead log takes the books back behind their copy.
             books.execute("PRAGMA wal_checkpoint(PASSIVE)")
             with copy:
-                copy.execute(COPIED)
+                copy.execute(CREATE_COPIED)
                 copy.execute("DELETE FROM copied")
                 copy.execute("INSERT INTO copied VALUES (?)", (at_s,))
         with half.open("rb") as file:
@@ -95,8 +102,8 @@ def read_books(path: Path) -> tuple[Books, int]:
             (form,) = db.execute("PRAGMA user_version").fetchone()
             if form not in STEPS:
                 raise StoreError(f"the books {path} are of a newer farm ({form})")
-            for table in TABLES.values() if form == FORM else ():
-                bad = db.execute(CHANGED.format(table)).fetchone()
+            for table in TABLES.values() if form == SCHEMA_VERSION else ():
+                bad = db.execute(FIND_CHANGED_ROW.format(table)).fetchone()
                 if bad is not None:
                     raise DamagedBooks(f"the database {path} is damaged: {table} {bad[0]} was changed")
             return _load(db), form
@@ -180,17 +187,17 @@ class Store:
         self._db.execute("BEGIN IMMEDIATE")
         for statement in STEPS[version]:
             self._db.execute(statement)
-        self._db.execute(COPIED)
-        self._db.execute(f"PRAGMA user_version = {FORM}")
+        self._db.execute(CREATE_COPIED)
+        self._db.execute(f"PRAGMA user_version = {SCHEMA_VERSION}")
         self._db.execute("COMMIT")
 
     def _compare(self) -> None:
         """Raise where a row is not as it was written: SQLite checks pages, not what is in them."""
         tables = self._db.execute("SELECT sql FROM sqlite_master WHERE type = 'table'")
-        if {sql for (sql,) in tables} != WRITTEN:
+        if {sql for (sql,) in tables} != EXPECTED_TABLES:
             raise DamagedBooks(f"the database {self._path} is damaged: it has other tables")
         for table in TABLES.values():
-            bad = self._db.execute(CHANGED.format(table)).fetchone()
+            bad = self._db.execute(FIND_CHANGED_ROW.format(table)).fetchone()
             if bad is not None:
                 raise DamagedBooks(f"the database {self._path} is damaged: {table} {bad[0]} was changed")
 
@@ -241,7 +248,7 @@ class Store:
                     "INSERT INTO event (at_s, kind, body) VALUES (?, ?, ?)",
                     (event.at_s, type(event).__name__, event.model_dump_json()),
                 ).lastrowid
-                for entity in changed(before, after):
+                for entity in changed_entities(before, after):
                     body = entity.model_dump_json()
                     self._db.execute(
                         f"INSERT OR REPLACE INTO {TABLES[type(entity)]} VALUES (?, ?, ?)",
@@ -264,14 +271,14 @@ class Store:
         """Return the event log: farm time, kind and JSON of each."""
         return self._db.execute("SELECT at_s, kind, body FROM event ORDER BY seq").fetchall()
 
-    def tell_story(self, error: InvalidTransition) -> InvalidTransition:
+    def add_history(self, error: InvalidTransition) -> InvalidTransition:
         """Return an error with the last events about its entity, oldest first."""
         if error.lifecycle is None:
             return error
         path = f"$.{error.lifecycle.key}"
         with suppress(sqlite3.Error):  # it is told without
             rows = self._db.execute(_STORY, (path, error.key, f"{path}.id", error.key)).fetchall()
-            return error.with_story(
+            return error.with_history(
                 f"{datetime.fromtimestamp(at_s, UTC):%Y-%m-%d %H:%M:%S} {kind}{f' {state}' if state else ''}"
                 for at_s, kind, state in reversed(rows)
             )

@@ -6,7 +6,7 @@ from drivers.errors import Fault
 from farm.model import Plate, Print, Printer, PrintState, Verdict
 from farm.state import events as ev
 from farm.state import restore
-from farm.state.books import Books, edited, put
+from farm.state.books import Books, put, replace_fields
 from farm.state.consequences import (
     Result,
     mark_bed_not_clear,
@@ -24,7 +24,7 @@ from farm.state.transitions.rules import change
 @change.register
 def _(event: ev.PrintProgressed, books: Books) -> Result:
     attempt = books.prints[event.print_id]
-    attempt = edited(
+    attempt = replace_fields(
         attempt,
         state=event.state,
         started_s=attempt.started_s if attempt.started_s is not None else event.started_s,
@@ -50,7 +50,7 @@ def _(event: ev.PauseRequested, books: Books) -> Result:
 
 @change.register
 def _(event: ev.PrintFailRequested, books: Books) -> Result:
-    attempt = edited(_not_being_ended(event, books), fail_reason=event.why)
+    attempt = replace_fields(_not_being_ended(event, books), fail_reason=event.why)
     stopped, stop = request_cancel(attempt, event.why)
     return put(books, stopped), (stop,)
 
@@ -83,14 +83,16 @@ def _(event: ev.PrintEnded, books: Books) -> Result:
     plate, printer = books.plates[before.plate], books.printer(before.printer)
     unknown = _end_is_unknown(event, before)
     attempt = _end_print(event, before, plate)
-    printer = edited(printer, filament=event.filament, reel=subtract_grams(printer.reel, attempt.grams))
+    printer = replace_fields(
+        printer, filament=event.filament, reel=subtract_grams(printer.reel, attempt.grams)
+    )
     if attempt.state is PrintState.DONE and attempt.started_s is not None and not attempt.paused:
         printer = _learn_speed(printer, plate, attempt, event.ended_s - attempt.started_s)
     if attempt.state is PrintState.FAILED:
         reason = attempt.reason or attempt.fault or "its print failed"
-        printer = edited(printer, attention_reason=reason, attention_since_s=event.ended_s)
+        printer = replace_fields(printer, attention_reason=reason, attention_since_s=event.ended_s)
         if attempt.fault == Fault.ESTOP:  # what a person stopped waits for their word
-            books = put(books, edited(plate, paused=True))
+            books = put(books, replace_fields(plate, paused=True))
     books = put(books, attempt, printer)
     # A print that failed may have extruded without anybody having seen it.
     if attempt.extruded or attempt.state is PrintState.FAILED:
@@ -116,10 +118,10 @@ def _end_print(event: ev.PrintEnded, attempt: Print, plate: Plate) -> Print:
     elif state is PrintState.CANCELLED and attempt.cancel_reason is None and begun:
         state = PrintState.FAILED  # nobody here asked for it
     if state is PrintState.DONE and attempt.fail_reason is not None:  # it ended before its agent heard of it
-        attempt = edited(attempt, verdict=Verdict.BAD, verdict_why=attempt.fail_reason)
+        attempt = replace_fields(attempt, verdict=Verdict.BAD, verdict_why=attempt.fail_reason)
     unknown = _end_is_unknown(event, attempt)
     extruded = attempt.extruded or event.extruded
-    return edited(
+    return replace_fields(
         attempt,
         state=state,
         fault=fault,
@@ -137,7 +139,7 @@ def _learn_speed(printer: Printer, plate: Plate, attempt: Print, took_s: float) 
     """Return a printer with the time factor that one more finished print teaches."""
     reached_s = took_s - plate.prelude_s
     factor = update_time_factor(printer.time_factor, plate.sliced_s, reached_s, attempt.starved_s)
-    return edited(printer, time_factor=factor)
+    return replace_fields(printer, time_factor=factor)
 
 
 LEAST, MOST = 0.8, 1.25

@@ -252,7 +252,11 @@ def test_an_agents_word_on_a_cancel_says_that_it_has_heard_of_it(tmp_path: Path)
 
     _, listener = told(tmp_path, story)
     assert listener.last is not None
-    assert (listener.last.link, listener.last.agent_pid, listener.last.heard_cancel) == (Link.ABSENT, 7, "x")
+    assert (listener.last.link, listener.last.agent_pid, listener.last.acknowledged_cancel) == (
+        Link.ABSENT,
+        7,
+        "x",
+    )
 
 
 class TalkingClient(FakeClient):

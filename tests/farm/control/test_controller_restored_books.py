@@ -185,7 +185,7 @@ def test_nothing_of_a_restored_job_starts_before_every_printer_has_told_or_is_ta
     farm.report("a")
     farm.clear_bed("a", FilamentState.PARKED)
     (plate,) = farm.controller.books.plates.values()
-    assert plate.hold.code is HoldCode.UNTOLD
+    assert plate.hold.code is HoldCode.PRINTER_UNREPORTED
     assert "b may have printed it" in plate.hold.text
     farm.printers.begin_maintenance("b", "it burnt down", "ann")
     assert [p.printer for p in farm.controller.books.prints.values()] == ["a"]

@@ -71,7 +71,7 @@ def test_what_ends_by_itself_is_waited_for_and_a_bed_that_may_be_clear_is_named(
         assert isinstance(held, Hold) and held.code is HoldCode.PRINTER_BUSY
         assert held.text.startswith(busy.obstacle().text) and "`farm cleared b`" in held.text
     alone = begin(ANY, None, 0, [printer("a", attention_reason="it smokes"), full], frozenset(), True)
-    assert isinstance(alone, Hold) and alone.code is HoldCode.NEEDS_A_LOOK
+    assert isinstance(alone, Hold) and alone.code is HoldCode.NEEDS_INSPECTION
 
 
 def test_a_need_says_the_room_that_it_asks():

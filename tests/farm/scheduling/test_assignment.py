@@ -120,7 +120,7 @@ def test_a_job_prints_on_no_more_printers_than_it_was_given():
     waiting = [plate(f"1/0{i}", "ab"[i % 2], places=1) for i in range(4)]
     given_, holds = assign(waiting, [printer(name) for name in "abcd"])
     assert len(given_) == 1
-    assert {hold.code for hold in holds.values()} == {HoldCode.ALL_ITS_PRINTERS_BUSY}
+    assert {hold.code for hold in holds.values()} == {HoldCode.JOB_PRINTER_LIMIT}
     assert assign([plate("1/01", "a", places=0)], [printer("a")])[0] == []
 
 
@@ -154,6 +154,6 @@ def test_gcode_for_another_kind_of_printer_waits():
 
 def test_a_plate_whose_printers_are_all_hindered_says_what_hinders_its_own():
     fleet = [printer("a", attention_reason="it smokes"), printer("b", bed=Bed.NOT_CLEAR)]
-    for planned, code in (("a", HoldCode.NEEDS_A_LOOK), ("b", HoldCode.BED_NOT_CLEAR)):
+    for planned, code in (("a", HoldCode.NEEDS_INSPECTION), ("b", HoldCode.BED_NOT_CLEAR)):
         _, holds = assign([plate("p", planned)], fleet)
         assert holds["p"].code is code

@@ -103,8 +103,8 @@ def test_a_print_that_was_cancelled_ends_when_its_agent_has_heard_of_it():
     assert list(reconcile_print(books.prints["x"], empty(), 4.0)) == []
     assert list(pending_instructions(books.prints["x"], empty())) == [stop]
     assert list(pending_instructions(books.prints["x"], empty(Link.STARTING))) == []  # nobody would hear it
-    assert list(reconcile_print(books.prints["x"], empty(heard_cancel="another"), 4.0)) == []
-    books, _ = run(books, *reconcile_print(books.prints["x"], empty(heard_cancel="x"), 4.0))
+    assert list(reconcile_print(books.prints["x"], empty(acknowledged_cancel="another"), 4.0)) == []
+    books, _ = run(books, *reconcile_print(books.prints["x"], empty(acknowledged_cancel="x"), 4.0))
     assert books.prints["x"].state is PrintState.CANCELLED
     assert books.printers["a"].bed is Bed.CLEAR
 
@@ -128,7 +128,7 @@ def test_what_a_printer_cannot_begin_goes_elsewhere_only_when_its_agent_has_hear
     began, _ = run(began, *reconcile_print(began.prints["x"], last, 9.0))
     assert began.prints["x"].state is PrintState.CANCELLED
     # Or it never did.
-    books, _ = run(books, *reconcile_print(books.prints["x"], empty(link, heard_cancel="x"), 5.0))
+    books, _ = run(books, *reconcile_print(books.prints["x"], empty(link, acknowledged_cancel="x"), 5.0))
     assert books.prints["x"].state is PrintState.CANCELLED
     assert books.printers["a"].bed is Bed.CLEAR
     for each in (books, began):

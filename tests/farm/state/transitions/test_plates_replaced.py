@@ -148,7 +148,7 @@ def _share(books, part, whole):
 
 def test_a_hold_goes_with_the_plate_that_was_replaced():
     books = failed_once()
-    hold = Hold(code=HoldCode.CUT_AGAIN, text="so")
+    hold = Hold(code=HoldCode.BEING_RECUT, text="so")
     books, _ = run(books, ev.PlatesHeld(at_s=5.0, holds={"1/02": hold}))
     books, _ = run(books, replaced(books, "1/02"))
     assert books.plates["1/02"].hold is None
