@@ -44,13 +44,13 @@ _WATCH_S = 0.5  # wall seconds; a dead agent's printer must be cold within 5
 _TICK_S = 1.0
 _NOTIFY_S = 2.0
 _DRY_RUNS_S = 5.0
-_FOLLOW_S = 1.0  # wall seconds: as long as a clock that is set back may delay what is due
+_FOLLOW_S = 1.0  # wall seconds: a clock that is set back delays timers for as long
 _ABORT_S = 150.0  # wall seconds in which every print can be ended safely
 _GRACE_S = 3  # wall seconds for requests that are under way when the daemon ends
 
 
 class Daemon:
-    """One farm. `run` returns when it is told to go down or gets a SIGTERM; prints go on then."""
+    """The daemon of one farm. `run` returns on a shutdown or a SIGTERM; prints go on then."""
 
     def __init__(self, fleet: Fleet, places: Places) -> None:
         self._fleet = fleet
@@ -83,7 +83,7 @@ class Daemon:
     # -- life -------------------------------------------------------------------------------------------
 
     async def run(self) -> None:
-        """Serve until told to stop."""
+        """Serve until the farm is shut down."""
         listening = listen(self._places.socket, self._fleet.fleet.group)
         services = Services(
             self._controller,
@@ -132,12 +132,12 @@ class Daemon:
             self._store.close()
 
     async def _follow_clock(self) -> None:
-        """Take over that the host's clock was set, as by NTP after a start without a network."""
+        """Follow steps of the host's clock, as by NTP after a start without a network."""
         while True:
             await asyncio.sleep(_FOLLOW_S)  # by the loop's own clock, which nobody sets
             step_s = self._clock.follow_host()
             if step_s:
-                log.warning("the host's clock was set by %+.0f s: hours are kept by it from now on", step_s)
+                log.warning("the host's clock was set by %+.0f s: hours follow it from now on", step_s)
                 self._timers.clock_set()
                 if self._notifier is not None:
                     self._notifier.clock_set(step_s)
@@ -164,7 +164,7 @@ class Daemon:
         self._ending = asyncio.get_running_loop().create_task(self._end(give_up))
 
     async def _end(self, give_up: float) -> None:
-        """Wait for open prints, then end. Prints that do not end keep the farm up: somebody has to look."""
+        """Wait for open prints, then end. Prints that do not end keep the farm up for a person to inspect."""
         while open_prints := sorted({attempt.printer for attempt in self._controller.books.open_prints()}):
             if asyncio.get_running_loop().time() > give_up:
                 log.error("not going down: %s did not end within %g s", " ".join(open_prints), _ABORT_S)
@@ -184,7 +184,7 @@ def run(fleet: Fleet, places: Places) -> None:
     Refused
         Where another daemon has this state folder.
     FarmError
-        Where that cannot be read or written.
+        Where the state folder cannot be read or written.
     """
     logging.basicConfig(level=logging.INFO, force=True, format="%(asctime)s %(name)s %(message)s")
     logging.getLogger("apscheduler").setLevel(logging.WARNING)
@@ -194,7 +194,7 @@ def run(fleet: Fleet, places: Places) -> None:
         with _only_one(places.state):
             shutil.rmtree(places.state.work, ignore_errors=True)
             places.state.make()
-            for partial in places.state.slices.glob(".*"):  # of a worker that was killed while it wrote
+            for partial in places.state.slices.glob(".*"):  # of a worker that was killed while writing
                 partial.unlink()
             trim_cache(places.state.slices)
             asyncio.run(Daemon(fleet, places).run())
@@ -223,12 +223,12 @@ def _only_one(state: StateFolder) -> Iterator[None]:
 
 
 def farm_clock(fleet: Fleet, state: StateFolder) -> Clock:
-    """Return the farm's clock, the same over restarts: running agents and emulators live on it too.
+    """Return the farm's clock, the same after a restart: running agents and emulators use it too.
 
     Raises
     ------
     Refused
-        Where the state folder lives on a clock of another scale.
+        Where the state folder was used with another time scale.
     """
     scale = fleet.fleet.time_scale
     saved = read_anchor(state.clock)

@@ -10,7 +10,7 @@ In the order of the work:
 6. `booking`: put the files into the store; `planned_event`: the event that commits the plan.
 
 `plan` and `part_records` are the records that pass between these steps. `replanning` plans a waiting plate
-anew; `local` is `farm decompose` and `farm slice`, without a daemon.
+again; `local` is `farm decompose` and `farm slice`, without a daemon.
 """
 
 from farm.planning.booking import list_job_files

@@ -20,7 +20,7 @@ def matching_printers(printers: Sequence[PrinterSection], options: JobOptions) -
     Raises
     ------
     Refused
-        There is none; the message says what there is.
+        Where there is none; the message lists what there is.
     """
     enabled = [section for section in printers if section.enabled]
     matching = [
@@ -38,7 +38,7 @@ def matching_printers(printers: Sequence[PrinterSection], options: JobOptions) -
 
 
 def settings_request(section: PrinterSection, quality: str) -> SettingsRequest:
-    """Build the request for the slicer's settings on a printer, with supports: poses count on them."""
+    """Build the request for the slicer's settings on a printer, with supports, which poses are chosen for."""
     return SettingsRequest(
         slicing_printer(PROFILES[section.model]),
         quality,
@@ -70,7 +70,7 @@ def check_settings(printers: Sequence[PrinterSection], options: JobOptions) -> N
 
 
 def slicing_printer(profile: Profile) -> PrinterModel:
-    """Hand a printer model's limits, start and end code to the slicing package."""
+    """Convert a printer profile to the slicing package's model: limits, start and end code."""
     return PrinterModel(
         name=profile.model,
         title=profile.title,
@@ -97,14 +97,14 @@ def printer_room(section: PrinterSection, brim_mm: float) -> tuple[RoomBox, ...]
 def model_sizes(
     room: tuple[RoomBox, ...], settings: EngineSettings
 ) -> tuple[tuple[float, float, float], ...]:
-    """Return the sizes (x, y, z) in mm that a part may have in the model: it shrinks in printing."""
+    """Return the sizes (x, y, z) in mm that a part may have in the model: it shrinks when it cools."""
     xy, z = settings.scale_xy, settings.scale_z
     return tuple((x / xy, y / xy, height / z) for x, y, height in (box.size_mm for box in room))
 
 
 @cache
 def bed_boxes(section: PrinterSection) -> tuple[tuple[float, float, float, float, float], ...]:
-    """Return the boxes that may be printed in: min_x, min_y, max_x, max_y, height in bed-centred mm."""
+    """Return the boxes that a printer prints in: min_x, min_y, max_x, max_y, height, bed-centred mm."""
     return tuple(
         (box.rect.min_x_mm, box.rect.min_y_mm, box.rect.max_x_mm, box.rect.max_y_mm, box.height_mm)
         for box in printer_room(section, brim_mm=0.0)

@@ -23,12 +23,12 @@ from slicing.settings import find_engine, find_resources
 async def slice_batch(
     workers: Workers, batch: SliceBatch, on_slice: Callable[[PlateResult], None] = lambda _: None
 ) -> tuple[SlicedPart, ...]:
-    """Slice all parts of a batch; where one fails, or this is cancelled, all end.
+    """Slice all parts of a batch; one failure, or a cancellation, ends all.
 
     Parameters
     ----------
     on_slice
-        Called with each slice as it comes.
+        Called with each slice as it is done.
 
     Returns
     -------
@@ -46,9 +46,9 @@ async def slice_batch(
         on_slice(result)
         return SlicedPart(part, batch.printer_of(part), task, result)
 
-    # Resolving settings and writing files would keep the event loop: both in a thread.
+    # In a thread: resolving settings and writing files would block the event loop.
     tasks = await asyncio.to_thread(build_slice_tasks, batch)
-    # Longest first: the workers are done soonest then.
+    # Longest first, so that all workers end early.
     order = sorted(range(len(tasks)), key=lambda i: -batch.parts[i].price_s)
     running = {i: asyncio.ensure_future(slice_one(batch.parts[i], tasks[i])) for i in order}
     try:

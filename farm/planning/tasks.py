@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 class Deferred:
     """A function whose module is imported only where it is called.
 
-    The process that names it loads nothing; the process that calls it loads what it needs.
+    The process that refers to it loads nothing; the process that calls it loads its module.
 
     Attributes
     ----------

@@ -21,7 +21,7 @@ _PASSING = (
 
 @dataclass(frozen=True, slots=True)
 class Begin:
-    """Instruction to plan a job for these printers, in as many rounds."""
+    """Instruction to plan a job for these printers, in so many rounds."""
 
     printers: tuple[str, ...]
     rounds: int = 1
@@ -34,16 +34,16 @@ class JobRequest:
     Attributes
     ----------
     requirements
-        What a printer must offer.
+        Requirements on each printer.
     printers
-        How many printers a person gave it; None for all.
+        Number of printers that a person gave it; None for all.
     least_parts
-        How many parts an earlier attempt has shown to be needed; 0 where nothing is known.
+        Number of parts that an earlier attempt has found to be needed; 0 where unknown.
     spares
-        How many of the free printers it leaves, as long as it has one.
+        Number of free printers that it leaves, as long as it has one.
     needs_approval
-        Nothing of it is printed before a person approves its plan: printers that print now count too, as
-        nobody knows what is then in front of it; where others have them then, it waits.
+        Nothing is printed before a person approves its plan: busy printers count too, as the queue at that
+        time is not known; where other jobs have them then, it waits.
     """
 
     requirements: Requirements
@@ -60,13 +60,13 @@ class Availability:
     Attributes
     ----------
     printers
-        The fleet, of which one at least matches.
+        The fleet; at least one printer matches.
     taken
         Printers that waiting plates of earlier jobs will get.
     starting
         The farm has just started: printers that are still connecting are waited for.
     unattended_blocked
-        Printers on which nothing may start while nobody is there: taken only where there is no other.
+        Printers on which nothing may start while nobody is there: chosen only where there is no other.
     """
 
     printers: tuple[FleetPrinter, ...]
@@ -92,8 +92,8 @@ def find_mismatch(requirements: Requirements, printers: Iterable[FleetPrinter]) 
 def choose_printers(request: JobRequest, availability: Availability) -> Begin | Hold:
     """Choose the printers that the job in front takes.
 
-    It takes all that match and are idle and clear, or as many as it was given, once they can hold it in one
-    round; where even the whole fleet cannot, the idle ones with further rounds.
+    It takes all matching printers that are idle and clear, or as many as it was given, once they can print it
+    in one round; where the whole fleet cannot, the idle ones in several rounds.
     """
     matching = sorted(
         (p for p in availability.printers if request.requirements.matches(p.capabilities)),
@@ -102,7 +102,7 @@ def choose_printers(request: JobRequest, availability: Availability) -> Begin | 
     arriving = [p.name for p in matching if p.link in (Link.STARTING, Link.CONNECTING) and not p.booked]
     if arriving and availability.starting:
         return Hold(code=HoldCode.PRINTER_CONNECTING, text=f"connecting to {' '.join(arriving)}")
-    # A printer that is away or broken may never come back: it is not waited for.
+    # A printer that is away or broken may never come back: nothing waits for it.
     coming = [p for p in matching if (hold := p.obstacle()) is None or hold.code in _PASSING]
     if not request.needs_approval:
         coming = [p for p in coming if p.name not in availability.unattended_blocked] or coming
@@ -117,7 +117,7 @@ def choose_printers(request: JobRequest, availability: Availability) -> Begin | 
             return Hold(
                 code=HoldCode.PRINTER_BUSY, text="every matching printer is reserved for another plate"
             )
-        # What ends by itself is waited for; a person is asked only where nothing does.
+        # Name what ends by itself; ask a person only where nothing does.
         busy = [hold for hold in obstacles if hold.code is HoldCode.PRINTER_BUSY]
         full = [p.name for p in matching if (h := p.obstacle()) and h.code is HoldCode.BED_NOT_CLEAR]
         if busy and full:
@@ -132,7 +132,7 @@ def choose_printers(request: JobRequest, availability: Availability) -> Begin | 
             text = f"it needs {least} printers at the same time, {given} of {ceiling} are idle and clear"
             return Hold(code=HoldCode.TOO_FEW_PRINTERS, text=text)
         return Begin(tuple(p.name for p in idle[:given]), rounds=-(-least // given))
-    # The roomiest first: a person who gives two printers gives the best two.
+    # The largest first: a person who gives two printers gives the best two.
     idle.sort(key=lambda p: (-p.capabilities.height_mm, p.name))
     return Begin(tuple(sorted(p.name for p in idle[:given])))
 
@@ -145,7 +145,7 @@ def choose_printers_beside(
 ) -> Begin | Hold:
     """Choose the printers of a job beside others that are being planned.
 
-    Those keep their printers from jobs of less priority, and from others while there are more.
+    They keep their printers from jobs of lower priority, and from others while more printers are free.
 
     Parameters
     ----------
@@ -166,7 +166,7 @@ def choose_printers_beside(
 
 @dataclass(frozen=True, slots=True)
 class StartPlanning:
-    """Instruction to plan a job for these printers, in as many rounds."""
+    """Instruction to plan a job for these printers, in so many rounds."""
 
     job: int
     printers: tuple[str, ...]
@@ -175,16 +175,16 @@ class StartPlanning:
 
 @dataclass(frozen=True, slots=True)
 class HoldJob:
-    """Decision that a job waits, and why."""
+    """Decision that a job waits, with the reason."""
 
     job: int
     hold: Hold
 
 
 class JobAdmission:
-    """Decides which jobs begin to be planned, and remembers for which printers.
+    """Decides which jobs are planned, and remembers for which printers.
 
-    It is in memory only: a plan that died with a daemon is made again by the next one.
+    It is in memory only: after a restart, jobs are planned again.
     """
 
     def __init__(self) -> None:
@@ -192,23 +192,23 @@ class JobAdmission:
         self._planned: dict[int, frozenset[str]] = {}  # the printers that a job is being planned for
 
     def require_parts(self, number: int, parts: int) -> None:
-        """Note that a job needs so many parts, as an attempt to plan it has shown."""
+        """Store the number of parts that an attempt to plan a job has found to be needed."""
         self._least_parts[number] = parts
 
     def begin(self, order: StartPlanning) -> None:
-        """Note that a job is being planned."""
+        """Store the printers that a job is being planned for."""
         self._planned[order.job] = frozenset(order.printers)
 
     def end(self, number: int) -> None:
-        """Note that a job is not being planned any more."""
+        """Forget a job whose planning has ended."""
         self._planned.pop(number, None)
 
     def decide(
         self, books: Books, situation: Situation, taken: frozenset[str], starting: bool
     ) -> Iterator[StartPlanning | HoldJob]:
-        """Yield what becomes of each queued job: it begins, or has a reason to wait.
+        """Yield a decision on each queued job: its planning starts, or it has a reason to wait.
 
-        Own G-code has a front of its own: it is planned in a moment, and never waits for a decomposition. A
+        Own G-code has a queue of its own: it is planned in a moment, and never waits for a decomposition. A
         job that no printer matches lets the others pass.
 
         Parameters
@@ -216,9 +216,9 @@ class JobAdmission:
         books
             As committed, with the plates that have just been assigned.
         situation
-            The fleet after that, the rules, and the spares.
+            The fleet after that, the rules and the spares.
         taken
-            Printers that a waiting plate will get, or is being replanned for.
+            Printers that a waiting plate gets, or is being replanned for.
         starting
             The farm has just started: printers that are still connecting are waited for.
         """
@@ -260,14 +260,14 @@ class JobAdmission:
 def taken_printers(
     books: Books, situation: Situation, holds: Mapping[str, Hold], reserved: frozenset[str]
 ) -> frozenset[str]:
-    """Return the printers that no job can count on.
+    """Return the printers that are not available to a new job.
 
     Parameters
     ----------
     books
         As committed.
     situation
-        The fleet, and how many spares are kept.
+        The fleet, and the number of spares.
     holds
         The plates that no printer takes now.
     reserved
@@ -278,10 +278,10 @@ def taken_printers(
 
 
 def _own_hold(job: Job, situation: Situation) -> Hold | None:
-    """Return why a job would begin on no printer, whoever is in front of it."""
-    nobody = find_mismatch(job_requirements(job), situation.printers)
-    if nobody is not None:
-        return nobody
+    """Return the hold of a job that does not depend on other jobs; None where there is none."""
+    mismatch = find_mismatch(job_requirements(job), situation.printers)
+    if mismatch is not None:
+        return mismatch
     if job.paused:
         return Hold(code=HoldCode.PAUSED, text=f"it is paused: `farm resume {job.id}`")
     if job.not_before_s is not None and situation.now_s < job.not_before_s and not job.options.hold:

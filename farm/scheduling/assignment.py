@@ -1,4 +1,4 @@
-"""Assignment of waiting plates to printers, and a reason for every plate that waits on. Pure."""
+"""Assignment of waiting plates to printers, and a reason for every plate that still waits. Pure."""
 
 from __future__ import annotations
 
@@ -21,17 +21,16 @@ def assign_plates(situation: Situation) -> tuple[list[Assignment], dict[str, Hol
     """Give each waiting plate a printer, or a reason to wait.
 
     Plates choose by priority, then by order of submission, then the longest first (LPT). A plate
-    keeps the printer of its plan while that one can take it now; otherwise it goes to any matching printer
-    that is idle and clear, rather to one that no other waiting plate was planned for, and to the lowest. A
-    plate that finds every such printer taken moves an earlier one to another that will do as well (an
-    augmenting path), so that no printer is idle for want of a better order. A plate goes back to a printer on
-    which it failed only where no other is free. A job that was given a number of printers never prints on
-    more of them at once.
+    gets the printer of its plan where that one can take it now; otherwise a matching printer that is idle and
+    clear, preferably one that no other waiting plate was planned for, and the lowest. Where all of them are
+    taken, an earlier plate is moved to another printer that matches it too (an augmenting path), so that no
+    printer is left idle by the order. A plate returns to a printer on which it failed only where no other is
+    free. A job that was given a number of printers never prints on more at once.
 
     Parameters
     ----------
     situation
-        What waits, the fleet, and the rules. The order of plates and printers does not change the answer.
+        Waiting plates, fleet and rules. The order of plates and printers does not change the answer.
 
     Returns
     -------
@@ -77,12 +76,12 @@ class _Matching:
         self._known: dict[str, list[str]] = {}
 
     def place(self, plate: WaitingPlate, failed_too: bool) -> bool:
-        """Find a printer for a plate; where `failed_too`, also one on which it failed."""
+        """Find a printer for a plate; with `failed_too`, one on which it failed as well."""
         if failed_too:
-            back = next((n for n in self._free if n not in self.taken and self._can(plate, n)), None)
-            if back is not None:
-                self.taken[back] = plate
-            return back is not None
+            previous = next((n for n in self._free if n not in self.taken and self._can(plate, n)), None)
+            if previous is not None:
+                self.taken[previous] = plate
+            return previous is not None
         return self._augment(plate, set())
 
     def _augment(self, plate: WaitingPlate, seen: set[str]) -> bool:

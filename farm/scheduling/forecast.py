@@ -1,4 +1,4 @@
-"""Forecast of when and where every waiting plate prints, with a lower bound of its end. Pure."""
+"""Forecast of the prints of all waiting plates, with a lower bound of their end. Pure."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Slot:
 
 @dataclass(frozen=True, slots=True)
 class Forecast:
-    """Slots in order of their start, and the plates that no printer can ever take."""
+    """Slots in order of their start, and the plates that no printer ever takes."""
 
     slots: tuple[Slot, ...]
     left: tuple[str, ...]
@@ -51,18 +51,17 @@ class Forecast:
 def forecast_prints(situation: Situation, bounded: bool = True) -> Forecast:
     """Forecast the prints of all waiting plates by list scheduling.
 
-    Longest first, each plate goes to the printer where it ends soonest. Between two plates on a printer its
-    bed is cleared, for which somebody has to be there. Printers that are away or broken are not counted on,
-    unless there is no other. At most `max_heating` printers heat at once. Where all printers are alike and
-    free, the end is at most 4/3 of the least (Graham 1969, LPT), and the longest plate's end where there are
-    no more plates than printers.
+    Longest first, each plate goes to the printer where it ends soonest. Between two plates on a printer, a
+    person clears its bed. Printers that are away or broken count only where there is no other. At most
+    `max_heating` printers heat at once. Where all printers are alike and free, the end is at most 4/3 of the
+    least (Graham 1969, LPT), and the least where there are no more plates than printers.
 
     Parameters
     ----------
     situation
-        What waits, the fleet and the rules. The order of plates and printers does not change the answer.
+        Waiting plates, fleet and rules. The order of plates and printers does not change the answer.
     bounded
-        Compute a lower bound better than now.
+        Compute the lower bound; without it, the bound is now.
     """
     plates, fleet = situation.by_priority, list(situation.fleet.values())
     coming = [p for p in fleet if ((hold := p.obstacle()) and hold.code) in _COMING] or fleet
@@ -116,12 +115,12 @@ class _ListSchedule:
         }
 
     def find_slot(self, plate: WaitingPlate, candidates: Iterable[FleetPrinter]) -> Slot | None:
-        """Return the slot in which a plate ends soonest, rather on its planned printer; None for none."""
+        """Return the slot in which a plate ends soonest, preferably on its planned printer; else None."""
         best = (math.inf, True, "", 0.0)
         earliest = sorted((self.ready_s[p.name] + seconds_on(plate, p), p.name, p) for p in candidates)
         for least_s, name, printer in earliest:
             if least_s > best[0]:
-                break  # nor would any after it end sooner
+                break  # no later one ends sooner
             if not self._has_filament(plate, printer):
                 continue
             start_s = _start_s(plate, printer, self.ready_s[name], self._rules, self._heating)
@@ -131,7 +130,7 @@ class _ListSchedule:
         return Slot(plate.id, name, start_s, end_s) if name else None
 
     def add(self, plate: WaitingPlate, slot: Slot) -> None:
-        """Take a slot into the schedule: its printer is busy, and its reel has less."""
+        """Add a slot to the schedule: its printer is busy until its bed is clear, its reel has less."""
         self._heating.append((slot.starts_s, slot.starts_s + plate.heating_s))
         self.ready_s[slot.printer] = self._rules.bed_clear_s(slot.ends_s, CLEARING_S)
         grams = self._grams[slot.printer]
@@ -142,7 +141,7 @@ class _ListSchedule:
 
 
 def as_idle(printer: FleetPrinter) -> FleetPrinter:
-    """Return the printer as it is when idle and clear: for how long a plan takes, not for when it begins."""
+    """Return a printer as if it were idle and clear, for the duration of a plan instead of its start."""
     return replace(
         printer,
         bed=Bed.CLEAR,
@@ -194,10 +193,10 @@ def _lower_bound_s(
     rules: StartRules,
     now_s: float,
 ) -> float:
-    """Return the end that no schedule on these printers can beat.
+    """Return an end that no schedule on these printers can beat, in seconds since the epoch.
 
-    The greatest of: each plate alone on the printer where it ends soonest; and, for the plates that can go
-    to some set of printers only, all their seconds spread evenly over it from when each is ready.
+    The greatest of: the end of each plate alone on its best printer; and, for the plates that can go to some
+    set of printers only, the end of all their seconds spread evenly over that set as its printers get ready.
     """
     bound_s = now_s
     work_s: dict[frozenset[str], float] = {}
@@ -218,7 +217,7 @@ def _lower_bound_s(
 
 
 def _filled_s(work_s: float, ready: Sequence[float]) -> float:
-    """Return when so much work is done by machines that are ready at these moments (in order)."""
+    """Return the end of so much work on machines that are ready at these moments, in ascending order."""
     level_s = ready[0]
     for count, following in enumerate([*ready[1:], float("inf")], 1):
         room_s = (following - level_s) * count
@@ -229,8 +228,8 @@ def _filled_s(work_s: float, ready: Sequence[float]) -> float:
     raise AssertionError("the last machine takes whatever is left")
 
 
-_KEPT_S = 60.0  # farm seconds in which nothing has happened
-_APART_S = 5.0  # wall seconds: 300 plates on 100 printers take a third of one
+_KEPT_S = 60.0  # farm seconds for which a forecast of unchanged books is kept
+_APART_S = 5.0  # wall seconds between forecasts: 300 plates on 100 printers take a third of one
 
 
 class ForecastCache:
@@ -251,7 +250,7 @@ class ForecastCache:
         self._ends_s: Mapping[str, float] = {}
 
     def clock_set(self) -> None:
-        """Forecast anew: the host's clock was set, and hours are others."""
+        """Drop the forecast after a step of the host's clock, as hours have shifted."""
         self._at_s = float("-inf")
 
     def ends_s(

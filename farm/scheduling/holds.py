@@ -14,7 +14,7 @@ from farm.state import LOSSES, Books, PlateState, stopped_print
 
 
 def find_plate_holds(books: Books, printers: Iterable[PrinterSection], now_s: float) -> dict[str, Hold]:
-    """Find the plates that are offered to no printer.
+    """Find the waiting plates that are offered to no printer, and why.
 
     Parameters
     ----------
@@ -50,13 +50,13 @@ def loss_window_end_s(books: Books, holds: Mapping[str, Hold]) -> float:
 
 
 def _has_not_reported(books: Books, printer: str) -> bool:
-    """Return whether a printer may have printed what restored books take for waiting; not in maintenance."""
+    """Return whether an agent has not listed its prints since the backup; False in maintenance."""
     entry = books.printer(printer)
     return entry.unreported_since_s is not None and entry.maintenance is None
 
 
 def _find_hold(books: Books, job: Job, plate: Plate, unreported: str, now_s: float) -> Hold | None:
-    """Find why a plate may start on no printer; `unreported` printers may have printed it already."""
+    """Find the hold of a plate that may start on no printer; `unreported` ones may have printed it."""
     state = books.plate_state(plate)
     if state is PlateState.OUT_OF_ATTEMPTS:
         text = (
@@ -72,15 +72,15 @@ def _find_hold(books: Books, job: Job, plate: Plate, unreported: str, now_s: flo
         return Hold(code=HoldCode.OUTAGE, text=text)
     if unreported:
         text = (
-            f"{unreported} may have printed it since the books were copied: "
+            f"{unreported} may have printed it since the backup of the database: "
             "connect them, or `farm maintenance`"
         )
         return Hold(code=HoldCode.PRINTER_UNREPORTED, text=text)
     if job.paused:
         return Hold(code=HoldCode.PAUSED, text=f"job {job.id} is paused: `farm resume {job.id}`")
     part = plate.parts[0]
-    if (halted := stopped_print(plate, books.prints_of(plate))) is not None:
-        text = f"`farm estop` stopped it on {halted.printer}: `farm resume {part}` prints it again"
+    if (stopped := stopped_print(plate, books.prints_of(plate))) is not None:
+        text = f"`farm estop` stopped it on {stopped.printer}: `farm resume {part}` prints it again"
         return Hold(code=HoldCode.STOPPED, text=text)
     if plate.paused:
         return Hold(code=HoldCode.PAUSED, text=f"part {part} is paused: `farm resume {part}`")
@@ -92,7 +92,7 @@ def _find_hold(books: Books, job: Job, plate: Plate, unreported: str, now_s: flo
     return None
 
 
-_NAMED = 4  # printers that a sentence names; the rest is counted
+_NAMED = 4  # printers that a sentence names; of more, it gives the number
 
 
 class HoldReasons:
@@ -103,11 +103,11 @@ class HoldReasons:
     situation
         The moment.
     given
-        Printers that get a plate now.
+        Printers that are given a plate now.
     kept
         Free printers that are kept for plates that failed elsewhere.
     full
-        The most printers that may heat at once, where as many do; None where more may.
+        Limit of printers that heat at once, where it is reached; None where it is not.
     """
 
     def __init__(
@@ -117,7 +117,7 @@ class HoldReasons:
         fleet = situation.fleet
         self._obstacles = {name: printer.obstacle() for name, printer in fleet.items()}
         self._capabilities = tuple(dict.fromkeys(printer.capabilities for printer in fleet.values()))
-        self._matching: dict[tuple[Capabilities, ...], tuple[str, ...]] = {}  # by those that do not match
+        self._matching: dict[tuple[Capabilities, ...], tuple[str, ...]] = {}  # by mismatches
         self._busy: dict[tuple[str, ...], Hold | None] = {}
         self._idle = frozenset(n for n, hold in self._obstacles.items() if hold is None) - given
 
@@ -128,7 +128,7 @@ class HoldReasons:
         )
 
     def find(self, plate: WaitingPlate) -> Hold:
-        """Return why a plate waits: first what ends by itself, with what a person can do to end it sooner."""
+        """Return why a plate waits: preferably a reason that ends by itself, with how to end it sooner."""
         lacking = tuple(each for each in self._capabilities if not plate.requirements.matches(each))
         if lacking not in self._matching:
             self._matching[lacking] = tuple(
@@ -136,7 +136,7 @@ class HoldReasons:
             )
         names = self._matching[lacking]
         if not names:
-            asked = plate.requirements.describe() or "nothing asked"
+            asked = plate.requirements.describe() or "no requirements"
             return Hold(code=HoldCode.NO_SUCH_PRINTER, text=f"no printer of the fleet matches: {asked}")
         needs = plate.requirements.describe(lacking) if lacking else ""
         hold = self._among(plate, names)
@@ -147,7 +147,7 @@ class HoldReasons:
         for name in names if self._idle else ():
             held = self._held(plate, name) if name in self._idle else None
             if held is not None and held.code is not HoldCode.REEL_TOO_SHORT:
-                return held  # it passes by itself
+                return held  # ends by itself
             short = short or held
         busy = self._printing(names)
         if busy is not None:
@@ -157,7 +157,7 @@ class HoldReasons:
         return planned or short or first or _given_away()
 
     def _held(self, plate: WaitingPlate, name: str) -> Hold | None:
-        """Return why a plate does not go to a printer that is idle and clear."""
+        """Return why a plate does not go to an idle and clear printer; None where another plate got it."""
         printer = self._situation.fleet[name]
         short = short_of_filament(plate, printer, printer.grams)
         if short is not None:
@@ -177,7 +177,7 @@ class HoldReasons:
         return None
 
     def _printing(self, names: tuple[str, ...]) -> Hold | None:
-        """Return the hold for printers that print: until when, and what is available before that."""
+        """Return the hold for busy printers: until when, and how to start earlier."""
         if names not in self._busy:
             self._busy[names] = self._printing_now(names)
         return self._busy[names]
@@ -205,7 +205,7 @@ def _given_away() -> Hold:
 
 
 def join_names(names: Iterable[str]) -> str:
-    """Join names for a sentence (a, b and c); of many, the rest is counted."""
+    """Join names for a sentence: a, b and c; of many, the number of the rest."""
     *rest, last = names
     if len(rest) >= _NAMED:
         rest, last = rest[: _NAMED - 1], f"{len(rest) - _NAMED + 2} more"

@@ -11,8 +11,8 @@ from functools import lru_cache
 
 from farm.week_windows import DAYS, Window
 
-_HORIZON_DAYS = 15  # windows come again every week; twice that holds a span that lasts a week
-_ALWAYS_S = 8 * 86400.0  # windows of a week that leave no gap
+_HORIZON_DAYS = 15  # two weeks hold every span of weekly windows
+_ALWAYS_S = 8 * 86400.0  # longer spans have no gap: they never end
 Span = tuple[float, float]
 
 
@@ -20,15 +20,15 @@ Span = tuple[float, float]
 class Hours:
     """Windows in a time zone. Moments are seconds since the epoch.
 
-    A local time that a change of the clock skips is taken an hour later; of one that it brings twice, windows
-    begin at the first and end at the second, so that no minute of a window is lost.
+    A local time that daylight saving skips is taken an hour later; of one that occurs twice, windows begin at
+    the first and end at the second, so that no minute of a window is lost.
     """
 
     windows: tuple[Window, ...]
     zone: tzinfo
 
     def span(self, at_s: float) -> Span | None:
-        """Return the half-open span around `at_s`; None where there is none. A last one ends at infinity."""
+        """Return the half-open span around `at_s`; else None. A span without a gap ends at infinity."""
         return next((span for span in self._near(at_s) if span[0] <= at_s < span[1]), None)
 
     def following(self, at_s: float) -> Span | None:
@@ -36,7 +36,7 @@ class Hours:
         return next((span for span in self._near(at_s) if span[0] > at_s), None)
 
     def edge_s(self, at_s: float) -> float | None:
-        """Return the next begin or end of a window; None where there is none."""
+        """Return the next start or end of a window; None where there is none."""
         now, then = self.span(at_s), self.following(at_s)
         if now is not None:
             return None if math.isinf(now[1]) else now[1]
@@ -66,7 +66,7 @@ def _merged(spans: Iterable[Span]) -> list[Span]:
     merged: list[Span] = []
     for begin, end in sorted(spans):
         if end <= begin:
-            continue  # a change of the clock skips all of it
+            continue  # daylight saving skips all of it
         if merged and begin <= merged[-1][1]:
             merged[-1] = (merged[-1][0], max(merged[-1][1], end))
         else:
@@ -79,12 +79,12 @@ _TIME = re.compile(r"(?:([a-z]{3})\s+)?(\d{1,2}):(\d{2})")
 
 
 def parse_moment_s(text: str, now_s: float, zone: tzinfo) -> float:
-    """Parse the next such moment after now, in seconds since the epoch.
+    """Parse a moment, the next one after now, in seconds since the epoch.
 
     Raises
     ------
     ValueError
-        Where it cannot be read, has passed, or is more than a year ahead, with what to write instead.
+        Where it cannot be read, has passed or is more than a year ahead; the message says what to write.
     """
     now = datetime.fromtimestamp(now_s, zone)
     found = _TIME.fullmatch(text.strip().lower())
@@ -109,12 +109,12 @@ def parse_moment_s(text: str, now_s: float, zone: tzinfo) -> float:
 
 
 def _next(now: datetime, day: str | None, hour: int, minute: int) -> datetime:
-    """Return the next such local time; one that a change of the clock brings twice is met twice."""
+    """Return the next such local time; with daylight saving, one may occur twice."""
     then = now.replace(hour=hour, minute=minute, second=0, microsecond=0, fold=0)
     for _ in range(9):
-        again = then.replace(fold=1)  # an hour later where it comes twice, earlier where it is skipped
+        second = then.replace(fold=1)  # an hour later where it occurs twice, earlier where it is skipped
         if day is None or DAYS[then.weekday()] == day:
-            for moment in (then, again) if again.timestamp() > then.timestamp() else (then,):
+            for moment in (then, second) if second.timestamp() > then.timestamp() else (then,):
                 if moment.timestamp() > now.timestamp():
                     return moment
         then += timedelta(days=1)

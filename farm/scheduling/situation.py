@@ -1,4 +1,4 @@
-"""One moment of the farm as the scheduler sees it. Pure."""
+"""State of the farm at one moment, as the scheduler sees it. Pure."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from farm.scheduling.start_rules import StartRules
 
 @dataclass(frozen=True)
 class Situation:
-    """Everything that scheduling decides on: what waits, the fleet, and the rules of the house.
+    """All data for scheduling decisions: waiting plates, fleet and rules.
 
     Attributes
     ----------
@@ -46,7 +46,7 @@ class Situation:
 
     @cached_property
     def by_priority(self) -> tuple[WaitingPlate, ...]:
-        """Return the waiting plates, the one that chooses first at the front."""
+        """Return the waiting plates in the order in which they choose."""
         return tuple(sorted(self.waiting, key=lambda plate: plate.priority_key))
 
     @cached_property
@@ -60,12 +60,12 @@ class Situation:
         return tuple(printer for printer in self.fleet.values() if printer.obstacle() is None)
 
     def spare_printers(self, planned: Collection[str] | None = None) -> frozenset[str]:
-        """Return the free printers that are kept for plates that failed elsewhere: the roomiest.
+        """Return the free printers that are kept for plates that failed elsewhere: the largest.
 
         Parameters
         ----------
         planned
-            Printers that are not kept, as plates were planned for them; None for those of the waiting plates.
+            Printers that plates were planned for, which are not kept; None for those of the waiting plates.
         """
         planned = self.planned if planned is None else planned
         free = [printer for printer in self.free if printer.name not in planned]

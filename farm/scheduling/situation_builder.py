@@ -1,4 +1,4 @@
-"""Description of fleet, books and the agents' latest snapshots for the scheduler. Pure."""
+"""Builder of situations from fleet, books and the agents' latest snapshots. Pure."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def describe_printers(
     snapshots: Mapping[str, AgentSnapshot],
     rooms: BuildVolumes,
 ) -> list[FleetPrinter]:
-    """Describe the printers that may be used."""
+    """Describe the enabled printers."""
     attempts = {attempt.printer: attempt for attempt in books.open_prints()}
     return [
         _describe_printer(section, books, snapshots.get(section.name), attempts.get(section.name), rooms)
@@ -35,15 +35,15 @@ def describe_printers(
 def _describe_printer(
     section: PrinterSection,
     books: Books,
-    said: AgentSnapshot | None,
+    report: AgentSnapshot | None,
     attempt: Print | None,
     rooms: BuildVolumes,
 ) -> FleetPrinter:
     entry = books.printer(section.name)
     attention_reason = entry.attention_reason
-    if said is not None and said.link is Link.FAULT and attention_reason is None:
-        attention_reason = said.reason or "its agent reports a fault"
-    verified = said is None or said.reset_verified
+    if report is not None and report.link is Link.FAULT and attention_reason is None:
+        attention_reason = report.reason or "its agent reports a fault"
+    verified = report is None or report.reset_verified
     return FleetPrinter(
         name=section.name,
         capabilities=Capabilities(
@@ -51,7 +51,7 @@ def _describe_printer(
         ),
         bed=entry.bed,
         filament=entry.filament,
-        link=said.link if said is not None else Link.STARTING,
+        link=report.link if report is not None else Link.STARTING,
         booked=attempt is not None,
         attention_reason=attention_reason,
         maintenance=entry.maintenance,
@@ -66,7 +66,7 @@ def _describe_printer(
 
 
 def _expected_end_s(books: Books, attempt: Print, factor: float) -> float:
-    """Return when a print should end by its plate's time: in whole minutes, so that it changes seldom."""
+    """Return the expected end of a print, rounded up to whole minutes."""
     begun_s = attempt.started_s if attempt.started_s is not None else attempt.assigned_s
     return math.ceil((begun_s + books.plates[attempt.plate].expected_on(factor)) / 60) * 60.0
 
@@ -141,9 +141,9 @@ def build_situation(
 
 
 def may_start_now(attempt: Print, books: Books, situation: Situation) -> bool:
-    """Return whether hours let a print begin of which its agent has not heard yet.
+    """Return whether hours allow a start that its agent has not confirmed yet.
 
-    An agent may have been away since: a start that was right in the evening may be wrong at night.
+    The agent may have been away since: a start that was allowed in the evening may not be at night.
     """
     printer = situation.fleet.get(attempt.printer)
     (plate,) = describe_plates([books.plates[attempt.plate]], books)
@@ -155,14 +155,14 @@ def may_start_now(attempt: Print, books: Books, situation: Situation) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class PrintLimits:
-    """Hours of a print, in seconds since the epoch; None where hours do not decide it.
+    """Limits that hours set to a print, in seconds since the epoch; None where they set none.
 
     Attributes
     ----------
     not_after_s
-        Until when it may begin.
+        Latest start.
     ends_by_s
-        When it has to be ended.
+        Latest end.
     """
 
     not_after_s: float | None
@@ -170,7 +170,7 @@ class PrintLimits:
 
 
 def find_print_limits(attempt: Print, books: Books, situation: Situation) -> PrintLimits:
-    """Find until when a print that may begin now may, and when it has to be ended."""
+    """Find the latest start and end of a print that may begin now."""
     printer = situation.fleet.get(attempt.printer)
     if printer is None:
         return PrintLimits(None, None)
@@ -181,7 +181,7 @@ def find_print_limits(attempt: Print, books: Books, situation: Situation) -> Pri
 
 
 def job_requirements(job: Job) -> Requirements:
-    """Return what a job asks of a printer before it is planned."""
+    """Return the requirements of a job that is not planned yet."""
     own = job.own_gcode
     return Requirements(
         material=job.options.material,

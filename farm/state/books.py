@@ -1,6 +1,6 @@
 """Books: every job, part, plate, print and printer. Pure.
 
-Nothing is changed in place: `put` gives new books, so the store can tell what to write by identity.
+Nothing is changed in place: `put` returns new books, and the store finds the changes by identity.
 """
 
 from __future__ import annotations
@@ -29,6 +29,8 @@ E = TypeVar("E", bound=Entity)
 
 @dataclass(frozen=True, slots=True)
 class Books:
+    """State of the farm: its entities by id. Immutable."""
+
     jobs: Mapping[int, Job] = field(default_factory=dict)
     parts: Mapping[str, Part] = field(default_factory=dict)
     plates: Mapping[str, Plate] = field(default_factory=dict)
@@ -37,16 +39,18 @@ class Books:
     outages: Mapping[int, Outage] = field(default_factory=dict)
     outage_window_s: float = WINDOW_S  # by the scale of the farm's clock
     _open: Mapping[str, Print] = field(default_factory=dict, compare=False)  # of `prints`: kept by `put`
-    _last: Mapping[str, Print] = field(default_factory=dict, compare=False)  # by printer: what ended last
+    _last: Mapping[str, Print] = field(
+        default_factory=dict, compare=False
+    )  # the last ended print, by printer
 
     @classmethod
     def of(cls, entities: Iterable[Entity]) -> Books:
-        """Make books of these entries."""
+        """Make books of these entities."""
         return put(cls(), *entities)
 
     @property
     def outage(self) -> Outage | None:
-        """Return the outage that no person has confirmed."""
+        """Return the outage that no person has confirmed; None where there is none."""
         return next((o for o in self.outages.values() if o.confirmed_s is None), None)
 
     def job(self, number: int) -> Job:
@@ -67,7 +71,7 @@ class Books:
         return (self.prints[name] for name in plate.prints)
 
     def prints_of_job(self, job: Job) -> list[Print]:
-        """List the prints of a job's plates, each once: plates that replace one share its prints."""
+        """List the prints of a job's plates, each once: the plates that replace one share its prints."""
         return list({p.id: p for plate in self.plates_of(job) for p in self.prints_of(plate)}.values())
 
     def plate_state(self, plate: Plate) -> PlateState:
@@ -85,12 +89,12 @@ class Books:
         return next((p for p in self._open.values() if p.printer == printer), None)
 
     def print_to_judge(self, printer: str) -> Print | None:
-        """Return the print that was done last on a printer, where nobody has judged it yet."""
+        """Return the last print of a printer where it is done and not judged yet; else None."""
         last = self._last.get(printer)
         return last if last is not None and last.verdict is None and last.state is PrintState.DONE else None
 
     def unjudged_restored_prints(self, printer: str) -> Iterator[Print]:
-        """Yield the prints that were done after the books were copied, whose verdicts are not known."""
+        """Yield the prints of a printer that were done after the backup, whose verdicts are unknown."""
         done = (p for p in self.prints.values() if p.printer == printer and p.state is PrintState.DONE)
         return (p for p in done if p.restored and p.verdict is None)
 
@@ -100,7 +104,7 @@ class Books:
         return len(self.prints) + 1
 
     def last_print_on(self, printer: str) -> Print | None:
-        """Return the print that ended last on a printer."""
+        """Return the last ended print of a printer; None where there is none."""
         return self._last.get(printer)
 
     def waiting_plates(self) -> Iterator[Plate]:
@@ -110,48 +114,48 @@ class Books:
             yield from (p for p in self.plates_of(job) if self.plate_state(p) is PlateState.WAITING)
 
     def queue(self) -> list[Job]:
-        """List the jobs that are being planned, then those that wait for it, by priority and submission."""
+        """List the jobs in planning, then the queued ones by priority and submission."""
         jobs = (j for j in self.jobs.values() if j.state in (JobState.QUEUED, JobState.PLANNING))
         return sorted(jobs, key=lambda j: (j.state is not JobState.PLANNING, -j.options.priority, j.id))
 
 
 def replace_fields(entity: E, **changes: object) -> E:
-    """Return the entity with some fields replaced; itself where nothing changes."""
+    """Return an entity with some fields replaced; the same object where nothing changes."""
     if all(getattr(entity, name) == value for name, value in changes.items()):
         return entity
     return entity.model_copy(update=changes)
 
 
 def put(books: Books, *entities: Entity) -> Books:
-    """Return the books with these entities in place of those of the same id."""
+    """Return the books with these entities, which replace those of the same id."""
     changed_entities: dict[str, dict[object, Entity]] = {}
 
-    def page(kind: str) -> dict[object, Entity]:
+    def table(kind: str) -> dict[object, Entity]:
         return changed_entities.setdefault(kind, dict(getattr(books, kind)))
 
     for entity in entities:
         kind, key = _locate(entity)
         if changed_entities.get(kind, getattr(books, kind)).get(key) is entity:
             continue
-        page(kind)[key] = entity
+        table(kind)[key] = entity
         if isinstance(entity, Print) and not entity.state.ended:
-            page("_open")[entity.id] = entity
+            table("_open")[entity.id] = entity
         elif isinstance(entity, Print):
-            page("_open").pop(entity.id, None)
-            if _ended_last(entity, page("_last").get(entity.printer)):
-                page("_last")[entity.printer] = entity
+            table("_open").pop(entity.id, None)
+            if _ended_last(entity, table("_last").get(entity.printer)):
+                table("_last")[entity.printer] = entity
     return replace(books, **changed_entities) if changed_entities else books  # type: ignore[arg-type]
 
 
 def _ended_last(attempt: Print, before: Entity | None) -> bool:
-    """Return whether an ended print is its printer's last; one that never began is not."""
+    """Return whether an ended print is its printer's last; one that never began does not count."""
     if attempt.started_s is None and attempt.state is PrintState.CANCELLED:
         return False
     return not isinstance(before, Print) or _order_key(attempt) >= _order_key(before)
 
 
 def _order_key(attempt: Print) -> tuple[int, float]:
-    """Return a key that is larger for the later of two prints; those of older farms have no number."""
+    """Return a key that is larger for the later of two prints; those of earlier versions have no number."""
     return attempt.number, attempt.ended_s or 0.0
 
 

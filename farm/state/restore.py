@@ -1,4 +1,4 @@
-"""Books that were restored from a copy: what is not known any more, and what the agents make up for. Pure."""
+"""Restore from a backup: marks unknown states, and completes the books from the agents' journals. Pure."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ HOLD = Hold(
 
 
 def restore_books(event: ev.BooksRestored, books: Books) -> Books:
-    """Mark every bed as not clear, and hold every job until a person has looked what is printed of it.
+    """Mark every bed as not clear, and hold every job until a person has checked what is printed.
 
-    What the agents print, or have printed since, is taken over by their word (`journal_import`).
+    Prints since the backup are taken from the agents' journals (`import_agent_journal`).
     """
     printers = [_restored_printer(printer, event, books) for printer in books.printers.values()]
     prints = [replace_fields(attempt, restored=True) for attempt in books.open_prints()]
@@ -26,12 +26,12 @@ def restore_books(event: ev.BooksRestored, books: Books) -> Books:
 
 
 def _restored_printer(printer: Printer, event: ev.BooksRestored, books: Books) -> Printer:
-    """Return a printer of which nobody knows what it did since the copy."""
+    """Return a printer whose state since the backup is unknown."""
     since_s = event.copied_s
     if printer.unreported_since_s is not None:
         since_s = min(since_s, printer.unreported_since_s)
     attempt = books.open_print_on(printer.name)
-    if attempt is not None:  # it may have ended before, and the copy was made before that was heard
+    if attempt is not None:  # it may have ended before the backup, unreported
         since_s = min(since_s, attempt.assigned_s)
     return replace_fields(
         printer,
@@ -44,14 +44,14 @@ def _restored_printer(printer: Printer, event: ev.BooksRestored, books: Books) -
 
 
 def _held_job(job: Job) -> Job:
-    """Return a job that goes on when a person has approved it; it may have been approved since the copy."""
+    """Return a job that waits for approval; it may have been approved since the backup."""
     if job.state in (JobState.QUEUED, JobState.PLANNING):
         return replace_fields(job, options=job.options.model_copy(update={"hold": True}), restored=True)
     return replace_fields(job, state=JobState.HELD, hold=HOLD, restored=True)
 
 
 def book_found_print(event: ev.PrintFound, books: Books) -> Books:
-    """Book a print that its agent knows of; what became of it comes after."""
+    """Book a print that its agent has; the events of its progress follow."""
     plate = books.plates[event.plate]
     attempt = Print(
         id=event.print_id,
@@ -66,7 +66,7 @@ def book_found_print(event: ev.PrintFound, books: Books) -> Books:
 
 
 def finish_journal_import(event: ev.AgentJournalImported, books: Books) -> Books:
-    """Book that an agent has reported all; a person looks at prints that fit no plate."""
+    """Book that an agent has listed its prints; a person inspects those that match no plate."""
     printer = replace_fields(books.printer(event.printer), unreported_since_s=None)
     if event.unknown:
         prints = "a print" if event.unknown == 1 else f"{event.unknown} prints"

@@ -1,4 +1,4 @@
-"""Validation of the books: what must hold of them at every moment. Pure."""
+"""Validation of the books: consistency rules that hold at every moment. Pure."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from farm.state.books import Books
 from farm.state.plate_state import ATTEMPTS, PlateState, charged_failures, derive_job_state
 
 _SETTLED = (JobState.PRINTING, JobState.PRINTED, JobState.DONE, JobState.FAILED)
-"""States that a job has by its plates alone."""
+"""States of a job that are derived from its plates alone."""
 _NOT_PLANNED = (JobState.QUEUED, JobState.PLANNING)
 
 
 def validate_books(books: Books) -> list[str]:
-    """Check that the books agree with themselves.
+    """Check that the books are consistent.
 
     Parameters
     ----------
     books
-        All entries, of a daemon or as read from the disk.
+        All entities, of a daemon or as read from the disk.
 
     Returns
     -------
@@ -28,7 +28,7 @@ def validate_books(books: Books) -> list[str]:
         A sentence for each contradiction, the entity first; empty where there is none.
     """
     broken = list(_missing_entries(books))
-    if broken:  # what is derived of them cannot be looked at
+    if broken:  # the other checks need all entities
         return broken
     checks = (_jobs, _plates, _prints, _printers, _outages)
     return [problem for check in checks for problem in check(books)]
@@ -99,11 +99,11 @@ def _prints(books: Books) -> Iterator[str]:
             yield f"print {attempt.id}: it is open, and job {job.id} is {job.state}"
         if plate.id not in job.plates:
             yield f"print {attempt.id}: it is open, and plate {plate.id} is not printed any more"
-        if _wanted_by_nobody(books, attempt):
+        if _is_abandoned(books, attempt):
             yield f"print {attempt.id}: it is open and not to be ended, and plate {plate.id} is cancelled"
 
 
-def _wanted_by_nobody(books: Books, attempt: Print) -> bool:
+def _is_abandoned(books: Books, attempt: Print) -> bool:
     state = books.plate_state(books.plates[attempt.plate])
     return state is PlateState.CANCELLED and attempt.cancel_reason is None
 

@@ -30,7 +30,7 @@ def inspect_submission(
     path
         The upload.
     name
-        The file's name as a person knows it; its suffix tells a model from G-code.
+        The file's name as a person knows it; its suffix distinguishes models from G-code.
     options
         Options of the submission.
     printers
@@ -62,8 +62,8 @@ def inspect_model(path: Path, name: str, options: JobOptions, files: Path) -> In
     Raises
     ------
     FarmError
-        `model` with the reason, where it is no solid and cannot be repaired; `engine` where there is nothing
-        to slice it with later.
+        `model` with the reason, where it is no solid and cannot be repaired; `engine` where CuraEngine is
+        missing.
     """
     with translate_errors():
         find_engine()
@@ -82,7 +82,7 @@ def inspect_model(path: Path, name: str, options: JobOptions, files: Path) -> In
 
 
 def read_inspected(path: Path) -> Model:
-    """Read the model that `inspect_model` stored, to the last bit. Raises FarmError with code `model`."""
+    """Read the model that `inspect_model` stored, exactly. Raises FarmError with code `model`."""
     try:
         with np.load(path) as saved:
             solid = Solid.from_arrays(saved["vertices"], saved["faces"])

@@ -33,10 +33,10 @@ _PACKED = {
     ".ufp": "let Cura write G-code instead of a format package",
 }
 _IDENTITY = (1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0)
-_REACH_MM = 10.0  # above its build height the bed still goes down: what a last hop may use
+_REACH_MM = 10.0  # travel of the bed below the build height, for a last hop
 _SLACK_MM = 0.05
 _SAME_MATERIAL = {"PET": "PETG", "CPE": "PETG", "PA": "NYLON", "FLEX": "TPU"}
-_APART_C = 30.0  # brands of one material are not so far apart
+_APART_C = 30.0  # brands of one material differ by less
 
 
 def is_gcode(name: str) -> bool:
@@ -45,7 +45,7 @@ def is_gcode(name: str) -> bool:
     Raises
     ------
     FarmError
-        It is G-code that is packed.
+        Where it is packed G-code.
     """
     lower = name.lower()
     packing = next((suffix for suffix in _PACKED if lower.endswith(suffix)), None)
@@ -75,7 +75,7 @@ def inspect_gcode(
     section = _find_fitting_printer(matching, accepted, name)
     own = _measure_needs(accepted, section)
     stored = path.with_name(f"gcode-{uuid.uuid4().hex}.gcode")
-    stored.hardlink_to(path)  # where its worker dies now, another one reads the upload
+    stored.hardlink_to(path)  # the upload stays: another worker reads it where this one dies
     return InspectedSubmission(store_file(files, stored), _list_notices(accepted, section), 1.0, own)
 
 
@@ -98,7 +98,7 @@ def plan_gcode(task: DecomposeTask, files: Path) -> Plan:
     nozzle_mm = _common_nozzle_mm(order)
     accepted = _rewrite(task.model, order[0], nozzle_mm, "the file")
     section = _find_fitting_printer(order, accepted, "the file")
-    if section is not order[0]:  # its material may be another
+    if section is not order[0]:  # it may have another material
         accepted = _rewrite(task.model, section, nozzle_mm, "the file")
     part, plate = _book_gcode(task, accepted, section, files)
     expected_s = plate.expected_s
@@ -183,7 +183,7 @@ def _resolve_material(section: PrinterSection) -> EngineSettings:
 
 
 def _list_notices(accepted: AcceptedGcode, section: PrinterSection) -> tuple[str, ...]:
-    """List what was changed, and warn where the file looks like one for another material."""
+    """List the changes, and warn where the file seems to be sliced for another material."""
     notices = list(accepted.notices)
     own, kind = accepted.filament_type, find_resources().material_kind(section.material)
     if own is not None and kind is not None and _material_kind(own) != _material_kind(kind):
@@ -201,7 +201,7 @@ def _list_notices(accepted: AcceptedGcode, section: PrinterSection) -> tuple[str
 
 
 def _material_kind(kind: str) -> str:
-    """Return the one name of a material's kind: slicers and Cura have several for some."""
+    """Return one name for each kind of material: slicers and Cura have several for some."""
     first = re.split(r"[\s\d_+-]", kind.strip().upper().removeprefix("TOUGH "), maxsplit=1)[0]
     return _SAME_MATERIAL.get(first, first)
 

@@ -24,7 +24,7 @@ from slicing.plate import PlateResult
 from slicing.settings import EngineSettings, SettingsRequest, find_engine, find_resources, resolve_settings
 
 OnStep = Callable[[str], None]
-_SPARE = 0.99  # of the largest size that fits: what is proposed is a rounded figure
+_SPARE = 0.99  # share of the largest size that fits: the proposed figures are rounded
 
 
 def default_cache(env: Mapping[str, str] = os.environ) -> Path | None:
@@ -65,12 +65,12 @@ def slice_to_file(
     cache: Path | None = None,
     on_step: OnStep = lambda _: None,
 ) -> dict[str, Any]:
-    """Slice a model as it stands, in the middle of the bed.
+    """Slice a model in its own pose, in the middle of the bed.
 
     Parameters
     ----------
     out
-        The G-code file. It appears whole or not at all.
+        The G-code file, which is replaced at once.
     cache
         Folder of slices by content, as `slicing.plate` takes it.
     on_step
@@ -111,7 +111,7 @@ def slice_to_file(
             cache=cache,
         )
         report = _slice_model(model, task, profile, on_step)
-        _put(task.out, out)
+        _write_output(task.out, out)
     if cache is not None:
         trim_cache(cache)
     return report
@@ -177,7 +177,7 @@ def _build_report(
 def _suggest_size(
     size_mm: tuple[float, float, float], room: tuple[RoomBox, ...], longest_mm: float, scale: float
 ) -> str:
-    """Describe the room that there is, and the largest scale of the model in it."""
+    """Describe the available room, and the largest scale of the model in it."""
     x, y, z = size_mm
     shares = [
         (min(width / dx, depth / dy, height / z), (width, depth, height))
@@ -215,8 +215,8 @@ def _check_writable(out: Path, model: Path) -> None:
         raise _unwritable(out, "no permission")
 
 
-def _put(gcode: Path, out: Path) -> None:
-    """Put the file under its name, whole or not at all; write to a device or a pipe."""
+def _write_output(gcode: Path, out: Path) -> None:
+    """Replace the output file at once; a device or a pipe is written to."""
     try:
         if out.exists() and not out.is_file():
             shutil.copyfile(gcode, out)

@@ -21,16 +21,16 @@ def price_rooms(
     resources: Resources,
     rounds: int = 1,
 ) -> tuple[list[PrinterRoom], CostModel]:
-    """Return the part room and speed of each printer, the quickest first, and the cost of a part.
+    """Return the part room and speed of each printer, the fastest first, and the cost of a part.
 
     Parameters
     ----------
     printers
-        Parts are priced with the settings of the first.
+        The printers; parts are priced with the settings of the first.
     time_factors
-        Learned of the printers, by name; 1 where none is.
+        Time factors of the printers, learned from their prints, by name; 1 where there is none.
     rounds
-        How often each printer is listed.
+        Number of times that each printer is listed.
     """
     settings = {section.name: printer_settings(section, quality, resources) for section in printers}
     costs = [printer_cost(section, settings[section.name]) for section in printers]
@@ -38,12 +38,12 @@ def price_rooms(
         section.name: time_factors.get(section.name, 1.0) * time_ratio(own, costs[0])
         for section, own in zip(printers, costs, strict=True)
     }
-    # A coarser nozzle is quicker, but nobody wished for one: it does not put its printer first.
-    quickest = sorted(printers, key=lambda section: time_factors.get(section.name, 1.0))
+    # A coarser nozzle is faster, but nobody asked for one: it does not move its printer to the front.
+    fastest = sorted(printers, key=lambda section: time_factors.get(section.name, 1.0))
     rooms = [
         PrinterRoom(section.name, model_sizes(room, settings[section.name]), times[section.name])
         for _ in range(rounds)
-        for section in quickest
+        for section in fastest
         for room in (printer_room(section, settings[section.name].brim_width_mm),)
     ]
     return rooms, costs[0]
@@ -53,16 +53,18 @@ def decomposition_options(options: JobOptions) -> Options:
     """Return the options with which a job's model is decomposed."""
     quality = FARM_QUALITIES.get(options.quality)
     fits = quality is not None and quality.fits_first_layer
-    return Options(Engine(options.engine), fit_first_layer=fits, prove=False)  # a person waits: no proof
+    return Options(
+        Engine(options.engine), fit_first_layer=fits, prove=False
+    )  # no proof of the bound, as a person waits
 
 
 def build_recipe(settings: EngineSettings, prelude_s: float) -> Recipe:
-    """Return the numbers of the slicer's settings that decide print time.
+    """Build the recipe of a print: the settings that decide its time.
 
     Parameters
     ----------
     prelude_s
-        Time of a plate beside its layers: heat-up, start and end code.
+        Seconds of a plate apart from its layers: heat-up, start and end code.
     """
     extruder, shared = settings.extruder, settings.global_
     connected = extruder["infill_pattern"] == "zigzag" or extruder["zig_zaggify_infill"] == "True"

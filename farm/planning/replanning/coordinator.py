@@ -1,4 +1,4 @@
-"""Coordination of replanning: which waiting plates are being resliced or recut, and what comes of it."""
+"""Coordination of replanning: the plates that are being resliced or recut, and their results."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _TriedKey = tuple[str, int, str | None, float]
 
 @dataclass(frozen=True, slots=True)
 class StartReplan:
-    """Instruction to slice a plate, or to cut its part, for these printers."""
+    """Instruction to slice a plate for these printers, or to cut its part for them."""
 
     plate: str
     printers: tuple[str, ...]
@@ -31,15 +31,15 @@ class StartReplan:
 
 
 class ReplanCoordinator:
-    """Decides which plates are replanned, and what becomes of the results.
+    """Decides which plates are replanned, and whether the results are booked.
 
-    What runs is in memory only: a daemon that dies leaves plates that wait, and the next one decides anew.
+    Running replans are in memory only: after a restart the plates still wait, and are decided on again.
     """
 
     def __init__(self) -> None:
         self._running: dict[str, StartReplan] = {}
         self._examined: set[tuple[str, int]] = set()  # failed plates with their number of prints
-        self._tried: set[_TriedKey] = set()  # plates with the kinds of printer that were of no use
+        self._tried: set[_TriedKey] = set()  # plates with the kinds of printer that gained nothing
         self._search_due_s = -math.inf
         self.next_search_s = math.inf
         """Moment at which a search may find what the last one did not; infinity where none is needed."""
@@ -54,7 +54,7 @@ class ReplanCoordinator:
         self._search_due_s = -math.inf
 
     def holds(self) -> dict[str, Hold]:
-        """Return a hold for each plate whose part is being cut: meanwhile it goes to no printer."""
+        """Return a hold for each plate whose part is being cut: no printer gets it meanwhile."""
         return {
             name: Hold(
                 code=HoldCode.BEING_RECUT,
@@ -65,7 +65,7 @@ class ReplanCoordinator:
         }
 
     def recut_failures(self, books: Books, situation: Situation) -> Iterator[StartReplan]:
-        """Yield plates that have just failed and are to be cut, before a printer gets them."""
+        """Yield the plates that have just failed and are to be cut, before a printer gets them."""
         for view in situation.waiting:
             plate = books.plates[view.id]
             key = (plate.id, len(plate.prints))
@@ -79,7 +79,7 @@ class ReplanCoordinator:
     def reslice_waiting(
         self, books: Books, situation: Situation, holds: Mapping[str, Hold], kept: frozenset[str]
     ) -> Iterator[StartReplan]:
-        """Yield plates that wait for their own kind of printer, to be sliced for a free one of another.
+        """Yield the plates that wait for one kind of printer and are to be sliced for a free one of another.
 
         Parameters
         ----------
@@ -125,16 +125,16 @@ class ReplanCoordinator:
     def finish(
         self, name: str, result: ReplannedPlate | FarmError, books: Books, situation: Situation
     ) -> ev.PlateReplaced | None:
-        """Return what a replan came to as an event; None where the plate stays as it is.
+        """Return the event of a finished replan; None where the plate stays as it is.
 
         Parameters
         ----------
         name
             The plate.
         result
-            What replaces it, or why nothing does.
+            The replacement, or the error that prevents it.
         situation
-            All that is offered to the printers now, the plates that are being cut among them.
+            The plates that are offered to the printers now, with those that are being cut.
         """
         replan = self._running.pop(name, None)
         plate = books.plates[name]
@@ -150,7 +150,7 @@ class ReplanCoordinator:
         if not self._saves_time(view, result, replan.cut, books, situation):
             log.info("plate %s stays as it is: replanned, it would not end sooner", name)
             return None
-        # Where that cannot be booked (a full disk), the plate waits on, and is examined at the next decision.
+        # Where the event cannot be booked (a full disk), the plate is examined again at the next decision.
         self._examined.discard((plate.id, len(plate.prints)))
         self._tried = {key for key in self._tried if key[0] != plate.id}
         return ev.PlateReplaced(
@@ -194,7 +194,7 @@ def _failed(books: Books, plate: Plate) -> bool:
 
 
 def _may_be_replanned(books: Books, plate: Plate) -> bool:
-    """Return whether a plate may change: not a person's own G-code, and not what a person has approved."""
+    """Return whether a plate may change: neither own G-code nor part of an approved plan."""
     job = books.jobs[plate.job]
     meshes = [books.parts[name].file for name in plate.parts if books.parts[name].file.endswith(".stl")]
     return not job.options.hold and len(plate.parts) == len(meshes) == 1

@@ -27,7 +27,7 @@ from slicing.settings import find_resources
 
 
 def cut_part(task: ReplanTask) -> Pieces:
-    """Cut a part for as many of its printers as are worth it.
+    """Cut a part for as many of its printers as save time.
 
     Raises
     ------

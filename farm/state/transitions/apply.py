@@ -19,21 +19,21 @@ def apply(event: ev.Event, books: Books) -> Result:
     Parameters
     ----------
     event
-        What has happened.
+        The event.
     books
         The books before it; they are not changed.
 
     Returns
     -------
     books, instructions
-        The books after it, and what is to be done then.
+        The books after it, and the instructions that follow.
 
     Raises
     ------
     NoSuchThing
-        Where the event names something that the books do not have.
+        Where the event names an entity that the books do not have.
     InvalidTransition
-        Where it does not fit the state of what it is about. It leaves no trace.
+        Where it does not fit the state of its entity. Nothing is changed then.
     """
     subjects = list(find_subjects(event, books))
     after, instructions = change(event, books)
@@ -60,7 +60,7 @@ def find_subjects(event: ev.Event, books: Books) -> Iterator[Subject]:
     Raises
     ------
     NoSuchThing
-        Where the event names something that the books do not have, and does not make it.
+        Where the event names an entity that the books do not have, and does not create it.
     InvalidTransition
         Where it does not fit the state of one of them.
     """
@@ -89,7 +89,7 @@ def _raise_missing(lifecycle: Lifecycle, key: object, books: Books) -> None:
 
 
 def undeclared_changes(event: ev.Event, before: Books, after: Books) -> list[str]:
-    """Return the changes of state by an event that no table has, in words: tests hold that there are none."""
+    """List the changes of state by an event that no table declares; tests require that there are none."""
     found = []
     kind = type(event)
     for lifecycle in LIFECYCLES:

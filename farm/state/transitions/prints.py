@@ -58,12 +58,12 @@ def _(event: ev.PrintFailRequested, books: Books) -> Result:
 def _not_being_ended(
     event: ev.PrintWithdrawn | ev.PauseRequested | ev.PrintFailRequested, books: Books
 ) -> Print:
-    """Return the print of an event.
+    """Return the print of an event that is not being ended.
 
     Raises
     ------
     InvalidTransition
-        Where its agent has been told to end it.
+        Where its agent was sent a cancel request.
     """
     attempt = books.prints[event.print_id]
     if attempt.cancel_reason is not None:
@@ -91,10 +91,10 @@ def _(event: ev.PrintEnded, books: Books) -> Result:
     if attempt.state is PrintState.FAILED:
         reason = attempt.reason or attempt.fault or "its print failed"
         printer = replace_fields(printer, attention_reason=reason, attention_since_s=event.ended_s)
-        if attempt.fault == Fault.ESTOP:  # what a person stopped waits for their word
+        if attempt.fault == Fault.ESTOP:  # it waits until a person resumes it
             books = put(books, replace_fields(plate, paused=True))
     books = put(books, attempt, printer)
-    # A print that failed may have extruded without anybody having seen it.
+    # A failed print may have extruded without a report of it.
     if attempt.extruded or attempt.state is PrintState.FAILED:
         books = mark_bed_not_clear(books, attempt.printer)
     books = update_job_state(books, attempt.job, event.at_s)
@@ -104,20 +104,22 @@ def _(event: ev.PrintEnded, books: Books) -> Result:
 
 
 def _end_is_unknown(event: ev.PrintEnded, attempt: Print) -> bool:
-    """Return whether a print of restored books may have been done, or ended by a person, since their copy."""
+    """Return whether a restored print may have been done, or ended by a person, since the backup."""
     lost = event.fault == OwnFault.PRINT_LOST or event.state is PrintState.CANCELLED
     return attempt.restored and lost
 
 
 def _end_print(event: ev.PrintEnded, attempt: Print, plate: Plate) -> Print:
-    """Return a print as it ended: with its state, fault, charge and filament."""
+    """Return an ended print, with its state, fault, charge and filament."""
     state, fault, reason = event.state, event.fault, event.reason
     begun = attempt.state is not PrintState.ASSIGNED or event.started_s is not None
     if state is PrintState.CANCELLED and attempt.fail_reason is not None:
         state, fault, reason = PrintState.FAILED, OwnFault.BY_A_PERSON, attempt.fail_reason
     elif state is PrintState.CANCELLED and attempt.cancel_reason is None and begun:
-        state = PrintState.FAILED  # nobody here asked for it
-    if state is PrintState.DONE and attempt.fail_reason is not None:  # it ended before its agent heard of it
+        state = PrintState.FAILED  # the farm did not ask for it
+    if (
+        state is PrintState.DONE and attempt.fail_reason is not None
+    ):  # it ended before the request reached its agent
         attempt = replace_fields(attempt, verdict=Verdict.BAD, verdict_why=attempt.fail_reason)
     unknown = _end_is_unknown(event, attempt)
     extruded = attempt.extruded or event.extruded
@@ -136,16 +138,16 @@ def _end_print(event: ev.PrintEnded, attempt: Print, plate: Plate) -> Print:
 
 
 def _learn_speed(printer: Printer, plate: Plate, attempt: Print, took_s: float) -> Printer:
-    """Return a printer with the time factor that one more finished print teaches."""
+    """Return a printer with its time factor updated by a finished print."""
     reached_s = took_s - plate.prelude_s
     factor = update_time_factor(printer.time_factor, plate.sliced_s, reached_s, attempt.starved_s)
     return replace_fields(printer, time_factor=factor)
 
 
 LEAST, MOST = 0.8, 1.25
-"""Limits of the factor of a printer that works; beyond them something else is wrong."""
+"""Limits of the time factor of a healthy printer."""
 SHORTEST_S = 600.0
-"""Least duration of a print to learn from: shorter ones say more of the heat-up than of the layers."""
+"""Least duration of a print to learn from: in shorter ones the heat-up dominates."""
 MOST_STARVED = 0.01
 """Largest share of a print in which a simulated printer may have waited for its host."""
 _WILD = 2.0
@@ -159,19 +161,19 @@ def update_time_factor(factor: float, expected_s: float, reached_s: float, starv
     Parameters
     ----------
     factor
-        As learned so far; 1 at first.
+        The factor so far; 1 at first.
     expected_s
-        Seconds that the layers take by the slicer, without any factor.
+        Seconds of the layers by the slicer, without a factor.
     reached_s
-        Seconds that they took, without heat-up, start and end code.
+        Seconds that the layers took, without heat-up, start and end code.
     starved_s
         Seconds of that in which a simulated printer waited for its host.
 
     Returns
     -------
     float
-        Between LEAST and MOST, and at most a fortieth away from `factor`. A print that took twice or half as
-        long was paused, or its clock was set: it teaches nothing.
+        Between LEAST and MOST, and at most 1/40 away from `factor`. A print that took less than half or more
+        than twice as long is ignored: it was paused, or the clock was set.
     """
     if expected_s < SHORTEST_S or reached_s <= 0.0 or starved_s > MOST_STARVED * reached_s:
         return factor

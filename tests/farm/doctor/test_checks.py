@@ -92,9 +92,9 @@ CASES = {
         "files",
         "job 1: g has changed since it was planned",
     ),
-    "dead agent": ({"agents": (AgentFacts("a", False),)}, "problem", "agents", "a: its agent does not live"),
+    "dead agent": ({"agents": (AgentFacts("a", False),)}, "problem", "agents", "a: its agent is not running"),
     "silent agent": ({"agents": (AgentFacts("a", True),)}, "problem", "agents", "does not answer"),
-    "old agent": ({"agents": (AgentFacts("a", True, 1),)}, "warning", "agents", "older version"),
+    "old agent": ({"agents": (AgentFacts("a", True, 1),)}, "warning", "agents", "earlier version"),
     "closed folder": (
         {"agents": (AgentFacts("a", False, None, "closed"),)},
         "problem",
@@ -131,7 +131,7 @@ CASES = {
         "was set back",
     ),
     "another zone": ({"clock": replace(SOUND.clock, host_zone="Etc/UTC")}, "warning", "clock", "Etc/UTC"),
-    "full disk": ({"rooms": (RoomFacts("/s", 10**6),)}, "problem", "room", "/s has 1 MB of room"),
+    "full disk": ({"rooms": (RoomFacts("/s", 10**6),)}, "problem", "room", "/s has 1 MB free"),
     "little room": ({"rooms": (RoomFacts("/s", 10**9),)}, "warning", "room", "a large job may not fit"),
     "read-only disk": ({"rooms": (RoomFacts("/s", None),)}, "problem", "room", "cannot be written"),
     "no shared memory": (
