@@ -45,7 +45,7 @@ from farm.errors import FarmError
 from farm.model import PartPrintOptions
 from farm.planning.part_records import SliceTask
 from farm.planning.parts.slice_part import slice_part
-from farm.planning.slicing_printers import slicing_printer
+from farm.planning.printer_settings import slicing_printer
 from slicing.errors import SlicingError
 from slicing.plate import PlateRequest, slice_plate
 from slicing.settings import SettingsRequest, find_engine, find_resources, resolve_settings

@@ -12,7 +12,7 @@ import json
 import sys
 
 from drivers.printers import BEDS
-from farm.planning.slicing_printers import slicing_printer
+from farm.planning.printer_settings import slicing_printer
 from slicing.settings import FARM_QUALITIES, SettingsRequest, find_resources, resolve_settings
 from slicing.settings.layer_heights import EXACT_MM, SPREADS_0, LayerHeights, fit_heights, printed_height_mm
 from slicing.settings.limits import LAYER_SHARE

@@ -13,14 +13,15 @@ from pathlib import Path
 from typing import Any
 
 from drivers.printers import PROFILES
-from farm.control.controller import Controller
+from farm.control import Controller
 from farm.daemon import Daemon, run
 from farm.fleet_file import load_fleet
 from farm.model import Job, JobOptions, Part, PartGeometry, Plate
 from farm.paths import Places, StateFolder
+from farm.state import Books
 from farm.state import events as ev
-from farm.state.books import Books, changed
-from farm.state.storage.store import Store
+from farm.state.books import changed_entities
+from farm.state.storage import Store
 from farm.state.transitions import apply
 
 MEASURES = "measures.json"
@@ -109,7 +110,7 @@ class Measures:
         def call(store: Store, event: ev.Event, before: Books, after: Books) -> None:
             commit(store, event, before, after)
             begun_s = time.thread_time()
-            texts = [entity.model_dump_json() for entity in changed(before, after)]
+            texts = [entity.model_dump_json() for entity in changed_entities(before, after)]
             size = len(event.model_dump_json()) + sum(map(len, texts))
             self.commit_bytes.append(size)
             self._starts = self._starts or isinstance(event, ev.PlateAssigned)

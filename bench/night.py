@@ -35,13 +35,13 @@ from farm.errors import DaemonUnreachable, FarmError
 from farm.fleet_file import load_fleet
 from farm.model import Bed, Job, JobOptions, PrintState
 from farm.paths import StateFolder
-from farm.planning.inspection.fleet_check import find_mistake
+from farm.planning import Plan
+from farm.planning.inspection import find_mistake
 from farm.planning.inspection.own_gcode import inspect_gcode, plan_gcode
-from farm.planning.plan import DecomposeTask, Plan
+from farm.planning.plan import DecomposeTask
+from farm.state import Books, PlateState
 from farm.state import events as ev
-from farm.state.books import Books
-from farm.state.plate_state import PlateState
-from farm.state.storage.store import Store
+from farm.state.storage import Store
 from farm.state.transitions import apply
 
 MODEL = "ultimaker2_plus"

@@ -36,8 +36,8 @@ from decompose.print_time import POSE_ROTATIONS, TOUCHED_MM2, CostModel, Pose, f
 from decompose.printers import PrinterRoom
 from decompose.results import Part
 from drivers.printers import BEDS, PROFILES, part_room
-from farm.planning.parts.print_recipe import recipe
-from farm.planning.slicing_printers import slicing_printer
+from farm.planning.parts.pricing import build_recipe
+from farm.planning.printer_settings import slicing_printer
 from slicing.errors import SlicingError
 from slicing.plate import PlateRequest, slice_plate
 from slicing.settings import (
@@ -191,7 +191,7 @@ def main() -> int:
     parser.add_argument("--json", action="store_true")
     args = parser.parse_args()
     settings = resolve_settings(REQUEST, find_resources())
-    cost = CostModel.from_recipe(recipe(settings, prelude_s=0.0))
+    cost = CostModel.from_recipe(build_recipe(settings, prelude_s=0.0))
     room = PrinterRoom("0", tuple(b.size_mm for b in part_room(PROFILES[PRINTER], settings.brim_width_mm)))
     shapes = OTHER_SHAPES if args.unseen else SHAPES
     with tempfile.TemporaryDirectory() as scratch, ThreadPoolExecutor(args.workers) as pool:

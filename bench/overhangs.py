@@ -21,8 +21,8 @@ import trimesh
 
 from bench.print_time_parts import ANYWHERE, PRINTER, measure_kinds_s
 from drivers.printers import BEDS
-from farm.planning.parts.print_recipe import recipe
-from farm.planning.slicing_printers import slicing_printer
+from farm.planning.parts.pricing import build_recipe
+from farm.planning.printer_settings import slicing_printer
 from slicing.plate import PlateRequest, slice_plate
 from slicing.settings import EngineSettings, SettingsRequest, find_engine, find_resources, resolve_settings
 
@@ -69,7 +69,7 @@ def find_angles(layer_mm: float, angle_deg: float, yaw_deg: float, folder: Path)
         "yaw_deg": yaw_deg,
         "bare_deg": bare_deg,
         "supported_deg": supported_deg,
-        "cost_deg": recipe(settings, prelude_s=0.0).supported_deg,
+        "cost_deg": build_recipe(settings, prelude_s=0.0).supported_deg,
     }
 
 

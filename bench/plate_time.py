@@ -23,7 +23,7 @@ from drivers.emulator.launch import Command, control
 from drivers.printers import BEDS, PROFILES
 from drivers.remote import AgentClient, spawn_agent
 from farm.planning.plate_times import plate_seconds
-from farm.planning.slicing_printers import slicing_printer
+from farm.planning.printer_settings import slicing_printer
 from slicing.plate import PlateRequest, PlateResult, slice_plate
 from slicing.settings import EngineSettings, SettingsRequest, find_engine, find_resources, resolve_settings
 

@@ -26,8 +26,8 @@ from decompose.options import Options
 from decompose.print_time import POSE_ROTATIONS, CostModel, Recipe, measure_columns, pose_features
 from decompose.printers import PrinterRoom
 from drivers.printers import BEDS, PROFILES, part_room
-from farm.planning.parts.print_recipe import recipe
-from farm.planning.slicing_printers import slicing_printer
+from farm.planning.parts.pricing import build_recipe
+from farm.planning.printer_settings import slicing_printer
 from slicing.errors import SlicingError
 from slicing.plate import PlateRequest, slice_plate
 from slicing.settings import EngineSettings, SettingsRequest, find_engine, find_resources, resolve_settings
@@ -114,7 +114,7 @@ def resolve_named_settings(name: str) -> EngineSettings:
 
 def make_recipe(name: str) -> Recipe:
     """Make the recipe of the cost for one of SETTINGS."""
-    return recipe(resolve_named_settings(name), prelude_s=0.0)
+    return build_recipe(resolve_named_settings(name), prelude_s=0.0)
 
 
 def write(path: Path, rows: Sequence[Row]) -> None:
@@ -213,7 +213,7 @@ def measure(posed: Posed, setting: str, folder: Path, cache: Path | None) -> Row
     kinds = measure_kinds_s(out.read_text(encoding="utf-8"))
     stl.unlink()
     out.unlink()
-    cost = CostModel.from_recipe(recipe(settings, prelude_s=0.0))
+    cost = CostModel.from_recipe(build_recipe(settings, prelude_s=0.0))
     (features,), (extents,) = pose_features(*posed.arrays, POSE_ROTATIONS[4:5], cost)
     unmarked = np.zeros(len(posed.corners), dtype=np.bool_)
     support = measure_columns(posed.corners.astype(np.float64), unmarked, cost.overhang_cos)

@@ -20,9 +20,9 @@ import numpy as np
 
 from farm.model import PrintState
 from farm.paths import StateFolder
-from farm.state.books import Books
-from farm.state.storage.store import Store
-from farm.state.time_factor import MOST_STARVED, SHORTEST_S, update_time_factor
+from farm.state import Books
+from farm.state.storage import Store
+from farm.state.transitions.prints import MOST_STARVED, SHORTEST_S, update_time_factor
 
 
 @dataclass(frozen=True, slots=True)

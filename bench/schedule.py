@@ -18,12 +18,17 @@ from dataclasses import replace
 from zoneinfo import ZoneInfo
 
 from farm.model import Bed, FilamentState, Link
-from farm.scheduling.assign import assign
-from farm.scheduling.forecast import forecast
-from farm.scheduling.hours import Hours
-from farm.scheduling.matching import Capabilities, FleetPrinter, Requirements, WaitingPlate
-from farm.scheduling.situation import Situation
-from farm.scheduling.start_rules import StartRules
+from farm.scheduling import (
+    Capabilities,
+    FleetPrinter,
+    Hours,
+    Requirements,
+    Situation,
+    StartRules,
+    WaitingPlate,
+    assign_plates,
+    forecast_prints,
+)
 from farm.week_windows import parse_window
 
 NOW_S = 1_790_000_000.0
@@ -92,16 +97,18 @@ def main() -> None:
     plates = make_queue(given.plates, random.Random(1))
     busy, idle = make_fleet(given.printers, busy=True), make_fleet(given.printers, busy=False)
     unlimited = [replace(printer, grams=None) for printer in idle]
-    seen = forecast(
+    seen = forecast_prints(
         Situation(tuple(replace(plate, job=1) for plate in plates), tuple(unlimited), free, NOW_S)
     )
     report = {
         "schema": 1,
         "printers": given.printers,
         "plates": given.plates,
-        "assign_ms": measure_best_ms(lambda: assign(Situation(tuple(plates), tuple(busy), house, NOW_S))),
+        "assign_ms": measure_best_ms(
+            lambda: assign_plates(Situation(tuple(plates), tuple(busy), house, NOW_S))
+        ),
         "forecast_ms": measure_best_ms(
-            lambda: forecast(Situation(tuple(plates), tuple(unlimited), free, NOW_S))
+            lambda: forecast_prints(Situation(tuple(plates), tuple(unlimited), free, NOW_S))
         ),
         "over_bound": (seen.ends_s - NOW_S) / (seen.lower_bound_s - NOW_S) - 1,
     }

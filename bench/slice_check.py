@@ -21,7 +21,7 @@ import numpy as np
 import trimesh
 
 from drivers.printers import BEDS
-from farm.planning.slicing_printers import slicing_printer
+from farm.planning.printer_settings import slicing_printer
 from slicing.errors import SliceRejected
 from slicing.plate import PlateRequest, slice_plate
 from slicing.settings import EngineSettings, SettingsRequest, find_engine, find_resources, resolve_settings

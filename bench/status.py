@@ -16,9 +16,9 @@ from pathlib import Path
 import httpx
 
 from drivers.clock import Clock
-from farm.compute.worker_pool import Workers
+from farm.compute import Workers
 from farm.config import Fleet
-from farm.control.controller import Controller
+from farm.control import Controller, DryRuns
 from farm.http import Services, make_app
 from farm.model import (
     AgentPrint,
@@ -39,9 +39,9 @@ from farm.model import (
     Verdict,
 )
 from farm.paths import StateFolder
-from farm.planning.parts.part_rooms import bed_boxes
-from farm.state.books import Books
-from farm.state.storage.store import Store
+from farm.planning import bed_boxes
+from farm.state import Books
+from farm.state.storage import Store
 
 PARTS = 9
 GOING = 10  # jobs that are being printed, and as many that wait for a verdict
@@ -124,7 +124,9 @@ async def measure(printers: int, jobs: int, times: int, folder: Path) -> dict[st
         pass
 
     workers = Workers(folder / "workers", 1, None)
-    app = make_app(Services(controller, StateFolder(folder), folder / "fleet.yaml", workers, down))
+    app = make_app(
+        Services(controller, StateFolder(folder), folder / "fleet.yaml", workers, down), DryRuns(controller)
+    )
     took_s, cpu_s = [], []
     async with httpx.AsyncClient(transport=httpx.ASGITransport(app), base_url="http://farm") as client:
         for _ in range(times + 1):

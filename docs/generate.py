@@ -25,7 +25,7 @@ from farm.cli.main import app
 from farm.config import ComputeSection, FleetSection, PrinterSection, UploadsSection
 from farm.errors import EXIT_CODES, ErrorCode, ExitCode
 from farm.model import Bed, FilamentState, HoldCode, JobState, Link, PrintState
-from farm.state.faults import OwnFault
+from farm.state import OwnFault
 from farm.state.lifecycles import FARM_WIDE, LIFECYCLES, NEW, Lifecycle
 from slicing.errors import Rule
 

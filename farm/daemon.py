@@ -16,14 +16,10 @@ from typing import IO
 import uvicorn
 
 from drivers.clock import Clock
-from farm.agents.manager import AgentManager
-from farm.compute.worker_pool import Workers
+from farm.agents import AgentManager
+from farm.compute import Workers
 from farm.config import Fleet
-from farm.control.controller import Controller
-from farm.control.effects import FarmEffects
-from farm.control.job_commands import abort_prints
-from farm.control.notifier import Notifier, delete_record
-from farm.control.timers import Timers
+from farm.control import Controller, DryRuns, FarmEffects, Notifier, Timers, abort_prints, delete_record
 from farm.errors import FarmError, Refused
 from farm.http import (
     BoundedServer,
@@ -36,26 +32,25 @@ from farm.http import (
     make_app,
 )
 from farm.paths import Places, StateFolder, read_anchor, write_anchor
-from farm.planning.job_planner import JobPlanner
-from farm.planning.parts.part_rooms import bed_boxes
-from farm.planning.replanning.worker import ReplanWorker
+from farm.planning import JobPlanner, bed_boxes
+from farm.planning.replanning import ReplanWorker
 from farm.planning.tasks import warm
-from farm.state.storage.backups import Nightly, open_books
+from farm.state.storage import NightlyBackup, open_books
 from slicing.cache import trim_cache
 
 log = logging.getLogger(__name__)
 
 _WATCH_S = 0.5  # wall seconds; a dead agent's printer must be cold within 5
-_SCHEDULE_S = 1.0
+_TICK_S = 1.0
 _NOTIFY_S = 2.0
 _DRY_RUNS_S = 5.0
-_FOLLOW_S = 1.0  # wall seconds: as long as a clock that is set back may delay what is due
+_FOLLOW_S = 1.0  # wall seconds: a clock that is set back delays timers for as long
 _ABORT_S = 150.0  # wall seconds in which every print can be ended safely
 _GRACE_S = 3  # wall seconds for requests that are under way when the daemon ends
 
 
 class Daemon:
-    """One farm. `run` returns when it is told to go down or gets a SIGTERM; prints go on then."""
+    """The daemon of one farm. `run` returns on a shutdown or a SIGTERM; prints go on then."""
 
     def __init__(self, fleet: Fleet, places: Places) -> None:
         self._fleet = fleet
@@ -81,14 +76,14 @@ class Daemon:
             self._notifier = Notifier(urls, name, self._state.notices, self._clock.now())
         else:
             delete_record(self._state.notices)
-        self._edge_s: float | None = None  # for which a timer is set
+        self._change_s: float | None = None  # for which a timer is set
         self._server: uvicorn.Server | None = None
         self._ending: asyncio.Task[None] | None = None
 
     # -- life -------------------------------------------------------------------------------------------
 
     async def run(self) -> None:
-        """Serve until told to stop."""
+        """Serve until the farm is shut down."""
         listening = listen(self._places.socket, self._fleet.fleet.group)
         services = Services(
             self._controller,
@@ -98,7 +93,8 @@ class Daemon:
             self._shut_down,
             self._agents.replace,
         )
-        app = make_app(services)
+        dry_runs = DryRuns(self._controller)
+        app = make_app(services, dry_runs)
         config = uvicorn.Config(
             app,
             http=PeerProtocol,
@@ -114,13 +110,12 @@ class Daemon:
         self._agents.start({attempt.printer for attempt in self._controller.books.open_prints()})
         timers = self._timers
         timers.every(_WATCH_S, "watch agents", self._agents.watch)
-        timers.every(_SCHEDULE_S, "schedule", self._schedule)
+        timers.every(_TICK_S, "tick", self._schedule)
         timers.every(_NOTIFY_S, "notify", self._notify)
-        cancel_abandoned = app.state.dry_runs.cancel_abandoned
-        timers.every(_DRY_RUNS_S, "dry runs", lambda: cancel_abandoned(time.monotonic()))
+        timers.every(_DRY_RUNS_S, "dry runs", lambda: dry_runs.cancel_abandoned(time.monotonic()))
         timers.start()
         following = asyncio.get_running_loop().create_task(self._follow_clock())
-        await Nightly(
+        await NightlyBackup(
             self._state, self._clock, self._fleet.zone, timers.at, self._controller.on_backup
         ).begin()
         try:
@@ -137,12 +132,12 @@ class Daemon:
             self._store.close()
 
     async def _follow_clock(self) -> None:
-        """Take over that the host's clock was set, as by NTP after a start without a network."""
+        """Follow steps of the host's clock, as by NTP after a start without a network."""
         while True:
             await asyncio.sleep(_FOLLOW_S)  # by the loop's own clock, which nobody sets
             step_s = self._clock.follow_host()
             if step_s:
-                log.warning("the host's clock was set by %+.0f s: hours are kept by it from now on", step_s)
+                log.warning("the host's clock was set by %+.0f s: hours follow it from now on", step_s)
                 self._timers.clock_set()
                 if self._notifier is not None:
                     self._notifier.clock_set(step_s)
@@ -153,12 +148,12 @@ class Daemon:
             self._notifier.notify(self._controller.books, self._clock.now())
 
     def _schedule(self) -> None:
-        """Schedule what time alone changes, and set a timer for when hours or start times next change."""
-        self._controller.handle()
-        edge_s = self._controller.next_edge_s()
-        if edge_s is not None and edge_s != self._edge_s:
-            self._timers.at(edge_s, "edge of hours", self._schedule)
-        self._edge_s = edge_s
+        """Schedule where time has changed a decision, and set a timer for the next such moment."""
+        self._controller.tick()
+        change_s = self._controller.next_change_s
+        if change_s is not None and change_s != self._change_s:
+            self._timers.at(change_s, "next change", self._schedule)
+        self._change_s = change_s
 
     async def _shut_down(self, now: bool) -> None:
         """End the farm: every print first (with `now`), then the agents, then the daemon."""
@@ -169,7 +164,7 @@ class Daemon:
         self._ending = asyncio.get_running_loop().create_task(self._end(give_up))
 
     async def _end(self, give_up: float) -> None:
-        """Wait for open prints, then end. Prints that do not end keep the farm up: somebody has to look."""
+        """Wait for open prints, then end. Prints that do not end keep the farm up for a person to inspect."""
         while open_prints := sorted({attempt.printer for attempt in self._controller.books.open_prints()}):
             if asyncio.get_running_loop().time() > give_up:
                 log.error("not going down: %s did not end within %g s", " ".join(open_prints), _ABORT_S)
@@ -189,7 +184,7 @@ def run(fleet: Fleet, places: Places) -> None:
     Refused
         Where another daemon has this state folder.
     FarmError
-        Where that cannot be read or written.
+        Where the state folder cannot be read or written.
     """
     logging.basicConfig(level=logging.INFO, force=True, format="%(asctime)s %(name)s %(message)s")
     logging.getLogger("apscheduler").setLevel(logging.WARNING)
@@ -199,7 +194,7 @@ def run(fleet: Fleet, places: Places) -> None:
         with _only_one(places.state):
             shutil.rmtree(places.state.work, ignore_errors=True)
             places.state.make()
-            for partial in places.state.slices.glob(".*"):  # of a worker that was killed while it wrote
+            for partial in places.state.slices.glob(".*"):  # of a worker that was killed while writing
                 partial.unlink()
             trim_cache(places.state.slices)
             asyncio.run(Daemon(fleet, places).run())
@@ -228,12 +223,12 @@ def _only_one(state: StateFolder) -> Iterator[None]:
 
 
 def farm_clock(fleet: Fleet, state: StateFolder) -> Clock:
-    """Return the farm's clock, the same over restarts: running agents and emulators live on it too.
+    """Return the farm's clock, the same after a restart: running agents and emulators use it too.
 
     Raises
     ------
     Refused
-        Where the state folder lives on a clock of another scale.
+        Where the state folder was used with another time scale.
     """
     scale = fleet.fleet.time_scale
     saved = read_anchor(state.clock)

@@ -37,35 +37,35 @@ from farm.paths import StateFolder
 
 log = logging.getLogger(__name__)
 
-_RESTARTS_PER_MINUTE = 6  # an agent that dies more often than this is left alone for a while
-_SILENCE_S = 30.0  # wall seconds; an agent that is well says something every 5
+_RESTARTS_PER_MINUTE = 6  # an agent that dies more often is not restarted for a while
+_SILENCE_S = 30.0  # wall seconds; a healthy agent reports every 5
 _END_S = 30.0  # wall seconds for an idle agent to end
 _LONGEST_WAIT_S = 15.0  # wall seconds between two tries to reach an agent
-_STEADY_S = 30.0  # wall seconds after which a connection that ends was a good one
-_PIECE_BYTES = 32 * 1024  # of a file on its route there; an agent takes lines of 64 KiB
-_START_S = 120.0  # wall seconds; a start that takes longer on its route is decided anew
+_STEADY_S = 30.0  # wall seconds after which a connection counts as stable
+_PIECE_BYTES = 32 * 1024  # of an uploaded file; an agent accepts lines of 64 KiB
+_START_S = 120.0  # wall seconds; a start request that takes longer is refused and decided again
 _CLEARED = ("cleared", "")  # the key of a pending `BedCleared`
 _EMULATOR = "emulator"  # the agent's folder for the emulator of a sim:// port
 
 
 class AgentListener(Protocol):
-    """Receives what the agents report."""
+    """Receives the reports of agents."""
 
     def on_snapshot(self, snapshot: AgentSnapshot) -> None:
-        """Take an agent's snapshot."""
+        """Handle a snapshot."""
 
     def on_refusal(self, print_id: str, reason: str, late: bool) -> None:
-        """Take that an agent would not start a print, or that the request came too `late`."""
+        """Handle a refusal to start a print; `late` where the request arrived too late."""
 
     def unreported_since_s(self, printer: str) -> float | None:
-        """Return from when on an agent has to list its prints before it counts; None: it need not."""
+        """Return the time since which an agent has to list its prints first; None where it need not."""
 
     def on_journal(self, snapshot: AgentSnapshot, prints: Sequence[AgentPrint]) -> None:
-        """Take the prints that an agent has listed."""
+        """Handle the list of prints in an agent's journal."""
 
 
 class AgentConnection:
-    """One agent: its process, its snapshots, and the requests on their route to it.
+    """One agent: its process, its snapshots, and the requests to it.
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ class AgentConnection:
     state, clock
         The farm's state folder and clock.
     listener
-        Receives what the agent reports.
+        Receives the agent's reports.
     farm
         The farm's name, by which an agent on another host knows it.
     """
@@ -101,11 +101,13 @@ class AgentConnection:
         self._client = AgentClient(self._folder, route, self._heartbeat.reset)
         self._process: subprocess.Popen[bytes] | None = None
         self._starts: deque[float] = deque(maxlen=_RESTARTS_PER_MINUTE)
-        self._pending: set[tuple[str, str]] = set()  # requests on their route: not sent twice at a time
-        self._unsupported: set[tuple[str, str]] = set()  # requests that its agent is too old for
-        self._cancelled: set[str] = set()  # prints that must not be begun any more
+        self._pending: set[tuple[str, str]] = (
+            set()
+        )  # requests that are being sent: none twice at the same time
+        self._unsupported: set[tuple[str, str]] = set()  # requests that are too new for its agent
+        self._cancelled: set[str] = set()  # prints that must not start any more
         self._tasks: set[asyncio.Task[Any]] = set()
-        self._offset_s = 0.0  # by which our clock was ahead of the agent's before anybody set it
+        self._offset_s = 0.0  # our clock less the agent's, before any step of ours
         self._stopping = False
 
     @property
@@ -118,7 +120,7 @@ class AgentConnection:
         self._spawn_task(self._listen())
 
     def keep_alive(self) -> None:
-        """Start the agent where none is alive; end one that is wedged."""
+        """Start the agent where none runs; end one that hangs."""
         if self._process is not None and self._process.poll() is not None:
             if self._process.returncode or not agents_are_units():  # else systemd has started it
                 log.warning("%s: its agent ended with %s", self._name, self._process.returncode)
@@ -152,7 +154,7 @@ class AgentConnection:
             self._report(AgentSnapshot(printer=self._name, link=Link.ABSENT, reason=str(error)))
 
     def _kill_if_wedged(self) -> None:
-        """Kill an agent that is wedged; the next check starts another, which resets the board."""
+        """Kill an agent that hangs; the next check starts another, which resets the board."""
         pid = agent_pid(self._folder)
         if pid is not None and self._heartbeat.is_wedged(time.monotonic(), lambda: sample_process(pid)):
             log.error("%s: its agent (pid %d) is wedged: replacing it", self._name, pid)
@@ -173,69 +175,69 @@ class AgentConnection:
                 snapshots = self._client.snapshots()
                 while True:
                     async with asyncio.timeout(_SILENCE_S):
-                        said = await anext(snapshots, None)
-                    if said is None:
+                        report = await anext(snapshots, None)
+                    if report is None:
                         break
-                    self._offset_s = clock_offset_s(said, self._clock) - self._clock.ahead_s
-                    if self._has_our_port(said):
-                        said = await self._import_journal(said)
-                        self._report(self._trusted(said))
+                    self._offset_s = clock_offset_s(report, self._clock) - self._clock.ahead_s
+                    if self._has_our_port(report):
+                        report = await self._import_journal(report)
+                        self._report(self._trusted(report))
                 if time.monotonic() - connected_s > _STEADY_S:
                     wait_s = 0.0
-                log.info("%s: the connection to its agent is gone", self._name)
+                log.info("%s: the connection to its agent was lost", self._name)
             except TimeoutError:
-                log.warning("%s: its agent has said nothing for %g s", self._name, _SILENCE_S)
+                log.warning("%s: its agent has not reported for %g s", self._name, _SILENCE_S)
             except (DriverError, FarmError) as error:
                 log.warning("%s: %s", self._name, error)
             except Exception:
                 log.exception("%s: listening to its agent", self._name)
             self._report(AgentSnapshot(printer=self._name, link=Link.STARTING))
 
-    async def _import_journal(self, said: m.Snapshot) -> m.Snapshot:
-        """Have it list its prints where the books are a copy. Returns its latest snapshot."""
+    async def _import_journal(self, report: m.Snapshot) -> m.Snapshot:
+        """Import the agent's journal where the books are a backup. Returns its latest snapshot."""
         since_s = self._listener.unreported_since_s(self._name)
         if since_s is None:
-            return said
+            return report
         request = to_agent_clock(m.ListPrints(id=0, since_s=since_s), self._ahead_s, self._clock.now())
         try:
             reply = await self._client.request(request)
         except AgentTooOld:
-            return said
-        latest = reply.snapshot or said
+            return report
+        latest = reply.snapshot or report
         prints = [to_farm_print(one, self._ahead_s) for one in reply.prints]
         self._listener.on_journal(self._trusted(latest), prints)
         return latest
 
     def _report(self, snapshot: AgentSnapshot) -> None:
         if snapshot.agent_pid is not None and self._listener.unreported_since_s(self._name) is not None:
-            return  # first its list of prints
+            return  # its list of prints comes first
         try:
             self._listener.on_snapshot(snapshot)
         except FarmError as error:
-            # The books could not be written: nothing was changed, and the next snapshot is taken afresh.
+            # The books could not be written: nothing has changed, and the next snapshot is handled in full.
             log.error("%s: %s", self._name, error)
-        except Exception:  # a fault of ours must not leave this printer without anybody who listens
-            log.exception("%s: booking what its agent said", self._name)
+        except Exception:  # an error of ours must not end the listening to this printer
+            log.exception("%s: handling the snapshot of its agent", self._name)
 
-    def _trusted(self, said: m.Snapshot) -> AgentSnapshot:
-        """Return a snapshot without what its agent cannot know."""
+    def _trusted(self, report: m.Snapshot) -> AgentSnapshot:
+        """Return a snapshot without the fields that its agent cannot know."""
         simulated = self._section is not None and self._section.simulated
         cleared = _CLEARED in self._pending
-        return to_trusted_snapshot(said, self._clock, self._name, simulated, cleared)
+        return to_trusted_snapshot(report, self._clock, self._name, simulated, cleared)
 
-    def _has_our_port(self, said: m.Snapshot) -> bool:
-        """Tell whether the agent has the port of `fleet.yaml`; an idle one that has not is replaced."""
+    def _has_our_port(self, report: m.Snapshot) -> bool:
+        """Return whether the agent has the port of `fleet.yaml`; an idle one that has not is replaced."""
         section = self._section
-        if section is None or (said.model, said.port) == (section.model, section.port):
+        if section is None or (report.model, report.port) == (section.model, section.port):
             return True
-        if said.print is not None:
-            return True  # what it prints is in the books: first that
-        log.warning("%s: its agent has %s at %s: replacing it", self._name, said.model, said.port)
+        if report.print is not None:
+            return True  # its print is in the books, and ends first
+        log.warning("%s: its agent has %s at %s: replacing it", self._name, report.model, report.port)
         self._spawn_task(self._end_agent())
         return False
 
     def send(self, request: m.Request) -> None:
-        """Send a request; a refusal or loss is logged, and the next snapshot shows what is still owed."""
+        """Send a request. A refusal or loss is logged; the next snapshot shows whether to repeat it."""
         key = (request.do, getattr(request, "print_id", ""))
         if isinstance(request, m.CancelPrint):
             self._cancelled.add(request.print_id)
@@ -248,7 +250,7 @@ class AgentConnection:
             if self._remote and isinstance(request, m.StartPrint) and request.gcode:
                 await self._upload(request.print_id, Path(request.gcode))
                 if request.print_id in self._cancelled:
-                    return  # while it was sent
+                    return  # cancelled during the upload
                 request = request.model_copy(update={"gcode": None})
             latest_s = self._clock.now() + _START_S * self._clock.scale
             reply = await self._client.request(to_agent_clock(request, self._ahead_s, latest_s))
@@ -257,8 +259,8 @@ class AgentConnection:
                 if isinstance(request, m.StartPrint):
                     self._listener.on_refusal(request.print_id, reply.error, reply.late)
             elif isinstance(request, m.CancelPrint) and reply.snapshot is not None:
-                said = self._trusted(reply.snapshot)
-                self._report(said.model_copy(update={"heard_cancel": request.print_id}))
+                report = self._trusted(reply.snapshot)
+                self._report(report.model_copy(update={"acknowledged_cancel": request.print_id}))
         except AgentTooOld as error:
             if key not in self._unsupported:
                 log.warning("%s: %s", self._name, error)
@@ -271,7 +273,7 @@ class AgentConnection:
             self._pending.discard(key)
 
     async def _upload(self, print_id: str, gcode: Path) -> None:
-        """Send a file to an agent that has no disk in common with us. Raises DriverError."""
+        """Send a file to an agent on another host. Raises DriverError."""
         at, more = 0, True
         try:
             with gcode.open("rb") as file:
@@ -286,12 +288,12 @@ class AgentConnection:
             raise AgentError(f"{gcode}: cannot be read ({error})") from error
 
     async def replace(self) -> None:
-        """End an agent that prints nothing; one of this version starts in its place.
+        """End an idle agent; one of this version starts in its place.
 
         Raises
         ------
         AgentError
-            It prints, or cannot be reached.
+            Where it prints, or cannot be reached.
         """
         reply = await self._client.request(m.Shutdown(id=0))
         if reply.error:

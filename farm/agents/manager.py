@@ -1,4 +1,4 @@
-"""Agents of the fleet: starts or adopts them, passes instructions on, and ends them."""
+"""Manager of the fleet's agents: starts or adopts them, sends instructions, and ends them."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from farm.agents.remote import Route, delete_route, load_route, without_starting
 from farm.config import Fleet
 from farm.errors import NoSuchThing, Refused
 from farm.paths import StateFolder
+from farm.state import Books
 from farm.state import events as ev
-from farm.state.books import Books
 
 log = logging.getLogger(__name__)
 
@@ -36,10 +36,10 @@ class AgentManager:
         }
 
     def start(self, printing: Iterable[str]) -> None:
-        """Adopt the agents that are alive, start the others, and listen to all.
+        """Adopt the agents that run, start the others, and listen to all.
 
-        `printing` are the printers on which the books have an open print: their agents are listened to even
-        where a person has taken the printer out of `fleet.yaml`.
+        `printing` names the printers with an open print in the books: their agents are listened to even where
+        a person has taken the printer out of `fleet.yaml`.
         """
         for name in printing:
             if name not in self._connections:
@@ -76,12 +76,12 @@ class AgentManager:
             delete_route(folder)
 
     def watch(self) -> None:
-        """Start agents that have died, and replace those that are wedged."""
+        """Start agents that have died, and replace those that hang."""
         for connection in self._connections.values():
             connection.keep_alive()
 
     def perform(self, instruction: ev.AnyInstruction, books: Books, files: Path) -> None:
-        """Send an instruction to its agent; while that is away, its next snapshot shows what it is owed."""
+        """Send an instruction to its agent; one that is lost is repeated after the agent's next snapshot."""
         request = request_for(instruction, books, files)
         connection = self._connections.get(getattr(instruction, "printer", ""))
         if request is not None and connection is not None:
@@ -102,7 +102,7 @@ class AgentManager:
         await asyncio.gather(*(connection.shut_down() for connection in self._connections.values()))
 
     async def close(self) -> None:
-        """Leave the agents to themselves."""
+        """Close the connections; the agents go on."""
         if self._orphans is not None:
             self._orphans.cancel()
             await asyncio.gather(self._orphans, return_exceptions=True)

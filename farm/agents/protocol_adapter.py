@@ -1,4 +1,4 @@
-"""Adapter between the farm's words and the agent protocol's. Pure."""
+"""Adapter between the farm's records and the messages of the agent protocol. Pure."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from pathlib import Path
 from drivers import messages as m
 from drivers.clock import Clock
 from farm.model import AgentPrint, AgentSnapshot, FilamentState, Link, PrintState
+from farm.state import Books
 from farm.state import events as ev
-from farm.state.books import Books
 from farm.text import flatten_text
 
-_CLOCKS_APART_S = 60.0  # wall seconds; no word that is still heard is as old as that
+_CLOCKS_APART_S = 60.0  # wall seconds; no message takes as long
 _LATEST_S = datetime(9000, 1, 1, tzinfo=UTC).timestamp()
 _OUTDATED = "its agent is of an older version: replace it by `farm up --replace {}`"
 _PHASES = {
@@ -28,14 +28,14 @@ _PHASES = {
 }
 
 
-def clock_offset_s(said: m.Snapshot, clock: Clock) -> float:
+def clock_offset_s(report: m.Snapshot, clock: Clock) -> float:
     """Return the seconds by which the farm's clock is ahead of the agent's; 0 where that may be delay alone.
 
-    An agent's clock is never set: what was taken over since the daemon began is all the daemon's.
+    An agent's clock is never set: the steps since the daemon began are all in the daemon's.
     """
-    if not said.now_s:
+    if not report.now_s:
         return 0.0
-    late_s = clock.now() - clock.ahead_s - said.now_s
+    late_s = clock.now() - clock.ahead_s - report.now_s
     apart = abs(clock.wall_seconds(late_s)) > _CLOCKS_APART_S
     return clock.ahead_s + (late_s if apart else 0.0)
 
@@ -99,35 +99,35 @@ def to_agent_clock(request: m.Request, shift_s: float, latest_s: float) -> m.Req
     return request.model_copy(update=moments)
 
 
-def to_farm_snapshot(said: m.Snapshot, clock: Clock) -> AgentSnapshot:
+def to_farm_snapshot(report: m.Snapshot, clock: Clock) -> AgentSnapshot:
     """Return an agent's snapshot as the farm's record, with its moments on the farm's clock."""
     return AgentSnapshot(
-        printer=said.printer,
-        link=Link(said.link),
-        agent_pid=said.agent_pid,
-        reason=_line(said.reason),
-        nozzle_c=said.nozzle.now_c if said.nozzle else None,
-        bed_c=said.bed.now_c if said.bed else None,
-        nozzle_target_c=said.nozzle.target_c if said.nozzle else None,
-        bed_target_c=said.bed.target_c if said.bed else None,
-        heaters_off=said.heaters_off,
-        filament=FilamentState(said.filament),
-        bed_clear=said.bed_clear,
-        bed_unknown_reason=_line(said.bed_unknown_reason),
-        alarm=_line(said.alarm),
-        reset_verified=said.reset_verified,
-        print=None if said.print is None else to_farm_print(said.print, clock_offset_s(said, clock)),
+        printer=report.printer,
+        link=Link(report.link),
+        agent_pid=report.agent_pid,
+        reason=_line(report.reason),
+        nozzle_c=report.nozzle.now_c if report.nozzle else None,
+        bed_c=report.bed.now_c if report.bed else None,
+        nozzle_target_c=report.nozzle.target_c if report.nozzle else None,
+        bed_target_c=report.bed.target_c if report.bed else None,
+        heaters_off=report.heaters_off,
+        filament=FilamentState(report.filament),
+        bed_clear=report.bed_clear,
+        bed_unknown_reason=_line(report.bed_unknown_reason),
+        alarm=_line(report.alarm),
+        reset_verified=report.reset_verified,
+        print=None if report.print is None else to_farm_print(report.print, clock_offset_s(report, clock)),
     )
 
 
 def to_trusted_snapshot(
-    said: m.Snapshot, clock: Clock, printer: str, simulated: bool, bed_cleared: bool
+    report: m.Snapshot, clock: Clock, printer: str, simulated: bool, bed_cleared: bool
 ) -> AgentSnapshot:
     """Return an agent's snapshot as the farm's record, without the fields that its agent cannot know.
 
     Parameters
     ----------
-    said
+    report
         The agent's snapshot.
     clock
         The farm's clock.
@@ -139,8 +139,8 @@ def to_trusted_snapshot(
         Whether a person has cleared the bed and the agent has not confirmed it yet: its alarm and its doubt
         about the bed are out of date.
     """
-    snapshot = to_farm_snapshot(said, clock)
-    outdated = said.protocol < m.StartPrint.needed and said.print is None
+    snapshot = to_farm_snapshot(report, clock)
+    outdated = report.protocol < m.StartPrint.needed and report.print is None
     return AgentSnapshot(
         **{
             **dict(snapshot),
@@ -155,36 +155,36 @@ def to_trusted_snapshot(
     )
 
 
-def to_farm_print(said: m.PrintSnapshot, ahead_s: float) -> AgentPrint:
-    """Return an agent's report on a print as the farm's record; `ahead_s` is the farm's clock before its own.
+def to_farm_print(report: m.PrintSnapshot, ahead_s: float) -> AgentPrint:
+    """Return an agent's report on a print as the farm's record; `ahead_s` is the farm's clock less its own.
 
-    Whatever it says, the moments have a date, and no span is negative: both are shown to people.
+    Moments are limited to times with a date, and spans to positive ones: both are shown to people.
     """
 
     def moment(at_s: float | None) -> float | None:
         return None if at_s is None else min(max(0.0, at_s + ahead_s), _LATEST_S)
 
     return AgentPrint(
-        print_id=said.print_id,
-        state=_PHASES[said.phase],
-        fault=said.fault,
-        reason=_line(said.reason),
-        progress_s=max(0.0, said.progress_s),
-        print_time_s=max(0.0, said.print_time_s),
-        extruded=said.extruded,
-        started_s=moment(said.started_s),
-        ended_s=moment(said.ended_s),
-        starved_s=max(0.0, said.starved_s),
-        layer=said.layer,
-        layers=said.layers,
-        z_mm=said.z_mm,
-        feature=said.feature,
-        pause_ends_s=moment(said.pause_ends_s),
-        ends_by_s=moment(said.ends_by_s),
-        sha256=said.sha256,
+        print_id=report.print_id,
+        state=_PHASES[report.phase],
+        fault=report.fault,
+        reason=_line(report.reason),
+        progress_s=max(0.0, report.progress_s),
+        print_time_s=max(0.0, report.print_time_s),
+        extruded=report.extruded,
+        started_s=moment(report.started_s),
+        ended_s=moment(report.ended_s),
+        starved_s=max(0.0, report.starved_s),
+        layer=report.layer,
+        layers=report.layers,
+        z_mm=report.z_mm,
+        feature=report.feature,
+        pause_ends_s=moment(report.pause_ends_s),
+        ends_by_s=moment(report.ends_by_s),
+        sha256=report.sha256,
     )
 
 
 def _line(text: str | None) -> str | None:
-    """Return a text fit for a terminal: noise of a serial line may be in it."""
+    """Return a text fit for a terminal: it may hold noise of a serial line."""
     return None if text is None else flatten_text(text)

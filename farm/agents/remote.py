@@ -19,7 +19,7 @@ Route = tuple[list[str], bytes]
 
 
 def _route_to(section: PrinterSection, farm: str, clock: Clock) -> Route | None:
-    """Return the route to an agent on another host; None where it lives on this one."""
+    """Return the route to an agent on another host; None for one on this host."""
     if section.host is None:
         return None
     start = StartFile(
@@ -30,18 +30,18 @@ def _route_to(section: PrinterSection, farm: str, clock: Clock) -> Route | None:
 
 
 def without_starting(route: Route | None) -> Route | None:
-    """Return the same route, by which no agent is started."""
+    """Return the same route without the order to start an agent."""
     if route is None:
         return None
     try:
         request = BridgeRequest.parse(route[1])
-    except AgentError:  # an older farm's
+    except AgentError:  # of an earlier version
         return None
     return route[0], replace(request, do=BridgeTask.REACH).line()
 
 
 def load_route(folder: Path, section: PrinterSection | None, farm: str, clock: Clock) -> Route | None:
-    """Return the route of a printer; of one that has left the fleet while it prints, the one it had."""
+    """Return the route to a printer's agent: the stored one where it has left the fleet while it prints."""
     kept = folder / ROUTE_FILE
     if section is None:
         try:

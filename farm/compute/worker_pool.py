@@ -31,14 +31,14 @@ _GB = 2**30
 
 @dataclass(frozen=True, slots=True)
 class Limit:
-    """Limit of a kind of work, in wall seconds from when a worker has it.
+    """Time limit of a kind of work, in wall seconds from its start in a worker.
 
     Attributes
     ----------
     what
         The work, as messages name it.
     urgent
-        A person waits for it: it goes before all that is not urgent.
+        A person waits for it: it is started before other work.
     """
 
     what: str
@@ -79,7 +79,7 @@ class Workers:
     memory_gb
         Memory limit of each; see `memory_for_each`.
     warm
-        First call of every worker: it imports what tasks need, before somebody waits for them.
+        First call of every worker: it imports what tasks need, before the first task comes.
     """
 
     def __init__(
@@ -106,16 +106,16 @@ class Workers:
 
     @property
     def pids(self) -> frozenset[int]:
-        """Ids of the processes that live."""
+        """Ids of the running processes."""
         return frozenset(worker.pid for worker in self._alive)
 
     async def run(self, work: Callable[..., T], *args: object, limit: Limit = CHECKING) -> T:
-        """Run a function in a worker; where this is cancelled, the worker is ended.
+        """Run a function in a worker; a cancelled call ends its worker.
 
         Parameters
         ----------
         work
-            May be run a second time, where its worker dies.
+            Function to run; it may run a second time, where its worker dies.
 
         Raises
         ------
@@ -160,7 +160,7 @@ class Workers:
         )
 
     def close(self) -> None:
-        """Give up all work; no process is left when this returns."""
+        """Abandon all work, and end every worker before returning."""
         self._closed = True
         for worker in self._alive:
             worker.end()
@@ -187,21 +187,21 @@ class Workers:
         """Wait for a free worker; work of equal urgency gets one in the order of its calls."""
         if self._idle:
             return self._idle.pop()
-        turn: asyncio.Future[Worker] = asyncio.get_running_loop().create_future()
-        (self._urgent if urgent else self._patient).append(turn)
+        slot: asyncio.Future[Worker] = asyncio.get_running_loop().create_future()
+        (self._urgent if urgent else self._patient).append(slot)
         try:
-            return await turn
+            return await slot
         except asyncio.CancelledError:
-            if turn.done() and not turn.cancelled():  # cancelled just when it was its turn
-                self._give(turn.result())
+            if slot.done() and not slot.cancelled():  # cancelled just when a worker became free
+                self._give(slot.result())
             raise
 
     def _give(self, worker: Worker) -> None:
         for queue in (self._urgent, self._patient):
             while queue:
-                turn = queue.popleft()
-                if not turn.done():
-                    turn.set_result(worker)
+                slot = queue.popleft()
+                if not slot.done():
+                    slot.set_result(worker)
                     return
         self._idle.append(worker)
 

@@ -1,4 +1,4 @@
-"""Worker process: it runs the calls that come through its pipe, one after another, until it is ended."""
+"""Worker process: runs the calls that come through its pipe, one after another, until it is ended."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _ENDING_S = 2.0  # from the end of its pipe to its own
 
 @dataclass(frozen=True, slots=True)
 class Raised:
-    """Exception of the work."""
+    """Exception that the work raised."""
 
     error: Exception
 
@@ -45,18 +45,18 @@ class Worker:
     memory_bytes
         Limit of its data memory.
     warm
-        Its first call; None for none.
+        Function that the process calls first; None for none.
     """
 
     def __init__(self, scratch: Path, memory_bytes: int, warm: Warm | None) -> None:
         self.folder = Path(tempfile.mkdtemp(prefix="worker-", dir=scratch))
         context = multiprocessing.get_context("spawn")  # the daemon has threads: a fork could hang
-        self._pipe, theirs = context.Pipe()
-        arguments = (theirs, os.getpid(), self.folder, memory_bytes, warm)
+        self._pipe, child_pipe = context.Pipe()
+        arguments = (child_pipe, os.getpid(), self.folder, memory_bytes, warm)
         self._process = context.Process(target=_serve, args=arguments, daemon=True)
         self._process.start()
         self.pid = self._process.pid or 0
-        theirs.close()  # so that its end is seen
+        child_pipe.close()  # else the end of the process would not close the pipe
 
     def call(self, work: Callable[..., Any], args: tuple[object, ...]) -> Any:
         """Run a function in the process, and wait for it.
@@ -98,7 +98,7 @@ def _serve(pipe: Connection, daemon: int, folder: Path, memory_bytes: int, warm:
         try:
             warm()
         except Exception:
-            traceback.print_exc()  # the task that needs it fails by it, with a message
+            traceback.print_exc()  # the task that needs it fails with a message
     while True:
         try:
             request = pipe.recv_bytes()
@@ -116,11 +116,13 @@ def _answer(request: bytes) -> bytes:
     except SystemExit as error:
         return pickle.dumps(Raised(FarmError(f"a library ended the work: {error}")))
     except Exception as error:
-        error.add_note("".join(traceback.format_exception(error)))  # of this process, for the daemon's log
+        error.add_note(
+            "".join(traceback.format_exception(error))
+        )  # traceback of this process, for the daemon's log
         try:
             answer = pickle.dumps(Raised(error))
             pickle.loads(answer)
-        except Exception:  # not every exception can travel
+        except Exception:  # not every exception can be pickled
             answer = pickle.dumps(Raised(FarmError(f"{type(error).__name__}: {error}")))
         return answer
 
@@ -132,11 +134,11 @@ def _prepare(daemon: int, folder: Path, memory_bytes: int) -> None:
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
     if os.getppid() != daemon:
-        os._exit(1)  # it died before the kernel watched it
-    with contextlib.suppress(OSError):  # where the machine runs out of memory, it takes this, not the daemon
+        os._exit(1)  # it died before prctl took effect
+    with contextlib.suppress(OSError):  # out of memory, the kernel ends this process, not the daemon
         Path("/proc/self/oom_score_adj").write_text("800")
     tempfile.tempdir = os.environ["TMPDIR"] = str(folder)
-    # The soft limit alone: CuraEngine has one of its own kind (slicing.engine), and asks for it.
+    # The soft limit only: CuraEngine has a limit of its own (slicing.engine), and raises this one.
     _, hard = resource.getrlimit(resource.RLIMIT_DATA)
     soft = memory_bytes if hard == resource.RLIM_INFINITY else min(memory_bytes, hard)
     resource.setrlimit(resource.RLIMIT_DATA, (soft, hard))

@@ -1,12 +1,13 @@
 """Controller of the farm: the only entry to its state.
 
-Everything here runs on one thread and never waits. Whatever happens goes through `Controller.handle`: the
-events are applied and committed, the scheduler runs once, and what follows is performed after that.
+Everything here runs on one thread and never blocks. Every change goes through `Controller.handle`: its events
+are applied and committed, the scheduler runs once, and the effects are performed after that.
 """
 
 from __future__ import annotations
 
 import logging
+import math
 import uuid
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -15,9 +16,7 @@ from itertools import chain
 
 from drivers.clock import Clock
 from farm.config import Fleet
-from farm.control.admission import HoldJob, JobAdmission, kept_printers
 from farm.control.effects import Effect, Effects
-from farm.control.forecast_cache import ForecastCache
 from farm.control.telemetry import Telemetry, owed_instructions, read_snapshot
 from farm.errors import FarmError
 from farm.model import (
@@ -32,30 +31,37 @@ from farm.model import (
     PrintState,
 )
 from farm.paths import StateFolder
-from farm.planning.plan import Plan, TooFewPrinters
-from farm.planning.planned_event import build_planned_event
-from farm.planning.replanning.coordinator import ReplanCoordinator
-from farm.planning.replanning.replan import ReplannedPlate
-from farm.scheduling.assign import assign, find_holds
-from farm.scheduling.matching import FleetPrinter
-from farm.scheduling.plate_holds import find_plate_holds
-from farm.scheduling.situation import Situation
-from farm.scheduling.situation_builder import (
+from farm.planning import Plan, TooFewPrinters, build_planned_event
+from farm.planning.replanning import ReplanCoordinator, ReplannedPlate
+from farm.scheduling import (
     BuildVolumes,
+    FleetPrinter,
+    ForecastCache,
+    HoldJob,
+    JobAdmission,
     PrintLimits,
+    Situation,
     SituationBuilder,
+    StartRules,
+    assign_plates,
+    count_spares,
+    find_holds,
+    find_plate_holds,
     find_print_limits,
+    kept_printers,
+    loss_window_end_s,
 )
-from farm.scheduling.start_rules import StartRules
 from farm.state import events as ev
+from farm.state import (
+    fleet_with_reels,
+    import_agent_journal,
+    outage_window_s,
+    refused_print_end,
+    validate_books,
+)
 from farm.state.lifecycles import InvalidTransition
-from farm.state.outage import window_s
-from farm.state.reconcile import refused_print_end
-from farm.state.recovery.journal_import import import_agent_journal
-from farm.state.reels import fleet_with_reels
-from farm.state.storage.store import Store, StoreError
+from farm.state.storage import Store, StoreError
 from farm.state.transitions import apply
-from farm.state.validate import validate
 from farm.views import ViewContext
 
 log = logging.getLogger(__name__)
@@ -63,7 +69,7 @@ log = logging.getLogger(__name__)
 PATIENCE_S = 30.0
 """Wall seconds in which printers are expected to connect after the farm has started."""
 REFUSALS = 5
-"""How often an agent may refuse to start a print; a port that is just opening refuses too."""
+"""Refusals of an agent after which a print has failed; a port that is just opening refuses too."""
 
 
 class Controller:
@@ -77,41 +83,42 @@ class Controller:
         The books.
     clock
         The farm's clock.
-    rooms
-        Gives the boxes that a printer of a section can print in.
+    build_volumes
+        Function that returns the boxes in which a printer can print.
     """
 
-    def __init__(self, fleet: Fleet, store: Store, clock: Clock, rooms: BuildVolumes) -> None:
+    def __init__(self, fleet: Fleet, store: Store, clock: Clock, build_volumes: BuildVolumes) -> None:
         self.clock = clock
         self.started_s = clock.now()
         self.telemetry = Telemetry()
         self.progress: dict[int, PlanProgress] = {}
         self.stopping = False
         self.rules = StartRules.of(fleet.fleet)
-        self.books = replace(store.load(), outage_window_s=window_s(clock.scale))
+        self.books = replace(store.load(), outage_window_s=outage_window_s(clock.scale))
         self.fleet = fleet_with_reels(fleet, self.books.printers)
-        self._written = fleet
+        self._configured_fleet = fleet
         self._store = store
-        self._situations = SituationBuilder(rooms)
+        self._situations = SituationBuilder(build_volumes)
         self._effects: Effects | None = None
         self._admission = JobAdmission()
         self._replanning = ReplanCoordinator()
         self._forecast_cache = ForecastCache(clock.scale)
         self._refusals: Counter[str] = Counter()
         self._backup_failure: str | None = None
+        self._next_change_s = -math.inf  # -inf: schedule at the next tick
         self._job_holds: dict[int, Hold] = {}
 
     def start(self, effects: Effects, restored_s: float | None = None) -> None:
-        """Bring the books in line with the fleet, and give up plans that died with a daemon.
+        """Add printers that are new in the fleet, and abandon plans that an earlier daemon left.
 
-        Nothing is scheduled: no agent has been heard.
+        Nothing is scheduled, as no agent has reported yet.
 
         Parameters
         ----------
         effects
-            Performs what is decided from now on.
+            Performs the effects of decisions from now on.
         restored_s
-            When the books were copied, where they are a copy because they were damaged.
+            Time of the backup, where the database was damaged and restored from one.
         """
         self._effects = effects
         now_s = self.clock.now()
@@ -125,43 +132,54 @@ class Controller:
         planning = (job.id for job in self.books.jobs.values() if job.state is JobState.PLANNING)
         events += [ev.PlanningAbandoned(at_s=now_s, job=number, hold=None) for number in planning]
         self._perform(self._commit(events))
-        for problem in validate(self.books) if restored_s is not None else ():
-            log.error("the books that were restored do not agree with themselves: %s", problem)
+        for problem in validate_books(self.books) if restored_s is not None else ():
+            log.error("the restored database is inconsistent: %s", problem)
 
     # -- the one entry ----------------------------------------------------------------------------------
 
     def handle(self, *events: ev.AnyEvent) -> None:
-        """Apply events, commit each, schedule once, and have what follows performed.
-
-        Without events, what time alone changes is scheduled: hours, start times, the end of a wait.
+        """Apply events, commit each, schedule once, and perform the effects.
 
         Raises
         ------
         StoreError
-            Where the books cannot be written. What was committed before that is performed.
+            Where the books cannot be written. The effects of earlier commits are performed.
         """
-        self._settle(events)
+        self._handle_all(events)
 
-    def _settle(self, events: Iterable[ev.AnyEvent], printer: str | None = None) -> None:
-        """Handle events, and remind the agent of one printer, or all, of what it does not know."""
+    def _handle_all(self, events: Iterable[ev.AnyEvent], printer: str | None = None) -> None:
+        """Handle events, and repeat unconfirmed instructions to the agent of one printer, or to all."""
         effects: list[Effect] = []
+        self._next_change_s = -math.inf
         try:
-            for effect in chain(self._commit(events), self._remind(printer), self._schedule()):
+            for effect in chain(self._commit(events), self._unconfirmed(printer), self._schedule()):
                 effects.append(effect)  # noqa: PERF402  (an error keeps those before it)
         finally:
             self._perform(effects)
 
+    def tick(self) -> None:
+        """Schedule where time has changed a decision; else repeat unconfirmed instructions to agents."""
+        if self.clock.now() >= self._next_change_s:
+            self.handle()
+        else:
+            self._perform(self._unconfirmed(None))
+
+    @property
+    def next_change_s(self) -> float | None:
+        """Farm time at which `tick` schedules next; None where only an event changes anything."""
+        return self._next_change_s if math.isfinite(self._next_change_s) else None
+
     def _commit(self, events: Iterable[ev.AnyEvent]) -> Iterator[Effect]:
-        """Take events into the books, each with a commit of its own; yield the instructions that follow."""
+        """Apply events to the books, with a commit each, and yield the instructions that follow."""
         for event in events:
             try:
                 after, instructions = apply(event, self.books)
             except InvalidTransition as error:
-                raise self._store.tell_story(error) from None
+                raise self._store.add_history(error) from None
             self._store.commit(event, self.books, after)
             self.books = after
             if isinstance(event, ev.ReelLoaded):
-                self.fleet = fleet_with_reels(self._written, after.printers)
+                self.fleet = fleet_with_reels(self._configured_fleet, after.printers)
             log.info(
                 "%s %s", type(event).__name__, event.model_dump_json(exclude={"at_s"}, exclude_none=True)
             )
@@ -184,14 +202,15 @@ class Controller:
     # -- scheduling -------------------------------------------------------------------------------------
 
     def _schedule(self) -> Iterator[Effect]:
-        """Give plates to printers, and begin the jobs in front, as far as both can be done now."""
+        """Give plates to printers, and start planning the first jobs of the queue, where possible now."""
         if self.stopping:
             return
         now_s = self.clock.now()
-        offered = self._situation(self._held_back())
+        held_back = self._held_back()
+        offered = self._situation(held_back)
         yield from self._replanning.recut_failures(self.books, offered)
         situation = offered.without(self._replanning.holds())
-        assignments = assign(situation)
+        assignments = assign_plates(situation)
         yield from self._commit(
             ev.PlateAssigned(at_s=now_s, plate=a.plate, printer=a.printer, print_id=uuid.uuid4().hex)
             for a in assignments
@@ -201,20 +220,32 @@ class Controller:
             situation = situation.with_printers(self.fleet_printers())
         yield from self._replanning.reslice_waiting(self.books, situation)
         yield from self._admit_jobs(situation)
+        self._next_change_s = self._find_next_change_s(situation, held_back)
+
+    def _find_next_change_s(self, situation: Situation, held_back: Mapping[str, Hold]) -> float:
+        """Return the next moment at which time alone changes a decision."""
+        jobs = (job.not_before_s for job in self.books.jobs.values() if not job.state.ended)
+        moments = (at_s for at_s in (*jobs, self._startup_end_s) if at_s is not None)
+        return min(
+            situation.next_change_s(),
+            loss_window_end_s(self.books, held_back),
+            self._replanning.next_search_s,
+            *(at_s for at_s in moments if at_s > situation.now_s),
+        )
 
     def _held_back(self) -> dict[str, Hold]:
-        """Return the plates that are offered to no printer."""
+        """Return the holds of the plates that are offered to no printer."""
         may_hold = self._situations.may_hold_back
         return find_plate_holds(self.books, self.fleet.printers, self.clock.now(), may_hold)
 
     def plate_holds(self) -> dict[str, Hold]:
-        """Find why each waiting plate waits, as it is now."""
+        """Find the hold of each waiting plate at this moment."""
         held_back = self._held_back() | self._replanning.holds()
         situation = self._situation(held_back)
-        return held_back | find_holds(situation, assign(situation))
+        return held_back | find_holds(situation, assign_plates(situation))
 
     def _admit_jobs(self, situation: Situation) -> Iterator[Effect]:
-        kept = kept_printers(situation, self._replanning.running)
+        kept = kept_printers(situation, self._replanning.reserved_printers)
         decisions = list(self._admission.decide(self.books, situation, kept, self.is_starting()))
         self._job_holds = {each.job: each.hold for each in decisions if isinstance(each, HoldJob)}
         for decision in decisions:
@@ -234,21 +265,16 @@ class Controller:
             rules=self.rules,
             now_s=self.clock.now(),
             time_scale=self.clock.scale,
-            spares=self._spares(),
+            spares=count_spares(self.books),
         ).without(held_back)
 
     def _expected_situation(self) -> Situation:
-        """Describe this moment to the forecast: nobody is expected to resume what a person has paused."""
+        """Return the situation for the forecast: only plates that a person has paused are left out."""
         codes = (HoldCode.PAUSED, HoldCode.STOPPED)
         return self._situation({n: hold for n, hold in self._held_back().items() if hold.code in codes})
 
-    def _spares(self) -> dict[int, int]:
-        """Return how many printers each printing job has kept for what fails."""
-        jobs = (job for job in self.books.jobs.values() if job.state is JobState.PRINTING)
-        return {job.id: job.options.spares for job in jobs if job.options.spares}
-
-    def _remind(self, printer: str | None) -> Iterator[ev.AnyInstruction]:
-        """Yield what agents of open prints have to be told (again): they were away, or hours changed."""
+    def _unconfirmed(self, printer: str | None) -> Iterator[ev.AnyInstruction]:
+        """Yield the instructions on open prints, of one printer or all, that agents have not confirmed."""
         attempts = self.books.open_prints() if printer is None else [self.books.open_print_on(printer)]
         for attempt in [each for each in attempts if each is not None]:
             snapshot = self.telemetry.snapshots.get(attempt.printer)
@@ -258,29 +284,29 @@ class Controller:
     # -- agents -----------------------------------------------------------------------------------------
 
     def on_snapshot(self, snapshot: AgentSnapshot) -> None:
-        """Take an agent's snapshot: what is news is handled, the rest is telemetry."""
+        """Handle the changes that an agent's snapshot shows; the rest of it is telemetry."""
         name = snapshot.printer
         before = self.telemetry.snapshots.get(name)
         in_use = any(section.name == name and section.enabled for section in self.fleet.printers)
         reading = read_snapshot(self.books, snapshot, before, in_use, self.clock.now())
-        if reading.misfit is not None:  # whatever an agent says, the others go on
-            story = self._store.tell_story(reading.misfit)
+        if reading.misfit is not None:  # one faulty agent must not stop the others
+            story = self._store.add_history(reading.misfit)
             log.error("%s: its agent's snapshot does not fit the books: %s", name, story)
         changed = self.telemetry.store(snapshot)
         try:
             if reading.events or changed:
-                self._settle(reading.events, name)
+                self._handle_all(reading.events, name)
             else:
-                self._perform(self._remind(name))
+                self._perform(self._unconfirmed(name))
             self._perform(reading.instructions)
         except StoreError as error:
             self.telemetry.reject(snapshot, before, str(error))
             raise
 
     def on_refusal(self, print_id: str, reason: str, late: bool = False) -> None:
-        """Count that an agent would not start a print: after several times, that print has failed.
+        """Count an agent's refusal to start a print; after `REFUSALS`, the print has failed.
 
-        One that came too `late` was never begun, and its plate is given a printer by what holds now.
+        A request that arrived too `late` was not begun: its plate is scheduled again.
         """
         attempt = self.books.prints[print_id]
         self._refusals[print_id] += 1
@@ -290,21 +316,21 @@ class Controller:
         self.handle(refused_print_end(attempt, printer, reason, late, self.clock.now()))
 
     def unreported_since_s(self, printer: str) -> float | None:
-        """Return from when on an agent has to list its prints before it counts; None: it need not."""
+        """Return the time since which an agent has to list its prints first; None where it need not."""
         return self.books.printer(printer).unreported_since_s
 
     def on_journal(self, snapshot: AgentSnapshot, prints: Sequence[AgentPrint]) -> None:
-        """Take over what an agent has printed since the books were copied."""
+        """Book the prints that an agent has made since the backup."""
         self.handle(*import_agent_journal(self.books, snapshot, prints, self.clock.now()))
 
     # -- workers, clock, backups ------------------------------------------------------------------------
 
     def on_plan_progress(self, number: int, progress: PlanProgress) -> None:
-        """Note how far the plan of a job is."""
+        """Store the progress of a job's plan."""
         self.progress[number] = progress
 
     def on_plan(self, number: int, result: Plan | FarmError) -> None:
-        """Book the plan of a job, or why there is none."""
+        """Book the plan of a job, or the error that prevents it."""
         self._end_planning(number)
         job = self.books.job(number)
         if job.state is JobState.PLANNING:  # else it was cancelled meanwhile
@@ -324,16 +350,13 @@ class Controller:
         self._admission.end(number)
 
     def on_replan(self, plate: str, result: ReplannedPlate | FarmError) -> None:
-        """Book what a replan came to."""
+        """Book the result of a replan."""
         offered = self._situation(self._held_back())
         event = self._replanning.finish(plate, result, self.books, offered)
         self.handle(*([event] if event is not None else []))
 
     def on_clock_set(self, by_s: float) -> None:
-        """Follow the host's clock, which was set: hours are others, spans go on.
-
-        `by_s` are the farm seconds by which it is ahead of what it was.
-        """
+        """Follow a step of the host's clock by so many farm seconds: hours follow it, durations stay."""
         self.started_s += by_s
         self._forecast_cache.clock_set()
         self._replanning.clock_set()
@@ -343,44 +366,41 @@ class Controller:
             log.error("%s", error)
 
     def on_backup(self, failure: str | None) -> None:
-        """Note that the books were copied, or why they could not be."""
+        """Store why the last backup failed; None where it succeeded."""
         self._backup_failure = failure
 
     # -- queries ----------------------------------------------------------------------------------------
 
     def fleet_printers(self) -> tuple[FleetPrinter, ...]:
-        """Return the enabled printers as the scheduler sees them."""
+        """Describe the enabled printers to the scheduler."""
         return self._situations.printers(self.fleet.printers, self.books, self.telemetry.snapshots)
 
     def fleet_printer(self, name: str) -> FleetPrinter | None:
-        """Return a printer as the scheduler sees it; None where it is not used."""
+        """Describe a printer to the scheduler; None where it is not in use."""
         sections = (section for section in self.fleet.printers if section.name == name)
         printers = self._situations.printers(sections, self.books, self.telemetry.snapshots)
         return printers[0] if printers else None
 
     def print_limits(self, print_id: str) -> PrintLimits:
-        """Return when hours let a print begin and go on."""
+        """Return the limits that hours set to a print."""
         attempt = self.books.prints[print_id]
         return find_print_limits(attempt, self.books, self._moment(attempt.printer))
 
     def _moment(self, name: str) -> Situation:
-        """Describe this moment for one printer, where it is used, with no plate that waits."""
+        """Return the situation of one printer, where it is in use, without waiting plates."""
         printer = self.fleet_printer(name)
         return Situation((), () if printer is None else (printer,), self.rules, self.clock.now())
 
-    def next_edge_s(self) -> float | None:
-        """Return when hours or start times next change what may start; None where they never do."""
-        now_s = self.clock.now()
-        starts = (j.not_before_s for j in self.books.jobs.values() if not j.state.ended and j.not_before_s)
-        edges = [self.rules.attended.edge_s(now_s), self.rules.quiet.edge_s(now_s), *starts]
-        return min((edge for edge in edges if edge is not None and edge > now_s), default=None)
+    @property
+    def _startup_end_s(self) -> float:
+        return self.started_s + PATIENCE_S * self.clock.scale
 
     def is_starting(self) -> bool:
-        """Tell whether the farm has just started: printers that do not answer yet are still expected."""
-        return self.clock.now() - self.started_s < PATIENCE_S * self.clock.scale
+        """Return whether the farm has just started: printers that do not answer yet are still expected."""
+        return self.clock.now() < self._startup_end_s
 
     def build_view_context(self, state: StateFolder) -> ViewContext:
-        """Return all that a view is drawn from."""
+        """Return the data that views are built from."""
         now_s = self.clock.now()
         failure = self.telemetry.failure
         if failure is not None:

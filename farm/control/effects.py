@@ -1,4 +1,4 @@
-"""Effects of a decision on the outside: what the controller hands to agents, planner and replan worker."""
+"""Effects of decisions: instructions of the controller to agents, planner and replan worker."""
 
 from __future__ import annotations
 
@@ -6,19 +6,15 @@ import logging
 from typing import Protocol
 
 from drivers.clock import Clock
-from farm.agents.manager import AgentManager
+from farm.agents import AgentManager
 from farm.config import Fleet
-from farm.control.admission import StartPlanning
 from farm.paths import StateFolder
-from farm.planning.booking import list_job_files
-from farm.planning.job_planner import JobPlanner
-from farm.planning.replanning.coordinator import StartReplan
-from farm.planning.replanning.replan import ReplanTask
-from farm.planning.replanning.worker import ReplanWorker
+from farm.planning import JobPlanner, list_job_files
+from farm.planning.replanning import ReplanTask, ReplanWorker, StartReplan
+from farm.scheduling import StartPlanning
+from farm.state import Books, fleet_with_reels
 from farm.state import events as ev
-from farm.state.books import Books
-from farm.state.reels import fleet_with_reels
-from farm.state.storage.file_store import name_files
+from farm.state.storage import name_files
 
 log = logging.getLogger(__name__)
 
@@ -26,10 +22,10 @@ Effect = ev.AnyInstruction | StartPlanning | StartReplan
 
 
 class Effects(Protocol):
-    """Performs effects: it starts things and returns at once."""
+    """Performs effects without waiting for their end."""
 
     def perform(self, effect: Effect, books: Books) -> None:
-        """Start what the effect asks for; `books` are as committed."""
+        """Start an effect; `books` are as committed."""
 
 
 class FarmEffects:
@@ -92,5 +88,5 @@ class FarmEffects:
         names = list_job_files(job, map(books.parts.__getitem__, job.parts), books.plates_of(job))
         try:
             name_files(self._state.job(job.id), self._state.files, names)
-        except OSError as error:  # a convenience: no reason to stop a job
+        except OSError as error:  # the links are a convenience: the job goes on
             log.warning("job %d: its files could not be named: %s", job.id, error)

@@ -6,35 +6,35 @@ import asyncio
 
 from farm.control.controller import Controller
 from farm.control.printer_commands import PrinterCommands
-from farm.errors import Refused
+from farm.errors import ErrorCode, FarmError, Refused
 from farm.model import Job, JobOptions, JobState
 from farm.paths import StateFolder
-from farm.planning.plan import InspectedSubmission
-from farm.scheduling.time_expressions import start_and_deadline_s
+from farm.planning import InspectedSubmission
+from farm.scheduling import StartRules, parse_moment_s
 from farm.state import events as ev
-from farm.state.storage.file_store import sha256_of
+from farm.state.storage import sha256_of
 
 
 class JobCommands:
-    """Turns a person's wishes for jobs into events. Methods raise NoSuchThing or Refused."""
+    """Checks a person's commands on jobs and handles their events. Methods raise NoSuchThing or Refused."""
 
     def __init__(self, controller: Controller, printers: PrinterCommands) -> None:
         self._controller, self._printers = controller, printers
 
     def find_submission(self, request_id: str) -> int | None:
-        """Return the job that this request has made; None where it is new."""
+        """Return the job of an earlier request with this id; None where there is none."""
         jobs = self._controller.books.jobs.values()
         return next((job.id for job in jobs if job.request_id == request_id), None)
 
     def check_submission(self, options: JobOptions) -> None:
-        """Raise what is wrong with a submission before its model is sent.
+        """Check a submission before its model is uploaded.
 
         Raises
         ------
         Refused
             Where the farm takes no jobs now.
         FarmError
-            Where a start time or deadline cannot be meant.
+            Where a start time or deadline is not a time to come.
         """
         start_and_deadline_s(options, self._controller.rules, self._controller.clock.now())
         if self._controller.stopping:
@@ -48,7 +48,7 @@ class JobCommands:
         options: JobOptions,
         by: str | None = None,
     ) -> tuple[int, bool]:
-        """Take a job. Returns its number, and whether this request had made it before."""
+        """Book a job. Returns its number, and True where an earlier request has submitted it."""
         known = self.find_submission(request_id)
         if known is not None:
             return known, True
@@ -75,7 +75,7 @@ class JobCommands:
         return number, False
 
     def cancel(self, number: int, by: str) -> None:
-        """Print nothing more of a job."""
+        """Cancel a job: nothing more of it is printed."""
         job = self._controller.books.job(number)
         if job.state.ended:
             again = f"; `farm reprint {number} PART` prints a part again" if job.parts else ""
@@ -83,7 +83,7 @@ class JobCommands:
         self._controller.handle(ev.JobCancelled(at_s=self._controller.clock.now(), job=number, by=by))
 
     def pause(self, number: int, wanted: bool, by: str) -> None:
-        """Have all that is printed of a job wait, and start nothing of it; or go on."""
+        """Pause a job (its prints are parked, none starts), or resume it."""
         books = self._controller.books
         job = books.job(number)
         if job.state.ended:
@@ -98,18 +98,18 @@ class JobCommands:
         self._controller.handle(ev.JobPaused(at_s=at_s, job=number, wanted=wanted, by=by))
 
     async def approve(self, number: int, plan: str, state: StateFolder, by: str) -> None:
-        """Let a held job print: exactly the plan that the person has seen, with the files it was made of.
+        """Release a held job to print, with exactly the plan and files that the person has seen.
 
         Parameters
         ----------
         number
             The job.
         plan
-            The hash of the plan that was seen; empty for one of an older farm, which has none.
+            The hash of the plan that was seen; empty for one of an earlier version, which has none.
         state
-            Has the files.
+            Folder with the files.
         by
-            Who approves it.
+            The person who approves it.
         """
         job = self._held(number)
         if plan != (job.plan or ""):
@@ -131,10 +131,31 @@ class JobCommands:
 
 
 def abort_prints(controller: Controller) -> None:
-    """End every print: their jobs are cancelled, and what a person has found whole meanwhile is not begun."""
+    """Cancel every open print and its job; prints of jobs that have ended lose their plate."""
     books, now_s = controller.books, controller.clock.now()
     numbers = sorted({attempt.job for attempt in books.open_prints()})
     going = [number for number in numbers if not books.job(number).state.ended]
     controller.handle(*(ev.JobCancelled(at_s=now_s, job=number) for number in going))
     others = [attempt.plate for attempt in controller.books.open_prints() if attempt.cancel_reason is None]
     controller.handle(*(ev.PlateCancelled(at_s=now_s, plate=plate, by=ev.A_PERSON) for plate in others))
+
+
+def start_and_deadline_s(
+    options: JobOptions, rules: StartRules, now_s: float
+) -> tuple[float | None, float | None]:
+    """Parse the start time and the deadline of a job; None for an option that was not given.
+
+    Raises
+    ------
+    FarmError
+        Where one of them is not a time to come.
+    """
+    try:
+        if options.at is not None:
+            begins_s: float | None = parse_moment_s(options.at, now_s, rules.zone)
+        else:
+            begins_s = rules.evening_s(now_s) if options.overnight else None
+        done_by = options.done_by
+        return begins_s, None if done_by is None else parse_moment_s(done_by, begins_s or now_s, rules.zone)
+    except ValueError as error:
+        raise FarmError(str(error), ErrorCode.SETTINGS) from error

@@ -13,25 +13,25 @@ from typing import Any
 from pydantic import SecretStr
 
 from farm.errors import FleetFileError
-from farm.state.books import Books
+from farm.state import Books
 from farm.views import list_due_notices
 
 log = logging.getLogger(__name__)
 
-_KEPT_S = 30 * 24 * 3600.0  # farm seconds after which nothing is news any more
+_KEPT_S = 30 * 24 * 3600.0  # farm seconds after which no event is sent any more
 
 
 class Notifier:
-    """Sends what is news, and records it in a file so that no restart sends it again.
+    """Sends new events, and records them in a file so that no restart sends one again.
 
     Parameters
     ----------
     urls
-        Where to, as apprise writes it. They may hold passwords: nothing here says them.
+        Addresses in the form of apprise. They may hold passwords, and appear in no message.
     farm
         The farm's name: the title of every message.
     file
-        The record of what was sent. Where there is none, nothing that happened before is news.
+        The record of sent notices. Where there is none, earlier events are not sent.
 
     Raises
     ------
@@ -51,35 +51,35 @@ class Notifier:
         self._save_record()
 
     def notify(self, books: Books, now_s: float) -> None:
-        """Send what is news in these books, which are committed. Returns at once."""
+        """Send the notices that are due by these books, which are committed. Returns at once."""
         news = list_due_notices(books, now_s, self._since_s, self._sent)
         if not news:
             return
         self._since_s = max(self._since_s, now_s - _KEPT_S)
         self._sent = {key: at_s for key, at_s in self._sent.items() if at_s >= self._since_s}
         self._sent |= {one.key: one.at_s for one in news}
-        self._save_record()  # first: rather not at all than twice
+        self._save_record()  # first: a lost notice is better than two
         self._queue.put("\n".join(one.text for one in news))
 
     def clock_set(self, by_s: float) -> None:
-        """Count what happens from now on as news, also where the clock was set back."""
+        """Shift the start of the record with a clock that went back: later events are still sent."""
         self._since_s = min(self._since_s, self._since_s + by_s)
 
     def _save_record(self) -> None:
-        half = self._file.with_suffix(".half")
+        temporary = self._file.with_suffix(".half")
         try:
-            half.write_text(json.dumps({"since_s": self._since_s, "told": self._sent}))
-            half.replace(self._file)
+            temporary.write_text(json.dumps({"since_s": self._since_s, "told": self._sent}))
+            temporary.replace(self._file)
         except OSError as error:
             log.warning("%s: cannot be written (%s): some notices may be sent twice", self._file, error)
 
     def _send(self) -> None:
         while True:
             body = self._queue.get()
-            for number, way in enumerate(self._addresses, 1):
+            for number, channel in enumerate(self._addresses, 1):
                 try:
-                    sent = way.notify(title=self._title, body=body)
-                except Exception as error:  # a plugin's own: its words may hold the address
+                    sent = channel.notify(title=self._title, body=body)
+                except Exception as error:  # of a plugin: its text may hold the address
                     sent = False
                     log.warning("notify: address %d: %s", number, type(error).__name__)
                 if not sent:
@@ -87,7 +87,7 @@ class Notifier:
 
 
 def delete_record(file: Path) -> None:
-    """Delete the record where nobody is notified: what happens meanwhile will be no news."""
+    """Delete the record where nobody is notified: events until it is created again are never sent."""
     file.unlink(missing_ok=True)
 
 
@@ -96,12 +96,12 @@ def _address(number: int, url: SecretStr) -> Any:
         from apprise import Apprise
     except ImportError as error:
         raise FleetFileError("fleet.notify: needs apprise: `pip install 'farm[notify]'`") from error
-    way = Apprise()
-    if not way.add(url.get_secret_value()):
+    channel = Apprise()
+    if not channel.add(url.get_secret_value()):
         raise FleetFileError(
             f"fleet.notify: apprise does not know address {number}: see its list of services"
         )
-    return way
+    return channel
 
 
 def _load_record(file: Path, now_s: float) -> tuple[float, dict[str, float]]:

@@ -6,8 +6,8 @@ from farm.control.controller import Controller
 from farm.control.printer_commands import PrinterCommands
 from farm.errors import NoSuchThing, Refused
 from farm.model import Plate
+from farm.state import PlateState, stopped_print
 from farm.state import events as ev
-from farm.state.plate_state import PlateState, stopped_print
 from farm.text import parse_part_number
 
 _PRINTED = {
@@ -22,49 +22,49 @@ _COMING = {
 
 
 class PartCommands:
-    """Turns a person's wishes for parts into events. Every method raises NoSuchThing or Refused."""
+    """Checks a person's commands on parts and handles their events. Methods raise NoSuchThing or Refused."""
 
     def __init__(self, controller: Controller, printers: PrinterCommands) -> None:
         self._controller, self._printers = controller, printers
 
     def reprint(self, job: int, part: str, why: str, by: str) -> str:
-        """Print a part again, whatever became of it. Returns its name."""
+        """Print a part again, in whatever state it is. Returns its name."""
         plate = self._plate(job, part)
-        standing = self._controller.books.plate_state(plate)
-        halted = stopped_print(plate, self._controller.books.prints_of(plate))
-        if standing in _COMING and halted is None:
+        state = self._controller.books.plate_state(plate)
+        stopped = stopped_print(plate, self._controller.books.prints_of(plate))
+        if state in _COMING and stopped is None:
             printer = self._printer_of(plate)
-            raise Refused(f"part {plate.parts[0]} {_COMING[standing].format(printer=printer)}")
+            raise Refused(f"part {plate.parts[0]} {_COMING[state].format(printer=printer)}")
         at_s = self._controller.clock.now()
         self._controller.handle(ev.ReprintRequested(at_s=at_s, plate=plate.id, why=why, by=by))
         return plate.parts[0]
 
     def cancel(self, job: int, part: str, by: str) -> str:
-        """Never print a part. Returns its name."""
+        """Cancel a part: it is not printed. Returns its name."""
         return self._cancel(self._plate(job, part), by)
 
     def cancel_on(self, printer: str, by: str) -> str:
-        """End what a printer prints, and never try it again. Returns the part's name."""
+        """Cancel the part that a printer prints. Returns its name."""
         attempt = self._printers.open_print(printer)
         return self._cancel(self._controller.books.plates[attempt.plate], by)
 
     def _cancel(self, plate: Plate, by: str) -> str:
-        standing = self._controller.books.plate_state(plate)
-        if standing in _PRINTED and (standing is not PlateState.GOOD or self._printer_of(plate) is None):
-            raise Refused(f"part {plate.parts[0]} {_PRINTED[standing]}")
+        state = self._controller.books.plate_state(plate)
+        if state in _PRINTED and (state is not PlateState.GOOD or self._printer_of(plate) is None):
+            raise Refused(f"part {plate.parts[0]} {_PRINTED[state]}")
         self._controller.handle(ev.PlateCancelled(at_s=self._controller.clock.now(), plate=plate.id, by=by))
         return plate.parts[0]
 
     def pause(self, job: int, part: str, wanted: bool, by: str) -> str:
-        """Have a part wait where it is, on a printer or for one, or go on. Returns the printer, if any."""
+        """Pause or resume a part, on its printer or in the queue. Returns the printer, if any."""
         plate = self._plate(job, part)
         printer = self._printer_of(plate)
         if printer is not None:
             self._printers.pause(printer, wanted, by)
             return printer
-        name, standing = plate.parts[0], self._controller.books.plate_state(plate)
-        if standing is not PlateState.WAITING:
-            why = _PRINTED.get(standing, f"failed too often: print it again with `farm reprint {job} {part}`")
+        name, state = plate.parts[0], self._controller.books.plate_state(plate)
+        if state is not PlateState.WAITING:
+            why = _PRINTED.get(state, f"failed too often: print it again with `farm reprint {job} {part}`")
             raise Refused(f"part {name} {why}")
         if plate.paused is wanted:
             if not wanted and self._controller.books.job(job).paused:

@@ -1,4 +1,4 @@
-"""Commands on printers: what a person says of a bed, a reel or a print is checked, then handled."""
+"""Commands on printers: fail or pause a print, clear a bed, load a reel, maintenance, outages."""
 
 from __future__ import annotations
 
@@ -9,22 +9,20 @@ from farm import api
 from farm.control.controller import Controller
 from farm.errors import Refused
 from farm.model import Print, PrintState, Reel, Verdict
-from farm.planning.inspection.fleet_check import find_mistake
+from farm.planning.inspection import find_mistake
+from farm.state import PlateState, failed_print_on, part_name, reprinting_printers, section_with_reel
 from farm.state import events as ev
-from farm.state.plate_state import PlateState
-from farm.state.reels import section_with_reel
-from farm.state.salvaged_parts import failed_print_on, part_name, reprinting_printers
 from farm.text import parse_part_number
 
 
 class PrinterCommands:
-    """Turns a person's wishes for printers into events. Every method raises NoSuchThing or Refused."""
+    """Checks a person's commands on printers and handles their events. Raises NoSuchThing or Refused."""
 
     def __init__(self, controller: Controller) -> None:
         self._controller = controller
 
     def fail_print(self, printer: str, why: str, by: str) -> None:
-        """End what is printed there, because it goes wrong, and print its parts again."""
+        """End a print that goes wrong, and print its part again."""
         attempt = self.open_print(printer, f"; for a printed part use `farm cleared {printer} --bad`")
         if attempt.cancel_reason is not None or attempt.state is PrintState.ENDING:
             raise Refused(f"{printer}: its print is ending; remove it, then `farm cleared {printer}`")
@@ -33,7 +31,7 @@ class PrinterCommands:
         )
 
     def pause(self, printer: str, wanted: bool, by: str) -> None:
-        """Have what is printed there wait, or go on; while it heats it is told when it prints."""
+        """Pause or resume a print; one that still heats is paused when it begins to print."""
         attempt = self.open_print(printer)
         if attempt.cancel_reason is not None or attempt.state is PrintState.ENDING:
             raise Refused(f"{printer}: its print is ending; remove it, then `farm cleared {printer}`")
@@ -45,7 +43,7 @@ class PrinterCommands:
         self._controller.handle(ev.PauseRequested(at_s=at_s, print_id=attempt.id, wanted=wanted, by=by))
 
     def refuse_unattended(self, printers: Iterable[str]) -> None:
-        """Raise Refused where nothing may print on some of them now, as nobody is there."""
+        """Raise Refused where one of the printers may not print now, as nobody is there."""
         now_s = self._controller.clock.now()
         known = [p for name in printers if (p := self._controller.fleet_printer(name)) is not None]
         away = [
@@ -57,9 +55,9 @@ class PrinterCommands:
             raise Refused("; ".join(away))
 
     def clear_bed(self, printer: str, request: api.ClearedRequest, by: str) -> api.Cleared:
-        """Book that a person cleared a bed, and how what lay there is.
+        """Book that a person cleared a bed, with the verdict on its part.
 
-        `request.good` is the part of a failed print that is whole and good after all.
+        `request.good` is the part of a failed print that is good all the same.
         """
         books = self._controller.books
         books.printer(printer)
@@ -88,7 +86,7 @@ class PrinterCommands:
         return api.Cleared(again=plate.parts[0] if plate is not None and again else None)
 
     def _failed_print_of(self, printer: str, part: str) -> Print | None:
-        """Return the failed print on a bed that made a part; None where it is booked as printed anyway."""
+        """Return the failed print of a part on a bed; None where its print is booked as done."""
         books = self._controller.books
         judged, failed = books.print_to_judge(printer), failed_print_on(books, printer)
         attempt = judged or failed
@@ -103,19 +101,19 @@ class PrinterCommands:
         return failed if judged is None else None
 
     async def load_reel(self, printer: str, request: api.LoadRequest, by: str) -> Reel:
-        """Book that a reel was put on, or weighed; what is not said stays as it was."""
+        """Book that a reel was loaded or weighed; fields that are not given keep their values."""
         entry = self._controller.books.printer(printer)
         self._refuse_printing(printer)
         section = self._controller.fleet.printer(printer)
-        other = request.material is not None or request.colour is not None
-        same = entry.reel if not other else None
+        changed = request.material is not None or request.colour is not None
+        same = entry.reel if not changed else None
         grams = same.grams if same is not None else None
         reel = Reel(
             material=request.material or section.material,
-            colour=request.colour if other else section.colour,
+            colour=request.colour if changed else section.colour,
             grams=request.grams if request.grams is not None else grams,
             nozzle_mm=request.nozzle_mm or section.nozzle_mm,
-            doubted=same is not None and same.doubted and request.grams is None,
+            uncertain=same is not None and same.uncertain and request.grams is None,
         )
         mistake = await asyncio.to_thread(find_mistake, section_with_reel(section, reel))
         if mistake is not None:
@@ -130,7 +128,7 @@ class PrinterCommands:
             raise Refused(f"{printer} is printing: use `farm load` after the print has ended")
 
     def begin_maintenance(self, printer: str, why: str, by: str) -> None:
-        """Take a printer out of use; what it prints goes on to its end."""
+        """Take a printer out of use; its open print goes on to the end."""
         self._controller.books.printer(printer)
         at_s = self._controller.clock.now()
         self._controller.handle(ev.MaintenanceStarted(at_s=at_s, printer=printer, why=why, by=by))
@@ -144,7 +142,7 @@ class PrinterCommands:
         )
 
     def confirm_outage(self, by: str) -> str:
-        """Book that what took several printers at once has been seen to. Returns the printers."""
+        """Book that a person has dealt with an outage. Returns its printers."""
         outage = self._controller.books.outage
         if outage is None:
             raise Refused("there is no outage: give a printer, a job or a part to resume")
@@ -152,7 +150,7 @@ class PrinterCommands:
         return " ".join(outage.printers)
 
     def open_print(self, printer: str, advice: str = ": see `farm status`") -> Print:
-        """Return what a printer prints; else raise Refused with the advice."""
+        """Return the open print of a printer. Raises Refused, with the advice, where there is none."""
         self._controller.books.printer(printer)
         attempt = self._controller.books.open_print_on(printer)
         if attempt is None:

@@ -1,7 +1,7 @@
-"""Telemetry of the printers: their agents' latest snapshots in memory, and what of them is news to the books.
+"""Telemetry of the printers: their agents' latest snapshots in memory, and the events that follow from them.
 
-A report of temperatures or progress changes a snapshot and nothing else: only what changes the books, or what
-the scheduler reads of a printer, has to be handled.
+A report of temperatures or progress changes a snapshot and nothing else: only changes to the books, or to the
+fields that the scheduler reads, are handled.
 """
 
 from __future__ import annotations
@@ -10,18 +10,17 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 from farm.model import AgentSnapshot, Link, Print
-from farm.scheduling.situation import Situation
-from farm.scheduling.situation_builder import availability, may_start_now
-from farm.state import events as ev
-from farm.state.books import Books
-from farm.state.lifecycles import InvalidTransition
-from farm.state.reconcile import (
+from farm.scheduling import Situation, availability, may_start_now
+from farm.state import (
+    Books,
     detect_alarm,
     handle_unknown_print,
     observe_idle_printer,
     pending_instructions,
-    reconcile,
+    reconcile_print,
 )
+from farm.state import events as ev
+from farm.state.lifecycles import InvalidTransition
 from farm.state.transitions import apply
 
 
@@ -34,18 +33,18 @@ class Telemetry:
 
     @property
     def failure(self) -> str | None:
-        """Why some snapshot could not be handled; None where all were."""
+        """Reason why a snapshot could not be handled; None where all were."""
         return next(iter(self._failures.values()), None)
 
     def store(self, snapshot: AgentSnapshot) -> bool:
-        """Take a snapshot; tell whether the scheduler has to run for it, whatever the books say."""
+        """Store a snapshot. Returns True where a field that the scheduler reads has changed."""
         before = self.snapshots.get(snapshot.printer)
         self.snapshots[snapshot.printer] = snapshot
         failed = self._failures.pop(snapshot.printer, None) is not None
         return failed or before is None or availability(before) != availability(snapshot)
 
     def reject(self, snapshot: AgentSnapshot, before: AgentSnapshot | None, reason: str) -> None:
-        """Take back a snapshot that could not be handled: all but its telemetry is news when said again."""
+        """Undo the change of a snapshot that could not be handled, so that its repetition is one again."""
         self._failures[snapshot.printer] = reason
         if before is None:
             self.snapshots.pop(snapshot.printer, None)
@@ -60,11 +59,11 @@ class Reading:
     Attributes
     ----------
     events
-        For the books.
+        Changes to the books.
     instructions
-        To its agent.
+        Requests to its agent.
     misfit
-        An event that does not fit the books; what would have followed it is left out.
+        Error of an event that does not fit the books; later ones are left out.
     """
 
     events: tuple[ev.AnyEvent, ...]
@@ -82,7 +81,7 @@ def read_snapshot(
     books
         As committed.
     snapshot, before
-        The agent's latest word, and the one before that; None where there was none.
+        The agent's latest snapshot, and the one before; None where there was none.
     in_use
         Whether the printer is in the fleet and enabled.
     now_s
@@ -99,15 +98,15 @@ def read_snapshot(
 def owed_instructions(
     attempt: Print, snapshot: AgentSnapshot, books: Books, situation: Situation
 ) -> Iterator[ev.AnyInstruction]:
-    """Yield what the agent of an open print does not know yet, by its latest snapshot.
+    """Yield the instructions that the agent of an open print has not carried out, by its latest snapshot.
 
     A start is sent again only where the print may still begin: not in an outage that nobody has confirmed,
-    nor out of hours. What prints on a printer that has left the fleet ends when its agent was told.
+    nor out of hours. A print on a printer that has left the fleet keeps the end that its agent has.
 
     Parameters
     ----------
     attempt, snapshot
-        The open print, and what its agent last said.
+        The open print, and its agent's latest snapshot.
     books
         As committed.
     situation
@@ -125,7 +124,7 @@ def owed_instructions(
 
 
 class _Comparison:
-    """Applies what a snapshot comes to, step by step, to books that are thrown away."""
+    """Applies the events of a snapshot, one by one, to a copy of the books."""
 
     def __init__(self, books: Books, snapshot: AgentSnapshot, now_s: float) -> None:
         self._books, self._snapshot, self._now_s = books, snapshot, now_s
@@ -141,12 +140,12 @@ class _Comparison:
                 self._add([ev.PrinterLost(at_s=now_s, printer=name)])
             self._add(observe_idle_printer(self._books.printer(name), snapshot, now_s))
         elif attempt.cancel_reason is None and in_use and printer.unreported_since_s is not None:
-            return  # there is no agent now that could tell what became of it
+            return  # no agent is left that could report its end
         else:
-            self._add(reconcile(attempt, snapshot, now_s))
-        said = snapshot.print
-        if said is not None and (attempt is None or said.print_id != attempt.id):
-            known = self._books.prints.get(said.print_id)
+            self._add(reconcile_print(attempt, snapshot, now_s))
+        report = snapshot.print
+        if report is not None and (attempt is None or report.print_id != attempt.id):
+            known = self._books.prints.get(report.print_id)
             self._add(handle_unknown_print(self._books.printer(name), known, snapshot, now_s))
 
     def _add(self, follows: Iterable[ev.AnyEvent | ev.AnyInstruction]) -> None:

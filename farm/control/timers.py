@@ -1,6 +1,6 @@
-"""Wake-ups on APScheduler (its word "job" stays in this file), in memory: each is set anew at start.
+"""Timers on APScheduler, in memory: each is set again when the daemon starts.
 
-APScheduler counts in the host's time, which may be set: `clock_set` counts what is left of each anew.
+APScheduler counts in the host's time, which may be set: `clock_set` recalculates the rest of each timer.
 """
 
 from __future__ import annotations
@@ -21,34 +21,34 @@ class Timers:
     """Runs functions on the daemon's event loop: at intervals of wall seconds, at moments of farm time."""
 
     def __init__(self, clock: Clock) -> None:
-        # A stalled loop delays a timer, it never drops one; several missed turns are made up by one.
+        # A stalled loop delays a timer and never drops one; several missed calls become one.
         defaults = {"misfire_grace_time": None, "coalesce": True, "max_instances": 1}
         self._scheduler = AsyncIOScheduler(executors={"default": AsyncIOExecutor()}, job_defaults=defaults)
         self._clock = clock
         self._moments: dict[str, float] = {}  # of `at`, in farm time
 
     def every(self, wall_seconds: float, name: str, work: Callable[[], object]) -> None:
-        """Call a function, plain or async, again and again until the timers are stopped."""
+        """Call a function, plain or async, at this interval until the timers are stopped."""
         trigger = IntervalTrigger(seconds=wall_seconds)
         self._scheduler.add_job(_as_coroutine(work), trigger, id=name, replace_existing=True)
 
     def at(self, at_s: float, name: str, work: Callable[[], object]) -> None:
         """Call a function once at a moment of farm time, late rather than never.
 
-        A timer of the same name is put off or brought forward.
+        A timer of the same name is replaced.
         """
         self._moments[name] = at_s
         self._scheduler.add_job(_as_coroutine(work), self._trigger(at_s), id=name, replace_existing=True)
 
     def clock_set(self) -> None:
-        """Count anew after the host's clock was set; set back, it would delay what is due by as much."""
+        """Recalculate all timers after a step of the host's clock, which would delay them if it went back."""
         for job in self._scheduler.get_jobs():
-            again = job.trigger
-            if isinstance(again, DateTrigger):
-                again = self._trigger(self._moments[job.id])
-            elif isinstance(again, IntervalTrigger):
-                again = IntervalTrigger(seconds=again.interval_length)
-            job.reschedule(again)
+            trigger = job.trigger
+            if isinstance(trigger, DateTrigger):
+                trigger = self._trigger(self._moments[job.id])
+            elif isinstance(trigger, IntervalTrigger):
+                trigger = IntervalTrigger(seconds=trigger.interval_length)
+            job.reschedule(trigger)
 
     def _trigger(self, at_s: float) -> DateTrigger:
         """Return a trigger at a moment of farm time, by the host's time as it is now."""

@@ -8,14 +8,14 @@ from datetime import UTC, datetime
 from drivers.messages import PROTOCOL
 from farm.doctor.facts import Facts
 from farm.doctor.finding import Finding, passed, problem, warning
-from farm.state.storage.migrations import FORM
-from farm.state.validate import validate
+from farm.state import validate_books
+from farm.state.storage import SCHEMA_VERSION
 from farm.text import format_count
 
 LEAST_BYTES = 64 * 1024**2
-"""The daemon plans nothing with less (`farm.planning.job_planner.ROOM_BYTES`)."""
+"""Free bytes that the daemon needs to plan (`farm.planning.job_planner.ROOM_BYTES`)."""
 COMFORT_BYTES = 2 * 1024**3
-"""Room that a large job's plans, slices and copies of the books need."""
+"""Free bytes that suffice for the plans, slices and backups of a large job."""
 SHARED_MEMORY_BYTES = 16 * 1024**2
 _FIRST_YEAR = 2024  # a host without a clock of its own begins in 1970
 _SHOWN = 5
@@ -27,7 +27,7 @@ def check_installation(facts: Facts) -> list[Finding]:
     Returns
     -------
     list of Finding
-        In the order in which they are to be mended; each check has at least one.
+        In the order in which to fix them; each check has at least one.
     """
     return [finding for check in _CHECKS for finding in check(facts)]
 
@@ -36,7 +36,7 @@ def check_fleet(facts: Facts) -> Iterator[Finding]:
     """Check that `fleet.yaml` can be read and has printers."""
     if facts.fleet is None:
         yield problem(
-            "fleet", facts.fleet_error or f"{facts.fleet_path} cannot be read", "mend the fleet file"
+            "fleet", facts.fleet_error or f"{facts.fleet_path} cannot be read", "correct the fleet file"
         )
     elif not facts.fleet.printers:
         yield problem("fleet", f"{facts.fleet_path} has no printers", "`farm discover` writes their lines")
@@ -51,7 +51,7 @@ def check_fleet(facts: Facts) -> Iterator[Finding]:
 def check_daemon(facts: Facts) -> Iterator[Finding]:
     """Check that the daemon answers, with the version of this program."""
     if facts.daemon_error is not None:
-        yield warning("daemon", facts.daemon_error, "agents that live print on without it")
+        yield warning("daemon", facts.daemon_error, "running agents go on printing without it")
     elif facts.daemon_version != facts.version:
         text = f"the daemon is farm {facts.daemon_version}, this is {facts.version}"
         yield warning("daemon", text, "`farm down`, then `farm up`; prints go on meanwhile")
@@ -63,7 +63,7 @@ def check_user(facts: Facts) -> Iterator[Finding]:
     """Check that the state folder is this user's, and that the groups of the farm exist."""
     user = facts.user
     if user.state_owner is not None and user.state_owner != user.name:
-        text = f"the state folder is {user.state_owner}'s, you are {user.name}: not all can be looked at"
+        text = f"the state folder is {user.state_owner}'s, you are {user.name}: some checks need its owner"
         yield warning("user", text, f"`sudo -u {user.state_owner} farm doctor`")
     else:
         yield passed("user", f"the farm is {user.name}'s")
@@ -73,14 +73,14 @@ def check_user(facts: Facts) -> Iterator[Finding]:
     if wanted is not None and wanted not in user.known_groups:
         yield problem("groups", f"fleet.operators: there is no group {wanted}", f"`sudo groupadd {wanted}`")
     elif wanted is not None and wanted not in user.groups:
-        text = f"{user.name} is not in the group {wanted}: it may not say that printers go on"
+        text = f"{user.name} is not in the group {wanted}, whose members alone approve, clear and resume"
         yield warning("groups", text, f"`sudo usermod -aG {wanted} {user.name}`, then log in again")
     else:
         yield passed("groups", "the groups that fleet.yaml names exist")
 
 
 def check_books(facts: Facts) -> Iterator[Finding]:
-    """Check that the books can be read, and agree with themselves."""
+    """Check that the books can be read and are consistent."""
     books = facts.books
     if not books.exists:
         yield passed("database", f"there is no database at {books.path} yet: `farm up` makes one")
@@ -89,7 +89,7 @@ def check_books(facts: Facts) -> Iterator[Finding]:
         action = "see docs/how-to/backup-restore.md: the daemon restores the newest intact backup"
         yield problem("database", books.error or f"{books.path} cannot be read", action)
         return
-    problems = validate(books.books)
+    problems = validate_books(books.books)
     action = "report it with the database; `farm history` of what it names shows what was printed"
     yield from (problem("database", text, action) for text in problems[:_SHOWN])
     if len(problems) > _SHOWN:
@@ -99,7 +99,9 @@ def check_books(facts: Facts) -> Iterator[Finding]:
             format_count(len(books.books.jobs), "job"),
             format_count(len(books.books.prints), "print"),
         )
-        form = f"form {books.form}" + ("" if books.form == FORM else f" (the daemon brings it to {FORM})")
+        form = f"schema {books.form}" + (
+            "" if books.form == SCHEMA_VERSION else f" (the daemon migrates it to {SCHEMA_VERSION})"
+        )
         yield passed("database", f"{books.path}: {form}, {jobs} and {prints}, all agree")
 
 
@@ -116,31 +118,31 @@ def check_files(facts: Facts) -> Iterator[Finding]:
 
 
 def check_agents(facts: Facts) -> Iterator[Finding]:
-    """Check that the agents live where the daemon is up, and speak today's protocol."""
+    """Check that agents run where the daemon is up, and speak the present protocol."""
     for agent in facts.agents:
         name = agent.printer
         if agent.folder_error is not None:
-            action = "give it back to the user of the farm (`chown`), and look at the disk"
+            action = "give it back to the user of the farm (`chown`), and check the disk"
             yield problem(
                 "agents", f"{name}: its agent's folder cannot be used: {agent.folder_error}", action
             )
         elif not agent.alive and facts.daemon_error is None:
-            text = f"{name}: its agent does not live, though the daemon is up"
+            text = f"{name}: its agent is not running, though the daemon is up"
             yield problem("agents", text, f"the end of agents/{name}/agent.log in the state folder says why")
         elif not agent.alive:
             yield passed("agents", f"{name}: no agent, as the daemon is down")
         elif agent.protocol is None:
-            text = f"{name}: its agent lives and does not answer"
+            text = f"{name}: its agent is running but does not answer"
             yield problem("agents", text, f"`farm up --replace {name}` when nothing prints there")
         elif agent.protocol < PROTOCOL:
-            text = f"{name}: its agent is of an older version (protocol {agent.protocol} of {PROTOCOL})"
+            text = f"{name}: its agent is of an earlier version (protocol {agent.protocol} of {PROTOCOL})"
             yield warning("agents", text, f"`farm up --replace {name}` when nothing prints there")
         else:
             yield passed("agents", f"{name}: its agent answers")
 
 
 def check_ports(facts: Facts) -> Iterator[Finding]:
-    """Check that the serial ports are there, and may be used."""
+    """Check that the serial ports exist and may be used."""
     for port in facts.ports:
         where = f"{port.printer}: {port.path}"
         if not port.exists:
@@ -174,7 +176,7 @@ def check_cura(facts: Facts) -> Iterator[Finding]:
 
 
 def check_clock(facts: Facts) -> Iterator[Finding]:
-    """Check that the host's clock is set and kept, and that the farm's clock fits it and the fleet."""
+    """Check that the host's clock is set and synchronised, and that the farm's clock matches it."""
     clock = facts.clock
     now = datetime.fromtimestamp(clock.now_s, UTC)
     action = "`sudo timedatectl set-ntp true`; hours and nights follow this clock"
@@ -182,7 +184,7 @@ def check_clock(facts: Facts) -> Iterator[Finding]:
         yield problem("clock", f"the host's clock says {now:%Y-%m-%d}: it is not set", action)
     elif clock.synchronised is False:
         yield warning(
-            "clock", "nothing keeps the host's clock right (no NTP): it may be set in a step", action
+            "clock", "the host's clock is not synchronised (no NTP): it may be set in a step", action
         )
     else:
         yield passed("clock", f"the host's clock says {now:%Y-%m-%d %H:%M} UTC")
@@ -201,21 +203,21 @@ def check_clock(facts: Facts) -> Iterator[Finding]:
 
 
 def check_room(facts: Facts) -> Iterator[Finding]:
-    """Check that the disks have room, and that there is shared memory."""
+    """Check that the disks have space, and that there is shared memory."""
     for room in facts.rooms:
         if room.free_bytes is None:
-            yield problem("room", f"{room.folder} cannot be written", "look at its owner and its disk")
+            yield problem("room", f"{room.folder} cannot be written", "check its owner and its disk")
             continue
-        text = f"{room.folder} has {room.free_bytes / 1024**2:.0f} MB of room"
+        text = f"{room.folder} has {room.free_bytes / 1024**2:.0f} MB free"
         if room.free_bytes < LEAST_BYTES:
-            yield problem("room", f"{text}: no room to plan, or to write the database", "make room")
+            yield problem("room", f"{text}: too little to plan, or to write the database", "free some space")
         elif room.free_bytes < COMFORT_BYTES:
-            yield warning("room", f"{text}: a large job may not fit", "make room")
+            yield warning("room", f"{text}: a large job may not fit", "free some space")
         else:
             yield passed("room", text)
     shared = facts.shared_memory
     if shared.free_bytes is None or shared.free_bytes < SHARED_MEMORY_BYTES:
-        text = f"{shared.folder} cannot be used, or is full: some planning is done by one processor alone"
+        text = f"{shared.folder} cannot be used, or is full: some planning uses one processor only"
         yield warning("room", text, f"mount it (`--shm-size=256m` of a container), or empty {shared.folder}")
     else:
         yield passed("room", f"{shared.folder} can be used")

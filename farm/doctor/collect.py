@@ -37,10 +37,9 @@ from farm.errors import FarmError
 from farm.fleet_file import load_fleet
 from farm.model import Job
 from farm.paths import Places, StateFolder, read_anchor
-from farm.planning.inspection.fleet_check import find_mistake
-from farm.state.books import Books
-from farm.state.storage.file_store import sha256_of
-from farm.state.storage.store import read_books
+from farm.planning.inspection import find_mistake
+from farm.state import Books
+from farm.state.storage import read_books, sha256_of
 from slicing.errors import SlicingError
 from slicing.settings import find_engine, find_resources
 
@@ -60,7 +59,7 @@ def collect_facts(places: Places, daemon_version: str | None, daemon_error: str 
     places
         State folder, socket and fleet file.
     daemon_version, daemon_error
-        What the daemon answered, or why it did not.
+        The daemon's version, or the reason why it did not answer.
     """
     fleet, fleet_error = _read_fleet(places.fleet)
     books = _read_books(places.state)
@@ -76,9 +75,9 @@ def collect_facts(places: Places, daemon_version: str | None, daemon_error: str 
         daemon_version=daemon_version,
         fleet=fleet,
         fleet_error=fleet_error,
-        files=_look_at_files(books.books, places.state) if books.books is not None else FileFacts(),
+        files=_check_files(books.books, places.state) if books.books is not None else FileFacts(),
         agents=tuple(_ask_agent(section.name, places.state.agent(section.name)) for section in here),
-        ports=tuple(_look_at_port(section) for section in here if section.port.startswith("/")),
+        ports=tuple(_check_port(section) for section in here if section.port.startswith("/")),
         rooms=tuple(_measure_rooms(places.state)),
         shared_memory=_measure_room(_SHARED_MEMORY),
     )
@@ -102,7 +101,7 @@ def _read_books(state: StateFolder) -> BooksFacts:
     return BooksFacts(path, form=form, books=books)
 
 
-def _look_at_files(books: Books, state: StateFolder) -> FileFacts:
+def _check_files(books: Books, state: StateFolder) -> FileFacts:
     checked, missing, changed = 0, [], []
     for job in books.jobs.values():
         if job.state.ended:
@@ -119,7 +118,7 @@ def _look_at_files(books: Books, state: StateFolder) -> FileFacts:
 
 
 def _files_of(books: Books, job: Job) -> Iterator[tuple[str, str]]:
-    """Yield the files of a job and their hashes: a file in the store is named by its own."""
+    """Yield the files of a job and their hashes; files in the store are named by theirs."""
     yield job.model_file, Path(job.model_file).stem
     for plate in books.plates_of(job):
         yield plate.gcode, plate.sha256
@@ -129,7 +128,7 @@ def _files_of(books: Books, job: Job) -> Iterator[tuple[str, str]]:
 def _ask_agent(printer: str, folder: Path) -> AgentFacts:
     try:
         if folder.exists() and not os.access(folder, os.R_OK | os.W_OK | os.X_OK):
-            return AgentFacts(printer, alive=False, folder_error=f"{folder} is closed to you")
+            return AgentFacts(printer, alive=False, folder_error=f"{folder} is not accessible to you")
         if not is_alive(folder):
             return AgentFacts(printer, alive=False)
     except OSError as error:
@@ -151,7 +150,7 @@ async def _ask_protocol(folder: Path) -> int | None:
     return None
 
 
-def _look_at_port(section: PrinterSection) -> PortFacts:
+def _check_port(section: PrinterSection) -> PortFacts:
     path = Path(section.port)
     try:
         status = path.stat()
@@ -180,7 +179,7 @@ def _find_cura() -> CuraFacts:
 
 
 def _read_engine_version(engine: Path) -> str | None:
-    """Return the version that CuraEngine names in its help, which it ends with exit code 1."""
+    """Return the version in the help text of CuraEngine, which exits with code 1."""
     try:
         run = subprocess.run([engine, "help"], capture_output=True, text=True, timeout=_ENGINE_S, check=False)
     except (OSError, subprocess.SubprocessError, UnicodeDecodeError):
@@ -208,7 +207,7 @@ def _read_clock(state: StateFolder) -> ClockFacts:
 
 
 def _is_synchronised() -> bool | None:
-    """Ask the kernel whether NTP keeps its clock: adjtimex(2), which changes nothing with no mode."""
+    """Return whether NTP synchronises the kernel's clock: adjtimex(2) without a mode only reads it."""
     timex = ctypes.create_string_buffer(512)  # larger than struct timex, whose first word is the mode
     try:
         answer = ctypes.CDLL(None, use_errno=True).adjtimex(timex)
@@ -243,7 +242,7 @@ def _find_user(fleet: Fleet | None, state: StateFolder) -> UserFacts:
 def _measure_rooms(state: StateFolder) -> Iterator[RoomFacts]:
     folder = state.root
     while not folder.exists() and folder != folder.parent:
-        folder = folder.parent  # `farm up` makes it there
+        folder = folder.parent  # `farm up` creates it there
     for one in dict.fromkeys((folder, Path(tempfile.gettempdir()))):
         yield _measure_room(one)
 

@@ -1,11 +1,11 @@
-"""Facts about an installation, as they were found. Data alone."""
+"""Facts about an installation: data only."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 from farm.config import Fleet
-from farm.state.books import Books
+from farm.state import Books
 
 
 @dataclass(frozen=True, slots=True)
@@ -15,15 +15,15 @@ class BooksFacts:
     Attributes
     ----------
     path
-        Where they are.
+        Path of the database.
     exists
-        Whether there is such a file.
+        True where there is such a file.
     form
-        The version of their form; None where it cannot be read.
+        Version of its schema; None where it cannot be read.
     books
-        Their entries; None where they cannot be read.
+        The entities; None where they cannot be read.
     error
-        Why they cannot be read.
+        Reason why they cannot be read.
     """
 
     path: str
@@ -40,9 +40,9 @@ class FileFacts:
     Attributes
     ----------
     checked
-        How many files were looked at.
+        Number of checked files.
     missing, changed
-        Files that are gone, and files with other content than planned: who needs them, and their names.
+        Missing files, and files whose content differs from the plan, each with its job.
     """
 
     checked: int = 0
@@ -59,11 +59,11 @@ class AgentFacts:
     printer
         Its printer.
     alive
-        Whether its process lives.
+        True where its process runs.
     protocol
-        What it speaks; None where it did not answer.
+        Version of its protocol; None where it did not answer.
     folder_error
-        Why its folder cannot be used.
+        Reason why its folder cannot be used.
     """
 
     printer: str
@@ -81,7 +81,7 @@ class PortFacts:
     printer, path
         The printer, and its port as `fleet.yaml` has it.
     exists, usable
-        Whether there is such a device, and whether this user may read and write it.
+        True where there is such a device, and where this user may read and write it.
     group
         The device's group.
     """
@@ -95,7 +95,7 @@ class PortFacts:
 
 @dataclass(frozen=True, slots=True)
 class CuraFacts:
-    """CuraEngine and Cura's files; each is named, with its version, or the reason why it is not found."""
+    """CuraEngine and Cura's files: path and version of each, or the reason why it is not found."""
 
     engine: str | None = None
     engine_version: str | None = None
@@ -112,9 +112,9 @@ class ClockFacts:
     Attributes
     ----------
     now_s
-        The host's, in seconds since the epoch.
+        The host's clock, in seconds since the epoch.
     synchronised
-        Whether the kernel says that NTP keeps it; None where it cannot tell.
+        True where NTP synchronises it; None where the kernel does not report that.
     anchor
         Scale and anchor of the farm's clock in the state folder; None where there is none yet.
     host_zone
@@ -129,7 +129,7 @@ class ClockFacts:
 
 @dataclass(frozen=True, slots=True)
 class RoomFacts:
-    """Free room of a folder's disk, in bytes; None where it cannot be written."""
+    """Free space on a folder's disk, in bytes; None where it cannot be written."""
 
     folder: str
     free_bytes: int | None
@@ -137,7 +137,7 @@ class RoomFacts:
 
 @dataclass(frozen=True, slots=True)
 class UserFacts:
-    """Who runs the farm.
+    """User who runs this program.
 
     Attributes
     ----------
@@ -146,9 +146,9 @@ class UserFacts:
     groups
         The groups of this process.
     known_groups
-        Those of the groups that matter which the host has.
+        Groups of fleet.yaml that exist on the host.
     state_owner
-        Whose the state folder is; None where there is none.
+        Owner of the state folder; None where there is none.
     """
 
     name: str
@@ -159,18 +159,18 @@ class UserFacts:
 
 @dataclass(frozen=True, slots=True)
 class Facts:
-    """All that the checks look at.
+    """All data for the checks.
 
     Attributes
     ----------
     daemon_error
-        Why the daemon does not answer; None where it does.
+        Reason why the daemon does not answer; None where it does.
     daemon_version, version
-        The daemon's version, and this program's.
+        Versions of the daemon and of this program.
     fleet, fleet_error
-        The fleet, or what is wrong with its file.
+        The fleet, or the error in its file.
     fleet_path
-        Where that file is.
+        Path of that file.
     """
 
     version: str

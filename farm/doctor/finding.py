@@ -21,13 +21,13 @@ class Finding:
     Attributes
     ----------
     check
-        What was looked at: a fixed name, for programs.
+        Name of the check: fixed, for programs.
     level
-        How bad it is.
+        Severity.
     text
-        What was found, with where.
+        The finding, with its place.
     action
-        What to do; empty where nothing has to be done.
+        Instruction to the person; empty where there is nothing to do.
     """
 
     check: str
@@ -37,12 +37,12 @@ class Finding:
 
 
 def passed(check: str, text: str) -> Finding:
-    """Return a finding where all is well."""
+    """Return a finding without a problem."""
     return Finding(check, Level.OK, text)
 
 
 def warning(check: str, text: str, action: str) -> Finding:
-    """Return a finding that the farm works with, or may stumble over."""
+    """Return a finding that does not stop the farm, and may cause trouble."""
     return Finding(check, Level.WARNING, text, action)
 
 

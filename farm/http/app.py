@@ -8,10 +8,7 @@ from fastapi.responses import JSONResponse
 
 import farm
 from farm import api
-from farm.control.dry_runs import DryRuns
-from farm.control.job_commands import JobCommands
-from farm.control.part_commands import PartCommands
-from farm.control.printer_commands import PrinterCommands
+from farm.control import DryRuns, JobCommands, PartCommands, PrinterCommands
 from farm.errors import ErrorCode, ExitCode, FarmError, NoSuchThing, Refused
 from farm.http.body_limit import LARGEST_BODY_BYTES, TOO_LARGE, BodyLimit
 from farm.http.job_routes import job_routes, part_routes
@@ -24,17 +21,16 @@ from farm.text import describe_first_error
 _STATUS = {ErrorCode.NO_SUCH_THING: 404, ErrorCode.REFUSED: 409, ErrorCode.FAILED: 500}
 
 
-def make_app(services: Services) -> FastAPI:
-    """Make the application with all routes."""
+def make_app(services: Services, dry_runs: DryRuns) -> FastAPI:
+    """Make the application with all routes; each question about a job keeps its dry run."""
     app = FastAPI(title="farm", version=farm.__version__)
     app.state.controller = services.controller
-    app.state.dry_runs = DryRuns(services.controller)
     printers = PrinterCommands(services.controller)
     parts = PartCommands(services.controller, printers)
     jobs = JobCommands(services.controller, printers)
     app.include_router(status_routes(services))
     app.include_router(upload_routes(services, jobs))
-    app.include_router(job_routes(services, jobs, app.state.dry_runs))
+    app.include_router(job_routes(services, jobs, dry_runs))
     app.include_router(part_routes(parts))
     app.include_router(printer_routes(services, printers, parts))
     app.add_middleware(BodyLimit, upload_path="/jobs")

@@ -7,9 +7,7 @@ import time
 from fastapi import APIRouter
 
 from farm import api
-from farm.control.dry_runs import DryRuns
-from farm.control.job_commands import JobCommands
-from farm.control.part_commands import PartCommands
+from farm.control import DryRuns, JobCommands, PartCommands
 from farm.http.callers import CallerName, OperatorName
 from farm.http.services import Services
 from farm.views import describe_job, describe_timeline

@@ -5,8 +5,7 @@ from __future__ import annotations
 from fastapi import APIRouter
 
 from farm import api
-from farm.control.part_commands import PartCommands
-from farm.control.printer_commands import PrinterCommands
+from farm.control import PartCommands, PrinterCommands
 from farm.errors import Refused
 from farm.http.callers import CallerName, OperatorName
 from farm.http.services import Services

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import farm
 from farm import api
-from farm.compute.worker_pool import Workers
-from farm.control.controller import Controller
+from farm.compute import Workers
+from farm.control import Controller
 from farm.errors import Refused
 from farm.paths import StateFolder
 from farm.views import ViewContext

@@ -15,12 +15,12 @@ from starlette.requests import ClientDisconnect
 
 from farm import api
 from farm.config import UploadsSection
-from farm.control.job_commands import JobCommands
+from farm.control import JobCommands
 from farm.errors import ErrorCode, FarmError, Refused
 from farm.http.callers import CallerName
 from farm.http.services import Services
 from farm.model import JobOptions
-from farm.planning.plan import InspectedSubmission
+from farm.planning import InspectedSubmission
 from farm.planning.tasks import inspect_submission
 from farm.text import flatten_text, format_count
 

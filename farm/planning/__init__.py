@@ -10,5 +10,21 @@ In the order of the work:
 6. `booking`: put the files into the store; `planned_event`: the event that commits the plan.
 
 `plan` and `part_records` are the records that pass between these steps. `replanning` plans a waiting plate
-anew; `local` is `farm decompose` and `farm slice`, without a daemon.
+again; `local` is `farm decompose` and `farm slice`, without a daemon.
 """
+
+from farm.planning.booking import list_job_files
+from farm.planning.job_planner import JobPlanner
+from farm.planning.plan import InspectedSubmission, Plan, TooFewPrinters
+from farm.planning.planned_event import build_planned_event
+from farm.planning.printer_settings import bed_boxes
+
+__all__ = [
+    "InspectedSubmission",
+    "JobPlanner",
+    "Plan",
+    "TooFewPrinters",
+    "bed_boxes",
+    "build_planned_event",
+    "list_job_files",
+]

@@ -1,4 +1,4 @@
-"""Books of a plan: the part, the plate and the plan that are committed, and their files in the store."""
+"""Booking of a plan: the records of its parts and plates, and their files in the store."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from farm.model import Job, Part, Plate
 from farm.planning.part_records import DecomposedPart, SlicedPart
 from farm.planning.plan import Plan, SlicedJob
 from farm.planning.plate_times import prelude_seconds
-from farm.state.storage.file_store import store_file
+from farm.state.storage import store_file
 
 MOST_WARNINGS = 3
-"""Of a plate: walls too thin to print, the largest first."""
+"""Largest number of warnings of a plate about walls too thin to print, the largest walls first."""
 MAY_FALL = "stands on too little in every pose that fits: watch it while it prints, or give it a wider brim"
 
 
@@ -47,7 +47,7 @@ def book_plate(names: PlateNames, sliced: SlicedPart, time_factor: float, files:
     Parameters
     ----------
     time_factor
-        Learned of the printer (farm.state.time_factor).
+        Time factor of the printer, learned from its prints (`update_time_factor`).
     files
         The store.
     """
@@ -102,8 +102,8 @@ def list_job_files(job: Job, parts: Iterable[Part], plates: Iterable[Plate]) -> 
     """Return the stored files of a planned job, of these parts and plates, by the names that people see."""
     names = {Path(part.id).name + Path(part.file).suffix: part.file for part in parts}
     names |= {f"plate-{Path(plate.id).name}.gcode": plate.gcode for plate in plates}
-    of_all = {PICTURE: job.picture, ASSEMBLY: job.assembly, REPORT: job.decomposition}
-    names |= {name: stored for name, stored in of_all.items() if stored}
+    shared = {PICTURE: job.picture, ASSEMBLY: job.assembly, REPORT: job.decomposition}
+    names |= {name: stored for name, stored in shared.items() if stored}
     report = Path(REPORT)
     return names | {
         f"{report.stem}-{Path(part).name}{report.suffix}": stored for part, stored in job.cuts.items()
@@ -111,9 +111,9 @@ def list_job_files(job: Job, parts: Iterable[Part], plates: Iterable[Plate]) -> 
 
 
 def _serial_s(sliced: SlicedJob) -> float:
-    """Return the time of the whole model in one piece: its price, corrected by the parts' error.
+    """Return the time of the whole model in one piece: its price, scaled like the parts' slices.
 
-    Slicing the whole would take minutes, for a printer that nobody has.
+    Slicing the whole would take minutes, for a printer that does not exist.
     """
     first = sliced.parts[0]
     prelude_s = prelude_seconds(first.printer, first.task.settings)

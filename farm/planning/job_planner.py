@@ -1,6 +1,6 @@
-"""Planning of jobs: decompose, slice, level by the slices, book. The work itself runs in workers.
+"""Planning of jobs: decompose, slice, move the cuts by the slices, book. The work runs in workers.
 
-A submission has been inspected before (`inspection`); the plan enters the books by `planned_event`.
+Submissions are inspected before (`inspection`); `planned_event` makes the event that books the plan.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from farm.compute.worker_pool import DECOMPOSING, Workers
+from farm.compute import DECOMPOSING, Workers
 from farm.config import PrinterSection
 from farm.errors import FarmError
 from farm.model import Job, PlanProgress, PlanStep
@@ -30,9 +30,9 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 
 _RETRY_S = 5.0  # wall seconds
-_MOST_RELEVELS = 2  # what parts take is known well after the first
+_MOST_RELEVELS = 2  # after the first, the times of the parts are known well
 ROOM_BYTES = 64 * 1024**2
-"""Free space on the disk of the state folder below which a failed plan is put down to it."""
+"""Free bytes on the disk of the state folder below which a failed plan is blamed on a full disk."""
 OnPlan = Callable[[int, "Plan | FarmError"], None]
 OnProgress = Callable[[int, PlanProgress], None]
 
@@ -45,11 +45,11 @@ class JobPlanner:
     state
         The state folder.
     workers
-        That decompose and slice.
+        Pool that decomposes and slices.
     budget_s
         Budget of the search for the parts of a job.
     on_plan
-        Called with a job's number and its plan, or the error why there is none.
+        Called with a job's number and its plan, or the error that prevents it.
     on_progress
         Called with a job's number and the progress of its plan.
     """
@@ -79,9 +79,9 @@ class JobPlanner:
         rounds
             How many parts a printer may get.
         time_factors
-            Learned of the printers, by name.
+            Time factors of the printers, learned from their prints, by name.
         within_s
-            Time in which it has to be printed; None for no limit.
+            Time in which the job has to be printed; None for no limit.
         """
         task = DecomposeTask(
             job=job.id,
@@ -98,15 +98,15 @@ class JobPlanner:
         self._running[job.id] = asyncio.get_running_loop().create_task(self._run(job, task))
 
     def stop(self, job: int | None = None) -> None:
-        """Give up the plan of a job, or all plans."""
+        """Stop planning a job, or all jobs."""
         for number, running in self._running.items():
             if job in (None, number):
                 running.cancel()
 
     async def _run(self, job: Job, task: DecomposeTask) -> None:
-        """Plan a job; a plan that fails on a full disk, by any error, begins anew when there is room."""
+        """Plan a job; on a full disk, whatever the error, plan it again when there is space."""
         while isinstance(result := await self._try(job, task), FarmError) and self._is_disk_full():
-            log.error("job %d: %s; it is planned when %s has room", job.id, result, self._state.root)
+            log.error("job %d: %s; it is planned when %s has space", job.id, result, self._state.root)
             self._on_progress(job.id, PlanProgress(step=PlanStep.NO_ROOM))
             while self._is_disk_full():
                 await asyncio.sleep(_RETRY_S)
@@ -120,7 +120,7 @@ class JobPlanner:
         except FarmError as error:
             return error
         except Exception as error:
-            # Whatever went wrong in one job must not stop the farm: the log has the traceback.
+            # An error in one job must not stop the farm: the log has the traceback.
             log.exception("planning job %d", job.id)
             return FarmError(f"planning failed: {type(error).__name__}: {error}; see the daemon's log")
         finally:
@@ -130,9 +130,9 @@ class JobPlanner:
         return shutil.disk_usage(self._state.root).free < ROOM_BYTES
 
     async def _deliver(self, job: int, result: Plan | FarmError) -> None:
-        """Hand the plan over; where the books cannot be written (a full disk), until they can.
+        """Deliver the plan, again and again while the books cannot be written (a full disk).
 
-        A plan that cannot be booked for another reason becomes that error: the job fails by it.
+        Where it cannot be booked for another reason, the job fails with that error.
         """
         while True:
             try:
@@ -161,7 +161,7 @@ class JobPlanner:
         return plan
 
     async def _slice(self, task: DecomposeTask, decomposed: DecomposedJob) -> SlicedJob:
-        """Slice all parts, and report each."""
+        """Slice all parts, and report the progress."""
         done = cached = 0
 
         def report_progress() -> None:
@@ -181,7 +181,7 @@ class JobPlanner:
         return SlicedJob(task, decomposed, await slice_batch(self._workers, batch, count_slice))
 
     async def _relevel(self, sliced: SlicedJob) -> SlicedJob:
-        """Move the cuts as long as the part that ends last, as it is sliced, ends sooner by that."""
+        """Move the cuts while the slowest part, by its slice, ends sooner for it."""
         job = sliced.task.job
         for _ in range(_MOST_RELEVELS):
             if not sliced.should_relevel():
@@ -196,7 +196,7 @@ class JobPlanner:
             except FarmError as error:
                 log.warning("job %d: its parts keep their cuts: %s", job, error)
                 break
-            except Exception:  # there is a plan already, whatever is wrong with a better one
+            except Exception:  # the plan without moved cuts is good
                 log.exception("job %d: its parts keep their cuts", job)
                 break
             if moved.makespan_s() >= sliced.makespan_s():

@@ -12,7 +12,7 @@ from farm.model import DEFAULT_PRINT_OPTIONS, PartGeometry, PartPrintOptions
 from farm.planning.plate_times import plate_seconds
 from slicing.settings import EngineSettings, Resources, SettingsRequest
 
-if TYPE_CHECKING:  # the daemon books what workers have cut and sliced, and loads nothing for either
+if TYPE_CHECKING:  # the daemon books the results of workers without loading their modules
     from decompose.results import Part as DecompositionPart
     from slicing.plate import PlateResult
 
@@ -24,7 +24,7 @@ class DecomposedPart:
     Attributes
     ----------
     stl
-        In printing pose.
+        File in printing pose.
     price_s
         Its printing time by the cost model of the decomposition.
     printer
@@ -70,10 +70,10 @@ class SliceTask:
     part
         Its name, for messages.
     stl
-        In printing pose.
+        File in printing pose.
     settings
-        The quality's, for which `room` was computed; the part is sliced with its own brim, first layer and
-        layer height.
+        Settings of the quality, which `room` was computed for; the part is sliced with its own brim, first
+        layer and layer height.
     room
         Boxes of the bed that the part may fill.
     out
@@ -101,9 +101,9 @@ class SliceBatch:
     Attributes
     ----------
     printers
-        At least those that the parts name.
+        The printers that the parts name; there may be more.
     folder
-        Where the G-code goes.
+        Folder for the G-code.
     cache
         Folder of earlier slices; None for none.
     """
@@ -121,7 +121,7 @@ class SliceBatch:
 
 @dataclass(frozen=True, slots=True)
 class SlicedPart:
-    """A part with its printer, its slice task and the result of that."""
+    """A part with its printer, its slice task and the result."""
 
     part: DecomposedPart
     printer: PrinterSection

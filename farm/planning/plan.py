@@ -1,6 +1,6 @@
 """Records of a job on its way through planning: inspected, to be decomposed, decomposed, sliced, planned.
 
-A plan is whole or it is nothing. The order of the work is in `job_planner`.
+There is no partial plan. The order of the work is in `job_planner`.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from farm.model import JobOptions, OwnGcode, Part, Plate
 from farm.planning.part_records import DecomposedPart, SlicedPart
 
 RELEVEL_LATE_S, RELEVEL_LATE_SHARE = 120.0, 0.01
-"""Least time by which the last printer ends after the mean of all, for the parts to be relevelled."""
+"""Cuts are moved where the last printer ends later than the mean of all by the larger of both."""
 
 
 class TooFewPrinters(FarmError):
@@ -37,7 +37,7 @@ class InspectedSubmission:
     Attributes
     ----------
     repairs
-        And other changes, in sentences.
+        Repairs and other changes, in sentences.
     """
 
     file: str
@@ -55,9 +55,9 @@ class DecomposeTask:
     model
         As `inspect_model` stored it.
     folder
-        Scratch space of the plan.
+        Scratch folder of the plan.
     time_factors
-        Learned of the printers, by name; 1 where none is.
+        Time factors of the printers, learned from their prints, by name; 1 where there is none.
     within_s
         Time in which the job has to be printed (`--done-by`); None for no limit.
     budget_s
@@ -77,7 +77,7 @@ class DecomposeTask:
 
 @dataclass(frozen=True, slots=True)
 class DecomposedJob:
-    """Figures and file names that a decomposing worker sends back; no geometry.
+    """Figures and file names of a decomposition, as its worker sends them back; no geometry.
 
     Attributes
     ----------
@@ -115,9 +115,9 @@ class SlicedJob:
         return max(self.busy_s().values())
 
     def should_relevel(self) -> bool:
-        """Tell whether the last printer ends late enough to move cuts, and reslice all parts.
+        """Return whether the last printer ends late enough to move cuts, and reslice all parts.
 
-        Where a printer has several parts, levelling those would not level the printers.
+        Where a printer has several parts, equal parts would not be equal loads.
         """
         busy_s = self.busy_s()
         late_s = self.makespan_s() - sum(busy_s.values()) / len(busy_s)
@@ -127,7 +127,7 @@ class SlicedJob:
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """Everything that is committed before the first command is sent.
+    """Everything that is committed before anything is printed.
 
     Attributes
     ----------

@@ -9,40 +9,36 @@ from dataclasses import replace
 
 from farm.model import Job, Part, Plate
 from farm.planning.plan import Plan
-from farm.scheduling.forecast import forecast, idle
-from farm.scheduling.matching import FleetPrinter
-from farm.scheduling.situation import Situation
-from farm.scheduling.situation_builder import describe_plates
-from farm.scheduling.start_rules import StartRules
+from farm.scheduling import FleetPrinter, Situation, StartRules, as_idle, describe_plates, forecast_prints
+from farm.state import Books
 from farm.state import events as ev
-from farm.state.books import Books
 
 
 def build_planned_event(
     job: Job, plan: Plan, printers: Iterable[FleetPrinter], books: Books, rules: StartRules, now_s: float
 ) -> ev.JobPlanned:
-    """Build the event of a plan; rounds, hours and the breaker may make it longer than its longest plate."""
+    """Build the event of a plan, with its time: rounds, hours and the heating limit may extend it."""
     used = {plate.printer for plate in plan.plates}
     printers = list(printers)
-    fleet = [idle(view) for view in printers if view.name in used]
+    fleet = [as_idle(view) for view in printers if view.name in used]
     books = replace(books, plates={plate.id: plate for plate in plan.plates})
     waiting = list(describe_plates(plan.plates, books))
     situation = Situation(tuple(waiting), tuple(fleet), rules, now_s)
-    seen = forecast(situation)
+    expected = forecast_prints(situation)
     notices = plan.repairs
     materials = sorted({plate.material for plate in plan.plates})
     if len(materials) > 1:
         of = " and ".join(materials)
         notices = (*notices, f"Its parts are of {of}, as the printers have it: `--material` takes one.")
     if job.done_by_s is not None:
-        ends_s = forecast(
+        ends_s = forecast_prints(
             situation.with_printers(tuple(printers))
-        ).ends_s  # on printers as they are: beds may be full
+        ).ends_s  # with printers as they are: beds may not be clear
         if ends_s > job.done_by_s:
             deadline, ends = rules.format_moment(job.done_by_s), rules.format_moment(ends_s)
             notices = (*notices, f"It was to be printed by {deadline}; as soon as it can be is {ends}.")
-    beside = len({slot.printer for slot in seen.slots}) == len(plan.plates)
-    at_once = seen.left or (beside and rules.max_heating is None)
+    beside = len({slot.printer for slot in expected.slots}) == len(plan.plates)
+    at_once = expected.left or (beside and rules.max_heating is None)
     return ev.JobPlanned(
         at_s=now_s,
         job=job.id,
@@ -51,8 +47,8 @@ def build_planned_event(
         repairs=notices,
         scale=plan.scale,
         serial_s=plan.serial_s,
-        expected_s=plan.expected_s if at_once else seen.ends_s - seen.starts_s,
-        lower_bound_s=max(0.0, seen.lower_bound_s - seen.starts_s),
+        expected_s=plan.expected_s if at_once else expected.ends_s - expected.starts_s,
+        lower_bound_s=max(0.0, expected.lower_bound_s - expected.starts_s),
         picture=plan.picture,
         assembly=plan.assembly,
         decomposition=plan.decomposition,
@@ -62,7 +58,7 @@ def build_planned_event(
 
 
 def hash_plan(parts: Iterable[Part], plates: Iterable[Plate]) -> str:
-    """Return a plan's hash, of all that is printed and where: 12 hexadecimal digits."""
+    """Return the hash of all that a plan prints, and where: 12 hexadecimal digits."""
     facts = [
         sorted((part.id, part.plate, part.file) for part in parts),
         sorted((plate.id, plate.sha256, plate.printer, plate.material, plate.nozzle_mm) for plate in plates),

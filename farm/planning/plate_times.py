@@ -13,7 +13,7 @@ START_S = 26.0
 END_S = 10.0
 """Parking, homing and the last moves, until the head is still. Measured by bench/plate_time.py."""
 HOMING_S = 7.0
-"""The bed heats while the head homes."""
+"""Time of the homing, during which the bed heats."""
 
 
 def plate_seconds(
@@ -30,35 +30,35 @@ def plate_seconds(
     nozzle_c, bed_c
         First-layer temperatures. The bed heats first, as the start code says, and then the nozzle.
     time_factor
-        Learned of the printer (farm.state.time_factor), for its layers alone.
+        Time factor of the printer, for its layers alone (`update_time_factor`).
     """
     bed_s = max(0.0, profile.bed.seconds_to(bed_c) - HOMING_S)
     return START_S + bed_s + profile.nozzle.seconds_to(nozzle_c) + sliced_s * time_factor + END_S
 
 
 def prelude_seconds(section: PrinterSection, settings: EngineSettings) -> float:
-    """Return the time of a plate on a printer beside its layers."""
+    """Return the seconds of a plate on a printer apart from its layers."""
     return plate_seconds(PROFILES[section.model], 0.0, settings.nozzle_c, settings.bed_c)
 
 
 def reassign_loads(
     loads_s: Mapping[str, float], kinds: Mapping[str, Hashable], time_factors: Mapping[str, float]
 ) -> dict[str, str]:
-    """Exchange the work of equal printers so that the most of it goes to the quickest.
+    """Exchange the loads of equal printers so that the fastest has the largest.
 
     Parameters
     ----------
     loads_s
-        Work that a plan gives each printer, in seconds; 0 where it is not named.
+        Load that a plan gives each printer, in seconds; 0 where it is not named.
     kinds
-        Kind of every printer that may be used: work moves only among printers of one kind.
+        Kind of every usable printer: loads move among printers of one kind only.
     time_factors
-        Learned of the printers, by name; 1 where none is.
+        Time factors of the printers, by name; 1 where there is none.
 
     Returns
     -------
     dict
-        For every printer, the one that takes its work: a permutation.
+        For every printer, the one that takes its load: a permutation.
     """
     takers: dict[str, str] = {}
     for kind in set(kinds.values()):

@@ -1,15 +1,16 @@
-"""Printers that a job may go to, and their slicer settings."""
+"""Printers that a job may go to, their slicer settings, and the rooms for parts on their beds."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cache
 
-from drivers.printers import PROFILES
+from drivers.printers import PROFILES, Profile, RoomBox, part_room
 from farm.config import PrinterSection
 from farm.errors import Refused
 from farm.model import JobOptions
 from farm.planning.error_translation import translate_errors
-from farm.planning.slicing_printers import slicing_printer
+from slicing.printer import HeadShape, MachineLimits, PrintCode, PrinterModel
 from slicing.settings import EngineSettings, Resources, SettingsRequest, find_resources, resolve_settings
 
 
@@ -19,7 +20,7 @@ def matching_printers(printers: Sequence[PrinterSection], options: JobOptions) -
     Raises
     ------
     Refused
-        There is none; the message says what there is.
+        Where there is none; the message lists what there is.
     """
     enabled = [section for section in printers if section.enabled]
     matching = [
@@ -37,7 +38,7 @@ def matching_printers(printers: Sequence[PrinterSection], options: JobOptions) -
 
 
 def settings_request(section: PrinterSection, quality: str) -> SettingsRequest:
-    """Build the request for the slicer's settings on a printer, with supports: poses count on them."""
+    """Build the request for the slicer's settings on a printer, with supports, which poses are chosen for."""
     return SettingsRequest(
         slicing_printer(PROFILES[section.model]),
         quality,
@@ -66,3 +67,46 @@ def check_settings(printers: Sequence[PrinterSection], options: JobOptions) -> N
         resources = find_resources()
     for section in matching_printers(printers, options):
         printer_settings(section, options.quality, resources)
+
+
+def slicing_printer(profile: Profile) -> PrinterModel:
+    """Convert a printer profile to the slicing package's model: limits, start and end code."""
+    return PrinterModel(
+        name=profile.model,
+        title=profile.title,
+        slicer_names=profile.slicer_names,
+        limits=MachineLimits(profile.max_nozzle_c, profile.max_bed_c, profile.min_extrusion_c),
+        code=PrintCode(
+            flavor=profile.gcode_flavor,
+            start=profile.start_code,
+            end=profile.end_code,
+            prime_mm3=profile.prime_mm3,
+            parked_mm=profile.parked_mm,
+            ready_mm=profile.ready_mm,
+        ),
+        head=HeadShape(*profile.head_mm, above_nozzle=profile.head_above_nozzle_mm),
+        retraction_mm=profile.retraction_mm,
+        retraction_mm_s=profile.retraction_mm_s,
+    )
+
+
+def printer_room(section: PrinterSection, brim_mm: float) -> tuple[RoomBox, ...]:
+    """Return the boxes that a part with a brim of `brim_mm` may fill on a printer."""
+    return part_room(PROFILES[section.model], brim_mm, section.volume_mm)
+
+
+def model_sizes(
+    room: tuple[RoomBox, ...], settings: EngineSettings
+) -> tuple[tuple[float, float, float], ...]:
+    """Return the sizes (x, y, z) in mm that a part may have in the model: it shrinks when it cools."""
+    xy, z = settings.scale_xy, settings.scale_z
+    return tuple((x / xy, y / xy, height / z) for x, y, height in (box.size_mm for box in room))
+
+
+@cache
+def bed_boxes(section: PrinterSection) -> tuple[tuple[float, float, float, float, float], ...]:
+    """Return the boxes that a printer prints in: min_x, min_y, max_x, max_y, height, bed-centred mm."""
+    return tuple(
+        (box.rect.min_x_mm, box.rect.min_y_mm, box.rect.max_x_mm, box.rect.max_y_mm, box.height_mm)
+        for box in printer_room(section, brim_mm=0.0)
+    )

@@ -1,4 +1,4 @@
-"""Slicing of a batch of parts in the workers."""
+"""Slicing of a batch of parts in the workers, each part for its own printer."""
 
 from __future__ import annotations
 
@@ -6,25 +6,29 @@ import asyncio
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from farm.compute.worker_pool import SLICING, Workers
+from farm.compute import SLICING, Workers
 from farm.planning.part_records import SliceBatch, SlicedPart
-from farm.planning.parts.slice_tasks import build_slice_tasks
 from farm.planning.tasks import slice_part
 
 if TYPE_CHECKING:
     from farm.planning.part_records import DecomposedPart, SliceTask
     from slicing.plate import PlateResult
 
+from farm.planning.error_translation import translate_errors
+from farm.planning.part_records import SliceTask
+from farm.planning.printer_settings import printer_room, printer_settings, settings_request
+from slicing.settings import find_engine, find_resources
+
 
 async def slice_batch(
     workers: Workers, batch: SliceBatch, on_slice: Callable[[PlateResult], None] = lambda _: None
 ) -> tuple[SlicedPart, ...]:
-    """Slice all parts of a batch; where one fails, or this is cancelled, all end.
+    """Slice all parts of a batch; one failure, or a cancellation, ends all.
 
     Parameters
     ----------
     on_slice
-        Called with each slice as it comes.
+        Called with each slice as it is done.
 
     Returns
     -------
@@ -42,9 +46,9 @@ async def slice_batch(
         on_slice(result)
         return SlicedPart(part, batch.printer_of(part), task, result)
 
-    # Resolving settings and writing files would keep the event loop: both in a thread.
+    # In a thread: resolving settings and writing files would block the event loop.
     tasks = await asyncio.to_thread(build_slice_tasks, batch)
-    # Longest first: the workers are done soonest then.
+    # Longest first, so that all workers end early.
     order = sorted(range(len(tasks)), key=lambda i: -batch.parts[i].price_s)
     running = {i: asyncio.ensure_future(slice_one(batch.parts[i], tasks[i])) for i in order}
     try:
@@ -54,3 +58,34 @@ async def slice_batch(
         for future in running.values():
             future.cancel()
         await asyncio.gather(*running.values(), return_exceptions=True)  # until their workers are gone
+
+
+def build_slice_tasks(batch: SliceBatch) -> list[SliceTask]:
+    """Build a slice task for each part of a batch.
+
+    Raises
+    ------
+    FarmError
+        `engine` where there is no CuraEngine, `settings` where the settings cannot be resolved.
+    """
+    with translate_errors():
+        resources, engine = find_resources(), find_engine()
+    tasks = []
+    for part in batch.parts:
+        section = batch.printer_of(part)
+        settings = printer_settings(section, batch.quality, resources)
+        tasks.append(
+            SliceTask(
+                part=part.id,
+                stl=part.stl,
+                request=settings_request(section, batch.quality),
+                resources=resources,
+                settings=settings,
+                room=printer_room(section, settings.brim_width_mm),
+                engine=engine,
+                out=batch.folder / f"{part.id}.gcode",
+                cache=batch.cache,
+                print_options=part.print_options,
+            )
+        )
+    return tasks

@@ -2,9 +2,29 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import pkgutil
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
-from farm.compute.deferred import Deferred
+
+@dataclass(frozen=True, slots=True)
+class Deferred:
+    """A function whose module is imported only where it is called.
+
+    The process that refers to it loads nothing; the process that calls it loads its module.
+
+    Attributes
+    ----------
+    target
+        Module and function, as ``package.module:function``.
+    """
+
+    target: str
+
+    def __call__(self, *args: object) -> Any:
+        """Import the module and call the function."""
+        return pkgutil.resolve_name(self.target)(*args)
+
 
 if TYPE_CHECKING:
     from farm.planning.inspection.inspect_submission import inspect_submission

@@ -1,0 +1,59 @@
+"""Scheduling: which plate starts where and when, why the others wait, and the forecast. Pure.
+
+Every decision is a function of one `Situation`.
+"""
+
+from farm.scheduling.admission import HoldJob, JobAdmission, StartPlanning, kept_printers
+from farm.scheduling.assignment import assign_plates, find_holds
+from farm.scheduling.forecast import ForecastCache, Slot, as_idle, forecast_prints, seconds_on
+from farm.scheduling.holds import find_plate_holds, join_names, loss_window_end_s
+from farm.scheduling.hours import Hours, parse_moment_s
+from farm.scheduling.matching import Capabilities, FleetPrinter, Requirements, WaitingPlate
+from farm.scheduling.situation import Situation
+from farm.scheduling.situation_builder import (
+    BuildVolumes,
+    PrintLimits,
+    SituationBuilder,
+    availability,
+    count_spares,
+    describe_plates,
+    find_print_limits,
+    may_start_now,
+)
+from farm.scheduling.spares import takes_spare
+from farm.scheduling.start_rules import StartRules, short_of_filament
+
+__all__ = [
+    "BuildVolumes",
+    "Capabilities",
+    "FleetPrinter",
+    "ForecastCache",
+    "HoldJob",
+    "Hours",
+    "JobAdmission",
+    "PrintLimits",
+    "Requirements",
+    "Situation",
+    "SituationBuilder",
+    "Slot",
+    "StartPlanning",
+    "StartRules",
+    "WaitingPlate",
+    "as_idle",
+    "assign_plates",
+    "availability",
+    "count_spares",
+    "describe_plates",
+    "find_holds",
+    "find_plate_holds",
+    "find_print_limits",
+    "forecast_prints",
+    "join_names",
+    "kept_printers",
+    "loss_window_end_s",
+    "may_start_now",
+    "parse_moment_s",
+    "seconds_on",
+    "short_of_filament",
+    "takes_spare",
+]

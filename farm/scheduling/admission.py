@@ -1,24 +1,28 @@
-"""Admission of the job in front: whether its planning can begin, and for which printers. Pure."""
+"""Admission of jobs to planning: the front of the queue begins, the others get a reason to wait. Pure."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
-from farm.model import Hold, HoldCode, Link
+from farm.model import Hold, HoldCode, Job, JobState, Link
+from farm.scheduling.assignment import Assignment, assign_plates
 from farm.scheduling.matching import FleetPrinter, Requirements
+from farm.scheduling.situation import Situation
+from farm.scheduling.situation_builder import job_requirements
+from farm.state import Books
 
 _PASSING = (
     HoldCode.PRINTER_BUSY,
     HoldCode.BED_NOT_CLEAR,
     HoldCode.FILAMENT_UNKNOWN,
-    HoldCode.REEL_DOUBTED,
+    HoldCode.REEL_UNCERTAIN,
 )
 
 
 @dataclass(frozen=True, slots=True)
 class Begin:
-    """Instruction to plan a job for these printers, in as many rounds."""
+    """Instruction to plan a job for these printers, in so many rounds."""
 
     printers: tuple[str, ...]
     rounds: int = 1
@@ -31,16 +35,16 @@ class JobRequest:
     Attributes
     ----------
     requirements
-        What a printer must offer.
+        Requirements on each printer.
     printers
-        How many printers a person gave it; None for all.
+        Number of printers that a person gave it; None for all.
     least_parts
-        How many parts an earlier attempt has shown to be needed; 0 where nothing is known.
+        Number of parts that an earlier attempt has found to be needed; 0 where unknown.
     spares
-        How many of the free printers it leaves, as long as it has one.
+        Number of free printers that it leaves, as long as it has one.
     needs_approval
-        Nothing of it is printed before a person approves its plan: printers that print now count too, as
-        nobody knows what is then in front of it; where others have them then, it waits.
+        Nothing is printed before a person approves its plan: busy printers count too, as the queue at that
+        time is not known; where other jobs have them then, it waits.
     """
 
     requirements: Requirements
@@ -66,13 +70,13 @@ class Availability:
     Attributes
     ----------
     printers
-        The fleet, of which one at least matches.
+        The fleet; at least one printer matches.
     kept
-        Printers that it does not get, with what each is kept for: a plate, a job.
+        Printers that the job does not get, with what each is kept for: a plate, a job.
     starting
         The farm has just started: printers that are still connecting are waited for.
     unattended_blocked
-        Printers on which nothing may start while nobody is there: taken only where there is no other.
+        Printers on which nothing may start while nobody is there: chosen only where there is no other.
     """
 
     printers: tuple[FleetPrinter, ...]
@@ -81,7 +85,7 @@ class Availability:
     unattended_blocked: frozenset[str] = frozenset()
 
     def keeping(self, promises: Iterable[Promise]) -> Availability:
-        """Return the same with the printers kept that jobs are being planned for."""
+        """Return the same where the printers of these promises are kept too."""
         kept = {name: f"job {promise.job}" for promise in promises for name in promise.printers}
         return replace(self, kept={**kept, **self.kept})
 
@@ -96,11 +100,11 @@ def find_mismatch(requirements: Requirements, printers: Iterable[FleetPrinter]) 
     )
 
 
-def begin(request: JobRequest, availability: Availability) -> Begin | Hold:
+def choose_printers(request: JobRequest, availability: Availability) -> Begin | Hold:
     """Choose the printers that the job in front takes.
 
-    It takes all that match and are idle and clear, or as many as it was given, once they can hold it in one
-    round; where even the whole fleet cannot, the idle ones with further rounds.
+    It takes all matching printers that are idle and clear, or as many as it was given, once they can print it
+    in one round; where the whole fleet cannot, the idle ones in several rounds.
     """
     matching = sorted(
         (p for p in availability.printers if request.requirements.matches(p.capabilities)),
@@ -109,7 +113,7 @@ def begin(request: JobRequest, availability: Availability) -> Begin | Hold:
     arriving = [p.name for p in matching if p.link in (Link.STARTING, Link.CONNECTING) and not p.booked]
     if arriving and availability.starting:
         return Hold(code=HoldCode.PRINTER_CONNECTING, text=f"connecting to {' '.join(arriving)}")
-    # A printer that is away or broken may never come back: it is not waited for.
+    # A printer that is away or broken may never come back: nothing waits for it.
     coming = [p for p in matching if (hold := p.obstacle()) is None or hold.code in _PASSING]
     if not request.needs_approval:
         coming = [p for p in coming if p.name not in availability.unattended_blocked] or coming
@@ -123,7 +127,7 @@ def begin(request: JobRequest, availability: Availability) -> Begin | Hold:
         if kept:
             return _kept_hold({name: availability.kept[name] for name in kept})
         obstacles = [obstacle for p in matching if (obstacle := p.obstacle()) is not None]
-        # What ends by itself is waited for; a person is asked only where nothing does.
+        # Name what ends by itself; ask a person only where nothing does.
         busy = [hold for hold in obstacles if hold.code is HoldCode.PRINTER_BUSY]
         full = [p.name for p in matching if (h := p.obstacle()) and h.code is HoldCode.BED_NOT_CLEAR]
         if busy and full:
@@ -138,7 +142,7 @@ def begin(request: JobRequest, availability: Availability) -> Begin | Hold:
             text = f"it needs {least} printers at the same time, {given} of {ceiling} are idle and clear"
             return Hold(code=HoldCode.TOO_FEW_PRINTERS, text=text)
         return Begin(tuple(p.name for p in idle[:given]), rounds=-(-least // given))
-    # The roomiest first: a person who gives two printers gives the best two.
+    # The largest first: a person who gives two printers gives the best two.
     idle.sort(key=lambda p: (-p.capabilities.height_mm, p.name))
     return Begin(tuple(sorted(p.name for p in idle[:given])))
 
@@ -163,19 +167,155 @@ def choose_printers_beside(
 ) -> Begin | Hold:
     """Choose the printers of a job beside others that are being planned.
 
-    Those keep their printers from jobs of less priority, and from others while there are more.
+    They keep their printers from jobs of lower priority, and from others while more printers are free.
 
     Parameters
     ----------
     request, availability
-        As for `begin`.
+        As for `choose_printers`.
     priority
         The job's priority.
     promises
         The printers of the jobs that are being planned.
     """
     others = list(promises)
-    first = begin(request, availability.keeping(others))
+    first = choose_printers(request, availability.keeping(others))
     if isinstance(first, Begin):
         return first
-    return begin(request, availability.keeping(other for other in others if other.priority > priority))
+    return choose_printers(
+        request, availability.keeping(other for other in others if other.priority > priority)
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class StartPlanning:
+    """Instruction to plan a job for these printers, in so many rounds."""
+
+    job: int
+    printers: tuple[str, ...]
+    rounds: int
+
+
+@dataclass(frozen=True, slots=True)
+class HoldJob:
+    """Decision that a job waits, with the reason."""
+
+    job: int
+    hold: Hold
+
+
+class JobAdmission:
+    """Decides which jobs are planned, and remembers for which printers.
+
+    It is in memory only: after a restart, jobs are planned again.
+    """
+
+    def __init__(self) -> None:
+        self._least_parts: dict[int, int] = {}
+        self._planned: dict[int, frozenset[str]] = {}  # the printers that a job is being planned for
+
+    def require_parts(self, number: int, parts: int) -> None:
+        """Store the number of parts that an attempt to plan a job has found to be needed."""
+        self._least_parts[number] = parts
+
+    def begin(self, order: StartPlanning) -> None:
+        """Store the printers that a job is being planned for."""
+        self._planned[order.job] = frozenset(order.printers)
+
+    def end(self, number: int) -> None:
+        """Forget a job whose planning has ended."""
+        self._planned.pop(number, None)
+
+    def decide(
+        self, books: Books, situation: Situation, kept: Mapping[str, str], starting: bool
+    ) -> Iterator[StartPlanning | HoldJob]:
+        """Yield a decision on each queued job: its planning starts, or it has a reason to wait.
+
+        Own G-code has a queue of its own: it is planned in a moment, and never waits for a decomposition. A
+        job that no printer matches lets the others pass.
+
+        Parameters
+        ----------
+        books
+            As committed, with the plates that have just been assigned.
+        situation
+            The fleet after that, the rules and the spares.
+        kept
+            Printers that no new job gets, with what each is kept for.
+        starting
+            The farm has just started: printers that are still connecting are waited for.
+        """
+        planned = dict(self._planned)
+        fronts: dict[bool, Job] = {}
+        for job in books.queue():
+            own = job.own_gcode is not None
+            if job.state is JobState.PLANNING:
+                fronts[own] = job
+                continue
+            decision: Begin | Hold | None = _own_hold(job, situation)
+            if decision is None and own in fronts:
+                text = f"job {fronts[own].id} goes first"
+                decision = Hold(code=HoldCode.NOT_FIRST, text=text)
+            if decision is None:
+                fronts[own] = job
+                decision = choose_printers_beside(
+                    self._request(job),
+                    _availability(situation, kept, starting),
+                    job.options.priority,
+                    [Promise(n, books.job(n).options.priority, names) for n, names in planned.items()],
+                )
+            if isinstance(decision, Begin):
+                planned[job.id] = frozenset(decision.printers)
+                yield StartPlanning(job.id, decision.printers, decision.rounds)
+            else:
+                yield HoldJob(job.id, decision)
+
+    def _request(self, job: Job) -> JobRequest:
+        return JobRequest(
+            requirements=job_requirements(job),
+            printers=job.options.printers if job.own_gcode is None else None,  # its plan chooses one
+            least_parts=self._least_parts.get(job.id, 0),
+            spares=job.options.spares,
+            needs_approval=job.options.hold,
+        )
+
+
+def kept_printers(situation: Situation, reserved: Mapping[str, str]) -> dict[str, str]:
+    """Return the printers that are not available to a new job, with what each is kept for.
+
+    None is kept for a plate that may not start: the end of its wait may be far away.
+
+    Parameters
+    ----------
+    situation
+        The plates that still wait, and the fleet after the plates that start now.
+    reserved
+        Printers that plates are being replanned for, with the plate.
+    """
+    soon: Iterable[Assignment] = ()
+    if situation.rules.max_heating is not None:  # plates that start as soon as another printer is hot
+        soon = assign_plates(replace(situation, rules=replace(situation.rules, max_heating=None)))
+    return {
+        **dict.fromkeys(situation.kept, "a failed part (--spares)"),
+        **{each.printer: each.plate for each in soon},
+        **reserved,
+    }
+
+
+def _own_hold(job: Job, situation: Situation) -> Hold | None:
+    """Return the hold of a job that does not depend on other jobs; None where there is none."""
+    mismatch = find_mismatch(job_requirements(job), situation.printers)
+    if mismatch is not None:
+        return mismatch
+    if job.paused:
+        return Hold(code=HoldCode.PAUSED, text=f"it is paused: `farm resume {job.id}`")
+    if job.not_before_s is not None and situation.now_s < job.not_before_s and not job.options.hold:
+        text = f"it starts {situation.rules.format_moment(job.not_before_s)}"
+        return Hold(code=HoldCode.START_TIME, text=text)
+    return None
+
+
+def _availability(situation: Situation, kept: Mapping[str, str], starting: bool) -> Availability:
+    attended = situation.rules.is_attended(situation.now_s)
+    blocked = frozenset(p.name for p in situation.printers if not (p.unattended or attended))
+    return Availability(situation.printers, kept, starting, blocked)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import heapq
 import math
 from collections import Counter
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from farm.model import Bed, FilamentState, HoldCode, Link
@@ -14,6 +14,7 @@ from farm.scheduling.plate_matching import Moment, match_plates, queue_of
 from farm.scheduling.situation import Situation
 from farm.scheduling.spares import spare_printers
 from farm.scheduling.start_rules import StartRules, short_of_filament
+from farm.state import Books
 
 CLEARING_S = 900.0
 """Time in which a person clears a bed, once somebody is there."""
@@ -22,7 +23,7 @@ _COMING = (
     HoldCode.PRINTER_BUSY,
     HoldCode.BED_NOT_CLEAR,
     HoldCode.FILAMENT_UNKNOWN,
-    HoldCode.REEL_DOUBTED,
+    HoldCode.REEL_UNCERTAIN,
 )
 _FARTHEST_S = 15 * 86400.0  # in which no plate starts, and none will
 _END, _HEATED, _READY, _HOURS = range(4)  # what changes, at one moment in this order
@@ -52,12 +53,12 @@ class Forecast:
         return min((slot.starts_s for slot in self.slots), default=self.ends_s)
 
 
-def forecast(situation: Situation, bounded: bool = True) -> Forecast:
+def forecast_prints(situation: Situation, bounded: bool = True) -> Forecast:
     """Forecast the prints of all waiting plates: the farm's own decisions, one after the other.
 
     Whenever a printer becomes free, a job gets a place, another printer has heated up or hours change, plates
-    are matched with printers by the code of `farm.scheduling.assign`. Between two plates on a printer its bed
-    is cleared, for which somebody has to be there. Printers that are away or broken are not counted on,
+    are matched with printers by the code of `farm.scheduling.assignment`. Between two plates on a printer its
+    bed is cleared, for which a person has to be there. Printers that are away or broken are not counted on,
     unless there is no other. Where all printers are alike and free, the end of a job is at most 4/3 of the
     least (Graham 1969, LPT), and the longest plate's end where there are no more plates than printers.
 
@@ -99,7 +100,7 @@ class _Simulation:
         }
         self._rules, self._now_s, self._spares = situation.rules, situation.now_s, dict(situation.spares)
         self._left = Counter(plate.job for plate in situation.waiting)  # prints by job, with those under way
-        self._fleet = {printer.name: idle(printer) for printer in coming}
+        self._fleet = {printer.name: as_idle(printer) for printer in coming}
         self._planned = Counter(plate.planned for plate in situation.waiting)
         self._places = {p.job: p.places for p in situation.waiting if p.places is not None}
         self._heating = 0
@@ -228,7 +229,7 @@ class _Simulation:
             del self.queue[plate.turn]
 
 
-def idle(printer: FleetPrinter) -> FleetPrinter:
+def as_idle(printer: FleetPrinter) -> FleetPrinter:
     """Return the printer as it is when idle and clear: for how long a plan takes, not for when it begins."""
     return replace(
         printer,
@@ -238,7 +239,7 @@ def idle(printer: FleetPrinter) -> FleetPrinter:
         booked=False,
         attention_reason=None,
         maintenance=None,
-        reel_doubted=False,
+        reel_uncertain=False,
     )
 
 
@@ -314,3 +315,36 @@ def _filled_s(work_s: float, ready: Sequence[float]) -> float:
         work_s -= room_s
         level_s = following
     raise AssertionError("the last machine takes whatever is left")
+
+
+_KEPT_S = 60.0  # farm seconds for which a forecast of unchanged books is kept
+_APART_S = 5.0  # wall seconds: 2,000 plates on 200 printers with hours take most of one
+
+
+class ForecastCache:
+    """Forecasts the ends of all waiting plates, at most every few wall seconds.
+
+    Parameters
+    ----------
+    scale
+        Farm seconds in a wall second.
+    """
+
+    def __init__(self, scale: float) -> None:
+        self._apart_s = _APART_S * scale
+        self._books: Books | None = None
+        self._at_s = float("-inf")
+        self._ends_s: Mapping[str, float] = {}
+
+    def clock_set(self) -> None:
+        """Drop the forecast after a step of the host's clock, as hours have shifted."""
+        self._at_s = float("-inf")
+
+    def ends_s(self, books: Books, situation: Callable[[], Situation], now_s: float) -> Mapping[str, float]:
+        """Return when each waiting plate that a printer can take ends, in seconds since the epoch."""
+        old_s = now_s - self._at_s
+        if old_s > self._apart_s and (books is not self._books or old_s > _KEPT_S):
+            slots = forecast_prints(situation(), bounded=False).slots
+            self._books, self._at_s = books, now_s
+            self._ends_s = {slot.plate: slot.ends_s for slot in slots}
+        return self._ends_s

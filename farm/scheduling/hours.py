@@ -1,17 +1,18 @@
-"""Windows of the week on the calendar: when they begin and end, right over changes of the clock. Pure."""
+"""Moments as a person writes them, and windows of the week on the calendar. Pure."""
 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import datetime, timedelta, tzinfo
 from functools import lru_cache
 
-from farm.week_windows import Window
+from farm.week_windows import DAYS, Window
 
-_HORIZON_DAYS = 15  # windows come again every week; twice that holds a span that lasts a week
-_ALWAYS_S = 8 * 86400.0  # windows of a week that leave no gap
+_HORIZON_DAYS = 15  # two weeks hold every span of weekly windows
+_ALWAYS_S = 8 * 86400.0  # longer spans have no gap: they never end
 Span = tuple[float, float]
 
 
@@ -19,15 +20,15 @@ Span = tuple[float, float]
 class Hours:
     """Windows in a time zone. Moments are seconds since the epoch.
 
-    A local time that a change of the clock skips is taken an hour later; of one that it brings twice, windows
-    begin at the first and end at the second, so that no minute of a window is lost.
+    A local time that daylight saving skips is taken an hour later; of one that occurs twice, windows begin at
+    the first and end at the second, so that no minute of a window is lost.
     """
 
     windows: tuple[Window, ...]
     zone: tzinfo
 
     def span(self, at_s: float) -> Span | None:
-        """Return the half-open span around `at_s`; None where there is none. A last one ends at infinity."""
+        """Return the half-open span around `at_s`; else None. A span without a gap ends at infinity."""
         return next((span for span in self._near(at_s) if span[0] <= at_s < span[1]), None)
 
     def following(self, at_s: float) -> Span | None:
@@ -35,7 +36,7 @@ class Hours:
         return next((span for span in self._near(at_s) if span[0] > at_s), None)
 
     def edge_s(self, at_s: float) -> float | None:
-        """Return the next begin or end of a window; None where there is none."""
+        """Return the next start or end of a window; None where there is none."""
         now, then = self.span(at_s), self.following(at_s)
         if now is not None:
             return None if math.isinf(now[1]) else now[1]
@@ -65,9 +66,56 @@ def _merged(spans: Iterable[Span]) -> list[Span]:
     merged: list[Span] = []
     for begin, end in sorted(spans):
         if end <= begin:
-            continue  # a change of the clock skips all of it
+            continue  # daylight saving skips all of it
         if merged and begin <= merged[-1][1]:
             merged[-1] = (merged[-1][0], max(merged[-1][1], end))
         else:
             merged.append((begin, end))
     return merged
+
+
+_FARTHEST_S = 366 * 86400.0
+_TIME = re.compile(r"(?:([a-z]{3})\s+)?(\d{1,2}):(\d{2})")
+
+
+def parse_moment_s(text: str, now_s: float, zone: tzinfo) -> float:
+    """Parse a moment, the next one after now, in seconds since the epoch.
+
+    Raises
+    ------
+    ValueError
+        Where it cannot be read, has passed or is more than a year ahead; the message says what to write.
+    """
+    now = datetime.fromtimestamp(now_s, zone)
+    found = _TIME.fullmatch(text.strip().lower())
+    try:
+        if found is None:
+            then = datetime.fromisoformat(text.strip())
+            at_s = (then if then.tzinfo is not None else then.replace(tzinfo=zone)).timestamp()
+        else:
+            day, hour, minute = found.groups()
+            if day is not None and day not in DAYS:
+                raise ValueError(f"{day!r} is not a day of the week")
+            at_s = _next(now, day, int(hour), int(minute)).timestamp()
+    except ValueError as error:
+        example = "write it like 22:00, fri 22:00 or 2026-11-21T22:00"
+        why = f" ({error})" if found is not None else ""
+        raise ValueError(f"{text!r} is not a time{why}; {example}") from error
+    if at_s <= now_s:
+        raise ValueError(f"{text!r} has passed: it is {now:%a %Y-%m-%d %H:%M}")
+    if at_s > now_s + _FARTHEST_S:
+        raise ValueError(f"{text!r} is more than a year ahead: it is {now:%a %Y-%m-%d %H:%M}")
+    return at_s
+
+
+def _next(now: datetime, day: str | None, hour: int, minute: int) -> datetime:
+    """Return the next such local time; with daylight saving, one may occur twice."""
+    then = now.replace(hour=hour, minute=minute, second=0, microsecond=0, fold=0)
+    for _ in range(9):
+        second = then.replace(fold=1)  # an hour later where it occurs twice, earlier where it is skipped
+        if day is None or DAYS[then.weekday()] == day:
+            for moment in (then, second) if second.timestamp() > then.timestamp() else (then,):
+                if moment.timestamp() > now.timestamp():
+                    return moment
+        then += timedelta(days=1)
+    raise AssertionError("a week has every day")

@@ -1,4 +1,4 @@
-"""Printers, waiting plates, and whether a printer can print what a plate requires. Pure."""
+"""Printers, waiting plates, and the match of capabilities and requirements. Pure."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ Box = tuple[float, float, float, float, float]
 """min_x, min_y, max_x, max_y and height, in mm from the bed's centre."""
 
 SLACK_MM = 0.05
-"""Rounding of what a slice says of itself."""
+"""Tolerance for the rounded extents of a slice."""
 
 
 @dataclass(frozen=True, slots=True)
 class Capabilities:
-    """Describes what a printer can print, whatever it is doing.
+    """Capabilities of a printer, whatever its state.
 
     Attributes
     ----------
     room
-        Boxes of which one must hold all that a plate extrudes.
+        Boxes; one of them must contain all extrusion of a plate.
     kin
-        Printers of one kin take the same G-code; None: it does not matter.
+        Printer family, whose members take the same G-code; None: any.
     """
 
     room: tuple[Box, ...]
@@ -37,7 +37,7 @@ class Capabilities:
         return max((height for *_, height in self.room), default=0.0)
 
     def holds(self, box: Box) -> bool:
-        """Tell whether a box lies in the room."""
+        """Return whether a box lies in the room."""
         x0, y0, x1, y1, height = box
         slack = SLACK_MM
         return any(
@@ -49,7 +49,7 @@ class Capabilities:
 
 @dataclass(frozen=True)
 class FleetPrinter:
-    """A printer with all that decides whether it can take a plate."""
+    """A printer with all facts that decide whether it can take a plate."""
 
     name: str
     capabilities: Capabilities
@@ -60,17 +60,17 @@ class FleetPrinter:
     attention_reason: str | None  # why a person has to inspect it
     maintenance: str | None = None  # why a person has taken it out of use
     heating: bool = False
-    free_s: float | None = None  # when its print should end, as expected when it began
-    job: int | None = None  # whose plate it prints
-    heats_until_s: float | None = None  # where it heats, as expected
-    grams: float | None = None  # on its reel, without what its print takes; None: nobody said
-    reel_doubted: bool = False  # there may be less on it
-    time_factor: float = 1.0  # as learned
+    free_s: float | None = None  # expected end of its print
+    job: int | None = None  # of the plate that it prints
+    heats_until_s: float | None = None  # expected end of its heat-up
+    grams: float | None = None  # on its reel, less those of its open print; None: unknown
+    reel_uncertain: bool = False  # there may be fewer grams on it
+    time_factor: float = 1.0  # learned from its prints
     unattended: bool = True  # it may print while nobody is there
-    why_attended: str = ""  # why it may not
+    why_attended: str = ""  # why it may not print unattended
 
     def obstacle(self) -> Hold | None:
-        """Return why nothing can start on it now; None where it is idle and clear."""
+        """Return why nothing can start on the printer now; None where it is idle and clear."""
         return self._obstacle
 
     @cached_property
@@ -85,7 +85,7 @@ class FleetPrinter:
             )
         if self.attention_reason is not None:
             return Hold(
-                code=HoldCode.NEEDS_A_LOOK,
+                code=HoldCode.NEEDS_INSPECTION,
                 text=f"inspect {self.name} ({self.attention_reason}), then `farm cleared {self.name}`",
             )
         if self.link is not Link.READY:
@@ -101,9 +101,9 @@ class FleetPrinter:
                 text=f"the position of the filament in {self.name} is unknown: "
                 f"`farm cleared {self.name} --filament parked` (or at_nozzle) sets it",
             )
-        if self.reel_doubted:
+        if self.reel_uncertain:
             return Hold(
-                code=HoldCode.REEL_DOUBTED,
+                code=HoldCode.REEL_UNCERTAIN,
                 text=f"the filament left on {self.name} is unknown since the database was restored: "
                 f"weigh its reel, then `farm load {self.name} --grams G`",
             )
@@ -117,8 +117,8 @@ class Requirements:
     material: str | None
     colour: str | None
     nozzle_mm: float | None
-    box: Box | None = None  # what its plate extrudes; not known before it is planned
-    kin: str | None = None  # of the printers that it was sliced for; None: any
+    box: Box | None = None  # extent of its plate; unknown before it is planned
+    kin: str | None = None  # printer family that it was sliced for; None: any
 
     def matches(self, kind: Capabilities) -> bool:
         return (
@@ -130,7 +130,7 @@ class Requirements:
         )
 
     def describe(self, lacking: tuple[Capabilities, ...] = ()) -> str:
-        """List the requirements as text; those alone that one of `lacking` misses, where any is given."""
+        """List the requirements as text; with `lacking`, only those that one of these misses."""
         asked = []
         for value, key in ((self.material, "material"), (self.colour, "colour")):
             if value and (not lacking or any(getattr(kind, key) != value for kind in lacking)):
@@ -158,20 +158,20 @@ class WaitingPlate:
     id: str
     requirements: Requirements
     job: int
-    planned: str  # the printer that the plan gave it
+    planned: str  # printer of its plan
     expected_s: float  # on the planned printer, heating included
     priority: int = 0  # higher is earlier
     grams: float = 0.0
     heating_s: float = 0.0  # of `expected_s`: everything but the layers
     time_factor: float = 1.0  # of the planned printer, in `expected_s`
-    first_layer_s: float = 0.0  # from its start until its first layer lies
+    first_layer_s: float = 0.0  # from its start to the end of its first layer
     failed_on: frozenset[str] = frozenset()
-    places: int | None = None  # on how many more printers its job may print now; None: on all
+    places: int | None = None  # number of further printers that its job may use now; None: no limit
     not_before_s: float | None = None
 
     @property
     def priority_key(self) -> tuple[int, int, float, str]:
-        """Sort key: priority, order of submission, then the longest, which decides when its job ends."""
+        """Sort key: priority, order of submission, then the longest first, as it ends its job."""
         return *self.turn, -self.expected_s, self.id
 
     @property

@@ -1,4 +1,4 @@
-"""One moment of the farm as the scheduler sees it. Pure."""
+"""State of the farm at one moment, as the scheduler sees it. Pure."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from farm.scheduling.start_rules import StartRules
 
 @dataclass(frozen=True)
 class Situation:
-    """Everything that scheduling decides on: what waits, the fleet, and the rules of the house.
+    """All data for scheduling decisions: waiting plates, fleet and rules.
 
     Attributes
     ----------
@@ -46,7 +46,7 @@ class Situation:
 
     @cached_property
     def by_priority(self) -> tuple[WaitingPlate, ...]:
-        """Return the waiting plates, the one that chooses first at the front."""
+        """Return the waiting plates in the order in which they choose."""
         return tuple(sorted(self.waiting, key=lambda plate: plate.priority_key))
 
     @cached_property
@@ -67,11 +67,18 @@ class Situation:
         return spare_printers(self.printers, self.planned, max(self.spares.values()))
 
     def can_start(self, plate: WaitingPlate, printer: FleetPrinter) -> bool:
-        """Tell whether hours and start times let a plate start on a printer now."""
+        """Return whether hours and start times let a plate start on a printer now."""
         return self.rules.find_start(plate, printer, self.now_s).at_s == self.now_s
 
+    def next_change_s(self) -> float:
+        """Return the next moment at which time alone changes which plates can start; infinity for never.
+
+        Until then, scheduling the same plates and printers gives the same answer.
+        """
+        return self.rules.next_change_s(self.waiting, self.printers, self.now_s)
+
     def without(self, plates: Collection[str]) -> Situation:
-        """Return the same moment without some of the plates that wait."""
+        """Return the same moment without some of the waiting plates."""
         return self.with_waiting(tuple(p for p in self.waiting if p.id not in plates)) if plates else self
 
     def with_waiting(self, waiting: tuple[WaitingPlate, ...]) -> Situation:

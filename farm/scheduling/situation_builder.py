@@ -1,6 +1,6 @@
-"""Description of fleet, books and the agents' latest snapshots for the scheduler.
+"""Builder of situations from fleet, books and the agents' latest snapshots.
 
-Pure, but for the memory of `SituationBuilder`: what has not changed is not described again.
+Pure, but for the memory of `SituationBuilder`: unchanged printers and jobs are not described again.
 """
 
 from __future__ import annotations
@@ -14,11 +14,10 @@ from itertools import chain
 from drivers.printers import PROFILES
 from farm.config import PrinterSection
 from farm.model import AgentSnapshot, Job, JobState, Link, Plate, Print, Printer, PrintState
+from farm.scheduling.holds import may_hold_back
 from farm.scheduling.matching import Box, Capabilities, FleetPrinter, Requirements, WaitingPlate
-from farm.scheduling.plate_holds import may_hold_back
 from farm.scheduling.situation import Situation
-from farm.state.books import Books
-from farm.state.plate_state import PlateState
+from farm.state import Books, PlateState
 
 BuildVolumes = Callable[[PrinterSection], tuple[Box, ...]]
 
@@ -26,15 +25,15 @@ BuildVolumes = Callable[[PrinterSection], tuple[Box, ...]]
 def _describe_printer(
     section: PrinterSection,
     books: Books,
-    said: AgentSnapshot | None,
+    report: AgentSnapshot | None,
     attempt: Print | None,
     rooms: BuildVolumes,
 ) -> FleetPrinter:
     entry = books.printer(section.name)
     attention_reason = entry.attention_reason
-    if said is not None and said.link is Link.FAULT and attention_reason is None:
-        attention_reason = said.reason or "its agent reports a fault"
-    verified = said is None or said.reset_verified
+    if report is not None and report.link is Link.FAULT and attention_reason is None:
+        attention_reason = report.reason or "its agent reports a fault"
+    verified = report is None or report.reset_verified
     return FleetPrinter(
         name=section.name,
         capabilities=Capabilities(
@@ -42,7 +41,7 @@ def _describe_printer(
         ),
         bed=entry.bed,
         filament=entry.filament,
-        link=said.link if said is not None else Link.STARTING,
+        link=report.link if report is not None else Link.STARTING,
         booked=attempt is not None,
         attention_reason=attention_reason,
         maintenance=entry.maintenance,
@@ -51,7 +50,7 @@ def _describe_printer(
         job=None if attempt is None else attempt.job,
         heats_until_s=None if attempt is None else _begun_s(attempt) + books.plates[attempt.plate].prelude_s,
         grams=_free_grams(books, entry, attempt),
-        reel_doubted=entry.reel is not None and entry.reel.doubted,
+        reel_uncertain=entry.reel is not None and entry.reel.uncertain,
         time_factor=entry.time_factor,
         unattended=section.unattended and verified,
         why_attended="fleet.yaml says so" if verified else "its board was not seen to reset",
@@ -70,52 +69,52 @@ def _begun_s(attempt: Print) -> float:
 
 
 def _expected_end_s(books: Books, attempt: Print, factor: float) -> float:
-    """Return when a print should end by its plate's time: in whole minutes, so that it changes seldom."""
+    """Return the expected end of a print, rounded up to whole minutes."""
     return math.ceil((_begun_s(attempt) + books.plates[attempt.plate].expected_on(factor)) / 60) * 60.0
 
 
 class SituationBuilder:
-    """Describes one moment after the other to the scheduler.
+    """Describes the farm to the scheduler, and only what has changed since the last call.
 
     Parameters
     ----------
-    rooms
-        Gives the boxes that a printer of a section can print in.
+    build_volumes
+        Function that returns the boxes in which a printer can print.
     """
 
-    def __init__(self, rooms: BuildVolumes) -> None:
-        self._rooms = rooms
+    def __init__(self, build_volumes: BuildVolumes) -> None:
+        self._build_volumes = build_volumes
         self._printers: dict[str, tuple[tuple[object, ...], FleetPrinter]] = {}
         self._jobs: dict[int, tuple[object, _JobPlates]] = {}
 
     def printers(
         self, sections: Iterable[PrinterSection], books: Books, snapshots: Mapping[str, AgentSnapshot]
     ) -> tuple[FleetPrinter, ...]:
-        """Describe the printers that may be used."""
+        """Describe the enabled printers."""
         return tuple(
             self._printer(section, books, snapshots.get(section.name))
             for section in sections
             if section.enabled
         )
 
-    def _printer(self, section: PrinterSection, books: Books, said: AgentSnapshot | None) -> FleetPrinter:
+    def _printer(self, section: PrinterSection, books: Books, report: AgentSnapshot | None) -> FleetPrinter:
         entry, attempt = books.printer(section.name), books.open_print_on(section.name)
-        heard = None if said is None else availability(said)
+        available = None if report is None else availability(report)
         before, described = self._printers.get(section.name, ((), None))
         if (
             described is not None
             and before[0] is section
             and before[1] is entry
             and before[2] is attempt
-            and before[3] == heard
+            and before[3] == available
         ):
             return described
-        described = _describe_printer(section, books, said, attempt, self._rooms)
-        self._printers[section.name] = (section, entry, attempt, heard), described
+        described = _describe_printer(section, books, report, attempt, self._build_volumes)
+        self._printers[section.name] = (section, entry, attempt, available), described
         return described
 
     def waiting(self, books: Books) -> tuple[WaitingPlate, ...]:
-        """Describe the plates of printing jobs that wait, in the order in which they choose."""
+        """Describe the waiting plates of printing jobs, in the order in which they choose."""
         printing = [job for job in books.jobs.values() if job.state is JobState.PRINTING]
         printing.sort(key=lambda job: (-job.options.priority, job.id))
         known = {job.id: self._plates(books, job) for job in printing}
@@ -123,7 +122,7 @@ class SituationBuilder:
         return tuple(chain.from_iterable(plates.waiting for plates in known.values()))
 
     def may_hold_back(self, books: Books, job: Job) -> bool:
-        """Tell whether a printing job itself has something for which a plate is offered to no printer."""
+        """Return whether a plate of a printing job may be held back by the job's own state."""
         return self._plates(books, job).may_hold_back
 
     def _plates(self, books: Books, job: Job) -> _JobPlates:
@@ -141,14 +140,14 @@ class SituationBuilder:
 
 @dataclass(frozen=True, slots=True)
 class _JobPlates:
-    """The plates of a job that wait, and whether something of the job may hold them back."""
+    """Waiting plates of a job, and whether its own state may hold one back."""
 
     waiting: tuple[WaitingPlate, ...]
     may_hold_back: bool
 
 
 def availability(snapshot: AgentSnapshot) -> tuple[object, ...]:
-    """Return what the scheduler reads of a snapshot; the rest is for people, or reaches the books."""
+    """Return the fields of a snapshot that the scheduler reads."""
     reason = snapshot.reason if snapshot.link is Link.FAULT else None
     return snapshot.link, reason, snapshot.reset_verified
 
@@ -182,10 +181,16 @@ def describe_plates(plates: Iterable[Plate], books: Books) -> Iterator[WaitingPl
         )
 
 
-def may_start_now(attempt: Print, books: Books, situation: Situation) -> bool:
-    """Tell whether hours let a print begin of which its agent has not heard yet.
+def count_spares(books: Books) -> dict[int, int]:
+    """Return the number of printers that each printing job keeps for failed plates."""
+    jobs = (job for job in books.jobs.values() if job.state is JobState.PRINTING)
+    return {job.id: job.options.spares for job in jobs if job.options.spares}
 
-    An agent may have been away since: a start that was right in the evening may be wrong at night.
+
+def may_start_now(attempt: Print, books: Books, situation: Situation) -> bool:
+    """Return whether hours allow a start that its agent has not confirmed yet.
+
+    The agent may have been away since: a start that was allowed in the evening may not be at night.
     """
     printer = situation.fleet.get(attempt.printer)
     (plate,) = describe_plates([books.plates[attempt.plate]], books)
@@ -197,14 +202,14 @@ def may_start_now(attempt: Print, books: Books, situation: Situation) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class PrintLimits:
-    """Hours of a print, in seconds since the epoch; None where hours do not decide it.
+    """Limits that hours set to a print, in seconds since the epoch; None where they set none.
 
     Attributes
     ----------
     not_after_s
-        Until when it may begin.
+        Latest start.
     ends_by_s
-        When it has to be ended.
+        Latest end.
     """
 
     not_after_s: float | None
@@ -212,7 +217,7 @@ class PrintLimits:
 
 
 def find_print_limits(attempt: Print, books: Books, situation: Situation) -> PrintLimits:
-    """Find until when a print that may begin now may, and when it has to be ended."""
+    """Find the latest start and end of a print that may begin now."""
     printer = situation.fleet.get(attempt.printer)
     if printer is None:
         return PrintLimits(None, None)
@@ -223,7 +228,7 @@ def find_print_limits(attempt: Print, books: Books, situation: Situation) -> Pri
 
 
 def job_requirements(job: Job) -> Requirements:
-    """Return what a job asks of a printer before it is planned."""
+    """Return the requirements of a job that is not planned yet."""
     own = job.own_gcode
     return Requirements(
         material=job.options.material,

@@ -9,14 +9,14 @@ from farm.scheduling.matching import FleetPrinter, WaitingPlate
 
 
 def spare_printers(printers: Iterable[FleetPrinter], planned: Collection[str], spares: int) -> frozenset[str]:
-    """Return the roomiest free printers that no waiting plate was `planned` for, as many as are kept."""
+    """Return the largest free printers that no waiting plate was `planned` for, as many as are kept."""
     free = [p for p in printers if p.name not in planned and p.obstacle() is None]
     free.sort(key=lambda p: (p.capabilities.height_mm, p.name), reverse=True)
     return frozenset(printer.name for printer in free[:spares])
 
 
 def takes_spare(plate: WaitingPlate, fleet: Mapping[str, FleetPrinter]) -> bool:
-    """Tell whether a plate may take a spare: it failed elsewhere, or its planned printer is out of use."""
+    """Return whether a plate may take a spare: it failed elsewhere, or its own printer is out of use."""
     own = fleet.get(plate.planned)
     if plate.failed_on or own is None or not plate.requirements.matches(own.capabilities):
         return True

@@ -1,8 +1,9 @@
-"""Rules for starting a print: hours, the breaker, and enough filament on the reel. Pure."""
+"""Rules for starting a print: hours, the heating limit, and enough filament on the reel. Pure."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
 from datetime import datetime, tzinfo
 from zoneinfo import ZoneInfo
@@ -16,12 +17,13 @@ from farm.text import format_duration
 LATE = 1.05
 """Factor by which a print may take longer than expected."""
 GRAMS_SHARE, GRAMS_LEAST = 1.05, 5.0
-"""Reserve of a reel beside a plate's grams, as a factor and in grams: priming, and what is not counted."""
+"""Filament that a reel must have for a plate: a factor on its grams, and at least so many grams more."""
 FIRST_LAYER_S = 3600.0
-"""Before the end of the attended hours, for first layers that need somebody."""
+"""Seconds of the attended hours that are left for first layers, which need a person."""
 ENDED_BEFORE_S = 900.0
-"""Before the end of the attended hours, for a print that is ended: to cool, and to be seen to."""
+"""Seconds of the attended hours that are left to cool and clear a print which has to end in them."""
 _FARTHEST_S = 15 * 86400.0
+_JUST_AFTER_S = 0.001  # a plate may still start at its last moment
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,9 +33,9 @@ class Start:
     Attributes
     ----------
     at_s
-        Seconds since the epoch; None where it never may.
+        Seconds since the epoch; None for never.
     reason
-        What makes it wait until then; None where nothing does.
+        Reason to wait until then; None where there is none.
     """
 
     at_s: float | None
@@ -70,7 +72,7 @@ class StartRules:
     def find_start(self, plate: WaitingPlate, printer: FleetPrinter, from_s: float) -> Start:
         """Find the first moment from `from_s` on at which hours let a plate start on a printer.
 
-        Nothing starts that would print into quiet hours, nothing that needs somebody who is not there.
+        No print may reach into quiet hours, nor start without the person that it needs.
         """
         at_s, reason = from_s, None
         if plate.not_before_s is not None and plate.not_before_s > at_s:
@@ -90,7 +92,7 @@ class StartRules:
         return Start(None, Hold(code=HoldCode.TOO_LONG, text=text))
 
     def _after_quiet_hours(self, plate: WaitingPlate, at_s: float) -> Start | None:
-        """Return the end of the quiet hours that a print at `at_s` would touch; None where there are none."""
+        """Return the end of the quiet hours that a print at `at_s` would reach; else None."""
         quiet = self.quiet.span(at_s) or self.quiet.following(at_s)
         if quiet is None or at_s + plate.expected_s * LATE <= quiet[0]:
             return None
@@ -103,64 +105,85 @@ class StartRules:
         )
 
     def _attended_start(self, plate: WaitingPlate, printer: FleetPrinter, at_s: float) -> Start | None:
-        """Return when somebody comes, where a print needs somebody who is not there long enough."""
+        """Return the next attended hours where a print needs a person longer than one is there; else None."""
         needed_s = self._needed_attendance_s(plate, printer)
         if needed_s is None:
             return None
-        asks = "first layers are printed only in attended hours"
+        rule = "first layers are printed only in attended hours"
         if not printer.unattended:
-            asks = f"{printer.name} prints only in attended hours ({printer.why_attended})"
+            rule = f"{printer.name} prints only in attended hours ({printer.why_attended})"
         span = self.attended.span(at_s)
         if span is not None and at_s + needed_s <= span[1]:
             return None
         then = self.attended.following(at_s)
         if then is None:
-            text = f"{asks}, and fleet.yaml has none (`attended`)"
+            text = f"{rule}, and fleet.yaml has none (`attended`)"
             return Start(None, Hold(code=HoldCode.UNATTENDED, text=text))
-        text = f"{asks}: from {self.format_moment(then[0])}"
+        text = f"{rule}: from {self.format_moment(then[0])}"
         return Start(then[0], Hold(code=HoldCode.UNATTENDED, text=text))
 
     def _needed_attendance_s(self, plate: WaitingPlate, printer: FleetPrinter) -> float | None:
-        """Return how long somebody has to be there from the start on; None where nobody has to."""
+        """Return the seconds from its start for which a print needs a person; None where it needs none."""
         if not printer.unattended:
             return plate.expected_s * LATE + ENDED_BEFORE_S
         return plate.first_layer_s if self.first_layers_attended else None
 
     def latest_start_s(self, plate: WaitingPlate, printer: FleetPrinter, at_s: float) -> float:
-        """Return until when a plate that may start at `at_s` still may; infinity where hours set no end."""
-        quiet = self.quiet.following(at_s)
-        latest_s = math.inf if quiet is None else quiet[0] - plate.expected_s * LATE
-        needed_s = self._needed_attendance_s(plate, printer)
-        span = None if needed_s is None else self.attended.span(at_s)
-        if needed_s is not None and span is not None:
-            latest_s = min(latest_s, span[1] - needed_s)
-        return latest_s
+        """Return the latest start of a plate that may start at `at_s`; infinity where hours set none."""
+        return min(self._latest_starts_s([plate], [printer], at_s))
+
+    def _latest_starts_s(
+        self, plates: Iterable[WaitingPlate], printers: Collection[FleetPrinter], at_s: float
+    ) -> Iterator[float]:
+        """Yield the latest start in the hours around `at_s` for each plate on each printer."""
+        quiet, attended = self.quiet.following(at_s), self.attended.span(at_s)
+        for plate in plates:
+            before_quiet_s = math.inf if quiet is None else quiet[0] - plate.expected_s * LATE
+            for printer in printers:
+                needed_s = self._needed_attendance_s(plate, printer)
+                if needed_s is None or attended is None:
+                    yield before_quiet_s
+                else:
+                    yield min(before_quiet_s, attended[1] - needed_s)
+
+    def next_change_s(
+        self, plates: Collection[WaitingPlate], printers: Iterable[FleetPrinter], now_s: float
+    ) -> float:
+        """Return the next moment at which hours or start times change what may start; infinity for never.
+
+        Hours begin or end, a job may start, or it becomes too late for a plate to start.
+        """
+        kinds = {printer.unattended: printer for printer in printers}  # hours treat printers alike that do
+        moments = [self.attended.edge_s(now_s), self.quiet.edge_s(now_s)]
+        moments += [plate.not_before_s for plate in plates]
+        moments += [at_s + _JUST_AFTER_S for at_s in self._latest_starts_s(plates, kinds.values(), now_s)]
+        return min((at_s for at_s in moments if at_s is not None and at_s > now_s), default=math.inf)
 
     def ends_by_s(self, printer: FleetPrinter, at_s: float) -> float | None:
-        """Return when a print that goes on at `at_s` has to end; None where it may go on unattended."""
+        """Return the latest end of a print that runs at `at_s`; None where it may go on unattended."""
         span = self.attended.span(at_s)
         if printer.unattended or (span is not None and math.isinf(span[1])):
             return None
         return at_s if span is None else span[1] - ENDED_BEFORE_S
 
     def unattended_reason(self, printer: FleetPrinter, now_s: float) -> str | None:
-        """Return why a printer may not go on printing now, in words; None where it may."""
+        """Return a sentence on why a printer may not print on now; None where it may."""
         ends_by_s = self.ends_by_s(printer, now_s)
         if ends_by_s is None or now_s < ends_by_s:
             return None
         then = self.attended.following(now_s)
-        again = "" if then is None else f": from {self.format_moment(then[0])}"
-        return f"{printer.name} prints only in attended hours ({printer.why_attended}){again}"
+        later = "" if then is None else f": from {self.format_moment(then[0])}"
+        return f"{printer.name} prints only in attended hours ({printer.why_attended}){later}"
 
     def evening_s(self, now_s: float) -> float | None:
-        """Return when the night begins: at the end of the attended hours, less the time for first layers.
+        """Return the start of the night: the end of the attended hours, less the time for first layers.
 
-        None where it has begun already.
+        None where it has begun.
 
         Raises
         ------
         ValueError
-            Where nobody said when somebody is there.
+            Where fleet.yaml has no attended hours.
         """
         if not self.attended.windows:
             raise ValueError("--overnight needs `attended` hours in fleet.yaml")
@@ -170,11 +193,11 @@ class StartRules:
         return max(now_s, span[1] - (FIRST_LAYER_S if self.first_layers_attended else 0.0))
 
     def is_attended(self, at_s: float) -> bool:
-        """Tell whether a moment is within the attended hours; never where none are named."""
+        """Return whether a moment is within the attended hours; False where fleet.yaml has none."""
         return self.attended.span(at_s) is not None
 
     def bed_clear_s(self, ended_s: float, clearing_s: float) -> float:
-        """Return when the bed of an ended print can be clear: somebody has to be there."""
+        """Return when the bed of an ended print can be clear, for which a person has to be there."""
         if not self.attended.windows or self.attended.span(ended_s) is not None:
             return ended_s + clearing_s
         then = self.attended.following(ended_s)

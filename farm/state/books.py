@@ -1,6 +1,6 @@
 """Books: every job, part, plate, print and printer. Pure.
 
-Nothing is changed in place: `put` gives new books, so the store can tell what to write by identity.
+Nothing is changed in place: `put` returns new books, and the store finds the changes by identity.
 """
 
 from __future__ import annotations
@@ -29,26 +29,28 @@ E = TypeVar("E", bound=Entity)
 
 @dataclass(frozen=True, slots=True)
 class Books:
+    """State of the farm: its entities by id. Immutable."""
+
     jobs: Mapping[int, Job] = field(default_factory=dict)
     parts: Mapping[str, Part] = field(default_factory=dict)
     plates: Mapping[str, Plate] = field(default_factory=dict)
     prints: Mapping[str, Print] = field(default_factory=dict)
     printers: Mapping[str, Printer] = field(default_factory=dict)
     outages: Mapping[int, Outage] = field(default_factory=dict)
-    outage_window_s: float = WINDOW_S  # as the farm's clock has it (`outage.window_s`)
+    outage_window_s: float = WINDOW_S  # by the scale of the farm's clock
     _open: Mapping[str, Print] = field(default_factory=dict, compare=False)  # of `prints`: kept by `put`
     _open_on: Mapping[str, Print] = field(default_factory=dict, compare=False)  # by printer
-    _last: Mapping[str, Print] = field(default_factory=dict, compare=False)  # by printer: what ended last
+    _last: Mapping[str, Print] = field(default_factory=dict, compare=False)  # last ended print, by printer
     _revisions: Mapping[int, object] = field(default_factory=dict, compare=False)  # by job
 
     @classmethod
     def of(cls, entities: Iterable[Entity]) -> Books:
-        """Make books of these entries."""
+        """Make books of these entities."""
         return put(cls(), *entities)
 
     @property
     def outage(self) -> Outage | None:
-        """Return the outage that no person has confirmed."""
+        """Return the outage that no person has confirmed; None where there is none."""
         return next((o for o in self.outages.values() if o.confirmed_s is None), None)
 
     def job(self, number: int) -> Job:
@@ -58,7 +60,7 @@ class Books:
             raise NoSuchThing(f"there is no job {number}; `farm status` lists them") from None
 
     def revision(self, job: int) -> object:
-        """Return a mark that is another one whenever the job, or a plate or print of it, has changed."""
+        """Return an object that is replaced whenever the job, or a part, plate or print of it, changes."""
         return self._revisions.get(job)
 
     def printer(self, name: str) -> Printer:
@@ -73,7 +75,7 @@ class Books:
         return (self.prints[name] for name in plate.prints)
 
     def prints_of_job(self, job: Job) -> list[Print]:
-        """List the prints of a job's plates, each once: plates that replace one share its prints."""
+        """List the prints of a job's plates, each once: the plates that replace one share its prints."""
         return list({p.id: p for plate in self.plates_of(job) for p in self.prints_of(plate)}.values())
 
     def plate_state(self, plate: Plate) -> PlateState:
@@ -91,12 +93,12 @@ class Books:
         return self._open_on.get(printer)
 
     def print_to_judge(self, printer: str) -> Print | None:
-        """Return the print that was done last on a printer, where nobody has judged it yet."""
+        """Return the last print of a printer where it is done and not judged yet; else None."""
         last = self._last.get(printer)
         return last if last is not None and last.verdict is None and last.state is PrintState.DONE else None
 
     def unjudged_restored_prints(self, printer: str) -> Iterator[Print]:
-        """Yield the prints that were done after the books were copied, whose verdicts are not known."""
+        """Yield the prints of a printer that were done after the backup, whose verdicts are unknown."""
         done = (p for p in self.prints.values() if p.printer == printer and p.state is PrintState.DONE)
         return (p for p in done if p.restored and p.verdict is None)
 
@@ -106,7 +108,7 @@ class Books:
         return len(self.prints) + 1
 
     def last_print_on(self, printer: str) -> Print | None:
-        """Return the print that ended last on a printer."""
+        """Return the last ended print of a printer; None where there is none."""
         return self._last.get(printer)
 
     def waiting_plates(self) -> Iterator[Plate]:
@@ -116,43 +118,43 @@ class Books:
             yield from (p for p in self.plates_of(job) if self.plate_state(p) is PlateState.WAITING)
 
     def queue(self) -> list[Job]:
-        """List the jobs that are being planned, then those that wait for it, by priority and submission."""
+        """List the jobs in planning, then the queued ones by priority and submission."""
         jobs = (j for j in self.jobs.values() if j.state in (JobState.QUEUED, JobState.PLANNING))
         return sorted(jobs, key=lambda j: (j.state is not JobState.PLANNING, -j.options.priority, j.id))
 
 
-def edited(entity: E, **changes: object) -> E:
-    """Return the entity with some fields replaced; itself where nothing changes."""
+def replace_fields(entity: E, **changes: object) -> E:
+    """Return an entity with some fields replaced; the same object where nothing changes."""
     if all(getattr(entity, name) == value for name, value in changes.items()):
         return entity
     return entity.model_copy(update=changes)
 
 
 def put(books: Books, *entities: Entity) -> Books:
-    """Return the books with these entities in place of those of the same id."""
+    """Return the books with these entities, which replace those of the same id."""
     changed: dict[str, dict[object, Entity]] = {}
     revisions: dict[int, object] = {}
 
-    def page(kind: str) -> dict[object, Entity]:
+    def table(kind: str) -> dict[object, Entity]:
         return changed.setdefault(kind, dict(getattr(books, kind)))
 
     for entity in entities:
         kind, key = _locate(entity)
         if changed.get(kind, getattr(books, kind)).get(key) is entity:
             continue
-        page(kind)[key] = entity
+        table(kind)[key] = entity
         if isinstance(entity, Job | Part | Plate | Print):
             revisions[entity.id if isinstance(entity, Job) else entity.job] = object()
         if isinstance(entity, Print) and not entity.state.ended:
-            page("_open")[entity.id] = entity
-            page("_open_on")[entity.printer] = entity
+            table("_open")[entity.id] = entity
+            table("_open_on")[entity.printer] = entity
         elif isinstance(entity, Print):
-            page("_open").pop(entity.id, None)
-            on = page("_open_on").get(entity.printer)
+            table("_open").pop(entity.id, None)
+            on = table("_open_on").get(entity.printer)
             if isinstance(on, Print) and on.id == entity.id:
-                page("_open_on").pop(entity.printer)
-            if _ended_last(entity, page("_last").get(entity.printer)):
-                page("_last")[entity.printer] = entity
+                table("_open_on").pop(entity.printer)
+            if _ended_last(entity, table("_last").get(entity.printer)):
+                table("_last")[entity.printer] = entity
     if not changed:
         return books
     if revisions:
@@ -161,14 +163,14 @@ def put(books: Books, *entities: Entity) -> Books:
 
 
 def _ended_last(attempt: Print, before: Entity | None) -> bool:
-    """Tell whether an ended print is its printer's last; one that never began is not."""
+    """Return whether an ended print is its printer's last; one that never began does not count."""
     if attempt.started_s is None and attempt.state is PrintState.CANCELLED:
         return False
     return not isinstance(before, Print) or _order_key(attempt) >= _order_key(before)
 
 
 def _order_key(attempt: Print) -> tuple[int, float]:
-    """Return a key that is larger for the later of two prints; those of older farms have no number."""
+    """Return a key that is larger for the later of two prints; those of earlier versions have no number."""
     return attempt.number, attempt.ended_s or 0.0
 
 
@@ -189,7 +191,7 @@ def _locate(entity: Entity) -> tuple[str, object]:
     raise TypeError(f"the books keep no {type(entity).__name__}")
 
 
-def changed(before: Books, after: Books) -> Iterable[Entity]:
+def changed_entities(before: Books, after: Books) -> Iterable[Entity]:
     """Yield the entities of `after` that `before` does not have, or has with other fields."""
     for kind in ("jobs", "parts", "plates", "prints", "printers", "outages"):
         old, new = getattr(before, kind), getattr(after, kind)

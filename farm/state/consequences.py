@@ -1,11 +1,11 @@
-"""Consequences of a change for other entries of the books: a job's state, a bed, an outage. Pure."""
+"""Consequences of an event for other entities: a job's state, a bed, an outage. Pure."""
 
 from __future__ import annotations
 
 from farm.errors import ErrorCode
 from farm.model import Bed, Job, JobState, Outage, Plate, Print
 from farm.state import events as ev
-from farm.state.books import Books, edited, put
+from farm.state.books import Books, put, replace_fields
 from farm.state.outage import lost_together
 from farm.state.plate_state import PlateState, charged_failures, derive_job_state, successful_print
 
@@ -15,11 +15,11 @@ Result = tuple[Books, tuple[ev.AnyInstruction, ...]]
 
 
 def update_job_state(books: Books, number: int, at_s: float, reopen: bool = False) -> Books:
-    """Give a job the state that its plates have; one that was cancelled only where it is to `reopen`."""
+    """Derive a job's state from its plates; a cancelled one only with `reopen`."""
     job = books.jobs[number]
     if not job.plates or (job.state is JobState.CANCELLED and not reopen):
         return books
-    if job.state is JobState.HELD:  # what is left of its plan is still frozen
+    if job.state is JobState.HELD:  # its plan is frozen until a person approves it
         return books
     state = derive_job_state([books.plate_state(plate) for plate in books.plates_of(job)])
     ends_s = [
@@ -35,7 +35,7 @@ def update_job_state(books: Books, number: int, at_s: float, reopen: bool = Fals
             error, reason, ended_s = ErrorCode.ATTEMPTS, _why_failed(books, job), at_s
     if state is job.state and state is not JobState.PRINTED:
         return books
-    return put(books, edited(job, state=state, error=error, reason=reason, ended_s=ended_s))
+    return put(books, replace_fields(job, state=state, error=error, reason=reason, ended_s=ended_s))
 
 
 def _why_failed(books: Books, job: Job) -> str:
@@ -49,22 +49,22 @@ def _why_failed(books: Books, job: Job) -> str:
 
 
 def request_cancel(attempt: Print, reason: str) -> tuple[Print, ev.SendCancel]:
-    """Return an open print that is to be ended, and what its agent is told."""
-    stopped = edited(attempt, cancel_reason=attempt.cancel_reason or reason)
+    """Return an open print with a cancel reason, and the instruction to its agent."""
+    stopped = replace_fields(attempt, cancel_reason=attempt.cancel_reason or reason)
     return stopped, ev.SendCancel(print_id=attempt.id, printer=attempt.printer, reason=reason)
 
 
 def request_pause(attempt: Print, wanted: bool) -> tuple[Print, ev.SendPause]:
-    """Return an open print that is to wait or to go on, and what its agent is told."""
+    """Return an open print that is paused or resumed, and the instruction to its agent."""
     send = ev.SendPause(print_id=attempt.id, printer=attempt.printer, wanted=wanted)
-    return edited(attempt, pause_requested=wanted), send
+    return replace_fields(attempt, pause_requested=wanted), send
 
 
 def cancel_plate(books: Books, plate: Plate, reason: str) -> Result:
-    """Cancel a plate and its open prints; only a person's request brings it back.
+    """Cancel a plate and its open prints; only a person's request reopens it.
 
-    One that is printed stays printed; it is not tried again if it turns out bad. One that is good loses only
-    a print that makes it once more.
+    A printed plate stays printed, and is not printed again where it is judged bad. A good one loses only an
+    open print that would make it again.
     """
     state = books.plate_state(plate)
     if state is PlateState.CANCELLED:
@@ -72,29 +72,29 @@ def cancel_plate(books: Books, plate: Plate, reason: str) -> Result:
     stopped = [request_cancel(p, reason) for p in books.prints_of(plate) if not p.state.ended]
     if state is PlateState.GOOD:
         return put(books, *(attempt for attempt, _ in stopped)), tuple(stop for _, stop in stopped)
-    books = put(books, edited(plate, cancelled=True), *(attempt for attempt, _ in stopped))
+    books = put(books, replace_fields(plate, cancelled=True), *(attempt for attempt, _ in stopped))
     return books, tuple(instruction for _, instruction in stopped)
 
 
 def end_job(books: Books, number: int, state: JobState, at_s: float, error: ErrorCode, reason: str) -> Result:
-    """End a job as a whole: nothing of it that is not printed is tried again."""
+    """End a job with all of its plates: nothing more of it is printed."""
     job = books.job(number)
     instructions: list[ev.AnyInstruction] = []
     for plate in books.plates_of(job):
         books, stops = cancel_plate(books, plate, reason)
         instructions += stops
-    job = edited(job, state=state, ended_s=at_s, error=error, reason=reason, hold=None)
+    job = replace_fields(job, state=state, ended_s=at_s, error=error, reason=reason, hold=None)
     return put(books, job), tuple(instructions)
 
 
 def mark_printer_lost(books: Books, name: str, disconnected_at_s: float, at_s: float) -> Books:
-    """Book a lost printer; where others were lost with it, an outage, and no plate's failure."""
-    books = put(books, edited(books.printer(name), disconnected_at_s=disconnected_at_s))
+    """Book the loss of a printer; several at once are an outage, whose failures are not charged."""
+    books = put(books, replace_fields(books.printer(name), disconnected_at_s=disconnected_at_s))
     together = lost_together(name, books.printers.values(), books.outage_window_s)
     if len(together) < 2:
         return books
     outage = books.outage or Outage(id=len(books.outages) + 1, at_s=disconnected_at_s, printers=())
-    books = put(books, edited(outage, printers=tuple(sorted({*outage.printers, *together}))))
+    books = put(books, replace_fields(outage, printers=tuple(sorted({*outage.printers, *together}))))
     jobs = set()
     for attempt in list(books.prints.values()):
         printer = books.printers.get(attempt.printer)
@@ -103,7 +103,7 @@ def mark_printer_lost(books: Books, name: str, disconnected_at_s: float, at_s: f
             and printer is not None
             and attempt.ended_s == printer.disconnected_at_s
         ):
-            books = put(books, edited(attempt, charged=False))
+            books = put(books, replace_fields(attempt, charged=False))
             jobs.add(attempt.job)
     for number in sorted(jobs):
         books = update_job_state(books, number, at_s)
@@ -111,18 +111,17 @@ def mark_printer_lost(books: Books, name: str, disconnected_at_s: float, at_s: f
 
 
 def mark_bed_not_clear(books: Books, printer: str) -> Books:
-    """Book that something may lie on a bed; an unknown one stays unknown."""
+    """Book that a bed may not be clear; an unknown one stays unknown."""
     entry = books.printers[printer]
-    return put(books, edited(entry, bed=Bed.NOT_CLEAR)) if entry.bed is Bed.CLEAR else books
+    return put(books, replace_fields(entry, bed=Bed.NOT_CLEAR)) if entry.bed is Bed.CLEAR else books
 
 
 def shift_print_times(books: Books, by_s: float) -> Books:
     """Shift the times of open prints with the clock; times that a person gave stay."""
-
     return put(
         books,
         *(
-            edited(
+            replace_fields(
                 attempt,
                 assigned_s=attempt.assigned_s + by_s,
                 started_s=None if attempt.started_s is None else attempt.started_s + by_s,

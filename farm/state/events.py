@@ -8,25 +8,25 @@ from farm.errors import ErrorCode
 from farm.model import Bed, FilamentState, Hold, Job, Part, Plate, PrintState, Reel, Verdict
 
 A_PERSON = "a person"
-"""Who asked, where nobody knows more."""
+"""Caller of a command whose name is unknown."""
 
 
 class Event(BaseModel):
-    """Something that happened at `at_s` on the farm's clock."""
+    """Change that happened at `at_s` on the farm's clock."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
     at_s: float
 
 
 class PrinterAdded(Event):
-    """A printer of `fleet.yaml` that the books did not know."""
+    """A printer was added to `fleet.yaml`."""
 
     printer: str
     bed: Bed
 
 
 class ClockSet(Event):
-    """The host's clock was set ahead by so many seconds, or back where it is negative."""
+    """The host's clock was set forward by so many seconds; back where negative."""
 
     by_s: float
 
@@ -36,7 +36,7 @@ class JobSubmitted(Event):
 
 
 class JobHeld(Event):
-    """The job in front cannot begin yet."""
+    """A queued job got a reason to wait, or lost it."""
 
     job: int
     hold: Hold | None
@@ -47,7 +47,7 @@ class PlanningStarted(Event):
 
 
 class PlanningAbandoned(Event):
-    """The plan could not be made now (a daemon died, too few printers): the job waits in front again."""
+    """Planning ended without a plan (a daemon died, too few printers): the job is queued again."""
 
     job: int
     hold: Hold | None
@@ -66,11 +66,11 @@ class JobPlanned(Event):
     decomposition: str | None = None
     lower_bound_s: float | None = None
     plan: str | None = None
-    held: bool = False  # until a person approves this very plan
+    held: bool = False  # until a person approves this plan
 
 
 class JobApproved(Event):
-    """A person lets a held job print as it was planned."""
+    """A person approved the plan of a held job."""
 
     job: int
     by: str
@@ -96,8 +96,8 @@ class PlateAssigned(Event):
 class PlateReplaced(Event):
     """A waiting plate was sliced for another kind of printer, or its part was cut for several.
 
-    `parts` are those of the new plates; a part that was only sliced again keeps its name. The new plates go
-    on with the old one's prints, and so with its attempts.
+    `parts` are those of the new plates; a part that was only sliced again keeps its name. The new plates keep
+    the prints of the old one, and so its attempts.
     """
 
     plate: str
@@ -118,7 +118,7 @@ class PrintProgressed(Event):
 
 
 class PauseRequested(Event):
-    """A person wants an open print to wait, or to go on."""
+    """A person paused or resumed an open print."""
 
     print_id: str
     wanted: bool
@@ -126,7 +126,7 @@ class PauseRequested(Event):
 
 
 class PrintWithdrawn(Event):
-    """A print that its printer cannot begin was taken back; its plate goes elsewhere once the agent knows."""
+    """A print that its printer cannot begin was withdrawn; its plate is free once the agent confirms."""
 
     print_id: str
     reason: str
@@ -142,11 +142,11 @@ class PrintEnded(Event):
     extruded: bool
     filament: FilamentState
     starved_s: float = 0.0
-    printed_share: float | None = None  # of its layers' time; None: not known
+    printed_share: float | None = None  # of its layers' time; None: unknown
 
 
 class PrintFailRequested(Event):
-    """A person saw an open print go wrong: it is ended, and its plate printed again."""
+    """A person failed an open print: it is ended, and its plate printed again."""
 
     print_id: str
     why: str
@@ -154,7 +154,7 @@ class PrintFailRequested(Event):
 
 
 class PlatePaused(Event):
-    """A person keeps a plate that waits from every printer, or lets it go on."""
+    """A person paused or resumed a waiting plate."""
 
     plate: str
     wanted: bool
@@ -162,14 +162,14 @@ class PlatePaused(Event):
 
 
 class PlateCancelled(Event):
-    """A person wants nothing more of a plate."""
+    """A person cancelled a plate."""
 
     plate: str
     by: str
 
 
 class ReprintRequested(Event):
-    """A person wants a plate printed again, whatever became of it."""
+    """A person asked for a plate to be printed again."""
 
     plate: str
     why: str
@@ -177,7 +177,7 @@ class ReprintRequested(Event):
 
 
 class JobPaused(Event):
-    """A person wants a job to wait (what prints is parked, nothing of it starts), or to go on."""
+    """A person paused a job (its prints are parked, none starts) or resumed it."""
 
     job: int
     wanted: bool
@@ -185,7 +185,7 @@ class JobPaused(Event):
 
 
 class MaintenanceStarted(Event):
-    """A person takes a printer out of use; what it prints goes on to its end."""
+    """A person took a printer out of use; its open print goes on to the end."""
 
     printer: str
     why: str
@@ -193,43 +193,43 @@ class MaintenanceStarted(Event):
 
 
 class MaintenanceEnded(Event):
-    """A person put a printer back into use, and looked at what had to be looked at."""
+    """A person inspected a printer and put it back into use."""
 
     printer: str
     by: str
 
 
 class PrinterLost(Event):
-    """The board of an idle printer, or the way to it, is gone."""
+    """The connection to the board of an idle printer was lost."""
 
     printer: str
 
 
 class OutageConfirmed(Event):
-    """A person has seen to what took several printers at once."""
+    """A person has dealt with an outage."""
 
     by: str
 
 
 class BedCleared(Event):
-    """A person cleared the bed, looked at what had to be looked at, and judged what was printed there."""
+    """A person cleared the bed, inspected the printer, and judged the printed part."""
 
     printer: str
     by: str
     filament: FilamentState | None = None
     verdict: Verdict = Verdict.GOOD
     why: str | None = None
-    whole: str | None = None  # a print that had failed there: its part is whole and good
+    whole: str | None = None  # a failed print whose part is whole and good
 
 
 class BooksRestored(Event):
-    """The books were damaged; these are as they were at `copied_s`. What was printed since is not known."""
+    """The database was restored from a backup of `copied_s`; prints since then are unknown."""
 
     copied_s: float
 
 
 class PrintFound(Event):
-    """An agent has, or had, a print that books restored from a copy do not know; its plate they do."""
+    """An agent has a print that the restored books do not know, of a plate that they know."""
 
     plate: str
     printer: str
@@ -237,14 +237,14 @@ class PrintFound(Event):
 
 
 class AgentJournalImported(Event):
-    """An agent has said what it printed since the books were copied; no plate waits for `unknown` of it."""
+    """An agent has listed its prints since the backup; `unknown` of them match no waiting plate."""
 
     printer: str
     unknown: int
 
 
 class ReelLoaded(Event):
-    """A person put a reel on a printer, or said how much is on it."""
+    """A person loaded a reel on a printer, or reported its grams."""
 
     printer: str
     reel: Reel
@@ -252,7 +252,7 @@ class ReelLoaded(Event):
 
 
 class BedReported(Event):
-    """An emulator reported its bed and filament; it counts where the books do not know."""
+    """An emulator reported its bed and filament, which count where the books do not know them."""
 
     printer: str
     bed: Bed
@@ -260,14 +260,14 @@ class BedReported(Event):
 
 
 class PrinterAlarmed(Event):
-    """A heater cannot be switched off, or what was done about it became known."""
+    """An agent reported a heater that cannot be switched off, or what it did about it."""
 
     printer: str
     reason: str
 
 
 class BedBecameUnknown(Event):
-    """Something happened at the printer that the farm did not cause: bed and filament are not known."""
+    """Something happened at a printer that the farm did not cause: bed and filament are unknown."""
 
     printer: str
     reason: str
@@ -315,7 +315,7 @@ class Instruction(BaseModel):
 
 
 class SendStart(Instruction):
-    """Have an agent begin a print, within the hours that are known when it is sent."""
+    """Start a print, within the limits of hours when it is sent."""
 
     print_id: str
     printer: str

@@ -11,10 +11,10 @@ from drivers.errors import Fault
 
 
 class OwnFault(StrEnum):
-    """Fault of a print that the farm finds itself."""
+    """Fault of a print that the farm finds, not a driver."""
 
     BY_A_PERSON = "by_a_person"  # a person saw it go wrong (`farm fail`)
-    PRINT_LOST = "print_lost"  # its agent knows nothing of it any more
+    PRINT_LOST = "print_lost"  # its agent has no record of it any more
     REFUSED = "refused"  # its agent would not start it
 
 
@@ -28,8 +28,8 @@ LOSSES: frozenset[str] = frozenset(
         OwnFault.PRINT_LOST,
     }
 )
-"""Faults of a board, or of the way to it, that was gone."""
+"""Faults in which a board, or the connection to it, was lost."""
 BY_PEOPLE: frozenset[str] = frozenset({OwnFault.BY_A_PERSON, Fault.ESTOP})
 """Faults where a person ended the print."""
 UNCHARGED: frozenset[str] = BY_PEOPLE | {Fault.HOURS_ENDED, OwnFault.REFUSED}
-"""Faults that are not charged to a plate's attempts: nothing went wrong with it."""
+"""Faults that do not count as an attempt of a plate: nothing was wrong with it."""

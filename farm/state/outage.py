@@ -7,14 +7,14 @@ from collections.abc import Iterable
 from farm.model import Printer
 
 WINDOW_S = 10.0
-"""Seconds between two losses that have one cause."""
+"""Most seconds between two losses with one cause."""
 _LEAST_WALL_S = 1.0
 
 
-def window_s(scale: float) -> float:
+def outage_window_s(scale: float) -> float:
     """Return the window in farm seconds, on a clock of `scale` of them in a wall second.
 
-    The host tells of several losses one after the other: no shorter than that takes it.
+    It is no shorter than the time in which the host reports several losses one after the other.
     """
     return max(WINDOW_S, _LEAST_WALL_S * scale)
 
@@ -27,14 +27,14 @@ def lost_together(name: str, printers: Iterable[Printer], window_s: float = WIND
     name
         A printer that has just been lost.
     printers
-        The fleet, with when each was lost last.
+        The fleet, with the time of each last loss.
     window_s
         Farm seconds.
 
     Returns
     -------
     tuple of str
-        In the order of the names, this one among them.
+        Their names in order, with this one.
     """
     when = {
         printer.name: printer.disconnected_at_s

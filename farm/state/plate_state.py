@@ -1,7 +1,7 @@
 """States of a plate, and of the job that it belongs to. Pure.
 
-A print that is done is not yet good: a person's word makes it good or bad. A bad one counts for nothing; the
-plate waits again. A failure of the farm's own is charged to the plate's attempts; what a person ended is not.
+A person judges the part of a done print good or bad; after a bad one the plate waits again. A failure counts
+as one of the plate's attempts, unless a person ended the print.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ ATTEMPTS = 3
 
 
 class PlateState(StrEnum):
-    """State of a plate, derived from its prints and a person's wishes."""
+    """State of a plate, derived from its prints and from commands of people."""
 
     WAITING = "waiting"
     PRINTING = "printing"
-    PRINTED = "printed"  # nobody has looked at it
+    PRINTED = "printed"  # not judged yet
     GOOD = "good"
     OUT_OF_ATTEMPTS = "out_of_attempts"
     CANCELLED = "cancelled"
@@ -29,18 +29,18 @@ class PlateState(StrEnum):
 
 
 def successful_print(prints: Iterable[Print]) -> Print | None:
-    """Return the print that a plate's parts come from: done, and not called bad."""
+    """Return the print that made a plate's parts: done, and not judged bad; None where there is none."""
     return next((p for p in prints if p.state is PrintState.DONE and p.verdict is not Verdict.BAD), None)
 
 
 def stopped_print(plate: Plate, prints: Iterable[Print]) -> Print | None:
-    """Return the print that a person stopped by `farm estop`, where the plate waits for their word since."""
+    """Return the print that `farm estop` stopped, where its plate waits for a person since; else None."""
     last = next(reversed(list(prints)), None)
     return last if plate.paused and last is not None and last.fault == Fault.ESTOP else None
 
 
 def charged_failures(plate: Plate, prints: Iterable[Print]) -> list[Print]:
-    """Return the failures that are charged to a plate since a person last asked for it."""
+    """Return the failures that count as attempts of a plate since a person last asked for it."""
     counted = frozenset(plate.prints[plate.counted_from :])
     return [p for p in prints if p.id in counted and p.state is PrintState.FAILED and p.charged]
 
@@ -62,7 +62,7 @@ def derive_plate_state(plate: Plate, prints: Collection[Print]) -> PlateState:
 
 
 def derive_job_state(plates: Collection[PlateState]) -> JobState:
-    """Derive the state of a planned job. A plate that is out of attempts stops none of the others."""
+    """Derive the state of a planned job; a plate that is out of attempts does not stop the others."""
     if PlateState.WAITING in plates or PlateState.PRINTING in plates:
         return JobState.PRINTING
     if PlateState.OUT_OF_ATTEMPTS in plates:

@@ -9,12 +9,12 @@ from farm.model import Plate, Printer, PrintState, Reel
 
 
 def used_grams(plate: Plate, state: PrintState, extruded: bool, share: float | None) -> float:
-    """Compute the grams that an ended print used: all of its plate's where its progress is not known.
+    """Compute the grams that an ended print used: those of its whole plate where its progress is unknown.
 
     Parameters
     ----------
     share
-        Printed share of its layers' time, 0 to 1; None where it is not known.
+        Printed share of its layers' time, 0 to 1; None where unknown.
     """
     if state is PrintState.DONE:
         return plate.grams
@@ -24,21 +24,21 @@ def used_grams(plate: Plate, state: PrintState, extruded: bool, share: float | N
 
 
 def subtract_grams(reel: Reel | None, grams: float) -> Reel | None:
-    """Return the reel with so much less on it, and never less than nothing."""
+    """Return the reel with so many grams less, at least 0."""
     if reel is None or reel.grams is None:
         return reel
     return reel.model_copy(update={"grams": max(0.0, reel.grams - grams)})
 
 
 def mark_uncertain(reel: Reel | None) -> Reel | None:
-    """Return the reel where prints may have used some of it that are not known."""
+    """Return the reel with its grams marked as uncertain: unknown prints may have used some."""
     if reel is None or reel.grams is None:
         return reel
-    return reel.model_copy(update={"doubted": True})
+    return reel.model_copy(update={"uncertain": True})
 
 
 def section_with_reel(section: PrinterSection, reel: Reel | None) -> PrinterSection:
-    """Return a printer of `fleet.yaml` with the reel that a person has loaded since."""
+    """Return the section of a printer with the reel that a person has loaded."""
     if reel is None:
         return section
     has = {"material": reel.material, "colour": reel.colour, "nozzle_mm": reel.nozzle_mm}
@@ -46,7 +46,7 @@ def section_with_reel(section: PrinterSection, reel: Reel | None) -> PrinterSect
 
 
 def fleet_with_reels(fleet: Fleet, printers: Mapping[str, Printer]) -> Fleet:
-    """Return the fleet with the reels that are loaded now."""
+    """Return the fleet with the loaded reels."""
     sections = tuple(
         section_with_reel(section, entry.reel if (entry := printers.get(section.name)) is not None else None)
         for section in fleet.printers

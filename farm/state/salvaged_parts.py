@@ -1,16 +1,16 @@
-"""Parts that are whole although their print failed: its agent died before it noted the end. Pure."""
+"""Parts that are whole although their print failed: its agent died before it recorded the end. Pure."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 
 from farm.model import Bed, Plate, Print, PrintState, Verdict
-from farm.state.books import Books, edited, put
+from farm.state.books import Books, put, replace_fields
 from farm.state.consequences import Result, request_cancel, update_job_state
 from farm.state.plate_state import PlateState
 from farm.state.reels import subtract_grams
 
-_SOONEST = 0.8  # of the time that a plate should take: no printer is quicker
+_SOONEST = 0.8  # share of the expected time of a plate: no printer is faster
 _WANTED = (PlateState.WAITING, PlateState.PRINTING, PlateState.OUT_OF_ATTEMPTS)
 
 
@@ -20,7 +20,7 @@ def part_name(books: Books, attempt: Print) -> str:
 
 
 def failed_print_on(books: Books, printer: str) -> Print | None:
-    """Return the failed or cancelled print whose part lies on a bed; None where nothing lies there."""
+    """Return the failed or cancelled print whose part is on a bed; None where there is none."""
     last = books.last_print_on(printer)
     if last is None or books.open_print_on(printer) is not None or books.printer(printer).bed is Bed.CLEAR:
         return None
@@ -30,7 +30,8 @@ def failed_print_on(books: Books, printer: str) -> Print | None:
 def possibly_whole_print(books: Books, printer: str) -> Print | None:
     """Return the failed print on a bed that took as long as its plate does, if its part is still wanted.
 
-    How far an agent was when it died is not known; when the next one had ended the heat is.
+    The progress at the death of an agent is unknown; the time at which the next one switched the heat off is
+    known.
     """
     attempt = failed_print_on(books, printer)
     if attempt is None or attempt.state is not PrintState.FAILED or attempt.fail_reason is not None:
@@ -46,12 +47,12 @@ def possibly_whole_print(books: Books, printer: str) -> Print | None:
 
 
 def reprinting_printers(books: Books, attempt: Print) -> list[str]:
-    """Return the printers that print a print's part again."""
+    """Return the printers that are printing a print's part again."""
     return sorted(other.printer for other in _reprints(books, attempt) if other.cancel_reason is None)
 
 
 def attempted_plates(books: Books, attempt: Print) -> Iterator[Plate]:
-    """Yield the plates that a print is an attempt at; several where its part was cut again."""
+    """Yield the plates that a print is an attempt at; several where its part was recut."""
     return (p for p in books.plates_of(books.jobs[attempt.job]) if attempt.id in p.prints)
 
 
@@ -61,21 +62,21 @@ def _reprints(books: Books, attempt: Print) -> list[Print]:
 
 
 def book_part_whole(books: Books, print_id: str, by: str, at_s: float) -> Result:
-    """Book a failed print as done and good. A reprint that has not begun is taken back, others go on."""
+    """Book a failed print as done and good. A reprint that has not begun is withdrawn, others go on."""
     attempt = books.prints[print_id]
     plate, printer = books.plates[attempt.plate], books.printer(attempt.printer)
-    was = attempt.reason or attempt.fault or "it failed"
-    whole = edited(
+    failure = attempt.reason or attempt.fault or "it failed"
+    whole = replace_fields(
         attempt,
         state=PrintState.DONE,
         fault=None,
         reason=None,
         verdict=Verdict.GOOD,
-        verdict_why=f"confirmed good by {by}, though its print failed: {was}",
+        verdict_why=f"confirmed good by {by}, though its print failed: {failure}",
         grams=plate.grams,
     )
     reel = subtract_grams(printer.reel, plate.grams - attempt.grams)
     not_begun = [p for p in _reprints(books, attempt) if p.state is PrintState.ASSIGNED]
     stopped = [request_cancel(p, f"{part_name(books, attempt)} was confirmed good") for p in not_begun]
-    books = put(books, whole, edited(printer, reel=reel), *(p for p, _ in stopped))
+    books = put(books, whole, replace_fields(printer, reel=reel), *(p for p, _ in stopped))
     return update_job_state(books, attempt.job, at_s), tuple(stop for _, stop in stopped)

@@ -6,8 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from farm.model import Job, Print, PrintState, Verdict
-from farm.state.books import Books
-from farm.state.plate_state import PlateState
+from farm.state import Books, PlateState
 
 NIGHT_S = 16 * 3600.0
 """Length of the last night as people see it: in the morning it begins in the afternoon before."""

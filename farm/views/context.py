@@ -9,7 +9,7 @@ from datetime import datetime
 from farm.config import Fleet
 from farm.model import AgentPrint, AgentSnapshot, Hold, Job, Link, PlanProgress, Plate, Print
 from farm.paths import StateFolder
-from farm.state.books import Books
+from farm.state import Books
 
 
 @dataclass(frozen=True, slots=True)

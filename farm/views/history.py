@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from farm import api
 from farm.model import Job, JobState, Print
-from farm.state.books import Books
+from farm.state import Books
 from farm.views.accounting import duration_s, is_wasted, summarise_night
 from farm.views.context import ViewContext
 from farm.views.jobs import describe_print

@@ -8,15 +8,14 @@ from dataclasses import dataclass
 from farm import api
 from farm.errors import EXIT_CODES, ExitCode
 from farm.model import HoldCode, Job, JobState, Plate, Print, PrintState, Verdict
-from farm.state.books import Books
-from farm.state.plate_state import PlateState
+from farm.state import Books, PlateState
 from farm.views.accounting import duration_s, summarise_job
 from farm.views.context import ViewContext
 
 _TEMPORARY_HOLDS = {
-    HoldCode.NOT_FRONT, HoldCode.PRINTER_BUSY, HoldCode.ALL_ITS_PRINTERS_BUSY, HoldCode.PRINTER_CONNECTING,
+    HoldCode.NOT_FIRST, HoldCode.PRINTER_BUSY, HoldCode.JOB_PRINTER_LIMIT, HoldCode.PRINTER_CONNECTING,
     HoldCode.START_TIME, HoldCode.QUIET_HOURS, HoldCode.UNATTENDED, HoldCode.HEATING_LIMIT,
-    HoldCode.KEPT_AS_SPARE, HoldCode.JUST_LOST, HoldCode.CUT_AGAIN,
+    HoldCode.KEPT_AS_SPARE, HoldCode.JUST_LOST, HoldCode.BEING_RECUT,
 }  # fmt: skip
 
 

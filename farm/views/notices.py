@@ -9,8 +9,7 @@ from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 
 from farm.model import JobState, PrintState
-from farm.state.books import Books
-from farm.state.faults import BY_PEOPLE
+from farm.state import BY_PEOPLE, Books
 from farm.text import format_duration
 
 _LEFT_TO_DO = (JobState.QUEUED, JobState.PLANNING, JobState.HELD, JobState.PRINTING)

@@ -20,9 +20,7 @@ from farm.model import (
     Print,
     PrintState,
 )
-from farm.state.books import Books
-from farm.state.plate_state import stopped_print
-from farm.state.salvaged_parts import part_name, possibly_whole_print
+from farm.state import Books, part_name, possibly_whole_print, stopped_print
 from farm.text import format_count, format_mass
 from farm.views.context import ViewContext
 
@@ -250,7 +248,7 @@ def _list_reels(books: Books, plate_holds: Mapping[str, Hold]) -> Iterator[api.T
     for name, what in sorted(short.items()):
         text = f"{what}: load a reel, then `farm load {name}`"
         yield api.Todo(code="reel", printers=[name], text=text, brief=what)
-    uncertain = [name for name, printer in books.printers.items() if printer.reel and printer.reel.doubted]
+    uncertain = [name for name, printer in books.printers.items() if printer.reel and printer.reel.uncertain]
     if uncertain:
         names = " ".join(uncertain)
         text = f"weigh the reels of {names} (the database was restored), then `farm load PRINTER --grams G`"

@@ -7,13 +7,8 @@ from collections.abc import Iterable, Iterator
 from farm import api
 from farm.errors import Refused
 from farm.model import Plate
-from farm.scheduling.forecast import Slot, forecast
-from farm.scheduling.matching import FleetPrinter
-from farm.scheduling.situation import Situation
-from farm.scheduling.situation_builder import describe_plates
-from farm.scheduling.start_rules import StartRules
-from farm.state.books import Books
-from farm.state.plate_state import PlateState
+from farm.scheduling import FleetPrinter, Situation, Slot, StartRules, describe_plates, forecast_prints
+from farm.state import Books, PlateState
 from farm.views.context import ViewContext
 from farm.views.jobs import sum_prices
 
@@ -44,7 +39,7 @@ def describe_timeline(
     plates = {plate.id: plate for plate in books.plates_of(job)}
     waiting = [plate for plate in plates.values() if books.plate_state(plate) is PlateState.WAITING]
     views = tuple(describe_plates(waiting, books))
-    expected = forecast(Situation(views, tuple(printers), rules, context.now_s))
+    expected = forecast_prints(Situation(views, tuple(printers), rules, context.now_s))
     slots = [*_list_begun_slots(plates.values(), books), *expected.slots]
     slots.sort(key=lambda slot: (slot.starts_s, slot.printer))
     begin_s = min((slot.starts_s for slot in slots), default=context.now_s)

@@ -3,9 +3,9 @@
 from farm.config import Fleet
 from farm.model import JobOptions
 from farm.planning.part_records import SliceBatch, SlicedPart
-from farm.planning.parts.slice_tasks import build_slice_tasks
 from farm.planning.plan import DecomposeTask, SlicedJob
 from farm.planning.plate_times import prelude_seconds
+from farm.planning.slice_batch import build_slice_tasks
 
 MODEL = "ultimaker2_plus"
 

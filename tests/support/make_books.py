@@ -5,9 +5,8 @@ import itertools
 from farm.model import Bed, FilamentState, Job, JobOptions, Part, PartGeometry, Plate, PrintState
 from farm.state import events as ev
 from farm.state.books import Books
-from farm.state.lifecycles import undeclared_changes
-from farm.state.transitions import apply
-from farm.state.validate import validate
+from farm.state.transitions import apply, undeclared_changes
+from farm.state.validation import validate_books
 
 PRINTERS = ("a", "b", "c")
 
@@ -74,7 +73,7 @@ def run(books, *events):
         before = books
         books, more = apply(event, before)
         assert undeclared_changes(event, before, books) == []
-        assert validate(books) == []
+        assert validate_books(books) == []
         instructions += more
     return books, instructions
 

@@ -3,15 +3,15 @@
 from drivers.clock import Clock
 from farm.api import ClearedRequest
 from farm.config import Fleet
-from farm.control.admission import StartPlanning
 from farm.control.controller import Controller
 from farm.control.job_commands import JobCommands
 from farm.control.part_commands import PartCommands
 from farm.control.printer_commands import PrinterCommands
 from farm.model import AgentSnapshot, FilamentState, Link, Verdict
-from farm.planning.parts.part_rooms import bed_boxes
 from farm.planning.plan import InspectedSubmission
+from farm.planning.printer_settings import bed_boxes
 from farm.planning.replanning.coordinator import StartReplan
+from farm.scheduling.admission import StartPlanning
 from farm.state.storage.store import Store
 
 MODEL = InspectedSubmission("m.npz", ("closed 3 holes",), 1000.0)

@@ -3,7 +3,6 @@
 import shutil
 from dataclasses import dataclass, field
 
-from farm.control.admission import StartPlanning
 from farm.control.controller import Controller
 from farm.errors import FarmError
 from farm.model import (
@@ -17,8 +16,9 @@ from farm.model import (
     PrintState,
     Verdict,
 )
-from farm.planning.parts.part_rooms import bed_boxes
 from farm.planning.plan import Plan
+from farm.planning.printer_settings import bed_boxes
+from farm.scheduling.admission import StartPlanning
 from farm.state import events as ev
 from farm.state.storage.store import Store
 from make_books import plan as planned

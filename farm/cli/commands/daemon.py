@@ -56,7 +56,7 @@ def up(
 
 
 def _load_fleet(places: Places) -> Fleet:
-    from farm.planning.inspection.fleet_check import find_mistake
+    from farm.planning.inspection import find_mistake
 
     return load_fleet(places.fleet, frozenset(PROFILES), find_mistake)
 

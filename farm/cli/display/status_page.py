@@ -204,7 +204,7 @@ def _format_action(printer: api.PrinterView) -> str:
     if printer.maintenance is not None:
         return f"maintenance --done ({printer.maintenance})"
     words = {
-        HoldCode.NEEDS_A_LOOK: "inspect, then clear",
+        HoldCode.NEEDS_INSPECTION: "inspect, then clear",
         HoldCode.BED_NOT_CLEAR: "clear",
         HoldCode.FILAMENT_UNKNOWN: "clear with --filament",
         HoldCode.PRINTER_ABSENT: "wait (connecting)",

@@ -1,1 +1,10 @@
-"""Inspection of submissions and of the fleet file, before anything is planned."""
+"""Inspection of submissions and of the fleet file, before anything is planned.
+
+The functions that workers run are named in `farm.planning.tasks`; their modules load numpy.
+"""
+
+from farm.planning.inspection.fleet_check import find_mistake
+
+__all__ = [
+    "find_mistake",
+]

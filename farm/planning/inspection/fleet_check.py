@@ -4,18 +4,18 @@ from __future__ import annotations
 
 from drivers.printers import PROFILES
 from farm.config import PrinterSection
-from farm.planning.slicing_printers import slicing_printer
+from farm.planning.printer_settings import slicing_printer
 from slicing.errors import BadSetting, SlicingError
 from slicing.settings import SettingsRequest, find_resources, resolve_settings
 
 
 def find_mistake(section: PrinterSection) -> tuple[str, str] | None:
-    """Find the first key of a printer that Cura's files have nothing for.
+    """Find the first value in a printer's section that Cura's files do not know.
 
     Returns
     -------
     tuple[str, str] | None
-        The key, and what there is instead. None where all is well, or where Cura's files are missing (a
+        The key, and the known values. None where all are known, or where Cura's files are missing (a
         submission reports that).
     """
     request = SettingsRequest(

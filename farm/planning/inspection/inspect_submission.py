@@ -1,16 +1,25 @@
-"""Inspection of a submitted file, a model or G-code, before its job is taken. Runs in a worker."""
+"""Inspection of a submitted file before its job is taken: a model is read, repaired and scaled once."""
 
 from __future__ import annotations
 
+import uuid
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
+
+from decompose.errors import ModelTooDetailed
+from decompose.geometry import Model, Solid, load_model
+from farm.compute import process_bytes
 from farm.config import PrinterSection
+from farm.errors import ErrorCode, FarmError
 from farm.model import JobOptions
-from farm.planning.inspection.inspect_model import inspect_model
+from farm.planning.error_translation import translate_errors
 from farm.planning.inspection.own_gcode import inspect_gcode, is_gcode
 from farm.planning.plan import InspectedSubmission
 from farm.planning.printer_settings import check_settings
+from farm.state.storage import store_file
+from slicing.settings import find_engine, find_resources
 
 
 def inspect_submission(
@@ -23,7 +32,7 @@ def inspect_submission(
     path
         The upload.
     name
-        The file's name as a person knows it; its suffix tells a model from G-code.
+        The file's name as a person knows it; its suffix distinguishes models from G-code.
     options
         Options of the submission.
     printers
@@ -40,3 +49,55 @@ def inspect_submission(
         return inspect_gcode(path, name, options, printers, files)
     check_settings(printers, options)
     return inspect_model(path, name, options, files)
+
+
+def inspect_model(path: Path, name: str, options: JobOptions, files: Path) -> InspectedSubmission:
+    """Read, repair and scale a model, and store it as a solid; runs in a worker.
+
+    Parameters
+    ----------
+    name
+        The file's name as a person knows it.
+    files
+        The file store.
+
+    Raises
+    ------
+    FarmError
+        `model` with the reason, where it is no solid and cannot be repaired; `limit` where this process
+        has too little memory for it; `engine` where CuraEngine is missing.
+    """
+    with translate_errors():
+        find_engine()
+        find_resources()
+        try:
+            model = load_model(
+                path,
+                name=name,
+                scale=options.scale,
+                longest_side_mm=options.longest_side_mm,
+                memory_bytes=process_bytes(),
+            )
+        except ModelTooDetailed as error:
+            detail = f"{error}, or raise `fleet.compute.memory_gb` in fleet.yaml"
+            raise FarmError(detail, ErrorCode.LIMIT) from error
+        vertices, faces = model.solid.arrays()
+    temporary = path.with_name(f"solid-{uuid.uuid4().hex}.npz")
+    np.savez_compressed(
+        temporary,
+        vertices=vertices,
+        faces=faces,
+        scale=model.scale,
+        repairs=np.array(model.repairs, dtype=np.str_),
+    )
+    return InspectedSubmission(store_file(files, temporary), tuple(model.repairs), float(model.scale))
+
+
+def read_inspected(path: Path) -> Model:
+    """Read the model that `inspect_model` stored, exactly. Raises FarmError with code `model`."""
+    try:
+        with np.load(path) as saved:
+            solid = Solid.from_arrays(saved["vertices"], saved["faces"])
+            return Model(solid, tuple(map(str, saved["repairs"])), float(saved["scale"]))
+    except (OSError, ValueError, KeyError) as error:
+        raise FarmError(f"the stored model {path} cannot be read: {error}", ErrorCode.MODEL) from error

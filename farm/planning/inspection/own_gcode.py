@@ -9,19 +9,18 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from drivers.emulator.firmware.planner import CAPACITY, Limits, Planner
 from drivers.errors import BadGcode
 from drivers.gcode import read_program
-from drivers.printers import PROFILES
+from drivers.printers import PROFILES, Profile
 from farm.config import PrinterSection
 from farm.errors import ErrorCode, FarmError
 from farm.model import JobOptions, OwnGcode, Part, PartGeometry, Plate
 from farm.planning.error_translation import translate_errors
-from farm.planning.inspection.move_times import FirmwareTime
-from farm.planning.parts.part_rooms import bed_boxes
 from farm.planning.plan import DecomposeTask, InspectedSubmission, Plan
 from farm.planning.plate_times import plate_seconds
-from farm.planning.printer_settings import matching_printers, printer_settings
-from farm.state.storage.file_store import sha256_of, store_file
+from farm.planning.printer_settings import bed_boxes, matching_printers, printer_settings
+from farm.state.storage import sha256_of, store_file
 from slicing.errors import GcodeRefused
 from slicing.own_gcode import MAX_LINE_BYTES, AcceptedGcode, PrintTarget, accept_gcode, quote_text
 from slicing.settings import EngineSettings, find_resources
@@ -34,10 +33,10 @@ _PACKED = {
     ".ufp": "let Cura write G-code instead of a format package",
 }
 _IDENTITY = (1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0)
-_REACH_MM = 10.0  # above its build height the bed still goes down: what a last hop may use
+_REACH_MM = 10.0  # travel of the bed below the build height, for a last hop
 _SLACK_MM = 0.05
 _SAME_MATERIAL = {"PET": "PETG", "CPE": "PETG", "PA": "NYLON", "FLEX": "TPU"}
-_APART_C = 30.0  # brands of one material are not so far apart
+_APART_C = 30.0  # brands of one material differ by less
 
 
 def is_gcode(name: str) -> bool:
@@ -46,7 +45,7 @@ def is_gcode(name: str) -> bool:
     Raises
     ------
     FarmError
-        It is G-code that is packed.
+        Where it is packed G-code.
     """
     lower = name.lower()
     packing = next((suffix for suffix in _PACKED if lower.endswith(suffix)), None)
@@ -76,7 +75,7 @@ def inspect_gcode(
     section = _find_fitting_printer(matching, accepted, name)
     own = _measure_needs(accepted, section)
     stored = path.with_name(f"gcode-{uuid.uuid4().hex}.gcode")
-    stored.hardlink_to(path)  # where its worker dies now, another one reads the upload
+    stored.hardlink_to(path)  # the upload stays: another worker reads it where this one dies
     return InspectedSubmission(store_file(files, stored), _list_notices(accepted, section), 1.0, own)
 
 
@@ -99,7 +98,7 @@ def plan_gcode(task: DecomposeTask, files: Path) -> Plan:
     nozzle_mm = _common_nozzle_mm(order)
     accepted = _rewrite(task.model, order[0], nozzle_mm, "the file")
     section = _find_fitting_printer(order, accepted, "the file")
-    if section is not order[0]:  # its material may be another
+    if section is not order[0]:  # it may have another material
         accepted = _rewrite(task.model, section, nozzle_mm, "the file")
     part, plate = _book_gcode(task, accepted, section, files)
     expected_s = plate.expected_s
@@ -184,7 +183,7 @@ def _resolve_material(section: PrinterSection) -> EngineSettings:
 
 
 def _list_notices(accepted: AcceptedGcode, section: PrinterSection) -> tuple[str, ...]:
-    """List what was changed, and warn where the file looks like one for another material."""
+    """List the changes, and warn where the file seems to be sliced for another material."""
     notices = list(accepted.notices)
     own, kind = accepted.filament_type, find_resources().material_kind(section.material)
     if own is not None and kind is not None and _material_kind(own) != _material_kind(kind):
@@ -202,7 +201,7 @@ def _list_notices(accepted: AcceptedGcode, section: PrinterSection) -> tuple[str
 
 
 def _material_kind(kind: str) -> str:
-    """Return the one name of a material's kind: slicers and Cura have several for some."""
+    """Return one name for each kind of material: slicers and Cura have several for some."""
     first = re.split(r"[\s\d_+-]", kind.strip().upper().removeprefix("TOUGH "), maxsplit=1)[0]
     return _SAME_MATERIAL.get(first, first)
 
@@ -286,3 +285,30 @@ class _Lines:
         with self.path.open("rb") as file:
             while line := file.readline(MAX_LINE_BYTES):
                 yield line
+
+
+class FirmwareTime:
+    """Stopwatch for moves that never wait for the host, by the planner of the firmware."""
+
+    def __init__(self, profile: Profile) -> None:
+        self._planner = Planner(Limits.of(profile), (*profile.ready_mm, 0.0), lambda _e_mm, _z_mm: None)
+        self._now_s = 0.0
+
+    def move(self, x: float, y: float, z: float, e: float, speed_mm_s: float) -> None:
+        """Add a move to a position in mm."""
+        planner = self._planner
+        if len(planner) >= CAPACITY:
+            self._now_s = planner.free_s()
+            planner.advance(self._now_s)
+        planner.add((x, y, z, e), speed_mm_s, self._now_s)
+
+    def wait(self, seconds: float) -> None:
+        """Add a pause after all moves."""
+        self._now_s = self.seconds(finish=True) + seconds
+
+    def seconds(self, finish: bool = False) -> float:
+        """Return the time so far; with `finish`, until the last move has ended."""
+        while finish and len(self._planner):
+            self._now_s = self._planner.end_s
+            self._planner.advance(self._now_s)
+        return self._now_s

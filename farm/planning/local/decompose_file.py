@@ -18,16 +18,15 @@ from decompose.options import BestOptions, Engine, Interior, Options, Parallelob
 from decompose.print_time import CostModel
 from decompose.printers import PrinterRoom
 from drivers.printers import PROFILES, part_room
-from farm.compute.memory import process_bytes
+from farm.compute import process_bytes
 from farm.errors import ErrorCode, FarmError, Refused
 from farm.planning.error_translation import translate_errors
-from farm.planning.parts.part_rooms import model_sizes
-from farm.planning.parts.print_recipe import recipe
-from farm.planning.slicing_printers import slicing_printer
+from farm.planning.parts.pricing import build_recipe
+from farm.planning.printer_settings import model_sizes, slicing_printer
 from slicing.settings import SettingsRequest, find_resources, resolve_settings
 
 MOST_PRINTERS = 100
-"""Number of printers to choose from, where a person names none."""
+"""Number of printers to choose from, where a person gives none."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -37,15 +36,15 @@ class DecomposeRequest:
     Attributes
     ----------
     printers
-        None: as many as are worth it, up to `MOST_PRINTERS`.
+        None: as many as save time, up to `MOST_PRINTERS`.
     volume_mm
         Build volume of a printer: x, y, z.
     interior, engine, score
         Names of `Interior`, `Engine` and `Score`.
     budget_s
-        Of the engine `best`.
+        Budget of the engine `best`.
     clear_s, assemble_s
-        Time to clear a bed, and to glue a part; a part more has to be worth them.
+        Time to clear a bed, and to glue a part; each further part has to save more.
     """
 
     printers: int | None
@@ -82,7 +81,7 @@ def decompose_to_folder(path: Path, out: Path, request: DecomposeRequest) -> dic
     """
     profile = max(
         PROFILES.values(), key=lambda p: (p.height_mm >= request.volume_mm[2], -p.height_mm)
-    )  # the lowest that is high enough; the first of two is a 2+, which has the larger clips
+    )  # the lowest that is high enough; of two alike the 2+ comes first, which has the larger clips
     room = part_room(profile, request.brim_mm, request.volume_mm)
     if not room:
         raise FarmError(f"a brim of {request.brim_mm:g} mm leaves no room on that bed", ErrorCode.NO_FIT)
@@ -100,7 +99,7 @@ def decompose_to_folder(path: Path, out: Path, request: DecomposeRequest) -> dic
             PrinterRoom(str(number), model_sizes(room, settings))
             for number in range(request.printers or MOST_PRINTERS)
         ]
-        cost = CostModel.from_recipe(replace(recipe(settings, prelude_s=0.0), brim_mm=request.brim_mm))
+        cost = CostModel.from_recipe(replace(build_recipe(settings, prelude_s=0.0), brim_mm=request.brim_mm))
         with ThreadPoolExecutor(os.cpu_count()) as executor:
             if request.printers is None:
                 goal = CountGoal(request.clear_s, request.assemble_s)
@@ -142,23 +141,23 @@ def _build_options(request: DecomposeRequest) -> Options:
 
 
 def _empty_for_parts(out: Path) -> None:
-    """Create the folder, and remove the parts that an earlier run left there.
+    """Create the folder, and remove the parts of an earlier run.
 
     Raises
     ------
     Refused
-        Where the folder has other things in it: parts of two models must not get mixed up.
+        Where the folder has other files in it: parts of two models must not get mixed up.
     """
     report = out / REPORT
     try:
         out.mkdir(parents=True, exist_ok=True)
-        ours = {REPORT, PICTURE, ASSEMBLY}
+        own_files = {REPORT, PICTURE, ASSEMBLY}
         if report.is_file():
-            ours |= {str(part.get("file")) for part in json.loads(report.read_text())["parts"]}
-        others = sorted(path.name for path in out.iterdir() if path.name not in ours)
+            own_files |= {str(part.get("file")) for part in json.loads(report.read_text())["parts"]}
+        others = sorted(path.name for path in out.iterdir() if path.name not in own_files)
         if others:
             raise Refused(f"{out}: contains other files ({others[0]}...); give an empty folder with --out")
-        for name in ours:
+        for name in own_files:
             (out / name).unlink(missing_ok=True)
     except (ValueError, KeyError, TypeError) as error:
         raise Refused(

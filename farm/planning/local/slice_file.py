@@ -12,20 +12,20 @@ from typing import Any
 
 from decompose.geometry import Model, load_model
 from drivers.printers import BEDS, Profile, RoomBox, part_room, place
-from farm.compute.memory import process_bytes
+from farm.compute import process_bytes
 from farm.errors import ErrorCode, FarmError
 from farm.planning.error_translation import translate_errors
 from farm.planning.part_records import SliceTask
 from farm.planning.parts.slice_part import settings_of, slice_part
 from farm.planning.plate_times import plate_seconds
-from farm.planning.slicing_printers import slicing_printer
+from farm.planning.printer_settings import slicing_printer
 from slicing.cache import trim_cache
 from slicing.errors import suggest_names
 from slicing.plate import PlateResult
 from slicing.settings import EngineSettings, SettingsRequest, find_engine, find_resources, resolve_settings
 
 OnStep = Callable[[str], None]
-_SPARE = 0.99  # of the largest size that fits: what is proposed is a rounded figure
+_SPARE = 0.99  # share of the largest size that fits: the proposed figures are rounded
 
 
 def default_cache(env: Mapping[str, str] = os.environ) -> Path | None:
@@ -66,57 +66,33 @@ def slice_to_file(
     cache: Path | None = None,
     on_step: OnStep = lambda _: None,
 ) -> dict[str, Any]:
-    """Slice a model as it stands, in the middle of the bed.
+    """Slice a model in its own pose, in the middle of the bed. Returns the report of `farm slice --json`.
 
     Parameters
     ----------
     out
-        The G-code file. It appears whole or not at all.
+        The G-code file, which is replaced at once.
     cache
         Folder of slices by content, as `slicing.plate` takes it.
     on_step
         Called with the name of each step.
-
-    Returns
-    -------
-    dict[str, Any]
-        The report of `farm slice --json`.
 
     Raises
     ------
     FarmError
         With the reason, in one line.
     """
-    profile = _find_printer(options.printer_model)
-    request = SettingsRequest(
-        slicing_printer(profile), options.quality, options.material, options.nozzle_mm, options.overrides
-    )
+    profile, request = _find_settings(options)
     _check_writable(out, path)
     with translate_errors():
         resources, engine = find_resources(), find_engine()
         settings = resolve_settings(request, resources)
-        model = load_model(
-            path,
-            scale=options.scale,
-            longest_side_mm=options.longest_side_mm,
-            memory_bytes=process_bytes(),
-            report=lambda step: on_step(f"{path.name}: {step}"),
-        )
-    x, y, z = map(float, model.extents_mm)
-    size = (x * settings.scale_xy, y * settings.scale_xy, z * settings.scale_z)  # as printed
-    room = part_room(profile, settings.brim_width_mm)
-    if place(size, room) is None:
-        raise FarmError(
-            f"{path.name} ({_format_size(size)} mm as printed) does not fit the {profile.title}: "
-            + _suggest_size(size, room, max(x, y, z), model.scale),
-            ErrorCode.NO_FIT,
-        )
+        model = _read_model(path, options, on_step)
+    room = _find_room(path.name, model, settings, profile)
     with tempfile.TemporaryDirectory(prefix="farm-slice-") as folder:
-        stl = Path(folder) / "model.stl"
-        model.mesh.export(stl)
         task = SliceTask(
             part=path.name,
-            stl=stl,
+            stl=Path(folder) / "model.stl",
             request=request,
             resources=resources,
             settings=settings,
@@ -125,13 +101,59 @@ def slice_to_file(
             out=Path(folder) / "model.gcode",
             cache=cache,
         )
-        on_step(f"slicing {path.name}")
-        result = slice_part(task, lambda share: on_step(f"slicing {path.name}, {share:.0%}"))
-        with translate_errors():
-            settings = settings_of(task, size[2])
-        _put(result.gcode, out)
+        report = _slice_model(model, task, profile, on_step)
+        _write_output(task.out, out)
     if cache is not None:
         trim_cache(cache)
+    return report
+
+
+def _find_settings(options: SliceOptions) -> tuple[Profile, SettingsRequest]:
+    """Find the printer's profile, and build the request for its settings."""
+    profile = _find_printer(options.printer_model)
+    request = SettingsRequest(
+        slicing_printer(profile), options.quality, options.material, options.nozzle_mm, options.overrides
+    )
+    return profile, request
+
+
+def _read_model(path: Path, options: SliceOptions, on_step: OnStep) -> Model:
+    """Read the model in the size that a person asked for."""
+    return load_model(
+        path,
+        scale=options.scale,
+        longest_side_mm=options.longest_side_mm,
+        memory_bytes=process_bytes(),
+        report=lambda step: on_step(f"{path.name}: {step}"),
+    )
+
+
+def _find_room(name: str, model: Model, settings: EngineSettings, profile: Profile) -> tuple[RoomBox, ...]:
+    """Return the room for a part with its brim. Raises FarmError where the model does not fit it."""
+    room = part_room(profile, settings.brim_width_mm)
+    size = _printed_size_mm(model, settings)
+    if place(size, room) is None:
+        raise FarmError(
+            f"{name} ({_format_size(size)} mm as printed) does not fit the {profile.title}: "
+            + _suggest_size(size, room, float(max(model.extents_mm)), model.scale),
+            ErrorCode.NO_FIT,
+        )
+    return room
+
+
+def _printed_size_mm(model: Model, settings: EngineSettings) -> tuple[float, float, float]:
+    """Return the size (x, y, z) of a model as it is printed: larger, as the material shrinks."""
+    x, y, z = map(float, model.extents_mm)
+    return x * settings.scale_xy, y * settings.scale_xy, z * settings.scale_z
+
+
+def _slice_model(model: Model, task: SliceTask, profile: Profile, on_step: OnStep) -> dict[str, Any]:
+    """Slice a model into the file of its task. Returns the report."""
+    model.mesh.export(task.stl)
+    on_step(f"slicing {task.part}")
+    result = slice_part(task, lambda share: on_step(f"slicing {task.part}, {share:.0%}"))
+    with translate_errors():
+        settings = settings_of(task, _printed_size_mm(model, task.settings)[2])
     return _build_report(model, result, settings, profile)
 
 
@@ -166,7 +188,7 @@ def _build_report(
 def _suggest_size(
     size_mm: tuple[float, float, float], room: tuple[RoomBox, ...], longest_mm: float, scale: float
 ) -> str:
-    """Describe the room that there is, and the largest scale of the model in it."""
+    """Describe the available room, and the largest scale of the model in it."""
     x, y, z = size_mm
     shares = [
         (min(width / dx, depth / dy, height / z), (width, depth, height))
@@ -204,8 +226,8 @@ def _check_writable(out: Path, model: Path) -> None:
         raise _unwritable(out, "no permission")
 
 
-def _put(gcode: Path, out: Path) -> None:
-    """Put the file under its name, whole or not at all; write to a device or a pipe."""
+def _write_output(gcode: Path, out: Path) -> None:
+    """Replace the output file at once; a device or a pipe is written to."""
     try:
         if out.exists() and not out.is_file():
             shutil.copyfile(gcode, out)

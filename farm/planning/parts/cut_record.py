@@ -1,7 +1,7 @@
-"""File that records how a job was cut, so that a later worker can move its cuts.
+"""Cut record: a file with the cuts of a job, from which a later worker moves them.
 
 The file is JSON of `_CutRecord`: the figures and options of a `Decomposition` and its `Cutting`, without
-solids. Numbers are written so that they read back bit by bit: boxes are grouped by equality.
+solids. Numbers are read back exactly, to the last bit: boxes are grouped by equality.
 """
 
 from __future__ import annotations
@@ -58,12 +58,12 @@ class _CutRecord(_Record):
 
 
 def write_cut_record(decomposition: Decomposition, folder: Path) -> Path | None:
-    """Write how a model was cut into a folder.
+    """Write the cut record of a decomposition into a folder.
 
     Returns
     -------
     Path | None
-        The file; None where the engine left nothing that cuts can be moved by.
+        The file; None where the engine's cuts cannot be moved.
     """
     cutting = decomposition.cutting
     if cutting is None:
@@ -83,7 +83,7 @@ def read_cut_record(path: Path) -> Decomposition:
     Raises
     ------
     FarmError
-        The file cannot be read.
+        Where the file cannot be read.
     """
     try:
         record = _CutRecord.model_validate_json(path.read_bytes())

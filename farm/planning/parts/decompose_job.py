@@ -4,32 +4,32 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
+from concurrent.futures import Executor, ThreadPoolExecutor
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+from decompose.auto import CountGoal, decompose_auto
 from decompose.decompose import decompose_model
 from decompose.errors import NoFit
 from decompose.export import write_decomposition
 from decompose.geometry import Model, Solid
-from decompose.options import BestOptions, Options
+from decompose.options import BestOptions, Engine, Options
 from decompose.print_time import CostModel, Recipe
 from decompose.printers import PrinterRoom
 from decompose.results import Decomposition
 from farm.errors import ErrorCode, FarmError
 from farm.planning.error_translation import translate_errors
-from farm.planning.inspection.inspect_model import read_inspected
+from farm.planning.inspection.inspect_submission import read_inspected
 from farm.planning.part_records import DecomposedPart
 from farm.planning.parts.cut_record import write_cut_record
-from farm.planning.parts.priced_rooms import decomposition_options, price_rooms
-from farm.planning.parts.printer_choice import ModelCutter
+from farm.planning.parts.pricing import decomposition_options, price_rooms
 from farm.planning.plan import DecomposedJob, DecomposeTask, TooFewPrinters
 from farm.planning.plate_times import reassign_loads
 from slicing.settings import find_resources
 
 
 def warm() -> None:
-    """Import and compile what planning needs, before somebody waits for it: cut a small box in two."""
+    """Import and compile what planning needs, before the first job: cut a small box in two."""
     box = Model(Solid.box((0.0, 0.0, 0.0), (30.0, 10.0, 10.0)), (), 1.0)
     rooms = [PrinterRoom(name, ((20.0, 20.0, 20.0),)) for name in "ab"]
     decompose_model(box, rooms, Options(prove=False), CostModel.from_recipe(Recipe()))
@@ -41,7 +41,7 @@ def decompose_job(task: DecomposeTask) -> DecomposedJob:
     Raises
     ------
     TooFewPrinters
-        With the number that would do.
+        With the number of printers that would suffice.
     FarmError
         `no_fit`, `geometry`, `settings` or `model`, with the reason.
     """
@@ -85,10 +85,58 @@ def write_decomposed(decomposition: Decomposition, model: Model, folder: Path) -
 
 
 def _reassign_parts(parts: Sequence[DecomposedPart], task: DecomposeTask) -> tuple[DecomposedPart, ...]:
-    """Give the longest work to the quickest of the printers that are equal but for their speed."""
+    """Give the largest loads to the fastest of the printers that differ only in speed."""
     loads_s: dict[str, float] = {}
     for part in parts:
         loads_s[part.printer] = loads_s.get(part.printer, 0.0) + part.price_s
     kinds = {s.name: (s.model, s.material, s.nozzle_mm, s.volume_mm) for s in task.printers}
     takers = reassign_loads(loads_s, kinds, task.time_factors)
     return tuple(replace(part, printer=takers[part.printer]) for part in parts)
+
+
+LATE_SHARE = 1.1
+"""Margin of `--done-by` for the time of planning, and for prints that take longer."""
+
+
+@dataclass(frozen=True, slots=True)
+class ModelCutter:
+    """A model, and the printers that it may be cut for. Every method raises the errors of `decompose`."""
+
+    model: Model
+    rooms: list[PrinterRoom]
+    options: Options
+    cost: CostModel
+    executor: Executor
+
+    def cut_for_all(self) -> Decomposition:
+        """Cut the model for all of the printers."""
+        return decompose_model(self.model, self.rooms, self.options, self.cost, self.executor)
+
+    def cut_for_worthwhile(self, within_s: float | None = None) -> Decomposition:
+        """Cut the model for as many printers as save time, or for the fewest that end within a time."""
+        goal = CountGoal(within_s=within_s)
+        return decompose_auto(self.model, self.rooms, self.options, self.cost, self.executor, goal)
+
+    def cut_for_one(self) -> Decomposition | None:
+        """Keep the model whole, on the lowest printer that can hold it; None where none can.
+
+        A person who wants it sooner gives a number of printers.
+        """
+        x, y, z = map(float, self.model.extents_mm)
+        poses = ((x, y, z), (y, z, x), (z, x, y))
+        rooms = [room for room in self.rooms if any(room.fits(*pose) for pose in poses)]
+        options = replace(self.options, engine=Engine.GUILLOTINE)  # it finds one part wherever one suffices
+        for room in sorted(rooms, key=lambda room: max(box[2] for box in room.boxes)):
+            try:
+                return decompose_model(self.model, [room], options, self.cost, self.executor)
+            except NoFit:
+                continue
+        return None
+
+    def cut_in_time(self, within_s: float) -> Decomposition:
+        """Cut the model into the fewest parts that end within a time, with a margin; else to end earliest."""
+        limit_s = within_s / LATE_SHARE
+        whole = self.cut_for_one()
+        if whole is not None and whole.makespan_s <= limit_s:
+            return whole
+        return self.cut_for_worthwhile(within_s=limit_s)

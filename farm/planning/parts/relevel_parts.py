@@ -1,4 +1,4 @@
-"""Second cut of a job by the times of its slices. Runs in a worker."""
+"""Move of a job's cuts by the times of its slices. Runs in a worker."""
 
 from __future__ import annotations
 
@@ -8,29 +8,29 @@ from pathlib import Path
 
 from decompose.relevel import relevel_planes
 from farm.planning.error_translation import translate_errors
-from farm.planning.inspection.inspect_model import read_inspected
+from farm.planning.inspection.inspect_submission import read_inspected
 from farm.planning.parts.cut_record import read_cut_record
 from farm.planning.parts.decompose_job import write_decomposed
-from farm.planning.parts.print_recipe import printer_cost, time_ratio
+from farm.planning.parts.pricing import printer_cost, time_ratio
 from farm.planning.plan import DecomposedJob, SlicedJob
 from farm.planning.printer_settings import printer_settings
 from slicing.settings import find_resources
 
 
 def relevel_parts(sliced: SlicedJob, folder: Path) -> DecomposedJob | None:
-    """Move the cuts of a job so that the part that is slowest as it is sliced ends sooner.
+    """Move the cuts of a job so that the part with the slowest slice ends sooner.
 
     Parameters
     ----------
     sliced
         A job with a cut record (`SlicedJob.should_relevel`).
     folder
-        Where the parts are written.
+        Folder for the new parts.
 
     Returns
     -------
     DecomposedJob | None
-        None where nothing is to be gained.
+        The job with new parts; None where moved cuts gain nothing.
 
     Raises
     ------
@@ -47,7 +47,7 @@ def relevel_parts(sliced: SlicedJob, folder: Path) -> DecomposedJob | None:
         section.name: printer_cost(section, printer_settings(section, task.options.quality, resources))
         for section in task.printers
     }
-    cost = costs[task.printers[0].name]  # that parts are priced with, as in `price_rooms`
+    cost = costs[task.printers[0].name]  # parts are priced with it, as in `price_rooms`
     part_times_s = [part.expected_s() / time_ratio(costs[part.printer.name], cost) for part in sliced.parts]
     model = read_inspected(task.model)
     with translate_errors(), ThreadPoolExecutor(len(os.sched_getaffinity(0))) as threads:

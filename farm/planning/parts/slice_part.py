@@ -22,12 +22,12 @@ def slice_part(task: SliceTask, progress: Callable[[float], None] | None = None)
     Parameters
     ----------
     progress
-        Called with the share of the engine's work that is done, 0 to 1.
+        Called with the completed share of the engine's work, 0 to 1.
 
     Raises
     ------
     FarmError
-        `no_fit` where the bed has no place for it, `engine` or `slice` with CuraEngine's trouble.
+        `no_fit` where the bed has no place for it, `engine` or `slice` with CuraEngine's error.
     """
     mesh = trimesh.load_mesh(task.stl)
     scale = np.array((task.settings.scale_xy, task.settings.scale_xy, task.settings.scale_z))
@@ -55,7 +55,7 @@ def slice_part(task: SliceTask, progress: Callable[[float], None] | None = None)
 
 
 def settings_of(task: SliceTask, height_mm: float) -> EngineSettings:
-    """Resolve the settings of a part that is printed so high. Raises the errors of `resolve_settings`."""
+    """Resolve the settings of a part with this printed height. Raises the errors of `resolve_settings`."""
     chosen = PartSettings(
         height_mm=height_mm,
         brim_width_mm=task.print_options.brim_width_mm,
@@ -69,7 +69,7 @@ def _transform(
 ) -> npt.NDArray[np.float64]:
     """Return the (4, 4) transform of a mesh to its placement.
 
-    It is larger by `scale` (3,); the centre of its box lies at the placement, its underside at Z 0.
+    It scales by `scale` (3,), and puts the centre of the box at the placement and the underside at Z 0.
     """
     centre = mesh.bounds.mean(axis=0)
     transform = np.eye(4)

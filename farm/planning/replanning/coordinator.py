@@ -1,33 +1,38 @@
-"""Coordination of replanning: which waiting plates are being resliced or recut, and what comes of it."""
+"""Coordination of replanning: the plates that are being resliced or recut, and their results."""
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Collection, Iterator
+import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 from farm.errors import FarmError
 from farm.model import Hold, HoldCode, Plate, PrintState, Verdict
 from farm.planning.replanning import policy
 from farm.planning.replanning.replan import ReplannedPlate
-from farm.scheduling.assign import find_holds
-from farm.scheduling.hold_reasons import join_names
-from farm.scheduling.matching import Capabilities, FleetPrinter, WaitingPlate
-from farm.scheduling.situation import Situation
-from farm.scheduling.situation_builder import describe_plates
-from farm.scheduling.spares import takes_spare
+from farm.scheduling import (
+    Capabilities,
+    FleetPrinter,
+    Situation,
+    WaitingPlate,
+    describe_plates,
+    find_holds,
+    join_names,
+    takes_spare,
+)
+from farm.state import Books
 from farm.state import events as ev
-from farm.state.books import Books
 
 log = logging.getLogger(__name__)
 
-_LOOK_S = 10.0  # wall seconds between two searches for plates to reslice
+_SEARCH_S = 10.0  # wall seconds between two searches for plates to reslice
 _TriedKey = tuple[str, int, str | None, float]
 
 
 @dataclass(frozen=True, slots=True)
 class StartReplan:
-    """Instruction to slice a plate, or to cut its part, for these printers."""
+    """Instruction to slice a plate for these printers, or to cut its part for them."""
 
     plate: str
     printers: tuple[str, ...]
@@ -35,31 +40,33 @@ class StartReplan:
 
 
 class ReplanCoordinator:
-    """Decides which plates are replanned, and what becomes of the results.
+    """Decides which plates are replanned, and whether the results are booked.
 
-    What runs is in memory only: a daemon that dies leaves plates that wait, and the next one decides anew.
+    Running replans are in memory only: after a restart the plates still wait, and are decided on again.
     """
 
     def __init__(self) -> None:
         self._running: dict[str, StartReplan] = {}
         self._examined: set[tuple[str, int]] = set()  # failed plates with their number of prints
-        self._tried: set[_TriedKey] = set()  # plates with the kinds of printer that were of no use
-        self._searched_s = float("-inf")
+        self._tried: set[_TriedKey] = set()  # plates with the kinds of printer that gained nothing
+        self._search_due_s = -math.inf
+        self.next_search_s = math.inf
+        """Moment at which a search may find what the last one did not; infinity where none is needed."""
 
     @property
-    def running(self) -> Collection[StartReplan]:
-        """Return the replans that are under way."""
-        return self._running.values()
+    def reserved_printers(self) -> dict[str, str]:
+        """Printers that plates are being replanned for, with the plate."""
+        return {name: replan.plate for replan in self._running.values() for name in replan.printers}
 
     def clock_set(self) -> None:
-        """Forget when the last search was: the host's clock was set."""
-        self._searched_s = float("-inf")
+        """Allow the next search at once: the host's clock was set."""
+        self._search_due_s = -math.inf
 
     def holds(self) -> dict[str, Hold]:
-        """Return a hold for each plate whose part is being cut: meanwhile it goes to no printer."""
+        """Return a hold for each plate whose part is being cut: no printer gets it meanwhile."""
         return {
             name: Hold(
-                code=HoldCode.CUT_AGAIN,
+                code=HoldCode.BEING_RECUT,
                 text=f"it failed and is being cut for {join_names(replan.printers)}, to finish sooner",
             )
             for name, replan in self._running.items()
@@ -67,7 +74,7 @@ class ReplanCoordinator:
         }
 
     def recut_failures(self, books: Books, situation: Situation) -> Iterator[StartReplan]:
-        """Yield plates that have just failed and are to be cut, before a printer gets them."""
+        """Yield the plates that have just failed and are to be cut, before a printer gets them."""
         for view in situation.waiting:
             plate = books.plates[view.id]
             key = (plate.id, len(plate.prints))
@@ -79,17 +86,21 @@ class ReplanCoordinator:
                 yield self._start(plate, recut.printers, cut=True)
 
     def reslice_waiting(self, books: Books, situation: Situation) -> Iterator[StartReplan]:
-        """Yield plates that wait for their own kind of printer, to be sliced for a free one of another.
+        """Yield the plates that wait for one kind of printer and are to be sliced for a free one of another.
 
         Parameters
         ----------
         situation
             The plates that were offered to the printers and not taken, and the fleet after that.
         """
-        if situation.now_s - self._searched_s < _LOOK_S * situation.time_scale or not situation.waiting:
+        if situation.now_s < self._search_due_s:
+            self.next_search_s = self._search_due_s if situation.waiting else math.inf
             return
-        self._searched_s = situation.now_s
-        reserved = {name for replan in self._running.values() for name in replan.printers}
+        self.next_search_s = math.inf
+        if not situation.waiting:
+            return
+        self._search_due_s = situation.now_s + _SEARCH_S * situation.time_scale
+        reserved = self.reserved_printers
         free = [printer for printer in situation.free if printer.name not in reserved]
         holds = find_holds(situation, ()) if free else {}
         for view in situation.by_priority:
@@ -99,6 +110,8 @@ class ReplanCoordinator:
             if view.id not in holds or not policy.waits_for_its_printer_kind(holds[view.id].code):
                 continue
             candidates = [p for p in free if self._is_candidate(plate, view, p, situation)]
+            if candidates:
+                self.next_search_s = self._search_due_s
             reslice = policy.choose_reslice(view, situation, candidates)
             if reslice is not None:
                 yield self._start(plate, (reslice.printer,), cut=False)
@@ -117,16 +130,16 @@ class ReplanCoordinator:
     def finish(
         self, name: str, result: ReplannedPlate | FarmError, books: Books, situation: Situation
     ) -> ev.PlateReplaced | None:
-        """Return what a replan came to as an event; None where the plate stays as it is.
+        """Return the event of a finished replan; None where the plate stays as it is.
 
         Parameters
         ----------
         name
             The plate.
         result
-            What replaces it, or why nothing does.
+            The replacement, or the error that prevents it.
         situation
-            All that is offered to the printers now, the plates that are being cut among them.
+            The plates that are offered to the printers now, with those that are being cut.
         """
         replan = self._running.pop(name, None)
         plate = books.plates[name]
@@ -142,7 +155,7 @@ class ReplanCoordinator:
         if not self._saves_time(view, result, replan.cut, books, situation):
             log.info("plate %s stays as it is: replanned, it would not end sooner", name)
             return None
-        # Where that cannot be booked (a full disk), the plate waits on, and is examined at the next decision.
+        # Where the event cannot be booked (a full disk), the plate is examined again at the next decision.
         self._examined.discard((plate.id, len(plate.prints)))
         self._tried = {key for key in self._tried if key[0] != plate.id}
         return ev.PlateReplaced(
@@ -186,7 +199,7 @@ def _failed(books: Books, plate: Plate) -> bool:
 
 
 def _may_be_replanned(books: Books, plate: Plate) -> bool:
-    """Tell whether a plate may change: not a person's own G-code, and not what a person has approved."""
+    """Return whether a plate may change: neither own G-code nor part of an approved plan."""
     job = books.jobs[plate.job]
     meshes = [books.parts[name].file for name in plate.parts if books.parts[name].file.endswith(".stl")]
     return not job.options.hold and len(plate.parts) == len(meshes) == 1

@@ -21,13 +21,13 @@ from farm.errors import ErrorCode, FarmError
 from farm.model import Part
 from farm.planning.error_translation import translate_errors
 from farm.planning.part_records import DecomposedPart
-from farm.planning.parts.priced_rooms import decomposition_options, price_rooms
+from farm.planning.parts.pricing import decomposition_options, price_rooms
 from farm.planning.replanning.replan import Pieces, ReplanTask
 from slicing.settings import find_resources
 
 
 def cut_part(task: ReplanTask) -> Pieces:
-    """Cut a part for as many of its printers as are worth it.
+    """Cut a part for as many of its printers as save time.
 
     Raises
     ------

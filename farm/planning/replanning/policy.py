@@ -1,7 +1,7 @@
-"""Policy of replanning: whether a waiting plate is sliced for, or cut over, other printers. Pure.
+"""Policy of replanning: decides which waiting plates are sliced or cut for other printers. Pure.
 
-What waits for printers of one kind may be sliced for a printer of another kind that is free. What failed may
-be cut for several free printers. Either is done only where the part is there sooner, by a margin.
+A plate that waits for printers of one kind may be sliced for a free printer of another kind. The part of a
+failed plate may be cut for several free printers. Either is done only where the part ends sooner by a margin.
 """
 
 from __future__ import annotations
@@ -10,35 +10,39 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from farm.model import Bed, HoldCode
-from farm.scheduling.assign import assign
-from farm.scheduling.forecast import forecast, seconds_on
-from farm.scheduling.matching import FleetPrinter, WaitingPlate
-from farm.scheduling.situation import Situation
-from farm.scheduling.start_rules import short_of_filament
+from farm.scheduling import (
+    FleetPrinter,
+    Situation,
+    WaitingPlate,
+    assign_plates,
+    forecast_prints,
+    seconds_on,
+    short_of_filament,
+)
 
 MARGIN = 0.2
 """Share of the time until the part ends that replanning must save at least."""
 LEAST_GAIN_S = 1800.0
-"""And this: a new plan is trouble of its own."""
+"""Least time that replanning must save: a new plan has a cost of its own."""
 JOIN_S = 336.0
-"""Time of a person for a piece more: take it off its bed (2 min) and glue it (3.6 min)."""
+"""Time of a person for each further piece: take it off its bed (2 min) and glue it (3.6 min)."""
 SLICING_S, CUTTING_S = 120.0, 300.0
-"""Wall seconds that a slice, or a cut and its slices, take as a rule."""
+"""Usual wall seconds of a slice, and of a cut with its slices."""
 MOST_PIECES = 8
-_MORE = 1.15  # pieces take longer together than the whole: walls and tops at every cut
+_MORE = 1.15  # all pieces together over the whole: each cut adds walls and tops
 _WAITS = (
     HoldCode.PRINTER_BUSY,
     HoldCode.BED_NOT_CLEAR,
     HoldCode.FILAMENT_UNKNOWN,
-    HoldCode.NEEDS_A_LOOK,
+    HoldCode.NEEDS_INSPECTION,
     HoldCode.PRINTER_ABSENT,
     HoldCode.MAINTENANCE,
     HoldCode.REEL_TOO_SHORT,
-    HoldCode.REEL_DOUBTED,
+    HoldCode.REEL_UNCERTAIN,
     HoldCode.UNATTENDED,
     HoldCode.NO_SUCH_PRINTER,
 )
-"""Reasons to wait that a printer of another kind may not have."""
+"""Reasons to wait that do not hold for a printer of another kind."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,14 +62,14 @@ class Recut:
 
 
 def saves_enough(before_s: float, after_s: float, now_s: float) -> bool:
-    """Tell whether an end at `after_s` instead of `before_s` saves the margin."""
+    """Return whether an end at `after_s` instead of `before_s` saves enough time."""
     return after_s + max(LEAST_GAIN_S, MARGIN * (before_s - now_s)) <= before_s
 
 
 def expected_end_s(plate: WaitingPlate, situation: Situation) -> float:
-    """Return when a waiting plate ends, beside all the others; infinite where that is not known.
+    """Return when a waiting plate ends, with all the others in the queue; infinity where unknown.
 
-    Printers that have to be looked at are counted on only where it is known when somebody comes.
+    Printers that a person has to inspect count only where attended hours are known.
     """
     if situation.rules.attended.windows:
         inspected = (
@@ -73,8 +77,8 @@ def expected_end_s(plate: WaitingPlate, situation: Situation) -> float:
             for p in situation.printers
         )
         situation = situation.with_printers(tuple(inspected))
-    seen = forecast(situation)
-    return next((slot.ends_s for slot in seen.slots if slot.plate == plate.id), float("inf"))
+    expected = forecast_prints(situation)
+    return next((slot.ends_s for slot in expected.slots if slot.plate == plate.id), float("inf"))
 
 
 def end_in_one_piece_s(plate: WaitingPlate, situation: Situation) -> float:
@@ -85,16 +89,16 @@ def end_in_one_piece_s(plate: WaitingPlate, situation: Situation) -> float:
 
 
 def choose_reslice(plate: WaitingPlate, situation: Situation, free: Sequence[FleetPrinter]) -> Reslice | None:
-    """Choose the printer of another kind on which a waiting plate ends sooner by the margin, if there is one.
+    """Choose the printer of another kind on which a waiting plate ends sooner by the margin, if any.
 
     Parameters
     ----------
     plate
-        One of the plates that wait in the situation; no printer takes it now.
+        A waiting plate of the situation that no printer takes now.
     situation
         The moment.
     free
-        The printers that nothing else will take now.
+        The printers that no other plate takes now.
     """
     best = _best_other(plate, free, situation)
     if best is None:
@@ -106,20 +110,20 @@ def choose_reslice(plate: WaitingPlate, situation: Situation, free: Sequence[Fle
 
 
 def choose_recut(plate: WaitingPlate, situation: Situation) -> Recut | None:
-    """Choose the printers over which a failed plate's part ends sooner by the margin, if there are some.
+    """Choose the printers on which a failed plate's part, cut, ends sooner by the margin, if any.
 
-    They are those that the other waiting plates leave. The pieces are taken to be equal here; the cut
-    itself is compared before anything is booked.
+    They are the free ones that the other waiting plates leave. Pieces are assumed to be equal here; the real
+    cut is compared before it is booked.
 
     Parameters
     ----------
     plate
-        One of the plates that wait in the situation; it failed.
+        A waiting plate of the situation that failed.
     situation
         The moment.
     """
     others = tuple(other for other in situation.waiting if other.id != plate.id)
-    taken = {given.printer for given in assign(replace(situation, waiting=others, spares={}))}
+    taken = {given.printer for given in assign_plates(replace(situation, waiting=others, spares={}))}
     layers_s = plate.expected_s - plate.heating_s
     piece = replace(plate, expected_s=plate.heating_s + layers_s * _MORE / 2, grams=0.0)
     free = [
@@ -144,7 +148,7 @@ def choose_recut(plate: WaitingPlate, situation: Situation) -> Recut | None:
 
 
 def waits_for_its_printer_kind(code: HoldCode) -> bool:
-    """Tell whether a printer of another kind may be free of what a plate waits for."""
+    """Return whether a reason to wait does not hold for a printer of another kind."""
     return code in _WAITS
 
 
@@ -154,7 +158,7 @@ def _same_filament(plate: WaitingPlate, printer: FleetPrinter) -> bool:
 
 
 def _other_kind(plate: WaitingPlate, printer: FleetPrinter) -> bool:
-    """Tell whether only the kind of printer that a plate was sliced for keeps it from this one."""
+    """Return whether only the kind of printer that a plate was sliced for keeps it from this one."""
     any_kind = replace(plate.requirements, kin=None, nozzle_mm=None)
     return any_kind.matches(printer.capabilities) and not plate.requirements.matches(printer.capabilities)
 
@@ -184,9 +188,9 @@ def _resliced_end_s(plate: WaitingPlate, printer: FleetPrinter, situation: Situa
 
 
 def _seconds_sliced_for(plate: WaitingPlate, printer: FleetPrinter) -> float:
-    """Return what a plate takes, sliced for that printer: a finer nozzle lays thinner and narrower lines.
+    """Return the seconds of a plate sliced for that printer: a finer nozzle prints finer lines.
 
-    That a coarser one is quicker is not counted on.
+    A coarser nozzle is not assumed to be faster.
     """
     finer = 1.0
     if plate.requirements.nozzle_mm is not None:

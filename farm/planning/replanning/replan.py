@@ -15,21 +15,21 @@ from farm.errors import ErrorCode, FarmError
 from farm.model import JobOptions, Part, Plate
 from farm.planning.booking import PlateNames, book_part, book_plate
 from farm.planning.part_records import DecomposedPart, SlicedPart
-from farm.state.storage.file_store import store_file
+from farm.state.storage import store_file
 
 
 @dataclass(frozen=True, slots=True)
 class ReplanTask:
-    """A plate with one part that is to be planned anew, for these printers.
+    """A plate with one part that is to be replanned for these printers.
 
     Attributes
     ----------
     files
         The file store.
     folder
-        Scratch space.
+        Scratch folder.
     time_factors
-        Learned of the printers, by name; 1 where none is.
+        Time factors of the printers, by name; 1 where there is none.
     others
         The other parts of its job, for the picture.
     """
@@ -74,7 +74,7 @@ def copy_part(task: ReplanTask) -> DecomposedPart:
         id=Path(part.id).name,
         stl=stl,
         geometry=part.geometry,
-        price_s=task.plate.sliced_s,  # known better than by its price
+        price_s=task.plate.sliced_s,  # known exactly: it was sliced
         printer=task.printers[0].name,
         print_options=part.print_options,
     )
@@ -105,8 +105,8 @@ def book_recut(task: ReplanTask, pieces: Pieces, sliced: Sequence[SlicedPart]) -
         names = PlateNames(task.plate.job, f"{task.part.id}{letter}", plate_id)
         parts.append(book_part(names, piece.part, task.files, cut_from=task.part.id))
         plates.append(book_plate(names, piece, task.time_factors.get(piece.printer.name, 1.0), task.files))
-    of_all = (pieces.picture, pieces.assembly, pieces.decomposition)
-    stored = (store_file(task.files, path) for path in of_all)
+    shared = (pieces.picture, pieces.assembly, pieces.decomposition)
+    stored = (store_file(task.files, path) for path in shared)
     return ReplannedPlate(tuple(parts), tuple(plates), *stored)
 
 

@@ -7,7 +7,7 @@ import logging
 import shutil
 from collections.abc import Callable
 
-from farm.compute.worker_pool import Limit, Workers
+from farm.compute import Limit, Workers
 from farm.errors import FarmError
 from farm.paths import StateFolder
 from farm.planning.part_records import DecomposedPart, SliceBatch, SlicedPart
@@ -35,9 +35,9 @@ class ReplanWorker:
     state
         The state folder.
     workers
-        That cut and slice.
+        Pool that cuts and slices.
     on_replan
-        Called with a plate's id and what replaces it, or the error why nothing does.
+        Called with a plate's id and its replacement, or the error that prevents it.
     """
 
     def __init__(self, state: StateFolder, workers: Workers, on_replan: OnReplan) -> None:
@@ -51,7 +51,7 @@ class ReplanWorker:
         running.add_done_callback(self._running.discard)
 
     def stop(self) -> None:
-        """Give up all replans: the next daemon decides anew."""
+        """Stop all replans; the next daemon decides again."""
         for running in self._running:
             running.cancel()
 
@@ -65,14 +65,14 @@ class ReplanWorker:
             result = error
         except asyncio.CancelledError:
             return
-        except Exception as error:  # the part is printed as it was planned then
+        except Exception as error:  # the part is printed as planned
             log.exception("plate %s", task.plate.id)
             result = FarmError(f"{type(error).__name__}: {error}")
         finally:
             shutil.rmtree(task.folder, ignore_errors=True)
         try:
             self._on_replan(task.plate.id, result)
-        except FarmError as error:  # the books cannot be written: the plate is examined when they can
+        except FarmError as error:  # the books cannot be written: the plate is examined again later
             log.error("plate %s: %s", task.plate.id, error)
 
     async def _reslice(self, task: ReplanTask) -> ReplannedPlate:

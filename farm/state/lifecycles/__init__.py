@@ -1,7 +1,6 @@
 """Lifecycles of jobs, plates, prints and printers as tables, and what does not fit them."""
 
-from farm.state.lifecycles.check import Subject, find_subjects, undeclared_changes
-from farm.state.lifecycles.lifecycle import NEW, InvalidTransition, Lifecycle, PrinterState, Transition
+from farm.state.lifecycles.lifecycle import NEW, InvalidTransition, Lifecycle, PrinterState, State, Transition
 from farm.state.lifecycles.tables import FARM_WIDE, JOB, LIFECYCLES, PLATE, PRINT, PRINTER, printer_state
 
 __all__ = [
@@ -15,9 +14,7 @@ __all__ = [
     "InvalidTransition",
     "Lifecycle",
     "PrinterState",
-    "Subject",
+    "State",
     "Transition",
-    "find_subjects",
     "printer_state",
-    "undeclared_changes",
 ]

@@ -37,9 +37,9 @@ class Transition:
     event
         The kind of event.
     starts
-        States in which it can happen; NEW among them where it makes the entity.
+        States in which it can happen; NEW where it creates the entity.
     ends
-        States that it can lead to; None where the state stays.
+        States that it can lead to; None where the state stays the same.
     """
 
     event: Kind
@@ -64,11 +64,11 @@ class Lifecycle:
     states
         All of its states.
     transitions
-        Events about the entity itself: what is not here is an error.
+        Events about the entity itself; all others are errors.
     consequences
         Events about another entity that change this one's state.
     find_state
-        Gives the state of an entity of the books, NEW where they have none.
+        Returns the state of an entity in the books; NEW where they do not have it.
     """
 
     entity: str
@@ -93,18 +93,18 @@ class Lifecycle:
 
 
 class InvalidTransition(FarmError):
-    """An event does not fit the state of what it is about.
+    """An event does not fit the state of its entity.
 
     Attributes
     ----------
     lifecycle, key
         The entity; no lifecycle where it is the farm itself.
     start
-        Its state.
+        The state of the entity.
     event
-        What does not fit.
-    story
-        The entity's last events, oldest first, where a store has told them.
+        The event that does not fit.
+    history
+        The entity's last events, oldest first, where a store has added them.
     """
 
     code = ErrorCode.REFUSED
@@ -116,17 +116,17 @@ class InvalidTransition(FarmError):
         key: object,
         start: State | None,
         reason: str | None = None,
-        story: Iterable[str] = (),
+        history: Iterable[str] = (),
     ) -> None:
         self.event, self.lifecycle, self.key, self.start = event, lifecycle, key, start
-        self.story, self.reason = tuple(story), reason
+        self.history, self.reason = tuple(history), reason
         entity = "the farm" if lifecycle is None else f"{lifecycle.entity} {key}"
         state = reason or ("not in the books" if start is None else f"{start}")
         message = f"{type(event).__name__} does not fit: {entity} is {state}"
-        if self.story:
-            message += f"; before that: {', '.join(self.story)}"
+        if self.history:
+            message += f"; before that: {', '.join(self.history)}"
         super().__init__(message)
 
-    def with_story(self, story: Iterable[str]) -> InvalidTransition:
+    def with_history(self, history: Iterable[str]) -> InvalidTransition:
         """Return the same error with the entity's last events."""
-        return InvalidTransition(self.event, self.lifecycle, self.key, self.start, self.reason, story)
+        return InvalidTransition(self.event, self.lifecycle, self.key, self.start, self.reason, history)

@@ -1,7 +1,7 @@
-"""Lifecycles of jobs, plates, prints and printers: which event leads from which state to which. Pure.
+"""Lifecycles of jobs, plates, prints and printers: tables of events and the states they connect. Pure.
 
-`farm.state.transitions.apply` refuses what these tables do not have, and the state diagrams of the
-documentation are drawn from them.
+`farm.state.transitions.apply` refuses every other transition, and the state diagrams of the documentation are
+drawn from these tables.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ def _row(event: Kind, starts: Iterable[State | None], ends: Iterable[State] | No
 _J, _P, _A, _B = JobState, PlateState, PrintState, PrinterState
 _LIVE = (_J.QUEUED, _J.PLANNING, _J.HELD, _J.PRINTING)
 _DERIVED = (_J.PRINTING, _J.PRINTED, _J.DONE, _J.FAILED, _J.CANCELLED)
-"""States that a job's plates give it."""
+"""States that are derived from a job's plates."""
 JOB = Lifecycle(
     entity="job",
     key="job",
@@ -73,7 +73,7 @@ JOB = Lifecycle(
     ),
     consequences=(
         _row(ev.PrintEnded, [_J.PRINTING], _DERIVED),
-        # Lost printers are found to be an outage: their prints' failures are charged no more.
+        # Losses turn out to be an outage: the failures of their prints are not charged any more.
         _row(ev.PrintEnded, [_J.FAILED], [_J.PRINTING]),
         _row(ev.PrinterLost, [_J.FAILED], [_J.PRINTING]),
         _row(ev.BedCleared, [_J.PRINTING, _J.PRINTED, _J.FAILED], _DERIVED),
@@ -95,7 +95,7 @@ PLATE = Lifecycle(
         _row(ev.PlatePaused, [_P.WAITING], None),
         _row(ev.PlateCancelled, _WANTED, [_P.CANCELLED]),
         _row(ev.PlateCancelled, [_P.PRINTED, _P.GOOD], None),
-        # A plate waits already where `farm estop` stopped it; prints that still go on are not ended.
+        # After `farm estop` a plate waits already; open prints are not ended.
         _row(
             ev.ReprintRequested,
             [_P.WAITING, _P.PRINTED, _P.GOOD, _P.OUT_OF_ATTEMPTS, _P.CANCELLED],

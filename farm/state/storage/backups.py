@@ -1,4 +1,4 @@
-"""Nightly copies of the books, and their restoration where the books are damaged."""
+"""Nightly backups of the books, and their restoration where the books are damaged."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from farm.state.storage.store import DamagedBooks, Store, StoreError, copy_books
 log = logging.getLogger(__name__)
 
 KEPT = 7
-_LEAST_S = 60.0  # wall seconds between two copies, however fast the clock is
-_HOUR = 4  # local: changes of the clock are over by then
+_LEAST_S = 60.0  # wall seconds between two backups, however fast the clock is
+_HOUR = 4  # local: daylight saving has changed by then
 _STAMP = "books-%Y%m%dT%H%M%SZ"
 _NAMES = f"books-{'[0-9]' * 8}T{'[0-9]' * 6}Z.db"
 
 
 def back_up(state: StateFolder, now_s: float) -> Path:
-    """Copy the books into a folder beside them, and drop the oldest copies. It may run in a thread.
+    """Back the books up into a folder beside them, and delete the oldest backups. It may run in a thread.
 
     Raises
     ------
     StoreError
-        Where they cannot be copied; the copies that are there stay.
+        Where they cannot be copied; earlier backups are kept.
     """
     try:
         state.backups.mkdir(mode=0o700, exist_ok=True)
@@ -36,22 +36,22 @@ def back_up(state: StateFolder, now_s: float) -> Path:
         raise StoreError(f"the database cannot be backed up: {error}") from error
     target = state.backups / f"{datetime.fromtimestamp(now_s, UTC).strftime(_STAMP)}.db"
     copy_books(state.books, target, now_s)
-    for old in copies(state)[KEPT:]:
+    for old in list_backups(state)[KEPT:]:
         old.unlink(missing_ok=True)
     return target
 
 
-class Nightly:
-    """Copies the books every night; where that cannot be done it is told, and tried again the next night.
+class NightlyBackup:
+    """Backs the books up every night; a failure is reported, and the next night is tried again.
 
     Parameters
     ----------
     state, clock, zone
-        Where the books are, the farm's clock, and whose nights it keeps.
+        The state folder, the farm's clock, and the time zone of the nights.
     at
-        Sets a timer: farm time, its name, what to call.
-    tell
-        Is given a sentence for a person where a copy could not be made, None once one was made.
+        Sets a timer: farm time, its name, the function to call.
+    report
+        Called with a sentence for people after a failure, with None after a success.
     """
 
     def __init__(
@@ -60,69 +60,72 @@ class Nightly:
         clock: Clock,
         zone: tzinfo,
         at: Callable[[float, str, Callable[[], Awaitable[None]]], None],
-        tell: Callable[[str | None], None],
+        report: Callable[[str | None], None],
     ) -> None:
         self._state, self._clock, self._zone = state, clock, zone
-        self._at, self._tell = at, tell
+        self._at, self._report = at, report
 
     async def begin(self) -> None:
-        """Copy the books where there is no copy of the last day, and set the timer for the next one."""
-        await self.turn(only_if_due=True)
+        """Back up where there is no backup of the last day, and set the timer for the next one."""
+        await self.run(only_if_due=True)
 
-    async def turn(self, only_if_due: bool = False) -> None:
-        """Copy the books now, and set the timer for the next night, whatever goes wrong."""
+    async def run(self, only_if_due: bool = False) -> None:
+        """Back up now, and set the timer for the next night, whatever fails."""
         now_s = self._clock.now()
         try:
             if not only_if_due or is_due(self._state, now_s):
                 copy = await asyncio.to_thread(back_up, self._state, now_s)
                 log.info("the database is backed up to %s", copy)
-            self._tell(None)
-        except Exception as error:  # a copy is for the worst case: what goes wrong with it must end nothing
+            self._report(None)
+        except Exception as error:  # a failed backup must not end the daemon
             log.exception("the nightly backup of the database")
-            self._tell(
+            self._report(
                 f"the nightly backup of the database failed ({error}): check the folder {self._state.backups}"
             )
         finally:
             least_s = self._clock.now() + _LEAST_S * self._clock.scale
-            self._at(max(next_s(now_s, self._zone), least_s), "copy the books", self.turn)
+            self._at(max(next_backup_s(now_s, self._zone), least_s), "copy the books", self.run)
 
 
-def copies(state: StateFolder) -> list[Path]:
-    """List the copies, the newest first; files that a person put there have names of another form."""
+def list_backups(state: StateFolder) -> list[Path]:
+    """List the backups, the newest first, without other files that a person put there."""
     return sorted(state.backups.glob(_NAMES), reverse=True)
 
 
-def made_s(copy: Path) -> float:
-    """Return when a copy was made, in farm time."""
+def backup_time_s(copy: Path) -> float:
+    """Return the farm time of a backup."""
     return datetime.strptime(copy.stem, _STAMP).replace(tzinfo=UTC).timestamp()
 
 
-def next_s(now_s: float, zone: tzinfo) -> float:
-    """Return when the next copy is due."""
+def next_backup_s(now_s: float, zone: tzinfo) -> float:
+    """Return the farm time at which the next backup is due."""
     now = datetime.fromtimestamp(now_s, zone)
     due = now.replace(hour=_HOUR, minute=0, second=0, microsecond=0, fold=0)
     return (due if due.timestamp() > now_s else due + timedelta(days=1)).timestamp()
 
 
 def is_due(state: StateFolder, now_s: float) -> bool:
-    """Tell whether there is no copy of the last day: a farm may be off every night."""
-    newest = next(iter(copies(state)), None)
-    return newest is None or made_s(newest) < now_s - 86400.0
+    """Return whether there is no backup of the last day: a farm may be off every night."""
+    newest = next(iter(list_backups(state)), None)
+    return newest is None or backup_time_s(newest) < now_s - 86400.0
 
 
 def open_books(state: StateFolder, now_s: float) -> tuple[Store, float | None]:
-    """Open the books; where they are damaged, the newest whole copy of them. Damaged ones are renamed.
+    """Open the books; damaged ones are renamed and replaced by the newest intact backup.
 
-    With them comes when they were copied, where they are a copy that has not been restored yet: put there
-    now, by a daemon that died over it, or by a person.
+    Returns
+    -------
+    store, copied_s
+        The books, and the time of the backup where they are one that has not been completed yet: restored
+        now, by a daemon that died over it, or by a person.
 
     Raises
     ------
     FarmError
-        Where they cannot be opened for another reason, or where no copy is whole.
+        Where they cannot be opened for another reason, or where no backup is intact.
     """
     try:
-        if copies(state) and not (state.books.is_file() and state.books.stat().st_size):
+        if list_backups(state) and not (state.books.is_file() and state.books.stat().st_size):
             raise DamagedBooks(f"the database {state.books} is missing")
         store = Store(state.books)
         if store.copied_s is not None:
@@ -131,20 +134,20 @@ def open_books(state: StateFolder, now_s: float) -> tuple[Store, float | None]:
     except DamagedBooks as error:
         damage = error
     log.error("%s", damage)
-    for copy in copies(state):
+    for copy in list_backups(state):
         try:
             Store(copy).close()
         except StoreError as error:
-            log.error("the copy %s cannot be used: %s", copy, error)
+            log.error("the backup %s cannot be used: %s", copy, error)
             continue
         aside = state.books.with_name(f"{state.books.name}.damaged-{now_s:.0f}")
         for suffix in ("-wal", "-shm", "-count", ""):
             path = state.books.with_name(state.books.name + suffix)
             if path.exists():
                 path.rename(aside.with_name(aside.name + suffix))
-        copy_books(copy, state.books, made_s(copy))
+        copy_books(copy, state.books, backup_time_s(copy))
         log.error("the database was restored from %s; the damaged one is %s", copy, aside)
-        return Store(state.books), made_s(copy)
+        return Store(state.books), backup_time_s(copy)
     raise FarmError(
         f"{damage}, and {state.backups} has no intact backup of it: move {state.books} away, and the "
         "farm starts with an empty database"

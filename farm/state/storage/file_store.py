@@ -15,20 +15,20 @@ def sha256_of(path: Path) -> str:
 
 
 def name_files(folder: Path, store: Path, names: Mapping[str, str]) -> None:
-    """Give a folder these links into the store (name -> stored name), and no others."""
+    """Create these links into the store in a folder (name -> stored name), and remove its other ones."""
     folder.mkdir(parents=True, exist_ok=True)
-    way = Path(os.path.relpath(store, folder))
+    relative = Path(os.path.relpath(store, folder))
     for link in folder.iterdir():
-        if link.name in names or (link.is_symlink() and link.readlink().parent == way):
+        if link.name in names or (link.is_symlink() and link.readlink().parent == relative):
             link.unlink()
     for name, stored in names.items():
-        (folder / name).symlink_to(way / stored)
+        (folder / name).symlink_to(relative / stored)
 
 
 def store_file(folder: Path, source: Path) -> str:
-    """Move a finished file into the store; its name there is its hash and its suffix.
+    """Move a finished file into the store, under its hash and suffix. Returns that name.
 
-    The bytes are on the disk before the name exists, so a name always stands for a whole file.
+    The bytes are on the disk before the name exists, so every named file is complete.
     """
     name = sha256_of(source) + source.suffix.lower()
     target = folder / name

@@ -1,13 +1,13 @@
-"""Form of the books on disk, and migrations of older forms to it, as SQL. Pure.
+"""Schema of the books on disk, and migrations from earlier versions, as SQL. Pure.
 
-A row's `crc` is that of its body's bytes: `crc32` is a function that the store gives SQLite.
+A row's `crc` is the CRC-32 of its body's bytes; the store defines the function `crc32` in SQLite.
 """
 
 from __future__ import annotations
 
 from farm.model import Entity, Job, Outage, Part, Plate, Print, Printer
 
-FORM = 3
+SCHEMA_VERSION = 3
 TABLES: dict[type[Entity], str] = {
     Job: "job",
     Part: "part",
@@ -17,18 +17,18 @@ TABLES: dict[type[Entity], str] = {
     Outage: "outage",
 }
 _COPIED = "copied (at_s REAL NOT NULL)"
-COPIED = f"CREATE TABLE IF NOT EXISTS {_COPIED}"
-"""Table with the time at which these books were copied, until they are restored."""
-CHANGED = "SELECT id FROM {} WHERE crc IS NOT crc32(CAST(body AS BLOB)) LIMIT 1"
-"""Query for a row of a table that is not as it was written."""
+CREATE_COPIED = f"CREATE TABLE IF NOT EXISTS {_COPIED}"
+"""Statement for the table with the time of the backup, in books that are one, until they are completed."""
+FIND_CHANGED_ROW = "SELECT id FROM {} WHERE crc IS NOT crc32(CAST(body AS BLOB)) LIMIT 1"
+"""Query for a row of a table that differs from what was written."""
 
 _EMPTY = (
     *(f"CREATE TABLE {t} (id TEXT PRIMARY KEY, body TEXT NOT NULL, crc INTEGER)" for t in TABLES.values()),
     "CREATE TABLE event"
     " (seq INTEGER PRIMARY KEY, at_s REAL NOT NULL, kind TEXT NOT NULL, body TEXT NOT NULL)",
 )
-WRITTEN = frozenset((*_EMPTY, f"CREATE TABLE {_COPIED}"))
-"""Tables as SQLite lists them: with one letter of that damaged, it would go on with another table."""
+EXPECTED_TABLES = frozenset((*_EMPTY, f"CREATE TABLE {_COPIED}"))
+"""Tables as SQLite lists them: where one letter is damaged, SQLite would use another table."""
 _LAST_ON_BED = """
     SELECT json_extract(p.body, '$.id') AS id, json_extract(p.body, '$.job') AS job
     FROM print AS p JOIN printer ON printer.id = json_extract(p.body, '$.printer')
@@ -37,7 +37,7 @@ _LAST_ON_BED = """
         WHERE json_extract(q.body, '$.printer') = printer.id
     )
 """
-_FROM_1 = (  # a verdict was the part's, and of no use; it is the print's, and asked for by its bed
+_FROM_1 = (  # verdicts belonged to parts; now they belong to prints, and are asked for when a bed is cleared
     "UPDATE part SET body = json_remove(body, '$.verdict')",
     f"CREATE TEMP TABLE lying AS {_LAST_ON_BED}",
     "UPDATE print SET body = json_set(body, '$.verdict', 'good')"
@@ -46,7 +46,7 @@ _FROM_1 = (  # a verdict was the part's, and of no use; it is the print's, and a
     " WHERE json_extract(body, '$.state') = 'printed' AND CAST(id AS INTEGER) NOT IN (SELECT job FROM lying)",
     "DROP TABLE lying",
 )
-"""Parts that had left their beds before anybody was asked count as good; the others can be judged."""
+"""Parts that had left their beds before anybody was asked count as good; others can be judged."""
 _FROM_2 = tuple(
     statement
     for table in TABLES.values()
@@ -55,5 +55,5 @@ _FROM_2 = tuple(
         f"UPDATE {table} SET crc = crc32(CAST(body AS BLOB))",
     )
 )
-STEPS = {0: _EMPTY, 1: (*_FROM_1, *_FROM_2), 2: _FROM_2, FORM: ()}
-"""Statements that lead from each form to the present one; 0 is that of an empty file."""
+STEPS = {0: _EMPTY, 1: (*_FROM_1, *_FROM_2), 2: _FROM_2, SCHEMA_VERSION: ()}
+"""Statements that migrate each version to the present one; 0 is an empty file."""

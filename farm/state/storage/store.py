@@ -14,10 +14,17 @@ from pydantic import ValidationError
 
 from farm.errors import FarmError
 from farm.model import Entity, Job, Outage, Part, Plate, Print, Printer
-from farm.state.books import Books, changed
+from farm.state.books import Books, changed_entities
 from farm.state.events import BooksRestored, Event
 from farm.state.lifecycles import InvalidTransition
-from farm.state.storage.migrations import CHANGED, COPIED, FORM, STEPS, TABLES, WRITTEN
+from farm.state.storage.migrations import (
+    CREATE_COPIED,
+    EXPECTED_TABLES,
+    FIND_CHANGED_ROW,
+    SCHEMA_VERSION,
+    STEPS,
+    TABLES,
+)
 from farm.text import describe_first_error
 
 E = TypeVar("E", bound=Entity)
@@ -31,36 +38,36 @@ class DamagedBooks(StoreError):
     """The books on the disk are damaged."""
 
 
-_COUNT = "-count"  # after the books' name: how many events they had when the last one was committed
-_STORY = """
+_COUNT = "-count"  # after the books' name: file with the number of committed events
+_HISTORY = """
     SELECT at_s, kind, json_extract(body, '$.state') FROM event
     WHERE json_extract(body, ?) = ? OR json_extract(body, ?) = ? ORDER BY seq DESC LIMIT 8
 """
-"""Query for the last events about an entity; a job's first event has it whole."""
-_OUTER = frozenset(
+"""Query for the last events about an entity; the first event of a job contains it."""
+_ENVIRONMENT_ERRORS = frozenset(
     (
         *(sqlite3.SQLITE_PERM, sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED, sqlite3.SQLITE_NOMEM),
         *(sqlite3.SQLITE_READONLY, sqlite3.SQLITE_IOERR, sqlite3.SQLITE_FULL, sqlite3.SQLITE_CANTOPEN),
     )
 )
-"""SQLite's words for a full disk, no right to write, no memory: at any other, the books are damaged."""
+"""SQLite's errors for a full disk, missing rights or memory; any other means that the books are damaged."""
 
 
 def copy_books(source: Path, target: Path, at_s: float) -> None:
-    """Copy books that may be in use, whole or not at all. Raises StoreError.
+    """Copy books that may be in use; the copy appears when it is complete. Raises StoreError.
 
-    The copy says of itself that it is one, made at `at_s`, until a `BooksRestored` is committed to it: so no
-    bed is taken for clear, whoever puts it in the place of the books, and if a daemon dies over it.
+    The copy is marked as one, with its time `at_s`, until a `BooksRestored` is committed to it: so no bed
+    counts as clear, whoever puts it in the place of the books, and if a daemon dies over it.
     """
     half = target.with_name(f".{target.name}.half")
     try:
         half.unlink(missing_ok=True)
         with closing(sqlite3.connect(source)) as books, closing(sqlite3.connect(half)) as copy:
             books.backup(copy)
-            # So that no damage to the write-ahead log takes the books back behind their copy.
+            # So that a damaged write-ahead log does not take the books back to before their copy.
             books.execute("PRAGMA wal_checkpoint(PASSIVE)")
             with copy:
-                copy.execute(COPIED)
+                copy.execute(CREATE_COPIED)
                 copy.execute("DELETE FROM copied")
                 copy.execute("INSERT INTO copied VALUES (?)", (at_s,))
         with half.open("rb") as file:
@@ -76,13 +83,13 @@ def read_books(path: Path) -> tuple[Books, int]:
 
     Returns
     -------
-    books, form
-        The entries, and the version of the form on the disk.
+    books, version
+        The entities, and the version of the schema on the disk.
 
     Raises
     ------
     DamagedBooks
-        Where what is there are no books, or a row of them is not as it was written.
+        Where the file is no database of the farm, or a row differs from what was written.
     StoreError
         Where they cannot be read.
     """
@@ -92,16 +99,16 @@ def read_books(path: Path) -> tuple[Books, int]:
             (found,) = db.execute("PRAGMA integrity_check(1)").fetchone()
             if found != "ok":
                 raise DamagedBooks(f"the database {path} is damaged: {' '.join(found.split())}")
-            (form,) = db.execute("PRAGMA user_version").fetchone()
-            if form not in STEPS:
-                raise StoreError(f"the books {path} are of a newer farm ({form})")
-            for table in TABLES.values() if form == FORM else ():
-                bad = db.execute(CHANGED.format(table)).fetchone()
+            (version,) = db.execute("PRAGMA user_version").fetchone()
+            if version not in STEPS:
+                raise StoreError(f"the database {path} is of a newer version of farm ({version})")
+            for table in TABLES.values() if version == SCHEMA_VERSION else ():
+                bad = db.execute(FIND_CHANGED_ROW.format(table)).fetchone()
                 if bad is not None:
                     raise DamagedBooks(f"the database {path} is damaged: {table} {bad[0]} was changed")
-            return _load(db), form
+            return _load(db), version
     except sqlite3.Error as error:
-        raise StoreError(f"the books {path} cannot be read: {error}") from error
+        raise StoreError(f"the database {path} cannot be read: {error}") from error
 
 
 def _load(db: sqlite3.Connection) -> Books:
@@ -128,13 +135,13 @@ def _read_rows(db: sqlite3.Connection, kind: type[E]) -> list[E]:
 class Store:
     """Database of the books. Every method may raise StoreError.
 
-    Each entity is a row of its kind's table, with its fields as JSON: the books are read whole at start and
-    live in memory, so that nothing but the daemon's own model needs to know them.
+    Each entity is a row of its kind's table, with its fields as JSON: the books are read at start and live in
+    memory, so that only the daemon's model has to know the fields.
     """
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        self._count: int | None = None  # a descriptor
+        self._count: int | None = None  # file descriptor of the count
         new = not path.exists() or not path.stat().st_size
         _make_private(path)
         try:
@@ -157,59 +164,59 @@ class Store:
             if found != "ok":
                 raise DamagedBooks(f"the database {path} is damaged: {' '.join(found.split())}")
             self._create()
-            self._compare()
+            self._check_rows()
             if new:  # a person moved the old ones away
                 path.with_name(path.name + _COUNT).unlink(missing_ok=True)
-            self._lost = self._committed() < self._counted()
-        except (sqlite3.Error, UnicodeDecodeError) as error:  # its very complaint may not be text
-            outer = getattr(error, "sqlite_errorcode", 0) & 0xFF in _OUTER
-            said = f"the database {path} cannot be opened: {error}"
-            if outer:
-                raise StoreError(f"{said}; check its disk space and its permissions") from error
-            raise DamagedBooks(said) from error
+            self._lost = self._count_events() < self._read_count()
+        except (sqlite3.Error, UnicodeDecodeError) as error:  # the error message may not be text
+            environment = getattr(error, "sqlite_errorcode", 0) & 0xFF in _ENVIRONMENT_ERRORS
+            message = f"the database {path} cannot be opened: {error}"
+            if environment:
+                raise StoreError(f"{message}; check its disk space and its permissions") from error
+            raise DamagedBooks(message) from error
         except OSError as error:
             raise StoreError(f"the database {path} cannot be opened: {error}") from error
 
     def _create(self) -> None:
-        """Empty books, or those of an older farm in today's form."""
+        """Create empty books, or migrate those of an earlier version."""
         (version,) = self._db.execute("PRAGMA user_version").fetchone()
         if version not in STEPS:
             raise StoreError(
-                f"the database {self._path} is of a newer farm ({version}): upgrade, or give another --state"
+                f"the database {self._path} is of a newer version ({version}): upgrade, or give --state"
             )
         self._db.execute("BEGIN IMMEDIATE")
         for statement in STEPS[version]:
             self._db.execute(statement)
-        self._db.execute(COPIED)
-        self._db.execute(f"PRAGMA user_version = {FORM}")
+        self._db.execute(CREATE_COPIED)
+        self._db.execute(f"PRAGMA user_version = {SCHEMA_VERSION}")
         self._db.execute("COMMIT")
 
-    def _compare(self) -> None:
-        """Raise where a row is not as it was written: SQLite checks pages, not what is in them."""
+    def _check_rows(self) -> None:
+        """Raise DamagedBooks where a row differs from what was written: SQLite checks pages, not rows."""
         tables = self._db.execute("SELECT sql FROM sqlite_master WHERE type = 'table'")
-        if {sql for (sql,) in tables} != WRITTEN:
+        if {sql for (sql,) in tables} != EXPECTED_TABLES:
             raise DamagedBooks(f"the database {self._path} is damaged: it has other tables")
         for table in TABLES.values():
-            bad = self._db.execute(CHANGED.format(table)).fetchone()
+            bad = self._db.execute(FIND_CHANGED_ROW.format(table)).fetchone()
             if bad is not None:
                 raise DamagedBooks(f"the database {self._path} is damaged: {table} {bad[0]} was changed")
 
-    def _committed(self) -> int:
-        """Return how many events these books have."""
+    def _count_events(self) -> int:
+        """Return the number of events in these books."""
         (number,) = self._db.execute("SELECT coalesce(max(seq), 0) FROM event").fetchone()
         return int(number)
 
-    def _counted(self) -> int:
-        """Return how many events were committed; 0 where nobody knows."""
+    def _read_count(self) -> int:
+        """Return the number of committed events; 0 where unknown."""
         with suppress(OSError, ValueError):
             return int(self._path.with_name(self._path.name + _COUNT).read_bytes())
         return 0
 
-    def _note(self, number: int) -> None:
-        """Keep how many events were committed, beside the books.
+    def _write_count(self, number: int) -> None:
+        """Write the number of committed events to a file beside the books.
 
-        SQLite takes a write-ahead log for ended where a checksum in it is wrong, and says nothing: what was
-        committed after that is gone. The note is not synced: it may lag behind after a power cut, never lead.
+        Where a checksum in a write-ahead log is wrong, SQLite ends the log there without an error, and later
+        commits are lost. The file is not synced: after a power cut it may lag behind, never lead.
         """
         with suppress(OSError):
             if self._count is None:
@@ -219,9 +226,9 @@ class Store:
 
     @property
     def copied_s(self) -> float | None:
-        """Return until when these books are complete; None where they are no copy and lost nothing.
+        """Return the time up to which these books are complete; None where they are complete.
 
-        Once a `BooksRestored` is committed they are neither.
+        They are not where they are a backup or lost events, until a `BooksRestored` is committed.
         """
         (at_s,) = self._db.execute("SELECT max(at_s) FROM copied").fetchone()
         if at_s is None and self._lost:
@@ -233,7 +240,7 @@ class Store:
         return _load(self._db)
 
     def commit(self, event: Event, before: Books, after: Books) -> None:
-        """Write an event and all that it changed, in one transaction, to the disk itself."""
+        """Write an event and the changed entities in one transaction, synced to the disk."""
         try:
             self._db.execute("BEGIN IMMEDIATE")
             try:
@@ -241,7 +248,7 @@ class Store:
                     "INSERT INTO event (at_s, kind, body) VALUES (?, ?, ?)",
                     (event.at_s, type(event).__name__, event.model_dump_json()),
                 ).lastrowid
-                for entity in changed(before, after):
+                for entity in changed_entities(before, after):
                     body = entity.model_dump_json()
                     self._db.execute(
                         f"INSERT OR REPLACE INTO {TABLES[type(entity)]} VALUES (?, ?, ?)",
@@ -250,13 +257,13 @@ class Store:
                 if isinstance(event, BooksRestored):
                     self._db.execute("DELETE FROM copied")
             except BaseException:
-                if self._db.in_transaction:  # SQLite rolls back by itself where the disk is full
+                if self._db.in_transaction:  # on a full disk SQLite rolls back by itself
                     self._db.execute("ROLLBACK")
                 raise
             self._db.execute("COMMIT")
         except sqlite3.Error as error:
             raise StoreError(f"the database cannot be written: {error}; nothing was started") from error
-        self._note(number or 0)
+        self._write_count(number or 0)
         if isinstance(event, BooksRestored):
             self._lost = False
 
@@ -264,14 +271,14 @@ class Store:
         """Return the event log: farm time, kind and JSON of each."""
         return self._db.execute("SELECT at_s, kind, body FROM event ORDER BY seq").fetchall()
 
-    def tell_story(self, error: InvalidTransition) -> InvalidTransition:
+    def add_history(self, error: InvalidTransition) -> InvalidTransition:
         """Return an error with the last events about its entity, oldest first."""
         if error.lifecycle is None:
             return error
         path = f"$.{error.lifecycle.key}"
-        with suppress(sqlite3.Error):  # it is told without
-            rows = self._db.execute(_STORY, (path, error.key, f"{path}.id", error.key)).fetchall()
-            return error.with_story(
+        with suppress(sqlite3.Error):  # the error is returned without it
+            rows = self._db.execute(_HISTORY, (path, error.key, f"{path}.id", error.key)).fetchall()
+            return error.with_history(
                 f"{datetime.fromtimestamp(at_s, UTC):%Y-%m-%d %H:%M:%S} {kind}{f' {state}' if state else ''}"
                 for at_s, kind, state in reversed(rows)
             )

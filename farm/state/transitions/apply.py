@@ -1,11 +1,15 @@
-"""Application of one event to the books. Pure."""
+"""Application of one event to the books, as the tables of the lifecycles allow. Pure."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from farm.errors import NoSuchThing
 from farm.state import events as ev
 from farm.state.books import Books
 from farm.state.consequences import Result
-from farm.state.lifecycles import InvalidTransition, find_subjects
+from farm.state.lifecycles import LIFECYCLES, NEW, PRINTER, InvalidTransition, Lifecycle, State
 from farm.state.transitions.rules import change
 
 
@@ -15,21 +19,21 @@ def apply(event: ev.Event, books: Books) -> Result:
     Parameters
     ----------
     event
-        What has happened.
+        The event.
     books
         The books before it; they are not changed.
 
     Returns
     -------
     books, instructions
-        The books after it, and what is to be done then.
+        The books after it, and the instructions that follow.
 
     Raises
     ------
     NoSuchThing
-        Where the event names something that the books do not have.
+        Where the event names an entity that the books do not have.
     InvalidTransition
-        Where it does not fit the state of what it is about. It leaves no trace.
+        Where it does not fit the state of its entity. Nothing is changed then.
     """
     subjects = list(find_subjects(event, books))
     after, instructions = change(event, books)
@@ -39,3 +43,59 @@ def apply(event: ev.Event, books: Books) -> Result:
             reason = f"{subject.start}, and would be {end}"
             raise InvalidTransition(event, subject.lifecycle, subject.key, subject.start, reason)
     return after, instructions
+
+
+@dataclass(frozen=True, slots=True)
+class Subject:
+    """An entity that an event is about, and its state before the event."""
+
+    lifecycle: Lifecycle
+    key: object
+    start: State | None
+
+
+def find_subjects(event: ev.Event, books: Books) -> Iterator[Subject]:
+    """Yield the entities that an event is about.
+
+    Raises
+    ------
+    NoSuchThing
+        Where the event names an entity that the books do not have, and does not create it.
+    InvalidTransition
+        Where it does not fit the state of one of them.
+    """
+    kind = type(event)
+    for lifecycle in LIFECYCLES:
+        if kind not in lifecycle.kinds:
+            continue
+        key: object = getattr(event, lifecycle.key)
+        if isinstance(event, ev.JobSubmitted):
+            key = event.job.id
+        start = lifecycle.find_state(books, key)
+        starts = lifecycle.starts(kind)
+        if start is NEW and NEW not in starts:
+            _raise_missing(lifecycle, key, books)
+        if start not in starts:
+            raise InvalidTransition(event, lifecycle, key, start)
+        yield Subject(lifecycle, key, start)
+
+
+def _raise_missing(lifecycle: Lifecycle, key: object, books: Books) -> None:
+    if isinstance(key, int):
+        books.job(key)
+    if lifecycle is PRINTER:
+        books.printer(str(key))
+    raise NoSuchThing(f"there is no {lifecycle.entity} {key}")
+
+
+def undeclared_changes(event: ev.Event, before: Books, after: Books) -> list[str]:
+    """List the changes of state by an event that no table declares; tests require that there are none."""
+    found = []
+    kind = type(event)
+    for lifecycle in LIFECYCLES:
+        rows = [row for row in (*lifecycle.transitions, *lifecycle.consequences) if row.event is kind]
+        for key in getattr(after, f"{lifecycle.entity}s"):
+            start, end = lifecycle.find_state(before, key), lifecycle.find_state(after, key)
+            if start != end and not any(row.allows(start, end) for row in rows):
+                found.append(f"{kind.__name__}: {lifecycle.entity} {key} from {start} to {end}")
+    return found

@@ -5,9 +5,9 @@ from __future__ import annotations
 from farm.errors import ErrorCode
 from farm.model import Hold, HoldCode, JobState
 from farm.state import events as ev
-from farm.state.books import Books, edited, put
+from farm.state import restore
+from farm.state.books import Books, put, replace_fields
 from farm.state.consequences import Result, end_job, request_pause, update_job_state
-from farm.state.recovery import restore
 from farm.state.transitions.rules import change
 
 
@@ -18,23 +18,23 @@ def _(event: ev.JobSubmitted, books: Books) -> Result:
 
 @change.register
 def _(event: ev.JobHeld, books: Books) -> Result:
-    return put(books, edited(books.job(event.job), hold=event.hold)), ()
+    return put(books, replace_fields(books.job(event.job), hold=event.hold)), ()
 
 
 @change.register
 def _(event: ev.PlanningStarted, books: Books) -> Result:
-    return put(books, edited(books.job(event.job), state=JobState.PLANNING, hold=None)), ()
+    return put(books, replace_fields(books.job(event.job), state=JobState.PLANNING, hold=None)), ()
 
 
 @change.register
 def _(event: ev.PlanningAbandoned, books: Books) -> Result:
-    return put(books, edited(books.job(event.job), state=JobState.QUEUED, hold=event.hold)), ()
+    return put(books, replace_fields(books.job(event.job), state=JobState.QUEUED, hold=event.hold)), ()
 
 
 @change.register
 def _(event: ev.JobPlanned, books: Books) -> Result:
     job = books.job(event.job)
-    job = edited(
+    job = replace_fields(
         job,
         state=JobState.HELD if event.held else JobState.PRINTING,
         parts=tuple(part.id for part in event.parts),
@@ -61,7 +61,7 @@ def _approval_hold(job: int) -> Hold:
 
 @change.register
 def _(event: ev.JobApproved, books: Books) -> Result:
-    books = put(books, edited(books.job(event.job), state=JobState.PRINTING, hold=None))
+    books = put(books, replace_fields(books.job(event.job), state=JobState.PRINTING, hold=None))
     return update_job_state(books, event.job, event.at_s), ()
 
 
@@ -83,9 +83,9 @@ def _(event: ev.JobCancelled, books: Books) -> Result:
 @change.register
 def _(event: ev.JobPaused, books: Books) -> Result:
     job = books.job(event.job)
-    books = put(books, edited(job, paused=event.wanted))
+    books = put(books, replace_fields(job, paused=event.wanted))
     if not event.wanted:
-        books = put(books, *(edited(plate, paused=False) for plate in books.plates_of(job)))
+        books = put(books, *(replace_fields(plate, paused=False) for plate in books.plates_of(job)))
     # Prints that are being ended are not paused.
     pauses = [request_pause(p, event.wanted) for p in books.open_prints(event.job) if p.cancel_reason is None]
     return put(books, *(attempt for attempt, _ in pauses)), tuple(send for _, send in pauses)

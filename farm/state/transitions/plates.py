@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from farm.model import JobState, Print, Verdict
 from farm.state import events as ev
-from farm.state.books import Books, edited, put
+from farm.state.books import Books, put, replace_fields
 from farm.state.consequences import Result, cancel_plate, update_job_state
 from farm.state.lifecycles import JOB, InvalidTransition
 from farm.state.plate_state import successful_print
@@ -22,7 +22,7 @@ def _(event: ev.PlateAssigned, books: Books) -> Result:
         number=books.next_number,
         assigned_s=event.at_s,
     )
-    plate = edited(plate, prints=(*plate.prints, attempt.id))
+    plate = replace_fields(plate, prints=(*plate.prints, attempt.id))
     return put(books, plate, attempt), (ev.SendStart(print_id=attempt.id, printer=event.printer),)
 
 
@@ -33,10 +33,10 @@ def _(event: ev.PlateReplaced, books: Books) -> Result:
     if job.state is not JobState.PRINTING:
         raise InvalidTransition(event, JOB, job.id, job.state)
     kept = {"prints": plate.prints, "counted_from": plate.counted_from, "paused": plate.paused}
-    plates = [edited(new, **kept) for new in event.plates]
+    plates = [replace_fields(new, **kept) for new in event.plates]
     names = tuple(new.id for new in plates)
-    old = edited(plate, replaced_by=names)
-    job = edited(
+    old = replace_fields(plate, replaced_by=names)
+    job = replace_fields(
         job,
         plates=_replace_names(job.plates, (plate.id,), names),
         parts=_replace_names(job.parts, plate.parts, tuple(part.id for part in event.parts)),
@@ -48,7 +48,7 @@ def _(event: ev.PlateReplaced, books: Books) -> Result:
 
 
 def _replace_names(names: tuple[str, ...], old: tuple[str, ...], new: tuple[str, ...]) -> tuple[str, ...]:
-    """Put the new names where the old ones were."""
+    """Replace old names by new ones, at the position of the first."""
     at = names.index(old[0])
     kept = tuple(name for name in names if name not in old)
     return (*kept[:at], *new, *kept[at:])
@@ -56,7 +56,7 @@ def _replace_names(names: tuple[str, ...], old: tuple[str, ...], new: tuple[str,
 
 @change.register
 def _(event: ev.PlatePaused, books: Books) -> Result:
-    return put(books, edited(books.plates[event.plate], paused=event.wanted)), ()
+    return put(books, replace_fields(books.plates[event.plate], paused=event.wanted)), ()
 
 
 @change.register
@@ -71,6 +71,6 @@ def _(event: ev.ReprintRequested, books: Books) -> Result:
     plate = books.plates[event.plate]
     done = successful_print(books.prints_of(plate))
     if done is not None:
-        books = put(books, edited(done, verdict=Verdict.BAD, verdict_why=event.why))
-    books = put(books, edited(plate, cancelled=False, paused=False, counted_from=len(plate.prints)))
+        books = put(books, replace_fields(done, verdict=Verdict.BAD, verdict_why=event.why))
+    books = put(books, replace_fields(plate, cancelled=False, paused=False, counted_from=len(plate.prints)))
     return update_job_state(books, plate.job, event.at_s, reopen=True), ()

@@ -1,12 +1,13 @@
-"""Rules for events about a printer. Pure."""
+"""Rules for events about a printer, or the farm as a whole. Pure."""
 
 from __future__ import annotations
 
 from farm.model import Bed, FilamentState, Printer, Verdict
 from farm.state import events as ev
-from farm.state.books import Books, edited, put
-from farm.state.consequences import Result, mark_printer_lost, update_job_state
-from farm.state.recovery import restore
+from farm.state import restore
+from farm.state.books import Books, put, replace_fields
+from farm.state.consequences import Result, mark_printer_lost, shift_print_times, update_job_state
+from farm.state.lifecycles import InvalidTransition
 from farm.state.salvaged_parts import book_part_whole
 from farm.state.transitions.rules import change
 
@@ -21,13 +22,15 @@ def _(event: ev.BedCleared, books: Books) -> Result:
     printer = books.printer(event.printer)
     filament = event.filament or printer.filament
     judged = books.print_to_judge(printer.name)
-    books = put(books, edited(printer, bed=Bed.CLEAR, attention_reason=None, alarm=None, filament=filament))
+    books = put(
+        books, replace_fields(printer, bed=Bed.CLEAR, attention_reason=None, alarm=None, filament=filament)
+    )
     if judged is not None:
-        books = put(books, edited(judged, verdict=event.verdict, verdict_why=event.why))
+        books = put(books, replace_fields(judged, verdict=event.verdict, verdict_why=event.why))
         books = update_job_state(books, judged.job, event.at_s)
     if event.verdict is Verdict.GOOD:
         for earlier in list(books.unjudged_restored_prints(printer.name)):
-            books = put(books, edited(earlier, verdict=Verdict.GOOD))
+            books = put(books, replace_fields(earlier, verdict=Verdict.GOOD))
             books = update_job_state(books, earlier.job, event.at_s)
     stops: tuple[ev.AnyInstruction, ...] = ()
     if event.whole is not None:
@@ -40,31 +43,25 @@ def _(event: ev.BedReported, books: Books) -> Result:
     printer = books.printer(event.printer)
     bed = event.bed if printer.bed is Bed.UNKNOWN else printer.bed
     filament = event.filament if printer.filament is FilamentState.UNKNOWN else printer.filament
-    return put(books, edited(printer, bed=bed, filament=filament)), ()
+    return put(books, replace_fields(printer, bed=bed, filament=filament)), ()
 
 
 @change.register
 def _(event: ev.BedBecameUnknown, books: Books) -> Result:
-    printer = edited(
-        books.printer(event.printer),
-        bed=Bed.UNKNOWN,
-        filament=FilamentState.UNKNOWN,
-        attention_reason=event.reason,
-        attention_since_s=event.at_s,
-    )
-    return put(books, printer), ()
+    printer = _request_inspection(event, books)
+    return put(books, replace_fields(printer, bed=Bed.UNKNOWN, filament=FilamentState.UNKNOWN)), ()
 
 
 @change.register
 def _(event: ev.PrinterAlarmed, books: Books) -> Result:
-    printer = edited(
-        books.printer(event.printer),
-        alarm=event.reason,
-        alarm_s=event.at_s,
-        attention_reason=event.reason,
-        attention_since_s=event.at_s,
-    )
-    return put(books, printer), ()
+    printer = _request_inspection(event, books)
+    return put(books, replace_fields(printer, alarm=event.reason, alarm_s=event.at_s)), ()
+
+
+def _request_inspection(event: ev.BedBecameUnknown | ev.PrinterAlarmed, books: Books) -> Printer:
+    """Return the printer of an event, which a person has to inspect for its reason."""
+    printer = books.printer(event.printer)
+    return replace_fields(printer, attention_reason=event.reason, attention_since_s=event.at_s)
 
 
 @change.register
@@ -74,19 +71,38 @@ def _(event: ev.PrinterLost, books: Books) -> Result:
 
 @change.register
 def _(event: ev.ReelLoaded, books: Books) -> Result:
-    return put(books, edited(books.printer(event.printer), reel=event.reel)), ()
+    return put(books, replace_fields(books.printer(event.printer), reel=event.reel)), ()
 
 
 @change.register
 def _(event: ev.MaintenanceStarted, books: Books) -> Result:
-    return put(books, edited(books.printer(event.printer), maintenance=event.why)), ()
+    return put(books, replace_fields(books.printer(event.printer), maintenance=event.why)), ()
 
 
 @change.register
 def _(event: ev.MaintenanceEnded, books: Books) -> Result:
-    return put(books, edited(books.printer(event.printer), maintenance=None, attention_reason=None)), ()
+    return put(
+        books, replace_fields(books.printer(event.printer), maintenance=None, attention_reason=None)
+    ), ()
 
 
 @change.register
 def _(event: ev.AgentJournalImported, books: Books) -> Result:
     return restore.finish_journal_import(event, books), ()
+
+
+@change.register
+def _(event: ev.ClockSet, books: Books) -> Result:
+    return shift_print_times(books, event.by_s), ()
+
+
+@change.register
+def _(event: ev.BooksRestored, books: Books) -> Result:
+    return restore.restore_books(event, books), ()
+
+
+@change.register
+def _(event: ev.OutageConfirmed, books: Books) -> Result:
+    if books.outage is None:
+        raise InvalidTransition(event, None, None, None, "in no outage")
+    return put(books, replace_fields(books.outage, confirmed_s=event.at_s)), ()

@@ -1,11 +1,12 @@
-"""Rules for events about a print. Pure."""
+"""Rules for events about a print, and the time factor that a printer learns from them. Pure."""
 
 from __future__ import annotations
 
 from drivers.errors import Fault
 from farm.model import Plate, Print, Printer, PrintState, Verdict
 from farm.state import events as ev
-from farm.state.books import Books, edited, put
+from farm.state import restore
+from farm.state.books import Books, put, replace_fields
 from farm.state.consequences import (
     Result,
     mark_bed_not_clear,
@@ -16,16 +17,14 @@ from farm.state.consequences import (
 )
 from farm.state.faults import LOSSES, UNCHARGED, OwnFault
 from farm.state.lifecycles import PRINT, InvalidTransition
-from farm.state.recovery import restore
 from farm.state.reels import subtract_grams, used_grams
-from farm.state.time_factor import update_time_factor
 from farm.state.transitions.rules import change
 
 
 @change.register
 def _(event: ev.PrintProgressed, books: Books) -> Result:
     attempt = books.prints[event.print_id]
-    attempt = edited(
+    attempt = replace_fields(
         attempt,
         state=event.state,
         started_s=attempt.started_s if attempt.started_s is not None else event.started_s,
@@ -51,7 +50,7 @@ def _(event: ev.PauseRequested, books: Books) -> Result:
 
 @change.register
 def _(event: ev.PrintFailRequested, books: Books) -> Result:
-    attempt = edited(_not_being_ended(event, books), fail_reason=event.why)
+    attempt = replace_fields(_not_being_ended(event, books), fail_reason=event.why)
     stopped, stop = request_cancel(attempt, event.why)
     return put(books, stopped), (stop,)
 
@@ -59,12 +58,12 @@ def _(event: ev.PrintFailRequested, books: Books) -> Result:
 def _not_being_ended(
     event: ev.PrintWithdrawn | ev.PauseRequested | ev.PrintFailRequested, books: Books
 ) -> Print:
-    """Return the print of an event.
+    """Return the print of an event that is not being ended.
 
     Raises
     ------
     InvalidTransition
-        Where its agent has been told to end it.
+        Where its agent was sent a cancel request.
     """
     attempt = books.prints[event.print_id]
     if attempt.cancel_reason is not None:
@@ -84,16 +83,18 @@ def _(event: ev.PrintEnded, books: Books) -> Result:
     plate, printer = books.plates[before.plate], books.printer(before.printer)
     unknown = _end_is_unknown(event, before)
     attempt = _end_print(event, before, plate)
-    printer = edited(printer, filament=event.filament, reel=subtract_grams(printer.reel, attempt.grams))
+    printer = replace_fields(
+        printer, filament=event.filament, reel=subtract_grams(printer.reel, attempt.grams)
+    )
     if attempt.state is PrintState.DONE and attempt.started_s is not None and not attempt.paused:
         printer = _learn_speed(printer, plate, attempt, event.ended_s - attempt.started_s)
     if attempt.state is PrintState.FAILED:
         reason = attempt.reason or attempt.fault or "its print failed"
-        printer = edited(printer, attention_reason=reason, attention_since_s=event.ended_s)
-        if attempt.fault == Fault.ESTOP:  # what a person stopped waits for their word
-            books = put(books, edited(plate, paused=True))
+        printer = replace_fields(printer, attention_reason=reason, attention_since_s=event.ended_s)
+        if attempt.fault == Fault.ESTOP:  # it waits until a person resumes it
+            books = put(books, replace_fields(plate, paused=True))
     books = put(books, attempt, printer)
-    # A print that failed may have extruded without anybody having seen it.
+    # A failed print may have extruded without a report of it.
     if attempt.extruded or attempt.state is PrintState.FAILED:
         books = mark_bed_not_clear(books, attempt.printer)
     books = update_job_state(books, attempt.job, event.at_s)
@@ -103,24 +104,26 @@ def _(event: ev.PrintEnded, books: Books) -> Result:
 
 
 def _end_is_unknown(event: ev.PrintEnded, attempt: Print) -> bool:
-    """Return whether a print of restored books may have been done, or ended by a person, since their copy."""
+    """Return whether a restored print may have been done, or ended by a person, since the backup."""
     lost = event.fault == OwnFault.PRINT_LOST or event.state is PrintState.CANCELLED
     return attempt.restored and lost
 
 
 def _end_print(event: ev.PrintEnded, attempt: Print, plate: Plate) -> Print:
-    """Return a print as it ended: with its state, fault, charge and filament."""
+    """Return an ended print, with its state, fault, charge and filament."""
     state, fault, reason = event.state, event.fault, event.reason
     begun = attempt.state is not PrintState.ASSIGNED or event.started_s is not None
     if state is PrintState.CANCELLED and attempt.fail_reason is not None:
         state, fault, reason = PrintState.FAILED, OwnFault.BY_A_PERSON, attempt.fail_reason
     elif state is PrintState.CANCELLED and attempt.cancel_reason is None and begun:
-        state = PrintState.FAILED  # nobody here asked for it
-    if state is PrintState.DONE and attempt.fail_reason is not None:  # it ended before its agent heard of it
-        attempt = edited(attempt, verdict=Verdict.BAD, verdict_why=attempt.fail_reason)
+        state = PrintState.FAILED  # the farm did not ask for it
+    if (
+        state is PrintState.DONE and attempt.fail_reason is not None
+    ):  # it ended before the request reached its agent
+        attempt = replace_fields(attempt, verdict=Verdict.BAD, verdict_why=attempt.fail_reason)
     unknown = _end_is_unknown(event, attempt)
     extruded = attempt.extruded or event.extruded
-    return edited(
+    return replace_fields(
         attempt,
         state=state,
         fault=fault,
@@ -135,7 +138,47 @@ def _end_print(event: ev.PrintEnded, attempt: Print, plate: Plate) -> Print:
 
 
 def _learn_speed(printer: Printer, plate: Plate, attempt: Print, took_s: float) -> Printer:
-    """Return a printer with the time factor that one more finished print teaches."""
+    """Return a printer with its time factor updated by a finished print."""
     reached_s = took_s - plate.prelude_s
     factor = update_time_factor(printer.time_factor, plate.sliced_s, reached_s, attempt.starved_s)
-    return edited(printer, time_factor=factor)
+    return replace_fields(printer, time_factor=factor)
+
+
+LEAST, MOST = 0.8, 1.25
+"""Limits of the time factor of a healthy printer."""
+SHORTEST_S = 600.0
+"""Least duration of a print to learn from: in shorter ones the heat-up dominates."""
+MOST_STARVED = 0.01
+"""Largest share of a print in which a simulated printer may have waited for its host."""
+_WILD = 2.0
+_STEP = 0.1
+_WEIGHT = 0.25
+
+
+def update_time_factor(factor: float, expected_s: float, reached_s: float, starved_s: float = 0.0) -> float:
+    """Update a printer's factor by one more print: an exponentially weighted mean of bounded steps.
+
+    Parameters
+    ----------
+    factor
+        The factor so far; 1 at first.
+    expected_s
+        Seconds of the layers by the slicer, without a factor.
+    reached_s
+        Seconds that the layers took, without heat-up, start and end code.
+    starved_s
+        Seconds of that in which a simulated printer waited for its host.
+
+    Returns
+    -------
+    float
+        Between LEAST and MOST, and at most 1/40 away from `factor`. A print that took less than half or more
+        than twice as long is ignored: it was paused, or the clock was set.
+    """
+    if expected_s < SHORTEST_S or reached_s <= 0.0 or starved_s > MOST_STARVED * reached_s:
+        return factor
+    ratio = reached_s / expected_s
+    if not 1 / _WILD < ratio < _WILD:
+        return factor
+    step = min(_STEP, max(-_STEP, ratio - factor))
+    return min(MOST, max(LEAST, factor + _WEIGHT * step))

@@ -47,33 +47,39 @@ class RecordingListener:
         raise AssertionError(prints)
 
 
+def simulated_farm(folder: Path) -> tuple[StateFolder, Fleet, RecordingListener]:
+    """Make a state folder, and a fleet of one simulated printer."""
+    state = StateFolder(folder)
+    state.make()
+    fleet = Fleet.model_validate({"printers": [{"name": "a", "model": MODEL, "port": f"sim://{MODEL}"}]})
+    return state, fleet, RecordingListener()
+
+
+async def wait_until_ready(links: AgentManager, listener: RecordingListener, old: int | None = None) -> int:
+    """Wait for an agent other than `old` that is ready, and return its pid."""
+    async with asyncio.timeout(DEADLINE_S):
+        while True:
+            links.watch()
+            report = listener.last
+            if report is not None and report.link is Link.READY and report.agent_pid not in (None, old):
+                assert report.agent_pid is not None and not report.outdated
+                return report.agent_pid
+            await asyncio.sleep(0.1)
+
+
 @pytest.mark.system
 def test_a_wedged_agent_is_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(heartbeat, "SAMPLE_S", 1.0)
     monkeypatch.setattr(heartbeat, "WEDGED_S", 8.0)
-    state = StateFolder(tmp_path)
-    state.make()
-    fleet = Fleet.model_validate({"printers": [{"name": "a", "model": MODEL, "port": f"sim://{MODEL}"}]})
-    listener = RecordingListener()
+    state, fleet, listener = simulated_farm(tmp_path)
 
     async def story() -> None:
         links = AgentManager(fleet, state, Clock(60.0, time.time()), listener)
         links.start(())
-
-        async def until_ready_as_another_than(old: int | None) -> int:
-            async with asyncio.timeout(DEADLINE_S):
-                while True:
-                    links.watch()
-                    said = listener.last
-                    if said is not None and said.link is Link.READY and said.agent_pid != old:
-                        assert said.agent_pid is not None
-                        return said.agent_pid
-                    await asyncio.sleep(0.1)
-
         try:
-            first = await until_ready_as_another_than(None)
+            first = await wait_until_ready(links, listener)
             os.kill(first, signal.SIGSTOP)
-            second = await until_ready_as_another_than(first)
+            second = await wait_until_ready(links, listener, first)
             assert agent_pid(state.agent("a")) == second
             await links.shut_down_agents()
             assert not is_alive(state.agent("a"))
@@ -251,7 +257,11 @@ def test_an_agents_word_on_a_cancel_says_that_it_has_heard_of_it(tmp_path: Path)
 
     _, listener = told(tmp_path, story)
     assert listener.last is not None
-    assert (listener.last.link, listener.last.agent_pid, listener.last.heard_cancel) == (Link.ABSENT, 7, "x")
+    assert (listener.last.link, listener.last.agent_pid, listener.last.acknowledged_cancel) == (
+        Link.ABSENT,
+        7,
+        "x",
+    )
 
 
 class TalkingClient(FakeClient):
@@ -336,29 +346,15 @@ def test_a_print_that_is_cancelled_while_its_file_is_sent_is_not_begun(tmp_path:
 
 @pytest.mark.system
 def test_an_idle_agent_is_replaced_and_its_printer_stays_as_it_is(tmp_path: Path):
-    state = StateFolder(tmp_path)
-    state.make()
-    fleet = Fleet.model_validate({"printers": [{"name": "a", "model": MODEL, "port": f"sim://{MODEL}"}]})
-    listener = RecordingListener()
+    state, fleet, listener = simulated_farm(tmp_path)
 
     async def story() -> None:
         links = AgentManager(fleet, state, Clock(60.0, time.time()), listener)
         links.start(())
-
-        async def ready(old: int | None) -> int:
-            async with asyncio.timeout(DEADLINE_S):
-                while True:
-                    links.watch()
-                    said = listener.last
-                    if said is not None and said.link is Link.READY and said.agent_pid not in (None, old):
-                        assert said.agent_pid is not None and not said.outdated
-                        return said.agent_pid
-                    await asyncio.sleep(0.1)
-
         try:
-            first = await ready(None)
+            first = await wait_until_ready(links, listener)
             await links.replace("a")
-            assert await ready(first) == agent_pid(state.agent("a"))
+            assert await wait_until_ready(links, listener, first) == agent_pid(state.agent("a"))
             assert emulator_alive(state.agent("a") / "emulator")
         finally:
             await links.shut_down_agents()

@@ -19,7 +19,7 @@ from farm.model import (
 )
 from farm.paths import StateFolder
 from farm.planning.plan import InspectedSubmission, Plan, TooFewPrinters
-from farm.scheduling.assign import assign
+from farm.scheduling.assignment import assign_plates
 from farm.state import events as ev
 from farm.state.storage.store import StoreError
 from farm.views import describe_job, describe_printer, list_tasks
@@ -61,7 +61,7 @@ def test_a_plate_goes_elsewhere_only_when_its_agent_has_heard_that_it_must_not_b
     farm.controller.on_snapshot(stale)
     assert farm.effects.instructions[-1] == ev.SendCancel(print_id=first.id, printer="a", reason="unplugged")
     assert [p.printer for p in farm.controller.books.open_prints()] == ["a"]
-    farm.controller.on_snapshot(stale.model_copy(update={"heard_cancel": first.id}))
+    farm.controller.on_snapshot(stale.model_copy(update={"acknowledged_cancel": first.id}))
     assert [p.printer for p in farm.controller.books.open_prints()] == ["b"]
 
 
@@ -72,7 +72,7 @@ def test_a_job_that_no_printer_matches_any_more_lets_the_next_one_pass(farm):
     farm.jobs.submit("t" * 8, "o.stl", MODEL, JobOptions())
     assert farm.effects.plans == [(2, ["a", "b"], 1)]
     holds = {job.id: job.hold and job.hold.code for job in farm.controller.books.jobs.values()}
-    assert holds == {1: HoldCode.NO_SUCH_PRINTER, 2: None, 3: HoldCode.NOT_FRONT}
+    assert holds == {1: HoldCode.NO_SUCH_PRINTER, 2: None, 3: HoldCode.NOT_FIRST}
     farm.jobs.cancel(2, "ann")
     assert [number for number, *_ in farm.effects.plans] == [2, 3]
 
@@ -110,7 +110,7 @@ def test_a_plan_that_fails_fails_its_job_and_the_next_one_goes_on(farm):
     farm.ready("a", "b")
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
     farm.jobs.submit("s" * 8, "n.stl", MODEL, JobOptions())
-    assert farm.controller.books.jobs[2].hold.code is HoldCode.NOT_FRONT
+    assert farm.controller.books.jobs[2].hold.code is HoldCode.NOT_FIRST
     farm.controller.on_plan(1, FarmError("parts overlap", ErrorCode.GEOMETRY))
     job = farm.controller.books.jobs[1]
     assert (job.state, job.error) == (JobState.FAILED, ErrorCode.GEOMETRY)
@@ -235,7 +235,12 @@ def test_temperatures_and_progress_run_no_scheduler(farm, plan, monkeypatch):
     farm.controller.on_plan(1, plan)
     attempt = farm.controller.books.open_print_on("a")
     runs = []
-    monkeypatch.setattr(module, "assign", lambda situation: (runs.append(1), assign(situation))[1])
+
+    def counted(situation):
+        runs.append(1)
+        return assign_plates(situation)
+
+    monkeypatch.setattr(module, "assign_plates", counted)
 
     def report(step, link=Link.BUSY, state=PrintState.PRINTING):
         said = AgentPrint(

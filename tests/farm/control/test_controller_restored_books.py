@@ -21,7 +21,7 @@ from farm.model import (
 from farm.paths import StateFolder
 from farm.state import events as ev
 from farm.state.books import put
-from farm.state.recovery.journal_import import import_agent_journal
+from farm.state.reconciliation import import_agent_journal
 from farm.state.storage.store import copy_books
 from farm.views import list_tasks
 from make_books import plan as planned
@@ -185,7 +185,7 @@ def test_nothing_of_a_restored_job_starts_before_every_printer_has_told_or_is_ta
     farm.report("a")
     farm.clear_bed("a", FilamentState.PARKED)
     (hold,) = farm.controller.plate_holds().values()
-    assert hold.code is HoldCode.UNTOLD
+    assert hold.code is HoldCode.PRINTER_UNREPORTED
     assert "b may have printed it" in hold.text
     farm.printers.begin_maintenance("b", "it burnt down", "ann")
     assert [p.printer for p in farm.controller.books.prints.values()] == ["a"]

@@ -178,7 +178,7 @@ def test_g_code_does_not_wait_behind_a_decomposition(farm):
     assert [plan[0] for plan in farm.effects.plans] == [first, second]
     third, urgent = submit(farm, "t"), submit(farm, "u", priority=1)
     holds = {number: farm.controller.books.job(number).hold.code for number in (third, urgent)}
-    assert set(holds.values()) == {HoldCode.NOT_FRONT}
+    assert set(holds.values()) == {HoldCode.NOT_FIRST}
     farm.jobs.cancel(first, "ann")
     assert farm.effects.plans[-1][0] == urgent
 

@@ -6,6 +6,7 @@ import httpx
 import pytest
 
 from farm.cli.commands.operate import find_target_path
+from farm.control import DryRuns
 from farm.http import Services, make_app
 from farm.model import JobOptions, JobState, PrintState
 from farm.paths import StateFolder
@@ -34,7 +35,10 @@ def farm(tmp_path):
                 extruded=True,
             )
         )
-    app = make_app(Services(farm.controller, StateFolder(tmp_path), tmp_path / "fleet.yaml", None, None))
+    app = make_app(
+        Services(farm.controller, StateFolder(tmp_path), tmp_path / "fleet.yaml", None, None),
+        DryRuns(farm.controller),
+    )
 
     def ask(target, verb):
         async def call():

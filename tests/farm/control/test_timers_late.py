@@ -10,7 +10,7 @@ import pytest
 from fake_event_loop_clock import FakeTime
 from farm.control.timers import Timers
 from farm.paths import StateFolder
-from farm.state.storage.backups import Nightly, copies, made_s
+from farm.state.storage.backups import NightlyBackup, backup_time_s, list_backups
 from farm.state.storage.store import Store
 
 BERLIN = ZoneInfo("Europe/Berlin")
@@ -96,7 +96,7 @@ def test_the_books_are_copied_once_a_night(begin, tmp_path, first, asleep):
 
     async def nights():
         timers = Timers(time)
-        nightly = Nightly(state, time, BERLIN, timers.at, told.append)
+        nightly = NightlyBackup(state, time, BERLIN, timers.at, told.append)
         timers.start()
         await nightly.begin()
         if asleep:
@@ -108,7 +108,10 @@ def test_the_books_are_copied_once_a_night(begin, tmp_path, first, asleep):
 
     time.run(nights())
     days = [datetime.fromisoformat(first) + timedelta(days=n) for n in range(5)]
-    made = [datetime.fromtimestamp(made_s(copy), BERLIN).replace(tzinfo=None) for copy in copies(state)]
+    made = [
+        datetime.fromtimestamp(backup_time_s(copy), BERLIN).replace(tzinfo=None)
+        for copy in list_backups(state)
+    ]
     due = [days[0].replace(hour=12), *(day.replace(hour=4) for day in days[1:])]
     if asleep:
         due[1] = days[1].replace(hour=6, minute=30)

@@ -21,13 +21,13 @@ from farm.doctor.facts import (
 from farm.doctor.finding import Level
 from farm.model import Bed
 from farm.state import events as ev
-from farm.state.books import edited, put
-from farm.state.storage.migrations import FORM
+from farm.state.books import put, replace_fields
+from farm.state.storage.migrations import SCHEMA_VERSION
 from make_books import ended, printing, run
 
 NOW_S = 1_790_000_000.0
 BOOKS = run(printing(), ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"), ended("x"))[0]
-SPOILT = put(BOOKS, edited(BOOKS.printers["a"], bed=Bed.CLEAR))
+SPOILT = put(BOOKS, replace_fields(BOOKS.printers["a"], bed=Bed.CLEAR))
 FLEET = Fleet.model_validate(
     {
         "fleet": {"timezone": "Europe/London", "operators": "ops"},
@@ -37,7 +37,7 @@ FLEET = Fleet.model_validate(
 SOUND = Facts(
     version="1.2",
     fleet_path="fleet.yaml",
-    books=BooksFacts("/s/farm.db", form=FORM, books=BOOKS),
+    books=BooksFacts("/s/farm.db", form=SCHEMA_VERSION, books=BOOKS),
     cura=CuraFacts("/usr/bin/CuraEngine", "4.13.0", None, "/usr/share/cura/resources", "19", None),
     clock=ClockFacts(NOW_S, True, (1.0, NOW_S - 9.0), "Europe/London"),
     user=UserFacts("farm", frozenset({"ops", "dialout"}), frozenset({"ops"}), "farm"),
@@ -80,7 +80,7 @@ CASES = {
         "plate 3 was changed",
     ),
     "books that contradict themselves": (
-        {"books": BooksFacts("/s/farm.db", form=FORM, books=SPOILT)},
+        {"books": BooksFacts("/s/farm.db", form=SCHEMA_VERSION, books=SPOILT)},
         "problem",
         "database",
         "printer a: its bed is clear, and print x on it is not judged",
@@ -92,9 +92,9 @@ CASES = {
         "files",
         "job 1: g has changed since it was planned",
     ),
-    "dead agent": ({"agents": (AgentFacts("a", False),)}, "problem", "agents", "a: its agent does not live"),
+    "dead agent": ({"agents": (AgentFacts("a", False),)}, "problem", "agents", "a: its agent is not running"),
     "silent agent": ({"agents": (AgentFacts("a", True),)}, "problem", "agents", "does not answer"),
-    "old agent": ({"agents": (AgentFacts("a", True, 1),)}, "warning", "agents", "older version"),
+    "old agent": ({"agents": (AgentFacts("a", True, 1),)}, "warning", "agents", "earlier version"),
     "closed folder": (
         {"agents": (AgentFacts("a", False, None, "closed"),)},
         "problem",
@@ -131,7 +131,7 @@ CASES = {
         "was set back",
     ),
     "another zone": ({"clock": replace(SOUND.clock, host_zone="Etc/UTC")}, "warning", "clock", "Etc/UTC"),
-    "full disk": ({"rooms": (RoomFacts("/s", 10**6),)}, "problem", "room", "/s has 1 MB of room"),
+    "full disk": ({"rooms": (RoomFacts("/s", 10**6),)}, "problem", "room", "/s has 1 MB free"),
     "little room": ({"rooms": (RoomFacts("/s", 10**9),)}, "warning", "room", "a large job may not fit"),
     "read-only disk": ({"rooms": (RoomFacts("/s", None),)}, "problem", "room", "cannot be written"),
     "no shared memory": (

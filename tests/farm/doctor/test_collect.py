@@ -74,7 +74,7 @@ def test_an_agent_that_lives_and_says_nothing_is_a_problem(places):
         (agent,) = (one for one in findings(places, "agents") if one.text.startswith("um2-01:"))
     finally:
         os.close(lock)
-    assert (agent.level, agent.text) == (Level.PROBLEM, "um2-01: its agent lives and does not answer")
+    assert (agent.level, agent.text) == (Level.PROBLEM, "um2-01: its agent is running but does not answer")
 
 
 def test_the_command_prints_every_check_and_ends_with_1_where_there_is_a_problem(places):

@@ -10,12 +10,13 @@ import trimesh
 
 from drivers.clock import Clock
 from farm.config import Fleet
+from farm.control import DryRuns
 from farm.control.controller import Controller
 from farm.http import Services, make_app
 from farm.http.body_limit import LARGEST_BODY_BYTES
 from farm.model import AgentSnapshot, FilamentState, Link
 from farm.paths import StateFolder
-from farm.planning.parts.part_rooms import bed_boxes
+from farm.planning.printer_settings import bed_boxes
 from farm.state.storage.store import Store
 from make_gcode import marlin
 from recording_controller import RecordedEffects
@@ -46,7 +47,9 @@ def daemon(tmp_path):
     async def down(now):
         went_down.append(now)
 
-    app = make_app(Services(controller, state, tmp_path / "fleet.yaml", SameProcess(), down))
+    app = make_app(
+        Services(controller, state, tmp_path / "fleet.yaml", SameProcess(), down), DryRuns(controller)
+    )
     app.state.controller, app.state.went_down, app.state.folder = controller, went_down, state
     return app
 

@@ -14,14 +14,15 @@ import uvicorn
 
 from drivers.clock import Clock
 from farm.config import Fleet
+from farm.control import DryRuns
 from farm.control.controller import Controller
 from farm.errors import FleetFileError, Refused
 from farm.http import PeerProtocol, Services, check_operators, listen, make_app
 from farm.http.callers import Person
 from farm.model import AgentSnapshot, FilamentState, Link
 from farm.paths import StateFolder
-from farm.planning.parts.part_rooms import bed_boxes
 from farm.planning.plan import InspectedSubmission
+from farm.planning.printer_settings import bed_boxes
 from farm.state.storage.store import Store
 from recording_controller import RecordedEffects
 
@@ -52,7 +53,9 @@ def make(folder, **fleet):
     async def down(now):
         pass
 
-    return make_app(Services(controller, state, folder / "fleet.yaml", SameProcess(), down))
+    return make_app(
+        Services(controller, state, folder / "fleet.yaml", SameProcess(), down), DryRuns(controller)
+    )
 
 
 def ask(app, person, method, path, **more):

@@ -4,7 +4,7 @@ import pytest
 import trimesh
 
 from farm.model import JobOptions
-from farm.planning.inspection.inspect_model import inspect_model
+from farm.planning.inspection.inspect_submission import inspect_model
 
 
 @pytest.fixture

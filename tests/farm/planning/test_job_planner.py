@@ -12,7 +12,7 @@ from farm.errors import ErrorCode, FarmError
 from farm.model import Job, JobOptions, PlanProgress, PlanStep
 from farm.paths import StateFolder
 from farm.planning import job_planner, slice_batch
-from farm.planning.inspection.inspect_model import inspect_model
+from farm.planning.inspection.inspect_submission import inspect_model
 from farm.planning.job_planner import ROOM_BYTES, JobPlanner
 from farm.planning.plan import Plan
 from farm.views import list_tasks

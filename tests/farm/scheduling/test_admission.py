@@ -11,7 +11,7 @@ ANY = Requirements(None, None, None)
 
 def begin(requirements, printers, least, fleet, taken, starting, needs_approval=False, blocked=frozenset()):
     request = JobRequest(requirements, printers, least, needs_approval=needs_approval)
-    return admission.begin(
+    return admission.choose_printers(
         request, Availability(tuple(fleet), dict.fromkeys(taken, "9/01"), starting, blocked)
     )
 
@@ -73,7 +73,7 @@ def test_what_ends_by_itself_is_waited_for_and_a_bed_that_may_be_clear_is_named(
         assert isinstance(held, Hold) and held.code is HoldCode.PRINTER_BUSY
         assert held.text.startswith(busy.obstacle().text) and "`farm cleared b`" in held.text
     alone = begin(ANY, None, 0, [printer("a", attention_reason="it smokes"), full], frozenset(), True)
-    assert isinstance(alone, Hold) and alone.code is HoldCode.NEEDS_A_LOOK
+    assert isinstance(alone, Hold) and alone.code is HoldCode.NEEDS_INSPECTION
 
 
 def test_a_need_says_the_room_that_it_asks():

@@ -7,8 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from farm.model import Bed, Link
-from farm.scheduling import forecast as forecasting
-from farm.scheduling.forecast import CLEARING_S, seconds_on
+from farm.scheduling.forecast import CLEARING_S, forecast_prints, seconds_on
 from farm.scheduling.matching import Requirements
 from scheduling_examples import LOW, TALL, box, plate, printer, rules, situation
 
@@ -17,7 +16,7 @@ HOUR = 3600.0
 
 
 def forecast(waiting, fleet, house, now_s):
-    return forecasting.forecast(situation(waiting, fleet, house, now_s))
+    return forecast_prints(situation(waiting, fleet, house, now_s))
 
 
 fleets = st.lists(

@@ -5,8 +5,8 @@ from hypothesis import strategies as st
 
 from drivers.errors import Fault
 from farm.model import AgentSnapshot, Bed, FilamentState, Link, PrintState
-from farm.planning.parts.part_rooms import bed_boxes
-from farm.scheduling.plate_holds import find_plate_holds
+from farm.planning.printer_settings import bed_boxes
+from farm.scheduling.holds import find_plate_holds
 from farm.scheduling.situation_builder import SituationBuilder
 from farm.state import events as ev
 from make_books import PRINTERS, ended, printing, run

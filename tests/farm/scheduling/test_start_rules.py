@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from farm.model import Bed, HoldCode
-from farm.scheduling import assign as assignment
+from farm.scheduling import assignment
 from farm.scheduling.matching import Requirements
 from farm.scheduling.start_rules import ENDED_BEFORE_S
 from scheduling_examples import LOW, TALL, UTC, box, plate, printer, rules, situation
@@ -27,7 +27,7 @@ FRIDAY = at("2026-11-20 17:00")
 
 def assign(waiting, fleet, house, now_s, spares=0):
     moment = situation(waiting, fleet, house, now_s, spares=spares)
-    given_ = assignment.assign(moment)
+    given_ = assignment.assign_plates(moment)
     return given_, assignment.find_holds(moment, given_)
 
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from farm.model import JobState, Printer, PrintState
 from farm.state import events as ev
-from farm.state.outage import WINDOW_S, lost_together, window_s
+from farm.state.outage import WINDOW_S, lost_together, outage_window_s
 from farm.state.plate_state import ATTEMPTS, PlateState
 from make_books import ended, printing, run
 
@@ -41,11 +41,11 @@ def test_two_printers_lost_within_the_window_are_one_outage_and_cost_no_attempt(
 
 
 def test_on_a_fast_clock_the_window_is_no_shorter_than_the_host_needs_to_tell_of_two_losses():
-    assert [window_s(scale) for scale in (1.0, 5.0, 300.0)] == [WINDOW_S, WINDOW_S, 300.0]
+    assert [outage_window_s(scale) for scale in (1.0, 5.0, 300.0)] == [WINDOW_S, WINDOW_S, 300.0]
     second = lost("b", 250.0)  # half a wall second after the other
     real, _ = run(printing(), *assigned(*TWO), lost("a", 100.0), second)
     assert real.outage is None
-    fast = replace(printing(), outage_window_s=window_s(300.0))
+    fast = replace(printing(), outage_window_s=outage_window_s(300.0))
     fast, _ = run(fast, *assigned(*TWO), lost("a", 100.0), second)
     assert fast.outage.printers == ("a", "b")
 

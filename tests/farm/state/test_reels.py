@@ -60,9 +60,9 @@ def test_the_fleet_has_what_was_loaded():
 def test_reels_of_restored_books_are_weighed_before_anything_is_printed_from_them():
     load = ev.ReelLoaded(at_s=1.0, printer="a", reel=WHITE, by="ann")
     books, _ = run(printing(), load, ev.BooksRestored(at_s=9.0, copied_s=2.0))
-    assert [one.reel and one.reel.doubted for one in books.printers.values()] == [True, None, None]
+    assert [one.reel and one.reel.uncertain for one in books.printers.values()] == [True, None, None]
     (item,) = [item for item in list_requests(books, {}) if item.code == "reel"]
     assert item.printers == ["a"]
     books, _ = run(books, load)
     assert not [item for item in list_requests(books, {}) if item.code == "reel"]
-    assert printer("a", reel_doubted=True).obstacle().code is HoldCode.REEL_DOUBTED
+    assert printer("a", reel_uncertain=True).obstacle().code is HoldCode.REEL_UNCERTAIN

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.printers import PROFILES
-from farm.planning.inspection.move_times import FirmwareTime
+from farm.planning.inspection.own_gcode import FirmwareTime
 from make_gcode import FILAMENT_MM2, PURGE, marlin, square, ultigcode
 from own_gcode import body, fed, followed, refused, safe, take
 from slicing.errors import GcodeRefused

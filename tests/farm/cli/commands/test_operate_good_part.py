@@ -9,6 +9,7 @@ from typer.testing import CliRunner
 
 from farm.cli.client import daemon_client
 from farm.cli.main import app as cli
+from farm.control import DryRuns
 from farm.control.job_commands import abort_prints
 from farm.http import Services, make_app
 from farm.model import AgentPrint, AgentSnapshot, Bed, FilamentState, JobOptions, JobState, Link, PrintState
@@ -31,7 +32,10 @@ def farm(tmp_path, monkeypatch):
     said(farm, "a", PrintState.PRINTING, started_s=now_s - 100.0)
     died = {"fault": "agent_died", "reason": "its agent died", "started_s": now_s - 100.0, "ended_s": now_s}
     said(farm, "a", PrintState.FAILED, **died)
-    daemon = make_app(Services(farm.controller, StateFolder(tmp_path), tmp_path / "fleet.yaml", None, None))
+    daemon = make_app(
+        Services(farm.controller, StateFolder(tmp_path), tmp_path / "fleet.yaml", None, None),
+        DryRuns(farm.controller),
+    )
 
     class Connection:
         def __init__(self, *_):

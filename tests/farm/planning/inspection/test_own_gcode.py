@@ -9,8 +9,7 @@ from drivers.printers import PROFILES
 from farm.config import PrinterSection
 from farm.errors import ErrorCode, FarmError
 from farm.model import Engine, JobOptions
-from farm.planning.inspection.move_times import FirmwareTime
-from farm.planning.inspection.own_gcode import inspect_gcode, is_gcode, plan_gcode
+from farm.planning.inspection.own_gcode import FirmwareTime, inspect_gcode, is_gcode, plan_gcode
 from farm.planning.plan import DecomposeTask
 from make_gcode import marlin, square, ultigcode
 from slicing.errors import EngineMissing

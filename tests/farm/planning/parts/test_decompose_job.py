@@ -16,12 +16,10 @@ from drivers.clock import Clock
 from farm.control.controller import Controller
 from farm.errors import ErrorCode, FarmError
 from farm.model import AgentSnapshot, FilamentState, JobOptions, JobState, Link, PartPrintOptions
-from farm.planning.inspection.inspect_model import inspect_model
-from farm.planning.parts.decompose_job import decompose_job
-from farm.planning.parts.part_rooms import bed_boxes
-from farm.planning.parts.printer_choice import LATE_SHARE
+from farm.planning.inspection.inspect_submission import inspect_model
+from farm.planning.parts.decompose_job import LATE_SHARE, decompose_job
 from farm.planning.plan import TooFewPrinters
-from farm.planning.printer_settings import settings_request
+from farm.planning.printer_settings import bed_boxes, settings_request
 from farm.state.storage.store import Store
 from recording_controller import Commands, RecordedEffects
 
@@ -117,7 +115,7 @@ def test_another_nozzle_makes_a_printer_slower_or_quicker(bar, files, tmp_path, 
         seen.extend(rooms)
         raise NoFit("seen enough")
 
-    monkeypatch.setattr("farm.planning.parts.printer_choice.decompose_model", caught)
+    monkeypatch.setattr("farm.planning.parts.decompose_job.decompose_model", caught)
     nozzles = (0.4, 0.25, 0.8, 0.4)
     printers = [
         section.model_copy(update={"nozzle_mm": nozzle_mm})

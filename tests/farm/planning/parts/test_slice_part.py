@@ -9,8 +9,8 @@ from farm.config import PrinterSection
 from farm.errors import FarmError
 from farm.model import PartPrintOptions
 from farm.planning.part_records import SliceTask
-from farm.planning.parts.part_rooms import model_sizes, printer_room
 from farm.planning.parts.slice_part import slice_part
+from farm.planning.printer_settings import model_sizes, printer_room
 from slicing.settings import SettingsRequest, find_engine, find_resources, resolve_settings
 from slicing_printers import PRINTERS
 

@@ -76,7 +76,7 @@ def test_what_failed_is_cut_for_the_free_printers_and_no_printer_gets_it_meanwhi
     ((plate, printers, cut),) = farm.effects.replans
     assert (plate, printers, cut) == ("1/01", ["b", "c", "d"], True)
     hold = farm.controller.plate_holds().get("1/01")
-    assert hold.code is HoldCode.CUT_AGAIN
+    assert hold.code is HoldCode.BEING_RECUT
     assert "b, c and d" in hold.text
     assert printing(farm) == {}
     farm.controller.handle()

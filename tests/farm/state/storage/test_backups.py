@@ -15,7 +15,15 @@ from farm.planning.plan import Plan
 from farm.state import events as ev
 from farm.state.books import Books
 from farm.state.storage import backups
-from farm.state.storage.backups import KEPT, back_up, copies, is_due, made_s, next_s, open_books
+from farm.state.storage.backups import (
+    KEPT,
+    back_up,
+    backup_time_s,
+    is_due,
+    list_backups,
+    next_backup_s,
+    open_books,
+)
 from farm.state.storage.store import Store, StoreError
 from farm.state.transitions import apply
 from farm.views import list_tasks
@@ -55,12 +63,12 @@ def test_a_copy_is_made_while_the_books_are_in_use_and_the_oldest_go(state):
     with Store(state.books):
         for night in range(KEPT + 2):
             back_up(state, NIGHT_S + night * DAY_S)
-    made = [made_s(copy) for copy in copies(state)]
+    made = [backup_time_s(copy) for copy in list_backups(state)]
     assert made == [NIGHT_S + night * DAY_S for night in range(KEPT + 1, 1, -1)]
     assert not is_due(state, made[0] + DAY_S - 1)
     (state.backups / "books-before-upgrade.db").touch()  # a person's own: neither used nor dropped
-    assert [made_s(copy) for copy in copies(state)] == made
-    with Store(copies(state)[0]) as copy:
+    assert [backup_time_s(copy) for copy in list_backups(state)] == made
+    with Store(list_backups(state)[0]) as copy:
         assert copy.load() == books
 
 
@@ -99,7 +107,7 @@ def test_a_copy_is_known_as_one_until_it_is_restored_whoever_put_it_there(state)
     store, copied_s = open_books(state, NIGHT_S + DAY_S)
     with store:
         assert copied_s is None
-    assert made_s(back_up(state, NIGHT_S + 2 * DAY_S)) == NIGHT_S + 2 * DAY_S
+    assert backup_time_s(back_up(state, NIGHT_S + 2 * DAY_S)) == NIGHT_S + 2 * DAY_S
 
 
 def test_without_a_whole_copy_the_farm_says_what_to_do(state):
@@ -117,7 +125,7 @@ def test_books_of_a_newer_farm_are_not_taken_for_damaged(state):
     with sqlite3.connect(state.books) as db:
         db.execute("PRAGMA user_version = 99")
     db.close()
-    with pytest.raises(StoreError, match="newer farm"):
+    with pytest.raises(StoreError, match="newer version"):
         open_books(state, NIGHT_S)
 
 
@@ -127,7 +135,7 @@ def test_a_copy_that_cannot_be_made_leaves_those_that_are_there(state):
     state.books.write_bytes(b"no books" * 999)
     with pytest.raises(StoreError, match="cannot be copied"):
         back_up(state, NIGHT_S + DAY_S)
-    assert [made_s(copy) for copy in copies(state)] == [NIGHT_S]
+    assert [backup_time_s(copy) for copy in list_backups(state)] == [NIGHT_S]
     assert len(list(state.backups.iterdir())) == 1
 
 
@@ -140,7 +148,7 @@ def test_a_nightly_copy_that_fails_is_told_and_tried_again(state, trouble, tmp_p
         error = OSError(28, "No space left on device") if trouble == "the disk" else ValueError("oh")
         monkeypatch.setattr(backups, "back_up", Mock(side_effect=error))
     farm, timers = Farm(tmp_path / "farm"), []
-    nightly = backups.Nightly(
+    nightly = backups.NightlyBackup(
         state, Clock(), UTC, lambda *timer: timers.append(timer), farm.controller.on_backup
     )
     asyncio.run(nightly.begin())
@@ -153,7 +161,7 @@ def test_a_nightly_copy_that_fails_is_told_and_tried_again(state, trouble, tmp_p
     monkeypatch.undo()
     asyncio.run(again())
     assert len(timers) == 2
-    assert len(copies(state)) == 1
+    assert len(list_backups(state)) == 1
     assert "farm" not in [item.code for item in list_tasks(farm.view_context(state))]
 
 
@@ -163,9 +171,9 @@ def test_the_next_copy_is_at_four_whatever_the_clock_does():
     def at(text):
         return datetime.fromisoformat(text).replace(tzinfo=zone).timestamp()
 
-    assert next_s(at("2026-03-28 05:00"), zone) == at("2026-03-29 04:00")
-    assert next_s(at("2026-10-24 23:00"), zone) == at("2026-10-25 04:00")
-    assert next_s(at("2026-10-25 04:00"), zone) == at("2026-10-26 04:00")
+    assert next_backup_s(at("2026-03-28 05:00"), zone) == at("2026-03-29 04:00")
+    assert next_backup_s(at("2026-10-24 23:00"), zone) == at("2026-10-25 04:00")
+    assert next_backup_s(at("2026-10-25 04:00"), zone) == at("2026-10-26 04:00")
 
 
 def test_restored_books_start_nothing_before_a_person_has_looked(tmp_path):

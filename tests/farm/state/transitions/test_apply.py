@@ -108,14 +108,18 @@ def test_the_error_tells_the_story_of_the_entity_and_of_no_other(tmp_path):
             books = after
         with pytest.raises(InvalidTransition) as caught:
             apply(HEATING, books)
-        told = store.tell_story(caught.value)
+        told = store.add_history(caught.value)
         with pytest.raises(InvalidTransition) as caught:
             apply(ev.PlanningStarted(at_s=9.0, job=1), books)
-        of_the_job = store.tell_story(caught.value)
-    assert [line.partition(" ")[2].partition(" ")[2] for line in told.story] == [
+        of_the_job = store.add_history(caught.value)
+    assert [line.partition(" ")[2].partition(" ")[2] for line in told.history] == [
         "PlateAssigned",
         "PrintProgressed heating",
         "PrintEnded done",
     ]
     assert "print x is done; before that: 1970-01-01 00:00:02 PlateAssigned, " in str(told)
-    assert [line.split()[2] for line in of_the_job.story] == ["JobSubmitted", "PlanningStarted", "JobPlanned"]
+    assert [line.split()[2] for line in of_the_job.history] == [
+        "JobSubmitted",
+        "PlanningStarted",
+        "JobPlanned",
+    ]

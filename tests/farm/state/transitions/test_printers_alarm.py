@@ -8,7 +8,7 @@ from farm.config import Fleet
 from farm.model import AgentPrint, AgentSnapshot, Link, PrintState
 from farm.paths import StateFolder
 from farm.state import events as ev
-from farm.state.reconcile import detect_alarm
+from farm.state.reconciliation import detect_alarm
 from farm.views import ViewContext, describe_printer, list_due_notices, list_tasks
 from make_books import printing, run
 

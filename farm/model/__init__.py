@@ -1,0 +1,44 @@
+"""Records of the farm: jobs, parts, plates, prints, printers, and the snapshots of agents.
+
+Everything here is frozen. Times are seconds since the epoch on the farm's clock (`drivers.clock`), spans are
+seconds, lengths millimetres, temperatures degrees Celsius.
+"""
+
+from farm.model.agent import AgentPrint, AgentSnapshot, Link
+from farm.model.entity import FORMER_NAMES, Entity
+from farm.model.hold import Hold, HoldCode, ShortReel
+from farm.model.job import Engine, Job, JobOptions, JobState, OwnGcode, PlanProgress, PlanStep
+from farm.model.plate import DEFAULT_PRINT_OPTIONS, Part, PartGeometry, PartPrintOptions, Plate
+from farm.model.print import Print, PrintState, Verdict
+from farm.model.printer import Bed, FilamentState, Outage, Printer, Reel
+
+__all__ = [
+    "DEFAULT_PRINT_OPTIONS",
+    "FORMER_NAMES",
+    "AgentPrint",
+    "AgentSnapshot",
+    "Bed",
+    "Engine",
+    "Entity",
+    "FilamentState",
+    "Hold",
+    "HoldCode",
+    "Job",
+    "JobOptions",
+    "JobState",
+    "Link",
+    "Outage",
+    "OwnGcode",
+    "Part",
+    "PartGeometry",
+    "PartPrintOptions",
+    "PlanProgress",
+    "PlanStep",
+    "Plate",
+    "Print",
+    "PrintState",
+    "Printer",
+    "Reel",
+    "ShortReel",
+    "Verdict",
+]

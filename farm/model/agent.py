@@ -1,0 +1,66 @@
+"""Reports of agents on their printers. Telemetry: they never enter the books."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+
+from farm.model.entity import Entity
+from farm.model.print import PrintState
+from farm.model.printer import FilamentState
+
+
+class Link(StrEnum):
+    """State of the connection to a board."""
+
+    STARTING = "starting"  # its agent has not reported yet
+    ABSENT = "absent"
+    CONNECTING = "connecting"
+    READY = "ready"
+    BUSY = "busy"
+    FAULT = "fault"
+
+
+class AgentPrint(Entity):
+    """State of an agent's open print, as the agent reports it."""
+
+    print_id: str
+    state: PrintState
+    fault: str | None
+    reason: str | None
+    progress_s: float
+    print_time_s: float
+    extruded: bool
+    started_s: float | None
+    ended_s: float | None
+    starved_s: float = 0.0  # simulated printers: how long it waited for the host
+    layer: int | None = None  # counted from 1
+    layers: int = 0
+    z_mm: float | None = None
+    feature: str | None = None  # type of the current lines, as Cura names it
+    pause_ends_s: float | None = None  # when its agent ends the print unless it is resumed
+    ends_by_s: float | None = None  # when its agent ends the print if it still runs
+    sha256: str | None = None  # of its G-code file
+
+
+class AgentSnapshot(Entity):
+    """Last report of an agent."""
+
+    printer: str
+    link: Link
+    agent_pid: int | None = None
+    reason: str | None = None
+    nozzle_c: float | None = None
+    bed_c: float | None = None
+    nozzle_target_c: float | None = None
+    bed_target_c: float | None = None
+    heaters_off: bool = False
+    filament: FilamentState = FilamentState.UNKNOWN
+    bed_clear: bool | None = None  # reported by emulators only
+    alarm: str | None = None  # a heater that cannot be switched off: a person has to act now
+    bed_unknown_reason: str | None = (
+        None  # why bed and filament are not known, until a person has cleared the bed
+    )
+    outdated: bool = False  # its agent is of an earlier version, and gets no more prints
+    reset_verified: bool = True  # a reset stops its board; else it prints only while attended
+    acknowledged_cancel: str | None = None  # id of a print whose cancel request its agent has received
+    print: AgentPrint | None = None

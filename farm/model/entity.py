@@ -1,0 +1,32 @@
+"""Frozen records of the books, and the former names of their fields."""
+
+from __future__ import annotations
+
+from pydantic import AliasChoices, AliasGenerator, BaseModel, ConfigDict
+
+FORMER_NAMES = {
+    "attention_reason": "look",
+    "attention_since_s": "look_s",
+    "cancel_reason": "cancel_asked",
+    "disconnected_at_s": "lost_s",
+    "expected_s": "estimated_s",
+    "fail_reason": "fail_asked",
+    "pause_requested": "pause_asked",
+    "sliced_s": "print_time_s",
+    "uncertain": "doubted",
+    "unreported_since_s": "untold_since_s",
+}
+"""Fields that the books of farm 0.1 have under another name."""
+
+
+def _accepted_names(field: str) -> str | AliasChoices:
+    former = FORMER_NAMES.get(field)
+    return field if former is None else AliasChoices(field, former)
+
+
+class Entity(BaseModel):
+    """Frozen record of the books."""
+
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", alias_generator=AliasGenerator(validation_alias=_accepted_names)
+    )

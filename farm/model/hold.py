@@ -1,0 +1,60 @@
+"""Holds: why a plate, or a job that has no plates yet, waits."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+
+from farm.model.entity import Entity
+
+
+class HoldCode(StrEnum):
+    """Reason for which a plate, or a job that has no plates yet, waits."""
+
+    NOT_FIRST = "not_front"
+    NO_SUCH_PRINTER = "no_such_printer"
+    TOO_FEW_PRINTERS = "too_few_printers"
+    PRINTER_BUSY = "printer_busy"
+    JOB_PRINTER_LIMIT = "all_its_printers_busy"
+    BED_NOT_CLEAR = "bed_not_clear"
+    REEL_UNCERTAIN = (
+        "reel_doubted"  # the database was restored: prints since the backup may have used filament
+    )
+    FILAMENT_UNKNOWN = "filament_unknown"
+    NEEDS_INSPECTION = "needs_a_look"
+    PRINTER_ABSENT = "printer_absent"
+    PRINTER_CONNECTING = "printer_connecting"
+    REEL_TOO_SHORT = "reel_too_short"
+    START_TIME = "start_time"  # its job starts later (`--at`, `--overnight`)
+    QUIET_HOURS = "quiet_hours"
+    UNATTENDED = "unattended"  # a person has to be there
+    TOO_LONG = "too_long"  # longer than any span of hours in fleet.yaml
+    HEATING_LIMIT = "heating_limit"
+    KEPT_AS_SPARE = "kept_as_spare"
+    PRINTER_UNREPORTED = "untold"  # a printer has not reported its prints since the backup
+    APPROVAL = "approval"  # until `farm approve`
+    MAINTENANCE = "maintenance"
+    PAUSED = "paused"
+    STOPPED = "stopped"  # by `farm estop`, until `farm resume`
+    OUT_OF_ATTEMPTS = "out_of_attempts"
+    BEING_RECUT = "cut_again"  # its part failed and is being cut for several printers
+    JUST_LOST = "just_lost"
+    OUTAGE = "outage"
+
+
+class ShortReel(Entity):
+    """Printer with too little filament for a plate, and how much it has and needs."""
+
+    printer: str
+    text: str
+
+
+class Hold(Entity):
+    """Reason to wait: a code, and a sentence whose wording may change while the reason stays."""
+
+    code: HoldCode
+    text: str
+    reel: ShortReel | None = None
+
+    def same_reason(self, other: Hold | None) -> bool:
+        """Return whether another hold differs at most in its sentence (a time, a printer)."""
+        return other is not None and (self.code, self.reel) == (other.code, other.reel)

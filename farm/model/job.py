@@ -1,0 +1,112 @@
+"""Jobs: their states and options, and the progress of their plans."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from enum import StrEnum
+
+from pydantic import Field
+
+from farm.errors import ErrorCode
+from farm.model.entity import Entity
+from farm.model.hold import Hold
+
+
+class JobState(StrEnum):
+    QUEUED = "queued"
+    PLANNING = "planning"  # being repaired, decomposed and sliced
+    HELD = "held"  # planned and frozen, until a person approves it
+    PRINTING = "printing"  # planned and committed; plates go to printers
+    PRINTED = "printed"  # every part is printed; a person has not judged all of them
+    DONE = "done"  # a person has judged every part good
+    FAILED = "failed"
+    CANCELLED = "cancelled"
+
+    @property
+    def ended(self) -> bool:
+        """Return whether the job has ended: nothing more is printed unless a person asks for it."""
+        return self in (JobState.PRINTED, JobState.DONE, JobState.FAILED, JobState.CANCELLED)
+
+
+class Engine(StrEnum):
+    """Algorithm that decomposes a model."""
+
+    BEST = "best"  # the engine whose parts print soonest
+    GUILLOTINE = "guillotine"
+    PARALLELOBOX = "parallelobox"  # of the paper
+
+
+class JobOptions(Entity):
+    """Options of a job, as a person gave them."""
+
+    printers: int | None = Field(default=None, ge=1)  # None: as many free ones as save time
+    longest_side_mm: float | None = Field(default=None, gt=0, allow_inf_nan=False)
+    scale: float | None = Field(default=None, gt=0, allow_inf_nan=False)
+    engine: Engine = Engine.BEST
+    material: str | None = None  # None: whatever the printers have
+    colour: str | None = None
+    quality: str = "glue"
+    priority: int = Field(default=0, ge=-100, le=100)  # higher is earlier
+    at: str | None = Field(default=None, max_length=40)  # when it may start, as written by a person
+    overnight: bool = False  # starts when attended hours end
+    done_by: str | None = Field(default=None, max_length=40)  # use the fewest parts that finish by this time
+    spares: int = Field(default=0, ge=0)  # free printers that are kept for plates that failed
+    hold: bool = False  # nothing prints before `farm approve`
+    dry_run: bool = False  # planned only: cancelled once its plan has been shown
+
+
+class OwnGcode(Entity):
+    """Requirements of a person's own G-code."""
+
+    nozzle_mm: float | None  # None: not stated in the file
+    min_mm: tuple[float, float, float]  # extent of all extrusion, from the bed's centre
+    max_mm: tuple[float, float, float]
+
+
+class Job(Entity):
+    id: int
+    request_id: str  # of the submission: a repeated request submits nothing twice
+    name: str
+    model_file: str  # in the file store
+    options: JobOptions
+    own_gcode: OwnGcode | None = None  # of submitted G-code, which is printed as one plate
+    state: JobState = JobState.QUEUED
+    submitted_s: float
+    submitted_by: str | None = None  # the user; None: submitted to an earlier version
+    hold: Hold | None = None  # why its planning has not begun
+    error: ErrorCode | None = None
+    reason: str | None = None
+    repairs: tuple[str, ...] = ()
+    scale: float | None = None
+    not_before_s: float | None = None
+    done_by_s: float | None = None
+    plan: str | None = None  # hash of the plan and its files, which `farm approve` releases
+    lower_bound_s: float | None = None  # no schedule of its plates takes less
+    expected_s: float | None = None  # parallel printing time of the plan
+    serial_s: float | None = None
+    picture: str | None = None  # of the assembly; this and the two below are in the file store
+    assembly: str | None = None  # as a GLB
+    decomposition: str | None = None  # the report on it, as JSON
+    cuts: Mapping[str, str] = Field(default_factory=dict)  # reports on parts that were recut, by part
+    plates: tuple[str, ...] = ()
+    parts: tuple[str, ...] = ()
+    paused: bool = False  # by a person: no plate of it starts
+    restored: bool = False  # from a backup: more of it may be printed than is recorded
+    planned_s: float | None = None
+    ended_s: float | None = None
+
+
+class PlanStep(StrEnum):
+    DECOMPOSING = "decomposing"
+    SLICING = "slicing"
+    LEVELLING = "levelling"  # cuts are moved, as the slices show which part is slowest
+    NO_ROOM = "no_room"  # the disk was full: planning restarts when there is space
+
+
+class PlanProgress(Entity):
+    """Progress of a job's plan, in memory only."""
+
+    step: PlanStep
+    done: int = 0  # plates sliced
+    of: int = 0  # plates in all; 0 while not known
+    cached: int = 0  # plates of `done` that came from the cache

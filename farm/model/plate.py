@@ -1,0 +1,114 @@
+"""Parts of a job, and the plates that print them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pydantic import model_validator
+
+from farm.model.entity import Entity
+
+
+class PartGeometry(Entity):
+    """Size and pose of a part.
+
+    Attributes
+    ----------
+    to_model
+        4 x 4, row by row: from the part's file (printing pose) to the model's frame, mm.
+    min_mm, max_mm
+        Corners of its box in the model's frame.
+    """
+
+    to_model: tuple[float, ...]
+    min_mm: tuple[float, float, float]
+    max_mm: tuple[float, float, float]
+    volume_mm3: float
+
+
+class PartPrintOptions(Entity):
+    """Print settings that the decomposition chooses for one part, in its printing pose.
+
+    Attributes
+    ----------
+    brim_width_mm, layer_0_expansion_mm
+        None: as the quality sets it.
+    stands
+        True where the part is expected to stay upright while it prints.
+    """
+
+    brim_width_mm: float | None = None
+    layer_0_expansion_mm: float | None = None
+    stands: bool = True
+
+
+DEFAULT_PRINT_OPTIONS = PartPrintOptions()
+
+
+class Part(Entity):
+    id: str  # "3/p01"
+    job: int
+    plate: str
+    file: str  # STL in printing pose, or own G-code as submitted
+    geometry: PartGeometry
+    print_options: PartPrintOptions = DEFAULT_PRINT_OPTIONS
+    cut_from: str | None = None  # the failed part that this is a piece of
+
+    @model_validator(mode="before")
+    @classmethod
+    def _nest_flat_fields(cls, fields: Any) -> Any:
+        """Read a part of farm 0.1, whose geometry and print options were not nested."""
+        if not isinstance(fields, dict) or "geometry" in fields:
+            return fields
+        nested: dict[str, Any] = dict(fields)
+        for name, record in (("geometry", PartGeometry), ("print_options", PartPrintOptions)):
+            nested[name] = {key: nested.pop(key) for key in record.model_fields if key in nested}
+        return nested
+
+
+class Plate(Entity):
+    id: str  # "3/01"
+    job: int
+    parts: tuple[str, ...]
+    gcode: str
+    sha256: str
+    sliced_s: float  # time of its layers, by CuraEngine; of own G-code, by the firmware's planner
+    expected_s: float  # with heat-up, start and end code, at the printer's factor
+    grams: float
+    filament_mm: float
+    price: float | None = None  # in the fleet's currency, by the material of the planned printer
+    layers: int
+    min_mm: tuple[float, float, float]  # extent of all extrusion, from the bed's centre
+    max_mm: tuple[float, float, float]
+    material: str
+    nozzle_mm: float
+    kin: str | None = None  # `Profile.kin`: the printer family that it was sliced for; None: any
+    printer: str  # that the plan chose
+    time_factor: float = 1.0  # of that printer when it was planned; included in `expected_s`
+    cached: bool = False  # its slice came from the cache
+    warnings: tuple[str, ...] = ()  # sentences: walls that are not printed, parts that may fall over
+    prints: tuple[str, ...] = ()
+    counted_from: int = 0  # index of the first print whose failure counts, after `farm reprint`
+    replaced_by: tuple[str, ...] = ()  # plates that are printed in its place
+    cancelled: bool = False  # by a person: not printed, unless a person asks for it
+    paused: bool = False  # by a person, until it is resumed
+
+    @model_validator(mode="before")
+    @classmethod
+    def _drop_hold(cls, fields: Any) -> Any:
+        """Read a plate of farm 0.1, which stored why it waited; now that is derived when it is shown."""
+        return {k: v for k, v in fields.items() if k != "hold"} if isinstance(fields, dict) else fields
+
+    @property
+    def prelude_s(self) -> float:
+        """Expected time apart from the layers: heat-up, start and end code, in seconds."""
+        return self.expected_s - self.sliced_s * self.time_factor
+
+    @property
+    def first_layer_s(self) -> float:
+        """Expected time until the first layer is done, which prints at half the speed, in seconds."""
+        return self.prelude_s + 2.0 * self.sliced_s * self.time_factor / max(1, self.layers)
+
+    def expected_on(self, time_factor: float) -> float:
+        """Return the expected time on a printer with this time factor, in seconds."""
+        return self.prelude_s + self.sliced_s * time_factor

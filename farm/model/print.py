@@ -1,0 +1,56 @@
+"""Prints: attempts to print a plate."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+
+from farm.model.entity import Entity
+
+
+class PrintState(StrEnum):
+    ASSIGNED = "assigned"  # committed; its agent is sent the start request
+    HEATING = "heating"
+    PRINTING = "printing"
+    PAUSED = "paused"  # by a person: parked, its bed warm
+    ENDING = "ending"  # heaters going off
+    DONE = "done"
+    FAILED = "failed"
+    CANCELLED = "cancelled"
+
+    @property
+    def ended(self) -> bool:
+        return self in (PrintState.DONE, PrintState.FAILED, PrintState.CANCELLED)
+
+
+class Verdict(StrEnum):
+    """Judgement of a person on a printed part."""
+
+    GOOD = "good"
+    BAD = "bad"
+
+
+class Print(Entity):
+    """Attempt to print a plate. Its id is never used again, even if the database is lost."""
+
+    id: str
+    plate: str
+    job: int
+    printer: str
+    number: int = 0  # sequence number in order of start: clocks may be set back
+    state: PrintState = PrintState.ASSIGNED
+    assigned_s: float
+    started_s: float | None = None
+    ended_s: float | None = None
+    fault: str | None = None
+    reason: str | None = None
+    extruded: bool = False
+    cancel_reason: str | None = None
+    restored: bool = False  # from a backup: it may have started or ended since, and is never started
+    fail_reason: str | None = None  # why a person failed it (`farm fail`)
+    charged: bool = True  # its failure counts as one of the attempts
+    verdict: Verdict | None = None  # of its part, once it is done
+    verdict_why: str | None = None
+    pause_requested: bool = False  # by a person
+    paused: bool = False  # it was paused at some time: no time factor is learned from it
+    starved_s: float = 0.0
+    grams: float = 0.0  # used filament, once it has ended

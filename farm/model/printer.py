@@ -1,0 +1,56 @@
+"""Printers as the books have them: bed, filament and reel; and outages of several."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+
+from farm.model.entity import Entity
+
+
+class Bed(StrEnum):
+    CLEAR = "clear"
+    NOT_CLEAR = "not_clear"
+    UNKNOWN = "unknown"
+
+
+class FilamentState(StrEnum):
+    PARKED = "parked"
+    AT_NOZZLE = "at_nozzle"
+    UNKNOWN = "unknown"
+
+
+class Reel(Entity):
+    """Filament on a printer, and its nozzle, as last reported by a person."""
+
+    material: str
+    colour: str | None = None
+    grams: float | None = None  # left; None: unknown
+    nozzle_mm: float
+    uncertain: bool = False  # `grams` are from a backup: prints since may have used some
+
+
+class Printer(Entity):
+    """State of a printer as the books keep it; the rest is telemetry."""
+
+    name: str
+    bed: Bed = Bed.NOT_CLEAR
+    filament: FilamentState = FilamentState.UNKNOWN
+    attention_reason: str | None = None  # why a person has to inspect it before it prints again
+    attention_since_s: float | None = None  # since when
+    alarm: str | None = None  # its agent's last report of a heater that cannot be switched off
+    alarm_s: float | None = None  # when it was reported
+    maintenance: str | None = None  # why a person has taken it out of use
+    disconnected_at_s: float | None = None  # when the connection to its board was last lost
+    restored_s: float | None = None  # when the database was last restored from a backup
+    unreported_since_s: float | None = None  # of the backup: its agent has not reported since
+    reel: Reel | None = None  # None: as fleet.yaml says
+    time_factor: float = 1.0  # reached over expected time of its layers, learned from its prints
+
+
+class Outage(Entity):
+    """Loss of several printers at once. Nothing starts until a person has confirmed that all is well."""
+
+    id: int
+    at_s: float
+    printers: tuple[str, ...]
+    confirmed_s: float | None = None

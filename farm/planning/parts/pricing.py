@@ -1,0 +1,105 @@
+"""Printers of the fleet as a decomposition sees them: part rooms, speeds and the cost of a part."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from decompose.options import Engine, Options
+from decompose.print_time import REFERENCE_SHRINKAGE, CostModel, Recipe
+from decompose.printers import PrinterRoom
+from farm.config import PrinterSection
+from farm.model import JobOptions
+from farm.planning.plate_times import prelude_seconds
+from farm.planning.printer_settings import model_sizes, printer_room, printer_settings
+from slicing.settings import FARM_QUALITIES, EngineSettings, Resources
+
+
+def price_rooms(
+    printers: Sequence[PrinterSection],
+    time_factors: Mapping[str, float],
+    quality: str,
+    resources: Resources,
+    rounds: int = 1,
+) -> tuple[list[PrinterRoom], CostModel]:
+    """Return the part room and speed of each printer, the fastest first, and the cost of a part.
+
+    Parameters
+    ----------
+    printers
+        The printers; parts are priced with the settings of the first.
+    time_factors
+        Time factors of the printers, learned from their prints, by name; 1 where there is none.
+    rounds
+        Number of times that each printer is listed.
+    """
+    settings = {section.name: printer_settings(section, quality, resources) for section in printers}
+    costs = [printer_cost(section, settings[section.name]) for section in printers]
+    times = {
+        section.name: time_factors.get(section.name, 1.0) * time_ratio(own, costs[0])
+        for section, own in zip(printers, costs, strict=True)
+    }
+    # A coarser nozzle is faster, but nobody asked for one: it does not move its printer to the front.
+    fastest = sorted(printers, key=lambda section: time_factors.get(section.name, 1.0))
+    rooms = [
+        PrinterRoom(section.name, model_sizes(room, settings[section.name]), times[section.name])
+        for _ in range(rounds)
+        for section in fastest
+        for room in (printer_room(section, settings[section.name].brim_width_mm),)
+    ]
+    return rooms, costs[0]
+
+
+def decomposition_options(options: JobOptions) -> Options:
+    """Return the options with which a job's model is decomposed."""
+    quality = FARM_QUALITIES.get(options.quality)
+    fits = quality is not None and quality.fits_first_layer
+    return Options(
+        Engine(options.engine), fit_first_layer=fits, prove=False
+    )  # no proof of the bound, as a person waits
+
+
+def build_recipe(settings: EngineSettings, prelude_s: float) -> Recipe:
+    """Build the recipe of a print: the settings that decide its time.
+
+    Parameters
+    ----------
+    prelude_s
+        Seconds of a plate apart from its layers: heat-up, start and end code.
+    """
+    extruder, shared = settings.extruder, settings.global_
+    connected = extruder["infill_pattern"] == "zigzag" or extruder["zig_zaggify_infill"] == "True"
+    return Recipe(
+        layer_height_mm=settings.layer_height_mm,
+        line_width_mm=settings.line_width_mm,
+        outer_line_width_mm=settings.line_width_0_mm,
+        wall_count=settings.wall_count,
+        skin_layers=(settings.top_layers + settings.bottom_layers) / 2,
+        infill_line_distance_mm=settings.infill_line_distance_mm,
+        infill_connected=connected,
+        support_line_distance_mm=settings.support_line_distance_mm,
+        outer_wall_mm_s=settings.speed_wall_0_mm_s,
+        inner_wall_mm_s=settings.speed_wall_x_mm_s,
+        infill_mm_s=settings.speed_infill_mm_s,
+        skin_mm_s=settings.speed_topbottom_mm_s,
+        support_mm_s=settings.speed_support_mm_s,
+        support_angle_deg=settings.support_angle_deg,
+        brim_mm=settings.brim_width_mm if shared["adhesion_type"] == "brim" else 0.0,
+        brim_mm_s=settings.speed_layer_0_mm_s,
+        speeding_layers=int(float(shared["speed_slowdown_layers"])),
+        travel_mm_s=settings.speed_travel_mm_s,
+        acceleration_mm_s2=float(shared["machine_acceleration"]),
+        least_layer_s=float(extruder["cool_min_layer_time"]),
+        shrinkage=settings.scale_xy - 1.0 or REFERENCE_SHRINKAGE,
+        prelude_s=prelude_s,
+    )
+
+
+def printer_cost(section: PrinterSection, settings: EngineSettings) -> CostModel:
+    """Return the cost model of a printer, heat-up, start and end code included."""
+    return CostModel.from_recipe(build_recipe(settings, prelude_seconds(section, settings)))
+
+
+def time_ratio(cost: CostModel, reference: CostModel) -> float:
+    """Return the price of a cube of 50 mm at one printer's settings over that at another's."""
+    sums, size = (125_000.0, 10_000.0, 5_000.0, 0.0, 0.0), (50.0, 50.0, 50.0)
+    return cost.price_s(sums, size) / reference.price_s(sums, size)

@@ -1,0 +1,92 @@
+"""Assignment of waiting plates to printers, and reasons for the plates that still wait. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from farm.model import Hold
+from farm.scheduling.holds import HoldReasons
+from farm.scheduling.matching import WaitingPlate
+from farm.scheduling.plate_matching import Moment, match_plates, queue_of
+from farm.scheduling.situation import Situation
+
+
+@dataclass(frozen=True, slots=True)
+class Assignment:
+    plate: str
+    printer: str
+
+
+def assign_plates(situation: Situation) -> list[Assignment]:
+    """Give waiting plates to printers.
+
+    Plates choose by priority, then by order of submission, then the longest first (LPT). A plate
+    gets the printer of its plan where that one can take it now; otherwise a matching printer that is idle and
+    clear, preferably one that no other waiting plate was planned for, and the lowest. Where all of them are
+    taken, an earlier plate is moved to another printer that matches it too (an augmenting path), so that no
+    printer is left idle by the order. A plate returns to a printer on which it failed only where no other is
+    free. A job that was given a number of printers never prints on more at once.
+
+    Parameters
+    ----------
+    situation
+        Waiting plates, fleet and rules. The order of plates and printers does not change the answer.
+
+    Returns
+    -------
+    list of Assignment
+        Each printer and each plate at most once, in the order in which the plates choose.
+    """
+    given = {plate.id: name for name, plate in _match(situation).items()}
+    return [Assignment(plate.id, given[plate.id]) for plate in situation.by_priority if plate.id in given]
+
+
+def find_holds(situation: Situation, assignments: Iterable[Assignment]) -> dict[str, Hold]:
+    """Find the reason why each waiting plate got no printer.
+
+    Parameters
+    ----------
+    situation
+        Waiting plates, fleet and rules.
+    assignments
+        The answer of `assign_plates`.
+    """
+    given = {each.plate: each.printer for each in assignments}
+    starts, limit = _allowed_starts(situation), situation.rules.max_heating
+    full = limit if len(given) >= starts else None
+    reasons = HoldReasons(situation, frozenset(given.values()), situation.kept, full)
+    places = {plate.job: plate.places for plate in situation.waiting if plate.places is not None}
+    for plate in situation.by_priority:
+        if plate.id in given and plate.job in places:
+            places[plate.job] -= 1
+    return {
+        plate.id: reasons.no_place() if places.get(plate.job) == 0 else reasons.find(plate)
+        for plate in situation.by_priority
+        if plate.id not in given
+    }
+
+
+def _allowed_starts(situation: Situation) -> int:
+    """Return the number of printers that may begin to heat now."""
+    limit = situation.rules.max_heating
+    if limit is None:
+        return len(situation.free)
+    return max(0, limit - sum(printer.heating for printer in situation.printers))
+
+
+def _match(situation: Situation) -> dict[str, WaitingPlate]:
+    """Match free printers with waiting plates; return the plate of each printer that gets one."""
+    if not situation.free or not situation.waiting:
+        return {}
+    moment = Moment(
+        fleet=situation.fleet,
+        free=[printer.name for printer in situation.free],
+        planned=situation.planned,
+        kept=situation.kept,
+        places={plate.job: plate.places for plate in situation.waiting if plate.places is not None},
+        starts=_allowed_starts(situation),
+        rules=situation.rules,
+        now_s=situation.now_s,
+    )
+    return match_plates(queue_of(situation.by_priority), moment)

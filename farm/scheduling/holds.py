@@ -1,0 +1,239 @@
+"""Holds of plates: why each waits, as a code and a sentence with what ends the wait. Pure."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping
+
+from farm.config import PrinterSection
+from farm.model import Hold, HoldCode, Job, JobState, Plate
+from farm.scheduling.matching import Capabilities, WaitingPlate
+from farm.scheduling.situation import Situation
+from farm.scheduling.spares import takes_spare
+from farm.scheduling.start_rules import short_of_filament
+from farm.state import LOSSES, Books, PlateState, stopped_print
+
+
+def may_hold_back(books: Books, job: Job) -> bool:
+    """Return whether a plate of a printing job may be held back by the job's own state."""
+    if job.paused:
+        return True
+    for plate in books.plates_of(job):
+        state = books.plate_state(plate)
+        if state is PlateState.OUT_OF_ATTEMPTS:
+            return True
+        last = books.prints[plate.prints[-1]] if plate.prints else None
+        if state is PlateState.WAITING and (plate.paused or (last is not None and last.fault in LOSSES)):
+            return True
+    return False
+
+
+def find_plate_holds(
+    books: Books,
+    printers: Iterable[PrinterSection],
+    now_s: float,
+    may_hold: Callable[[Books, Job], bool] = may_hold_back,
+) -> dict[str, Hold]:
+    """Find the waiting plates that are offered to no printer, and why.
+
+    Parameters
+    ----------
+    books
+        All jobs, plates, prints and printers.
+    printers
+        The printers of `fleet.yaml`.
+    now_s
+        Farm time, seconds since the epoch.
+    may_hold
+        `may_hold_back`, or a function that caches its answers.
+
+    Returns
+    -------
+    dict
+        The reason of each such plate, by its id.
+    """
+    held = {}
+    unreported = " ".join(
+        section.name for section in printers if section.enabled and _has_not_reported(books, section.name)
+    )
+    everything = books.outage is not None
+    for job in books.jobs.values():
+        if job.state is not JobState.PRINTING:
+            continue
+        if not (everything or (unreported and job.restored) or may_hold(books, job)):
+            continue
+        for plate in books.plates_of(job):
+            hold = _find_hold(books, job, plate, unreported if job.restored else "", now_s)
+            if hold is not None:
+                held[plate.id] = hold
+    return held
+
+
+def loss_window_end_s(books: Books, holds: Mapping[str, Hold]) -> float:
+    """Return when the first hold for a printer that was just lost ends; infinity where there is none."""
+    lost = (books.plates[name].prints[-1] for name, hold in holds.items() if hold.code is HoldCode.JUST_LOST)
+    ends_s = ((books.prints[name].ended_s or 0.0) + books.outage_window_s for name in lost)
+    return math.nextafter(min(ends_s, default=math.inf), math.inf)
+
+
+def _has_not_reported(books: Books, printer: str) -> bool:
+    """Return whether an agent has not listed its prints since the backup; False in maintenance."""
+    entry = books.printer(printer)
+    return entry.unreported_since_s is not None and entry.maintenance is None
+
+
+def _find_hold(books: Books, job: Job, plate: Plate, unreported: str, now_s: float) -> Hold | None:
+    """Find the hold of a plate that may start on no printer; `unreported` ones may have printed it."""
+    state = books.plate_state(plate)
+    if state is PlateState.OUT_OF_ATTEMPTS:
+        text = (
+            f"plate {plate.id} failed too often: print it again with `farm reprint {job.id} {plate.parts[0]}`"
+        )
+        return Hold(code=HoldCode.OUT_OF_ATTEMPTS, text=text)
+    if state is not PlateState.WAITING:
+        return None
+    if books.outage is not None:
+        text = (
+            f"{' '.join(books.outage.printers)} were lost at the same time: inspect them, then `farm resume`"
+        )
+        return Hold(code=HoldCode.OUTAGE, text=text)
+    if unreported:
+        text = (
+            f"{unreported} may have printed it since the backup of the database: "
+            "connect them, or `farm maintenance`"
+        )
+        return Hold(code=HoldCode.PRINTER_UNREPORTED, text=text)
+    if job.paused:
+        return Hold(code=HoldCode.PAUSED, text=f"job {job.id} is paused: `farm resume {job.id}`")
+    part = plate.parts[0]
+    if (stopped := stopped_print(plate, books.prints_of(plate))) is not None:
+        text = f"`farm estop` stopped it on {stopped.printer}: `farm resume {part}` prints it again"
+        return Hold(code=HoldCode.STOPPED, text=text)
+    if plate.paused:
+        return Hold(code=HoldCode.PAUSED, text=f"part {part} is paused: `farm resume {part}`")
+    last = books.prints[plate.prints[-1]] if plate.prints else None
+    lost_s = last.ended_s if last is not None and last.fault in LOSSES else None
+    if last is not None and lost_s is not None and abs(now_s - lost_s) <= books.outage_window_s:
+        text = f"{last.printer} was lost just now: waiting in case others are lost too"
+        return Hold(code=HoldCode.JUST_LOST, text=text)
+    return None
+
+
+_NAMED = 4  # printers that a sentence names; of more, it gives the number
+
+
+class HoldReasons:
+    """Finds the reason why a plate waits, at one moment.
+
+    Parameters
+    ----------
+    situation
+        The moment.
+    given
+        Printers that are given a plate now.
+    kept
+        Free printers that are kept for plates that failed elsewhere.
+    full
+        Limit of printers that heat at once, where it is reached; None where it is not.
+    """
+
+    def __init__(
+        self, situation: Situation, given: frozenset[str], kept: frozenset[str], full: int | None
+    ) -> None:
+        self._situation, self._given, self._kept, self._full = situation, given, kept, full
+        fleet = situation.fleet
+        self._obstacles = {name: printer.obstacle() for name, printer in fleet.items()}
+        self._capabilities = tuple(dict.fromkeys(printer.capabilities for printer in fleet.values()))
+        self._matching: dict[tuple[Capabilities, ...], tuple[str, ...]] = {}  # by mismatches
+        self._busy: dict[tuple[str, ...], Hold | None] = {}
+        self._idle = frozenset(n for n, hold in self._obstacles.items() if hold is None) - given
+
+    def no_place(self) -> Hold:
+        return Hold(
+            code=HoldCode.JOB_PRINTER_LIMIT,
+            text="its job already uses as many printers as it may (--printers)",
+        )
+
+    def find(self, plate: WaitingPlate) -> Hold:
+        """Return why a plate waits: preferably a reason that ends by itself, with how to end it sooner."""
+        lacking = tuple(each for each in self._capabilities if not plate.requirements.matches(each))
+        if lacking not in self._matching:
+            self._matching[lacking] = tuple(
+                n for n, p in self._situation.fleet.items() if p.capabilities not in lacking
+            )
+        names = self._matching[lacking]
+        if not names:
+            asked = plate.requirements.describe() or "no requirements"
+            return Hold(code=HoldCode.NO_SUCH_PRINTER, text=f"no printer of the fleet matches: {asked}")
+        needs = plate.requirements.describe(lacking) if lacking else ""
+        hold = self._among(plate, names)
+        return hold.model_copy(update={"text": f"needs {needs}: {hold.text}"}) if needs else hold
+
+    def _among(self, plate: WaitingPlate, names: tuple[str, ...]) -> Hold:
+        short: Hold | None = None
+        for name in names if self._idle else ():
+            held = self._held(plate, name) if name in self._idle else None
+            if held is not None and held.code is not HoldCode.REEL_TOO_SHORT:
+                return held  # ends by itself
+            short = short or held
+        busy = self._printing(names)
+        if busy is not None:
+            return Hold(code=busy.code, text=f"{busy.text}; {short.text}", reel=short.reel) if short else busy
+        planned = self._obstacles.get(plate.planned) if plate.planned in names else None
+        first = next((hold for n in names if (hold := self._obstacles[n]) is not None), None)
+        return planned or short or first or _given_away()
+
+    def _held(self, plate: WaitingPlate, name: str) -> Hold | None:
+        """Return why a plate does not go to an idle and clear printer; None where another plate got it."""
+        printer = self._situation.fleet[name]
+        short = short_of_filament(plate, printer, printer.grams)
+        if short is not None:
+            return short
+        start = self._situation.rules.find_start(plate, printer, self._situation.now_s)
+        if start.at_s != self._situation.now_s:
+            return start.reason
+        if name in self._kept and not takes_spare(plate, self._situation.fleet):
+            return Hold(
+                code=HoldCode.KEPT_AS_SPARE, text=f"{name} is kept in reserve for a failed part (--spares)"
+            )
+        if self._full is not None:
+            return Hold(
+                code=HoldCode.HEATING_LIMIT,
+                text=f"{self._full} printers are heating up, the most at a time (max_heating)",
+            )
+        return None
+
+    def _printing(self, names: tuple[str, ...]) -> Hold | None:
+        """Return the hold for busy printers: until when, and how to start earlier."""
+        if names not in self._busy:
+            self._busy[names] = self._printing_now(names)
+        return self._busy[names]
+
+    def _printing_now(self, names: tuple[str, ...]) -> Hold | None:
+        obstacles = {n: hold for n in names if (hold := self._obstacles[n]) is not None}
+        busy = [n for n, hold in obstacles.items() if hold.code is HoldCode.PRINTER_BUSY]
+        if not busy:
+            return _given_away() if any(n in self._given for n in names) else None
+        ends = [
+            end
+            for n in busy
+            if (end := self._situation.fleet[n].free_s) is not None and end > self._situation.now_s
+        ]
+        until = f" until {self._situation.rules.format_moment(min(ends))}" if ends else ""
+        text = f"{join_names(busy)} {'is' if len(busy) == 1 else 'are'} printing{until}"
+        full = [n for n, hold in obstacles.items() if hold.code is HoldCode.BED_NOT_CLEAR]
+        if full:
+            text += f"; `farm cleared {full[0]}` would let it begin now, if that bed is clear"
+        return Hold(code=HoldCode.PRINTER_BUSY, text=text)
+
+
+def _given_away() -> Hold:
+    return Hold(code=HoldCode.PRINTER_BUSY, text="every matching printer was given another plate")
+
+
+def join_names(names: Iterable[str]) -> str:
+    """Join names for a sentence: a, b and c; of many, the number of the rest."""
+    *rest, last = names
+    if len(rest) >= _NAMED:
+        rest, last = rest[: _NAMED - 1], f"{len(rest) - _NAMED + 2} more"
+    return f"{', '.join(rest)} and {last}" if rest else last

@@ -1,0 +1,268 @@
+"""Reconciliation of the books with what an agent reports: its snapshots, and its journal. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+
+from farm.model import AgentPrint, AgentSnapshot, Bed, FilamentState, Link, Plate, Print, Printer, PrintState
+from farm.state import events as ev
+from farm.state.books import Books
+from farm.state.faults import OwnFault
+from farm.state.plate_state import PlateState
+from farm.state.transitions import apply
+
+CLOCKS_APART_S = 60.0
+"""Moments on the clocks of two hosts that differ by no more are taken as the same."""
+
+
+def reconcile_print(attempt: Print, snapshot: AgentSnapshot, now_s: float) -> Iterator[ev.AnyEvent]:
+    """Derive the events of an open print from its agent's snapshot.
+
+    Parameters
+    ----------
+    attempt
+        An open print of the books, on the printer of the snapshot.
+    snapshot
+        The agent's latest snapshot. A new agent reads its journal before it reports.
+    now_s
+        Farm time, for events without a time of their own.
+    """
+    report = snapshot.print
+    if report is None or report.print_id != attempt.id:
+        yield from _reconcile_unknown(attempt, snapshot, now_s)
+    elif report.state.ended:
+        yield ev.PrintEnded(
+            at_s=now_s,
+            print_id=attempt.id,
+            state=report.state,
+            fault=report.fault,
+            reason=report.reason,
+            started_s=report.started_s,
+            ended_s=report.ended_s if report.ended_s is not None else now_s,
+            extruded=report.extruded,
+            filament=snapshot.filament,
+            starved_s=report.starved_s,
+            printed_share=report.progress_s / report.print_time_s if report.print_time_s else None,
+        )
+    elif report.state is not attempt.state or report.extruded != attempt.extruded or attempt.restored:
+        yield ev.PrintProgressed(
+            at_s=now_s,
+            print_id=attempt.id,
+            state=report.state,
+            started_s=report.started_s,
+            extruded=report.extruded,
+        )
+
+
+def _reconcile_unknown(attempt: Print, snapshot: AgentSnapshot, now_s: float) -> Iterator[ev.AnyEvent]:
+    """Derive the events of an open print that its agent does not report."""
+    if snapshot.link is Link.STARTING:
+        return
+    begun = attempt.state is not PrintState.ASSIGNED
+    reason = attempt.cancel_reason or snapshot.reason or f"its printer is {snapshot.link}"
+    # The start request may still be on its way: wait until the agent has the cancel request too.
+    if not begun and not (
+        _is_gone(snapshot) or attempt.restored or snapshot.acknowledged_cancel == attempt.id
+    ):
+        if attempt.cancel_reason is None and snapshot.link in (Link.FAULT, Link.ABSENT):
+            yield ev.PrintWithdrawn(at_s=now_s, print_id=attempt.id, reason=reason)
+        return
+    unknown = "its agent has no record of this print"
+    if attempt.restored:
+        unknown += " any more, and the database is a backup: check what became of it"
+    yield ev.PrintEnded(
+        at_s=now_s,
+        print_id=attempt.id,
+        state=PrintState.FAILED if begun else PrintState.CANCELLED,
+        fault=OwnFault.PRINT_LOST if begun else None,
+        reason=unknown if begun or attempt.restored else f"never begun: {reason}",
+        started_s=None,
+        ended_s=now_s,
+        extruded=False,
+        filament=snapshot.filament,
+    )
+
+
+def refused_print_end(
+    attempt: Print, printer: Printer, reason: str, late: bool, now_s: float
+) -> ev.PrintEnded:
+    """Return the end of a print that its agent refused: failed, or cancelled where it came `late`."""
+    return ev.PrintEnded(
+        at_s=now_s,
+        print_id=attempt.id,
+        state=PrintState.CANCELLED if late else PrintState.FAILED,
+        fault=None if late else OwnFault.REFUSED,
+        reason=f"not started: {reason}" if late else f"its agent refused to start it: {reason}",
+        started_s=None,
+        ended_s=now_s,
+        extruded=False,
+        filament=printer.filament,
+        printed_share=0.0,  # its reel is as it was
+    )
+
+
+def _is_gone(snapshot: AgentSnapshot) -> bool:
+    """Return whether no agent is left that could start a print."""
+    return snapshot.link is Link.ABSENT and snapshot.agent_pid is None
+
+
+def pending_instructions(
+    attempt: Print, snapshot: AgentSnapshot, ends_by_s: float | None = None
+) -> Iterator[ev.AnyInstruction]:
+    """Derive the instructions that the agent of an open print has not carried out yet.
+
+    They may be repeated: each is idempotent by print id.
+
+    Parameters
+    ----------
+    attempt
+        An open print of the books.
+    snapshot
+        Its agent's latest snapshot.
+    ends_by_s
+        Farm time at which the print has to end; None for no limit.
+    """
+    report = snapshot.print if snapshot.print is not None and snapshot.print.print_id == attempt.id else None
+    if snapshot.link is Link.STARTING:
+        return  # no agent receives it
+    if report is not None and not report.state.ended and not _is_same_moment(report.ends_by_s, ends_by_s):
+        yield ev.SendEndBy(print_id=attempt.id, printer=attempt.printer, ends_by_s=ends_by_s)
+    if attempt.cancel_reason is not None:
+        if report is None or not report.state.ended:
+            reason = attempt.cancel_reason
+            yield ev.SendCancel(print_id=attempt.id, printer=attempt.printer, reason=reason)
+    elif report is not None:
+        if report.state is (PrintState.PRINTING if attempt.pause_requested else PrintState.PAUSED):
+            wanted = attempt.pause_requested
+            yield ev.SendPause(print_id=attempt.id, printer=attempt.printer, wanted=wanted)
+    elif attempt.state is PrintState.ASSIGNED and not attempt.restored and snapshot.link is Link.READY:
+        yield ev.SendStart(print_id=attempt.id, printer=attempt.printer)
+
+
+def _is_same_moment(one_s: float | None, other_s: float | None) -> bool:
+    """Return whether two moments are the same, within the difference of two hosts' clocks."""
+    if one_s is None or other_s is None:
+        return one_s is other_s
+    return abs(one_s - other_s) <= CLOCKS_APART_S
+
+
+def observe_idle_printer(printer: Printer, snapshot: AgentSnapshot, now_s: float) -> Iterator[ev.AnyEvent]:
+    """Derive bed and filament of an idle printer from its snapshot.
+
+    An agent that saw an event which it did not cause (a reset, a lost port, a heater switched on by hand)
+    reports it until a person has cleared the bed. An emulator reports a bed that the books do not know.
+    """
+    if snapshot.bed_unknown_reason is not None:
+        if printer.bed is not Bed.UNKNOWN or printer.attention_reason is None:
+            yield ev.BedBecameUnknown(at_s=now_s, printer=printer.name, reason=snapshot.bed_unknown_reason)
+    elif snapshot.link is Link.READY and snapshot.bed_clear is not None:
+        unknown = printer.bed is Bed.UNKNOWN or printer.filament is FilamentState.UNKNOWN
+        if unknown and printer.attention_reason is None:
+            bed = Bed.CLEAR if snapshot.bed_clear else Bed.NOT_CLEAR
+            yield ev.BedReported(at_s=now_s, printer=printer.name, bed=bed, filament=snapshot.filament)
+
+
+def detect_alarm(printer: Printer, snapshot: AgentSnapshot, now_s: float) -> Iterator[ev.AnyEvent]:
+    """Derive a new alarm of a heater that cannot be switched off, in every state of the printer."""
+    if snapshot.alarm is not None and snapshot.alarm != printer.alarm:
+        yield ev.PrinterAlarmed(at_s=now_s, printer=printer.name, reason=snapshot.alarm)
+
+
+def handle_unknown_print(
+    printer: Printer, known: Print | None, snapshot: AgentSnapshot, now_s: float
+) -> Iterator[ev.AnyEvent | ev.AnyInstruction]:
+    """Derive the events and instructions for a print of an agent that is not open in the books.
+
+    Parameters
+    ----------
+    known
+        That print in the books, where it has ended; None where they do not have it, as after a restore.
+    """
+    report = snapshot.print
+    if report is None:
+        return
+    name = printer.name
+    if known is not None and report.extruded and not known.extruded and printer.bed is Bed.CLEAR:
+        reason = "it started a print that the farm had withdrawn: check whether its bed is clear"
+        yield ev.BedBecameUnknown(at_s=now_s, printer=name, reason=reason)
+    if known is not None and not report.state.ended:
+        reason = "the farm has recorded this print as ended"
+        yield ev.SendCancel(print_id=report.print_id, printer=name, reason=reason)
+        return
+    if known is None and printer.bed is not Bed.UNKNOWN:
+        reason = "it made a print that is not in the database: check whether its bed is clear"
+        yield ev.BedBecameUnknown(at_s=now_s, printer=name, reason=reason)
+    if report.state.ended:
+        yield ev.SendForget(print_id=report.print_id, printer=name)
+
+
+def import_agent_journal(
+    books: Books, snapshot: AgentSnapshot, prints: Sequence[AgentPrint], now_s: float
+) -> Iterator[ev.AnyEvent]:
+    """Derive the events on a printer since the backup from its agent's journal.
+
+    Parameters
+    ----------
+    snapshot
+        Its agent's latest snapshot.
+    prints
+        Prints that had not ended at the backup, in order. Only the last can be open, and none is on another
+        printer; others are counted as unknown, for a person.
+    now_s
+        Farm time.
+    """
+    name, unknown = snapshot.printer, 0
+
+    def applied(events: Iterable[ev.AnyEvent]) -> Iterator[ev.AnyEvent]:
+        nonlocal books
+        for event in events:
+            books, _ = apply(event, books)
+            yield event
+
+    left = books.open_print_on(name)
+    if left is not None and left.id not in {report.print_id for report in prints}:
+        yield from applied(reconcile_print(left, snapshot.model_copy(update={"print": None}), now_s))
+    for report in prints:
+        attempt = books.prints.get(report.print_id)
+        if attempt is None or attempt.printer != name:
+            free = attempt is None and books.open_print_on(name) is None
+            plate = find_plate(books, name, report) if free else None
+            if plate is None:
+                unknown += report.state is PrintState.DONE or not report.state.ended
+                continue
+            found = ev.PrintFound(
+                at_s=report.started_s or now_s, plate=plate.id, printer=name, print_id=report.print_id
+            )
+            yield from applied([found])
+            attempt = books.prints[report.print_id]
+        if not attempt.state.ended:
+            yield from applied(reconcile_print(attempt, snapshot.model_copy(update={"print": report}), now_s))
+    yield ev.AgentJournalImported(at_s=now_s, printer=name, unknown=unknown)
+
+
+def find_plate(books: Books, printer: str, report: AgentPrint) -> Plate | None:
+    """Find the plate of a print that the books do not know: one with the same file that is not printed.
+
+    Plates with the same file are alike: a waiting one comes first, then one planned for this printer. A print
+    that began before a job was planned belongs to another job.
+    """
+    if report.sha256 is None or report.started_s is None:
+        return None
+    alike = [
+        plate
+        for job in books.jobs.values()
+        if job.planned_s is not None and job.planned_s <= report.started_s + CLOCKS_APART_S
+        for plate in books.plates_of(job)
+        if plate.sha256 == report.sha256 and (_waits(books, plate) or _waited(books, plate))
+    ]
+    return min(alike, key=lambda p: (not _waits(books, p), p.printer != printer), default=None)
+
+
+def _waits(books: Books, plate: Plate) -> bool:
+    return books.plate_state(plate) is PlateState.WAITING
+
+
+def _waited(books: Books, plate: Plate) -> bool:
+    """Return whether a plate may wait again: no agent has confirmed its open prints since the restore."""
+    still = [attempt.restored for attempt in books.prints_of(plate) if not attempt.state.ended]
+    return books.plate_state(plate) is PlateState.PRINTING and all(still)

@@ -1,0 +1,81 @@
+"""Restore from a backup: marks unknown states, and completes the books from the agents' journals. Pure."""
+
+from __future__ import annotations
+
+from farm.model import Bed, FilamentState, Hold, HoldCode, Job, JobState, Print, Printer
+from farm.state import events as ev
+from farm.state.books import Books, put, replace_fields
+from farm.state.reels import mark_uncertain
+
+HOLD = Hold(
+    code=HoldCode.APPROVAL,
+    text="the database was restored from a backup: `farm cancel` the parts that were printed since, "
+    "then `farm approve` to print the rest",
+)
+
+
+def restore_books(event: ev.BooksRestored, books: Books) -> Books:
+    """Mark every bed as not clear, and hold every job until a person has checked what is printed.
+
+    Prints since the backup are taken from the agents' journals (`import_agent_journal`).
+    """
+    printers = [_restored_printer(printer, event, books) for printer in books.printers.values()]
+    prints = [replace_fields(attempt, restored=True) for attempt in books.open_prints()]
+    jobs = [_held_job(job) for job in books.jobs.values() if not job.state.ended]
+    return put(books, *printers, *prints, *jobs)
+
+
+def _restored_printer(printer: Printer, event: ev.BooksRestored, books: Books) -> Printer:
+    """Return a printer whose state since the backup is unknown."""
+    since_s = event.copied_s
+    if printer.unreported_since_s is not None:
+        since_s = min(since_s, printer.unreported_since_s)
+    attempt = books.open_print_on(printer.name)
+    if attempt is not None:  # it may have ended before the backup, unreported
+        since_s = min(since_s, attempt.assigned_s)
+    return replace_fields(
+        printer,
+        bed=Bed.NOT_CLEAR,
+        filament=FilamentState.UNKNOWN,
+        reel=mark_uncertain(printer.reel),
+        restored_s=event.at_s,
+        unreported_since_s=since_s,
+    )
+
+
+def _held_job(job: Job) -> Job:
+    """Return a job that waits for approval; it may have been approved since the backup."""
+    if job.state in (JobState.QUEUED, JobState.PLANNING):
+        return replace_fields(job, options=job.options.model_copy(update={"hold": True}), restored=True)
+    return replace_fields(job, state=JobState.HELD, hold=HOLD, restored=True)
+
+
+def book_found_print(event: ev.PrintFound, books: Books) -> Books:
+    """Book a print that its agent has; the events of its progress follow."""
+    plate = books.plates[event.plate]
+    attempt = Print(
+        id=event.print_id,
+        plate=plate.id,
+        job=plate.job,
+        printer=event.printer,
+        number=books.next_number,
+        assigned_s=event.at_s,
+        restored=True,
+    )
+    return put(books, replace_fields(plate, prints=(*plate.prints, attempt.id)), attempt)
+
+
+def finish_journal_import(event: ev.AgentJournalImported, books: Books) -> Books:
+    """Book that an agent has listed its prints; a person inspects those that match no plate."""
+    printer = replace_fields(books.printer(event.printer), unreported_since_s=None)
+    if event.unknown:
+        prints = "a print" if event.unknown == 1 else f"{event.unknown} prints"
+        printer = replace_fields(
+            printer,
+            bed=Bed.UNKNOWN,
+            filament=FilamentState.UNKNOWN,
+            attention_reason=f"it made {prints} after the backup of the database for which no plate waits: "
+            "check what it is",
+            attention_since_s=event.at_s,
+        )
+    return put(books, printer)

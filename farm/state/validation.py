@@ -1,0 +1,133 @@
+"""Validation of the books: consistency rules that hold at every moment. Pure."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Container, Iterable, Iterator
+
+from farm.model import Bed, JobState, Print, PrintState
+from farm.state.books import Books
+from farm.state.plate_state import ATTEMPTS, PlateState, charged_failures, derive_job_state
+
+_SETTLED = (JobState.PRINTING, JobState.PRINTED, JobState.DONE, JobState.FAILED)
+"""States of a job that are derived from its plates alone."""
+_NOT_PLANNED = (JobState.QUEUED, JobState.PLANNING)
+
+
+def validate_books(books: Books) -> list[str]:
+    """Check that the books are consistent.
+
+    Parameters
+    ----------
+    books
+        All entities, of a daemon or as read from the disk.
+
+    Returns
+    -------
+    list of str
+        A sentence for each contradiction, the entity first; empty where there is none.
+    """
+    broken = list(_missing_entries(books))
+    if broken:  # the other checks need all entities
+        return broken
+    checks = (_jobs, _plates, _prints, _printers, _outages)
+    return [problem for check in checks for problem in check(books)]
+
+
+def _missing_entries(books: Books) -> Iterator[str]:
+    for job in books.jobs.values():
+        yield from _missing(f"job {job.id}: its plate", job.plates, books.plates)
+        yield from _missing(f"job {job.id}: its part", job.parts, books.parts)
+    for plate in books.plates.values():
+        yield from _missing(f"plate {plate.id}: its job", (plate.job,), books.jobs)
+        yield from _missing(f"plate {plate.id}: its part", plate.parts, books.parts)
+        yield from _missing(f"plate {plate.id}: its print", plate.prints, books.prints)
+        yield from _missing(f"plate {plate.id}: its replacement", plate.replaced_by, books.plates)
+    for attempt in books.prints.values():
+        yield from _missing(f"print {attempt.id}: its plate", (attempt.plate,), books.plates)
+        yield from _missing(f"print {attempt.id}: its job", (attempt.job,), books.jobs)
+        yield from _missing(f"print {attempt.id}: its printer", (attempt.printer,), books.printers)
+
+
+def _missing(whose: str, names: Iterable[object], known: Container[object]) -> Iterator[str]:
+    yield from (f"{whose} {name} does not exist" for name in names if name not in known)
+
+
+def _jobs(books: Books) -> Iterator[str]:
+    for job in books.jobs.values():
+        for plate in books.plates_of(job):
+            if plate.job != job.id:
+                yield f"job {job.id}: its plate {plate.id} is of job {plate.job}"
+            if plate.replaced_by:
+                yield f"job {job.id}: its plate {plate.id} is replaced by {' '.join(plate.replaced_by)}"
+        if job.state in _NOT_PLANNED and job.plates:
+            yield f"job {job.id}: it is {job.state} and has plates"
+        if job.state in _SETTLED and job.plates:
+            derived = derive_job_state([books.plate_state(plate) for plate in books.plates_of(job)])
+            if derived is not job.state:
+                yield f"job {job.id}: it is {job.state}, by its plates it is {derived}"
+        if job.state.ended and job.ended_s is None:
+            yield f"job {job.id}: it is {job.state} and has no end"
+
+
+def _plates(books: Books) -> Iterator[str]:
+    for plate in books.plates.values():
+        prints = list(books.prints_of(plate))
+        current = [p for p in prints if not p.state.ended and not p.restored]
+        if len(current) > 1:
+            yield f"plate {plate.id}: it is printed on {' and '.join(p.printer for p in current)} at once"
+        if not plate.replaced_by and len(charged_failures(plate, prints)) > ATTEMPTS:
+            yield f"plate {plate.id}: it failed more than {ATTEMPTS} times"
+        if plate.counted_from > len(plate.prints):
+            yield f"plate {plate.id}: it counts from print {plate.counted_from} of {len(plate.prints)}"
+
+
+def _prints(books: Books) -> Iterator[str]:
+    for attempt in books.prints.values():
+        plate, job = books.plates[attempt.plate], books.jobs[attempt.job]
+        if attempt.id not in plate.prints:
+            yield f"print {attempt.id}: its plate {plate.id} does not know it"
+        if attempt.verdict is not None and attempt.state is not PrintState.DONE:
+            yield f"print {attempt.id}: it is {attempt.state} and {attempt.verdict}"
+        if attempt.grams < 0.0:
+            yield f"print {attempt.id}: it used {attempt.grams:g} g"
+        if attempt.state.ended:
+            if attempt.ended_s is None:
+                yield f"print {attempt.id}: it is {attempt.state} and has no end"
+            continue
+        if job.state in _NOT_PLANNED:
+            yield f"print {attempt.id}: it is open, and job {job.id} is {job.state}"
+        if plate.id not in job.plates:
+            yield f"print {attempt.id}: it is open, and plate {plate.id} is not printed any more"
+        if _is_abandoned(books, attempt):
+            yield f"print {attempt.id}: it is open and not to be ended, and plate {plate.id} is cancelled"
+
+
+def _is_abandoned(books: Books, attempt: Print) -> bool:
+    state = books.plate_state(books.plates[attempt.plate])
+    return state is PlateState.CANCELLED and attempt.cancel_reason is None
+
+
+def _printers(books: Books) -> Iterator[str]:
+    for name, number in Counter(p.printer for p in books.open_prints()).items():
+        if number > 1:
+            yield f"printer {name}: it has {number} open prints"
+    extruding = {p.printer for p in books.open_prints() if p.extruded}
+    for printer in books.printers.values():
+        if printer.reel is not None and printer.reel.grams is not None and printer.reel.grams < 0.0:
+            yield f"printer {printer.name}: its reel has {printer.reel.grams:g} g"
+        if printer.bed is not Bed.CLEAR:
+            continue
+        if printer.name in extruding:
+            yield f"printer {printer.name}: its bed is clear under a print that extrudes"
+        last = books.last_print_on(printer.name)
+        if last is not None and last.extruded and last.state is PrintState.DONE and last.verdict is None:
+            yield f"printer {printer.name}: its bed is clear, and print {last.id} on it is not judged"
+        if printer.name not in extruding and printer.alarm is not None and printer.attention_reason is None:
+            yield f"printer {printer.name}: it has an alarm, and nobody is asked to look"
+
+
+def _outages(books: Books) -> Iterator[str]:
+    unconfirmed = [outage.id for outage in books.outages.values() if outage.confirmed_s is None]
+    if len(unconfirmed) > 1:
+        yield f"the farm: outages {' and '.join(map(str, unconfirmed))} are not confirmed, there can be one"

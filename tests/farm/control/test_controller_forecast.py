@@ -1,0 +1,178 @@
+"""Forecasts come true where nothing unforeseen happens: on a fleet that takes just what was expected."""
+
+import heapq
+import tempfile
+from pathlib import Path
+
+from hypothesis import Phase, example, given, settings
+from hypothesis import strategies as st
+
+from farm.model import AgentPrint, AgentSnapshot, Bed, FilamentState, JobOptions, JobState, Link, PrintState
+from farm.paths import StateFolder
+from farm.planning.plan import Plan
+from farm.scheduling.forecast import CLEARING_S
+from farm.state import events as ev
+from farm.state.plate_state import PlateState
+from make_books import plan as planned
+from recording_controller import MODEL, Farm
+
+HOUR = 3600.0
+MONDAY_S = 1_000_000.0 // 604800 * 604800 + 4 * 86400  # 00:00 UTC
+HEATING_S = 300.0
+
+
+class Clock:
+    scale = 1.0
+
+    def __init__(self, now_s):
+        self.now_s = now_s
+
+    def now(self):
+        return self.now_s
+
+
+class Night:
+    """A farm whose printers and people do what is foreseen, each at its moment."""
+
+    def __init__(self, folder, printers, now_s, house):
+        self.clock = Clock(now_s)
+        self.farm = Farm(folder, ["ultimaker2_plus"] * printers, clock=self.clock, timezone="UTC", **house)
+        self.controller = self.farm.controller
+        self.controller.started_s = now_s - HOUR
+        self.farm.ready(*self.controller.fleet.names)
+        self.due, self.begun, self.until_s = [], set(), now_s + 28 * 24 * HOUR
+
+    def plan(self, hours, options):
+        request = f"r{len(self.controller.books.jobs):07d}"
+        number, _ = self.farm.jobs.submit(request, "m.stl", MODEL, options)
+        if self.controller.books.jobs[number].state is JobState.QUEUED:
+            self.controller.handle(ev.PlanningStarted(at_s=self.clock.now_s, job=number))
+        event = planned(number, len(hours))
+        names = self.controller.fleet.names
+        plates = tuple(
+            plate.model_copy(
+                update={
+                    "sliced_s": each * HOUR,
+                    "expected_s": each * HOUR + HEATING_S,
+                    "grams": 100.0 * each,
+                    "printer": names[at % min(len(names), options.printers or len(names))],
+                    "kin": "ultimaker2_plus",
+                }
+            )
+            for at, (plate, each) in enumerate(zip(event.plates, hours, strict=True))
+        )
+        self.controller.on_plan(number, Plan(event.parts, plates, (), 1.0, 500.0, 100.0))
+
+    def say(self, name, print_id, state, started_s, ended_s=None):
+        said = AgentPrint(
+            print_id=print_id, state=state, fault=None, reason=None, progress_s=1.0, print_time_s=1.0,
+            extruded=state is not PrintState.HEATING, started_s=started_s, ended_s=ended_s,
+        )  # fmt: skip
+        link = Link.READY if state.ended else Link.BUSY
+        filament = FilamentState.PARKED
+        self.controller.on_snapshot(
+            AgentSnapshot(printer=name, link=link, filament=filament, agent_pid=9, print=said)
+        )
+
+    def begin_prints(self):
+        now_s = self.clock.now_s
+        for attempt in list(self.controller.books.open_prints()):
+            if attempt.id not in self.begun:
+                self.begun.add(attempt.id)
+                plate = self.controller.books.plates[attempt.plate]
+                moments = {PrintState.PRINTING: HEATING_S, PrintState.DONE: plate.expected_s}
+                self.say(attempt.printer, attempt.id, PrintState.HEATING, now_s)
+                for state, after_s in moments.items():
+                    heapq.heappush(self.due, (now_s + after_s, attempt.printer, attempt.id, state, now_s))
+
+    def step(self):
+        """Go on to the next moment at which something happens; tell whether there is one."""
+        self.begin_prints()
+        edge_s = self.next_edge_s()
+        next_s = min(self.due[0][0] if self.due else float("inf"), edge_s)
+        if next_s == float("inf") or next_s > self.until_s:
+            return False
+        self.clock.now_s = next_s
+        if not self.due or self.due[0][0] > next_s:
+            self.controller.handle()
+            return True
+        self.happen(next_s)
+        return True
+
+    def next_edge_s(self):
+        """Return when hours or start times change next."""
+        rules, now_s = self.controller.rules, self.clock.now_s
+        starts = (job.not_before_s for job in self.controller.books.jobs.values() if not job.state.ended)
+        edges = (rules.attended.edge_s(now_s), rules.quiet.edge_s(now_s), *starts)
+        return min((edge for edge in edges if edge is not None and edge > now_s), default=float("inf"))
+
+    def happen(self, next_s):
+        """Let the next thing that is due happen."""
+        _, name, print_id, state, started_s = heapq.heappop(self.due)
+        if state is None:
+            self.farm.clear_bed(name)
+            return
+        self.say(name, print_id, state, started_s, next_s if state.ended else None)
+        if state.ended:
+            clear_s = self.controller.rules.bed_clear_s(next_s, CLEARING_S)
+            heapq.heappush(self.due, (clear_s, name, print_id, None, 0.0))
+
+    def ends_s(self):
+        """Run to the end; return when each plate ended."""
+        while self.step():
+            pass
+        books = self.controller.books
+        return {p.plate: p.ended_s for p in books.prints.values() if p.state is PrintState.DONE}
+
+
+jobs = st.lists(
+    st.tuples(
+        st.lists(st.integers(2, 24).map(lambda halves: halves / 4), min_size=1, max_size=6),
+        st.builds(JobOptions, printers=st.none() | st.integers(1, 3), spares=st.integers(0, 1)),
+    ),
+    min_size=1,
+    max_size=3,
+)
+houses = st.fixed_dictionaries(
+    {},
+    optional={
+        "attended": st.sampled_from([["08:00-18:00"], ["mon-fri 08:00-12:00", "13:00-17:00"]]),
+        "quiet": st.sampled_from([["22:00-04:00"], ["sat,sun 00:00-12:00"]]),
+        "max_heating": st.integers(1, 2),
+    },
+)
+
+
+# Without shrinking, which takes minutes.
+@settings(max_examples=40, deadline=None, phases=[Phase.explicit, Phase.reuse, Phase.generate])
+@example([([8.0] * 8, JobOptions(printers=4))], {}, 8, 9, [])  # two rounds on four of eight printers
+@given(jobs, houses, st.integers(1, 4), st.integers(0, 23), st.lists(st.integers(200, 2000), max_size=4))
+def test_a_forecast_is_met_where_nothing_unforeseen_happens(work, house, printers, hour, reels):
+    with tempfile.TemporaryDirectory() as folder:
+        night = Night(Path(folder) / "farm", printers, MONDAY_S + hour * HOUR, house)
+        for name, grams in zip(night.controller.fleet.names, reels, strict=False):
+            reel = {"material": "generic_pla", "grams": grams, "nozzle_mm": 0.4}
+            night.controller.handle(ev.ReelLoaded(at_s=1.0, printer=name, reel=reel, by="ann"))
+        for hours, options in work:
+            night.plan(hours, options)
+        night.begin_prints()
+        now_s = night.clock.now_s
+        books = night.controller.books
+        foreseen = dict(night.controller.build_view_context(StateFolder(Path(folder))).ends_s)
+        waiting = {plate.id for plate in books.waiting_plates()}
+        assert foreseen.keys() <= waiting
+        reached = night.ends_s()
+        left = {p.id for p in night.controller.books.waiting_plates()}
+        assert left == waiting - foreseen.keys()
+        for number in books.jobs:
+            mine = [name for name in foreseen if night.controller.books.plates[name].job == number]
+            if mine:
+                expected_s = max(foreseen[name] for name in mine) - now_s
+                took_s = max(reached[name] for name in mine) - now_s
+                assert abs(took_s - expected_s) <= 0.02 * took_s, (number, expected_s, took_s)
+        assert all(p.bed is not Bed.UNKNOWN for p in night.controller.books.printers.values())
+        assert not any(
+            night.controller.books.plate_state(p) is PlateState.PRINTING
+            for p in night.controller.books.plates.values()
+        )
+        night.farm.store.close()

@@ -1,0 +1,124 @@
+"""The daemon's tick: it schedules where time has changed a decision, and reminds agents otherwise."""
+
+from datetime import UTC, datetime
+
+import pytest
+
+from farm.control import controller as module
+from farm.model import AgentSnapshot, HoldCode, JobOptions, JobState, Link
+from farm.planning import Plan
+from farm.state import events as ev
+from farm.state.storage import StoreError
+from make_books import plan as planned
+from recording_controller import MODEL, Farm
+
+NIGHT = datetime(2026, 11, 20, 23, tzinfo=UTC).timestamp()
+MORNING = datetime(2026, 11, 21, 6, tzinfo=UTC).timestamp()
+
+
+class Clock:
+    """Stands still until it is set."""
+
+    scale = 1.0
+
+    def __init__(self, now_s):
+        self.now_s = now_s
+
+    def now(self):
+        return self.now_s
+
+
+@pytest.fixture
+def calls(monkeypatch):
+    """Count the calls of the scheduler."""
+    found = []
+
+    def counted(situation):
+        found.append(situation.now_s)
+        return assign_plates(situation)
+
+    assign_plates = module.assign_plates
+    monkeypatch.setattr(module, "assign_plates", counted)
+    return found
+
+
+@pytest.fixture
+def farm(tmp_path, calls):
+    """A job of one part that waits for the end of quiet hours, on a farm that has been up for an hour."""
+    farm = Farm(tmp_path, clock=Clock(NIGHT), timezone="UTC", quiet=["22:00-06:00"])
+    farm.controller.started_s = NIGHT - 3600.0
+    farm.ready("a", "b")
+    farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions(), "ann")
+    event = planned(1, 1)
+    farm.controller.on_plan(1, Plan(event.parts, event.plates, event.repairs, 1.0, 500.0, 100.0, None))
+    calls.clear()
+    return farm
+
+
+def tick(farm, at_s):
+    farm.controller.clock.now_s = at_s
+    farm.controller.tick()
+
+
+def test_a_tick_without_a_change_does_not_schedule(farm, calls):
+    for seconds in range(1, 3600):
+        tick(farm, NIGHT + seconds)
+    assert calls == []
+    assert [hold.code for hold in farm.controller.plate_holds().values()] == [HoldCode.QUIET_HOURS]
+
+
+def test_a_tick_at_the_end_of_quiet_hours_starts_the_plate(farm, calls):
+    assert farm.controller.next_change_s == MORNING
+    tick(farm, MORNING - 1.0)
+    assert calls == []
+    tick(farm, MORNING)
+    assert calls == [MORNING]
+    assert farm.controller.books.open_print_on("a") is not None
+
+
+def test_a_tick_sends_a_start_again_that_its_agent_has_not_confirmed(farm):
+    tick(farm, MORNING)
+    farm.effects.instructions.clear()
+    tick(farm, MORNING + 1.0)
+    assert [type(one) for one in farm.effects.instructions] == [ev.SendStart]
+
+
+def test_telemetry_alone_does_not_schedule(farm, calls):
+    farm.ready("a", nozzle_c=24.0)
+    assert calls == []
+    farm.controller.on_snapshot(AgentSnapshot(printer="a", link=Link.ABSENT))
+    assert len(calls) == 1
+
+
+def test_a_decision_that_could_not_be_written_is_made_at_the_next_tick(farm, calls, monkeypatch):
+    def full(*_):
+        raise StoreError("the database cannot be written: disk full")
+
+    with monkeypatch.context() as broken:
+        broken.setattr(farm.store, "commit", full)
+        with pytest.raises(StoreError):
+            tick(farm, MORNING)
+    tick(farm, MORNING + 1.0)
+    assert calls == [MORNING, MORNING + 1.0]
+    assert farm.controller.books.job(1).state is JobState.PRINTING
+    assert farm.controller.books.open_print_on("a") is not None
+
+
+def test_a_plate_goes_on_when_its_printer_was_lost_alone(farm, calls):
+    tick(farm, MORNING)
+    lost = farm.controller.books.open_print_on("a")
+    ended = {
+        "state": "failed",
+        "fault": "port_lost",
+        "reason": "gone",
+        "filament": "parked",
+        "extruded": False,
+    }
+    farm.controller.handle(
+        ev.PrintEnded(at_s=MORNING, print_id=lost.id, started_s=MORNING, ended_s=MORNING, **ended)
+    )
+    assert [hold.code for hold in farm.controller.plate_holds().values()] == [HoldCode.JUST_LOST]
+    tick(farm, MORNING + 10.0)
+    assert farm.controller.books.open_print_on("b") is None
+    tick(farm, MORNING + 11.0)
+    assert farm.controller.books.open_print_on("b") is not None

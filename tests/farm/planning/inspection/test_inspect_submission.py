@@ -1,0 +1,19 @@
+"""A submitted model in the file store."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from farm.model import JobOptions
+from farm.planning.inspection.inspect_submission import inspect_model, read_inspected
+
+
+def test_what_was_submitted_is_read_back_to_the_last_bit(tmp_path, files):
+    path = tmp_path / "upload.stl"
+    trimesh.creation.icosphere(2, 0.1).export(path)
+    stored = inspect_model(path, "ball.stl", JobOptions(longest_side_mm=77.0), files)
+    model = read_inspected(files / stored.file)
+    assert model.scale == stored.scale == pytest.approx(385.0)
+    assert np.ptp(model.solid.arrays()[0], axis=0).max() == pytest.approx(77.0, rel=1e-12)
+    again = trimesh.creation.icosphere(2, 0.1)
+    assert model.solid.volume_mm3 == pytest.approx(again.volume * stored.scale**3, rel=1e-5)

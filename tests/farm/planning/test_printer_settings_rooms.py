@@ -1,0 +1,49 @@
+"""What the drivers say of a bed is what Cura's definitions say; the room of a model is smaller than it."""
+
+import pytest
+
+from drivers.printers import BEDS, PROFILES
+from farm.config import PrinterSection
+from farm.planning.printer_settings import bed_boxes, model_sizes, printer_room
+from slicing.errors import EngineMissing
+from slicing.settings import SettingsRequest, find_resources, resolve_settings
+from slicing_printers import UM2_PLUS
+
+
+@pytest.fixture(scope="module")
+def resources():
+    try:
+        return find_resources()
+    except EngineMissing as missing:
+        pytest.skip(str(missing))
+
+
+@pytest.mark.parametrize("model", sorted(BEDS))
+def test_beds_and_clips_are_cura_s(resources, model):
+    settings, profile = resources.machine(model).settings, BEDS[model]
+    assert profile.model == model
+    assert profile.title == resources.machine(model).name
+    assert profile.bed_mm == (settings["machine_width"].default, settings["machine_depth"].default)
+    assert profile.height_mm == settings["machine_height"].default
+    areas = {
+        (*(min(axis) for axis in zip(*area, strict=True)), *(max(axis) for axis in zip(*area, strict=True)))
+        for area in settings["machine_disallowed_areas"].default
+    }
+    assert {(c.min_x_mm, c.min_y_mm, c.max_x_mm, c.max_y_mm) for c in profile.clips} == areas
+
+
+def test_a_printer_without_a_heated_bed_is_sliced_for_and_not_driven(resources):
+    heated = {model for model in BEDS if resources.machine(model).settings["machine_heated_bed"].default}
+    assert set(PROFILES) == heated
+
+
+def test_a_model_s_room_is_smaller_by_what_the_material_shrinks(resources):
+    section = PrinterSection(name="a", model="ultimaker2_plus", port="/dev/ttyACM0")
+    settings = resolve_settings(SettingsRequest(UM2_PLUS, material="generic_abs"), resources)
+    room = printer_room(section, settings.brim_width_mm)
+    for (x, y, z), box in zip(model_sizes(room, settings), room, strict=True):
+        assert (x * settings.scale_xy, y * settings.scale_xy, z * settings.scale_z) == pytest.approx(
+            box.size_mm
+        )
+        assert x < box.size_mm[0]
+    assert max(box[4] for box in bed_boxes(section)) == 205.0  # the bed itself stays

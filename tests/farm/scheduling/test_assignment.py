@@ -1,0 +1,161 @@
+"""Assignment: no printer twice, no bed that is not clear, the same answer in any order."""
+
+from dataclasses import replace
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from farm.model import Bed, FilamentState, HoldCode, Link
+from farm.scheduling import assignment
+from farm.scheduling.matching import Requirements
+from scheduling_examples import LOW, TALL, box, plate, printer, situation
+
+NOW_S = 1_000_000.0
+
+
+def assign(waiting, fleet, house=None, **changes):
+    moment = situation(waiting, fleet, house, NOW_S, **changes)
+    given_ = assignment.assign_plates(moment)
+    return given_, assignment.find_holds(moment, given_)
+
+
+printers = st.lists(
+    st.builds(
+        printer,
+        st.sampled_from("abcdef"),
+        bed=st.sampled_from(Bed),
+        filament=st.sampled_from(FilamentState),
+        link=st.sampled_from(Link),
+        booked=st.booleans(),
+        attention_reason=st.sampled_from([None, "its nozzle is cold"]),
+        room=st.sampled_from([LOW, TALL]),
+    ),
+    unique_by=lambda p: p.name,
+)
+plates = st.lists(
+    st.builds(
+        plate,
+        st.uuids().map(str),
+        st.sampled_from("abcdefg"),
+        requirements=st.builds(
+            Requirements,
+            st.sampled_from(["generic_pla", "generic_abs", None]),
+            st.none(),
+            st.sampled_from([0.4, 0.8]),
+            st.sampled_from([None, box(100.0), box(250.0), box(10.0, 110.0)]),
+        ),
+        expected_s=st.floats(60, 1e5),
+        failed_on=st.frozensets(st.sampled_from("abc")),
+    ),
+    unique_by=lambda p: p.id,
+)
+
+
+@given(plates, printers)
+def test_the_laws_of_assignment(waiting, fleet):
+    given_, holds = assign(waiting, fleet)
+    by_name = {p.name: p for p in fleet}
+    by_id = {p.id: p for p in waiting}
+    used = [a.printer for a in given_]
+    assert len(used) == len(set(used))
+    for pair in given_:
+        taken = by_name[pair.printer]
+        assert (
+            taken.bed is Bed.CLEAR
+            and taken.link is Link.READY
+            and not taken.booked
+            and taken.attention_reason is None
+        )
+        assert taken.filament is not FilamentState.UNKNOWN
+        assert by_id[pair.plate].requirements.matches(taken.capabilities)
+    assert {a.plate for a in given_} | set(holds) == set(by_id)
+    assert not {a.plate for a in given_} & set(holds)
+
+
+@given(plates, printers)
+def test_no_printer_idles_while_a_plate_waits_for_one_like_it(waiting, fleet):
+    given_, holds = assign(waiting, fleet)
+    used = {a.printer for a in given_}
+    for waits in (p for p in waiting if p.id in holds):
+        left = [p for p in fleet if p.name not in used and p.obstacle() is None]
+        assert not [p for p in left if waits.requirements.matches(p.capabilities)]
+
+
+@given(plates, printers, st.randoms())
+def test_the_order_of_fleet_and_plates_changes_nothing(waiting, fleet, random):
+    answer = assign(waiting, fleet)
+    for mixed in (fleet, waiting):
+        random.shuffle(mixed)
+    assert assign(waiting, fleet) == answer
+
+
+def test_a_plate_keeps_its_planned_printer_and_avoids_one_it_failed_on():
+    given_, _ = assign([plate("1/01", "b")], [printer("a"), printer("b")])
+    assert given_[0].printer == "b"
+    given_, _ = assign([plate("1/01", "b", failed_on=frozenset("b"))], [printer("a"), printer("b")])
+    assert given_[0].printer == "a"
+    given_, _ = assign([plate("1/01", "b", failed_on=frozenset("b"))], [printer("b")])
+    assert given_[0].printer == "b"
+
+
+def test_a_hold_says_what_the_plate_waits_for():
+    _, holds = assign([plate("1/01", "a")], [printer("a", bed=Bed.NOT_CLEAR)])
+    assert holds["1/01"].code is HoldCode.BED_NOT_CLEAR
+    assert "farm cleared a" in holds["1/01"].text
+    tall = Requirements("generic_pla", None, 0.4, box(231.0))
+    _, holds = assign([plate("1/01", "a", requirements=tall)], [printer("a")])
+    assert holds["1/01"].code is HoldCode.NO_SUCH_PRINTER
+    assert "231 mm of height" in holds["1/01"].text
+
+
+def test_a_plate_moves_only_to_a_printer_whose_room_holds_all_of_it():
+    small = printer("b", room=((-50.0, -50.0, 50.0, 50.0, 205.0),))
+    aside = Requirements("generic_pla", None, 0.4, (20.0, -20.0, 60.0, 20.0, 30.0))
+    given_, holds = assign([plate("1/01", "a", requirements=aside)], [printer("a", booked=True), small])
+    assert given_ == []
+    assert holds["1/01"].code is HoldCode.PRINTER_BUSY
+    given_, _ = assign([plate("1/01", "a", requirements=aside)], [printer("a", booked=True), printer("b")])
+    assert given_[0].printer == "b"
+
+
+def test_a_job_prints_on_no_more_printers_than_it_was_given():
+    waiting = [plate(f"1/0{i}", "ab"[i % 2], places=1) for i in range(4)]
+    given_, holds = assign(waiting, [printer(name) for name in "abcd"])
+    assert len(given_) == 1
+    assert {hold.code for hold in holds.values()} == {HoldCode.JOB_PRINTER_LIMIT}
+    assert assign([plate("1/01", "a", places=0)], [printer("a")])[0] == []
+
+
+@given(plates, printers, st.integers(0, 5))
+def test_places_are_kept_whatever_the_fleet(waiting, fleet, places):
+    given_, _ = assign([replace(waits, places=places) for waits in waiting], fleet)
+    assert len(given_) <= places
+
+
+def test_an_earlier_jobs_plate_comes_before_a_longer_one_of_a_later_job():
+    waiting = [plate("1/01", "x", job=1, expected_s=60.0), plate("2/01", "x", job=2, expected_s=6000.0)]
+    given_, _ = assign(waiting, [printer("a")])
+    assert given_[0].plate == "1/01"
+
+
+def test_gcode_for_another_kind_of_printer_waits():
+    """A plain 2 feeds and heats in another way than a 2+: what was sliced for one is not for the other."""
+    plain = printer("plain")
+    plain = replace(plain, capabilities=replace(plain.capabilities, kin="ultimaker2"))
+    plus = printer("plus")
+    plus = replace(plus, capabilities=replace(plus.capabilities, kin="ultimaker2_plus"))
+    sliced = plate(
+        "p1", "plus", requirements=Requirements("generic_pla", None, 0.4, box(100.0), "ultimaker2_plus")
+    )
+    given_, holds = assign([sliced], [plain])
+    assert not given_
+    assert "an ultimaker2_plus, which it was sliced for" in holds["p1"].text
+    given_, _ = assign([sliced], [plain, plus])
+    assert [a.printer for a in given_] == ["plus"]
+
+
+def test_a_plate_whose_printers_are_all_hindered_says_what_hinders_its_own():
+    fleet = [printer("a", attention_reason="it smokes"), printer("b", bed=Bed.NOT_CLEAR)]
+    for planned, code in (("a", HoldCode.NEEDS_INSPECTION), ("b", HoldCode.BED_NOT_CLEAR)):
+        _, holds = assign([plate("p", planned)], fleet)
+        assert holds["p"].code is code

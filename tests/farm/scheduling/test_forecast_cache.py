@@ -1,0 +1,28 @@
+"""When what waits should end is foreseen when it may have changed, and not more often than it can be."""
+
+from farm.scheduling.forecast import ForecastCache
+from farm.scheduling.situation_builder import describe_plates
+from make_books import printing
+from scheduling_examples import printer, situation
+
+
+def test_it_is_foreseen_anew_where_the_books_have_changed_but_not_at_every_look():
+    asked = []
+
+    def ends_s(books, now_s):
+        def moment():
+            asked.append(True)
+            waiting = describe_plates(books.waiting_plates(), books)
+            return situation(waiting, [printer("a")], now_s=now_s)
+
+        return cache.ends_s(books, moment, now_s)
+
+    cache, books = ForecastCache(scale=2.0), printing(plates=2)
+    first = ends_s(books, 1000.0)
+    assert first == {"1/01": 1100.0, "1/02": 1100.0 + 900.0 + 100.0}  # a bed is cleared between them
+    assert ends_s(books, 1050.0) is first
+    other = printing(plates=1)
+    assert ends_s(other, 1009.0) is first  # 4.5 s of the wall later
+    assert ends_s(other, 1011.0) == {"1/01": 1111.0}
+    assert ends_s(other, 1072.0) == {"1/01": 1172.0}  # nobody has come for a minute
+    assert len(asked) == 3

@@ -1,0 +1,67 @@
+"""Moments as people say them."""
+
+from datetime import datetime
+from zoneinfo import ZoneInfo
+
+import pytest
+
+from farm.control.job_commands import start_and_deadline_s
+from farm.model import JobOptions
+from farm.scheduling.hours import Hours, parse_moment_s
+from farm.scheduling.start_rules import StartRules
+from farm.week_windows import parse_window
+
+LONDON, BERLIN = ZoneInfo("Europe/London"), ZoneInfo("Europe/Berlin")
+NOW_S = datetime(2026, 10, 23, 17, 30, tzinfo=LONDON).timestamp()  # a Friday before the clocks change
+
+
+@pytest.mark.parametrize(
+    ("text", "then"),
+    [
+        ("22:00", "2026-10-23T22:00:00+01:00"),
+        ("07:15", "2026-10-24T07:15:00+01:00"),
+        ("Sun 22:00", "2026-10-25T22:00:00+00:00"),
+        ("fri 17:30", "2026-10-30T17:30:00+00:00"),
+        ("2026-10-24 08:00", "2026-10-24T08:00:00+01:00"),
+        ("2026-10-24T08:00:00+02:00", "2026-10-24T07:00:00+01:00"),
+    ],
+)
+def test_the_next_such_moment(text, then):
+    assert datetime.fromtimestamp(parse_moment_s(text, NOW_S, LONDON), LONDON).isoformat() == then
+
+
+NEVER = ["9999-12-31T23:59-12:00", "9999-12-31", "0001-01-01", "2027-11-01 10:00"]
+
+
+@pytest.mark.parametrize("text", ["soon", "25:00", "fry 10:00", "2026-10-22 10:00", "", "10", *NEVER])
+def test_what_is_no_moment_to_come_is_refused(text):
+    with pytest.raises(ValueError, match=r"is not a time|has passed|is more than a year ahead"):
+        parse_moment_s(text, NOW_S, LONDON)
+
+
+@pytest.mark.parametrize(
+    ("now", "then"),
+    [
+        ("2026-03-28T20:00:00+01:00", "2026-03-29T03:30:00+02:00"),  # that time is skipped
+        ("2026-03-29T03:40:00+02:00", "2026-03-30T02:30:00+02:00"),
+        ("2026-10-24T20:00:00+02:00", "2026-10-25T02:30:00+02:00"),  # and here it comes twice
+        ("2026-10-25T02:40:00+02:00", "2026-10-25T02:30:00+01:00"),
+        ("2026-10-25T02:10:00+01:00", "2026-10-25T02:30:00+01:00"),
+        ("2026-10-25T02:40:00+01:00", "2026-10-26T02:30:00+01:00"),
+    ],
+)
+def test_a_time_in_the_hour_that_is_skipped_or_comes_twice(now, then):
+    at_s = parse_moment_s("02:30", datetime.fromisoformat(now).timestamp(), BERLIN)
+    assert at_s == datetime.fromisoformat(then).timestamp()
+
+
+@pytest.mark.parametrize(("day", "night_h"), [("2026-03-28", 9), ("2026-10-24", 11), ("2026-11-20", 10)])
+def test_a_night_is_as_long_as_it_is(day, night_h):
+    """From the end of attended hours, and from 22:00, to the same hour of the morning."""
+    attended = Hours((parse_window("08:00-21:00"),), BERLIN)
+    house = StartRules(attended, Hours((), BERLIN))
+    now_s = datetime.fromisoformat(f"{day} 18:00").replace(tzinfo=BERLIN).timestamp()
+    begins_s, ends_s = start_and_deadline_s(JobOptions(overnight=True, done_by="07:00"), house, now_s)
+    assert (begins_s - now_s, ends_s - begins_s) == (3 * 3600.0, night_h * 3600.0)
+    begins_s, ends_s = start_and_deadline_s(JobOptions(at="22:00", done_by="08:00"), house, now_s)
+    assert (begins_s - now_s, ends_s - begins_s) == (4 * 3600.0, night_h * 3600.0)

@@ -1,0 +1,91 @@
+"""Scheduling only at the moments of `next_change_s` decides what scheduling at every tick decides."""
+
+import math
+from dataclasses import replace
+from datetime import datetime
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from farm.model import Bed
+from farm.scheduling.assignment import assign_plates
+from scheduling_examples import UTC, plate, printer, rules, situation
+
+HOUR = 3600.0
+TICK_S = 1200.0
+TICKS = 3 * 24 * 3  # three days
+FRIDAY = datetime(2026, 11, 20, 17, tzinfo=UTC).timestamp()
+
+houses = st.builds(
+    rules,
+    attended=st.sampled_from([(), ("mon-fri 08:00-18:00",), ("08:00-10:00", "16:00-18:00")]),
+    quiet=st.sampled_from([(), ("22:00-06:00",), ("sat 12:00-14:00",)]),
+    first_layers_attended=st.booleans(),
+    max_heating=st.none() | st.integers(1, 2),
+)
+fleets = st.lists(
+    st.builds(
+        printer,
+        st.sampled_from("abcd"),
+        bed=st.sampled_from([Bed.CLEAR, Bed.CLEAR, Bed.NOT_CLEAR]),
+        booked=st.booleans(),
+        unattended=st.booleans(),
+    ),
+    unique_by=lambda p: p.name,
+)
+plates = st.lists(
+    st.builds(
+        plate,
+        st.uuids().map(str),
+        st.sampled_from("abcd"),
+        expected_s=st.floats(600, 20 * HOUR),
+        first_layer_s=st.floats(300, 900),
+        job=st.integers(1, 3),
+        failed_on=st.frozensets(st.sampled_from("abcd")),
+        not_before_s=st.none() | st.floats(FRIDAY, FRIDAY + 30 * HOUR),
+    ),
+    unique_by=lambda p: p.id,
+    max_size=6,
+)
+
+
+def start_plates(moment):
+    """Schedule, take what starts off the queue, and schedule again, until nothing starts."""
+    starts = []
+    while given_ := assign_plates(moment):
+        starts += given_
+        taken = {one.printer for one in given_}
+        moment = moment.without({one.plate for one in given_}).with_printers(
+            tuple(replace(p, booked=True) if p.name in taken else p for p in moment.printers)
+        )
+    return moment, starts
+
+
+@given(plates, fleets, houses)
+@settings(max_examples=60, deadline=None)
+def test_nothing_changes_between_the_moments_that_matter(waiting, fleet, house):
+    eager = lazy = situation(waiting, fleet, house, FRIDAY)
+    due_s = -math.inf
+    for tick in range(TICKS):
+        now_s = FRIDAY + tick * TICK_S
+        eager, eager_starts = start_plates(replace(eager, now_s=now_s))
+        lazy_starts = []
+        if now_s >= due_s:
+            lazy, lazy_starts = start_plates(replace(lazy, now_s=now_s))
+            due_s = lazy.next_change_s()
+        assert lazy_starts == eager_starts
+
+
+@pytest.mark.parametrize(
+    ("house", "changes", "after_s"),
+    [
+        (rules(), {}, math.inf),  # nothing but an event changes anything
+        (rules(attended=["mon-fri 08:00-18:00"]), {"expected_s": 20 * HOUR}, HOUR),  # the hours end
+        (rules(quiet=["22:00-06:00"]), {"expected_s": HOUR}, (5 - 1.05) * HOUR),  # too late for the plate
+        (rules(), {"not_before_s": FRIDAY + 60.0}, 60.0),
+    ],
+)
+def test_the_next_change_is_known(house, changes, after_s):
+    moment = situation([plate("x", "a", **changes)], [printer("a")], house, FRIDAY)
+    assert moment.next_change_s() - FRIDAY == pytest.approx(after_s, abs=0.01)

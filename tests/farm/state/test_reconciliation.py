@@ -1,0 +1,251 @@
+"""Bringing the books in line with the agents' words."""
+
+import pytest
+
+from farm.model import AgentPrint, AgentSnapshot, Bed, FilamentState, JobState, Link, Printer, PrintState
+from farm.state import events as ev
+from farm.state.books import Books
+from farm.state.faults import OwnFault
+from farm.state.lifecycles import InvalidTransition
+from farm.state.plate_state import PlateState
+from farm.state.reconciliation import (
+    handle_unknown_print,
+    observe_idle_printer,
+    pending_instructions,
+    reconcile_print,
+)
+from make_books import fleet, printing, run
+
+
+def test_what_happened_at_a_printer_makes_bed_and_filament_unknown_until_a_person_has_looked():
+    said = AgentSnapshot(
+        printer="a",
+        link=Link.READY,
+        bed_clear=True,
+        filament=FilamentState.PARKED,
+        bed_unknown_reason="its board was reset, but not by the farm",
+    )
+    books, _ = run(printing(), *observe_idle_printer(printing().printers["a"], said, 5.0))
+    printer = books.printers["a"]
+    assert (printer.bed, printer.filament) == (Bed.UNKNOWN, FilamentState.UNKNOWN)
+    assert "reset" in printer.attention_reason
+    assert list(observe_idle_printer(printer, said, 6.0)) == []
+    # Not even an emulator's word makes up for the look.
+    assert (
+        list(observe_idle_printer(printer, said.model_copy(update={"bed_unknown_reason": None}), 7.0)) == []
+    )
+
+
+def test_an_emulator_is_asked_only_where_the_books_do_not_know():
+    said = AgentSnapshot(printer="a", link=Link.READY, bed_clear=True, filament=FilamentState.PARKED)
+    books, _ = run(Books(), *fleet(Bed.UNKNOWN))
+    books, _ = run(books, *observe_idle_printer(books.printers["a"], said, 5.0))
+    assert books.printers["a"].bed is Bed.CLEAR
+    assert list(observe_idle_printer(books.printers["a"], said, 6.0)) == []
+
+
+def test_a_real_printer_cannot_say_what_lies_on_its_bed():
+    said = AgentSnapshot(printer="a", link=Link.READY, filament=FilamentState.PARKED)
+    books, _ = run(Books(), *fleet(Bed.UNKNOWN))
+    assert list(observe_idle_printer(books.printers["a"], said, 5.0)) == []
+
+
+def word(print_id="x", state=PrintState.PRINTING, link=Link.BUSY, **changes):
+    facts = {
+        "fault": None,
+        "reason": None,
+        "progress_s": 5.0,
+        "print_time_s": 90.0,
+        "extruded": True,
+        "started_s": 2.0,
+        "ended_s": None,
+    }
+    said = AgentPrint(print_id=print_id, state=state, **{**facts, **changes})
+    return AgentSnapshot(printer="a", link=link, filament=FilamentState.PARKED, print=said)
+
+
+def assigned():
+    return run(printing(), ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"))[0]
+
+
+def test_reconciling_follows_an_agent_and_is_quiet_when_nothing_is_new():
+    books = assigned()
+    books, _ = run(books, *reconcile_print(books.prints["x"], word(), 3.0))
+    assert books.prints["x"].state is PrintState.PRINTING
+    assert books.prints["x"].started_s == 2.0
+    assert books.printers["a"].bed is Bed.NOT_CLEAR
+    assert list(reconcile_print(books.prints["x"], word(), 4.0)) == []
+    last = word(state=PrintState.DONE, link=Link.READY, ended_s=90.0)
+    books, _ = run(books, *reconcile_print(books.prints["x"], last, 100.0))
+    assert (books.prints["x"].state, books.prints["x"].ended_s) == (PrintState.DONE, 90.0)
+
+
+def test_an_agent_that_was_not_told_is_told_again_and_one_that_forgot_has_lost_the_print():
+    books = assigned()
+    assert list(reconcile_print(books.prints["x"], empty(), 3.0)) == []
+    assert list(pending_instructions(books.prints["x"], empty())) == [ev.SendStart(print_id="x", printer="a")]
+    books, _ = run(books, *reconcile_print(books.prints["x"], word(), 3.0))
+    assert list(pending_instructions(books.prints["x"], empty())) == []
+    books, _ = run(books, *reconcile_print(books.prints["x"], empty(), 9.0))
+    assert books.prints["x"].state is PrintState.FAILED
+    assert books.prints["x"].fault == OwnFault.PRINT_LOST
+
+
+def empty(link=Link.READY, pid=9, **changes):
+    """The word of an agent that has no print."""
+    return AgentSnapshot(printer="a", link=link, agent_pid=pid, **changes)
+
+
+def test_a_print_that_was_cancelled_ends_when_its_agent_has_heard_of_it():
+    """Until then the start may be on its way beside an older word of the agent's."""
+    books, _ = run(assigned(), ev.JobCancelled(at_s=3.0, job=1))
+    stop = ev.SendCancel(print_id="x", printer="a", reason=books.prints["x"].cancel_reason)
+    assert list(reconcile_print(books.prints["x"], empty(), 4.0)) == []
+    assert list(pending_instructions(books.prints["x"], empty())) == [stop]
+    assert list(pending_instructions(books.prints["x"], empty(Link.STARTING))) == []  # nobody would hear it
+    assert list(reconcile_print(books.prints["x"], empty(acknowledged_cancel="another"), 4.0)) == []
+    books, _ = run(books, *reconcile_print(books.prints["x"], empty(acknowledged_cancel="x"), 4.0))
+    assert books.prints["x"].state is PrintState.CANCELLED
+    assert books.printers["a"].bed is Bed.CLEAR
+
+
+@pytest.mark.parametrize("link", [Link.FAULT, Link.ABSENT])
+def test_what_a_printer_cannot_begin_goes_elsewhere_only_when_its_agent_has_heard_of_it(link):
+    books = assigned()
+    stale = empty(link, reason="unplugged")
+    books, sent = run(books, *reconcile_print(books.prints["x"], stale, 3.0))
+    assert sent == [ev.SendCancel(print_id="x", printer="a", reason="unplugged")]
+    assert [plate.id for plate in books.waiting_plates()] == ["1/02"]
+    assert list(reconcile_print(books.prints["x"], stale, 4.0)) == []
+    # It began all the same, and is ended: its plate is free then, and nobody is to blame.
+    began, _ = run(
+        books, *reconcile_print(books.prints["x"], word(state=PrintState.HEATING, extruded=False), 5.0)
+    )
+    assert [type(one) for one in pending_instructions(began.prints["x"], word(state=PrintState.HEATING))] == [
+        ev.SendCancel
+    ]
+    last = word(state=PrintState.CANCELLED, link=Link.READY, extruded=False, ended_s=9.0)
+    began, _ = run(began, *reconcile_print(began.prints["x"], last, 9.0))
+    assert began.prints["x"].state is PrintState.CANCELLED
+    # Or it never did.
+    books, _ = run(books, *reconcile_print(books.prints["x"], empty(link, acknowledged_cancel="x"), 5.0))
+    assert books.prints["x"].state is PrintState.CANCELLED
+    assert books.printers["a"].bed is Bed.CLEAR
+    for each in (books, began):
+        assert [plate.id for plate in each.waiting_plates()] == ["1/01", "1/02"]
+
+
+def test_where_no_agent_is_left_nothing_can_begin():
+    books = assigned()
+    books, _ = run(books, *reconcile_print(books.prints["x"], empty(Link.ABSENT, None), 3.0))
+    assert books.prints["x"].state is PrintState.CANCELLED
+
+
+def restored(*states):
+    """The books of a copy, in which plates were in these states on a, b, ..."""
+    books = printing()
+    for name, state in zip("ab", states, strict=False):
+        plate = {"a": "1/01", "b": "1/02"}[name]
+        books, _ = run(books, ev.PlateAssigned(at_s=2.0, plate=plate, printer=name, print_id=name))
+        if state is not PrintState.ASSIGNED:
+            event = ev.PrintProgressed(at_s=3.0, print_id=name, state=state, started_s=2.0, extruded=True)
+            books, _ = run(books, event)
+    return run(books, ev.BooksRestored(at_s=50.0, copied_s=10.0))[0]
+
+
+@pytest.mark.parametrize("state", [PrintState.ASSIGNED, PrintState.PRINTING])
+def test_what_an_agent_prints_is_taken_over_by_books_that_are_a_copy(state):
+    books = restored(state)
+    assert list(pending_instructions(books.prints["a"], empty())) == []  # it is not begun (again)
+    said = word("a")
+    books, sent = run(books, *reconcile_print(books.prints["a"], said, 51.0))
+    assert (sent, list(pending_instructions(books.prints["a"], said))) == ([], [])
+    assert (books.prints["a"].state, books.prints["a"].restored) == (PrintState.PRINTING, False)
+    assert list(reconcile_print(books.prints["a"], said, 52.0)) == []
+    last = word("a", state=PrintState.DONE, link=Link.READY, ended_s=90.0)
+    books, _ = run(books, *reconcile_print(books.prints["a"], last, 100.0))
+    assert books.plate_state(books.plates["1/01"]) is PlateState.PRINTED
+    assert books.jobs[1].state is JobState.HELD
+    books, _ = run(books, ev.JobApproved(at_s=101.0, job=1, by="ann"))
+    assert [plate.id for plate in books.waiting_plates()] == ["1/02"]
+
+
+def test_what_no_agent_knows_any_more_is_no_outage_and_costs_no_attempt():
+    books = restored(PrintState.PRINTING, PrintState.PRINTING)
+    for name in "ab":
+        said = empty().model_copy(update={"printer": name})
+        books, _ = run(books, *reconcile_print(books.prints[name], said, 51.0))
+    assert books.outage is None
+    assert {(p.state, p.charged) for p in books.prints.values()} == {(PrintState.FAILED, False)}
+    assert "check what became of it" in books.printers["a"].attention_reason
+    fresh = restored(PrintState.ASSIGNED)
+    fresh, _ = run(fresh, *reconcile_print(fresh.prints["a"], empty(), 51.0))
+    assert fresh.prints["a"].state is PrintState.CANCELLED
+
+
+def test_a_print_that_the_books_have_ended_is_ended_at_the_printer_too():
+    books = assigned()
+    books, _ = run(books, *reconcile_print(books.prints["x"], empty(Link.ABSENT, None), 3.0))
+    heating = word(state=PrintState.HEATING, extruded=False)
+    told = list(handle_unknown_print(books.printers["a"], books.prints["x"], heating, 4.0))
+    assert [type(one) for one in told] == [ev.SendCancel]
+    for said in (word(), word(state=PrintState.CANCELLED, link=Link.READY, ended_s=9.0)):
+        doubted, _ = handle_unknown_print(books.printers["a"], books.prints["x"], said, 4.0)
+        assert run(books, doubted)[0].printers["a"].bed is Bed.UNKNOWN  # something lies on it by now
+
+
+def test_a_print_that_the_books_never_had_goes_on_and_leaves_the_bed_in_doubt():
+    books, _ = run(Books(), *fleet())
+    told = list(handle_unknown_print(books.printers["a"], None, word("stranger"), 4.0))
+    assert [type(one) for one in told] == [ev.BedBecameUnknown]
+    books, _ = run(books, *told)
+    assert books.printers["a"].bed is Bed.UNKNOWN
+    last = word("stranger", state=PrintState.DONE, ended_s=9.0)
+    assert list(handle_unknown_print(books.printers["a"], None, last, 9.0)) == [
+        ev.SendForget(print_id="stranger", printer="a")
+    ]
+
+
+@pytest.mark.parametrize(
+    ("wanted", "state", "told"),
+    [
+        (True, PrintState.HEATING, None),  # it is told once it prints
+        (True, PrintState.PRINTING, True),
+        (True, PrintState.PAUSED, None),
+        (False, PrintState.PAUSED, False),
+        (False, PrintState.PRINTING, None),
+        (True, PrintState.ENDING, None),
+    ],
+)
+def test_a_pause_that_an_agent_does_not_know_of_is_told_again(wanted, state, told):
+    books, sent = run(assigned(), ev.PauseRequested(at_s=3.0, print_id="x", wanted=wanted))
+    assert sent == [ev.SendPause(print_id="x", printer="a", wanted=wanted)]
+    again = list(pending_instructions(books.prints["x"], word(state=state)))
+    assert again == ([] if told is None else [ev.SendPause(print_id="x", printer="a", wanted=told)])
+
+
+def test_what_is_cancelled_is_not_paused_any_more():
+    books, _ = run(assigned(), ev.JobCancelled(at_s=3.0, job=1))
+    with pytest.raises(InvalidTransition, match="print x is assigned and being ended"):
+        run(books, ev.PauseRequested(at_s=3.0, print_id="x", wanted=True))
+    books, sent = run(
+        assigned(),
+        ev.PlateCancelled(at_s=3.0, plate="1/01", by="ann"),
+        ev.JobPaused(at_s=4.0, job=1, wanted=True),
+    )
+    assert books.prints["x"].pause_requested is False
+    assert not any(isinstance(one, ev.SendPause) for one in sent)
+
+
+@pytest.mark.parametrize("known", ["bed", "filament"])
+def test_an_emulator_is_asked_for_the_one_of_bed_and_filament_that_is_not_known(known):
+    said = AgentSnapshot(printer="a", link=Link.READY, bed_clear=True, filament=FilamentState.PARKED)
+    unknown = {"bed": Bed.UNKNOWN, "filament": FilamentState.UNKNOWN}
+    unknown[known] = Bed.NOT_CLEAR if known == "bed" else FilamentState.AT_NOZZLE
+    printer = Printer(name="a", **unknown)
+    (seen,) = observe_idle_printer(printer, said, 5.0)
+    books, _ = run(Books.of([printer]), seen)
+    took = books.printers["a"]
+    bed = Bed.NOT_CLEAR if known == "bed" else Bed.CLEAR
+    filament = FilamentState.AT_NOZZLE if known == "filament" else FilamentState.PARKED
+    assert (took.bed, took.filament) == (bed, filament)

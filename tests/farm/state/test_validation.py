@@ -1,0 +1,123 @@
+"""Validation of the books: each contradiction is found and named, and sound books have none."""
+
+import pytest
+
+from farm.model import Bed, JobState, Outage, PrintState, Reel, Verdict
+from farm.state import events as ev
+from farm.state.books import put, replace_fields
+from farm.state.storage.store import Store
+from farm.state.validation import validate_books
+from make_books import ended, printing, run
+from recorded_state import unpack_state
+
+BEGUN = ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x")
+
+
+def done():
+    return run(printing(), BEGUN, ended("x"))[0]
+
+
+def with_entries(books, *entries):
+    return put(books, *entries)
+
+
+BROKEN = {
+    "a plate is missing": (
+        lambda b: with_entries(b, replace_fields(b.jobs[1], plates=("1/01", "1/09"))),
+        "job 1: its plate 1/09 does not exist",
+    ),
+    "a part is missing": (
+        lambda b: with_entries(b, replace_fields(b.plates["1/01"], parts=("1/p07",))),
+        "plate 1/01: its part 1/p07 does not exist",
+    ),
+    "a print is missing": (
+        lambda b: with_entries(b, replace_fields(b.plates["1/02"], prints=("lost",))),
+        "plate 1/02: its print lost does not exist",
+    ),
+    "a printer is missing": (
+        lambda b: with_entries(b, replace_fields(b.prints["x"], printer="z")),
+        "print x: its printer z does not exist",
+    ),
+    "a replaced plate is in the job": (
+        lambda b: with_entries(b, replace_fields(b.plates["1/02"], replaced_by=("1/01",))),
+        "job 1: its plate 1/02 is replaced by 1/01",
+    ),
+    "a job is further than its plates": (
+        lambda b: with_entries(b, replace_fields(b.jobs[1], state=JobState.DONE, ended_s=9.0)),
+        "job 1: it is done, by its plates it is printing",
+    ),
+    "an ended job has no end": (
+        lambda b: with_entries(b, replace_fields(b.jobs[1], state=JobState.CANCELLED)),
+        "job 1: it is cancelled and has no end",
+    ),
+    "a queued job has plates": (
+        lambda b: with_entries(b, replace_fields(b.jobs[1], state=JobState.QUEUED)),
+        "job 1: it is queued and has plates",
+    ),
+    "a failed print is good": (
+        lambda b: with_entries(
+            b, replace_fields(b.prints["x"], state=PrintState.FAILED, verdict=Verdict.GOOD)
+        ),
+        "print x: it is failed and good",
+    ),
+    "a reel is less than empty": (
+        lambda b: with_entries(
+            b, replace_fields(b.printers["b"], reel=Reel(material="generic_pla", grams=-1.0, nozzle_mm=0.4))
+        ),
+        "printer b: its reel has -1 g",
+    ),
+    "a bed is clear with a part on it": (
+        lambda b: with_entries(b, replace_fields(b.printers["a"], bed=Bed.CLEAR)),
+        "printer a: its bed is clear, and print x on it is not judged",
+    ),
+    "a printer is booked twice": (
+        lambda b: with_entries(
+            b,
+            *(
+                replace_fields(
+                    b.prints["x"], id=name, plate=plate, state=PrintState.HEATING, verdict=None, ended_s=None
+                )
+                for name, plate in (("y", "1/01"), ("z", "1/02"))
+            ),
+            replace_fields(b.plates["1/01"], prints=("x", "y")),
+            replace_fields(b.plates["1/02"], prints=("z",)),
+        ),
+        "printer a: it has 2 open prints",
+    ),
+    "a plate is printed twice at once": (
+        lambda b: with_entries(
+            b,
+            *(
+                replace_fields(
+                    b.prints["x"], id=name, printer=printer, state=PrintState.HEATING, ended_s=None
+                )
+                for name, printer in (("y", "b"), ("z", "c"))
+            ),
+            replace_fields(b.plates["1/01"], prints=("x", "y", "z")),
+        ),
+        "plate 1/01: it is printed on b and c at once",
+    ),
+    "two outages wait": (
+        lambda b: with_entries(b, *(Outage(id=n, at_s=1.0, printers=("a", "b")) for n in (1, 2))),
+        "the farm: outages 1 and 2 are not confirmed, there can be one",
+    ),
+}
+
+
+@pytest.mark.parametrize(("spoil", "problem"), BROKEN.values(), ids=BROKEN)
+def test_a_contradiction_is_named(spoil, problem):
+    assert problem in validate_books(spoil(done()))
+
+
+def test_sound_books_have_no_problem():
+    books = done()
+    assert validate_books(books) == []
+    books, _ = run(
+        books, ev.BedCleared(at_s=300.0, printer="a", by="ann"), ev.JobCancelled(at_s=301.0, job=1)
+    )
+    assert validate_books(books) == []
+
+
+def test_the_books_of_the_first_release_are_sound(tmp_path):
+    with Store(unpack_state(tmp_path) / "farm.db") as store:
+        assert validate_books(store.load()) == []

@@ -1,0 +1,62 @@
+"""The books where the host's clock is set: spans stay what they were, and the last print is the last one."""
+
+from farm.model import HoldCode, PrintState, Verdict
+from farm.scheduling.holds import find_plate_holds
+from farm.state import events as ev
+from farm.state.books import Books, put
+from farm.state.plate_state import PlateState
+from farm.state.storage.store import Store
+from farm.state.transitions import apply
+from farm.views import list_due_notices
+from make_books import ended, printing, run
+
+
+def test_a_verdict_is_on_the_last_print_also_where_the_clock_was_set_back_before_it_ended(tmp_path):
+    path = tmp_path / "farm.db"
+    earlier = (
+        ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"),
+        ended("x", at_s=5000.0),
+        ev.BedCleared(at_s=5001.0, printer="a", by="ann"),
+        ev.ClockSet(at_s=1000.0, by_s=-4001.0),
+        ev.PlateAssigned(at_s=1100.0, plate="1/02", printer="a", print_id="y"),
+        ended("y", at_s=1500.0, started_s=1100.0),
+    )
+    with Store(path) as store:
+        books = printing()
+        store.commit(earlier[0], Books(), books)
+        for event in earlier:
+            before = books
+            books, _ = apply(event, books)
+            store.commit(event, before, books)
+        assert books.print_to_judge("a").id == "y"
+        first = books.prints["x"].model_copy(update={"verdict_why": "as it should be"})
+        store.commit(earlier[0], books, put(books, first))  # written last
+        assert store.load().print_to_judge("a").id == "y"
+    books, _ = run(books, ev.BedCleared(at_s=1600.0, printer="a", by="ann", verdict=Verdict.BAD))
+    assert books.plate_state(books.plates["1/02"]) is PlateState.WAITING
+
+
+def test_what_was_lost_before_the_clock_was_set_back_is_told_and_tried_again():
+    lost = (
+        ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"),
+        ended("x", PrintState.FAILED, 5000.0, fault="port_lost", reason="it went"),
+    )
+    books, _ = run(printing(plates=1), *lost, ev.ClockSet(at_s=1000.0, by_s=-4000.0))
+    assert find_plate_holds(books, [], 5005.0)["1/01"].code is HoldCode.JUST_LOST
+    assert find_plate_holds(books, [], 1000.0) == {}
+    assert [one.key for one in list_due_notices(books, 1000.0, 0.0, ())] == ["print x"]
+
+
+def test_an_open_print_is_as_old_as_it_was_where_the_clock_was_set_and_an_ended_one_stays():
+    books, _ = run(
+        printing(),
+        ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"),
+        ended("x"),
+        ev.PlateAssigned(at_s=300.0, plate="1/02", printer="b", print_id="y"),
+        ev.PrintProgressed(
+            at_s=310.0, print_id="y", state=PrintState.PRINTING, started_s=305.0, extruded=True
+        ),
+        ev.ClockSet(at_s=1000.0, by_s=500.0),
+    )
+    assert (books.prints["y"].assigned_s, books.prints["y"].started_s) == (800.0, 805.0)
+    assert (books.prints["x"].started_s, books.prints["x"].ended_s) == (2.0, 200.0)

@@ -1,0 +1,122 @@
+"""A printer's factor: laws of what is learned from its prints."""
+
+import itertools
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from farm.model import Bed, PrintState
+from farm.state import events as ev
+from farm.state.transitions.prints import LEAST, MOST, MOST_STARVED, SHORTEST_S, update_time_factor
+from make_books import ended, printing, run
+
+HOUR_S = 3600.0
+FACTORS = st.floats(LEAST, MOST)
+LENGTHS = st.floats(SHORTEST_S, 100 * HOUR_S)
+ANY_TIME = st.floats(0.0, 1e9)
+
+
+def after(ratios, factor=1.0):
+    for ratio in ratios:
+        factor = update_time_factor(factor, HOUR_S, ratio * HOUR_S)
+    return factor
+
+
+@given(FACTORS, FACTORS, LENGTHS)
+def test_it_converges_to_the_true_ratio_from_anywhere(start, true, expected_s):
+    factor = start
+    for _ in range(60):
+        nearer = update_time_factor(factor, expected_s, true * expected_s)
+        assert abs(nearer - true) <= abs(factor - true) + 1e-12
+        factor = nearer
+    assert factor == pytest.approx(true, abs=1e-4)
+
+
+@given(FACTORS, ANY_TIME, ANY_TIME, ANY_TIME)
+def test_whatever_happens_it_stays_in_bounds_and_one_print_moves_it_by_little(
+    factor, expected_s, reached_s, starved_s
+):
+    one = update_time_factor(factor, expected_s, reached_s, starved_s)
+    assert LEAST <= one <= MOST
+    assert abs(one - factor) <= 0.025 + 1e-12
+
+
+@given(st.lists(st.floats(0.9, 1.2), min_size=1, max_size=5), FACTORS)
+def test_the_order_of_prints_matters_less_than_they_differ(ratios, start):
+    ends = [after(order, start) for order in itertools.permutations(ratios)]
+    assert max(ends) - min(ends) <= max(ratios) - min(ratios) + 1e-9
+
+
+@given(st.lists(st.floats(1.0, 1.1), min_size=1, max_size=30))
+def test_it_never_leaves_what_was_seen(ratios):
+    assert 1.0 <= after(ratios) <= max(ratios)
+
+
+@pytest.mark.parametrize(
+    ("expected_s", "reached_s", "starved_s"),
+    [
+        (SHORTEST_S - 1, 1.1 * SHORTEST_S, 0.0),  # short
+        (HOUR_S, 1.1 * HOUR_S, 0.02 * HOUR_S),  # starved
+        (HOUR_S, 5 * HOUR_S, 0.0),  # paused overnight
+        (HOUR_S, -10.0, 0.0),  # a clock that was set back
+        (HOUR_S, 0.0, 0.0),
+    ],
+)
+def test_a_print_that_says_nothing_of_the_printer_teaches_nothing(expected_s, reached_s, starved_s):
+    assert update_time_factor(1.05, expected_s, reached_s, starved_s) == 1.05
+
+
+def long_plate(books, factor):
+    """A plate of an hour of layers and 100 s beside them, planned with a factor."""
+    plate = books.plates["1/01"]
+    changes = {
+        "sliced_s": HOUR_S,
+        "time_factor": factor,
+        "expected_s": HOUR_S * factor + 100.0,
+    }
+    books.plates["1/01"] = plate.model_copy(update=changes)
+    return books
+
+
+def printed(state=PrintState.DONE, planned=1.0, took_s=1.1 * HOUR_S + 100.0):
+    return run(
+        long_plate(printing(plates=2), planned),
+        ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"),
+        ended("x", state, at_s=2.0 + took_s, fault=None, reason="r"),
+    )[0]
+
+
+@pytest.mark.parametrize("planned", [1.0, 0.9])
+def test_a_printer_learns_from_a_print_that_it_ended_whatever_the_plan_took_for_it(planned):
+    books = printed(planned=planned)
+    assert books.printers["a"].time_factor == pytest.approx(1.025)
+    assert books.printers["b"].time_factor == 1.0
+    assert books.plates["1/01"].expected_on(1.2) == pytest.approx(1.2 * HOUR_S + 100.0)
+
+
+def test_a_printer_learns_nothing_from_a_print_that_failed():
+    books = printed(PrintState.FAILED)
+    assert books.printers["a"].bed is Bed.NOT_CLEAR
+    assert books.printers["a"].time_factor == 1.0
+
+
+def test_a_printer_learns_nothing_from_a_print_that_was_paused():
+    facts = {"print_id": "x", "started_s": 2.0, "extruded": True}
+    books, _ = run(
+        long_plate(printing(), 1.0),
+        ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"),
+        ev.PrintProgressed(at_s=3.0, state=PrintState.PAUSED, **facts),
+        ev.PrintProgressed(at_s=4.0, state=PrintState.PRINTING, **facts),
+        ended("x", at_s=1.1 * HOUR_S),
+    )
+    assert books.printers["a"].time_factor == 1.0
+
+
+@pytest.mark.parametrize("ratio", [0.3, 0.49, 2.01, 5.0])
+def test_a_print_that_took_twice_or_half_as_long_teaches_nothing(ratio):
+    assert update_time_factor(1.0, HOUR_S, ratio * HOUR_S) == 1.0
+
+
+def test_a_print_that_waited_for_its_host_for_a_moment_only_teaches():
+    assert update_time_factor(1.0, HOUR_S, 1.1 * HOUR_S, MOST_STARVED * HOUR_S) > 1.0
