@@ -1,6 +1,9 @@
+import importlib.util
 import re
 import shutil
+import socket
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -30,6 +33,39 @@ def test_systemd_takes_the_units_without_a_word(tmp_path: Path):
     done = subprocess.run(words, check=False, capture_output=True, text=True)
     ours = [line for line in done.stderr.splitlines() if "farm-" in line]
     assert (done.returncode, ours) == (0, []), done.stderr
+
+
+@pytest.mark.parametrize("unit", UNITS, ids=lambda unit: unit.name)
+def test_a_unit_starts_what_is_there(unit: Path):
+    [command] = re.findall(r"^ExecStart=/opt/farm/\.venv/bin/(.+)$", unit.read_text(), re.MULTILINE)
+    if (module := re.match(r"python -m (\S+)", command)) is not None:
+        assert importlib.util.find_spec(module[1]) is not None
+    else:
+        assert command == "farm daemon"
+
+
+@pytest.mark.skipif(shutil.which("systemd-socket-activate") is None, reason="needs systemd")
+def test_the_service_of_farm_estop_takes_the_listening_socket_of_its_unit(tmp_path: Path):
+    folder = DEPLOY / "systemd"
+    assert "Accept=no" in (folder / "farm-estop.socket").read_text()
+    service = (folder / "farm-estop.service").read_text()
+    assert "StandardInput=socket" in service
+    [module] = re.findall(r"^ExecStart=\S+/python -m (\S+)$", service, re.MULTILINE)
+    path = tmp_path / "estop.sock"
+    words = ["systemd-socket-activate", "--inetd", "-l", str(path), sys.executable, "-m", module]
+    words += ["--state", str(tmp_path / "state"), "--fleet", str(tmp_path / "fleet.yaml")]
+    with subprocess.Popen(words, stderr=subprocess.PIPE, text=True) as serving:
+        try:
+            assert serving.stderr is not None and "Listening" in serving.stderr.readline()
+            for _ in range(2):  # the second one by the same process
+                with socket.socket(socket.AF_UNIX) as asking:
+                    asking.settimeout(60.0)
+                    asking.connect(str(path))
+                    asking.sendall(b'{"printers":["um2-01"]}\n')
+                    said = asking.makefile().read()
+                assert '"over":true' in said and "fleet.yaml" in said
+        finally:
+            serving.kill()
 
 
 def test_an_agents_unit_waits_for_its_print_and_depends_on_nothing_that_may_stop():

@@ -1,0 +1,55 @@
+"""A daemon of today and an agent of an earlier version, from the sources that it had then."""
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from drivers.remote import kill_agent
+from real_farm import RealFarm, wait_for
+
+ROOT = Path(__file__).parents[2]
+OLD = "00f76ab"  # the last commit before agents told what they speak
+
+
+def old_sources(folder):
+    """Put the drivers of then into a folder; skip where the history does not go back so far."""
+    words = ["git", "-C", str(ROOT), "archive", OLD, "drivers"]
+    archive = subprocess.run(words, check=False, capture_output=True)
+    if archive.returncode != 0:
+        pytest.skip("the history does not go back so far")
+    folder.mkdir()
+    subprocess.run(["tar", "-x", "-C", str(folder)], input=archive.stdout, check=True)
+    return folder
+
+
+@pytest.mark.system
+def test_an_agent_of_an_earlier_version_is_known_and_replaced(tmp_path):
+    farm = RealFarm(tmp_path, {"um2-01": ("ultimaker2_plus", "sim://ultimaker2_plus")})
+    sources = old_sources(tmp_path / "then")
+    agent = farm.state / "agents" / "um2-01"
+    old = None
+    try:
+        farm.up()
+        farm.kill_daemon()
+        wait_for("the agent's end", lambda: kill_agent(agent))
+        words = [sys.executable, "-m", "drivers.agent", "--folder", str(agent)]
+        old = subprocess.Popen(words, cwd=sources, stderr=subprocess.DEVNULL, start_new_session=True)
+        farm.ok("up")
+        look = wait_for("the daemon to find it", lambda: farm.printer("um2-01")["look"])
+        assert "farm up --replace um2-01" in look
+        assert farm.printer("um2-01")["agent_pid"] == old.pid
+        assert "needs_a_look" in farm.printer("um2-01")["hold"]["code"]
+        assert len((farm.state / "daemon.log").read_text().splitlines()) < 50  # it asks for nothing in vain
+        assert "is replaced" in farm.ok("up", "--replace", "um2-01")
+        assert old.wait(60.0) is not None
+        wait_for("another agent", lambda: farm.printer("um2-01")["state"] == "idle")
+        assert farm.printer("um2-01")["agent_pid"] != old.pid
+    finally:
+        farm.end()
+        if old is not None and old.poll() is None:
+            os.kill(old.pid, signal.SIGKILL)
+            old.wait()
