@@ -154,6 +154,20 @@ def test_over_a_clean_wire_every_line_is_carried_out_once_and_nothing_is_repeate
     assert not bench.troubles()
 
 
+def test_a_line_that_is_sent_again_is_counted_once():
+    class Losing(Wire):
+        """Loses the third line, whole."""
+
+        def carry(self, data: bytes) -> list[bytes]:
+            lost = data.startswith(b"N3 ") and not bench.link.repeated
+            return [] if lost else super().carry(data)
+
+    bench = Bench(Losing(0.0, 0.0, 10_000, 0)).boot()
+    stream(bench, lines(5))
+    bench.run()
+    assert (bench.link.repeated, len(bench.firmware.done)) == (1, 5)
+
+
 @given(
     count=st.integers(1, 400),
     lost=st.sampled_from([0.0, 0.0002, 0.002]),

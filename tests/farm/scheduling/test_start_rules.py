@@ -1,6 +1,7 @@
 """Hours, reels, the breaker, priorities and spares: nothing starts that must not, and all that can does."""
 
 import math
+import re
 from dataclasses import replace
 from datetime import datetime
 
@@ -10,8 +11,9 @@ from hypothesis import strategies as st
 
 from farm.model import Bed, HoldCode
 from farm.scheduling import assignment
+from farm.scheduling.holds import join_names
 from farm.scheduling.matching import Requirements
-from farm.scheduling.start_rules import ENDED_BEFORE_S
+from farm.scheduling.start_rules import ENDED_BEFORE_S, needed_grams, short_of_filament
 from scheduling_examples import LOW, TALL, UTC, box, plate, printer, rules, situation
 
 HOUR = 3600.0
@@ -255,3 +257,23 @@ def test_spares_are_kept_for_plates_that_failed():
     assert [hold.code for hold in holds.values()] == [HoldCode.KEPT_AS_SPARE]
     given_, _ = assign([plate("1/01", "a", failed_on=frozenset("ab"))], fleet, rules(), FRIDAY, spares=1)
     assert given_[0].printer == "c"
+
+
+def test_a_reel_with_just_what_is_needed_is_enough():
+    waiting, on = plate("p1", "a", grams=200.0), printer("a")
+    needed = needed_grams(waiting)
+    assert short_of_filament(waiting, on, needed) is None
+    assert short_of_filament(waiting, on, needed - 0.1).code is HoldCode.REEL_TOO_SHORT
+
+
+def test_of_one_job_the_longest_plate_goes_first():
+    short, long = plate("a", "a", expected_s=HOUR), plate("b", "a", expected_s=2 * HOUR)
+    assert situation([short, long], [printer("a")]).by_priority == (long, short)
+
+
+@given(st.integers(1, 30))
+def test_many_names_are_counted(count):
+    text = join_names([f"um2-{number:02d}" for number in range(count)])
+    more = re.search(r"(\d+) more", text)
+    assert text.count("um2-") + (int(more[1]) if more else 0) == count
+    assert text.count("um2-") >= min(count, 3)
