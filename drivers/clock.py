@@ -1,11 +1,11 @@
 """The farm's one clock: wall time, or a multiple of it where every printer is simulated.
 
-Daemon, agents, emulators and timers all read this clock, so attended hours, time-outs, `eta` and the dead-man
-mean the same everywhere, and a night can run in minutes.
+Daemon, agents, emulators and timers all read this clock, so attended hours, time-outs, expected ends and the
+dead-man agree everywhere, and a simulated night can run in minutes.
 
-Nobody's setting of the host's clock may end a heat-up or a print by its time-outs: a process reads the wall's
-time once, and goes on by the time since the host was started, which also counts while the host sleeps. The
-daemon keeps hours, and takes a step over (`Clock.follow_host`); agents keep time-outs, and never do.
+A change of the host's clock must not end a heat-up or a print by a time-out: a process reads wall time once,
+and adds the time since the host was started, which also counts while the host sleeps. The daemon, which
+keeps attended hours, follows such a change (`Clock.follow_host`); agents, which keep time-outs, never do.
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ from dataclasses import dataclass
 
 
 def wall_s() -> float:
-    """Wall time in seconds since the epoch, as it was when this process began and steady from then on."""
+    """Return wall time in seconds since the epoch; steady from the start of this process on."""
     return _BOOTED_S + time.clock_gettime(time.CLOCK_BOOTTIME)
 
 
 _BOOTED_S = time.time() - time.clock_gettime(time.CLOCK_BOOTTIME)
-_LEAST_STEP_S = 1.0  # smaller ones add up until they are as large
+_SMALLEST_STEP_S = 1.0  # smaller changes add up
 
 
 @dataclass(slots=True)
@@ -34,9 +34,9 @@ class Clock:
     scale
         Farm seconds in a wall second; 1 on real printers.
     anchor_s
-        The moment (seconds since the epoch) at which both clocks agreed.
+        Time at which both clocks agreed, in seconds since the epoch.
     ahead_s
-        How far the host's clock was set ahead since this process began, as far as `follow_host` took it over.
+        Seconds that the host's clock was set ahead since this process began, as far as `follow_host` knows.
     """
 
     scale: float = 1.0
@@ -44,26 +44,26 @@ class Clock:
     ahead_s: float = 0.0
 
     def follow_host(self) -> float:
-        """Take over that the host's clock was set, and return by how many seconds; 0 where it was not.
+        """Follow a change of the host's clock, and return its seconds; 0 without a change.
 
-        A clock of another scale than 1 belongs to simulated printers, shows no host's time and never steps.
+        A clock of another scale than 1 belongs to simulated printers, and never follows.
         """
         step_s = time.time() - wall_s() - self.ahead_s
-        if self.scale != 1.0 or abs(step_s) < _LEAST_STEP_S:
+        if self.scale != 1.0 or abs(step_s) < _SMALLEST_STEP_S:
             return 0.0
         self.ahead_s += step_s
         return step_s
 
     def now(self) -> float:
-        """Farm time in seconds since the epoch."""
+        """Return farm time in seconds since the epoch."""
         return self.farm(wall_s())
 
     def farm(self, wall_s: float) -> float:
-        """Farm time of a wall time, both in seconds since the epoch."""
+        """Convert a wall time to farm time, both in seconds since the epoch."""
         return self.anchor_s + (wall_s - self.anchor_s) * self.scale + self.ahead_s
 
     def wall(self, farm_s: float) -> float:
-        """Wall time of a farm time, both in seconds since the epoch."""
+        """Convert a farm time to wall time, both in seconds since the epoch."""
         return self.anchor_s + (farm_s - self.ahead_s - self.anchor_s) / self.scale
 
     def wall_seconds(self, farm_seconds: float) -> float:

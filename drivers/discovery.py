@@ -1,4 +1,4 @@
-"""List what is plugged in, and see that a board can be stopped: by a pulse of DTR it has to start again."""
+"""List the devices that are plugged in, and verify that a pulse of DTR resets the board of a printer."""
 
 from __future__ import annotations
 
@@ -28,84 +28,88 @@ _AGENT_S = 60.0
 
 
 @dataclass(frozen=True, slots=True)
-class Plugged:
-    """A device and the name for `fleet.yaml`.
+class PluggedDevice:
+    """A device, and its name for `fleet.yaml`.
 
     Attributes
     ----------
     port
-        The name by the socket that it is plugged into, which stays; else the device's own.
+        Path by the USB socket, which stays the same; else that of the device.
+    device
+        Path of the device.
+    description
+        Its maker's description.
     printer
-        The printer of the fleet that is there, if any.
+        The printer of the fleet at this port, if any.
     """
 
     port: Path
     device: Path
-    what: str
+    description: str
     printer: str | None
 
 
-def plugged(
+def list_plugged(
     fleet: Iterable[tuple[str, str]], found: list[Device] | None = None, by_path: Path = BY_PATH
-) -> list[Plugged]:
-    """Everything that is plugged in; nothing is opened for it.
+) -> list[PluggedDevice]:
+    """List all serial devices on USB, without opening them.
 
     Parameters
     ----------
     fleet
         Name and port of each printer.
     found, by_path
-        What the host has.
+        Devices and links of the host, for tests.
 
     Returns
     -------
-    list[Plugged]
+    list[PluggedDevice]
     """
     homes = {Path(port).resolve(): name for name, port in fleet if port.startswith("/")}
     links = {link.resolve(): link for link in sorted(by_path.glob("*"), reverse=True)}
     result = []
     for device in list_devices() if found is None else found:
         real = device.path.resolve()
-        result.append(Plugged(links.get(real, device.path), real, device.description, homes.get(real)))
+        result.append(PluggedDevice(links.get(real, device.path), real, device.description, homes.get(real)))
     return result
 
 
 def commission(url: str, folder: Path | None, firmware: Firmware, answer_s: float = _ANSWER_S) -> str:
-    """Pulse DTR on the port of an idle printer and see its board start again.
+    """Pulse DTR on the port of an idle printer, and verify that its board restarts.
 
     Parameters
     ----------
     url
-        The port, which no agent has; not a simulated one.
+        The port; unused by an agent, and not simulated.
     folder
-        The agent's folder, where that is written down; None for a printer that is not in the fleet.
+        The agent's folder, whose journal gets the result; None for a printer that is not in the fleet.
     firmware
-        Of the printer.
+        Firmware of the printer.
     answer_s
         Wall seconds for the board to answer, before the pulse and after it.
 
     Returns
     -------
     str
-        The printer's model, by its own words.
+        The printer's model, as its firmware says.
 
     Raises
     ------
     DriverError
-        An agent or another program has the port, the printer is not idle, or its board did not start again.
+        The port is in use, the printer is not idle, or its board did not restart.
     """
     lock = None
     if folder is not None:
         folder.mkdir(parents=True, exist_ok=True)
         lock = hold(folder / AGENT_LOCK)
         if lock is None:
-            raise PortError(f"{url}: its agent is running: ask that")
+            raise PortError(f"{url}: its agent is running: ask the agent")
     try:
         port = open_port(url, Path(), Clock(), firmware.baud_rate)
         try:
-            _see_idle(port, url, firmware, answer_s)
+            _verify_idle(port, url, firmware, answer_s)
             port.reset()
-            words = _see_start(port, url, firmware, answer_s)
+            words = _await_restart(port, url, firmware, answer_s)
         finally:
             port.close()
         if folder is not None:
@@ -114,22 +118,22 @@ def commission(url: str, folder: Path | None, firmware: Firmware, answer_s: floa
     finally:
         if lock is not None:
             os.close(lock)
-    return model_of(words)
+    return find_model(words)
 
 
 def commission_by_agent(folder: Path) -> None:
-    """The same by the agent of this folder, which has the port.
+    """Verify the reset by the agent of this folder, which has the port.
 
     Raises
     ------
     DriverError
-        It refuses, or the board did not start again.
+        It refuses, or the board did not restart.
     """
     asyncio.run(_ask_agent(folder))
 
 
 async def _ask_agent(folder: Path) -> None:
-    """Have the agent do it, and wait until it has seen what came of it. Raises DriverError."""
+    """Ask the agent, and wait for the result. Raises DriverError."""
     client = AgentClient(folder)
     try:
         await client.connect()
@@ -138,7 +142,7 @@ async def _ask_agent(folder: Path) -> None:
             raise AgentError(reply.error or "its agent is of another version: restart it")
         if reply.snapshot.link is not m.LinkState.CONNECTING:
             raise AgentError(reply.snapshot.reason or "its board was not reset")
-        tried = False  # what was said before the reply is old
+        tried = False  # snapshots from before the reply are old
         async with asyncio.timeout(_AGENT_S):
             async for said in client.snapshots():
                 if said.link is m.LinkState.CONNECTING:
@@ -153,13 +157,13 @@ async def _ask_agent(folder: Path) -> None:
         await client.close()
 
 
-def model_of(words: bytes) -> str:
-    """The printer model that says this when it starts, or is asked what it is.
+def find_model(words: bytes) -> str:
+    """Return the printer model with this banner or this answer to the identity query.
 
     Raises
     ------
     DriverError
-        None that is known.
+        No known model has it.
     """
     for profile in PROFILES.values():
         firmware = profile.firmware
@@ -171,11 +175,11 @@ def model_of(words: bytes) -> str:
             return profile.model
     marks = (b"Vers:", b"MACHINE_TYPE:")
     version = next((line for line in words.split(b"\n") if any(mark in line for mark in marks)), b"")
-    raise DriverError(f"the board started again, but says no version that is known: {version!r}")
+    raise DriverError(f"the board restarted, but its firmware version is unknown: {version!r}")
 
 
-def _see_idle(port: Port, url: str, firmware: Firmware, answer_s: float) -> None:
-    """See that a printer is idle; a board that opening the port did not reset can say that it prints."""
+def _verify_idle(port: Port, url: str, firmware: Firmware, answer_s: float) -> None:
+    """Verify that a printer is idle; a board that opening the port did not reset may be printing."""
     link, idle = Link(firmware), IdleWatch()
     for now_s, event in talk(port, link, answer_s):
         if isinstance(event, Up):
@@ -190,10 +194,10 @@ def _see_idle(port: Port, url: str, firmware: Firmware, answer_s: float) -> None
                 why = CARD if idle.card else "a heater is on"
                 raise PortError(f"{url}: its printer is not idle: {why}; wait until that has ended")
             return
-    raise PortError(f"{url}: its printer does not say that it is idle; switch it off and on")
+    raise PortError(f"{url}: its printer does not report that it is idle; switch it off and on")
 
 
-def _see_start(port: Port, url: str, firmware: Firmware, answer_s: float) -> bytes:
+def _await_restart(port: Port, url: str, firmware: Firmware, answer_s: float) -> bytes:
     """See the board start; what it says then, and where that does not tell the model, what it answers."""
     link, words = Link(firmware), b""
     for now_s, event in talk(port, link, answer_s):
@@ -209,6 +213,6 @@ def _see_start(port: Port, url: str, firmware: Firmware, answer_s: float) -> byt
         elif isinstance(event, Report):
             return words
     raise PortError(
-        f"{url}: no `start` after a pulse of DTR: see to its cable; "
+        f"{url}: no `start` after a pulse of DTR: check its cable; "
         "a printer that the farm cannot stop prints only while somebody is there"
     )

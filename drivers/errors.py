@@ -6,65 +6,65 @@ from enum import StrEnum
 
 
 class DriverError(Exception):
-    """Anything that a driver reports; the message says what, where, and what to do."""
+    """Error of a driver; the message says what happened, where, and what to do."""
 
 
 class PortError(DriverError):
-    """A port cannot be opened, is taken, or went away."""
+    """A port cannot be opened, is in use, or went away."""
 
 
 class PortNotIdle(PortError):
-    """A port that nobody has said may be opened."""
+    """A port is not opened before a person has confirmed that its printer is idle."""
 
 
 class AgentError(DriverError):
-    """An agent refused a request or cannot be reached."""
+    """An agent refused a request, or cannot be reached."""
 
 
 class AgentTooOld(AgentError):
-    """An agent of an older version does not know this request, and was not asked."""
+    """An agent of an older version does not know this request; nothing was sent."""
 
 
 class TooLate(AgentError):
-    """A print was told to begin after the moment until which it might."""
+    """A start was delivered after its latest time."""
 
 
 class JournalError(AgentError):
-    """The disk does not take what an agent must remember."""
+    """An agent's journal cannot be written."""
 
 
 class MessageError(DriverError):
-    """A message on an agent's socket that is not one of ours."""
+    """A message on an agent's socket cannot be read."""
 
 
 class BadGcode(DriverError):
-    """A G-code file that must not go to a printer; the message names its line."""
+    """A G-code file must not be printed; the message names the line."""
 
 
 class Unreadable(DriverError):
-    """A print's own copy of its file is not to be had any more."""
+    """The agent's copy of a print's file cannot be read any more."""
 
 
 class Fault(StrEnum):
-    """Reason for which a print failed, by the name that a daemon keeps in its books."""
+    """Reason for which a print failed, named as in the database."""
 
     STOPPED = "stopped"  # the firmware's Stop(): heaters off, it answers and moves nothing
     MAXTEMP = "maxtemp"  # a sensor reads too hot, or is broken
-    MINTEMP = "mintemp"  # a sensor reads too cold, or is short
+    MINTEMP = "mintemp"  # a sensor reads too cold, or is shorted
     KILL = "kill"  # the firmware's kill(): its dead-man ran out
-    REBOOT = "reboot"  # the board started again in the middle of a print
+    REBOOT = "reboot"  # the board restarted in the middle of a print
     ENDSTOP = "endstop"  # a switch was not found, or did not let go
     COLD_EXTRUSION = "cold_extrusion"  # the firmware refused to extrude
     NO_ANSWER = "no_answer"  # the board is silent
     NOISY_LINE = "noisy_line"  # too many lines had to be sent again
-    HEATER_TIMEOUT = "heater_timeout"  # does not get warm
-    THERMAL_RUNAWAY = "thermal_runaway"  # was warm, and fell away from its target
-    HEATER_STUCK_ON = "heater_stuck_on"  # gets hotter than it was set, or does not cool when off
-    PAUSE_TIMEOUT = "pause_timeout"  # nobody resumed it in time
-    HOURS_ENDED = "hours_ended"  # it prints only while somebody is there, and nobody was to be any more
-    TARGET_CHANGED = "target_changed"  # somebody or something else set a temperature
-    WRONG_PRINTER = "wrong_printer"  # not the model that was asked for
-    BAD_FILE = "bad_file"  # not the file that was meant, or not fit for this printer
+    HEATER_TIMEOUT = "heater_timeout"  # a heater does not reach its target
+    THERMAL_RUNAWAY = "thermal_runaway"  # a heater fell below its target
+    HEATER_STUCK_ON = "heater_stuck_on"  # a heater gets hotter than its target, or does not cool when off
+    PAUSE_TIMEOUT = "pause_timeout"  # nobody resumed the print in time
+    HOURS_ENDED = "hours_ended"  # the print was allowed only while people are there
+    TARGET_CHANGED = "target_changed"  # a person or the firmware set a temperature
+    WRONG_PRINTER = "wrong_printer"  # not the expected printer
+    BAD_FILE = "bad_file"  # another file than expected, or unfit for this printer
     PORT_LOST = "port_lost"  # unplugged, or its power is off
     AGENT_DIED = "agent_died"  # the agent's process ended in the middle of the print
     ESTOP = "estop"  # a person stopped it by `farm estop`

@@ -1,4 +1,4 @@
-"""Lock files that say whether a process lives, and which: the kernel gives the lock up with the process."""
+"""Lock files of processes: the kernel releases a lock when its process ends."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _PID_BYTES = 10
 
 
 def held(path: Path) -> bool:
-    """Whether somebody holds the lock of this file; False where there is no such file."""
+    """Return True while a process holds the lock of this file; False where the file does not exist."""
     try:
         with path.open("rb") as lock:
             fcntl.flock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
@@ -29,12 +29,12 @@ def held(path: Path) -> bool:
 
 
 def hold(path: Path) -> int | None:
-    """Take the lock, for as long as the descriptor lives; whoever only looks (`held`) lets go at once.
+    """Take the lock until the descriptor is closed; `held` takes it for a moment only.
 
     Returns
     -------
     int | None
-        The descriptor; None where somebody else has it.
+        The descriptor; None where another process has the lock.
 
     Raises
     ------
@@ -52,7 +52,7 @@ def hold(path: Path) -> int | None:
     else:
         os.close(descriptor)
         return None
-    try:  # who held it before is no process to kill; in place, as a full disk has no room for more
+    try:  # forgets the last holder, which must not be killed; in place, as the disk may be full
         os.pwrite(descriptor, b" " * os.fstat(descriptor).st_size, 0)
     except OSError:
         os.close(descriptor)
@@ -61,12 +61,12 @@ def hold(path: Path) -> int | None:
 
 
 def sign(descriptor: int) -> None:
-    """Write down which process holds the lock, and may be killed for it."""
+    """Write the process id into the lock file, so that `kill_holder` can kill this process."""
     os.pwrite(descriptor, b"%-*d" % (_PID_BYTES, os.getpid()), 0)
 
 
 def holder(path: Path) -> int | None:
-    """The process that holds the lock; None where nobody does, or nobody knows who."""
+    """Return the id of the process that holds the lock; None where it is free or unsigned."""
     try:
         pid = int(path.read_bytes())
     except (OSError, ValueError):
@@ -75,13 +75,13 @@ def holder(path: Path) -> int | None:
 
 
 def kill_holder(path: Path) -> bool:
-    """Kill the process that holds the lock, even a stopped one; True where nobody holds it any more."""
+    """Kill the process that holds the lock, even a stopped one; True where the lock is free afterwards."""
     pid = holder(path)
     if pid is not None:
         with suppress(OSError):
             process = os.pidfd_open(pid)
             try:
-                if held(path):  # else it ended meanwhile, and the number may be another's
+                if held(path):  # else it has ended, and its id may be another's
                     signal.pidfd_send_signal(process, signal.SIGKILL)
                     select.select([process], [], [], _DEATH_S)
             finally:

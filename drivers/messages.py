@@ -1,8 +1,8 @@
 """Messages between a daemon and an agent: one JSON object a line over the agent's Unix socket.
 
 The daemon sends `Request`s, each with an `id` of its own; the agent answers each with one `Reply` of the same
-id, and pushes a `Snapshot` whenever something changed, and about once a wall second while anything is warm or
-prints. Requests are idempotent by `print_id`: sent again, they change nothing and are answered as before.
+id, and pushes a `Snapshot` after every change, and about once a wall second while anything is warm or prints.
+Requests are idempotent by `print_id`: repeated, they change nothing and get the same answer.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from pydantic import Base64Bytes, BaseModel, ConfigDict, Field, TypeAdapter
 AGENT_SOCKET = "agent.sock"  # in an agent's folder
 
 PROTOCOL = 2
-"""Protocol of this version: one more where requests get a field, or there is a new one. An agent says its own
-with each snapshot; the first that did say none are 1."""
+"""Version of the protocol: increased where a request is new or gets a field. Each snapshot has the version of
+its agent; the first agents sent none, and have version 1."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,13 +32,13 @@ class _Message(BaseModel):
 
 
 class _Request(_Message):
-    """Request to an agent. It refuses what it does not know, so an older one is not asked it."""
+    """Request to an agent. Agents refuse fields that they do not know, so older ones are not sent them."""
 
     since: ClassVar[int] = 1  # the protocol in which the request appeared
 
 
 class _Said(_Message):
-    """Message of an agent. It may be of another version than who reads it: an upgrade ends no print."""
+    """Message of an agent, maybe of another version than its reader: an upgrade ends no print."""
 
     model_config = ConfigDict(
         extra="ignore",
@@ -54,10 +54,10 @@ class LinkState(StrEnum):
     """State of the link between an agent and its board."""
 
     ABSENT = "absent"  # the port is not there, or cannot be opened
-    CONNECTING = "connecting"  # opened; waiting for the banner or for the first answer
+    CONNECTING = "connecting"  # opened; waits for the banner or the first answer
     READY = "ready"  # answers, no print
     BUSY = "busy"  # a print is open
-    FAULT = "fault"  # a person has to look; nothing is started
+    FAULT = "fault"  # a person has to check the printer; nothing is started
 
 
 class Filament(StrEnum):
@@ -69,7 +69,7 @@ class Filament(StrEnum):
 
 
 class PrintPhase(StrEnum):
-    """One print as the agent sees it. The last three are ends."""
+    """Phase of a print, as its agent sees it. The last three are ends."""
 
     SPOOLED = "spooled"
     CONNECTING = "connecting"
@@ -94,49 +94,49 @@ class Heater(_Said):
 
 
 class PrintSnapshot(_Said):
-    """The print that is open, or the last one that ended and was not yet forgotten."""
+    """The open print, or the last one that ended and was not forgotten yet."""
 
     print_id: str
     phase: PrintPhase
-    fault: str | None = None  # a name: a value of `drivers.errors.Fault`
+    fault: str | None = None  # a value of `drivers.errors.Fault`
     reason: str | None = None  # one sentence for a person
     line: int = 0  # lines of the stripped file that the printer has acknowledged
     lines: int = 0
-    progress_s: float = 0.0  # print time done, by the slicer's ;TIME_ELAPSED
+    progress_s: float = 0.0  # print time that is done, by the slicer's ;TIME_ELAPSED
     print_time_s: float = 0.0  # of the whole file
-    layer: int | None = None  # from 1, once the file's first has begun
+    layer: int | None = None  # from 1; None before the first
     layers: int = 0
     z_mm: float | None = None  # of that layer
     feature: str | None = None  # a value of `drivers.gcode.Feature`
     extruded: bool = False  # something of this print may lie on the bed
     started_s: float | None = None  # farm clock, first command of this print
     ended_s: float | None = None  # farm clock, heaters off and the head still
-    pause_ends_s: float | None = None  # farm clock; a pause that nobody has ended by then ends the print
-    ends_by_s: float | None = None  # farm clock; the print is ended safely where it has not ended by then
+    pause_ends_s: float | None = None  # farm clock; the print is ended if nobody has resumed it by then
+    ends_by_s: float | None = None  # farm clock; the print is ended safely if it has not ended by then
     starved_s: float = 0.0  # emulator only: farm seconds of this print in which it waited for the host
-    sha256: str | None = None  # of the file that it was given; None: an older agent began it
+    sha256: str | None = None  # of its file; None from an older agent
 
 
 class Snapshot(_Said):
-    """Everything the daemon may know of an agent. Times on the farm's clock."""
+    """State of an agent and its printer. Times are on the farm's clock."""
 
     kind: Literal["snapshot"] = "snapshot"
     protocol: int = 1  # what the agent understands
     printer: str
     agent_pid: int
-    now_s: float = 0.0  # the agent's clock: its host's may have been set since it began
+    now_s: float = 0.0  # the agent's clock: that of its host may have been set since
     model: str = ""  # what the agent was started with
     port: str = ""
     link: LinkState
-    reason: str | None = None  # why ABSENT or FAULT, one sentence
+    reason: str | None = None  # of ABSENT or FAULT, one sentence
     nozzle: Heater | None = None
     bed: Heater | None = None
     heaters_off: bool = False  # a report has shown both targets 0 since the last heating command
     filament: Filament = Filament.UNKNOWN
-    bed_clear: bool | None = None  # an emulator's own word; a real board cannot tell
+    bed_clear: bool | None = None  # from an emulator only
     starved_s: float = 0.0  # emulator only: farm seconds in which it waited for the host
     board_resets: int = 0  # resets since the agent started that it did not cause itself
-    # why bed and filament are not known, until `BedCleared`; "doubt" on the wire
+    # reason for which bed and filament are unknown, until `BedCleared`; "doubt" on the wire
     bed_unknown_reason: str | None = Field(
         default=None, validation_alias="doubt", serialization_alias="doubt"
     )
@@ -155,14 +155,14 @@ class Hello(_Request):
 class StartPrint(_Request):
     """Print a G-code file. The agent copies it into its spool and checks the hash before anything heats."""
 
-    needed: ClassVar[int] = 2  # what an agent has to understand to get a print: no start is ever late
+    needed: ClassVar[int] = 2  # older agents get no prints: they would accept a late start
     do: Literal["start"] = "start"
     id: int
     print_id: str
     gcode: str | None  # absolute path; None: it was sent by `Upload`
     sha256: str
     print_time_s: float
-    filament: Filament  # what the daemon's books say; UNKNOWN is refused
+    filament: Filament  # as the daemon knows it; UNKNOWN is refused
     not_after_s: Annotated[float | None, Since(2)] = (
         None  # the agent's clock; delivered later it is refused (`Reply.late`)
     )
@@ -170,13 +170,13 @@ class StartPrint(_Request):
 
 
 class EndPrintBy(_Request):
-    """Set when a print is ended safely where it has not ended by itself, daemon or no daemon."""
+    """Set the time at which a print is ended safely if it has not ended by then, even without a daemon."""
 
     since: ClassVar[int] = 2
     do: Literal["end_by"] = "end_by"
     id: int
     print_id: str
-    ends_by_s: float | None  # the agent's clock; None: it takes what it takes
+    ends_by_s: float | None  # the agent's clock; None: no limit
 
 
 class Upload(_Request):
@@ -185,12 +185,12 @@ class Upload(_Request):
     do: Literal["upload"] = "upload"
     id: int
     print_id: str
-    at: Annotated[int, Field(ge=0)]  # bytes before this piece; 0 begins the file anew
+    at: Annotated[int, Field(ge=0)]  # bytes before this piece; 0 begins a new file
     data: Base64Bytes
 
 
 class CancelPrint(_Request):
-    """End a print safely: head away, heaters off, filament parked. No such print open: nothing happens."""
+    """End a print safely: head away, heaters off, filament parked. Nothing happens unless it is open."""
 
     do: Literal["cancel"] = "cancel"
     id: int
@@ -199,7 +199,7 @@ class CancelPrint(_Request):
 
 
 class PausePrint(_Request):
-    """Stop where it can be gone on from; nothing happens where it does not print."""
+    """Pause a print so that it can be resumed. Nothing happens unless it prints."""
 
     do: Literal["pause"] = "pause"
     id: int
@@ -207,7 +207,7 @@ class PausePrint(_Request):
 
 
 class ResumePrint(_Request):
-    """Go on where `PausePrint` stopped."""
+    """Resume a paused print."""
 
     do: Literal["resume"] = "resume"
     id: int
@@ -215,7 +215,7 @@ class ResumePrint(_Request):
 
 
 class ForgetPrint(_Request):
-    """The daemon has the end of this print in its books; the agent may drop it and its spool file."""
+    """Forget an ended print and its files: the daemon has stored its end."""
 
     do: Literal["forget"] = "forget"
     id: int
@@ -223,7 +223,7 @@ class ForgetPrint(_Request):
 
 
 class ListPrints(_Request):
-    """Say what became of all prints that had not ended then: a daemon's books are a copy of that moment."""
+    """List all prints that had not ended at a time: a restored daemon knows the state at that time."""
 
     since: ClassVar[int] = 2
     do: Literal["list"] = "list"
@@ -232,22 +232,22 @@ class ListPrints(_Request):
 
 
 class BedCleared(_Request):
-    """A person cleared the bed (an emulator is told so; a fault that waited for a person is lifted)."""
+    """Note that a person has cleared the bed; this ends a fault that waited for a person."""
 
     do: Literal["cleared"] = "cleared"
     id: int
-    filament: Filament | None = None  # what the person says of it, if anything
+    filament: Filament | None = None  # as the person reports it, if at all
 
 
 class Commission(_Request):
-    """Pulse DTR, and see whether the board starts again; a person has seen that the printer is idle."""
+    """Pulse DTR to see whether the board restarts; a person has confirmed that the printer is idle."""
 
     do: Literal["commission"] = "commission"
     id: int
 
 
 class Shutdown(_Request):
-    """End the agent: with `now` an open print is ended safely first; without, refused while printing."""
+    """End the agent: with `now` it ends an open print safely first, else it refuses while it prints."""
 
     do: Literal["shutdown"] = "shutdown"
     id: int
@@ -271,20 +271,20 @@ Request = (
 
 
 class Reply(_Said):
-    """The answer to one request. `error` is one sentence where it was refused."""
+    """Answer to one request. `error` is one sentence where the request was refused."""
 
     kind: Literal["reply"] = "reply"
     id: int
     error: str | None = None
-    late: bool = False  # what was refused came after its moment: nothing of it was begun
+    late: bool = False  # the start came after its latest time: nothing was begun
     snapshot: Snapshot | None = None
     prints: tuple[PrintSnapshot, ...] = ()  # of `ListPrints`, in order
 
 
 def for_protocol(request: Request, protocol: int) -> str | None:
-    """The line of a request for an agent of this protocol.
+    """Dump a request for an agent of this protocol version.
 
-    Fields that it does not know are left out where they have their defaults. None: it cannot be asked this.
+    Fields that it does not know are left out if they have their defaults; None where that is not possible.
     """
     unknown = set()
     for name, field in type(request).model_fields.items():

@@ -69,7 +69,7 @@ class StartFile:
         path = folder / NAME
         try:
             raw = json.loads(path.read_text())
-            return cls(**{field.name: raw[field.name] for field in fields(cls)})
+            return cls(**{field.name: raw[field.name] for field in fields(cls) if field.name in raw})
         except FileNotFoundError:
             raise AgentError(f"{path}: does not exist; `farm up` starts agents") from None
         except (OSError, ValueError, KeyError, TypeError) as error:

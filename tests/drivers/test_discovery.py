@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from drivers.clock import Clock
-from drivers.discovery import commission, model_of, plugged
+from drivers.discovery import commission, find_model, list_plugged
 from drivers.emulator.launch import control, launch
 from drivers.errors import DriverError, PortError
 from drivers.firmware import ULTIMAKER2
@@ -49,7 +49,7 @@ def test_what_is_plugged_in_is_named_by_its_socket_and_by_the_fleet(tmp_path: Pa
     (by_path / "usb-0:3:1.0").symlink_to(tmp_path / "ttyACM1")
     found = [Device(tmp_path / name, "a board") for name in ("ttyACM0", "ttyACM1", "ttyS0")]
     fleet = [("um2-01", str(by_path / "usb-0:3:1.0")), ("um2-02", "sim://ultimaker2_plus")]
-    rows = plugged(fleet, found, by_path)
+    rows = list_plugged(fleet, found, by_path)
     assert [(row.port.name, row.printer) for row in rows] == [
         ("usb-0:2:1.0", None),
         ("usb-0:3:1.0", "um2-01"),
@@ -97,7 +97,7 @@ def test_a_board_that_prints_from_its_card_is_not_reset():
 @pytest.mark.parametrize("banner", [b"", b"echo: Last Updated: by nobody"])
 def test_a_board_of_an_unknown_version_is_no_printer_of_ours(banner: bytes):
     with pytest.raises(DriverError):
-        model_of(banner)
+        find_model(banner)
 
 
 @pytest.mark.system

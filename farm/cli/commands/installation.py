@@ -38,12 +38,17 @@ def discover(
     if commission is not None:
         _commission(places, sections, commission, yes)
         return
-    from drivers.discovery import plugged  # slow to load
+    from drivers.discovery import list_plugged  # slow to load
 
-    rows = plugged((section.name, section.port) for section in sections if section.host is None)
+    rows = list_plugged((section.name, section.port) for section in sections if section.host is None)
     if json:
         ports = [
-            {"port": str(row.port), "device": str(row.device), "what": row.what, "printer": row.printer}
+            {
+                "port": str(row.port),
+                "device": str(row.device),
+                "what": row.description,
+                "printer": row.printer,
+            }
             for row in rows
         ]
         print_json({"schema": _SCHEMA, "ports": ports})
@@ -51,7 +56,7 @@ def discover(
     if not rows:
         print("no serial port found: check the USB cable, and that the printer is switched on")
     for row in rows:
-        print(f"{row.port}  {row.what}  {row.printer or 'not in fleet.yaml'}")
+        print(f"{row.port}  {row.description}  {row.printer or 'not in fleet.yaml'}")
     new = [row for row in rows if row.printer is None]
     if new:
         print(f"\nadd the new printers under `printers` in {places.fleet}:")

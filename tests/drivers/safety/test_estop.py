@@ -274,9 +274,14 @@ def test_targets_are_read_from_start_files_and_broken_files_are_skipped(tmp_path
         (tmp_path / name).mkdir()
         if text is not None:
             (tmp_path / name / "start.json").write_text(text)
+    (tmp_path / "e").mkdir()
+    (tmp_path / "e" / "start.json").write_text(
+        '{"printer": "e", "model": "' + MODEL + '", "port": "/dev/null"}'
+    )  # as an older farm wrote it: the printer must be found for an emergency stop
     StartFile("d", MODEL, "/dev/null", power_off_cmd="relay d").write(tmp_path / "d")
     left = StopTarget("d", "/dev/null", tmp_path / "d", ULTIMAKER2, "relay d")
-    assert list_targets(tmp_path) == {"d": left}
+    older = StopTarget("e", "/dev/null", tmp_path / "e", ULTIMAKER2)
+    assert list_targets(tmp_path) == {"d": left, "e": older}
 
 
 def test_an_unchanged_start_file_is_not_written_again(tmp_path: Path):

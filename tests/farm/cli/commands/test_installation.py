@@ -6,7 +6,7 @@ import pytest
 from typer.testing import CliRunner
 
 from drivers import discovery
-from drivers.discovery import Plugged
+from drivers.discovery import PluggedDevice
 from drivers.printers import PROFILES
 from farm.cli.main import app
 from farm.fleet_file import load_fleet
@@ -18,11 +18,11 @@ def test_the_lines_for_new_printers_are_those_of_a_fleet_file(
     fleet = tmp_path / "fleet.yaml"
     fleet.write_text("printers:\n  - {name: um2-01, model: ultimaker2_plus, port: /dev/known}\n")
     rows = [
-        Plugged(Path("/dev/serial/by-path/pci-0:1:1.0"), Path("/dev/ttyACM0"), "a board", None),
-        Plugged(Path("/dev/known"), Path("/dev/ttyACM1"), "a board", "um2-01"),
-        Plugged(Path("/dev/serial/by-path/pci-0:2:1.0"), Path("/dev/ttyACM2"), "a board", None),
+        PluggedDevice(Path("/dev/serial/by-path/pci-0:1:1.0"), Path("/dev/ttyACM0"), "a board", None),
+        PluggedDevice(Path("/dev/known"), Path("/dev/ttyACM1"), "a board", "um2-01"),
+        PluggedDevice(Path("/dev/serial/by-path/pci-0:2:1.0"), Path("/dev/ttyACM2"), "a board", None),
     ]
-    monkeypatch.setattr(discovery, "plugged", lambda _: rows)
+    monkeypatch.setattr(discovery, "list_plugged", lambda _: rows)
     said = CliRunner().invoke(app, ["discover", "--fleet", str(fleet), "--state", str(tmp_path)]).stdout
     assert "/dev/known  a board  um2-01" in said
     lines = [line for line in said.splitlines() if line.startswith("  - {")]
