@@ -265,6 +265,14 @@ class Submitted(_View):
     again: bool
 
 
+class UploadView(_View):
+    """Progress of a submission that has no answer yet."""
+
+    step: str  # in words
+    received: int  # bytes
+    size: int  # bytes
+
+
 class Problem(_View):
     """Error of a request."""
 

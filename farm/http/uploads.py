@@ -6,6 +6,7 @@ import shutil
 import uuid
 from collections.abc import AsyncIterator, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -16,11 +17,11 @@ from starlette.requests import ClientDisconnect
 from farm import api
 from farm.config import UploadsSection
 from farm.control import JobCommands
-from farm.errors import ErrorCode, FarmError, Refused
+from farm.errors import ErrorCode, FarmError, NoSuchThing, Refused
 from farm.http.callers import CallerName
 from farm.http.services import Services
 from farm.model import JobOptions
-from farm.planning import InspectedSubmission
+from farm.planning import InspectedSubmission, step_file
 from farm.planning.tasks import inspect_submission
 from farm.text import flatten_text, format_count
 
@@ -29,7 +30,7 @@ _LONGEST_NAME = 60  # characters
 
 
 def upload_routes(services: Services, jobs: JobCommands) -> APIRouter:
-    """Return the route of submissions."""
+    """Return the routes of submissions."""
     router, uploads = APIRouter(), Uploads(services)
 
     @router.post("/jobs")
@@ -47,9 +48,13 @@ def upload_routes(services: Services, jobs: JobCommands) -> APIRouter:
             return api.Submitted(job=known, again=True)
         jobs.check_submission(wanted)
         name = clean_name(name)
-        model = await uploads.receive_model(request.stream(), name, size, wanted)
+        model = await uploads.receive_model(request.stream(), request_id, name, size, wanted)
         number, again = jobs.submit(request_id, name, model, wanted, by)
         return api.Submitted(job=number, again=again)
+
+    @router.get("/uploads/{request_id}")
+    async def upload(request_id: str) -> api.UploadView:
+        return uploads.describe(request_id)
 
     return router
 
@@ -116,15 +121,36 @@ def check_quota(
         )
 
 
+@dataclass(slots=True)
+class _Upload:
+    """Upload that is being received or inspected."""
+
+    request_id: str
+    size: int
+    missing_bytes: int
+
+
 class Uploads:
     """Open uploads, whose total is limited."""
 
     def __init__(self, services: Services) -> None:
         self._services = services
-        self._missing_bytes: dict[Path, int] = {}
+        self._open: dict[Path, _Upload] = {}
+
+    def describe(self, request_id: str) -> api.UploadView:
+        """Describe the progress of an upload. Raises NoSuchThing."""
+        for path, upload in self._open.items():
+            if upload.request_id == request_id:
+                step = "waiting for a worker" if upload.missing_bytes == 0 else "sending"
+                with suppress(OSError):  # it has not begun, or is over
+                    step = step_file(path).read_text() or step
+                return api.UploadView(
+                    step=step, received=upload.size - upload.missing_bytes, size=upload.size
+                )
+        raise NoSuchThing(f"there is no open upload {request_id}")
 
     async def receive_model(
-        self, content: AsyncIterator[bytes], name: str, size: int, options: JobOptions
+        self, content: AsyncIterator[bytes], request_id: str, name: str, size: int, options: JobOptions
     ) -> InspectedSubmission:
         """Receive a model and inspect it.
 
@@ -132,6 +158,8 @@ class Uploads:
         ----------
         content
             The bytes of the file, in chunks.
+        request_id
+            Names the upload in `describe`.
         name
             The name of the model, for messages.
         size
@@ -148,26 +176,27 @@ class Uploads:
         """
         self._check_quota(name, size)
         controller, state = self._services.controller, self._services.state
-        upload = state.work / f"upload-{uuid.uuid4().hex}"
-        self._missing_bytes[upload] = size
+        path = state.work / f"upload-{uuid.uuid4().hex}"
+        upload = self._open[path] = _Upload(request_id, size, size)
         try:
-            with upload.open("wb") as file, suppress(ClientDisconnect):  # then too few bytes arrived
+            with path.open("wb") as file, suppress(ClientDisconnect):  # then too few bytes arrived
                 async for chunk in content:
-                    self._missing_bytes[upload] -= len(chunk)
-                    if self._missing_bytes[upload] < 0:
+                    upload.missing_bytes -= len(chunk)
+                    if upload.missing_bytes < 0:
                         break
                     file.write(chunk)
-            if self._missing_bytes[upload]:
-                received = size - self._missing_bytes[upload]
+            if upload.missing_bytes:
+                received = size - upload.missing_bytes
                 raise Refused(
                     f"the upload of {name} stopped after {received} of {size} bytes; submit it again"
                 )
             return await self._services.workers.run(
-                inspect_submission, upload, name, options, controller.fleet.printers, state.files
+                inspect_submission, path, name, options, controller.fleet.printers, state.files
             )
         finally:
-            upload.unlink(missing_ok=True)
-            del self._missing_bytes[upload]
+            path.unlink(missing_ok=True)
+            step_file(path).unlink(missing_ok=True)
+            del self._open[path]
 
     def _check_quota(self, name: str, size: int) -> None:
         """Refuse an upload that is too large or one too many, by the state of the farm now."""
@@ -176,7 +205,7 @@ class Uploads:
             controller.fleet.fleet.uploads,
             name,
             size,
-            tuple(self._missing_bytes.values()),
+            [upload.missing_bytes for upload in self._open.values()],
             shutil.disk_usage(self._services.state.root).free,
             sum(not job.state.ended for job in controller.books.jobs.values()),
         )

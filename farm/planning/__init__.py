@@ -15,7 +15,7 @@ again; `local` is `farm decompose` and `farm slice`, without a daemon.
 
 from farm.planning.booking import list_job_files
 from farm.planning.job_planner import JobPlanner
-from farm.planning.plan import InspectedSubmission, Plan, TooFewPrinters
+from farm.planning.plan import InspectedSubmission, Plan, TooFewPrinters, step_file
 from farm.planning.planned_event import build_planned_event
 from farm.planning.printer_settings import bed_boxes
 
@@ -27,4 +27,5 @@ __all__ = [
     "bed_boxes",
     "build_planned_event",
     "list_job_files",
+    "step_file",
 ]

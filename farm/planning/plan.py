@@ -30,6 +30,11 @@ class TooFewPrinters(FarmError):
         return TooFewPrinters, (str(self), self.needed)
 
 
+def step_file(upload: Path) -> Path:
+    """Return the file beside an upload in which its inspection says what it is doing."""
+    return upload.with_name(f"{upload.name}.step")
+
+
 @dataclass(frozen=True, slots=True)
 class InspectedSubmission:
     """Printable content of a submission, in the file store: a solid in mm, or a person's own G-code.

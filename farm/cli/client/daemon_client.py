@@ -7,10 +7,12 @@ import os
 import socket
 import time
 import uuid
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from concurrent.futures import Future
 from contextlib import closing, suppress
 from http.client import HTTPConnection, HTTPException
 from pathlib import Path
+from threading import Thread
 from typing import Any, BinaryIO, TypeVar
 from urllib.parse import quote, urlencode
 
@@ -23,8 +25,10 @@ from farm.text import describe_first_error
 
 View = TypeVar("View", bound=BaseModel)
 CONNECT_S, ANSWER_S = 5.0, 60.0
-SUBMISSION_S = 600.0
-"""A large broken model is repaired before its submission is answered."""
+SUBMISSION_S = 86400.0
+"""A large broken model waits for a worker and is repaired before its submission is answered; meanwhile the
+daemon is asked how far it is."""
+_POLL_S = 0.5
 _LONGEST_NAME = 200
 _CHUNK = 1 << 20  # bytes of an upload
 
@@ -105,8 +109,24 @@ class Client:
     def shut_down(self, now: bool, wait: bool) -> None:
         self._call("POST", "/down", body=api.DownRequest(now=now, wait=wait))
 
-    def submit(self, model: Path, options: JobOptions, retry_s: float = 60.0) -> api.Submitted:
-        """Upload a model; retry for `retry_s` with the same request id while the daemon is away."""
+    def submit(
+        self,
+        model: Path,
+        options: JobOptions,
+        retry_s: float = 60.0,
+        report: Callable[[api.UploadView], None] = lambda _: None,
+    ) -> api.Submitted:
+        """Upload a model; retry for `retry_s` with the same request id while the daemon is away.
+
+        Parameters
+        ----------
+        model, options
+            The model's file, and how to print it.
+        retry_s
+            For how long to retry.
+        report
+            Is given the progress every half second.
+        """
         params = {
             "request_id": uuid.uuid4().hex,
             "name": os.fsencode(model.name).decode(errors="replace")[:_LONGEST_NAME],
@@ -117,13 +137,40 @@ class Client:
         give_up = time.monotonic() + retry_s
         while True:
             try:
-                with model.open("rb") as file:
-                    answer = self._call("POST", "/jobs", params=params, upload=file, answer_s=SUBMISSION_S)
-                return _validate(api.Submitted, answer)
+                return self._upload(model, params, report)
             except DaemonUnreachable:
                 if time.monotonic() > give_up:
                     raise
                 time.sleep(0.5)
+
+    def _upload(
+        self, model: Path, params: Mapping[str, str], report: Callable[[api.UploadView], None]
+    ) -> api.Submitted:
+        """Upload a model once, and wait for as long as the daemon answers questions about it."""
+        submitted: Future[Any] = Future()
+
+        def send() -> None:
+            try:
+                with model.open("rb") as file:
+                    answer = self._call("POST", "/jobs", params=params, upload=file, answer_s=SUBMISSION_S)
+                submitted.set_result(answer)
+            except BaseException as error:
+                submitted.set_exception(error)
+
+        Thread(target=send, daemon=True).start()  # Ctrl-C does not wait for it
+        heard_s = time.monotonic()
+        while True:
+            with suppress(TimeoutError):
+                return _validate(api.Submitted, submitted.result(_POLL_S))
+            try:
+                report(self._ask(api.UploadView, "GET", f"/uploads/{params['request_id']}"))
+            except DaemonUnreachable:
+                if time.monotonic() - heard_s > self._answer_s and not submitted.done():
+                    raise
+            except FarmError:  # it is not there yet, or over; or the daemon is older than this command
+                heard_s = time.monotonic()
+            else:
+                heard_s = time.monotonic()
 
     def _ask(
         self,

@@ -21,6 +21,7 @@ from farm.cli.display import (
     show_result,
     show_submitted,
     show_timeline,
+    show_upload,
 )
 from farm.cli.options import Job, Json, LongestSide, Quality, Scale, parse_printer_count, with_places
 from farm.errors import ErrorCode, FarmError, Refused
@@ -81,7 +82,7 @@ def submit(
         dry_run=dry_run,
     )
     client = Client(places.socket)
-    number = _upload(client, model, options)
+    number = _upload(client, model, options, quiet=json)
     if dry_run:
         _show_dry_run(client, number, json)
     else:
@@ -98,13 +99,14 @@ def _check_options(**values: Any) -> JobOptions:
         raise FarmError(f"--{flag} {first['input']}: {first['msg']}", ErrorCode.SETTINGS) from error
 
 
-def _upload(client: Client, model: Path, options: JobOptions) -> int:
+def _upload(client: Client, model: Path, options: JobOptions, quiet: bool) -> int:
     """Upload a model and return the number of its job."""
     if not model.is_file():
         what = "is a folder" if model.is_dir() else "no such file"
         raise FarmError(f"{model}: {what}; give the file of a model", ErrorCode.MODEL)
     try:
-        return client.submit(model, options).job
+        with show_upload(quiet) as report:
+            return client.submit(model, options, report=report).job
     except KeyboardInterrupt:
         print_notice(f"{model.name} may have been submitted: check `farm status` before you submit it again")
         raise

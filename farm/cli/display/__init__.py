@@ -5,7 +5,7 @@ from __future__ import annotations
 from farm.cli.display.console import make_table, open_console, print_json, print_notice
 from farm.cli.display.format import format_deviation, format_filament, format_share, format_time
 from farm.cli.display.job_page import render_job, show_job, show_result, show_submitted
-from farm.cli.display.progress import ProgressLines, follow_job, retry_over_restart
+from farm.cli.display.progress import ProgressLines, follow_job, retry_over_restart, show_upload
 from farm.cli.display.status_page import render_status
 from farm.cli.display.timeline import show_timeline
 
@@ -27,4 +27,5 @@ __all__ = [
     "show_result",
     "show_submitted",
     "show_timeline",
+    "show_upload",
 ]

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import TypeVar
 
 from rich.console import Console
@@ -41,6 +42,30 @@ def retry_over_restart(ask: Callable[[], T]) -> T:
             if now > give_up:
                 raise
             time.sleep(_POLL_S)
+
+
+@contextmanager
+def show_upload(quiet: bool = False) -> Iterator[Callable[[api.UploadView], None]]:
+    """Show the progress of a submission: one line that changes on a terminal, a line a step elsewhere."""
+    screen = open_console(stderr=True)
+    if quiet or not sys.stderr.isatty():
+        steps = set[str]()
+
+        def print_step(view: api.UploadView) -> None:
+            if view.step not in steps and not quiet:
+                steps.add(view.step)
+                screen.print(f"  {view.step}")
+
+        yield print_step
+        return
+    with screen.status("sending") as status:
+        yield lambda view: status.update(describe_upload(view))
+
+
+def describe_upload(view: api.UploadView) -> str:
+    """Describe how far a submission is, in a few words."""
+    share = f" {view.received / view.size:.0%}" if view.received < view.size else ""
+    return f"{view.step}{share}"
 
 
 def follow_job(client: Client, number: int, quiet: bool = False) -> api.JobStatus:

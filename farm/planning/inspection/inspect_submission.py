@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import uuid
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +16,7 @@ from farm.errors import ErrorCode, FarmError
 from farm.model import JobOptions
 from farm.planning.error_translation import translate_errors
 from farm.planning.inspection.own_gcode import inspect_gcode, is_gcode
-from farm.planning.plan import InspectedSubmission
+from farm.planning.plan import InspectedSubmission, step_file
 from farm.planning.printer_settings import check_settings
 from farm.state.storage import store_file
 from slicing.settings import find_engine, find_resources
@@ -30,7 +30,7 @@ def inspect_submission(
     Parameters
     ----------
     path
-        The upload.
+        The upload; its `step_file` says what is done now.
     name
         The file's name as a person knows it; its suffix distinguishes models from G-code.
     options
@@ -48,10 +48,16 @@ def inspect_submission(
     if is_gcode(name):
         return inspect_gcode(path, name, options, printers, files)
     check_settings(printers, options)
-    return inspect_model(path, name, options, files)
+
+    def report(step: str) -> None:
+        step_file(path).write_text(step)
+
+    return inspect_model(path, name, options, files, report)
 
 
-def inspect_model(path: Path, name: str, options: JobOptions, files: Path) -> InspectedSubmission:
+def inspect_model(
+    path: Path, name: str, options: JobOptions, files: Path, report: Callable[[str], None] = lambda _: None
+) -> InspectedSubmission:
     """Read, repair and scale a model, and store it as a solid; runs in a worker.
 
     Parameters
@@ -60,6 +66,8 @@ def inspect_model(path: Path, name: str, options: JobOptions, files: Path) -> In
         The file's name as a person knows it.
     files
         The file store.
+    report
+        Is told what is done now, in a word or two.
 
     Raises
     ------
@@ -77,11 +85,13 @@ def inspect_model(path: Path, name: str, options: JobOptions, files: Path) -> In
                 scale=options.scale,
                 longest_side_mm=options.longest_side_mm,
                 memory_bytes=process_bytes(),
+                report=report,
             )
         except ModelTooDetailed as error:
             detail = f"{error}, or raise `fleet.compute.memory_gb` in fleet.yaml"
             raise FarmError(detail, ErrorCode.LIMIT) from error
         vertices, faces = model.solid.arrays()
+    report("storing")
     temporary = path.with_name(f"solid-{uuid.uuid4().hex}.npz")
     np.savez_compressed(
         temporary,

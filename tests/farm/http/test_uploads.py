@@ -6,11 +6,13 @@ from types import SimpleNamespace
 
 import pytest
 
+from farm.api import UploadView
 from farm.config import UploadsSection
-from farm.errors import Refused
+from farm.errors import NoSuchThing, Refused
 from farm.http.uploads import Uploads, check_quota
 from farm.model import JobOptions
 from farm.paths import StateFolder
+from farm.planning import step_file
 from recording_controller import fleet
 
 QUOTA = UploadsSection(model_gb=2.0, at_once=2, free_gb=1.0, open_jobs=3)
@@ -64,15 +66,20 @@ def test_uploads_under_way_count_until_they_are_checked(tmp_path, monkeypatch):
         async def content():
             yield b"solid"
 
-        first = asyncio.create_task(uploads.receive_model(content(), "a.stl", 5, JobOptions()))
+        first = asyncio.create_task(uploads.receive_model(content(), "a", "a.stl", 5, JobOptions()))
         await checking.wait()
+        assert uploads.describe("a").step == "waiting for a worker"
+        step_file(next(state.work.glob("upload-*"))).write_text("repairing")
+        assert uploads.describe("a") == UploadView(step="repairing", received=5, size=5)
+        with pytest.raises(NoSuchThing):
+            uploads.describe("b")
         with pytest.raises(Refused, match="1 model being received"):
-            await uploads.receive_model(content(), "b.stl", 5, JobOptions())
+            await uploads.receive_model(content(), "b", "b.stl", 5, JobOptions())
         checked.set()
         assert await first == "inspected"
         with pytest.raises(Refused, match="stopped after 5 of 6 bytes"):
-            await uploads.receive_model(content(), "c.stl", 6, JobOptions())
-        assert await uploads.receive_model(content(), "d.stl", 5, JobOptions()) == "inspected"
+            await uploads.receive_model(content(), "c", "c.stl", 6, JobOptions())
+        assert await uploads.receive_model(content(), "d", "d.stl", 5, JobOptions()) == "inspected"
         assert list(state.work.iterdir()) == []
 
     asyncio.run(story())

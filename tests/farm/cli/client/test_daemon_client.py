@@ -1,5 +1,6 @@
 """What a person is told where the daemon says nothing, or nothing that can be understood."""
 
+import itertools
 import json
 import socket
 import threading
@@ -10,7 +11,7 @@ import pytest
 
 from farm.api import ClearedRequest
 from farm.cli.client import Client, DaemonConnection
-from farm.errors import DaemonUnreachable, FarmError, NoSuchThing
+from farm.errors import DaemonUnreachable, ErrorCode, FarmError, NoSuchThing
 from farm.model import JobOptions
 
 
@@ -145,3 +146,65 @@ def test_an_upload_that_is_refused_before_it_is_read_is_refused_in_the_daemons_w
     monkeypatch.setattr(Client, "status", lambda self: None)
     with pytest.raises(FarmError, match="going down"):
         client.submit(model, JobOptions())
+
+
+class SlowDaemon(Client):
+    """Answers a submission only after it was asked so often how far that is."""
+
+    def __init__(self, path, answers):
+        super().__init__(path, answer_s=10.0)
+        self.answers, self.asked = list(answers), threading.Event()
+
+    def _call(self, method, path, **more):
+        if path == "/jobs":
+            assert self.asked.wait(60.0)
+            return {"job": 7, "again": False}
+        if not path.startswith("/uploads/"):
+            return STATUS
+        answer = self.answers.pop(0)
+        if not self.answers:
+            self.asked.set()
+        if isinstance(answer, Exception):
+            raise answer
+        return answer
+
+
+STATUS = {
+    "schema": 1,
+    "daemon": {"pid": 1, "version": "1", "since": ""},
+    "todo": [],
+    "printers": [],
+    "jobs": [],
+    "fleet": {"name": "", "timezone": "", "time_scale": 1.0, "now": "", "file": ""},
+    "night": None,
+}
+NOT_YET = FarmError("there is no open upload", ErrorCode.NO_SUCH_THING)
+AWAY = DaemonUnreachable("the daemon has not answered for 10 s and may hang")
+REPAIRING = {"step": "repairing", "received": 5, "size": 5}
+
+
+@pytest.fixture
+def minute(monkeypatch):
+    """The client's clock goes on by a minute each time that it is read, and it waits for nothing."""
+    clock = itertools.count(0.0, 60.0)
+    monkeypatch.setattr("farm.cli.client.daemon_client.time.monotonic", lambda: next(clock))
+    monkeypatch.setattr("farm.cli.client.daemon_client.time.sleep", lambda _: None)
+    monkeypatch.setattr("farm.cli.client.daemon_client._POLL_S", 0.01)
+
+
+def test_a_submission_is_waited_for_while_the_daemon_says_how_far_it_is(tmp_path, minute):
+    """An hour, say: it waits for a worker, and a large broken model is repaired."""
+    model, heard = tmp_path / "box.stl", []
+    model.write_bytes(b"solid")
+    daemon = SlowDaemon(tmp_path, [NOT_YET, *[REPAIRING] * 60])
+    assert daemon.submit(model, JobOptions(), report=heard.append).job == 7
+    assert {view.step for view in heard} == {"repairing"}
+
+
+def test_a_submission_is_given_up_where_the_daemon_says_nothing_any_more(tmp_path, minute):
+    model = tmp_path / "box.stl"
+    model.write_bytes(b"solid")
+    daemon = SlowDaemon(tmp_path, [REPAIRING, *[AWAY] * 9])
+    with pytest.raises(DaemonUnreachable, match="may hang"):
+        daemon.submit(model, JobOptions(), retry_s=0.0)
+    daemon.asked.set()

@@ -64,7 +64,7 @@ def test_who_interrupts_an_upload_is_told_that_it_may_have_come(tmp_path, monkey
         def __init__(self, _):
             pass
 
-        def submit(self, model, options):
+        def submit(self, model, options, **_):
             raise KeyboardInterrupt
 
     monkeypatch.setattr(submit, "Client", Daemon)
