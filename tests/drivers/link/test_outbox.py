@@ -2,9 +2,13 @@
 
 import pytest
 
+from drivers.emulator.firmware.receiver import RING_BYTES
 from drivers.firmware import ULTIMAKER2
+from drivers.gcode.frame import LINE_BYTES
+from drivers.link import Link, Phase
+from drivers.link.opening import START_S
 from drivers.link.outbox import HISTORY_LINES, LINE_S, QUEUED_LINES, REACH_MM, Outbox
-from drivers.link.recovery import Place, Recovery
+from drivers.link.recovery import ASKS, TRIES, Place, Recovery
 from drivers.link.replies import Report
 
 SLOW, SLOWER, FAST = b"G1 F60 X10", b"G1 F30 X10", b"G1 F6000 X10"
@@ -48,6 +52,46 @@ def test_a_line_can_be_sent_again_while_it_is_kept():
     assert [number for number in range(201) if outbox.holds(number)] == list(range(201 - HISTORY_LINES, 201))
     first, _ = sent([b"G90"])
     assert first.holds(0) and not first.holds(-1)
+
+
+def test_a_plain_ok_is_no_answer_to_a_poll_though_the_next_line_is_encoded():
+    """`take_encoded` is what a link sends on a plain ok without looking at anything else."""
+    outbox, _ = sent([])
+    outbox.queue((FAST,) * 9)
+    assert outbox.take_next() is not None and outbox.take_encoded() is not None
+    outbox.insert_poll()
+    assert outbox.take_next() == b"N3 M105*36\n" and outbox.polls
+    assert outbox.take_encoded() is None
+    assert outbox.take_next() is not None and outbox.take_encoded() is not None
+
+
+def test_all_questions_fit_into_the_boards_ring_behind_the_longest_line():
+    assert LINE_BYTES + 1 + ASKS * len(ULTIMAKER2.last_line_query) <= RING_BYTES
+
+
+def test_a_board_that_is_silent_is_given_up_after_its_start_and_four_questions():
+    link, now_s = Link(ULTIMAKER2), 0.0
+    link.opened(now_s)
+    while link.phase is not Phase.DEAD:
+        now_s = link.deadline_s
+        link.tick(now_s)
+    assert now_s == START_S + TRIES * START_S / 2
+
+
+def test_a_resend_is_believed_after_two_questions_without_an_answer():
+    link, now_s, questions = Link(ULTIMAKER2), 0.0, 0
+    link.opened(now_s)
+    link.receive(b"start\necho:   M301 P10\n", now_s)
+    link.send(now_s, FAST, FAST, FAST)
+    for _ in range(3):
+        link.receive(b"ok\n", now_s)
+    assert b"N3 " in link.take()
+    link.receive(b"Error:checksum mismatch, Last Line: 2\nResend: 3\nok\n", now_s)
+    while b"N3 " not in (out := link.take()):
+        questions += out.count(ULTIMAKER2.last_line_query)
+        now_s = link.deadline_s
+        link.tick(now_s)
+    assert questions == 2
 
 
 def test_a_refusal_without_a_number_leaves_the_questions_open():
