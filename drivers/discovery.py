@@ -15,7 +15,7 @@ from drivers.clock import Clock
 from drivers.errors import AgentError, DriverError, PortError
 from drivers.firmware import Firmware
 from drivers.link import Link, Report, Said, Up
-from drivers.link.dialogue import talk
+from drivers.link.dialogue import exchange
 from drivers.locks import AGENT_LOCK, hold
 from drivers.ports import Device, Port, identify_device, list_devices, open_port
 from drivers.printers import PROFILES
@@ -181,7 +181,7 @@ def find_model(words: bytes) -> str:
 def _verify_idle(port: Port, url: str, firmware: Firmware, answer_s: float) -> None:
     """Verify that a printer is idle; a board that opening the port did not reset may be printing."""
     link, idle = Link(firmware), IdleWatch()
-    for now_s, event in talk(port, link, answer_s):
+    for now_s, event in exchange(port, link, answer_s):
         if isinstance(event, Up):
             if event.restarted:
                 return
@@ -200,7 +200,7 @@ def _verify_idle(port: Port, url: str, firmware: Firmware, answer_s: float) -> N
 def _await_restart(port: Port, url: str, firmware: Firmware, answer_s: float) -> bytes:
     """See the board start; what it says then, and where that does not tell the model, what it answers."""
     link, words = Link(firmware), b""
-    for now_s, event in talk(port, link, answer_s):
+    for now_s, event in exchange(port, link, answer_s):
         if isinstance(event, Up):
             if not event.restarted:
                 break

@@ -1,4 +1,4 @@
-"""A link on a port for whoever is no agent: an emergency stop, a person who plugs a printer in."""
+"""A link on a port outside an agent: for an emergency stop, or to verify a reset."""
 
 from __future__ import annotations
 
@@ -12,26 +12,26 @@ from drivers.link.replies import Event
 from drivers.ports import Port
 
 
-def talk(
-    port: Port, link: Link, patience_s: float, *, anew: bool = True, hail: bytes = b""
+def exchange(
+    port: Port, link: Link, patience_s: float, *, opened: bool = True, unconfirmed: bytes = b""
 ) -> Iterator[tuple[float, Event]]:
-    """Move bytes between a port and a link.
+    """Pass bytes between a port and a link, and yield the events.
 
     Parameters
     ----------
     port, link
-        The two; the caller may `send` and `poll` on the link between two events.
+        The caller may `send` and `poll` on the link between two events.
     patience_s
         Wall seconds after which it ends.
-    anew
+    opened
         The port was just opened or reset; else the conversation goes on.
-    hail
+    unconfirmed
         See `Link.opened`.
 
     Yields
     ------
     (float, Event)
-        The link's time (`time.monotonic`) and what was heard; ends also where the link gives up.
+        Time (`time.monotonic`) and event. Ends early where the link gives up.
 
     Raises
     ------
@@ -40,8 +40,8 @@ def talk(
     """
     now_s = time.monotonic()
     until_s = now_s + patience_s
-    if anew:
-        link.opened(now_s, hail)
+    if opened:
+        link.opened(now_s, unconfirmed)
     while now_s < until_s and link.phase is not Phase.DEAD:
         port.write(link.take())
         wait_s = min(until_s, link.deadline_s) - now_s

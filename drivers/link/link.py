@@ -44,7 +44,7 @@ class Link:
         self._floor_s = floor_s
         self._ask_s = max(ASK_S, floor_s / 8)
         self.poll_every_s = math.inf
-        self.only_ask = False  # go on over troubles of the firmware: a stopped board still answers M105
+        self.ignore_faults = False  # of the firmware: a stopped board still answers M105
         self._reset()
 
     def _reset(self) -> None:
@@ -66,18 +66,18 @@ class Link:
 
     # --- what the caller wants ---
 
-    def opened(self, now_s: float, hail: bytes = b"") -> None:
+    def opened(self, now_s: float, unconfirmed: bytes = b"") -> None:
         """Forget all that was known of the board: the port was opened or reset.
 
         Parameters
         ----------
-        hail
-            Commands that were just sent to a board that may not start anew. It is asked at once whether it
-            does, and told them again where it refuses a line or is silent.
+        unconfirmed
+            Commands that were just sent, and that the board may have missed. It is asked at once whether it
+            restarts; if it refuses a line or is silent, it gets them again.
         """
         self._reset()
         self.phase = Phase.OPENING
-        self._opening = Opening(self._firmware, self._floor_s, hail)
+        self._opening = Opening(self._firmware, self._floor_s, unconfirmed)
         self._due_s = now_s + self._opening.first_s
 
     def restarted(self, now_s: float) -> None:
@@ -403,7 +403,7 @@ class Link:
         if self.phase is Phase.DEAD:
             return
         events.append(Trouble(fault, text))
-        if self.only_ask and fault not in (Fault.NO_ANSWER, Fault.REBOOT, Fault.NOISY_LINE):
+        if self.ignore_faults and fault not in (Fault.NO_ANSWER, Fault.REBOOT, Fault.NOISY_LINE):
             return
         self.halt()
         self.phase = Phase.DEAD

@@ -1,4 +1,4 @@
-"""From the opening of a port to a board that answers: what is heard and asked meanwhile. Pure."""
+"""Opening of a link: from the opening of a port to a board that answers. Pure."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from drivers.firmware import Firmware
 from drivers.link.recovery import TRIES
 
 START_S = 10.0  # from the opening of the port to ``start``; the bootloader takes one
-HAIL_S = 0.3  # to the first question, where a board may not start at all
+UNCONFIRMED_S = 0.3  # to the first question, where the board may not restart
 QUIET_S = 1.0  # after ``start``: time for the rest of the banner
 
 
@@ -27,8 +27,8 @@ class Heard(Enum):
 
     NOTHING = 0
     START = 1  # the banner begins, or goes on
-    READY = 2  # the banner has ended, or a board that did not start anew answers
-    REFUSAL = 3  # the hail may be lost
+    READY = 2  # the banner has ended, or a board that did not restart answers
+    REFUSAL = 3  # the unconfirmed commands may be lost
 
 
 class Opening:
@@ -40,28 +40,28 @@ class Opening:
         Of the board.
     floor_s
         See `Link`.
-    hail
-        Commands that the board must have heard, started anew or not.
+    unconfirmed
+        Commands that were sent before, and that a board that does not restart must have received.
 
     Attributes
     ----------
     restarted, banner
         The board said ``start``, and this after it.
     refused
-        The hail may be lost.
+        The unconfirmed commands may be lost.
     """
 
-    def __init__(self, firmware: Firmware, floor_s: float, hail: bytes = b"") -> None:
+    def __init__(self, firmware: Firmware, floor_s: float, unconfirmed: bytes = b"") -> None:
         self.restarted = False
         self.banner = b""
         self.refused = False
-        self._firmware, self._floor_s, self._hail = firmware, floor_s, hail
+        self._firmware, self._floor_s, self._unconfirmed = firmware, floor_s, unconfirmed
         self._tries = 0
 
     @property
     def first_s(self) -> float:
         """Seconds to wait for ``start`` before the first question."""
-        return max(HAIL_S, self._floor_s / 8) if self._hail else max(START_S, self._floor_s)
+        return max(UNCONFIRMED_S, self._floor_s / 8) if self._unconfirmed else max(START_S, self._floor_s)
 
     @property
     def quiet_s(self) -> float:
@@ -71,7 +71,7 @@ class Opening:
     @property
     def answer_s(self) -> float:
         """Seconds to wait for the answer to a question."""
-        return max(START_S if self._hail else START_S / 2, self._floor_s)
+        return max(START_S if self._unconfirmed else START_S / 2, self._floor_s)
 
     def hear(self, line: bytes) -> Heard:
         """Take a line from the board."""
@@ -84,17 +84,17 @@ class Opening:
             if end is None:
                 return Heard.START  # it goes on
             return Heard.READY if end in line else Heard.NOTHING
-        if self._hail and b"Resend" in line:
+        if self._unconfirmed and b"Resend" in line:
             self.refused = True
             return Heard.REFUSAL
-        answers = line.startswith(b"ok T:" if self._hail else b"ok") and self._tries > 0
+        answers = line.startswith(b"ok T:" if self._unconfirmed else b"ok") and self._tries > 0
         return Heard.READY if answers else Heard.NOTHING
 
     def ask(self) -> bytes | None:
-        """Ask a board that did not start anew; None where it was asked often enough."""
+        """Return the next question to a board that did not restart; None after the last one."""
         self._tries += 1
         if self._tries > TRIES:
             return None
-        again = self._hail if self.refused or self._tries > 1 else b""
+        again = self._unconfirmed if self.refused or self._tries > 1 else b""
         self.refused = False
         return again + self._firmware.report_query + b"\n"

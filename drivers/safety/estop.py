@@ -27,7 +27,7 @@ from drivers.errors import AgentError, DriverError, PortError
 from drivers.firmware import Firmware
 from drivers.gcode import HeaterName
 from drivers.link import Event, Link, Report, Said, Up
-from drivers.link.dialogue import talk
+from drivers.link.dialogue import exchange
 from drivers.locks import AGENT_LOCK, hold, kill_holder
 from drivers.ports import NET, NetPort, Port, SerialPort
 from drivers.printers import firmware_of
@@ -213,7 +213,7 @@ class _Board:
         self._port, self._notify = port, notify
         self._firmware = firmware
         self._link = Link(firmware)
-        self._link.only_ask = True
+        self._link.ignore_faults = True
         self._link.poll_every_s = _ASK_S
         self._up: Up | None = None
         self._report: Report | None = None
@@ -233,7 +233,9 @@ class _Board:
         (str, bool)
             A sentence for people; True where the heaters were seen off.
         """
-        for now_s, event in talk(self._port, self._link, show_s, hail=self._firmware.abort_unnumbered):
+        for now_s, event in exchange(
+            self._port, self._link, show_s, unconfirmed=self._firmware.abort_unnumbered
+        ):
             self._on_event(now_s, event)
             if self.still and self._report is not None and self._report.off:
                 break
@@ -282,7 +284,7 @@ class _Board:
     def _confirm_cooling(self, how: str) -> tuple[str, bool]:
         watch, report = HeaterWatch(0.0), self._report
         assert report is not None
-        for now_s, event in talk(self._port, self._link, _COOL_S, anew=False):
+        for now_s, event in exchange(self._port, self._link, _COOL_S, opened=False):
             self._on_event(now_s, event)
             if isinstance(event, Report):
                 report = event

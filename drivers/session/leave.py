@@ -68,7 +68,7 @@ def _cut(context: SessionContext, homed: bool) -> Script:
     """Switch heaters off by a reset: the only emergency stop that every board has."""
     if context.filament is Filament.AT_NOZZLE:
         context.filament = Filament.UNKNOWN
-    context.link.only_ask = True
+    context.link.ignore_faults = True
     try:
         for _ in range(TRIES):
             context.heaters_off = False
@@ -83,7 +83,7 @@ def _cut(context: SessionContext, homed: bool) -> Script:
         context.ask_power_off()
         context.reason = f"{context.reason}; heaters were not shown off: switch the printer off"
     finally:
-        context.link.only_ask = False
+        context.link.ignore_faults = False
 
 
 def _reset_and_show_off(context: SessionContext, homed: bool) -> Answer:

@@ -164,6 +164,6 @@ def _notice(context: SessionContext, event: Event) -> Ended | None:
     elif isinstance(event, Trouble):
         if event.fault is Fault.MAXTEMP:
             suspect(context, event.text)
-        if not context.link.only_ask or context.link.phase is LinkPhase.DEAD:
+        if not context.link.ignore_faults or context.link.phase is LinkPhase.DEAD:
             return Ended(event.fault, event.text)
     return None
