@@ -263,6 +263,7 @@ class Submitted(_View):
 
     job: int
     again: bool
+    notices: list[str] = []  # what was asked for that there is not
 
 
 class UploadView(_View):

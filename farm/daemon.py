@@ -19,7 +19,16 @@ from drivers.clock import Clock
 from farm.agents import AgentManager
 from farm.compute import Workers
 from farm.config import Fleet
-from farm.control import Controller, DryRuns, FarmEffects, Notifier, Timers, abort_prints, delete_record
+from farm.control import (
+    Controller,
+    DryRuns,
+    FarmEffects,
+    Notifier,
+    Timers,
+    abort_prints,
+    delete_record,
+    list_planning,
+)
 from farm.errors import FarmError, Refused
 from farm.http import (
     BoundedServer,
@@ -160,11 +169,16 @@ class Daemon:
         self._controller.stopping = True
         if now:
             abort_prints(self._controller)
-        give_up = asyncio.get_running_loop().time() + _ABORT_S if now else math.inf
-        self._ending = asyncio.get_running_loop().create_task(self._end(give_up))
+        self._ending = asyncio.get_running_loop().create_task(self._end(now))
 
-    async def _end(self, give_up: float) -> None:
-        """Wait for open prints, then end. Prints that do not end keep the farm up for a person to inspect."""
+    async def _end(self, now: bool) -> None:
+        """Wait for open plans (unless `now`) and prints, then end.
+
+        Prints that do not end keep the farm up for a person to inspect.
+        """
+        while not now and list_planning(self._controller):
+            await asyncio.sleep(0.1)
+        give_up = asyncio.get_running_loop().time() + _ABORT_S if now else math.inf
         while open_prints := sorted({attempt.printer for attempt in self._controller.books.open_prints()}):
             if asyncio.get_running_loop().time() > give_up:
                 log.error("not going down: %s did not end within %g s", " ".join(open_prints), _ABORT_S)

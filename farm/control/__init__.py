@@ -3,7 +3,7 @@
 from farm.control.controller import Controller
 from farm.control.dry_runs import DryRuns
 from farm.control.effects import FarmEffects
-from farm.control.job_commands import JobCommands, abort_prints
+from farm.control.job_commands import JobCommands, abort_prints, list_planning
 from farm.control.notifier import Notifier, delete_record
 from farm.control.part_commands import PartCommands
 from farm.control.printer_commands import PrinterCommands
@@ -20,4 +20,5 @@ __all__ = [
     "Timers",
     "abort_prints",
     "delete_record",
+    "list_planning",
 ]

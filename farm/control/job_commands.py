@@ -13,6 +13,7 @@ from farm.planning import InspectedSubmission
 from farm.scheduling import StartRules, parse_moment_s
 from farm.state import events as ev
 from farm.state.storage import sha256_of
+from farm.text import format_count
 
 
 class JobCommands:
@@ -39,6 +40,17 @@ class JobCommands:
         start_and_deadline_s(options, self._controller.rules, self._controller.clock.now())
         if self._controller.stopping:
             raise Refused("the farm is shutting down: submit again after `farm up`")
+
+    def find_excess(self, options: JobOptions) -> list[str]:
+        """Say where a submission asks for more printers than the fleet has."""
+        printers = len(self._controller.fleet.printers)
+        fleet = f"the fleet has {format_count(printers, 'printer')}"
+        excess = []
+        if options.printers is not None and options.printers > printers:
+            excess.append(f"--printers {options.printers}: {fleet}, and the job uses no more")
+        if options.spares >= printers:
+            excess.append(f"--spares {options.spares}: {fleet}, and one at least has to print the job")
+        return excess
 
     def submit(
         self,
@@ -138,6 +150,11 @@ def abort_prints(controller: Controller) -> None:
     controller.handle(*(ev.JobCancelled(at_s=now_s, job=number) for number in going))
     others = [attempt.plate for attempt in controller.books.open_prints() if attempt.cancel_reason is None]
     controller.handle(*(ev.PlateCancelled(at_s=now_s, plate=plate, by=ev.A_PERSON) for plate in others))
+
+
+def list_planning(controller: Controller) -> list[int]:
+    """List the jobs whose plan is being made."""
+    return sorted(job.id for job in controller.books.jobs.values() if job.state is JobState.PLANNING)
 
 
 def start_and_deadline_s(

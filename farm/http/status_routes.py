@@ -7,6 +7,7 @@ from typing import Annotated
 from fastapi import APIRouter, Query
 
 from farm import api
+from farm.control import list_planning
 from farm.errors import Refused
 from farm.http.callers import OperatorName
 from farm.http.services import Services
@@ -57,6 +58,13 @@ def status_routes(services: Services) -> APIRouter:
         if busy and not (request.now or request.wait):
             raise Refused(
                 f"printing: {' '.join(busy)}; use --wait to let them end, or --now to end them safely"
+            )
+        planning = list_planning(controller)
+        if planning and not (request.now or request.wait):
+            jobs = " ".join(f"job {number}" for number in planning)
+            raise Refused(
+                f"being planned: {jobs}; use --wait to have its plan finished, or --now to plan it anew after "
+                "`farm up`"
             )
         await services.shut_down(request.now)
 

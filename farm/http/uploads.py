@@ -33,7 +33,7 @@ def upload_routes(services: Services, jobs: JobCommands) -> APIRouter:
     """Return the routes of submissions."""
     router, uploads = APIRouter(), Uploads(services)
 
-    @router.post("/jobs")
+    @router.post("/jobs", response_model_exclude_defaults=True)
     async def submit(
         request: Request,
         request_id: Annotated[str, Query(min_length=8, max_length=64)],
@@ -50,7 +50,7 @@ def upload_routes(services: Services, jobs: JobCommands) -> APIRouter:
         name = clean_name(name)
         model = await uploads.receive_model(request.stream(), request_id, name, size, wanted)
         number, again = jobs.submit(request_id, name, model, wanted, by)
-        return api.Submitted(job=number, again=again)
+        return api.Submitted(job=number, again=again, notices=jobs.find_excess(wanted))
 
     @router.get("/uploads/{request_id}")
     async def upload(request_id: str) -> api.UploadView:

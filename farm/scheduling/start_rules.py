@@ -176,21 +176,26 @@ class StartRules:
         return f"{printer.name} prints only in attended hours ({printer.why_attended}){later}"
 
     def evening_s(self, now_s: float) -> float | None:
-        """Return the start of the night: the end of the attended hours, less the time for first layers.
-
-        None where it has begun.
+        """Return the start of the night: the end of the attended hours; None where it has begun.
 
         Raises
         ------
         ValueError
-            Where fleet.yaml has no attended hours.
+            Where fleet.yaml has no attended hours, or wants first layers attended.
         """
         if not self.attended.windows:
             raise ValueError("--overnight needs `attended` hours in fleet.yaml")
         span = self.attended.span(now_s)
-        if span is None:
-            return None
-        return max(now_s, span[1] - (FIRST_LAYER_S if self.first_layers_attended else 0.0))
+        if self.first_layers_attended:
+            while span is not None and span[1] - FIRST_LAYER_S <= now_s:
+                span = self.attended.following(span[1])
+            span = span or self.attended.following(now_s)
+            example = "" if span is None else f", like --at '{self.format_moment(span[1] - FIRST_LAYER_S)}'"
+            raise ValueError(
+                "--overnight starts when nobody is there, and fleet.yaml wants first layers attended "
+                f"(`first_layers_attended`): give --at a time before attended hours end{example}"
+            )
+        return None if span is None else span[1]
 
     def is_attended(self, at_s: float) -> bool:
         """Return whether a moment is within the attended hours; False where fleet.yaml has none."""

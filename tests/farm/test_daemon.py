@@ -57,3 +57,29 @@ def test_a_host_s_clock_that_is_set_is_taken_over_by_all_that_keep_hours(tmp_pat
     assert told[0] == "timers"
     (event,) = [event for event in told if isinstance(event, ev.ClockSet)]
     assert event.by_s == pytest.approx(6 * 3600.0, abs=60.0)
+
+
+@pytest.mark.parametrize(("now", "looks"), [(False, 3), (True, 0)])
+def test_down_waits_for_a_plan_that_is_being_made_unless_it_is_to_be_now(tmp_path, monkeypatch, now, looks):
+    state = StateFolder(tmp_path / "state")
+    state.make()
+    daemon = Daemon(fleet(), Places(state, tmp_path / "farm.sock", tmp_path / "fleet.yaml"))
+    planning, looked, ended = iter([[1], [1], []]), [], []
+
+    def list_planning(_):
+        looked.append(next(planning))
+        return looked[-1]
+
+    async def no_time(_):
+        pass
+
+    async def shut_down_agents():
+        ended.append(list(looked))
+
+    monkeypatch.setattr("farm.daemon.list_planning", list_planning)
+    monkeypatch.setattr("farm.daemon.asyncio.sleep", no_time)
+    monkeypatch.setattr(daemon._agents, "shut_down_agents", shut_down_agents)
+    asyncio.run(daemon._end(now))
+    daemon._workers.close()
+    daemon._store.close()
+    assert len(ended[0]) == looks

@@ -106,10 +106,13 @@ def _upload(client: Client, model: Path, options: JobOptions, quiet: bool) -> in
         raise FarmError(f"{model}: {what}; give the file of a model", ErrorCode.MODEL)
     try:
         with show_upload(quiet) as report:
-            return client.submit(model, options, report=report).job
+            submitted = client.submit(model, options, report=report)
     except KeyboardInterrupt:
         print_notice(f"{model.name} may have been submitted: check `farm status` before you submit it again")
         raise
+    for notice in submitted.notices:
+        print_notice(notice)
+    return submitted.job
 
 
 def _show_job(client: Client, number: int, wait: bool, json: bool) -> None:

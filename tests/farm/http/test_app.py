@@ -268,6 +268,32 @@ def test_status_has_the_fields_that_are_promised(daemon):
     assert promised | {"speedup", "utilisation"} <= set(job)
 
 
+def test_down_is_refused_while_a_plan_is_made(daemon):
+    submit(daemon, stl())
+    assert daemon.state.controller.books.jobs[1].state == "planning"
+    answer = ask(daemon, "POST", "/down", json={})
+    assert (answer.status_code, answer.json()["exit_code"]) == (409, 5)
+    assert "being planned: job 1; use --wait" in answer.json()["error"]
+    for how in ("wait", "now"):
+        assert ask(daemon, "POST", "/down", json={how: True}).status_code == 200
+    assert daemon.state.went_down == [False, True]
+
+
+@pytest.mark.parametrize(
+    ("options", "notices"),
+    [
+        ('{"printers": 1}', None),
+        ('{"printers": 9}', ["--printers 9: the fleet has 1 printer, and the job uses no more"]),
+        (
+            '{"spares": 1}',
+            ["--spares 1: the fleet has 1 printer, and one at least has to print the job"],
+        ),
+    ],
+)
+def test_who_asks_for_more_printers_than_there_are_is_told(daemon, options, notices):
+    assert submit(daemon, stl(), options=options).json().get("notices") == notices
+
+
 def test_down_goes_down(daemon):
     assert ask(daemon, "POST", "/down", json={"now": True}).status_code == 200
     assert daemon.state.went_down == [True]

@@ -6,6 +6,7 @@ from zoneinfo import ZoneInfo
 import pytest
 
 from farm.control.job_commands import start_and_deadline_s
+from farm.errors import ErrorCode, FarmError
 from farm.model import JobOptions
 from farm.scheduling.hours import Hours, parse_moment_s
 from farm.scheduling.start_rules import StartRules
@@ -65,3 +66,21 @@ def test_a_night_is_as_long_as_it_is(day, night_h):
     assert (begins_s - now_s, ends_s - begins_s) == (3 * 3600.0, night_h * 3600.0)
     begins_s, ends_s = start_and_deadline_s(JobOptions(at="22:00", done_by="08:00"), house, now_s)
     assert (begins_s - now_s, ends_s - begins_s) == (4 * 3600.0, night_h * 3600.0)
+
+
+@pytest.mark.parametrize(
+    ("now", "then"),
+    [("2026-11-20 18:00", "Fri 20:00"), ("2026-11-20 20:30", "Sat 20:00"), ("2026-11-20 23:00", "Sat 20:00")],
+)
+def test_overnight_is_refused_where_first_layers_are_attended_and_a_time_is_named(now, then):
+    attended = Hours((parse_window("08:00-21:00"),), BERLIN)
+    house = StartRules(attended, Hours((), BERLIN), first_layers_attended=True)
+    now_s = datetime.fromisoformat(now).replace(tzinfo=BERLIN).timestamp()
+    with pytest.raises(
+        FarmError, match=rf"first layers attended .*give --at .*, like --at '{then}'"
+    ) as error:
+        start_and_deadline_s(JobOptions(overnight=True), house, now_s)
+    assert error.value.code is ErrorCode.SETTINGS
+    begins_s, _ = start_and_deadline_s(JobOptions(at=then), house, now_s)
+    assert begins_s is not None
+    assert house.attended.span(begins_s) is not None
