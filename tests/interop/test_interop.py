@@ -89,7 +89,7 @@ def spiral(count: int) -> list[bytes]:
 
 
 def done(folder: Path) -> list[bytes]:
-    """What the virtual printer carried out, without the lines that it asked to hear twice."""
+    """Return the commands that the virtual printer carried out, without resent lines."""
     return [line for line, _ in groupby((folder / "done.txt").read_bytes().splitlines())]
 
 

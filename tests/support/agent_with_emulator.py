@@ -144,7 +144,7 @@ def settled(folder: Path, seen: Callable[[EmulatorStatus], bool]) -> bool:
 
 
 def everything(master: int) -> bytes:
-    """All that a board that has not read for a while finds."""
+    """Read all bytes that wait for a board."""
     os.set_blocking(master, False)
     found = b""
     with suppress(BlockingIOError):

@@ -28,7 +28,7 @@ def decompose_task(bar, files, tmp_path, printers=2, rounds=1):
 
 
 class Slice:
-    """What is known of a slice here."""
+    """Result of slicing a part."""
 
     def __init__(self, sliced_s):
         self.sliced_s = sliced_s

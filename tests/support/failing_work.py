@@ -49,7 +49,7 @@ def whoami():
 
 
 def first_to_go():
-    """How willingly the kernel ends this process where memory runs out."""
+    """Return how readily the kernel kills this process when memory runs out."""
     return int(Path("/proc/self/oom_score_adj").read_text())
 
 

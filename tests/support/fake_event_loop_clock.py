@@ -64,7 +64,7 @@ class FakeTime:
 
 
 class _Patient(selectors.SelectSelector):
-    """What waits for files, and lets time pass instead."""
+    """A selector that advances the clock instead of waiting."""
 
     def __init__(self, time):
         super().__init__()

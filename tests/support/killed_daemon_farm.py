@@ -73,7 +73,7 @@ class KilledFarm(RealFarm):
             self.keeper.wait()
 
     def deaths(self):
-        """What daemons died at, in order."""
+        """List the moments at which daemons died, in order."""
         return re.findall(r"^dies (.*)$", self.log_file.read_text(), re.MULTILINE)
 
     def log(self):
@@ -111,7 +111,7 @@ class KilledFarm(RealFarm):
         self.submitted += count
 
     def submission(self, number, **options):
-        """Where a job is submitted, and what."""
+        """Return the path and the body of a submission."""
         text, wanted = self.gcode.read_bytes(), quote(json.dumps(options))
         words = f"request_id=request-{number}&name=plate.gcode&size={len(text)}&options={wanted}"
         return f"/jobs?{words}", text

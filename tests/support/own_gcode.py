@@ -25,7 +25,7 @@ def take(lines, stopwatch=None, end=b"\n", nozzle_mm=0.4):
 
 
 def body(accepted):
-    """What stands between the farm's own start and end."""
+    """Return the lines between the farm's start and end code."""
     start = UM2_PLUS.code.start_code(accepted.nozzle_c, accepted.bed_c, FILAMENT_MM2)
     text = accepted.gcode.decode().removeprefix(f";FLAVOR:Marlin\n{start}\n")
     assert text.endswith(f"{UM2_PLUS.code.end_code(0.0)}\n")
@@ -33,7 +33,7 @@ def body(accepted):
 
 
 def followed(lines):
-    """Every move of a body as (x, y, z, fed mm), by a reading of its own."""
+    """List the moves of a body as (x, y, z, fed mm), by an independent reader."""
     at, moves = {"X": 5.0, "Y": 50.0, "Z": 20.0, "E": 0.0}, []
     for line in lines:
         words = {w[0]: float(w[1:]) for w in line.split()[1:] if not line.startswith((";", "M"))}
@@ -51,7 +51,7 @@ def fed(moves):
 
 
 def safe(accepted):
-    """What every program of the farm's keeps."""
+    """Check the rules for every program of the farm, and return it."""
     program = read_program(accepted.gcode.splitlines(), ULTIMAKER2_PLUS)
     assert all(ON_THE_LIST.match(line) for line in program.lines(0, program.count))
     for heater in HeaterName:

@@ -33,7 +33,7 @@ class PowerCut:
             self._bytes[path.stat().st_ino] = path.read_bytes()
 
     def left(self, into):
-        """What is left, as a new folder."""
+        """Copy what a power cut leaves into a new folder."""
         self._rebuild(self._folder, into)
         return into
 

@@ -54,7 +54,7 @@ def gcode(moves: int = 200) -> str:
 
 
 class Rig:
-    """Link, session and firmware on one clock; a step is whatever comes next."""
+    """Link, session and emulated firmware on one clock; a step is the next event."""
 
     def __init__(
         self,
@@ -121,7 +121,7 @@ class Rig:
         return self.run(until=lambda: self.session.context.streamed >= lines)
 
     def moves(self) -> list[bytes]:
-        """The file's own moves in the order of their numbers, as they were sent."""
+        """List the file's moves as they were sent, in the order of their line numbers."""
         frames = (line for line in self.sent.splitlines() if line.startswith(b"N"))
         numbered = {line.partition(b" ")[0]: remove_frame(line) for line in frames}
         file = set(self.program.lines(0, self.program.count))
@@ -129,7 +129,7 @@ class Rig:
 
 
 def hopping(moves: int) -> str:
-    """Every stroke is followed by a retraction, a way and an un-retraction."""
+    """Make G-code in which every stroke is followed by a retraction, a travel and an un-retraction."""
     path = []
     for i in range(moves):
         e_mm, x = 0.7 * (i + 1), 50 + 40 * (i % 2)

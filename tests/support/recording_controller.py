@@ -45,7 +45,7 @@ def fleet(models=(PLUS, PLUS), **house):
 
 
 class Commands:
-    """What people can ask of a controller."""
+    """Commands of people to a controller."""
 
     def __init__(self, controller):
         self.printers = PrinterCommands(controller)

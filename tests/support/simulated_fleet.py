@@ -89,7 +89,7 @@ class Agent:
         )  # fmt: skip
 
     def prints(self, since_s):
-        """All that had not ended then."""
+        """List the prints that had not ended at a time."""
         late = [said for said in self.journal if said.ended_s >= since_s]
         return late if self.print_id is None or self.state.ended else [*late, self.said()]
 

@@ -17,7 +17,7 @@ pytestmark = pytest.mark.system
 
 
 def printing(farm):
-    """Whether every plate of job 1 is being extruded."""
+    """Return True while every plate of job 1 is being extruded."""
     job = farm.job()
     states = [p["prints"][-1]["state"] if p["prints"] else "" for p in job["parts"]]
     return bool(states) and all(state == "printing" for state in states) and (job["elapsed_s"] or 0) > 0

@@ -1,4 +1,4 @@
-"""What was promised to be on the disk is there after a power cut, which leaves only what was synced."""
+"""Power cuts leave only synced data on the disk: all that was promised must be there."""
 
 import json
 import os

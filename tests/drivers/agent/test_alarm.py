@@ -1,4 +1,4 @@
-"""What an agent makes of a heater that cannot be switched off: the mains cut once, in the background."""
+"""Alarms for a heater that cannot be switched off: the mains are cut once, in the background."""
 
 import json
 import os
@@ -24,7 +24,7 @@ CUT = "power_off_cmd cut its mains"
 
 
 class Agent:
-    """The record of one agent, without a loop, a port or a print."""
+    """Recorder and board of one agent, without a loop, a port or a print."""
 
     def __init__(self, folder: Path, command: str | None) -> None:
         self.folder = folder
@@ -34,7 +34,7 @@ class Agent:
         self.recorder = Recorder(start, self.board, self.journal, Clock())
 
     def report(self, nozzle_c: float, times: int = 3) -> None:
-        """What an idle board says."""
+        """Pass reports of an idle board to the agent."""
         for _ in range(times):
             self.board._on_idle_report(Report(nozzle_c, 0.0, 21.0, 0.0), 0.0)
             self.recorder.record_changes()
@@ -47,7 +47,7 @@ class Agent:
             self.recorder.record_changes()
 
     def settled(self) -> Alarm:
-        """Until what came of the command is known."""
+        """Wait for the outcome of the command, and return the alarm."""
         self.until(lambda: self.alarm is None or self.alarm.outcome is not None)
         assert self.alarm is not None
         return self.alarm
@@ -87,7 +87,7 @@ def test_a_finding_of_an_idle_printer_cuts_its_mains_once(tmp_path: Path, mark: 
     assert agent.look.count("gets hotter") == agent.look.count(CUT) == 1
 
 
-def test_one_that_has_to_be_looked_at_already_is_no_less_on_fire(tmp_path: Path, mark: Path):
+def test_a_printer_that_needs_attention_already_has_its_mains_cut_too(tmp_path: Path, mark: Path):
     agent = Agent(tmp_path, relay(mark))
     agent.board.state.attention_reason = "its print failed"
     agent.report(21.0)
@@ -96,7 +96,7 @@ def test_one_that_has_to_be_looked_at_already_is_no_less_on_fire(tmp_path: Path,
     assert runs(mark) == 1 and agent.look.startswith("its print failed; the nozzle is off")
 
 
-def test_a_board_that_says_maxtemp_while_idle_is_not_left_to_itself(tmp_path: Path, mark: Path):
+def test_maxtemp_on_an_idle_board_cuts_the_mains(tmp_path: Path, mark: Path):
     """Its link is dead then: no report would tell that it gets hotter."""
     agent = Agent(tmp_path, relay(mark))
     agent.report(21.0)
@@ -114,7 +114,7 @@ def test_without_a_command_a_person_is_asked_once(tmp_path: Path):
     assert agent.look.count(NO_COMMAND) == 1 and len(agent.look) < 200
 
 
-def test_it_is_another_finding_after_it_was_cold_or_away_or_seen_to(tmp_path: Path, mark: Path):
+def test_a_finding_is_new_after_the_printer_was_cold_away_or_checked(tmp_path: Path, mark: Path):
     agent = Agent(tmp_path, relay(mark))
 
     def burns(times: int) -> None:
@@ -136,7 +136,7 @@ def test_it_is_another_finding_after_it_was_cold_or_away_or_seen_to(tmp_path: Pa
     burns(4)
 
 
-def test_it_is_written_down_before_it_is_run(tmp_path: Path, mark: Path):
+def test_the_request_is_in_the_journal_before_the_command_runs(tmp_path: Path, mark: Path):
     agent = Agent(tmp_path, relay(mark, f"cp {tmp_path / JOURNAL} {tmp_path}/seen"))
     agent.report(21.0)
     agent.report(90.0)
@@ -145,7 +145,7 @@ def test_it_is_written_down_before_it_is_run(tmp_path: Path, mark: Path):
     assert last["alarm"]["asked"] and last["alarm"]["said"] is None
 
 
-def test_an_agent_that_died_before_the_mains_were_cut_has_it_done_by_the_next(tmp_path: Path, mark: Path):
+def test_the_next_agent_cuts_the_mains_that_a_dead_one_requested_to_cut(tmp_path: Path, mark: Path):
     alarm = Alarm(text="the nozzle is off, and gets hotter", at_s=5.0, power_off_requested=True)
     Journal(tmp_path / JOURNAL).write(5.0, alarm=alarm.record())
     assert read_journal(tmp_path / JOURNAL)[0].may_be_hot
@@ -158,7 +158,7 @@ def test_an_agent_that_died_before_the_mains_were_cut_has_it_done_by_the_next(tm
     assert agent.look == f"{alarm.text}; {CUT}"
 
 
-def test_an_agent_that_died_before_its_heater_was_seen_to_cool_has_it_done_too(tmp_path: Path, mark: Path):
+def test_the_next_agent_cuts_the_mains_for_a_heater_not_seen_to_cool(tmp_path: Path, mark: Path):
     alarm = Alarm(text="the nozzle went up to 250 C, above 210", at_s=5.0)
     Journal(tmp_path / JOURNAL).write(5.0, alarm=alarm.record())
     agent = Agent(tmp_path, relay(mark))
@@ -167,7 +167,7 @@ def test_an_agent_that_died_before_its_heater_was_seen_to_cool_has_it_done_too(t
     assert runs(mark) == 1 and alarm.text in agent.look
 
 
-def test_a_disk_that_takes_nothing_does_not_keep_the_mains_on(tmp_path: Path, mark: Path):
+def test_a_full_disk_does_not_keep_the_mains_on(tmp_path: Path, mark: Path):
     agent = Agent(tmp_path, relay(mark))
 
     def full(at_s: float, **record: object) -> None:
@@ -179,8 +179,8 @@ def test_a_disk_that_takes_nothing_does_not_keep_the_mains_on(tmp_path: Path, ma
     assert agent.settled().outcome == CUT and runs(mark) == 1
 
 
-def test_a_command_that_hangs_holds_nothing_up(tmp_path: Path, mark: Path):
-    """Reports are taken in while it runs; it goes on when it is let."""
+def test_a_command_that_hangs_does_not_block_the_agent(tmp_path: Path, mark: Path):
+    """Reports are handled while it runs, and its outcome is taken when it ends."""
     os.mkfifo(tmp_path / "gate")
     agent = Agent(tmp_path, relay(mark, f"read go < {tmp_path}/gate"))
     agent.report(21.0)
@@ -204,7 +204,7 @@ def printing(folder: Path, command: str | None) -> tuple[Agent, Rig]:
 
 
 def go_on(agent: Agent, rig: Rig, until: Callable[[], bool]) -> None:
-    """Session and record together; once it has ended, what is under way is waited for."""
+    """Run session and recorder together; after the end wait for the command."""
     while not until():
         if rig.session.context.ended:
             agent.until(until)
@@ -236,7 +236,7 @@ def test_at_the_end_of_a_print_the_mains_are_cut_once_and_its_reason_is_short(
     assert runs(mark) == command and agent.look == ended.reason
 
 
-def test_a_print_s_end_waits_for_what_came_of_the_command(tmp_path: Path, mark: Path):
+def test_the_end_of_a_print_waits_for_the_outcome_of_the_command(tmp_path: Path, mark: Path):
     os.mkfifo(tmp_path / "gate")
     agent, rig = printing(tmp_path, relay(mark, f"read go < {tmp_path}/gate; echo no >&2; exit 1"))
     rig.firmware.break_down("nozzle_burns_after", rig.now_s)
@@ -261,7 +261,7 @@ def test_a_heater_that_is_seen_to_cool_ends_the_alarm(tmp_path: Path, mark: Path
     assert runs(mark) == 0 and "went up to" in agent.look
 
 
-def test_a_cancel_that_leaves_a_heater_burning_asks_for_a_look(tmp_path: Path, mark: Path):
+def test_a_cancelled_print_with_a_heater_stuck_on_needs_attention(tmp_path: Path, mark: Path):
     agent, rig = printing(tmp_path, relay(mark))
     rig.firmware.break_down("nozzle_burns_after", rig.now_s)
     rig.session.cancel("no more", rig.now_s)

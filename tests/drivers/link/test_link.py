@@ -282,7 +282,7 @@ def test_a_question_with_a_flipped_bit_commands_nothing():
 
 
 def silence_s(bench: Bench, *commands: bytes) -> float:
-    """How long a board that has fallen silent is waited for."""
+    """Return the seconds for which the link waits for a silent board."""
     bench.run()
     bench.firmware.mute = True
     began_s = bench.now_s

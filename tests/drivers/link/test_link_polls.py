@@ -55,7 +55,7 @@ PROGRAM = [b"G1 X%d E%d" % (i % 200, i) for i in range(900)]
 def test_polls_put_no_line_out_of_its_turn_and_count_as_none(
     start: int, commands: tuple[bytes, ...], poll_every_s: float
 ):
-    """What the journal keeps as printed is what was acknowledged, at every moment."""
+    """The journal keeps as printed exactly the acknowledged lines, at every moment."""
     board = Board(poll_every_s)
     if commands:
         board.link.send(0.0, *commands)

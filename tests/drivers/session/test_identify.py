@@ -1,4 +1,4 @@
-"""Which printer a session talks to, before anything heats."""
+"""Identification of the printer before anything heats."""
 
 import pytest
 

@@ -163,7 +163,7 @@ def test_a_board_that_starts_again_while_it_is_shown_off_is_asked_anew_at_once()
 
 
 def test_a_board_that_complains_after_its_reset_is_asked_on():
-    """It has stopped by itself once more, and still answers how hot it is: no more is wanted of it."""
+    """The board has stopped by itself once more, and still reports temperatures, which suffices."""
     rig = Rig().printing()
     rig.session.fail(Fault.NO_ANSWER, "it does not answer", rig.now_s)
     rig.run(until=lambda: rig.session.context.wants_reset)
