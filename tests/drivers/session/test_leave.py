@@ -133,7 +133,7 @@ def ended(way: Way, lines: int, seconds: float, text: str) -> Rig:
 
 
 def print_again(rig: Rig) -> float:
-    """Return the distance of the filament from the nozzle's tip at the first extruding line of the next print."""
+    """Return how far the filament is retracted at the first extruding line of the next print."""
     board = rig.firmware.board
     fresh = Faults()
     after = Rig(text=gcode(20), filament=rig.session.context.filament)
