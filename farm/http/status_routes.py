@@ -63,8 +63,8 @@ def status_routes(services: Services) -> APIRouter:
         if planning and not (request.now or request.wait):
             jobs = " ".join(f"job {number}" for number in planning)
             raise Refused(
-                f"being planned: {jobs}; use --wait to have its plan finished, or --now to plan it anew after "
-                "`farm up`"
+                f"being planned: {jobs}; use --wait to have its plan finished, or --now to plan it anew "
+                "after `farm up`"
             )
         await services.shut_down(request.now)
 
