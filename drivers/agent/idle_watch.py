@@ -39,7 +39,7 @@ class IdleWatch:
         """Forget all answers: the board was reset, or has printed for the farm."""
         self.card = False
         self._position: bytes | None = None
-        self._moved_to: bytes | None = None
+        self._asked_again: bytes | None = None  # the last answer that differs from the position
         self._heated = False
         self._coolest_c = [float("inf"), float("inf")]
         self._hot = 0  # reports in a row with a heater that is stuck on
@@ -62,12 +62,14 @@ class IdleWatch:
             return True, CARD if self.card else None
         if _POSITION.match(text) is None:
             return False, None
-        moved = self._position is not None and text != self._position
-        if moved and text == self._moved_to:
-            self._position, self._moved_to = text, None
-            return True, MOVED
-        self._moved_to = text if moved else None
-        self._position = self._position or text
+        if text == self._position:
+            self._asked_again = None
+        elif text != self._asked_again:
+            self._asked_again = text  # one garbled digit may have done it, in the first answer as well
+        else:
+            moved = self._position is not None
+            self._position, self._asked_again = text, None
+            return True, MOVED if moved else None
         return True, None
 
     def judge_report(self, report: Report) -> tuple[str | None, Trouble | None]:

@@ -16,6 +16,13 @@ def test_a_move_and_fed_filament_are_seen_when_they_are_said_twice():
         assert doubts == [None, None, None, None, None, MOVED, None, None, MOVED]
 
 
+def test_a_garbled_first_answer_is_no_move():
+    """What it stands at is believed only when it was said twice, and a move from there is seen."""
+    watch = IdleWatch()
+    answers = [watch.judge_answer(text)[1] for text in (FED, HOME, HOME, HOME, AWAY, AWAY)]
+    assert answers == [None, None, None, None, None, MOVED]
+
+
 def test_after_a_reset_the_place_is_a_new_one():
     watch = IdleWatch()
     watch.judge_answer(HOME)
