@@ -54,3 +54,9 @@ class Print(Entity):
     paused: bool = False  # it was paused at some time: no time factor is learned from it
     starved_s: float = 0.0
     grams: float = 0.0  # used filament, once it has ended
+
+    @property
+    def shown_state(self) -> PrintState:
+        """State for people: a print that was resumed heats until the printer goes on."""
+        resumes = self.state is PrintState.PAUSED and not self.pause_requested
+        return PrintState.HEATING if resumes else self.state

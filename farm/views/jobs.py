@@ -204,7 +204,7 @@ def describe_print(context: ViewContext, attempt: Print) -> api.PrintView:
     return api.PrintView(
         part=context.books.plates[attempt.plate].parts[0],
         printer=attempt.printer,
-        state=attempt.state,
+        state=attempt.shown_state,
         fault=attempt.fault,
         reason=attempt.reason,
         verdict=attempt.verdict,

@@ -68,7 +68,7 @@ def _progress(context: ViewContext, attempt: Print) -> api.PrintProgress:
     return api.PrintProgress(
         job=attempt.job,
         plate=attempt.plate,
-        state=attempt.state,
+        state=attempt.shown_state,
         progress=min(1.0, max(0.0, 1 - remaining_s / plate.expected_s)),
         remaining_s=remaining_s,
         layer=reported.layer if reported else None,
@@ -85,7 +85,7 @@ def _printer_state(entry: Printer, snapshot: AgentSnapshot, attempt: Print | Non
     if snapshot.alarm is not None:
         return "look"
     if attempt is not None:
-        return str(attempt.state)
+        return str(attempt.shown_state)
     if entry.maintenance is not None:
         return "maintenance"
     if entry.attention_reason is not None and snapshot.link is not Link.ABSENT:

@@ -129,6 +129,22 @@ def test_what_is_left_of_a_print_is_by_its_printers_own_factor(progress_s, remai
     assert (view.print.z_mm, view.print.feature) == (0.67, "FILL")
 
 
+def test_a_print_that_is_resumed_is_not_shown_as_paused():
+    """Its nozzle heats for minutes before the printer goes on."""
+    books, _ = run(printing(), ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"))
+    for wanted, state, shown in (
+        (True, PrintState.PRINTING, "printing"),
+        (True, PrintState.PAUSED, "paused"),
+        (False, PrintState.PAUSED, "heating"),
+        (False, PrintState.PRINTING, "printing"),
+    ):
+        now = ev.PrintProgressed(at_s=3.0, print_id="x", state=state, started_s=2.0, extruded=True)
+        books, _ = run(books, ev.PauseRequested(at_s=3.0, print_id="x", wanted=wanted), now)
+        printer = describe_printer(context(books, 7.0), FLEET.printer("a"), None)
+        (part,) = [part for part in view(books).parts if part.prints]
+        assert (printer.state, printer.print.state, part.prints[0].state) == (shown, shown, shown)
+
+
 def test_what_was_bad_takes_its_time_again():
     begun = ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x")
     bad = ev.BedCleared(at_s=300.0, printer="a", by="ann", verdict=Verdict.BAD, why="warped")
