@@ -63,7 +63,8 @@ class Firmware:
         Pattern of all that may follow an ``ok``, with the number of its line as group 1; None where nothing
         does.
     keep_alive
-        Beginning of a line that is said every 2 s as long as a command is carried out; None where none is.
+        Beginning of a line that is said once a second as long as a command is carried out; None where none
+        is.
     troubles
         What stands in a line that tells of a fault; the first that is found counts.
     stop_moves
@@ -76,6 +77,8 @@ class Firmware:
         Commands.
     dead_man
         Arms the end of all heat where no command comes for ``%d`` seconds; 0 is off.
+    dead_man_observed
+        Somebody has seen the firmware end it. Else a real printer prints only while somebody is there.
     set_up
         Commands to a board that has started, before a print.
     as_new
@@ -113,6 +116,7 @@ class Firmware:
     heaters_off: tuple[bytes, ...]
     fan_off: bytes
     dead_man: bytes
+    dead_man_observed: bool
     set_up: tuple[bytes, ...]
     as_new: tuple[bytes, ...]
     waiting_s: Mapping[bytes, float]

@@ -1,7 +1,4 @@
-"""Marlin's serial protocol, without I/O: bytes and the time in, bytes and events out.
-
-The theory of operation stands in the package's docstring.
-"""
+"""Marlin's serial protocol without I/O; the package's docstring has the theory of operation."""
 
 from __future__ import annotations
 
@@ -17,10 +14,8 @@ from drivers.link.replies import Event, Events, Said, Trouble, Up
 
 SILENT = "the board does not answer"
 ASK_S = 0.3  # of silence; doubled with each question
+KEEP_ALIVE_S = 1.4  # the same, where a board at work says so once a second
 HINT_S = 0.05  # after something that could not be read and may have been an ok
-KEEP_ALIVE_S = 2.5  # without a sign that the board is at work it has done what it was sent
-CONFIRMATIONS = 3  # the board carries out a line between two answers, and holds two at most
-CONFIRMATIONS_AT_REST = 2  # the second is asked for after `KEEP_ALIVE_S`
 _LONGEST_ANSWER = 512
 
 
@@ -42,7 +37,8 @@ class Link:
     def __init__(self, firmware: Firmware, floor_s: float = 0.0) -> None:
         self._firmware = firmware
         self._floor_s = floor_s
-        self._ask_s = max(ASK_S, floor_s / 8)
+        patient = firmware.keep_alive is not None
+        self._ask_s = max(KEEP_ALIVE_S, floor_s / 4) if patient else max(ASK_S, floor_s / 8)
         self.poll_every_s = math.inf
         self.ignore_faults = False  # of the firmware: a stopped board still answers M105
         self._reset()
@@ -57,7 +53,6 @@ class Link:
         self._waiting = False  # for the ok of the line at the cursor
         self._calm = True  # nothing was asked or refused since the line in flight was sent
         self._refused = False  # oks are void until the board has said its last line
-        self._sent_s = -math.inf  # when the line in flight was sent
         self._answer: int | None = None  # a last line that was said, until all that comes with it was heard
         self._answer_s = math.inf  # when that is
         self._recovery = Recovery()
@@ -153,7 +148,7 @@ class Link:
             line = self._outbox.take_encoded()
             if line is not None:
                 self._out = line
-                self._sent_s = now_s
+                self._recovery.sent_s = now_s
                 self._due_s = now_s + self._ask_s
                 return None
         *heard, self._partial = (self._partial + data).split(b"\n")
@@ -255,10 +250,11 @@ class Link:
         """The board carries out a line that takes long; a question would be of no use."""
         if not self._waiting:
             return
-        if now_s - self._sent_s > max(self._outbox.patience_s, 5 * self._floor_s):
+        if now_s - self._recovery.sent_s > max(self._outbox.patience_s, 5 * self._floor_s):
             self._give_up(Fault.NO_ANSWER, "the board is busy with one line for too long", events)
         else:
-            self._due_s = max(self._due_s, now_s + self._keep_alive_s)
+            self._recovery.at_work_s = now_s
+            self._due_s = max(self._due_s, now_s + self._ask_s)
 
     def _hear_last_line(self, last: int, now_s: float, events: list[Event]) -> None:
         """An answer to a question; or the refusal of a line that has lost its number."""
@@ -276,7 +272,8 @@ class Link:
         """The board had accepted line `last` when all of ours had reached it."""
         outbox = self._outbox
         held = outbox.holds(last + 1)
-        action, line = self._recovery.settle(last, self._place, self._confirmations, held)
+        confirmations = self._recovery.count_needed(self._firmware, outbox.moves, self._ask_s)
+        action, line = self._recovery.settle(last, self._place, confirmations, held)
         if action is Action.ASK_AGAIN:
             self._ask(now_s)
             return
@@ -286,7 +283,7 @@ class Link:
         self._refused = False
         match action:
             case Action.WAIT if self._firmware.keep_alive is not None:
-                self._due_s = now_s + self._keep_alive_s
+                self._due_s = self._recovery.alive_s + self._ask_s
             case Action.WAIT:
                 self._hurry(now_s)
             case Action.ACCEPT:
@@ -302,22 +299,11 @@ class Link:
             case _:
                 self._give_up(Fault.REBOOT, "the board has lost its line count: it was reset", events)
 
-    @property
-    def _confirmations(self) -> int:
-        """Answers that it was accepted after which the line in flight is waited for no longer."""
-        if self._firmware.acknowledges_read_moves and self._outbox.moves:
-            return 1
-        return CONFIRMATIONS if self._firmware.keep_alive is None else CONFIRMATIONS_AT_REST
-
     # --- time ---
 
     @property
     def _hint_s(self) -> float:
         return max(HINT_S, self._floor_s / 40)
-
-    @property
-    def _keep_alive_s(self) -> float:
-        return max(KEEP_ALIVE_S, self._floor_s / 4)
 
     def tick(self, now_s: float) -> Events:
         """Look whether something is due."""
@@ -355,7 +341,7 @@ class Link:
     def _ask(self, now_s: float) -> None:
         """Ask for the last line that the board accepted."""
         self._calm = False
-        self._recovery.ask(self._place)
+        self._recovery.ask(self._place, now_s)
         self._out += self._firmware.last_line_query
         wait_s = self._ask_s * 2**self._recovery.asks
         if self._recovery.asks == ASKS:
@@ -387,9 +373,8 @@ class Link:
 
     def _launch(self, line: bytes, now_s: float) -> None:
         self._waiting = self._calm = True
-        self._recovery.launch()
+        self._recovery.launch(now_s)
         self._out += line
-        self._sent_s = now_s
         self._due_s = now_s + self._ask_s
 
     def _repaired(self, events: list[Event]) -> bool:

@@ -5,10 +5,14 @@ A link asks (`Recovery.ask`) and hands on what is answered; a `Verdict` says wha
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from enum import Enum
 from typing import NamedTuple
 
+from drivers.firmware import Firmware
+
+CONFIRMATIONS = 3  # the board carries out a line between two answers, and holds two at most
 NOISE_REPAIRS, NOISE_LINES = 10, 200  # 5 %
 TRIES = 4
 ASKS = 4  # more may not fit into the board's ring behind a line
@@ -68,22 +72,48 @@ class Recovery:
         Answers that the line in flight, which is no move, was accepted.
     wanted
         The number of the last Resend since; negative where there was none.
+    sent_s, at_work_s
+        When the line in flight was sent, and when the board last said that it was at work.
     """
 
     def __init__(self) -> None:
         self.asks = self.confirmations = 0
         self.wanted = -1
+        self.sent_s = self.at_work_s = self._asked_s = -math.inf
         self._questions: deque[Place] = deque(maxlen=2 * ASKS)  # not answered yet
         self._unbelieved = -1  # a last line that was said once,
         self._contradictions = 0  # and how often that was another one
         self._repairs: deque[int] = deque(maxlen=NOISE_REPAIRS)
 
-    def launch(self) -> None:
+    def launch(self, now_s: float) -> None:
         """A line was sent, and nothing is known of it yet."""
         self.asks = self.confirmations = 0
+        self.sent_s = now_s
 
-    def ask(self, place: Place) -> None:
+    @property
+    def alive_s(self) -> float:
+        """When the line in flight was sent, or the board last said that it was at work on it."""
+        return max(self.sent_s, self.at_work_s)
+
+    def count_needed(self, firmware: Firmware, moves: bool, patience_s: float) -> float:
+        """Count the answers after which the ok of a line that was accepted is taken for lost.
+
+        A board that says so where it is at work is at rest where it was silent before it was asked.
+
+        Parameters
+        ----------
+        moves
+            The line in flight is a move.
+        patience_s
+            Time within which the board says that it is at work.
+        """
+        if firmware.keep_alive is not None:
+            return 1 if self._asked_s >= self.alive_s + patience_s else math.inf
+        return 1 if firmware.acknowledges_read_moves and moves else CONFIRMATIONS
+
+    def ask(self, place: Place, now_s: float) -> None:
         """A question was sent."""
+        self._asked_s = now_s
         self.asks += 1
         self._questions.append(place)
 
@@ -112,7 +142,7 @@ class Recovery:
         """What was asked is not answered any more: it was lost."""
         self._questions.clear()
 
-    def settle(self, last: int, place: Place, confirmations: int, held: bool) -> Verdict:
+    def settle(self, last: int, place: Place, confirmations: float, held: bool) -> Verdict:
         """Decide; the board had accepted line `last` when all of ours had reached it.
 
         Parameters

@@ -33,7 +33,7 @@ def _describe_printer(
     attention_reason = entry.attention_reason
     if report is not None and report.link is Link.FAULT and attention_reason is None:
         attention_reason = report.reason or "its agent reports a fault"
-    verified = report is None or report.reset_verified
+    why_attended = _why_attended(section, report)
     return FleetPrinter(
         name=section.name,
         capabilities=Capabilities(
@@ -52,9 +52,19 @@ def _describe_printer(
         grams=_free_grams(books, entry, attempt),
         reel_uncertain=entry.reel is not None and entry.reel.uncertain,
         time_factor=entry.time_factor,
-        unattended=section.unattended and verified,
-        why_attended="fleet.yaml says so" if verified else "its board was not seen to reset",
+        unattended=not why_attended,
+        why_attended=why_attended,
     )
+
+
+def _why_attended(section: PrinterSection, report: AgentSnapshot | None) -> str:
+    """Return why a printer prints only while somebody is there; empty where it may print alone."""
+    firmware = PROFILES[section.model].firmware
+    if report is not None and not report.reset_verified:
+        return "its board was not seen to reset"
+    if not (section.simulated or firmware.dead_man_observed):
+        return f"nobody has seen {firmware.title} end the heat when its host is dead"
+    return "" if section.unattended else "fleet.yaml says so"
 
 
 def _free_grams(books: Books, entry: Printer, attempt: Print | None) -> float | None:

@@ -54,7 +54,9 @@ _COMPARE: Mapping[type[ast.cmpop], Callable[[Any, Any], bool]] = {
 _FUNCTIONS: Mapping[str, Callable[..., Any]] = {
     f.__name__: f for f in (abs, all, any, float, int, len, map, max, min, round, str, sum)
 }
-_MATH = frozenset({"ceil", "cos", "floor", "log", "log10", "pi", "radians", "degrees", "sin", "sqrt", "tan"})
+_MATH = frozenset(
+    {"atan", "ceil", "cos", "floor", "log", "log10", "pi", "radians", "degrees", "sin", "sqrt", "tan"}
+)
 
 
 @dataclass(frozen=True, slots=True)

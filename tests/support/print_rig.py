@@ -8,11 +8,10 @@ from collections.abc import Callable
 from drivers.emulator.faults import Faults
 from drivers.emulator.firmware.firmware import EmulatedFirmware
 from drivers.errors import Fault
-from drivers.firmware import ULTIMAKER2
 from drivers.gcode import ProgramStore, read_program, remove_frame
 from drivers.link import Link
 from drivers.messages import Filament, PrintPhase
-from drivers.printers import PROFILES
+from drivers.printers import PROFILES, Profile
 from drivers.session import Pace, Session, SessionContext
 
 PLUS = PROFILES["ultimaker2_plus"]
@@ -65,16 +64,17 @@ class Rig:
         seed: int = 0,
         identity: str | None = None,
         store: ProgramStore | None = None,
+        profile: Profile = PLUS,
     ) -> None:
         self.now_s = 1000.0
         self.firmware = EmulatedFirmware(PROFILES[model], faults, random.Random(seed), self.now_s)
         if faults.no_reset:
             self.now_s += 60.0  # it was switched on long before
             self.firmware.feed(b"", self.now_s)
-        self.link = Link(ULTIMAKER2, 2.0)
-        self.program = read_program(io.BytesIO((text or gcode()).encode()), PLUS, store)
+        self.link = Link(profile.firmware, 2.0)
+        self.program = read_program(io.BytesIO((text or gcode()).encode()), profile, store)
         self.session = Session(
-            SessionContext(self.link, self.program, PLUS, filament, Pace(), self.now_s, identity)
+            SessionContext(self.link, self.program, profile, filament, Pace(), self.now_s, identity)
         )
         self.session.context.board_resets = not faults.no_reset
         self.plugged = True

@@ -43,7 +43,7 @@ class Dialect:
     advanced_ok
         An ok can name its line and the room in both buffers.
     keep_alive
-        Said every 2 s while a command is carried out; empty where nothing is.
+        Said every `Machine.keep_alive_s` while a command is carried out; empty where nothing is.
     inactive_since_s
         Time from which M85 counts.
     halts

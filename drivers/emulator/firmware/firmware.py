@@ -21,7 +21,7 @@ from drivers.emulator.faults import SLEEP_S, Faults
 from drivers.emulator.firmware import wording
 from drivers.emulator.firmware.commands import Work, execute
 from drivers.emulator.firmware.dialects import DIALECTS
-from drivers.emulator.firmware.listener import KEEP_ALIVE_S, Listener, Phase
+from drivers.emulator.firmware.listener import Listener, Phase
 from drivers.emulator.firmware.machine import Machine, value
 from drivers.emulator.hardware.board import EmulatedBoard
 from drivers.printers import Profile
@@ -173,7 +173,7 @@ class EmulatedFirmware(Listener):
                 self._schedule.popleft()[1](at_s)
             elif self._at_work_s <= at_s and self.dialect.keep_alive and self._busy():
                 self._say(self.dialect.keep_alive)
-                self._at_work_s += KEEP_ALIVE_S
+                self._at_work_s += self.machine.keep_alive_s
             elif self.machine.trip_s <= at_s:
                 self.stop(self.machine.trip_words, at_s)
             else:
@@ -190,6 +190,9 @@ class EmulatedFirmware(Listener):
             self._time_s = max(self._time_s, self._asleep_s)
             if self._receiver.ring and self.dialect.reads_while_busy and self._busy():
                 self._get_command()
+            if self._owes_ok and not machine.waiting:
+                self._owes_ok = False
+                self._acknowledge()
             if machine.waiting:
                 free_s = planner.free_s()
                 if free_s > now_s:
@@ -198,9 +201,6 @@ class EmulatedFirmware(Listener):
                 planner.advance(self._time_s)
                 machine.release(self._time_s)
                 machine.heard_s = self._time_s
-                if self._owes_ok and not machine.waiting:
-                    self._owes_ok = False
-                    self._acknowledge()
                 continue
             if self._running is not None:
                 if self._resume_s > now_s:
@@ -239,7 +239,7 @@ class EmulatedFirmware(Listener):
         machine, now_s = self.machine, self._time_s
         number = value(line, b"N")
         self._number = self._number if number is None else int(number)
-        self._at_work_s = now_s + KEEP_ALIVE_S
+        self._at_work_s = now_s + machine.keep_alive_s
         code = value(line, b"G")
         if code is not None and 0 <= int(code) <= 3 and not machine.stopped:
             if int(code) < 2:

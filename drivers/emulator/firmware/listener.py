@@ -22,8 +22,6 @@ from drivers.emulator.firmware.receiver import Receiver
 from drivers.emulator.hardware.noise import Noise
 from drivers.gcode import checksum
 
-KEEP_ALIVE_S = 2.0
-
 _COMMAND = re.compile(rb"[GMT]")
 _WHOLE = re.compile(rb"[ \t]*([-+]?\d+)")
 
@@ -125,7 +123,7 @@ class Listener(ABC):
     def _end_move(self, number: int) -> None:
         """A move was carried out; say so as soon as it is in the planner."""
         self._number = number
-        self._at_work_s = self._time_s + KEEP_ALIVE_S
+        self._at_work_s = self._time_s + self.machine.keep_alive_s
         if self.machine.waiting:
             self._owes_ok = True
         else:
@@ -208,7 +206,10 @@ class Listener(ABC):
     def _acknowledge(self) -> None:
         text = wording.OK
         if self._faults.advanced_ok and self.dialect.advanced_ok:
-            free = (CAPACITY - 1 - len(self.machine.planner), self.dialect.buffer_lines - len(self._buffer))
+            free = (
+                max(0, CAPACITY - 1 - len(self.machine.planner)),
+                self.dialect.buffer_lines - len(self._buffer),
+            )
             text = b"ok N%d P%d B%d\n" % (self._number, *free)
         self._say(self._dice.ok(text))
 

@@ -15,6 +15,7 @@ from drivers.emulator.firmware.planner import CAPACITY, Limits, Planner, Point
 from drivers.emulator.firmware.wording import Words
 from drivers.emulator.hardware.board import EmulatedBoard
 
+KEEP_ALIVE_S = 2.0
 EXTRUDE_MOST_MM = 1000.0
 NOZZLE_MAX_C = 275.0
 DEAD_HEATER_S = 30.0
@@ -77,6 +78,7 @@ class Machine:
         self.trip_s = math.inf  # when a heater will make the firmware stop, and in which words
         self.trip_words = b""
         self.dead_man_s = math.inf  # M85: longest silence of the host
+        self.keep_alive_s = KEEP_ALIVE_S  # between two signs of life
         self.armed_s = now_s  # when that was set
         self.heard_s = now_s  # when the last command was done
         self.say = say

@@ -96,8 +96,8 @@ def test_a_resend_is_believed_after_two_questions_without_an_answer():
 
 def test_a_refusal_without_a_number_leaves_the_questions_open():
     recovery, place = Recovery(), Place(5, 0, 5, 0)
-    recovery.ask(place)
-    recovery.ask(place)
+    recovery.ask(place, 0.0)
+    recovery.ask(place, 0.0)
     assert recovery.refuse(-1)
     assert (recovery.asks, recovery.wanted) == (2, -1)
     assert recovery.match_answer(5, place, True) is None
