@@ -1,6 +1,7 @@
 """Firmwares of printers: one module a firmware."""
 
 from drivers.firmware.firmware import Firmware, Identity
+from drivers.firmware.marlin2 import MARLIN2
 from drivers.firmware.ultimaker2 import ULTIMAKER2
 
-__all__ = ["ULTIMAKER2", "Firmware", "Identity"]
+__all__ = ["MARLIN2", "ULTIMAKER2", "Firmware", "Identity"]

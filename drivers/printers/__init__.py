@@ -2,6 +2,7 @@
 
 from drivers.firmware import ULTIMAKER2 as ULTIMAKER2_FIRMWARE
 from drivers.firmware import Firmware
+from drivers.printers.ender3 import ENDER3
 from drivers.printers.part_room import FIT_TOLERANCE_MM, Placement, RoomBox, part_room, place
 from drivers.printers.profile import HeaterModel, Profile, Rect
 from drivers.printers.ultimaker2 import ULTIMAKER2
@@ -26,7 +27,7 @@ __all__ = [
 
 PROFILES: dict[str, Profile] = {
     profile.model: profile
-    for profile in (ULTIMAKER2_PLUS, ULTIMAKER2_EXTENDED_PLUS, ULTIMAKER2, ULTIMAKER2_EXTENDED)
+    for profile in (ULTIMAKER2_PLUS, ULTIMAKER2_EXTENDED_PLUS, ULTIMAKER2, ULTIMAKER2_EXTENDED, ENDER3)
 }
 """The printers that can be driven."""
 

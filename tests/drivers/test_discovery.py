@@ -15,7 +15,7 @@ from drivers.clock import Clock
 from drivers.discovery import commission, find_model, list_plugged
 from drivers.emulator.launch import control, launch
 from drivers.errors import DriverError, PortError
-from drivers.firmware import ULTIMAKER2
+from drivers.firmware import MARLIN2, ULTIMAKER2
 from drivers.ports import Device
 from drivers.records import Journal
 from drivers.remote import agent_pid, spawn_agent
@@ -62,6 +62,16 @@ def test_a_board_that_starts_again_is_commissioned_and_that_is_kept(tmp_path: Pa
     assert commission(str(printer), tmp_path / "agent", ULTIMAKER2) == MODEL
     memory = Journal(tmp_path / "agent" / "journal.jsonl").state
     assert memory.board.reset_verified == str(printer) and memory.board.opened is not None
+
+
+@pytest.mark.system
+def test_a_board_whose_banner_names_no_model_is_asked(tmp_path: Path):
+    folder = tmp_path / "printer"
+    launch("sim://creality_ender3", folder, Clock(120.0, time.time()))
+    try:
+        assert commission(str(folder / "tty"), None, MARLIN2) == "creality_ender3"
+    finally:
+        control(folder, "power_off")
 
 
 def test_a_board_that_prints_from_its_card_is_not_reset():

@@ -1,7 +1,7 @@
 """OctoPrint's virtual printer behind a pseudo-terminal; runs in the environment of `make interop`.
 
-``octoprint_peer.py FOLDER FAULT@LINE...``: prints the slave's path, then serves until its end is closed.
-At its LINE-th G-code the printer's own debug command FAULT is given. What it carried out is in
+``octoprint_peer.py FOLDER FIRMWARE FAULT@LINE...``: prints the slave's path, then serves until its end is
+closed. At its LINE-th G-code the printer's own debug command FAULT is given. What it carried out is in
 FOLDER/done.txt, one command a line.
 """
 
@@ -15,13 +15,32 @@ from pathlib import Path
 from octoprint.plugins import virtual_printer
 from octoprint.plugins.virtual_printer import virtual
 
+MARLIN2 = {
+    "firmwareName": "Marlin 2.0.9.1",
+    "m115FormatString": "FIRMWARE_NAME:{firmware_name} MACHINE_TYPE:Ender-3 EXTRUDER_COUNT:1",
+    "sendBusy": True,
+    "busyInterval": 1.0,
+    "okFormatString": "ok N{lastN} P{buffer} B{buffer}",
+    "okAfterResend": True,
+    "resetLines": ["start", "echo:Marlin 2.0.9.1", "echo:SD card ok"],
+    "errors": {
+        "checksum_mismatch": "checksum mismatch, Last Line: {lastN}",
+        "checksum_missing": "No Checksum with line number, Last Line: {lastN}",
+        "lineno_mismatch": "Line Number is not Last Line Number+1, Last Line: {lastN}",
+    },
+}
+
 
 class Settings:
     """The plugin's defaults, with the reset's lines and the oks of a real Marlin."""
 
-    def __init__(self, folder):
+    def __init__(self, folder, firmware):
         self._folder = folder
         self._values = virtual_printer.VirtualPrinterPlugin().get_settings_defaults()
+        if firmware == "marlin2":
+            errors = self._values["errors"]
+            self._values.update(MARLIN2)
+            self._values["errors"] = {**errors, **MARLIN2["errors"]}
 
     def get(self, path, merged=False):
         value = self._values
@@ -47,22 +66,40 @@ class Printer(virtual.VirtualPrinter):
     error `resend_with_timeout` (once), and each one that `resend_ratio` draws. They are counted.
     """
 
-    def __init__(self, folder, faults):
+    def __init__(self, folder, firmware, faults):
+        self.marlin2 = firmware == "marlin2"
         self.done = (folder / "done.txt").open("w", buffering=1)
         self.dropped = (folder / "dropped.txt").open("w", buffering=1)
         self.dropped.write("resend_with_timeout\n")
         self.count = 0
         self.faults = faults
-        super().__init__(Settings(folder), None, str(folder), read_timeout=0.2)
+        super().__init__(Settings(folder, firmware), None, str(folder), read_timeout=0.2)
 
     def _triggerResend(self, expected=None, actual=None, checksum=None):
         if actual is None and not checksum and expected == self.current_line + 1:
-            # Our question, a checksum without a number; the printer's firmware answers it so.
-            self._send(f"Error:No Line Number with checksum, Last Line: {self.lastN}")
+            # Our question; the printer's firmware answers it so.
+            if self.marlin2:
+                self._send(f"Error:No Checksum with line number, Last Line: {self.lastN}")
+                self._send(f"Resend: {self.lastN + 1}")
+                self._send("ok")
+            else:
+                self._send(f"Error:No Line Number with checksum, Last Line: {self.lastN}")
             return
         if self._resend_every_n and checksum:
             self.dropped.write("resend_ratio\n")
         super()._triggerResend(expected, actual, checksum)
+
+    def _error(self, error, *args, **kwargs):
+        if not self.marlin2:
+            return super()._error(error, *args, **kwargs)
+        return f"Error:{self._errors.get(error).format(*args, **{'lastN': self.lastN, **kwargs})}"
+
+    def _gcode_M503(self, data):
+        if self.marlin2:
+            self._send("echo:Home offset:")
+            self._send("echo:  M206 X0.00 Y0.00 Z0.00")
+        else:
+            super()._gcode_M503(data)
 
     def _gcode_G(self, code, data):
         self.count += 1
@@ -74,7 +111,8 @@ class Printer(virtual.VirtualPrinter):
 def main():
     folder = Path(sys.argv[1])
     faults = {}
-    for word in sys.argv[2:]:
+    firmware = sys.argv[2]
+    for word in sys.argv[3:]:
         fault, _, line = word.rpartition("@")
         faults.setdefault(int(line), []).append(fault)
     virtual.plugin_manager = lambda: Hooks()
@@ -83,7 +121,7 @@ def main():
     print(os.ttyname(slave), flush=True)
     sys.stdin.readline()  # the host has it open
     os.close(slave)
-    printer = Printer(folder, faults)
+    printer = Printer(folder, firmware, faults)
 
     def talk():
         try:
@@ -97,6 +135,8 @@ def main():
     threading.Thread(target=talk, daemon=True).start()
     try:
         while data := os.read(master, 256):
+            if firmware == "marlin2":  # which refuses a number without a checksum; the virtual printer obeys
+                data = data.replace(b"N0 M110\n", b"N0 M110*0\n")
             for line in data.splitlines(keepends=True):  # it takes one line of what is written at a time
                 while line:
                     line = line[printer.write(line) :]

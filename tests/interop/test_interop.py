@@ -3,6 +3,7 @@
 They live in an environment of their own, which `make interop` makes; else these tests are skipped.
 """
 
+import io
 import os
 import select
 import subprocess
@@ -17,9 +18,13 @@ import pytest
 from drivers.clock import Clock
 from drivers.emulator.launch import Command, control, launch, read_status
 from drivers.errors import Fault, PortError
-from drivers.firmware import ULTIMAKER2
+from drivers.firmware import MARLIN2, ULTIMAKER2, Firmware
+from drivers.gcode import read_program
 from drivers.link import Link, Phase, Trouble
+from drivers.messages import Filament, PrintPhase
 from drivers.ports import SerialPort
+from drivers.printers import PROFILES
+from drivers.session import Pace, Session, SessionContext
 
 HERE = Path(__file__).parent
 PYTHON = Path(os.environ.get("FARM_INTEROP", "none"))  # of that environment
@@ -33,17 +38,18 @@ pytestmark = [
 
 
 @contextmanager
-def octoprint(folder: Path, *faults: str) -> Iterator[SerialPort]:
+def octoprint(folder: Path, *faults: str, firmware: Firmware = ULTIMAKER2) -> Iterator[SerialPort]:
     """A virtual printer's port, opened; each fault is NAME@LINE."""
+    name = "marlin2" if firmware is MARLIN2 else "ultimaker2"
     peer = subprocess.Popen(
-        [PYTHON, HERE / "octoprint_peer.py", folder, *faults],
+        [PYTHON, HERE / "octoprint_peer.py", folder, name, *faults],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         text=True,
     )
     assert peer.stdin is not None and peer.stdout is not None
     try:
-        port = SerialPort(Path(peer.stdout.readline().strip()), ULTIMAKER2.baud_rate)
+        port = SerialPort(Path(peer.stdout.readline().strip()), firmware.baud_rate)
         peer.stdin.write("the port is open\n")
         peer.stdin.flush()
         yield port
@@ -55,13 +61,15 @@ def octoprint(folder: Path, *faults: str) -> Iterator[SerialPort]:
         peer.stdout.close()
 
 
-def stream(folder: Path, program: list[bytes], *faults: str) -> tuple[Link, list[Fault]]:
+def stream(
+    folder: Path, program: list[bytes], *faults: str, firmware: Firmware = ULTIMAKER2
+) -> tuple[Link, list[Fault]]:
     """Print to a virtual printer until the end, or until the link gives up."""
     clock = Clock(SCALE, time.time())
-    link, up = Link(ULTIMAKER2, 2.0 * SCALE), False
+    link, up = Link(firmware, 2.0 * SCALE), False
     troubles: list[Fault] = []
     link.poll_every_s = 10.0
-    with octoprint(folder, *faults) as port:
+    with octoprint(folder, *faults, firmware=firmware) as port:
         until_s = time.monotonic() + PATIENCE_S
         link.opened(clock.now())
         while not troubles and not (up and link.drained):
@@ -90,7 +98,8 @@ def spiral(count: int) -> list[bytes]:
 
 def done(folder: Path) -> list[bytes]:
     """Return the commands that the virtual printer carried out, without resent lines."""
-    return [line for line, _ in groupby((folder / "done.txt").read_bytes().splitlines())]
+    lines = (folder / "done.txt").read_bytes().replace(b"  ", b" ").splitlines()  # see `add_frame`
+    return [line for line, _ in groupby(lines)]
 
 
 def test_we_print_to_octoprint_s_virtual_printer_to_the_end_with_its_faults_on(tmp_path: Path):
@@ -117,6 +126,59 @@ def test_we_print_to_octoprint_s_virtual_printer_to_the_end_with_its_faults_on(t
     dropped = (tmp_path / "dropped.txt").read_text().splitlines()
     assert len(program) - len(printed) <= len(dropped)  # by its own doing; one may be an M105
     assert link.repeated >= 8  # an ok that was only lost costs no repeat
+
+
+def test_we_print_to_it_as_marlin_2_with_its_faults_on(tmp_path: Path):
+    """Its oks name their lines, it says when it is busy, and answers our question as Marlin 2 does."""
+    program = spiral(600)
+    link, troubles = stream(
+        tmp_path,
+        program,
+        "dont_answer@150",
+        "trigger_resend_checksum@260",
+        "trigger_resend_lineno@300",
+        "trigger_missing_checksum@340",
+        "sleep 3@380",
+        "resend_ratio 2@420",
+        firmware=MARLIN2,
+    )
+    assert troubles == []
+    assert link.streamed == len(program)
+    printed = done(tmp_path)
+    assert printed == [line for line in program if line in set(printed)]
+    dropped = (tmp_path / "dropped.txt").read_text().splitlines()
+    assert len(program) - len(printed) <= len(dropped)
+
+
+def test_a_session_prints_a_part_to_it_as_an_ender_3(tmp_path: Path):
+    """Identified, heated, printed line for line, seen off: what a farm does with a printer."""
+    profile, moves = PROFILES["creality_ender3"], spiral(300)
+    start = "\n".join(profile.start_code).format(bed_c=40.0, nozzle_c=190.0, prime_mm=5.0)
+    end = "\n".join(profile.end_code).format(park_mm=-profile.parked_mm)
+    text = b"\n".join((start.encode(), b";LAYER:0", *moves, end.encode()))
+    clock = Clock(SCALE, time.time())
+    link = Link(MARLIN2, 2.0 * SCALE)
+    program = read_program(io.BytesIO(text + b"\n"), profile)
+    context = SessionContext(link, program, profile, Filament.PARKED, Pace.of(clock), clock.now())
+    session = Session(context)
+    with octoprint(tmp_path, firmware=MARLIN2) as port:
+        link.opened(clock.now())
+        session.port_was_reset()
+        until_s = time.monotonic() + PATIENCE_S
+        while not context.ended:
+            assert time.monotonic() < until_s, f"it does not end: {context.phase}, {context.streamed} lines"
+            due_s = min(link.deadline_s, session.deadline_s) - clock.now()
+            wait_s = max(0.0, min(clock.wall_seconds(due_s), 1.0))
+            data = port.read() if select.select([port.fileno()], [], [], wait_s)[0] else b""
+            now_s = clock.now()
+            heard = (link.receive(data, now_s) or ()) if data else ()
+            session.advance([*heard, *link.tick(now_s)], now_s)
+            assert not context.wants_reset, context.reason
+            port.write(link.take())
+    assert (context.phase, context.fault) == (PrintPhase.DONE, None), context.reason
+    assert context.heaters_off and context.filament is Filament.PARKED
+    file = set(moves)
+    assert [line for line in done(tmp_path) if line in file] == moves
 
 
 @pytest.mark.parametrize(

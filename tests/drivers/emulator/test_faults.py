@@ -33,7 +33,7 @@ def test_faults_may_be_named_in_two_ways() -> None:
         ("/dev/ttyUSB0", "not an emulator's url"),
         (
             "sim://prusa_mk4",
-            "no printer model 'prusa_mk4'; use one of ultimaker2, ultimaker2_extended, ",
+            "no printer model 'prusa_mk4'; use one of creality_ender3, ultimaker2, ",
         ),
         ("sim://ultimaker2_plus?fire=1", "no fault 'fire'; use one of advanced_ok"),
         ("sim://ultimaker2_plus?checksum=often", "checksum needs a number, not 'often'"),

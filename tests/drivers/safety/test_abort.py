@@ -14,7 +14,7 @@ from drivers.agent.board import Board
 from drivers.clock import Clock
 from drivers.emulator.faults import Faults
 from drivers.emulator.firmware.receiver import RING_BYTES
-from drivers.firmware import ULTIMAKER2
+from drivers.firmware import MARLIN2, ULTIMAKER2
 from drivers.link import Event, Link, Up
 from drivers.ports import Port, SerialPort
 from drivers.printers.ultimaker2_plus import ULTIMAKER2_PLUS
@@ -26,9 +26,9 @@ LONGEST_LINE_BYTES = 95  # with its newline
 BLOCKED = 18  # moves that fill the planner, and one that waits for room
 
 
-def busy_host(moves: int = BLOCKED) -> Host:
+def busy_host(moves: int = BLOCKED, model: str = "ultimaker2_plus") -> Host:
     """Make a hot board, fan on, with a planner full of moves of 2 s."""
-    host = Host(faults=Faults(no_reset=True))
+    host = Host(model, Faults(no_reset=True))
     host.say("G28")
     host.say("M140 S60")
     host.say("M106 S255")
@@ -95,6 +95,21 @@ def test_the_longest_line_the_abort_and_a_poll_fit_into_the_receive_buffer():
     assert ended(host) and link.drained
 
 
+def test_on_marlin_2_moves_end_at_once_and_heat_a_second_later():
+    host = busy_host(model="creality_ender3")
+    host.firmware.feed(MARLIN2.abort_unnumbered, host.now_s)
+    assert not host.firmware.machine.planner
+    host.wait(1.1)
+    assert ended(host)
+    link = Link(MARLIN2)
+    link.opened(host.now_s, MARLIN2.abort_unnumbered)
+    [up] = [event for event in exchange(host, link, 5.0) if isinstance(event, Up)]
+    assert not up.restarted
+    link.send(host.now_s, *MARLIN2.abort, MARLIN2.wait_moves)
+    exchange(host, link, 5.0)
+    assert ended(host) and link.drained
+
+
 def test_a_restarting_board_loses_the_abort_and_is_seen_to_restart():
     host = busy_host()
     host.firmware.feed(ULTIMAKER2.abort_unnumbered, host.now_s)
@@ -121,6 +136,13 @@ def test_an_emergency_stop_sends_the_abort_before_it_waits(tmp_path: Path, silen
     stopped = stop_printer(StopTarget("a", url, tmp_path / "a", ULTIMAKER2), show_s=0.0)
     assert everything(master) == ULTIMAKER2.abort_unnumbered
     assert not (stopped.seen_off or stopped.still) and "not seen to stand still" in stopped.text
+
+
+def test_a_board_that_shows_nothing_is_halted_where_its_firmware_can(tmp_path: Path, silent_board):
+    url, master = silent_board
+    stopped = stop_printer(StopTarget("a", url, tmp_path / "a", MARLIN2), show_s=0.0)
+    assert everything(master) == b"\nM410\nM104 S0\nM140 S0\nM107\n" + b"\nM112\n"
+    assert not stopped.seen_off and "switch it off" in stopped.text
 
 
 def test_an_agent_that_finds_an_open_print_sends_the_abort_on_opening_the_port(tmp_path: Path, silent_board):

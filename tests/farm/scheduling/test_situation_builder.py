@@ -4,6 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.errors import Fault
+from farm.config import PrinterSection
 from farm.model import AgentSnapshot, Bed, FilamentState, Link, PrintState
 from farm.planning.printer_settings import bed_boxes
 from farm.scheduling.holds import find_plate_holds
@@ -53,3 +54,13 @@ def test_what_is_remembered_is_what_would_be_described_anew(steps, away):
         everything = find_plate_holds(books, SECTIONS, 210.0, lambda *_: True)
         assert everything == held
         away = not away
+
+
+def test_a_firmware_whose_dead_man_nobody_has_seen_prints_only_while_somebody_is_there():
+    real = PrinterSection(name="a", model="creality_ender3", port="/dev/ttyUSB0")
+    simulated = real.model_copy(update={"port": "sim://creality_ender3"})
+    plus = real.model_copy(update={"model": "ultimaker2_plus"})
+    books, builder = printing(plates=1), SituationBuilder(bed_boxes)
+    found = [builder.printers((one,), books, {})[0] for one in (real, simulated, plus)]
+    assert [one.unattended for one in found] == [False, True, True]
+    assert found[0].why_attended == "nobody has seen Marlin 2 end the heat when its host is dead"

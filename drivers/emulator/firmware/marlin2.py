@@ -1,0 +1,203 @@
+"""Marlin 2's own words and rules, after its source (gcode/queue.cpp, gcode/gcode.cpp, MarlinCore.cpp). Pure.
+
+A command is acknowledged when it was carried out, a move when it is in the planner; meanwhile lines go on
+being read, up to four. What is broken ends in ``kill()``, after which only a reset helps.
+"""
+
+from __future__ import annotations
+
+import math
+
+from drivers.emulator.firmware.commands import (
+    Commands,
+    Work,
+    allow_cold,
+    dead_man,
+    dwell,
+    extruder_mode,
+    finish,
+    hang,
+    home,
+    init_card,
+    list_card,
+    motors_off,
+    move_arc,
+    report_card,
+    set_bed,
+    set_feed_factor,
+    set_flow_factor,
+    set_limits,
+    set_nozzle,
+    set_position,
+    wait_bed,
+    wait_nozzle,
+)
+from drivers.emulator.firmware.dialect import Dialect
+from drivers.emulator.firmware.machine import Machine, value
+from drivers.emulator.firmware.planner import Limits
+from drivers.emulator.firmware.wording import Words
+from drivers.printers import Profile
+
+CLEANING_S = 1.0  # ``Planner::quick_stop``: what comes within it would be dropped
+_IDENTITY = (
+    b"FIRMWARE_NAME:Marlin 2.0.9.1 (Jul  1 2021 12:00:00) SOURCE_CODE_URL:github.com/MarlinFirmware/Marlin "
+    b"PROTOCOL_VERSION:1.0 %b_COUNT:1 UUID:cede2a2f-41a2-4748-9b12-c55c62f367ff\n"
+    b"Cap:EEPROM:1\nCap:AUTOREPORT_TEMP:1\nCap:EMERGENCY_PARSER:0\nCap:THERMAL_PROTECTION:1\n"
+)
+
+
+def banner(profile: Profile, limits: Limits, levelled: int = 0) -> bytes:
+    """Format what follows ``start`` at every boot; `levelled` as in `Faults`."""
+    head = (
+        b"echo:Marlin 2.0.9.1\n"
+        b"echo: Last Updated: 2021-07-01 | Author: (none, default config)\n"
+        b"echo:Compiled: Jul  1 2021\n"
+        b"echo: Free Memory: 2417  PlannerBufferBytes: 1344\n"
+        b"echo:V83 stored settings retrieved (583 bytes; crc 51963)\n"
+    )
+    return head + settings(limits, levelled)
+
+
+def settings(limits: Limits, levelled: int = 0) -> bytes:
+    """``M503``, which a board also says when it starts (``MarlinSettings::report``)."""
+    steps, feed, top = limits.steps_per_mm, limits.feedrate_mm_s, limits.acceleration_mm_s2
+    return (
+        "echo:  G21    ; Units in mm (mm)\n"
+        "echo:Filament settings: Disabled\n"
+        "echo:Steps per unit:\n"
+        f"echo: M92 X{steps[0]:.2f} Y{steps[1]:.2f} Z{steps[2]:.2f} E{steps[3]:.2f}\n"
+        "echo:Maximum feedrates (units/s):\n"
+        f"echo:  M203 X{feed[0]:.2f} Y{feed[1]:.2f} Z{feed[2]:.2f} E{feed[3]:.2f}\n"
+        "echo:Maximum Acceleration (units/s2):\n"
+        f"echo:  M201 X{top[0]:.2f} Y{top[1]:.2f} Z{top[2]:.2f} E{top[3]:.2f}\n"
+        "echo:Acceleration (units/s2): P<print_accel> R<retract_accel> T<travel_accel>\n"
+        f"echo:  M204 P{limits.print_mm_s2:.2f} R{limits.retract_mm_s2:.2f} T{limits.print_mm_s2:.2f}\n"
+        "echo:Home offset:\n"
+        f"echo:  M206 X0.00 Y0.00 Z{-levelled / 100:.2f}\n"
+        "echo:PID settings:\n"
+        "echo:  M301 P21.73 I1.54 D76.55\n"
+    ).encode()
+
+
+def _report(machine: Machine, now_s: float) -> bytes:
+    """Answer ``M105``, with the ok in front."""
+    nozzle, bed = machine.board.nozzle, machine.board.bed
+    return b"ok T:%.2f /%.2f B:%.2f /%.2f @:%d B@:%d\n" % (
+        nozzle.temperature_c(now_s),
+        nozzle.target_c,
+        machine.board.bed_c(now_s),
+        bed.target_c,
+        nozzle.power(now_s),
+        bed.power(now_s),
+    )
+
+
+def _report_position(machine: Machine, line: bytes, now_s: float) -> None:
+    """``M114``: the end of what is planned, in mm and in steps."""
+    x, y, z, e = (at + 0.0 if abs(at) >= 0.005 else 0.0 for at in machine.at)
+    counts = [round(at * per) for at, per in zip((x, y, z), machine.limits.steps_per_mm, strict=False)]
+    machine.say(b"X:%.2f Y:%.2f Z:%.2f E:%.2f Count X:%d Y:%d Z:%d\n" % (x, y, z, e, *counts))
+
+
+def _report_settings(machine: Machine, line: bytes, now_s: float) -> None:
+    machine.say(settings(machine.limits, machine.board.faults.levelled))
+
+
+def _identify(machine: Machine, line: bytes, now_s: float) -> None:
+    machine.say(_IDENTITY % machine.board.profile.machine_word)
+
+
+def _set_mode(machine: Machine, line: bytes, now_s: float) -> None:
+    """``G90 G91``: of all axes, the feeder included, whatever M82 and M83 said before."""
+    machine.relative = machine.relative_e = value(line, b"G") == 91
+
+
+def _stop_moves(machine: Machine, line: bytes, now_s: float) -> Work:
+    machine.quick_stop(now_s)
+    yield now_s + CLEANING_S
+
+
+def _set_keep_alive(machine: Machine, line: bytes, now_s: float) -> None:
+    machine.keep_alive_s = value(line, b"S") or math.inf
+
+
+def _halt(machine: Machine, line: bytes, now_s: float) -> None:
+    machine.stop(b"", now_s)
+
+
+def _inactive_since_s(machine: Machine) -> float:
+    """Time of the last move, or of the last M85 (``manage_inactivity``)."""
+    planner = machine.planner
+    return max(machine.armed_s, planner.end_s if len(planner) else planner.idle_since_s)
+
+
+MARLIN2 = Dialect(
+    # Codes that change nothing here (fan, SD card, text), and those that it does not know: plain ok.
+    commands=Commands(
+        g={
+            2: move_arc,
+            3: move_arc,
+            4: dwell,
+            28: home,
+            90: _set_mode,
+            91: _set_mode,
+            92: set_position,
+        },
+        m={
+            0: hang,
+            1: hang,
+            18: motors_off,
+            20: list_card,
+            21: init_card,
+            27: report_card,
+            82: extruder_mode,
+            83: extruder_mode,
+            84: motors_off,
+            85: dead_man,
+            92: set_limits,
+            104: set_nozzle,
+            109: wait_nozzle,
+            112: _halt,
+            113: _set_keep_alive,
+            114: _report_position,
+            115: _identify,
+            140: set_bed,
+            190: wait_bed,
+            201: set_limits,
+            203: set_limits,
+            204: set_limits,
+            205: set_limits,
+            220: set_feed_factor,
+            221: set_flow_factor,
+            302: allow_cold,
+            400: finish,
+            410: _stop_moves,
+            503: _report_settings,
+        },
+    ),
+    words=Words(
+        nozzle_maxtemp=b"Error:MAXTEMP triggered, system stopped! Heater_ID: 0\n",
+        nozzle_mintemp=b"Error:MINTEMP triggered, system stopped! Heater_ID: 0\n",
+        bed_maxtemp=b"Error:MAXTEMP triggered, system stopped! Heater_ID: bed\n",
+        dead_heater=b"Error:Heating failed, system stopped! Heater_ID: 0\n",
+        no_endstop=b"echo:Homing Failed\n",
+        stuck_endstop=b"echo:Homing Failed\n",
+    ),
+    urgent={
+        112: lambda machine, now_s: machine.stop(b"", now_s),
+        410: lambda machine, now_s: machine.quick_stop(now_s),
+    },
+    banner=banner,
+    late_banner=b"echo:No media\n",
+    report=_report,
+    buffer_lines=4,
+    line_ends=b"\n\r",
+    comment_goes_on=False,
+    checksum_needs_number=False,
+    reads_while_busy=True,
+    acknowledges_read_moves=False,
+    advanced_ok=True,
+    keep_alive=b"echo:busy: processing\n",
+    inactive_since_s=_inactive_since_s,
+    halts=True,
+)

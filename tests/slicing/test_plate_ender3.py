@@ -1,0 +1,45 @@
+"""A part for Creality's Ender-3, from Cura's own definition of it."""
+
+import pytest
+import trimesh
+
+from drivers.printers import BEDS, part_room
+from make_stl import stl_bytes
+from slicing.errors import BadSetting
+from slicing.plate import PlateRequest, slice_plate
+from slicing.settings import SettingsRequest, resolve_settings
+from slicing_printers import PRINTERS
+
+MODEL = "creality_ender3"
+
+
+@pytest.mark.parametrize("quality", ["glue", "paper", "standard"])
+def test_a_part_passes_all_checks_of_a_slice(tmp_path, engine, resources, quality):
+    wanted = SettingsRequest(PRINTERS[MODEL], quality, material="generic_pla_175")
+    settings = resolve_settings(wanted, resources)
+    assert settings.filament_diameter_mm == 1.75
+    boxes = part_room(BEDS[MODEL], 0.0)
+    bed = tuple((*corners(box.rect), box.height_mm) for box in boxes)
+    stl = tmp_path / "part.stl"
+    stl.write_bytes(stl_bytes(trimesh.creation.box((60, 30, 10))))
+    sliced = slice_plate(PlateRequest(stl, settings, tmp_path / "part.gcode", engine, bed, timeout_s=60.0))
+    text = sliced.gcode.read_text()
+    order = [text.index(f"\n{mark}") for mark in ("M190 S", "M109 S200", "G28\n", ";LAYER:0\n")]
+    assert order == sorted(order)  # it heats before it homes
+    assert text.rindex("\nG1 F1500 E-1.5\n") > text.rindex(";TIME_ELAPSED")  # 6.5 of 8 mm are back already
+    assert "M83" not in text and "G10" not in text
+
+
+def corners(rect):
+    return rect.min_x_mm, rect.min_y_mm, rect.max_x_mm, rect.max_y_mm
+
+
+def test_thick_filament_is_refused_and_a_thin_one_named(resources):
+    with pytest.raises(BadSetting, match=r"not for the Creality Ender-3.*generic_pla_175"):
+        resolve_settings(SettingsRequest(PRINTERS[MODEL]), resources)
+
+
+def test_a_nozzle_that_it_has_not_is_refused(resources):
+    wanted = SettingsRequest(PRINTERS[MODEL], material="generic_pla_175", nozzle_mm=0.7)
+    with pytest.raises(BadSetting, match=r"nozzle 0.7 mm.*0.4mm Nozzle"):
+        resolve_settings(wanted, resources)

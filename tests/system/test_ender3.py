@@ -1,0 +1,35 @@
+"""A fleet of unlike printers: an Ender-3 with plain Marlin 2, and an Ultimaker 2+."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+pytestmark = pytest.mark.system
+
+ENDER3, PLUS = "creality_ender3", "ultimaker2_plus"
+
+
+@pytest.fixture
+def mixed(make_farm):
+    farm = make_farm({"ender": (ENDER3, f"sim://{ENDER3}"), "um2": (PLUS, f"sim://{PLUS}")})
+    text = farm.fleet.read_text()
+    farm.fleet.write_text(text.replace(f"model: {ENDER3},", f"model: {ENDER3}, material: generic_pla_175,"))
+    farm.up()
+    return farm
+
+
+def test_a_model_is_split_for_both_and_each_prints_its_part(mixed, bar):
+    result = mixed.run("submit", bar, "--wait", "--json")
+    assert result.returncode == 0, (result.stderr, mixed.log())
+    job = json.loads(result.stdout)["job"]
+    assert job["state"] == "printed"
+    assert {part["prints"][-1]["printer"] for part in job["parts"]} == {"ender", "um2"}
+    for name in ("ender", "um2"):
+        printer, seen = mixed.printer(name), mixed.emulator_status(name)
+        assert (printer["bed"], printer["filament"], printer["heaters_off"]) == ("not_clear", "parked", True)
+        assert (seen.nozzle_target_c, seen.bed_target_c, seen.bed_clear) == (0.0, 0.0, False)
+        assert seen.altered == seen.damaged == 0
+    mixed.ok("cleared", "all")
+    assert mixed.status()["todo"] == []
