@@ -220,7 +220,8 @@ class Controller:
             situation = situation.with_printers(self.fleet_printers())
         yield from self._replanning.reslice_waiting(self.books, situation)
         yield from self._admit_jobs(situation)
-        self._next_change_s = self._find_next_change_s(situation, held_back)
+        # A start changes which printers are kept: where there was one, the next tick looks again.
+        self._next_change_s = now_s if assignments else self._find_next_change_s(situation, held_back)
 
     def _find_next_change_s(self, situation: Situation, held_back: Mapping[str, Hold]) -> float:
         """Return the next moment at which time alone changes a decision."""

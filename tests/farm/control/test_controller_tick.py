@@ -5,7 +5,7 @@ from datetime import UTC, datetime
 import pytest
 
 from farm.control import controller as module
-from farm.model import AgentSnapshot, HoldCode, JobOptions, JobState, Link
+from farm.model import AgentSnapshot, HoldCode, JobOptions, JobState, Link, Reel
 from farm.planning import Plan
 from farm.state import events as ev
 from farm.state.storage import StoreError
@@ -122,3 +122,24 @@ def test_a_plate_goes_on_when_its_printer_was_lost_alone(farm, calls):
     assert farm.controller.books.open_print_on("b") is None
     tick(farm, MORNING + 11.0)
     assert farm.controller.books.open_print_on("b") is not None
+
+
+def test_a_tick_starts_a_plate_that_the_last_start_made_room_for(tmp_path):
+    """The first plate was planned for the tall printer c: once it has started on a, c can be the spare."""
+    models = ("ultimaker2_plus", "ultimaker2_plus", "ultimaker2_extended_plus")
+    farm = Farm(tmp_path, models, Clock(NIGHT), timezone="UTC", attended=["08:00-10:00"])
+    farm.controller.started_s = NIGHT - 3600.0
+    farm.ready("a", "b", "c")
+    reel = Reel(material="generic_pla", nozzle_mm=0.4, grams=10.0)
+    farm.controller.handle(ev.ReelLoaded(at_s=NIGHT, printer="c", reel=reel, by="ann"))
+    farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions(spares=1), "ann")
+    event = planned(1, 2)
+    plates = [
+        plate.model_copy(update={"printer": printer, "grams": 50.0})
+        for plate, printer in zip(event.plates, "ca", strict=True)
+    ]
+    plan = Plan(event.parts, tuple(plates), event.repairs, 1.0, 500.0, 100.0, None)
+    farm.controller.on_plan(1, plan)
+    tick(farm, NIGHT)
+    books = farm.controller.books
+    assert [books.open_print_on(name) is not None for name in "abc"] == [True, True, False]
