@@ -132,7 +132,7 @@ def _run(
         daemon.client.status()
         status_s.append(time.monotonic() - begun_s)
         status_cpu_s.append(daemon.cpu_s() - before_s)
-        agents.serve(0.5)
+        agents.serve(2.0)
 
     for name in agents.printing[:turns]:
         agents.end(name)
@@ -152,8 +152,8 @@ def _run(
         "commit_median_bytes": statistics.median(measures["commit_bytes"]),
         "commit_max_bytes": max(measures["commit_bytes"]),
         "start_commit_bytes": max(measures["start_bytes"]),
-        "status_cpu_ms": 1000 * statistics.median(status_cpu_s),
-        "status_ms": 1000 * statistics.median(status_s),
+        "status_cpu_ms": 1000 * max(status_cpu_s),
+        "status_ms": 1000 * max(status_s),
         "cpu_share": share,
     }
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from farm.model import Hold
 from farm.scheduling.holds import HoldReasons
 from farm.scheduling.matching import WaitingPlate
-from farm.scheduling.plate_matching import Moment, match_plates, queue_of
+from farm.scheduling.plate_matching import FleetOrder, Moment, match_plates, queue_of
 from farm.scheduling.situation import Situation
 
 
@@ -38,8 +38,8 @@ def assign_plates(situation: Situation) -> list[Assignment]:
     list of Assignment
         Each printer and each plate at most once, in the order in which the plates choose.
     """
-    given = {plate.id: name for name, plate in _match(situation).items()}
-    return [Assignment(plate.id, given[plate.id]) for plate in situation.by_priority if plate.id in given]
+    given = sorted(_match(situation).items(), key=lambda pair: pair[1].priority_key)
+    return [Assignment(plate.id, name) for name, plate in given]
 
 
 def find_holds(situation: Situation, assignments: Iterable[Assignment]) -> dict[str, Hold]:
@@ -82,6 +82,7 @@ def _match(situation: Situation) -> dict[str, WaitingPlate]:
     moment = Moment(
         fleet=situation.fleet,
         free=[printer.name for printer in situation.free],
+        order=FleetOrder.of(situation.free),
         planned=situation.planned,
         kept=situation.kept,
         places={plate.job: plate.places for plate in situation.waiting if plate.places is not None},

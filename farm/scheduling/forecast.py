@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 from farm.model import Bed, FilamentState, HoldCode, Link
 from farm.scheduling.matching import Capabilities, FleetPrinter, WaitingPlate
-from farm.scheduling.plate_matching import Moment, match_plates, queue_of
+from farm.scheduling.plate_matching import FleetOrder, Moment, match_plates, queue_of
 from farm.scheduling.situation import Situation
 from farm.scheduling.spares import spare_printers
 from farm.scheduling.start_rules import StartRules, short_of_filament
@@ -101,6 +101,7 @@ class _Simulation:
         self._rules, self._now_s, self._spares = situation.rules, situation.now_s, dict(situation.spares)
         self._left = Counter(plate.job for plate in situation.waiting)  # prints by job, with those under way
         self._fleet = {printer.name: as_idle(printer) for printer in coming}
+        self._order = FleetOrder.of(self._fleet.values())
         self._planned = Counter(plate.planned for plate in situation.waiting)
         self._places = {p.job: p.places for p in situation.waiting if p.places is not None}
         self._heating = 0
@@ -185,7 +186,8 @@ class _Simulation:
         planned = self._planned.keys()
         moment = Moment(
             fleet=self._fleet,
-            free=sorted(free),
+            free=free,
+            order=self._order,
             planned=planned,
             kept=self._kept(planned),
             places=self._places,

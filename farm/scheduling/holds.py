@@ -53,13 +53,13 @@ def find_plate_holds(
         The reason of each such plate, by its id.
     """
     held = {}
-    unreported = " ".join(
-        section.name for section in printers if section.enabled and _has_not_reported(books, section.name)
-    )
+    printing = [job for job in books.jobs.values() if job.state is JobState.PRINTING]
+    unreported = ""
+    if any(job.restored for job in printing):
+        used = (section.name for section in printers if section.enabled)
+        unreported = " ".join(name for name in used if _has_not_reported(books, name))
     everything = books.outage is not None
-    for job in books.jobs.values():
-        if job.state is not JobState.PRINTING:
-            continue
+    for job in printing:
         if not (everything or (unreported and job.restored) or may_hold(books, job)):
             continue
         for plate in books.plates_of(job):

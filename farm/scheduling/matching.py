@@ -151,7 +151,7 @@ class Requirements:
         return ", ".join(asked)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class WaitingPlate:
     """A plate that waits for a printer."""
 
@@ -166,15 +166,16 @@ class WaitingPlate:
     time_factor: float = 1.0  # of the planned printer, in `expected_s`
     first_layer_s: float = 0.0  # from its start to the end of its first layer
     failed_on: frozenset[str] = frozenset()
+    tried: bool = False  # printed before: that failed, or its part is bad
     places: int | None = None  # number of further printers that its job may use now; None: no limit
     not_before_s: float | None = None
 
-    @property
+    @cached_property
     def priority_key(self) -> tuple[int, int, float, str]:
         """Sort key: priority, order of submission, then the longest first, as it ends its job."""
         return *self.turn, -self.expected_s, self.id
 
-    @property
+    @cached_property
     def turn(self) -> tuple[int, int]:
         """Sort key of its job."""
         return -self.priority, self.job

@@ -2,17 +2,43 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 
 from farm.scheduling.matching import Capabilities, FleetPrinter, WaitingPlate
 from farm.scheduling.spares import takes_spare
-from farm.scheduling.start_rules import StartRules, needed_grams
+from farm.scheduling.start_rules import StartRules, StartWindow, needed_grams
 
 Turn = tuple[int, int]
 """Negative priority and number of a job: the least chooses first."""
 Queue = Mapping[Turn, Iterable[WaitingPlate]]
 """Waiting plates by job: the job that chooses first at the front, and its plates likewise."""
+
+
+@dataclass(frozen=True, slots=True)
+class FleetOrder:
+    """Printers in the order in which they are taken, and their kinds.
+
+    Attributes
+    ----------
+    rank
+        By name: the lowest printer first, then by name.
+    kind
+        By name: a number, the same for printers alike in all but name and reel.
+    """
+
+    rank: Mapping[str, int]
+    kind: Mapping[str, int]
+
+    @classmethod
+    def of(cls, printers: Iterable[FleetPrinter]) -> FleetOrder:
+        """Order these printers."""
+        ordered = sorted(printers, key=lambda p: (p.capabilities.height_mm, p.name))
+        numbers: dict[tuple[Capabilities, bool], int] = {}
+        return cls(
+            {p.name: rank for rank, p in enumerate(ordered)},
+            {p.name: numbers.setdefault((p.capabilities, p.unattended), len(numbers)) for p in ordered},
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,6 +51,8 @@ class Moment:
         All printers by name, as they are at this moment.
     free
         Those to match: idle and clear.
+    order
+        Their order and kinds.
     planned
         The printers that the waiting plates were planned for.
     kept
@@ -38,7 +66,8 @@ class Moment:
     """
 
     fleet: Mapping[str, FleetPrinter]
-    free: Sequence[str]
+    free: Collection[str]
+    order: FleetOrder
     planned: Collection[str]
     kept: Collection[str]
     places: Mapping[int, int]
@@ -90,6 +119,15 @@ class _Kind:
     capabilities: Capabilities
     names: list[str]
     grams: float  # on the fullest reel
+    window: StartWindow
+
+    @classmethod
+    def of(cls, names: list[str], moment: Moment) -> _Kind:
+        """Describe free printers of one kind."""
+        first = moment.fleet[names[0]]
+        grams = max(_grams(moment.fleet[name]) for name in names)
+        window = moment.rules.start_window(first.unattended, moment.now_s)
+        return cls(first.capabilities, names, grams, window)
 
 
 class _Matching:
@@ -98,17 +136,12 @@ class _Matching:
     def __init__(self, moment: Moment) -> None:
         self.taken: dict[str, WaitingPlate] = {}
         self._moment = moment
-        free = sorted(moment.free, key=lambda n: (moment.fleet[n].capabilities.height_mm, n))
-        self._rank = {name: rank for rank, name in enumerate(free)}
+        self._rank, kind = moment.order.rank, moment.order.kind
         self._known: dict[str, list[str]] = {}
-        kinds: dict[tuple[Capabilities, bool], list[str]] = {}
-        for name in free:
-            printer = moment.fleet[name]
-            kinds.setdefault((printer.capabilities, printer.unattended), []).append(name)
-        self._kinds = [
-            _Kind(capabilities, names, max(_grams(moment.fleet[name]) for name in names))
-            for (capabilities, _), names in kinds.items()
-        ]
+        kinds: dict[int, list[str]] = {}
+        for name in moment.free:
+            kinds.setdefault(kind[name], []).append(name)
+        self._kinds = [_Kind.of(names, moment) for names in kinds.values()]
 
     def place(self, plate: WaitingPlate) -> bool:
         """Find a printer for a plate, which others may leave for one that will do as well."""
@@ -158,11 +191,10 @@ class _Matching:
         moment, grams = self._moment, needed_grams(plate)
         found: list[str] = []
         for kind in self._kinds:
-            first = moment.fleet[kind.names[0]]
             if (
                 grams <= kind.grams
+                and kind.window.allows(plate)
                 and plate.requirements.matches(kind.capabilities)
-                and moment.rules.find_start(plate, first, moment.now_s).at_s == moment.now_s
             ):
                 found += [n for n in kind.names if grams <= _grams(moment.fleet[n]) and self._may(plate, n)]
         found.sort(key=self._rank.__getitem__)

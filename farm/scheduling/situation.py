@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from operator import attrgetter
 
 from farm.scheduling.matching import FleetPrinter, WaitingPlate
 from farm.scheduling.spares import spare_printers
@@ -47,7 +48,7 @@ class Situation:
     @cached_property
     def by_priority(self) -> tuple[WaitingPlate, ...]:
         """Return the waiting plates in the order in which they choose."""
-        return tuple(sorted(self.waiting, key=lambda plate: plate.priority_key))
+        return tuple(sorted(self.waiting, key=attrgetter("priority_key")))
 
     @cached_property
     def planned(self) -> frozenset[str]:

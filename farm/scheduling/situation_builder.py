@@ -6,7 +6,6 @@ Pure, but for the memory of `SituationBuilder`: unchanged printers and jobs are 
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import chain
@@ -164,7 +163,6 @@ def availability(snapshot: AgentSnapshot) -> tuple[object, ...]:
 
 def describe_plates(plates: Iterable[Plate], books: Books) -> Iterator[WaitingPlate]:
     """Describe plates of planned jobs."""
-    printing = Counter(attempt.job for attempt in books.open_prints())
     for plate in plates:
         job = books.job(plate.job)
         wanted = job.options.printers
@@ -186,7 +184,8 @@ def describe_plates(plates: Iterable[Plate], books: Books) -> Iterator[WaitingPl
             time_factor=plate.time_factor,
             first_layer_s=plate.first_layer_s,
             failed_on=frozenset(p.printer for p in books.prints_of(plate) if p.state is PrintState.FAILED),
-            places=None if wanted is None else max(0, wanted - printing[job.id]),
+            places=None if wanted is None else max(0, wanted - sum(1 for _ in books.open_prints(job.id))),
+            tried=bool(plate.prints),
             not_before_s=job.not_before_s,
         )
 

@@ -43,6 +43,40 @@ class Start:
 
 
 @dataclass(frozen=True, slots=True)
+class StartWindow:
+    """What hours let start at one moment, on printers that may all print while nobody is there, or may not.
+
+    Attributes
+    ----------
+    at_s
+        The moment.
+    quiet_s
+        When the next quiet hours begin, or those of this moment have begun.
+    attended_until_s
+        When the attended hours end; minus infinity where nobody is there.
+    unattended, first_layers_attended
+        Whether the printers may print while nobody is there, and begin to.
+    """
+
+    at_s: float
+    quiet_s: float
+    attended_until_s: float
+    unattended: bool
+    first_layers_attended: bool
+
+    def allows(self, plate: WaitingPlate) -> bool:
+        """Tell whether a plate may start, as `StartRules.find_start` does."""
+        at_s = self.at_s
+        if plate.not_before_s is not None and plate.not_before_s > at_s:
+            return False
+        if at_s + plate.expected_s * LATE > self.quiet_s:
+            return False
+        if not self.unattended:
+            return at_s + (plate.expected_s * LATE + ENDED_BEFORE_S) <= self.attended_until_s
+        return not self.first_layers_attended or at_s + plate.first_layer_s <= self.attended_until_s
+
+
+@dataclass(frozen=True, slots=True)
 class StartRules:
     """Rules of `fleet.yaml`: attended hours, quiet hours, first layers, and printers that heat at once."""
 
@@ -90,6 +124,18 @@ class StartRules:
             at_s = moved.at_s
         text = f"it takes {format_duration(plate.expected_s)}: longer than the hours in fleet.yaml ever allow"
         return Start(None, Hold(code=HoldCode.TOO_LONG, text=text))
+
+    def start_window(self, unattended: bool, at_s: float) -> StartWindow:
+        """Return what hours let start at a moment on printers that may print `unattended`, or may not."""
+        quiet = self.quiet.span(at_s) or self.quiet.following(at_s)
+        attended = self.attended.span(at_s)
+        return StartWindow(
+            at_s=at_s,
+            quiet_s=math.inf if quiet is None else quiet[0],
+            attended_until_s=-math.inf if attended is None else attended[1],
+            unattended=unattended,
+            first_layers_attended=self.first_layers_attended,
+        )
 
     def _after_quiet_hours(self, plate: WaitingPlate, at_s: float) -> Start | None:
         """Return the end of the quiet hours that a print at `at_s` would reach; else None."""

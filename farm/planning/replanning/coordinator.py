@@ -75,7 +75,7 @@ class ReplanCoordinator:
 
     def recut_failures(self, books: Books, situation: Situation) -> Iterator[StartReplan]:
         """Yield the plates that have just failed and are to be cut, before a printer gets them."""
-        for view in situation.waiting:
+        for view in [view for view in situation.waiting if view.tried]:
             plate = books.plates[view.id]
             key = (plate.id, len(plate.prints))
             if key in self._examined or not _failed(books, plate) or not _may_be_replanned(books, plate):
@@ -103,6 +103,7 @@ class ReplanCoordinator:
         reserved = self.reserved_printers
         free = [printer for printer in situation.free if printer.name not in reserved]
         holds = find_holds(situation, ()) if free else {}
+        ends = policy.ExpectedEnds(situation)
         for view in situation.by_priority:
             plate = books.plates[view.id]
             if not free or view.id in self._running or not _may_be_replanned(books, plate):
@@ -112,7 +113,7 @@ class ReplanCoordinator:
             candidates = [p for p in free if self._is_candidate(plate, view, p, situation)]
             if candidates:
                 self.next_search_s = self._search_due_s
-            reslice = policy.choose_reslice(view, situation, candidates)
+            reslice = policy.choose_reslice(view, situation, candidates, ends)
             if reslice is not None:
                 yield self._start(plate, (reslice.printer,), cut=False)
                 free = [p for p in free if p.name != reslice.printer]

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 from farm.model import Bed, HoldCode
 from farm.scheduling import (
@@ -66,19 +67,34 @@ def saves_enough(before_s: float, after_s: float, now_s: float) -> bool:
     return after_s + max(LEAST_GAIN_S, MARGIN * (before_s - now_s)) <= before_s
 
 
-def expected_end_s(plate: WaitingPlate, situation: Situation) -> float:
-    """Return when a waiting plate ends, with all the others in the queue; infinity where unknown.
+class ExpectedEnds:
+    """Ends of the waiting plates of a situation, forecast once, and only where one is asked for.
 
     Printers that a person has to inspect count only where attended hours are known.
     """
-    if situation.rules.attended.windows:
-        inspected = (
-            p if p.attention_reason is None else replace(p, attention_reason=None, bed=Bed.NOT_CLEAR)
-            for p in situation.printers
-        )
-        situation = situation.with_printers(tuple(inspected))
-    expected = forecast_prints(situation)
-    return next((slot.ends_s for slot in expected.slots if slot.plate == plate.id), float("inf"))
+
+    def __init__(self, situation: Situation) -> None:
+        self._situation = situation
+
+    def of(self, plate: WaitingPlate) -> float:
+        """Return when a plate ends, with all the others in the queue; infinity where unknown."""
+        return self._ends_s.get(plate.id, float("inf"))
+
+    @cached_property
+    def _ends_s(self) -> dict[str, float]:
+        situation = self._situation
+        if situation.rules.attended.windows:
+            inspected = (
+                p if p.attention_reason is None else replace(p, attention_reason=None, bed=Bed.NOT_CLEAR)
+                for p in situation.printers
+            )
+            situation = situation.with_printers(tuple(inspected))
+        return {slot.plate: slot.ends_s for slot in forecast_prints(situation, bounded=False).slots}
+
+
+def expected_end_s(plate: WaitingPlate, situation: Situation) -> float:
+    """Return when a waiting plate ends, with all the others in the queue; infinity where unknown."""
+    return ExpectedEnds(situation).of(plate)
 
 
 def end_in_one_piece_s(plate: WaitingPlate, situation: Situation) -> float:
@@ -88,7 +104,12 @@ def end_in_one_piece_s(plate: WaitingPlate, situation: Situation) -> float:
     return as_planned_s if other is None else min(as_planned_s, _resliced_end_s(plate, other, situation))
 
 
-def choose_reslice(plate: WaitingPlate, situation: Situation, free: Sequence[FleetPrinter]) -> Reslice | None:
+def choose_reslice(
+    plate: WaitingPlate,
+    situation: Situation,
+    free: Sequence[FleetPrinter],
+    ends: ExpectedEnds | None = None,
+) -> Reslice | None:
     """Choose the printer of another kind on which a waiting plate ends sooner by the margin, if any.
 
     Parameters
@@ -99,12 +120,14 @@ def choose_reslice(plate: WaitingPlate, situation: Situation, free: Sequence[Fle
         The moment.
     free
         The printers that no other plate takes now.
+    ends
+        The expected ends of the waiting plates, where they are at hand.
     """
     best = _best_other(plate, free, situation)
     if best is None:
         return None
     after_s = _resliced_end_s(plate, best, situation)
-    if not saves_enough(expected_end_s(plate, situation), after_s, situation.now_s):
+    if not saves_enough((ends or ExpectedEnds(situation)).of(plate), after_s, situation.now_s):
         return None
     return Reslice(plate.id, best.name)
 

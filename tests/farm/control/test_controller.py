@@ -21,6 +21,7 @@ from farm.paths import StateFolder
 from farm.planning.plan import InspectedSubmission, Plan, TooFewPrinters
 from farm.scheduling.assignment import assign_plates
 from farm.state import events as ev
+from farm.state.books import changed
 from farm.state.storage.store import StoreError
 from farm.views import describe_job, describe_printer, list_tasks
 from make_books import plan as planned
@@ -289,6 +290,23 @@ def test_why_a_plate_waits_is_found_when_it_is_shown_and_costs_no_commit(farm):
     assert shown().text != first.text
     kinds = [kind for _, kind, _ in farm.store.events()]
     assert kinds[-5:] == ["JobPlanned", *["PlateAssigned"] * 2, *["PrintProgressed"] * 2]
+
+
+def test_a_start_writes_little_however_many_plates_wait(farm, monkeypatch):
+    sizes = {}
+
+    def weigh(event, before, after, commit=farm.store.commit):
+        commit(event, before, after)
+        texts = [entity.model_dump_json() for entity in (event, *changed(before, after))]
+        sizes.setdefault(type(event).__name__, []).append(sum(map(len, texts)))
+
+    farm.ready("a", "b")
+    farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
+    event = planned(1, 100)
+    monkeypatch.setattr(farm.store, "commit", weigh)
+    farm.controller.on_plan(1, Plan(event.parts, event.plates, (), 1.0, 500.0, 100.0))
+    assert sizes.pop("JobPlanned")
+    assert sizes.keys() == {"PlateAssigned"} and max(sizes["PlateAssigned"]) < 4096
 
 
 def test_a_report_that_could_not_be_booked_is_handled_when_it_is_said_again(farm):

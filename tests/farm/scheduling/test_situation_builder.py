@@ -10,7 +10,7 @@ from farm.planning.printer_settings import bed_boxes
 from farm.scheduling.holds import find_plate_holds
 from farm.scheduling.situation_builder import SituationBuilder
 from farm.state import events as ev
-from make_books import PRINTERS, ended, printing, run
+from make_books import PRINTERS, ended, job, plan, printing, run
 from recording_controller import fleet
 
 SECTIONS = fleet(["ultimaker2_plus"] * 3).printers
@@ -64,3 +64,19 @@ def test_a_firmware_whose_dead_man_nobody_has_seen_prints_only_while_somebody_is
     found = [builder.printers((one,), books, {})[0] for one in (real, simulated, plus)]
     assert [one.unattended for one in found] == [False, True, True]
     assert found[0].why_attended == "nobody has seen Marlin 2 end the heat when its host is dead"
+
+
+def test_only_what_has_changed_is_described_anew():
+    first = plan(1, plates=2)
+    second = ev.JobSubmitted(at_s=0.0, job=job(2)), ev.PlanningStarted(at_s=0.0, job=2), plan(2, plates=3)
+    books, _ = run(printing(plates=2), *second)
+    builder = SituationBuilder(bed_boxes)
+    before, printers = builder.waiting(books), builder.printers(SECTIONS, books, READY)
+    assert [view.id for view in before] == [plate.id for plate in (*first.plates, *second[2].plates)]
+    started = ev.PlateAssigned(at_s=5.0, plate="1/01", printer="a", print_id="x")
+    books, _ = run(books, started)
+    hot = {**READY, "c": READY["c"].model_copy(update={"nozzle_c": 210.0})}
+    after, then = builder.waiting(books), builder.printers(SECTIONS, books, hot)
+    assert [view.id for view in after] == ["1/02", "2/01", "2/02", "2/03"]
+    assert all(new is old for new, old in zip(after[1:], before[2:], strict=True))
+    assert [new is old for new, old in zip(then, printers, strict=True)] == [False, True, True]

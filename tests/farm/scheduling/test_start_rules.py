@@ -128,6 +128,14 @@ def test_a_printer_that_needs_somebody_is_ended_before_the_hours_do_and_told_whe
 
 @given(plates, fleets, houses, moments)
 @settings(deadline=None)
+def test_a_window_allows_just_what_may_start_now(waiting, fleet, house, now_s):
+    for what, where in ((w, p) for w in waiting for p in fleet):
+        window = house.start_window(where.unattended, now_s)
+        assert window.allows(what) == (house.find_start(what, where, now_s).at_s == now_s)
+
+
+@given(plates, fleets, houses, moments)
+@settings(deadline=None)
 def test_no_printer_idles_for_want_of_a_better_order(waiting, fleet, house, now_s):
     """Against brute force: as many plates start as can, and the first of the queue among them."""
     waiting = [replace(p, failed_on=frozenset()) for p in waiting[:5]]
