@@ -1,9 +1,9 @@
 """Costs of a large fleet in the daemon: CPU of an event, bytes of a commit, `farm status`, all printing.
 
-``python -m bench.fleet_scale [--printers N] [--plates N] [--turns N] [--seconds S] [--json]``. The daemon is
-a process of its own on a state folder with that many waiting plates; its agents only speak the protocol, all
-in this process. First every printer gets a plate, then all print for `--seconds`, then `--turns` prints end
-one after the other: each bed is cleared, and gets its next plate.
+``python -m bench.fleet_scale [--printers N] [--idle N] [--plates N] [--turns N] [--seconds S] [--json]``.
+The daemon is a process of its own on a state folder with that many waiting plates; its agents only speak the
+protocol, all in this process. First every printer gets a plate, then all print for `--seconds`, then
+`--turns` prints end one after the other: each bed is cleared, and gets its next plate.
 
 All times are CPU time, which other load hardly changes. An event is anything that commits: a report of an
 agent, a command of a person, a timer; reading and answering of the socket is not in it, but in `cpu_share`,
@@ -90,17 +90,22 @@ def percentile(values: Sequence[float], share: float) -> float:
     return sorted(values)[min(len(values) - 1, int(share * len(values)))]
 
 
-def measure(printers: int, plates: int, turns: int, seconds: float, profile: Path | None) -> dict[str, float]:
+def measure(
+    printers: int, idle: int, plates: int, turns: int, seconds: float, profile: Path | None
+) -> dict[str, float]:
     """Run the whole measurement in a temporary folder."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         names = [f"um2-{number:03d}" for number in range(1, printers + 1)]
-        rows = [{"name": name, "model": MODEL, "port": PORT} for name in names]
+        others = [f"abs-{number:03d}" for number in range(1, idle + 1)]
+        rows = [{"name": name, "model": MODEL, "port": PORT} for name in [*names, *others]]
+        for row in rows[printers:]:
+            row["material"] = "generic_abs"
         (folder / "fleet.yaml").write_text(yaml.safe_dump({"printers": rows}))
         state = StateFolder(folder)
         write_anchor(state.clock, 1.0, time.time())
         fill_books(state.books, names, plates)
-        agents = ProtocolAgents(state, names, Clock())
+        agents = ProtocolAgents(state, [*names, *others], Clock())
         daemon = Daemon(folder, profile)
         try:
             return _run(daemon, agents, len(names), turns, seconds)
@@ -166,16 +171,17 @@ def _wait(agents: ProtocolAgents, until: Callable[[], bool], what: str) -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--printers", type=int, default=200)
+    parser.add_argument("--idle", type=int, default=0, help="printers more, which no plate can take")
     parser.add_argument("--plates", type=int, default=2000)
     parser.add_argument("--turns", type=int, default=40, help="prints that end")
     parser.add_argument("--seconds", type=float, default=20.0, help="for which all print")
     parser.add_argument("--profile", type=Path, help="writes the daemon's profile (cProfile) to this file")
     parser.add_argument("--json", action="store_true")
     given = parser.parse_args()
-    figures = measure(given.printers, given.plates, given.turns, given.seconds, given.profile)
+    figures = measure(given.printers, given.idle, given.plates, given.turns, given.seconds, given.profile)
     missed = [name for name, most in GOALS.items() if figures[name] > most]
     if given.json:
-        head = {"schema": 1, "printers": given.printers, "plates": given.plates}
+        head = {"schema": 1, "printers": given.printers, "idle": given.idle, "plates": given.plates}
         print(json.dumps({**head, **figures, "missed": missed}))
         return
     for name, value in figures.items():

@@ -146,6 +146,7 @@ class HoldReasons:
         self._capabilities = tuple(dict.fromkeys(printer.capabilities for printer in fleet.values()))
         self._matching: dict[tuple[Capabilities, ...], tuple[str, ...]] = {}  # by mismatches
         self._busy: dict[tuple[str, ...], Hold | None] = {}
+        self._idle_of: dict[tuple[str, ...], tuple[str, ...]] = {}
         self._idle = frozenset(n for n, hold in self._obstacles.items() if hold is None) - given
 
     def no_place(self) -> Hold:
@@ -171,8 +172,8 @@ class HoldReasons:
 
     def _among(self, plate: WaitingPlate, names: tuple[str, ...]) -> Hold:
         short: Hold | None = None
-        for name in names if self._idle else ():
-            held = self._held(plate, name) if name in self._idle else None
+        for name in self._idle_among(names):
+            held = self._held(plate, name)
             if held is not None and held.code is not HoldCode.REEL_TOO_SHORT:
                 return held  # ends by itself
             short = short or held
@@ -182,6 +183,11 @@ class HoldReasons:
         planned = self._obstacles.get(plate.planned) if plate.planned in names else None
         first = next((hold for n in names if (hold := self._obstacles[n]) is not None), None)
         return planned or short or first or _given_away()
+
+    def _idle_among(self, names: tuple[str, ...]) -> tuple[str, ...]:
+        if names not in self._idle_of:
+            self._idle_of[names] = tuple(name for name in names if name in self._idle)
+        return self._idle_of[names]
 
     def _held(self, plate: WaitingPlate, name: str) -> Hold | None:
         """Return why a plate does not go to an idle and clear printer; None where another plate got it."""

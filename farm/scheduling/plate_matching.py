@@ -99,6 +99,8 @@ def match_plates(queue: Queue, moment: Moment) -> dict[str, WaitingPlate]:
                 return matching.taken
             if places.get(job) == 0:
                 break
+            if not matching.may_place(plate):
+                continue
             if matching.place(plate):
                 if job in places:
                     places[job] -= 1
@@ -142,6 +144,13 @@ class _Matching:
         for name in moment.free:
             kinds.setdefault(kind[name], []).append(name)
         self._kinds = [_Kind.of(names, moment) for names in kinds.values()]
+
+    def may_place(self, plate: WaitingPlate) -> bool:
+        """Tell whether some free printer is of a kind that can take a plate now."""
+        for kind in self._kinds:  # no generator: thousands of plates may wait for another kind
+            if plate.requirements.matches(kind.capabilities) and kind.window.allows(plate):
+                return True
+        return False
 
     def place(self, plate: WaitingPlate) -> bool:
         """Find a printer for a plate, which others may leave for one that will do as well."""
