@@ -95,8 +95,8 @@ class Controller:
         self.stopping = False
         self.rules = StartRules.of(fleet.fleet)
         self.books = replace(store.load(), outage_window_s=outage_window_s(clock.scale))
+        self.fleet = fleet_with_reels(fleet, self.books.printers)
         self._configured_fleet = fleet
-        self._load_reels()
         self._store, self._situations = store, SituationBuilder(build_volumes)
         self._effects: Effects | None = None
         self._admission = JobAdmission()
@@ -178,7 +178,7 @@ class Controller:
             self._store.commit(event, self.books, after)
             self.books = after
             if isinstance(event, ev.ReelLoaded):
-                self._load_reels()
+                self.fleet = fleet_with_reels(self._configured_fleet, after.printers)
             log.info(
                 "%s %s", type(event).__name__, event.model_dump_json(exclude={"at_s"}, exclude_none=True)
             )
@@ -186,11 +186,6 @@ class Controller:
                 if isinstance(instruction, ev.StopPlanning):
                     self._end_planning(instruction.job)
                 yield instruction
-
-    def _load_reels(self) -> None:
-        """Describe the fleet with the reels that are on it now."""
-        self.fleet = fleet_with_reels(self._configured_fleet, self.books.printers)
-        self._sections = {section.name: section for section in self.fleet.printers}
 
     def _perform(self, effects: Iterable[Effect]) -> None:
         if self._effects is None:
@@ -292,8 +287,7 @@ class Controller:
         """Handle the changes that an agent's snapshot shows; the rest of it is telemetry."""
         name = snapshot.printer
         before = self.telemetry.snapshots.get(name)
-        section = self._sections.get(name)
-        in_use = section is not None and section.enabled
+        in_use = any(section.name == name and section.enabled for section in self.fleet.printers)
         reading = read_snapshot(self.books, snapshot, before, in_use, self.clock.now())
         if reading.misfit is not None:  # one faulty agent must not stop the others
             story = self._store.add_history(reading.misfit)
@@ -383,7 +377,7 @@ class Controller:
 
     def fleet_printer(self, name: str) -> FleetPrinter | None:
         """Describe a printer to the scheduler; None where it is not in use."""
-        sections = [self._sections[name]] if name in self._sections else []
+        sections = (section for section in self.fleet.printers if section.name == name)
         return next(iter(self._situations.printers(sections, self.books, self.telemetry.snapshots)), None)
 
     def print_limits(self, print_id: str) -> PrintLimits:
