@@ -227,11 +227,16 @@ class StartRules:
         Raises
         ------
         ValueError
-            Where fleet.yaml has no attended hours, or wants first layers attended.
+            Where fleet.yaml has no attended hours, or hours that never end, or wants first layers attended.
         """
         if not self.attended.windows:
             raise ValueError("--overnight needs `attended` hours in fleet.yaml")
         span = self.attended.span(now_s)
+        if span is not None and math.isinf(span[1]):
+            raise ValueError(
+                "--overnight starts when nobody is there, and the `attended` hours of fleet.yaml never end: "
+                "give --at a time"
+            )
         if self.first_layers_attended:
             while span is not None and span[1] - FIRST_LAYER_S <= now_s:
                 span = self.attended.following(span[1])

@@ -84,3 +84,15 @@ def test_overnight_is_refused_where_first_layers_are_attended_and_a_time_is_name
     begins_s, _ = start_and_deadline_s(JobOptions(at=then), house, now_s)
     assert begins_s is not None
     assert house.attended.span(begins_s) is not None
+
+
+@pytest.mark.parametrize("first_layers_attended", [False, True])
+def test_overnight_is_refused_where_attended_hours_never_end(first_layers_attended):
+    """Its start would be at infinity, which no calendar can show: nothing could be scheduled any more."""
+    house = StartRules(
+        Hours((parse_window("00:00-24:00"),), BERLIN), Hours((), BERLIN), first_layers_attended
+    )
+    now_s = datetime.fromisoformat("2026-11-20 18:00").replace(tzinfo=BERLIN).timestamp()
+    with pytest.raises(FarmError, match=r"`attended` hours of fleet\.yaml never end") as error:
+        start_and_deadline_s(JobOptions(overnight=True), house, now_s)
+    assert error.value.code is ErrorCode.SETTINGS
