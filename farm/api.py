@@ -97,7 +97,7 @@ class JobView(_View):
     wasted_grams: float
     grams: float | None
     filament_mm: float | None
-    price: float | None  # of its filament; None where a price is not known
+    price: float | None  # of its filament; None if a price is not known
     currency: str | None
     starved_share: (
         float | None
@@ -120,7 +120,7 @@ class Targets(_View):
 class Reel(_View):
     material: str
     colour: str | None
-    grams: float | None  # left; null where it is not known
+    grams: float | None  # left; null if it is not known
     nozzle_mm: float
 
 
@@ -145,7 +145,7 @@ class LastPrint(_View):
     plate: str
     state: PrintState
     ended: str | None
-    off: float | None  # share by which it took longer than expected; null where it did not end `done`
+    off: float | None  # share by which it took longer than expected; null if it did not end `done`
     verdict: Verdict | None
 
 
@@ -247,7 +247,7 @@ class Status(_View):
     fleet: FleetView
     printers: list[PrinterView]
     jobs: list[JobView]  # those that are open or wait for a verdict, and the last of the others
-    night: NightView | None  # null where no print ended in it
+    night: NightView | None  # null if no print ended in it
 
 
 class JobStatus(_View):
@@ -259,7 +259,7 @@ class JobStatus(_View):
 
 
 class Submitted(_View):
-    """Answer to a submission; `again` where this request id was submitted before."""
+    """Answer to a submission; `again` if this request id was submitted before."""
 
     job: int
     again: bool

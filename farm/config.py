@@ -82,12 +82,12 @@ class FleetSection(_Section):
     currency: Annotated[str, Field(min_length=1, max_length=8)] | None = None
     attended: Windows = ()  # when somebody is there; empty: not known
     quiet: Windows = ()  # when nothing may print
-    first_layers_attended: bool = False  # a print starts only where its first layer ends in attended hours
+    first_layers_attended: bool = False  # a print starts only if its first layer ends in attended hours
     max_heating: Annotated[int, Field(ge=1)] | None = None  # printers that may heat up at the same time
     approve: bool = False  # no job prints before `farm approve`
     group: Group = "farm"  # may use the daemon's socket, if the group exists
     notify: tuple[SecretStr, ...] = ()  # addresses to notify, as URLs of apprise
-    operators: Group | None = None  # may let printers go on; None: everybody
+    operators: Group | None = None  # may let printers continue; None: everybody
 
     @model_validator(mode="after")
     def _check_attended(self) -> Self:
@@ -100,7 +100,7 @@ class FleetSection(_Section):
     def _check_timezone(cls, value: str) -> str:
         try:
             ZoneInfo(value)
-        except (ZoneInfoNotFoundError, ValueError, OSError) as error:  # OSError where it is a folder
+        except (ZoneInfoNotFoundError, ValueError, OSError) as error:  # OSError if it is a folder
             raise ValueError(f"{value!r} is not a time zone; use a name like Europe/Berlin") from error
         return value
 
@@ -127,7 +127,7 @@ class PrinterSection(_Section):
         return self.port.startswith(SIMULATED)
 
     def price(self, grams: float) -> float | None:
-        """Return the price of an amount of filament in the fleet's currency; None where it is not known."""
+        """Return the price of an amount of filament in the fleet's currency; None if it is not known."""
         return None if self.price_per_kg is None else grams / 1000 * self.price_per_kg
 
     @field_validator("port")
@@ -205,7 +205,7 @@ class Fleet(_Section):
         return self
 
     def printer(self, name: str) -> PrinterSection:
-        """Return the section of a printer. Raises KeyError where there is none."""
+        """Return the section of a printer. Raises KeyError if there is none."""
         return {printer.name: printer for printer in self.printers}[name]
 
     @property

@@ -59,7 +59,7 @@ _GRACE_S = 3  # wall seconds for requests that are under way when the daemon end
 
 
 class Daemon:
-    """The daemon of one farm. `run` returns on a shutdown or a SIGTERM; prints go on then."""
+    """The daemon of one farm. `run` returns on a shutdown or a SIGTERM; prints continue then."""
 
     def __init__(self, fleet: Fleet, places: Places) -> None:
         self._fleet = fleet
@@ -157,7 +157,7 @@ class Daemon:
             self._notifier.notify(self._controller.books, self._clock.now())
 
     def _schedule(self) -> None:
-        """Schedule where time has changed a decision, and set a timer for the next such moment."""
+        """Schedule if time has changed a decision, and set a timer for the next such moment."""
         self._controller.tick()
         change_s = self._controller.next_change_s
         if change_s is not None and change_s != self._change_s:
@@ -196,9 +196,9 @@ def run(fleet: Fleet, places: Places) -> None:
     Raises
     ------
     Refused
-        Where another daemon has this state folder.
+        If another daemon has this state folder.
     FarmError
-        Where the state folder cannot be read or written.
+        If the state folder cannot be read or written.
     """
     logging.basicConfig(level=logging.INFO, force=True, format="%(asctime)s %(name)s %(message)s")
     logging.getLogger("apscheduler").setLevel(logging.WARNING)
@@ -242,7 +242,7 @@ def farm_clock(fleet: Fleet, state: StateFolder) -> Clock:
     Raises
     ------
     Refused
-        Where the state folder was used with another time scale.
+        If the state folder was used with another time scale.
     """
     scale = fleet.fleet.time_scale
     saved = read_anchor(state.clock)

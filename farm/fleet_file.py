@@ -49,7 +49,7 @@ _PATTERNS = {
 """Descriptions of the keys that must match a pattern."""
 
 Check = Callable[[PrinterSection], "tuple[str, str] | None"]
-"""Checks a printer: returns the wrong key and what to write instead; None where all is well."""
+"""Checks a printer: returns the wrong key and what to write instead; None if all is well."""
 
 
 def load_fleet(path: Path, models: frozenset[str], check: Check = lambda _: None) -> Fleet:
@@ -157,7 +157,7 @@ class _Document:
         return 0 if self.node is None else count(self.node)
 
     def _find_source(self, place: Place) -> Place:
-        """Find where a value comes from: a printer's key may be in `defaults`."""
+        """Find if a value comes from: a printer's key may be in `defaults`."""
         if len(place) < 3 or place[0] != "printers":
             return place
         own = _child(_child(self.node, "printers"), place[1])

@@ -71,7 +71,7 @@ class StateFolder:
         return self.root / "agents" / printer
 
     def make(self) -> None:
-        """Create what is missing. Raises FarmError where that cannot be done."""
+        """Create what is missing. Raises FarmError if that cannot be done."""
         try:
             self.root.mkdir(mode=0o700, parents=True, exist_ok=True)
             for folder in (self.files, self.work, self.slices, self.root / "agents"):
@@ -100,7 +100,7 @@ def find_places(
 ) -> Places:
     """Find the paths of a farm: by the options, else by the environment, else in the XDG folders.
 
-    Where a state folder is named but no socket, the socket is in that folder, so that two farms on one host
+    If a state folder is named but no socket, the socket is in that folder, so that two farms on one host
     never meet. Where neither is named, and this user has no daemon, the socket is the shared farm's.
 
     Parameters
@@ -115,7 +115,7 @@ def find_places(
     Raises
     ------
     Refused
-        Where the socket has to be in the system's temporary folder, and another user could put one there.
+        If the socket has to be in the system's temporary folder, and another user could put one there.
     """
     home = Path(env.get("HOME", "/"))
     named = state or _path(env, "FARM_STATE")
@@ -153,7 +153,7 @@ def _make_private_folder(name: str) -> Path:
     Raises
     ------
     Refused
-        Where what has this name belongs to another user, or can be changed by others.
+        If what has this name belongs to another user, or can be changed by others.
     """
     folder = Path(tempfile.gettempdir()) / name
     how = "remove it, or name a shorter --socket"
@@ -172,7 +172,7 @@ def _make_private_folder(name: str) -> Path:
 
 
 def read_anchor(path: Path) -> tuple[float, float] | None:
-    """Read scale and anchor of the farm's clock; None where there is none."""
+    """Read scale and anchor of the farm's clock; None if there is none."""
     try:
         saved = json.loads(path.read_text())
         return float(saved["scale"]), float(saved["anchor_s"])

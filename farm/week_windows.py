@@ -13,7 +13,7 @@ _EXAMPLE = "write it as 'mon-fri 08:00-18:00', 'sat,sun 10:00-14:00' or '22:00-0
 
 @dataclass(frozen=True, slots=True)
 class Window:
-    """Hours from `begins` on each of `days`; `ends` is on the next day where it is not after `begins`."""
+    """Hours from `begins` on each of `days`; `ends` is on the next day if it is not after `begins`."""
 
     days: frozenset[int]  # 0 is Monday
     begins: time

@@ -55,10 +55,10 @@ class AgentListener(Protocol):
         """Handle a snapshot."""
 
     def on_refusal(self, print_id: str, reason: str, late: bool) -> None:
-        """Handle a refusal to start a print; `late` where the request arrived too late."""
+        """Handle a refusal to start a print; `late` if the request arrived too late."""
 
     def unreported_since_s(self, printer: str) -> float | None:
-        """Return the time since which an agent has to list its prints first; None where it need not."""
+        """Return the time since which an agent has to list its prints first; None if it need not."""
 
     def on_journal(self, snapshot: AgentSnapshot, prints: Sequence[AgentPrint]) -> None:
         """Handle the list of prints in an agent's journal."""
@@ -120,7 +120,7 @@ class AgentConnection:
         self._spawn_task(self._listen())
 
     def keep_alive(self) -> None:
-        """Start the agent where none runs; end one that hangs."""
+        """Start the agent if none runs; end one that hangs."""
         if self._process is not None and self._process.poll() is not None:
             if self._process.returncode or not agents_are_units():  # else systemd has started it
                 log.warning("%s: its agent ended with %s", self._name, self._process.returncode)
@@ -194,7 +194,7 @@ class AgentConnection:
             self._report(AgentSnapshot(printer=self._name, link=Link.STARTING))
 
     async def _import_journal(self, report: m.Snapshot) -> m.Snapshot:
-        """Import the agent's journal where the books are a backup. Returns its latest snapshot."""
+        """Import the agent's journal if the books are a backup. Returns its latest snapshot."""
         since_s = self._listener.unreported_since_s(self._name)
         if since_s is None:
             return report
@@ -293,7 +293,7 @@ class AgentConnection:
         Raises
         ------
         AgentError
-            Where it prints, or cannot be reached.
+            If it prints, or cannot be reached.
         """
         reply = await self._client.request(m.Shutdown(id=0))
         if reply.error:

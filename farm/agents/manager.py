@@ -38,7 +38,7 @@ class AgentManager:
     def start(self, printing: Iterable[str]) -> None:
         """Adopt the agents that run, start the others, and listen to all.
 
-        `printing` names the printers with an open print in the books: their agents are listened to even where
+        `printing` names the printers with an open print in the books: their agents are listened to even if
         a person has taken the printer out of `fleet.yaml`.
         """
         for name in printing:
@@ -102,7 +102,7 @@ class AgentManager:
         await asyncio.gather(*(connection.shut_down() for connection in self._connections.values()))
 
     async def close(self) -> None:
-        """Close the connections; the agents go on."""
+        """Close the connections; the agents continue."""
         if self._orphans is not None:
             self._orphans.cancel()
             await asyncio.gather(self._orphans, return_exceptions=True)

@@ -29,7 +29,7 @@ _PHASES = {
 
 
 def clock_offset_s(report: m.Snapshot, clock: Clock) -> float:
-    """Return the seconds by which the farm's clock is ahead of the agent's; 0 where that may be delay alone.
+    """Return the seconds by which the farm's clock is ahead of the agent's; 0 if that may be delay alone.
 
     An agent's clock is never set: the steps since the daemon began are all in the daemon's.
     """

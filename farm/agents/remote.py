@@ -41,7 +41,7 @@ def without_starting(route: Route | None) -> Route | None:
 
 
 def load_route(folder: Path, section: PrinterSection | None, farm: str, clock: Clock) -> Route | None:
-    """Return the route to a printer's agent: the stored one where it has left the fleet while it prints."""
+    """Return the route to a printer's agent: the stored one if it has left the fleet while it prints."""
     kept = folder / ROUTE_FILE
     if section is None:
         try:

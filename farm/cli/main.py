@@ -76,7 +76,7 @@ def main() -> None:
         sys.exit(int(error.exit_code))
     except typer.TyperException as error:
         message = " ".join(error.format_message().replace("Value error, ", "").split()).rstrip(".")
-        if message:  # empty where the help was shown
+        if message:  # empty if the help was shown
             path = context.command_path if (context := getattr(error, "ctx", None)) else "farm"
             print_notice(f"{message}; see `{path} --help`")
         sys.exit(int(ExitCode.USAGE))

@@ -115,12 +115,12 @@ class Workers:
         Parameters
         ----------
         work
-            Function to run; it may run a second time, where its worker dies.
+            Function to run; it may run a second time, if its worker dies.
 
         Raises
         ------
         FarmError
-            As the work raised; `limit` where its time or its memory did not suffice; or its workers died.
+            As the work raised; `limit` if its time or its memory did not suffice; or its workers died.
         """
         ended = ""
         for _ in range(_TRIES):
@@ -174,7 +174,7 @@ class Workers:
         self._give(worker)
 
     def _replace(self) -> None:
-        """Start a worker; where that fails (the disk may be full), retry until it succeeds."""
+        """Start a worker; if that fails (the disk may be full), retry until it succeeds."""
         if self._closed:
             return
         try:

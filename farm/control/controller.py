@@ -117,7 +117,7 @@ class Controller:
         effects
             Performs the effects of decisions from now on.
         restored_s
-            Time of the backup, where the database was damaged and restored from one.
+            Time of the backup, if the database was damaged and restored from one.
         """
         self._effects = effects
         now_s = self.clock.now()
@@ -142,7 +142,7 @@ class Controller:
         Raises
         ------
         StoreError
-            Where the books cannot be written. The effects of earlier commits are performed.
+            If the books cannot be written. The effects of earlier commits are performed.
         """
         self._handle_all(events)
 
@@ -157,7 +157,7 @@ class Controller:
             self._perform(effects)
 
     def tick(self) -> None:
-        """Schedule where time has changed a decision; else repeat unconfirmed instructions to agents."""
+        """Schedule if time has changed a decision; else repeat unconfirmed instructions to agents."""
         if self.clock.now() >= self._next_change_s:
             self.handle()
         else:
@@ -165,7 +165,7 @@ class Controller:
 
     @property
     def next_change_s(self) -> float | None:
-        """Farm time at which `tick` schedules next; None where only an event changes anything."""
+        """Farm time at which `tick` schedules next; None if only an event changes anything."""
         return self._next_change_s if math.isfinite(self._next_change_s) else None
 
     def _commit(self, events: Iterable[ev.AnyEvent]) -> Iterator[Effect]:
@@ -201,7 +201,7 @@ class Controller:
     # -- scheduling -------------------------------------------------------------------------------------
 
     def _schedule(self) -> Iterator[Effect]:
-        """Give plates to printers, and start planning the first jobs of the queue, where possible now."""
+        """Give plates to printers, and start planning the first jobs of the queue, if possible now."""
         if self.stopping:
             return
         now_s = self.clock.now()
@@ -219,7 +219,7 @@ class Controller:
             situation = situation.with_printers(self.fleet_printers())
         yield from self._replanning.reslice_waiting(self.books, situation)
         yield from self._admit_jobs(situation)
-        # A start changes which printers are kept: where there was one, the next tick looks again.
+        # A start changes which printers are kept: if there was one, the next tick looks again.
         self._next_change_s = now_s if assignments else self._find_next_change_s(situation, held_back)
 
     def _find_next_change_s(self, situation: Situation, held_back: Mapping[str, Hold]) -> float:
@@ -306,7 +306,7 @@ class Controller:
     def on_refusal(self, print_id: str, reason: str, late: bool = False) -> None:
         """Count an agent's refusal to start a print; after `REFUSALS`, the print has failed.
 
-        A request that arrived too `late` was not begun: its plate is scheduled again.
+        A request that arrived too `late` was not started: its plate is scheduled again.
         """
         attempt = self.books.prints[print_id]
         self._refusals[print_id] += 1
@@ -316,7 +316,7 @@ class Controller:
         self.handle(refused_print_end(attempt, printer, reason, late, self.clock.now()))
 
     def unreported_since_s(self, printer: str) -> float | None:
-        """Return the time since which an agent has to list its prints first; None where it need not."""
+        """Return the time since which an agent has to list its prints first; None if it need not."""
         return self.books.printer(printer).unreported_since_s
 
     def on_journal(self, snapshot: AgentSnapshot, prints: Sequence[AgentPrint]) -> None:
@@ -366,7 +366,7 @@ class Controller:
             log.error("%s", error)
 
     def on_backup(self, failure: str | None) -> None:
-        """Store why the last backup failed; None where it succeeded."""
+        """Store why the last backup failed; None if it succeeded."""
         self._backup_failure = failure
 
     # -- queries ----------------------------------------------------------------------------------------
@@ -376,7 +376,7 @@ class Controller:
         return self._situations.printers(self.fleet.printers, self.books, self.telemetry.snapshots)
 
     def fleet_printer(self, name: str) -> FleetPrinter | None:
-        """Describe a printer to the scheduler; None where it is not in use."""
+        """Describe a printer to the scheduler; None if it is not in use."""
         sections = (section for section in self.fleet.printers if section.name == name)
         return next(iter(self._situations.printers(sections, self.books, self.telemetry.snapshots)), None)
 
@@ -386,7 +386,7 @@ class Controller:
         return find_print_limits(attempt, self.books, self._moment(attempt.printer))
 
     def _moment(self, name: str) -> Situation:
-        """Return the situation of one printer, where it is in use, without waiting plates."""
+        """Return the situation of one printer, if it is in use, without waiting plates."""
         printer = self.fleet_printer(name)
         return Situation((), () if printer is None else (printer,), self.rules, self.clock.now())
 

@@ -23,7 +23,7 @@ class JobCommands:
         self._controller, self._printers = controller, printers
 
     def find_submission(self, request_id: str) -> int | None:
-        """Return the job of an earlier request with this id; None where there is none."""
+        """Return the job of an earlier request with this id; None if there is none."""
         jobs = self._controller.books.jobs.values()
         return next((job.id for job in jobs if job.request_id == request_id), None)
 
@@ -33,16 +33,16 @@ class JobCommands:
         Raises
         ------
         Refused
-            Where the farm takes no jobs now.
+            If the farm takes no jobs now.
         FarmError
-            Where a start time or deadline is not a time to come.
+            If a start time or deadline is not a time to come.
         """
         start_and_deadline_s(options, self._controller.rules, self._controller.clock.now())
         if self._controller.stopping:
             raise Refused("the farm is shutting down: submit again after `farm up`")
 
     def find_excess(self, options: JobOptions) -> list[str]:
-        """Say where a submission asks for more printers than the fleet has."""
+        """Say if a submission asks for more printers than the fleet has."""
         printers = len(self._controller.fleet.printers)
         fleet = f"the fleet has {format_count(printers, 'printer')}"
         excess = []
@@ -60,7 +60,7 @@ class JobCommands:
         options: JobOptions,
         by: str | None = None,
     ) -> tuple[int, bool]:
-        """Book a job. Returns its number, and True where an earlier request has submitted it."""
+        """Book a job. Returns its number, and True if an earlier request has submitted it."""
         known = self.find_submission(request_id)
         if known is not None:
             return known, True
@@ -165,7 +165,7 @@ def start_and_deadline_s(
     Raises
     ------
     FarmError
-        Where one of them is not a time to come.
+        If one of them is not a time to come.
     """
     try:
         if options.at is not None:

@@ -36,7 +36,7 @@ class Notifier:
     Raises
     ------
     FleetFileError
-        Where apprise is not installed, or does not know an address.
+        If apprise is not installed, or does not know an address.
     """
 
     def __init__(self, urls: Sequence[SecretStr], farm: str, file: Path, now_s: float) -> None:
@@ -87,7 +87,7 @@ class Notifier:
 
 
 def delete_record(file: Path) -> None:
-    """Delete the record where nobody is notified: events until it is created again are never sent."""
+    """Delete the record if nobody is notified: events until it is created again are never sent."""
     file.unlink(missing_ok=True)
 
 

@@ -43,7 +43,7 @@ class PrinterCommands:
         self._controller.handle(ev.PauseRequested(at_s=at_s, print_id=attempt.id, wanted=wanted, by=by))
 
     def refuse_unattended(self, printers: Iterable[str]) -> None:
-        """Raise Refused where one of the printers may not print now, as nobody is there."""
+        """Raise Refused if one of the printers may not print now, as nobody is there."""
         now_s = self._controller.clock.now()
         known = [p for name in printers if (p := self._controller.fleet_printer(name)) is not None]
         away = [
@@ -86,7 +86,7 @@ class PrinterCommands:
         return api.Cleared(again=plate.parts[0] if plate is not None and again else None)
 
     def _failed_print_of(self, printer: str, part: str) -> Print | None:
-        """Return the failed print of a part on a bed; None where its print is booked as done."""
+        """Return the failed print of a part on a bed; None if its print is booked as done."""
         books = self._controller.books
         judged, failed = books.print_to_judge(printer), failed_print_on(books, printer)
         attempt = judged or failed
@@ -118,7 +118,7 @@ class PrinterCommands:
         mistake = await asyncio.to_thread(find_mistake, section_with_reel(section, reel))
         if mistake is not None:
             raise Refused(f"{printer}: {mistake[1]}")
-        self._refuse_printing(printer)  # it may have begun meanwhile
+        self._refuse_printing(printer)  # it may have started meanwhile
         at_s = self._controller.clock.now()
         self._controller.handle(ev.ReelLoaded(at_s=at_s, printer=printer, reel=reel, by=by))
         return reel
@@ -128,7 +128,7 @@ class PrinterCommands:
             raise Refused(f"{printer} is printing: use `farm load` after the print has ended")
 
     def begin_maintenance(self, printer: str, why: str, by: str) -> None:
-        """Take a printer out of use; its open print goes on to the end."""
+        """Take a printer out of use; its open print continues to the end."""
         self._controller.books.printer(printer)
         at_s = self._controller.clock.now()
         self._controller.handle(ev.MaintenanceStarted(at_s=at_s, printer=printer, why=why, by=by))
@@ -150,7 +150,7 @@ class PrinterCommands:
         return " ".join(outage.printers)
 
     def open_print(self, printer: str, advice: str = ": see `farm status`") -> Print:
-        """Return the open print of a printer. Raises Refused, with the advice, where there is none."""
+        """Return the open print of a printer. Raises Refused, with the advice, if there is none."""
         self._controller.books.printer(printer)
         attempt = self._controller.books.open_print_on(printer)
         if attempt is None:

@@ -33,11 +33,11 @@ class Telemetry:
 
     @property
     def failure(self) -> str | None:
-        """Reason why a snapshot could not be handled; None where all were."""
+        """Reason why a snapshot could not be handled; None if all were."""
         return next(iter(self._failures.values()), None)
 
     def store(self, snapshot: AgentSnapshot) -> bool:
-        """Store a snapshot. Returns True where a field that the scheduler reads has changed."""
+        """Store a snapshot. Returns True if a field that the scheduler reads has changed."""
         before = self.snapshots.get(snapshot.printer)
         self.snapshots[snapshot.printer] = snapshot
         failed = self._failures.pop(snapshot.printer, None) is not None
@@ -81,7 +81,7 @@ def read_snapshot(
     books
         As committed.
     snapshot, before
-        The agent's latest snapshot, and the one before; None where there was none.
+        The agent's latest snapshot, and the one before; None if there was none.
     in_use
         Whether the printer is in the fleet and enabled.
     now_s
@@ -100,7 +100,7 @@ def owed_instructions(
 ) -> Iterator[ev.AnyInstruction]:
     """Yield the instructions that the agent of an open print has not carried out, by its latest snapshot.
 
-    A start is sent again only where the print may still begin: not in an outage that nobody has confirmed,
+    A start is sent again only if the print may still start: not in an outage that nobody has confirmed,
     nor out of hours. A print on a printer that has left the fleet keeps the end that its agent has.
 
     Parameters
@@ -110,7 +110,7 @@ def owed_instructions(
     books
         As committed.
     situation
-        The moment, with that printer where it is still used.
+        The moment, with that printer if it is still used.
     """
     printer = situation.fleet.get(attempt.printer)
     if printer is not None:

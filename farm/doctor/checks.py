@@ -106,7 +106,7 @@ def check_books(facts: Facts) -> Iterator[Finding]:
 
 
 def check_files(facts: Facts) -> Iterator[Finding]:
-    """Check that the files of jobs that go on are there, as they were planned."""
+    """Check that the files of jobs that continue are there, as they were planned."""
     files = facts.files
     action = "`farm cancel` the job, and submit its model again"
     for what, names in (("is missing", files.missing), ("has changed since it was planned", files.changed)):
@@ -118,7 +118,7 @@ def check_files(facts: Facts) -> Iterator[Finding]:
 
 
 def check_agents(facts: Facts) -> Iterator[Finding]:
-    """Check that agents run where the daemon is up, and speak the present protocol."""
+    """Check that agents run while the daemon is up, and speak the present protocol."""
     for agent in facts.agents:
         name = agent.printer
         if agent.folder_error is not None:

@@ -17,11 +17,11 @@ class BooksFacts:
     path
         Path of the database.
     exists
-        True where there is such a file.
+        True if there is such a file.
     form
-        Version of its schema; None where it cannot be read.
+        Version of its schema; None if it cannot be read.
     books
-        The entities; None where they cannot be read.
+        The entities; None if they cannot be read.
     error
         Reason why they cannot be read.
     """
@@ -59,9 +59,9 @@ class AgentFacts:
     printer
         Its printer.
     alive
-        True where its process runs.
+        True if its process runs.
     protocol
-        Version of its protocol; None where it did not answer.
+        Version of its protocol; None if it did not answer.
     folder_error
         Reason why its folder cannot be used.
     """
@@ -81,7 +81,7 @@ class PortFacts:
     printer, path
         The printer, and its port as `fleet.yaml` has it.
     exists, usable
-        True where there is such a device, and where this user may read and write it.
+        True if there is such a device, and if this user may read and write it.
     group
         The device's group.
     """
@@ -114,11 +114,11 @@ class ClockFacts:
     now_s
         The host's clock, in seconds since the epoch.
     synchronised
-        True where NTP synchronises it; None where the kernel does not report that.
+        True if NTP synchronises it; None if the kernel does not report that.
     anchor
-        Scale and anchor of the farm's clock in the state folder; None where there is none yet.
+        Scale and anchor of the farm's clock in the state folder; None if there is none yet.
     host_zone
-        The host's time zone; None where it has no name.
+        The host's time zone; None if it has no name.
     """
 
     now_s: float
@@ -129,7 +129,7 @@ class ClockFacts:
 
 @dataclass(frozen=True, slots=True)
 class RoomFacts:
-    """Free space on a folder's disk, in bytes; None where it cannot be written."""
+    """Free space on a folder's disk, in bytes; None if it cannot be written."""
 
     folder: str
     free_bytes: int | None
@@ -148,7 +148,7 @@ class UserFacts:
     known_groups
         Groups of fleet.yaml that exist on the host.
     state_owner
-        Owner of the state folder; None where there is none.
+        Owner of the state folder; None if there is none.
     """
 
     name: str
@@ -164,7 +164,7 @@ class Facts:
     Attributes
     ----------
     daemon_error
-        Reason why the daemon does not answer; None where it does.
+        Reason why the daemon does not answer; None if it does.
     daemon_version, version
         Versions of the daemon and of this program.
     fleet, fleet_error

@@ -27,7 +27,7 @@ class Finding:
     text
         The finding, with its place.
     action
-        Instruction to the person; empty where there is nothing to do.
+        Instruction to the person; empty if there is nothing to do.
     """
 
     check: str

@@ -20,7 +20,7 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 from farm.errors import FleetFileError, Refused
 
 log = logging.getLogger(__name__)
-_BACKLOG = 1024  # a waiting connection costs no descriptor; where it is full, connections are refused
+_BACKLOG = 1024  # a waiting connection costs no descriptor; if it is full, connections are refused
 _CREDENTIALS = struct.Struct("=iII")  # struct ucred: pid, uid, gid
 
 
@@ -40,7 +40,7 @@ class Person:
             return f"uid {self.uid}"
 
     def belongs_to(self, group: str) -> bool:
-        """Tell whether the person is a member of a group, by the group database or by their login."""
+        """Return whether the person is a member of a group, by the group database or by their login."""
         number = _gid(group)
         try:
             return number in (self.gid, *os.getgrouplist(pwd.getpwuid(self.uid).pw_name, self.gid))
@@ -92,7 +92,7 @@ def caller_name(request: Request) -> str:
 
 
 def operator_name(request: Request) -> str:
-    """Return the name of a caller who may let printers go on. Raises Refused for others.
+    """Return the name of a caller who may let printers continue. Raises Refused for others.
 
     Root and the daemon's own user always may: they could change the database anyway.
     """
@@ -107,18 +107,18 @@ def operator_name(request: Request) -> str:
 
 
 def check_operators(group: str | None) -> None:
-    """Raise FleetFileError where `fleet.operators` names a group that this host does not have."""
+    """Raise FleetFileError if `fleet.operators` names a group that this host does not have."""
     if group is not None and _gid(group) is None:
         raise FleetFileError(f"fleet.operators: there is no group {group}; `groupadd {group}` makes it")
 
 
 def listen(path: Path, group: str) -> socket.socket:
-    """Open a listening Unix socket for a group; for its owner alone, where there is no such group.
+    """Open a listening Unix socket for a group; for its owner alone, if there is no such group.
 
     Raises
     ------
     Refused
-        Where the socket cannot be opened.
+        If the socket cannot be opened.
     """
     listening = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     try:

@@ -36,7 +36,7 @@ class WaitingConnection(Protocol):
 
     @property
     def waiting_since_s(self) -> float | None:
-        """Moment since which it waits, on the event loop's clock; None where it does not."""
+        """Moment since which it waits, on the event loop's clock; None if it does not."""
 
 
 def connection_limit(descriptors: int, printers: int, workers: int) -> int:
@@ -69,7 +69,7 @@ def find_overdue(connections: Iterable[WaitingConnection], now_s: float) -> list
 
 
 def find_longest_waiting(connections: Iterable[WaitingConnection]) -> WaitingConnection | None:
-    """Return the connection that has waited for a request longest; None where none waits."""
+    """Return the connection that has waited for a request longest; None if none waits."""
     waiting = [one for one in connections if one.waiting_since_s is not None]
     return min(waiting, key=lambda one: one.waiting_since_s or 0.0, default=None)
 

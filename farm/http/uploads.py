@@ -67,7 +67,7 @@ def clean_name(name: str) -> str:
 
 
 def parse_options(options: str) -> JobOptions:
-    """Parse the options of a submission. Raises FarmError where one is wrong."""
+    """Parse the options of a submission. Raises FarmError if one is wrong."""
     try:
         return JobOptions.model_validate_json(options)
     except ValidationError as error:
@@ -142,7 +142,7 @@ class Uploads:
         for path, upload in self._open.items():
             if upload.request_id == request_id:
                 step = "waiting for a worker" if upload.missing_bytes == 0 else "sending"
-                with suppress(OSError):  # it has not begun, or is over
+                with suppress(OSError):  # it has not started, or is over
                     step = step_file(path).read_text() or step
                 return api.UploadView(
                     step=step, received=upload.size - upload.missing_bytes, size=upload.size
@@ -170,9 +170,9 @@ class Uploads:
         Raises
         ------
         Refused
-            As `check_quota`; or where fewer or more bytes arrive than announced.
+            As `check_quota`; or if fewer or more bytes arrive than announced.
         FarmError
-            Where the model cannot be printed.
+            If the model cannot be printed.
         """
         self._check_quota(name, size)
         controller, state = self._services.controller, self._services.state

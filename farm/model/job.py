@@ -73,7 +73,7 @@ class Job(Entity):
     state: JobState = JobState.QUEUED
     submitted_s: float
     submitted_by: str | None = None  # the user; None: submitted to an earlier version
-    hold: Hold | None = None  # why its planning has not begun
+    hold: Hold | None = None  # why its planning has not started
     error: ErrorCode | None = None
     reason: str | None = None
     repairs: tuple[str, ...] = ()

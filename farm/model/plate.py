@@ -34,7 +34,7 @@ class PartPrintOptions(Entity):
     brim_width_mm, layer_0_expansion_mm
         None: as the quality sets it.
     stands
-        True where the part is expected to stay upright while it prints.
+        True if the part is expected to stay upright while it prints.
     """
 
     brim_width_mm: float | None = None

@@ -57,6 +57,6 @@ class Print(Entity):
 
     @property
     def shown_state(self) -> PrintState:
-        """State for people: a print that was resumed heats until the printer goes on."""
+        """State for people: a print that was resumed heats until the printer continues."""
         resumes = self.state is PrintState.PAUSED and not self.pause_requested
         return PrintState.HEATING if resumes else self.state

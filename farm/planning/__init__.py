@@ -6,7 +6,7 @@ In the order of the work:
 2. `job_planner`: the order of the rest, on the event loop. The functions in `tasks` run in workers.
 3. `parts.decompose_job`: cut the model for its printers.
 4. `slice_batch`, `parts.slice_part`: slice every part.
-5. `parts.relevel_parts`: move the cuts, where the slices show that one part is too slow.
+5. `parts.relevel_parts`: move the cuts, if the slices show that one part is too slow.
 6. `booking`: put the files into the store; `planned_event`: the event that commits the plan.
 
 `plan` and `part_records` are the records that pass between these steps. `replanning` plans a waiting plate

@@ -72,7 +72,7 @@ class JobPlanner:
         time_factors: Mapping[str, float],
         within_s: float | None = None,
     ) -> None:
-        """Begin to plan a job; returns at once.
+        """Start planning a job; returns at once.
 
         Parameters
         ----------
@@ -132,7 +132,7 @@ class JobPlanner:
     async def _deliver(self, job: int, result: Plan | FarmError) -> None:
         """Deliver the plan, again and again while the books cannot be written (a full disk).
 
-        Where it cannot be booked for another reason, the job fails with that error.
+        If it cannot be booked for another reason, the job fails with that error.
         """
         while True:
             try:

@@ -16,7 +16,7 @@ from farm.model import JobOptions, OwnGcode, Part, Plate
 from farm.planning.part_records import DecomposedPart, SlicedPart
 
 RELEVEL_LATE_S, RELEVEL_LATE_SHARE = 120.0, 0.01
-"""Cuts are moved where the last printer ends later than the mean of all by the larger of both."""
+"""Cuts are moved if the last printer ends later than the mean of all by the larger of both."""
 
 
 class TooFewPrinters(FarmError):
@@ -62,7 +62,7 @@ class DecomposeTask:
     folder
         Scratch folder of the plan.
     time_factors
-        Time factors of the printers, learned from their prints, by name; 1 where there is none.
+        Time factors of the printers, learned from their prints, by name; 1 if there is none.
     within_s
         Time in which the job has to be printed (`--done-by`); None for no limit.
     budget_s
@@ -89,7 +89,7 @@ class DecomposedJob:
     serial_price_s
         Price of the whole model in one piece, heat-up included.
     cut_record
-        File for `relevel_parts` (farm.planning.parts.cut_record); None where the cuts cannot be moved.
+        File for `relevel_parts` (farm.planning.parts.cut_record); None if the cuts cannot be moved.
     """
 
     parts: tuple[DecomposedPart, ...]
@@ -122,7 +122,7 @@ class SlicedJob:
     def should_relevel(self) -> bool:
         """Return whether the last printer ends late enough to move cuts, and reslice all parts.
 
-        Where a printer has several parts, equal parts would not be equal loads.
+        If a printer has several parts, equal parts would not be equal loads.
         """
         busy_s = self.busy_s()
         late_s = self.makespan_s() - sum(busy_s.values()) / len(busy_s)

@@ -49,11 +49,11 @@ def reassign_loads(
     Parameters
     ----------
     loads_s
-        Load that a plan gives each printer, in seconds; 0 where it is not named.
+        Load that a plan gives each printer, in seconds; 0 if it is not named.
     kinds
         Kind of every usable printer: loads move among printers of one kind only.
     time_factors
-        Time factors of the printers, by name; 1 where there is none.
+        Time factors of the printers, by name; 1 if there is none.
 
     Returns
     -------

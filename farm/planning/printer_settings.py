@@ -20,7 +20,7 @@ def matching_printers(printers: Sequence[PrinterSection], options: JobOptions) -
     Raises
     ------
     Refused
-        Where there is none; the message lists what there is.
+        If there is none; the message lists what there is.
     """
     enabled = [section for section in printers if section.enabled]
     matching = [
@@ -60,8 +60,8 @@ def check_settings(printers: Sequence[PrinterSection], options: JobOptions) -> N
     Raises
     ------
     FarmError
-        `refused` where no printer of the fleet matches, `settings` where its quality does not exist, `engine`
-        where Cura's files are missing; each with what there is instead.
+        `refused` if no printer of the fleet matches, `settings` where its quality does not exist, `engine`
+        if Cura's files are missing; each with what there is instead.
     """
     with translate_errors():
         resources = find_resources()

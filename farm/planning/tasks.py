@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 @dataclass(frozen=True, slots=True)
 class Deferred:
-    """A function whose module is imported only where it is called.
+    """A function whose module is imported only if it is called.
 
     The process that refers to it loads nothing; the process that calls it loads its module.
 

@@ -39,12 +39,12 @@ class JobRequest:
     printers
         Number of printers that a person gave it; None for all.
     least_parts
-        Number of parts that an earlier attempt has found to be needed; 0 where unknown.
+        Number of parts that an earlier attempt has found to be needed; 0 if unknown.
     spares
         Number of free printers that it leaves, as long as it has one.
     needs_approval
         Nothing is printed before a person approves its plan: busy printers count too, as the queue at that
-        time is not known; where other jobs have them then, it waits.
+        time is not known; if other jobs have them then, it waits.
     """
 
     requirements: Requirements
@@ -76,7 +76,7 @@ class Availability:
     starting
         The farm has just started: printers that are still connecting are waited for.
     unattended_blocked
-        Printers on which nothing may start while nobody is there: chosen only where there is no other.
+        Printers on which nothing may start while nobody is there: chosen only if there is no other.
     """
 
     printers: tuple[FleetPrinter, ...]
@@ -85,13 +85,13 @@ class Availability:
     unattended_blocked: frozenset[str] = frozenset()
 
     def keeping(self, promises: Iterable[Promise]) -> Availability:
-        """Return the same where the printers of these promises are kept too."""
+        """Return the same if the printers of these promises are kept too."""
         kept = {name: f"job {promise.job}" for promise in promises for name in promise.printers}
         return replace(self, kept={**kept, **self.kept})
 
 
 def find_mismatch(requirements: Requirements, printers: Iterable[FleetPrinter]) -> Hold | None:
-    """Return a hold where no printer of the fleet matches: `fleet.yaml` may have changed since submission."""
+    """Return a hold if no printer of the fleet matches: `fleet.yaml` may have changed since submission."""
     if any(requirements.matches(printer.capabilities) for printer in printers):
         return None
     return Hold(
@@ -104,7 +104,7 @@ def choose_printers(request: JobRequest, availability: Availability) -> Begin | 
     """Choose the printers that the job in front takes.
 
     It takes all matching printers that are idle and clear, or as many as it was given, once they can print it
-    in one round; where the whole fleet cannot, the idle ones in several rounds.
+    in one round; if the whole fleet cannot, the idle ones in several rounds.
     """
     matching = sorted(
         (p for p in availability.printers if request.requirements.matches(p.capabilities)),
@@ -127,7 +127,7 @@ def choose_printers(request: JobRequest, availability: Availability) -> Begin | 
         if kept:
             return _kept_hold({name: availability.kept[name] for name in kept})
         obstacles = [obstacle for p in matching if (obstacle := p.obstacle()) is not None]
-        # Name what ends by itself; ask a person only where nothing does.
+        # Name what ends by itself; ask a person only if nothing does.
         busy = [hold for hold in obstacles if hold.code is HoldCode.PRINTER_BUSY]
         full = [p.name for p in matching if (h := p.obstacle()) and h.code is HoldCode.BED_NOT_CLEAR]
         if busy and full:
@@ -303,7 +303,7 @@ def kept_printers(situation: Situation, reserved: Mapping[str, str]) -> dict[str
 
 
 def _own_hold(job: Job, situation: Situation) -> Hold | None:
-    """Return the hold of a job that does not depend on other jobs; None where there is none."""
+    """Return the hold of a job that does not depend on other jobs; None if there is none."""
     mismatch = find_mismatch(job_requirements(job), situation.printers)
     if mismatch is not None:
         return mismatch

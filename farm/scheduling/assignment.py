@@ -22,10 +22,10 @@ def assign_plates(situation: Situation) -> list[Assignment]:
     """Give waiting plates to printers.
 
     Plates choose by priority, then by order of submission, then the longest first (LPT). A plate
-    gets the printer of its plan where that one can take it now; otherwise a matching printer that is idle and
+    gets the printer of its plan if that one can take it now; otherwise a matching printer that is idle and
     clear, preferably one that no other waiting plate was planned for, and the lowest. Where all of them are
     taken, an earlier plate is moved to another printer that matches it too (an augmenting path), so that no
-    printer is left idle by the order. A plate returns to a printer on which it failed only where no other is
+    printer is left idle by the order. A plate returns to a printer on which it failed only if no other is
     free. A job that was given a number of printers never prints on more at once.
 
     Parameters

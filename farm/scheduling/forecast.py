@@ -45,7 +45,7 @@ class Forecast:
 
     slots: tuple[Slot, ...]
     left: tuple[str, ...]
-    ends_s: float  # of the last slot; now where there is none
+    ends_s: float  # of the last slot; now if there is none
     lower_bound_s: float  # no order of the plates ends sooner
 
     @property
@@ -60,7 +60,7 @@ def forecast_prints(situation: Situation, bounded: bool = True) -> Forecast:
     are matched with printers by the code of `farm.scheduling.assignment`. Between two plates on a printer its
     bed is cleared, for which a person has to be there. Printers that are away or broken are not counted on,
     unless there is no other. Where all printers are alike and free, the end of a job is at most 4/3 of the
-    least (Graham 1969, LPT), and the longest plate's end where there are no more plates than printers.
+    least (Graham 1969, LPT), and the longest plate's end if there are no more plates than printers.
 
     Parameters
     ----------

@@ -70,7 +70,7 @@ def find_plate_holds(
 
 
 def loss_window_end_s(books: Books, holds: Mapping[str, Hold]) -> float:
-    """Return when the first hold for a printer that was just lost ends; infinity where there is none."""
+    """Return when the first hold for a printer that was just lost ends; infinity if there is none."""
     lost = (books.plates[name].prints[-1] for name, hold in holds.items() if hold.code is HoldCode.JUST_LOST)
     ends_s = ((books.prints[name].ended_s or 0.0) + books.outage_window_s for name in lost)
     return math.nextafter(min(ends_s, default=math.inf), math.inf)
@@ -134,7 +134,7 @@ class HoldReasons:
     kept
         Free printers that are kept for plates that failed elsewhere.
     full
-        Limit of printers that heat at once, where it is reached; None where it is not.
+        Limit of printers that heat at once, if it is reached; None if it is not.
     """
 
     def __init__(
@@ -190,7 +190,7 @@ class HoldReasons:
         return self._idle_of[names]
 
     def _held(self, plate: WaitingPlate, name: str) -> Hold | None:
-        """Return why a plate does not go to an idle and clear printer; None where another plate got it."""
+        """Return why a plate does not go to an idle and clear printer; None if another plate got it."""
         printer = self._situation.fleet[name]
         short = short_of_filament(plate, printer, printer.grams)
         if short is not None:

@@ -32,11 +32,11 @@ class Hours:
         return next((span for span in self._near(at_s) if span[0] <= at_s < span[1]), None)
 
     def following(self, at_s: float) -> Span | None:
-        """Return the first span that begins after `at_s`; None where there is none."""
+        """Return the first span that begins after `at_s`; None if there is none."""
         return next((span for span in self._near(at_s) if span[0] > at_s), None)
 
     def edge_s(self, at_s: float) -> float | None:
-        """Return the next start or end of a window; None where there is none."""
+        """Return the next start or end of a window; None if there is none."""
         now, then = self.span(at_s), self.following(at_s)
         if now is not None:
             return None if math.isinf(now[1]) else now[1]
@@ -84,7 +84,7 @@ def parse_moment_s(text: str, now_s: float, zone: tzinfo) -> float:
     Raises
     ------
     ValueError
-        Where it cannot be read, has passed or is more than a year ahead; the message says what to write.
+        If it cannot be read, has passed or is more than a year ahead; the message says what to write.
     """
     now = datetime.fromtimestamp(now_s, zone)
     found = _TIME.fullmatch(text.strip().lower())
@@ -112,7 +112,7 @@ def _next(now: datetime, day: str | None, hour: int, minute: int) -> datetime:
     """Return the next such local time; with daylight saving, one may occur twice."""
     then = now.replace(hour=hour, minute=minute, second=0, microsecond=0, fold=0)
     for _ in range(9):
-        second = then.replace(fold=1)  # an hour later where it occurs twice, earlier where it is skipped
+        second = then.replace(fold=1)  # an hour later if it occurs twice, earlier if it is skipped
         if day is None or DAYS[then.weekday()] == day:
             for moment in (then, second) if second.timestamp() > then.timestamp() else (then,):
                 if moment.timestamp() > now.timestamp():

@@ -70,7 +70,7 @@ class FleetPrinter:
     why_attended: str = ""  # why it may not print unattended
 
     def obstacle(self) -> Hold | None:
-        """Return why nothing can start on the printer now; None where it is idle and clear."""
+        """Return why nothing can start on the printer now; None if it is idle and clear."""
         return self._obstacle
 
     @cached_property

@@ -191,7 +191,7 @@ class _Matching:
         return self._known[plate.id]
 
     def _failed_everywhere(self, plate: WaitingPlate) -> bool:
-        """Tell whether a plate failed on every printer that matches."""
+        """Return whether a plate failed on every printer that matches."""
         others = (p for p in self._moment.fleet.values() if p.name not in plate.failed_on)
         return not any(plate.requirements.matches(p.capabilities) for p in others)
 

@@ -57,7 +57,7 @@ def _describe_printer(
 
 
 def _why_attended(section: PrinterSection, report: AgentSnapshot | None) -> str:
-    """Return why a printer prints only while somebody is there; empty where it may print alone."""
+    """Return why a printer prints only while somebody is there; empty if it may print alone."""
     firmware = PROFILES[section.model].firmware
     if report is not None and not report.reset_verified:
         return "its board was not seen to reset"
@@ -67,7 +67,7 @@ def _why_attended(section: PrinterSection, report: AgentSnapshot | None) -> str:
 
 
 def _free_grams(books: Books, entry: Printer, attempt: Print | None) -> float | None:
-    """Return the grams on a reel that its print, where there is one, leaves; None where nobody said."""
+    """Return the grams on a reel that its print, if there is one, leaves; None if nobody said."""
     if entry.reel is None or entry.reel.grams is None or attempt is None:
         return None if entry.reel is None else entry.reel.grams
     return max(0.0, entry.reel.grams - books.plates[attempt.plate].grams)
@@ -211,7 +211,7 @@ def may_start_now(attempt: Print, books: Books, situation: Situation) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class PrintLimits:
-    """Limits that hours set to a print, in seconds since the epoch; None where they set none.
+    """Limits that hours set to a print, in seconds since the epoch; None if they set none.
 
     Attributes
     ----------

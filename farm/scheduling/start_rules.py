@@ -35,7 +35,7 @@ class Start:
     at_s
         Seconds since the epoch; None for never.
     reason
-        Reason to wait until then; None where there is none.
+        Reason to wait until then; None if there is none.
     """
 
     at_s: float | None
@@ -51,9 +51,9 @@ class StartWindow:
     at_s
         The moment.
     quiet_s
-        When the next quiet hours begin, or those of this moment have begun.
+        When the next quiet hours begin, or those of this moment have started.
     attended_until_s
-        When the attended hours end; minus infinity where nobody is there.
+        When the attended hours end; minus infinity if nobody is there.
     unattended, first_layers_attended
         Whether the printers may print while nobody is there, and begin to.
     """
@@ -65,7 +65,7 @@ class StartWindow:
     first_layers_attended: bool
 
     def allows(self, plate: WaitingPlate) -> bool:
-        """Tell whether a plate may start, as `StartRules.find_start` does."""
+        """Return whether a plate may start, as `StartRules.find_start` does."""
         at_s = self.at_s
         if plate.not_before_s is not None and plate.not_before_s > at_s:
             return False
@@ -169,13 +169,13 @@ class StartRules:
         return Start(then[0], Hold(code=HoldCode.UNATTENDED, text=text))
 
     def _needed_attendance_s(self, plate: WaitingPlate, printer: FleetPrinter) -> float | None:
-        """Return the seconds from its start for which a print needs a person; None where it needs none."""
+        """Return the seconds from its start for which a print needs a person; None if it needs none."""
         if not printer.unattended:
             return plate.expected_s * LATE + ENDED_BEFORE_S
         return plate.first_layer_s if self.first_layers_attended else None
 
     def latest_start_s(self, plate: WaitingPlate, printer: FleetPrinter, at_s: float) -> float:
-        """Return the latest start of a plate that may start at `at_s`; infinity where hours set none."""
+        """Return the latest start of a plate that may start at `at_s`; infinity if hours set none."""
         return min(self._latest_starts_s([plate], [printer], at_s))
 
     def _latest_starts_s(
@@ -206,14 +206,14 @@ class StartRules:
         return min((at_s for at_s in moments if at_s is not None and at_s > now_s), default=math.inf)
 
     def ends_by_s(self, printer: FleetPrinter, at_s: float) -> float | None:
-        """Return the latest end of a print that runs at `at_s`; None where it may go on unattended."""
+        """Return the latest end of a print that runs at `at_s`; None if it may continue unattended."""
         span = self.attended.span(at_s)
         if printer.unattended or (span is not None and math.isinf(span[1])):
             return None
         return at_s if span is None else span[1] - ENDED_BEFORE_S
 
     def unattended_reason(self, printer: FleetPrinter, now_s: float) -> str | None:
-        """Return a sentence on why a printer may not print on now; None where it may."""
+        """Return a sentence on why a printer may not print on now; None if it may."""
         ends_by_s = self.ends_by_s(printer, now_s)
         if ends_by_s is None or now_s < ends_by_s:
             return None
@@ -222,12 +222,12 @@ class StartRules:
         return f"{printer.name} prints only in attended hours ({printer.why_attended}){later}"
 
     def evening_s(self, now_s: float) -> float | None:
-        """Return the start of the night: the end of the attended hours; None where it has begun.
+        """Return the start of the night: the end of the attended hours; None if it has started.
 
         Raises
         ------
         ValueError
-            Where fleet.yaml has no attended hours, or hours that never end, or wants first layers attended.
+            If fleet.yaml has no attended hours, or hours that never end, or wants first layers attended.
         """
         if not self.attended.windows:
             raise ValueError("--overnight needs `attended` hours in fleet.yaml")
@@ -249,7 +249,7 @@ class StartRules:
         return None if span is None else span[1]
 
     def is_attended(self, at_s: float) -> bool:
-        """Return whether a moment is within the attended hours; False where fleet.yaml has none."""
+        """Return whether a moment is within the attended hours; False if fleet.yaml has none."""
         return self.attended.span(at_s) is not None
 
     def bed_clear_s(self, ended_s: float, clearing_s: float) -> float:
@@ -266,7 +266,7 @@ def needed_grams(plate: WaitingPlate) -> float:
 
 
 def short_of_filament(plate: WaitingPlate, printer: FleetPrinter, grams: float | None) -> Hold | None:
-    """Return a hold where a reel has too few grams for a plate; None where it has enough, or is unknown."""
+    """Return a hold if a reel has too few grams for a plate; None if it has enough, or is unknown."""
     needed = needed_grams(plate)
     if grams is None or grams >= needed:
         return None

@@ -50,7 +50,7 @@ class Books:
 
     @property
     def outage(self) -> Outage | None:
-        """Return the outage that no person has confirmed; None where there is none."""
+        """Return the outage that no person has confirmed; None if there is none."""
         return next((o for o in self.outages.values() if o.confirmed_s is None), None)
 
     def job(self, number: int) -> Job:
@@ -93,7 +93,7 @@ class Books:
         return self._open_on.get(printer)
 
     def print_to_judge(self, printer: str) -> Print | None:
-        """Return the last print of a printer where it is done and not judged yet; else None."""
+        """Return the last print of a printer if it is done and not judged yet; else None."""
         last = self._last.get(printer)
         return last if last is not None and last.verdict is None and last.state is PrintState.DONE else None
 
@@ -108,7 +108,7 @@ class Books:
         return len(self.prints) + 1
 
     def last_print_on(self, printer: str) -> Print | None:
-        """Return the last ended print of a printer; None where there is none."""
+        """Return the last ended print of a printer; None if there is none."""
         return self._last.get(printer)
 
     def waiting_plates(self) -> Iterator[Plate]:
@@ -124,7 +124,7 @@ class Books:
 
 
 def replace_fields(entity: E, **changes: object) -> E:
-    """Return an entity with some fields replaced; the same object where nothing changes."""
+    """Return an entity with some fields replaced; the same object if nothing changes."""
     if all(getattr(entity, name) == value for name, value in changes.items()):
         return entity
     return entity.model_copy(update=changes)
@@ -163,7 +163,7 @@ def put(books: Books, *entities: Entity) -> Books:
 
 
 def _ended_last(attempt: Print, before: Entity | None) -> bool:
-    """Return whether an ended print is its printer's last; one that never began does not count."""
+    """Return whether an ended print is its printer's last; one that never started does not count."""
     if attempt.started_s is None and attempt.state is PrintState.CANCELLED:
         return False
     return not isinstance(before, Print) or _order_key(attempt) >= _order_key(before)

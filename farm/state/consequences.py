@@ -63,7 +63,7 @@ def request_pause(attempt: Print, wanted: bool) -> tuple[Print, ev.SendPause]:
 def cancel_plate(books: Books, plate: Plate, reason: str) -> Result:
     """Cancel a plate and its open prints; only a person's request reopens it.
 
-    A printed plate stays printed, and is not printed again where it is judged bad. A good one loses only an
+    A printed plate stays printed, and is not printed again if it is judged bad. A good one loses only an
     open print that would make it again.
     """
     state = books.plate_state(plate)

@@ -26,7 +26,7 @@ class PrinterAdded(Event):
 
 
 class ClockSet(Event):
-    """The host's clock was set forward by so many seconds; back where negative."""
+    """The host's clock was set forward by so many seconds; back if negative."""
 
     by_s: float
 
@@ -103,7 +103,7 @@ class PlateReplaced(Event):
     plate: str
     parts: tuple[Part, ...]
     plates: tuple[Plate, ...]
-    picture: str | None = None  # of the whole job, where parts are new; and the GLB
+    picture: str | None = None  # of the whole job, if parts are new; and the GLB
     assembly: str | None = None
     decomposition: str | None = None  # the report on the cut
 
@@ -185,7 +185,7 @@ class JobPaused(Event):
 
 
 class MaintenanceStarted(Event):
-    """A person took a printer out of use; its open print goes on to the end."""
+    """A person took a printer out of use; its open print continues to the end."""
 
     printer: str
     why: str
@@ -252,7 +252,7 @@ class ReelLoaded(Event):
 
 
 class BedReported(Event):
-    """An emulator reported its bed and filament, which count where the books do not know them."""
+    """An emulator reported its bed and filament, which count if the books do not know them."""
 
     printer: str
     bed: Bed

@@ -29,12 +29,12 @@ class PlateState(StrEnum):
 
 
 def successful_print(prints: Iterable[Print]) -> Print | None:
-    """Return the print that made a plate's parts: done, and not judged bad; None where there is none."""
+    """Return the print that made a plate's parts: done, and not judged bad; None if there is none."""
     return next((p for p in prints if p.state is PrintState.DONE and p.verdict is not Verdict.BAD), None)
 
 
 def stopped_print(plate: Plate, prints: Iterable[Print]) -> Print | None:
-    """Return the print that `farm estop` stopped, where its plate waits for a person since; else None."""
+    """Return the print that `farm estop` stopped, if its plate waits for a person since; else None."""
     last = next(reversed(list(prints)), None)
     return last if plate.paused and last is not None and last.fault == Fault.ESTOP else None
 

@@ -86,7 +86,7 @@ def _reconcile_unknown(attempt: Print, snapshot: AgentSnapshot, now_s: float) ->
 def refused_print_end(
     attempt: Print, printer: Printer, reason: str, late: bool, now_s: float
 ) -> ev.PrintEnded:
-    """Return the end of a print that its agent refused: failed, or cancelled where it came `late`."""
+    """Return the end of a print that its agent refused: failed, or cancelled if it came `late`."""
     return ev.PrintEnded(
         at_s=now_s,
         print_id=attempt.id,
@@ -176,7 +176,7 @@ def handle_unknown_print(
     Parameters
     ----------
     known
-        That print in the books, where it has ended; None where they do not have it, as after a restore.
+        That print in the books, if it has ended; None if they do not have it, as after a restore.
     """
     report = snapshot.print
     if report is None:

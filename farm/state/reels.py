@@ -9,12 +9,12 @@ from farm.model import Plate, Printer, PrintState, Reel
 
 
 def used_grams(plate: Plate, state: PrintState, extruded: bool, share: float | None) -> float:
-    """Compute the grams that an ended print used: those of its whole plate where its progress is unknown.
+    """Compute the grams that an ended print used: those of its whole plate if its progress is unknown.
 
     Parameters
     ----------
     share
-        Printed share of its layers' time, 0 to 1; None where unknown.
+        Printed share of its layers' time, 0 to 1; None if unknown.
     """
     if state is PrintState.DONE:
         return plate.grams

@@ -20,7 +20,7 @@ def part_name(books: Books, attempt: Print) -> str:
 
 
 def failed_print_on(books: Books, printer: str) -> Print | None:
-    """Return the failed or cancelled print whose part is on a bed; None where there is none."""
+    """Return the failed or cancelled print whose part is on a bed; None if there is none."""
     last = books.last_print_on(printer)
     if last is None or books.open_print_on(printer) is not None or books.printer(printer).bed is Bed.CLEAR:
         return None
@@ -52,7 +52,7 @@ def reprinting_printers(books: Books, attempt: Print) -> list[str]:
 
 
 def attempted_plates(books: Books, attempt: Print) -> Iterator[Plate]:
-    """Yield the plates that a print is an attempt at; several where its part was recut."""
+    """Yield the plates that a print is an attempt at; several if its part was recut."""
     return (p for p in books.plates_of(books.jobs[attempt.job]) if attempt.id in p.prints)
 
 
@@ -62,7 +62,7 @@ def _reprints(books: Books, attempt: Print) -> list[Print]:
 
 
 def book_part_whole(books: Books, print_id: str, by: str, at_s: float) -> Result:
-    """Book a failed print as done and good. A reprint that has not begun is withdrawn, others go on."""
+    """Book a failed print as done and good. A reprint that has not started is withdrawn, others continue."""
     attempt = books.prints[print_id]
     plate, printer = books.plates[attempt.plate], books.printer(attempt.printer)
     failure = attempt.reason or attempt.fault or "it failed"

@@ -25,7 +25,7 @@ def validate_books(books: Books) -> list[str]:
     Returns
     -------
     list of str
-        A sentence for each contradiction, the entity first; empty where there is none.
+        A sentence for each contradiction, the entity first; empty if there is none.
     """
     broken = list(_missing_entries(books))
     if broken:  # the other checks need all entities

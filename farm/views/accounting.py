@@ -40,14 +40,14 @@ class NightSummary:
 
 
 def duration_s(attempt: Print) -> float:
-    """Return the seconds for which an ended print kept its printer; 0 where it never began."""
+    """Return the seconds for which an ended print kept its printer; 0 if it never started."""
     if attempt.started_s is None or attempt.ended_s is None:
         return 0.0
     return max(0.0, attempt.ended_s - attempt.started_s)
 
 
 def is_wasted(attempt: Print) -> bool:
-    """Tell whether a print failed, was cancelled, or is bad."""
+    """Return whether a print failed, was cancelled, or is bad."""
     return attempt.state.ended and (attempt.state is not PrintState.DONE or attempt.verdict is Verdict.BAD)
 
 
@@ -66,7 +66,7 @@ def summarise_job(books: Books, job: Job) -> JobSummary:
 
 
 def summarise_night(books: Books, recent: Iterable[Print], now_s: float) -> NightSummary | None:
-    """Count the prints of the last night; None where none ended in it.
+    """Count the prints of the last night; None if none ended in it.
 
     Parameters
     ----------

@@ -29,7 +29,7 @@ class ViewContext:
     job_holds: Mapping[int, Hold] = field(default_factory=dict)
 
     def plate_hold(self, plate: Plate) -> Hold | None:
-        """Return why a plate waits; None where it does not."""
+        """Return why a plate waits; None if it does not."""
         return self.plate_holds.get(plate.id)
 
     def job_hold(self, job: Job) -> Hold | None:

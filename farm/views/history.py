@@ -30,7 +30,7 @@ def select_shown_jobs(books: Books) -> list[Job]:
 
 
 def describe_night(context: ViewContext) -> api.NightView | None:
-    """Describe the last night; None where no print ended in it."""
+    """Describe the last night; None if no print ended in it."""
     night = summarise_night(context.books, context.books.prints.values(), context.now_s)
     if night is None:
         return None

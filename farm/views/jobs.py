@@ -69,7 +69,7 @@ def describe_job(context: ViewContext, job: Job) -> api.JobView:
 
 @dataclass(frozen=True, slots=True)
 class _JobTimes:
-    """Times of a job, in seconds; None where they are not known.
+    """Times of a job, in seconds; None if they are not known.
 
     Attributes
     ----------
@@ -136,7 +136,7 @@ def _elapsed_s(job: Job, prints: list[Print], now_s: float) -> float | None:
 def _remaining_s(context: ViewContext, plates: list[Plate]) -> float:
     """Estimate the time to the end of the last plate, at least 0.
 
-    A waiting plate ends when the forecast says, or as if it started now where there is no forecast.
+    A waiting plate ends when the forecast says, or as if it started now if there is no forecast.
     """
     return max((_plate_remaining_s(context, plate) for plate in plates), default=0.0)
 
@@ -152,7 +152,7 @@ def _plate_remaining_s(context: ViewContext, plate: Plate) -> float:
 
 
 def _busy_s(context: ViewContext, plate: Plate) -> float:
-    """Return the printing time of a plate: reached where it is done, expected otherwise."""
+    """Return the printing time of a plate: reached if it is done, expected otherwise."""
     if plate.prints:
         attempt = _last_print(context.books, plate)
         if attempt.state is PrintState.DONE and attempt.started_s is not None and attempt.ended_s is not None:
@@ -161,7 +161,7 @@ def _busy_s(context: ViewContext, plate: Plate) -> float:
 
 
 def sum_prices(plates: Iterable[Plate]) -> float | None:
-    """Add up the prices of plates; None where one of them has none."""
+    """Add up the prices of plates; None if one of them has none."""
     prices = [plate.price for plate in plates]
     known = [price for price in prices if price is not None]
     return sum(known) if prices and len(known) == len(prices) else None
@@ -172,7 +172,7 @@ def _last_print(books: Books, plate: Plate) -> Print:
 
 
 def _waits_for_person(context: ViewContext, job: Job, plates: list[Plate]) -> bool:
-    """Tell whether a job waits for a person: nothing of it will go on before."""
+    """Return whether a job waits for a person: nothing of it will continue before."""
     if job.state is JobState.HELD:
         return True
     if job.state is JobState.QUEUED:

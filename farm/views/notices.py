@@ -120,7 +120,7 @@ def _list_all_ended(books: Books) -> Iterator[Notice]:
 
 
 def _is_in_outage(books: Books, printer: str, at_s: float) -> bool:
-    """Tell whether a loss is part of an outage, which is one notice for all of its printers."""
+    """Return whether a loss is part of an outage, which is one notice for all of its printers."""
     return any(
         printer in outage.printers
         and at_s >= outage.at_s - books.outage_window_s

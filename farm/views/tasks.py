@@ -133,7 +133,7 @@ def _needs_clearing(context: ViewContext, printer: str) -> bool:
 
 
 def _ask_whole(context: ViewContext, printer: str) -> str:
-    """Ask whether the part of a failed print is good, and name the command; empty where it cannot be."""
+    """Ask whether the part of a failed print is good, and name the command; empty if it cannot be."""
     attempt = possibly_whole_print(context.books, printer)
     if attempt is None:
         return ""

@@ -28,9 +28,9 @@ def describe_timeline(
     Raises
     ------
     NoSuchThing
-        Where there is no such job.
+        If there is no such job.
     Refused
-        Where it has no plan.
+        If it has no plan.
     """
     books = context.books
     job = books.job(number)
@@ -59,7 +59,7 @@ def describe_timeline(
 
 
 def _list_begun_slots(plates: Iterable[Plate], books: Books) -> Iterator[Slot]:
-    """List the prints that have begun, an open one up to its expected end."""
+    """List the prints that have started, an open one up to its expected end."""
     for plate in plates:
         for attempt in books.prints_of(plate):
             factor = books.printer(attempt.printer).time_factor

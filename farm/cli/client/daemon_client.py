@@ -34,7 +34,7 @@ _CHUNK = 1 << 20  # bytes of an upload
 
 
 class DaemonConnection(HTTPConnection):
-    """HTTP over the daemon's Unix socket. Raises OSError or HTTPException where no whole answer comes.
+    """HTTP over the daemon's Unix socket. Raises OSError or HTTPException if no whole answer comes.
 
     The standard library's HTTP loads fast and leaves nothing open.
     """
@@ -133,7 +133,7 @@ class Client:
             "size": str(model.stat().st_size),
             "options": options.model_dump_json(exclude_none=True),
         }
-        self.status()  # raises at once where there is no daemon at all
+        self.status()  # raises at once if there is no daemon at all
         give_up = time.monotonic() + retry_s
         while True:
             try:
@@ -230,7 +230,7 @@ class Client:
 
 
 def _validate(view: type[View], answer: object) -> View:
-    """Validate an answer. Raises FarmError where the daemon has another version."""
+    """Validate an answer. Raises FarmError if the daemon has another version."""
     try:
         return view.model_validate(answer)
     except ValidationError as error:

@@ -26,7 +26,7 @@ class _Line(BaseModel):
 
 
 class StopRequest(_Line):
-    """The printers to stop; all where there is none."""
+    """The printers to stop; all if there is none."""
 
     printers: list[str]
 
@@ -54,7 +54,7 @@ _answer_line: TypeAdapter[StopReport | StopEnd] = TypeAdapter(StopReport | StopE
 
 
 def find_estop_socket(places: Places) -> Path | None:
-    """Find the socket of a farm that belongs to another user; None where it is the caller's own.
+    """Find the socket of a farm that belongs to another user; None if it is the caller's own.
 
     Root uses the socket too, unless the state folder that it named is there.
 
@@ -113,7 +113,7 @@ def request_stop(path: Path, printers: list[str], report: Report) -> None:
 
 
 def serve_request(request: TextIO, answers: TextIO, stop: Callable[[list[str], Report], None]) -> None:
-    """Stop what one line asks for, and answer in lines; it goes on where the caller has gone."""
+    """Stop what one line asks for, and answer in lines; it continues if the caller has gone."""
 
     def send(line: BaseModel) -> None:
         try:

@@ -64,7 +64,7 @@ def estop(
 
 
 def stop_all(places: Places, printers: Iterable[str], report: Report) -> None:
-    """Stop printers by their names; all where no name is given.
+    """Stop printers by their names; all if no name is given.
 
     Raises
     ------
@@ -138,7 +138,7 @@ def serialise_reports(report: Report) -> Report:
 def find_targets(places: Places) -> tuple[dict[str, Stop], FleetFileError | None]:
     """Find how to stop each printer of the state folder and of `fleet.yaml`.
 
-    Where `fleet.yaml` cannot be read, the printers of the state folder remain, with the error.
+    If `fleet.yaml` cannot be read, the printers of the state folder remain, with the error.
     """
     from drivers.safety import StopTarget, list_targets  # slow to load
 

@@ -70,14 +70,14 @@ def discover(
 
 
 def _printers(places: Places) -> tuple[PrinterSection, ...]:
-    """List the printers of the fleet file; none where there is no file yet."""
+    """List the printers of the fleet file; none if there is no file yet."""
     if not places.fleet.exists():
         return ()
     return load_fleet(places.fleet, frozenset(PROFILES)).printers
 
 
 def _same_port(wanted: str, section: PrinterSection) -> bool:
-    """Tell whether a path is the port of a printer on this host, under any of its names."""
+    """Return whether a path is the port of a printer on this host, under any of its names."""
     if section.host is not None:
         return False
     same = wanted.startswith("/") and Path(wanted).resolve() == Path(section.port).resolve()
@@ -96,7 +96,7 @@ def _format_entry(name: str, model: str, port: str) -> str:
 
 
 def _commission(places: Places, sections: tuple[PrinterSection, ...], wanted: str, yes: bool) -> None:
-    """Reset the board of an idle printer and check that it restarts, through its agent where one runs."""
+    """Reset the board of an idle printer and check that it restarts, through its agent if one runs."""
     from drivers.discovery import commission, commission_by_agent
 
     section = next((one for one in sections if wanted == one.name or _same_port(wanted, one)), None)
@@ -139,7 +139,7 @@ def _commission(places: Places, sections: tuple[PrinterSection, ...], wanted: st
 def doctor(places: Places, json: Json = False) -> None:
     """Check database, files, agents, ports, CuraEngine, clock and disks, and say what to do.
 
-    Ends with exit code 1 where there is a problem; a warning is none.
+    Ends with exit code 1 if there is a problem; a warning is none.
     """
     from farm.doctor import Level, check_installation, collect_facts  # slow to load
 

@@ -179,7 +179,7 @@ def list_figures(view: api.JobView) -> list[tuple[str, str]]:
 
 
 def draw_part(stl: Path) -> bytes | None:
-    """Draw a part in its printing pose as PNG; None where the file is no STL that can be read."""
+    """Draw a part in its printing pose as PNG; None if the file is no STL that can be read."""
     import numpy as np  # these are slow to load
     import trimesh
 

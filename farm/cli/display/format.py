@@ -21,7 +21,7 @@ def format_share(share: float) -> str:
 def format_filament(
     grams: float, length_mm: float, price: float | None = None, currency: str | None = None
 ) -> str:
-    """Format an amount of filament, with its price where that is known."""
+    """Format an amount of filament, with its price if that is known."""
     parts = [f"{_short(grams)} g", f"{_short(length_mm / 1000)} m"]
     if price is not None:
         parts.append(f"{price:.2f} {currency}" if currency else f"price {price:.2f}")
@@ -52,5 +52,5 @@ def _short(amount: float) -> str:
 
 
 def format_time(iso: str | None) -> str:
-    """Format a time of day with its weekday; a dash where there is none."""
+    """Format a time of day with its weekday; a dash if there is none."""
     return "-" if iso is None else datetime.fromisoformat(iso).strftime("%a %H:%M")

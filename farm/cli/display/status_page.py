@@ -47,7 +47,7 @@ def shorten_names(printers: Iterable[str]) -> str:
 
 
 def render_status(view: api.Status, width: int) -> RenderableType:
-    """Lay out the status page on lines of `width` columns, where the texts are short enough."""
+    """Lay out the status page on lines of `width` columns, if the texts are short enough."""
     now = Text(f"{view.fleet.name}: {format_time(view.fleet.now)}", style=HEADING)
     if view.fleet.time_scale != 1:
         now.append(f"  (simulated, {view.fleet.time_scale:g} times faster)", style=NOTE)
@@ -180,7 +180,7 @@ def _make_printers_table(printers: list[api.PrinterView], now: datetime) -> Tabl
 
 
 def _format_end(iso: str | None, now: datetime) -> str:
-    """Format a time of day, with the weekday where it may be that of another night."""
+    """Format a time of day, with the weekday if it may be that of another night."""
     if iso is None or now - datetime.fromisoformat(iso) > _SAME_NIGHT:
         return format_time(iso)
     return datetime.fromisoformat(iso).strftime("%H:%M")

@@ -15,7 +15,7 @@ def find_mistake(section: PrinterSection) -> tuple[str, str] | None:
     Returns
     -------
     tuple[str, str] | None
-        The key, and the known values. None where all are known, or where Cura's files are missing (a
+        The key, and the known values. None if all are known, or if Cura's files are missing (a
         submission reports that).
     """
     request = SettingsRequest(

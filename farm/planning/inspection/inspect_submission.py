@@ -72,8 +72,8 @@ def inspect_model(
     Raises
     ------
     FarmError
-        `model` with the reason, where it is no solid and cannot be repaired; `limit` where this process
-        has too little memory for it; `engine` where CuraEngine is missing.
+        `model` with the reason, if it is no solid and cannot be repaired; `limit` if this process
+        has too little memory for it; `engine` if CuraEngine is missing.
     """
     with translate_errors():
         find_engine()

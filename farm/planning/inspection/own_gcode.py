@@ -45,7 +45,7 @@ def is_gcode(name: str) -> bool:
     Raises
     ------
     FarmError
-        Where it is packed G-code.
+        If it is packed G-code.
     """
     lower = name.lower()
     packing = next((suffix for suffix in _PACKED if lower.endswith(suffix)), None)
@@ -66,8 +66,8 @@ def inspect_gcode(
     Raises
     ------
     FarmError
-        `settings` for an option that G-code leaves no choice in, `refused` where no printer matches, `gcode`
-        with the line and the reason, `no_fit` where it fits no matching printer.
+        `settings` for an option that G-code leaves no choice in, `refused` if no printer matches, `gcode`
+        with the line and the reason, `no_fit` if it fits no matching printer.
     """
     _check_options(options)
     matching = matching_printers(printers, options)
@@ -75,7 +75,7 @@ def inspect_gcode(
     section = _find_fitting_printer(matching, accepted, name)
     own = _measure_needs(accepted, section)
     stored = path.with_name(f"gcode-{uuid.uuid4().hex}.gcode")
-    stored.hardlink_to(path)  # the upload stays: another worker reads it where this one dies
+    stored.hardlink_to(path)  # the upload stays: another worker reads it if this one dies
     return InspectedSubmission(store_file(files, stored), _list_notices(accepted, section), 1.0, own)
 
 
@@ -150,7 +150,7 @@ def _book_gcode(
 
 
 def _common_nozzle_mm(printers: Sequence[PrinterSection]) -> float | None:
-    """Return the nozzle that all printers have; None where they differ."""
+    """Return the nozzle that all printers have; None if they differ."""
     found = {section.nozzle_mm for section in printers}
     return found.pop() if len(found) == 1 else None
 
@@ -183,7 +183,7 @@ def _resolve_material(section: PrinterSection) -> EngineSettings:
 
 
 def _list_notices(accepted: AcceptedGcode, section: PrinterSection) -> tuple[str, ...]:
-    """List the changes, and warn where the file seems to be sliced for another material."""
+    """List the changes, and warn if the file seems to be sliced for another material."""
     notices = list(accepted.notices)
     own, kind = accepted.filament_type, find_resources().material_kind(section.material)
     if own is not None and kind is not None and _material_kind(own) != _material_kind(kind):
@@ -230,7 +230,7 @@ def _find_fitting_printer(
 
 
 def _describe_obstacle(section: PrinterSection, accepted: AcceptedGcode) -> str | None:
-    """Describe why a printer cannot print the file; None where it can."""
+    """Describe why a printer cannot print the file; None if it can."""
     own = _measure_needs(accepted, section)
     if own.nozzle_mm not in (None, section.nozzle_mm):
         return f"sliced for a nozzle of {own.nozzle_mm:g} mm, and {section.name} has {section.nozzle_mm:g} mm"

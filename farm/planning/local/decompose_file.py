@@ -26,7 +26,7 @@ from farm.planning.printer_settings import model_sizes, slicing_printer
 from slicing.settings import SettingsRequest, find_resources, resolve_settings
 
 MOST_PRINTERS = 100
-"""Number of printers to choose from, where a person gives none."""
+"""Number of printers to choose from, if a person gives none."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -111,7 +111,7 @@ def decompose_to_folder(path: Path, out: Path, request: DecomposeRequest) -> dic
 
 
 def _build_options(request: DecomposeRequest) -> Options:
-    """Build the decomposition's options. Raises FarmError where a name is not known."""
+    """Build the decomposition's options. Raises FarmError if a name is not known."""
     try:
         interior = Interior(request.interior)
     except ValueError:
@@ -146,7 +146,7 @@ def _empty_for_parts(out: Path) -> None:
     Raises
     ------
     Refused
-        Where the folder has other files in it: parts of two models must not get mixed up.
+        If the folder has other files in it: parts of two models must not get mixed up.
     """
     report = out / REPORT
     try:

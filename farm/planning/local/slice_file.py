@@ -29,7 +29,7 @@ _SPARE = 0.99  # share of the largest size that fits: the proposed figures are r
 
 
 def default_cache(env: Mapping[str, str] = os.environ) -> Path | None:
-    """Return the slice cache in the XDG cache folder; None where that cannot be written."""
+    """Return the slice cache in the XDG cache folder; None if that cannot be written."""
     folder = Path(env.get("XDG_CACHE_HOME") or Path(env.get("HOME", "/")) / ".cache") / "farm" / "slices"
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -129,7 +129,7 @@ def _read_model(path: Path, options: SliceOptions, on_step: OnStep) -> Model:
 
 
 def _find_room(name: str, model: Model, settings: EngineSettings, profile: Profile) -> tuple[RoomBox, ...]:
-    """Return the room for a part with its brim. Raises FarmError where the model does not fit it."""
+    """Return the room for a part with its brim. Raises FarmError if the model does not fit it."""
     room = part_room(profile, settings.brim_width_mm)
     size = _printed_size_mm(model, settings)
     if place(size, room) is None:
@@ -211,7 +211,7 @@ def _format_size(size_mm: tuple[float, float, float]) -> str:
 
 
 def _check_writable(out: Path, model: Path) -> None:
-    """Raise FarmError where the file cannot be written, before minutes of work; nothing is created yet."""
+    """Raise FarmError if the file cannot be written, before minutes of work; nothing is created yet."""
     try:
         if out.is_dir():
             raise _unwritable(out, "it is a folder")

@@ -63,7 +63,7 @@ def write_cut_record(decomposition: Decomposition, folder: Path) -> Path | None:
     Returns
     -------
     Path | None
-        The file; None where the engine's cuts cannot be moved.
+        The file; None if the engine's cuts cannot be moved.
     """
     cutting = decomposition.cutting
     if cutting is None:
@@ -83,7 +83,7 @@ def read_cut_record(path: Path) -> Decomposition:
     Raises
     ------
     FarmError
-        Where the file cannot be read.
+        If the file cannot be read.
     """
     try:
         record = _CutRecord.model_validate_json(path.read_bytes())

@@ -118,7 +118,7 @@ class ModelCutter:
         return decompose_auto(self.model, self.rooms, self.options, self.cost, self.executor, goal)
 
     def cut_for_one(self) -> Decomposition | None:
-        """Keep the model whole, on the lowest printer that can hold it; None where none can.
+        """Keep the model whole, on the lowest printer that can hold it; None if none can.
 
         A person who wants it sooner gives a number of printers.
         """

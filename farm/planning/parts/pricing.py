@@ -28,7 +28,7 @@ def price_rooms(
     printers
         The printers; parts are priced with the settings of the first.
     time_factors
-        Time factors of the printers, learned from their prints, by name; 1 where there is none.
+        Time factors of the printers, learned from their prints, by name; 1 if there is none.
     rounds
         Number of times that each printer is listed.
     """

@@ -27,7 +27,7 @@ def slice_part(task: SliceTask, progress: Callable[[float], None] | None = None)
     Raises
     ------
     FarmError
-        `no_fit` where the bed has no place for it, `engine` or `slice` with CuraEngine's error.
+        `no_fit` if the bed has no place for it, `engine` or `slice` with CuraEngine's error.
     """
     mesh = trimesh.load_mesh(task.stl)
     scale = np.array((task.settings.scale_xy, task.settings.scale_xy, task.settings.scale_z))

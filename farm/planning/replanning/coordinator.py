@@ -51,7 +51,7 @@ class ReplanCoordinator:
         self._tried: set[_TriedKey] = set()  # plates with the kinds of printer that gained nothing
         self._search_due_s = -math.inf
         self.next_search_s = math.inf
-        """Moment at which a search may find what the last one did not; infinity where none is needed."""
+        """Moment at which a search may find what the last one did not; infinity if none is needed."""
 
     @property
     def reserved_printers(self) -> dict[str, str]:
@@ -131,7 +131,7 @@ class ReplanCoordinator:
     def finish(
         self, name: str, result: ReplannedPlate | FarmError, books: Books, situation: Situation
     ) -> ev.PlateReplaced | None:
-        """Return the event of a finished replan; None where the plate stays as it is.
+        """Return the event of a finished replan; None if the plate stays as it is.
 
         Parameters
         ----------

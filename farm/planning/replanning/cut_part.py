@@ -32,7 +32,7 @@ def cut_part(task: ReplanTask) -> Pieces:
     Raises
     ------
     FarmError
-        `no_fit` where it stays whole, else as `decompose_job`.
+        `no_fit` if it stays whole, else as `decompose_job`.
     """
     with translate_errors():
         resources = find_resources()

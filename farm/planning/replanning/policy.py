@@ -1,7 +1,7 @@
 """Policy of replanning: decides which waiting plates are sliced or cut for other printers. Pure.
 
 A plate that waits for printers of one kind may be sliced for a free printer of another kind. The part of a
-failed plate may be cut for several free printers. Either is done only where the part ends sooner by a margin.
+failed plate may be cut for several free printers. Either is done only if the part ends sooner by a margin.
 """
 
 from __future__ import annotations
@@ -68,16 +68,16 @@ def saves_enough(before_s: float, after_s: float, now_s: float) -> bool:
 
 
 class ExpectedEnds:
-    """Ends of the waiting plates of a situation, forecast once, and only where one is asked for.
+    """Ends of the waiting plates of a situation, forecast once, and only if one is asked for.
 
-    Printers that a person has to inspect count only where attended hours are known.
+    Printers that a person has to inspect count only if attended hours are known.
     """
 
     def __init__(self, situation: Situation) -> None:
         self._situation = situation
 
     def of(self, plate: WaitingPlate) -> float:
-        """Return when a plate ends, with all the others in the queue; infinity where unknown."""
+        """Return when a plate ends, with all the others in the queue; infinity if unknown."""
         return self._ends_s.get(plate.id, float("inf"))
 
     @cached_property
@@ -93,12 +93,12 @@ class ExpectedEnds:
 
 
 def expected_end_s(plate: WaitingPlate, situation: Situation) -> float:
-    """Return when a waiting plate ends, with all the others in the queue; infinity where unknown."""
+    """Return when a waiting plate ends, with all the others in the queue; infinity if unknown."""
     return ExpectedEnds(situation).of(plate)
 
 
 def end_in_one_piece_s(plate: WaitingPlate, situation: Situation) -> float:
-    """Return when a waiting plate's part ends in one piece, resliced where that is sooner."""
+    """Return when a waiting plate's part ends in one piece, resliced if that is sooner."""
     other = _best_other(plate, situation.free, situation)
     as_planned_s = expected_end_s(plate, situation)
     return as_planned_s if other is None else min(as_planned_s, _resliced_end_s(plate, other, situation))
@@ -189,7 +189,7 @@ def _other_kind(plate: WaitingPlate, printer: FleetPrinter) -> bool:
 def _best_other(
     plate: WaitingPlate, free: Sequence[FleetPrinter], situation: Situation
 ) -> FleetPrinter | None:
-    """Return the free printer of another kind on which a plate ends soonest; None where there is none."""
+    """Return the free printer of another kind on which a plate ends soonest; None if there is none."""
     ready = [
         p
         for p in free

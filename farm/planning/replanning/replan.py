@@ -29,7 +29,7 @@ class ReplanTask:
     folder
         Scratch folder.
     time_factors
-        Time factors of the printers, by name; 1 where there is none.
+        Time factors of the printers, by name; 1 if there is none.
     others
         The other parts of its job, for the picture.
     """
@@ -86,7 +86,7 @@ def book_resliced(task: ReplanTask, sliced: SlicedPart) -> ReplannedPlate:
     Raises
     ------
     FarmError
-        `slice` where walls are too thin for this printer that were not for the first.
+        `slice` if walls are too thin for this printer that were not for the first.
     """
     unprinted = sliced.result.unprinted
     if len(unprinted) > len(task.plate.warnings):

@@ -45,7 +45,7 @@ class ReplanWorker:
         self._running: set[asyncio.Task[None]] = set()
 
     def start(self, task: ReplanTask, cut: bool) -> None:
-        """Begin to replan a plate; returns at once."""
+        """Start replanning a plate; returns at once."""
         running = asyncio.get_running_loop().create_task(self._run(task, cut))
         self._running.add(running)
         running.add_done_callback(self._running.discard)

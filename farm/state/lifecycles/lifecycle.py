@@ -1,4 +1,4 @@
-"""Records of a lifecycle's table, and the error where an event does not fit it. Pure."""
+"""Records of a lifecycle's table, and the error if an event does not fit it. Pure."""
 
 from __future__ import annotations
 
@@ -37,9 +37,9 @@ class Transition:
     event
         The kind of event.
     starts
-        States in which it can happen; NEW where it creates the entity.
+        States in which it can happen; NEW if it creates the entity.
     ends
-        States that it can lead to; None where the state stays the same.
+        States that it can lead to; None if the state stays the same.
     """
 
     event: Kind
@@ -68,7 +68,7 @@ class Lifecycle:
     consequences
         Events about another entity that change this one's state.
     find_state
-        Returns the state of an entity in the books; NEW where they do not have it.
+        Returns the state of an entity in the books; NEW if they do not have it.
     """
 
     entity: str
@@ -98,13 +98,13 @@ class InvalidTransition(FarmError):
     Attributes
     ----------
     lifecycle, key
-        The entity; no lifecycle where it is the farm itself.
+        The entity; no lifecycle if it is the farm itself.
     start
         The state of the entity.
     event
         The event that does not fit.
     history
-        The entity's last events, oldest first, where a store has added them.
+        The entity's last events, oldest first, if a store has added them.
     """
 
     code = ErrorCode.REFUSED

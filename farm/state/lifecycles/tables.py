@@ -16,7 +16,7 @@ from farm.state.plate_state import PlateState
 
 
 def printer_state(books: Books, name: str) -> PrinterState | None:
-    """Return the state of a printer; NEW where the books do not have it."""
+    """Return the state of a printer; NEW if the books do not have it."""
     printer = books.printers.get(name)
     if printer is None:
         return NEW

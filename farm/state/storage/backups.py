@@ -1,4 +1,4 @@
-"""Nightly backups of the books, and their restoration where the books are damaged."""
+"""Nightly backups of the books, and their restoration if the books are damaged."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def back_up(state: StateFolder, now_s: float) -> Path:
     Raises
     ------
     StoreError
-        Where they cannot be copied; earlier backups are kept.
+        If they cannot be copied; earlier backups are kept.
     """
     try:
         state.backups.mkdir(mode=0o700, exist_ok=True)
@@ -66,7 +66,7 @@ class NightlyBackup:
         self._at, self._report = at, report
 
     async def begin(self) -> None:
-        """Back up where there is no backup of the last day, and set the timer for the next one."""
+        """Back up if there is no backup of the last day, and set the timer for the next one."""
         await self.run(only_if_due=True)
 
     async def run(self, only_if_due: bool = False) -> None:
@@ -116,13 +116,13 @@ def open_books(state: StateFolder, now_s: float) -> tuple[Store, float | None]:
     Returns
     -------
     store, copied_s
-        The books, and the time of the backup where they are one that has not been completed yet: restored
+        The books, and the time of the backup if they are one that has not been completed yet: restored
         now, by a daemon that died over it, or by a person.
 
     Raises
     ------
     FarmError
-        Where they cannot be opened for another reason, or where no backup is intact.
+        If they cannot be opened for another reason, or if no backup is intact.
     """
     try:
         if list_backups(state) and not (state.books.is_file() and state.books.stat().st_size):

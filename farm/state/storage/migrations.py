@@ -28,7 +28,7 @@ _EMPTY = (
     " (seq INTEGER PRIMARY KEY, at_s REAL NOT NULL, kind TEXT NOT NULL, body TEXT NOT NULL)",
 )
 EXPECTED_TABLES = frozenset((*_EMPTY, f"CREATE TABLE {_COPIED}"))
-"""Tables as SQLite lists them: where one letter is damaged, SQLite would use another table."""
+"""Tables as SQLite lists them: if one letter is damaged, SQLite would use another table."""
 _LAST_ON_BED = """
     SELECT json_extract(p.body, '$.id') AS id, json_extract(p.body, '$.job') AS job
     FROM print AS p JOIN printer ON printer.id = json_extract(p.body, '$.printer')

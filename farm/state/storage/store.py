@@ -89,9 +89,9 @@ def read_books(path: Path) -> tuple[Books, int]:
     Raises
     ------
     DamagedBooks
-        Where the file is no database of the farm, or a row differs from what was written.
+        If the file is no database of the farm, or a row differs from what was written.
     StoreError
-        Where they cannot be read.
+        If they cannot be read.
     """
     try:
         with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)) as db:
@@ -192,7 +192,7 @@ class Store:
         self._db.execute("COMMIT")
 
     def _check_rows(self) -> None:
-        """Raise DamagedBooks where a row differs from what was written: SQLite checks pages, not rows."""
+        """Raise DamagedBooks if a row differs from what was written: SQLite checks pages, not rows."""
         tables = self._db.execute("SELECT sql FROM sqlite_master WHERE type = 'table'")
         if {sql for (sql,) in tables} != EXPECTED_TABLES:
             raise DamagedBooks(f"the database {self._path} is damaged: it has other tables")
@@ -207,7 +207,7 @@ class Store:
         return int(number)
 
     def _read_count(self) -> int:
-        """Return the number of committed events; 0 where unknown."""
+        """Return the number of committed events; 0 if unknown."""
         with suppress(OSError, ValueError):
             return int(self._path.with_name(self._path.name + _COUNT).read_bytes())
         return 0
@@ -215,7 +215,7 @@ class Store:
     def _write_count(self, number: int) -> None:
         """Write the number of committed events to a file beside the books.
 
-        Where a checksum in a write-ahead log is wrong, SQLite ends the log there without an error, and later
+        If a checksum in a write-ahead log is wrong, SQLite ends the log there without an error, and later
         commits are lost. The file is not synced: after a power cut it may lag behind, never lead.
         """
         with suppress(OSError):
@@ -226,9 +226,9 @@ class Store:
 
     @property
     def copied_s(self) -> float | None:
-        """Return the time up to which these books are complete; None where they are complete.
+        """Return the time up to which these books are complete; None if they are complete.
 
-        They are not where they are a backup or lost events, until a `BooksRestored` is committed.
+        They are incomplete if they are a backup or lost events, until a `BooksRestored` is committed.
         """
         (at_s,) = self._db.execute("SELECT max(at_s) FROM copied").fetchone()
         if at_s is None and self._lost:
@@ -302,7 +302,7 @@ def _make_private(path: Path) -> None:
 
     Books of an older farm may be readable by all, in a folder that is open to all.
     """
-    with suppress(OSError):  # where they cannot be created, SQLite says so
+    with suppress(OSError):  # SQLite reports that they cannot be created
         os.close(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o600))
     for suffix in ("", "-wal", "-shm"):
         with suppress(OSError):  # not there, or another user's

@@ -31,9 +31,9 @@ def apply(event: ev.Event, books: Books) -> Result:
     Raises
     ------
     NoSuchThing
-        Where the event names an entity that the books do not have.
+        If the event names an entity that the books do not have.
     InvalidTransition
-        Where it does not fit the state of its entity. Nothing is changed then.
+        If it does not fit the state of its entity. Nothing is changed then.
     """
     subjects = list(find_subjects(event, books))
     after, instructions = change(event, books)
@@ -60,9 +60,9 @@ def find_subjects(event: ev.Event, books: Books) -> Iterator[Subject]:
     Raises
     ------
     NoSuchThing
-        Where the event names an entity that the books do not have, and does not create it.
+        If the event names an entity that the books do not have, and does not create it.
     InvalidTransition
-        Where it does not fit the state of one of them.
+        If it does not fit the state of one of them.
     """
     kind = type(event)
     for lifecycle in LIFECYCLES:

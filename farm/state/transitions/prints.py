@@ -63,7 +63,7 @@ def _not_being_ended(
     Raises
     ------
     InvalidTransition
-        Where its agent was sent a cancel request.
+        If its agent was sent a cancel request.
     """
     attempt = books.prints[event.print_id]
     if attempt.cancel_reason is not None:

@@ -131,7 +131,7 @@ def list_bars(job: api.JobView, others: Sequence[api.HistoryRow], now: datetime)
 
 
 def lay_out_gantt(bars: Sequence[Bar]) -> Gantt | None:
-    """Lay out bars over the time of the job's own ones; None where there are none."""
+    """Lay out bars over the time of the job's own ones; None if there are none."""
     if not bars:
         return None
     own = [bar for bar in bars if bar.kind != _OTHER_JOB]
