@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Base64Bytes, BaseModel, ConfigDict, Field, TypeAdapter
 
@@ -93,7 +93,22 @@ class Heater(_Said):
     target_c: float
 
 
-class PrintSnapshot(_Said):
+class PrintReadings(BaseModel):
+    """Values of a print that people see and that decide nothing.
+
+    `farm.model.AgentPrint` and `farm.api.PrintProgress` inherit them: a new one reaches `--json` by itself.
+    """
+
+    layer: int | None = None  # from 1; null before the file's first has begun
+    z_mm: float | None = None  # of that layer
+    feature: str | None = None  # type of the current lines, as Cura names it: WALL-OUTER, FILL, ...
+
+    def readings(self) -> dict[str, Any]:
+        """Return the fields of this class alone, to hand on to another record that has them."""
+        return {name: getattr(self, name) for name in PrintReadings.model_fields}
+
+
+class PrintSnapshot(PrintReadings, _Said):
     """The open print, or the last one that ended and was not forgotten yet."""
 
     print_id: str
@@ -104,10 +119,7 @@ class PrintSnapshot(_Said):
     lines: int = 0
     progress_s: float = 0.0  # print time that is done, by the slicer's ;TIME_ELAPSED
     print_time_s: float = 0.0  # of the whole file
-    layer: int | None = None  # from 1; None before the first
     layers: int = 0
-    z_mm: float | None = None  # of that layer
-    feature: str | None = None  # a value of `drivers.gcode.Feature`
     extruded: bool = False  # something of this print may lie on the bed
     started_s: float | None = None  # farm clock, first command of this print
     ended_s: float | None = None  # farm clock, heaters off and the head still

@@ -9,6 +9,7 @@ from typing import Annotated
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
+from drivers.messages import PrintReadings
 from farm.model import Bed, FilamentState, Hold, JobOptions, JobState, PlanProgress, PrintState, Verdict
 from farm.text import flatten_text
 
@@ -124,7 +125,7 @@ class Reel(_View):
     nozzle_mm: float
 
 
-class PrintProgress(_View):
+class PrintProgress(PrintReadings, _View):
     """Progress of an open print."""
 
     job: int
@@ -132,10 +133,7 @@ class PrintProgress(_View):
     state: PrintState
     progress: float = Field(ge=0, le=1)
     remaining_s: float
-    layer: int | None  # from 1; null before the first
     layers: int
-    z_mm: float | None
-    feature: str | None  # Cura's name of what is printed now: WALL-OUTER, FILL, ...
     pause_ends: str | None  # while it is paused: the moment at which it is ended unless it is resumed
 
 

@@ -165,6 +165,7 @@ def to_farm_print(report: m.PrintSnapshot, ahead_s: float) -> AgentPrint:
         return None if at_s is None else min(max(0.0, at_s + ahead_s), _LATEST_S)
 
     return AgentPrint(
+        **report.readings(),
         print_id=report.print_id,
         state=_PHASES[report.phase],
         fault=report.fault,
@@ -175,10 +176,7 @@ def to_farm_print(report: m.PrintSnapshot, ahead_s: float) -> AgentPrint:
         started_s=moment(report.started_s),
         ended_s=moment(report.ended_s),
         starved_s=max(0.0, report.starved_s),
-        layer=report.layer,
         layers=report.layers,
-        z_mm=report.z_mm,
-        feature=report.feature,
         pause_ends_s=moment(report.pause_ends_s),
         ends_by_s=moment(report.ends_by_s),
         sha256=report.sha256,

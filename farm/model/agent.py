@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from enum import StrEnum
 
+from drivers.messages import PrintReadings
 from farm.model.entity import Entity
 from farm.model.print import PrintState
 from farm.model.printer import FilamentState
@@ -20,7 +21,7 @@ class Link(StrEnum):
     FAULT = "fault"
 
 
-class AgentPrint(Entity):
+class AgentPrint(PrintReadings, Entity):
     """State of an agent's open print, as the agent reports it."""
 
     print_id: str
@@ -33,10 +34,7 @@ class AgentPrint(Entity):
     started_s: float | None
     ended_s: float | None
     starved_s: float = 0.0  # simulated printers: how long it waited for the host
-    layer: int | None = None  # counted from 1
     layers: int = 0
-    z_mm: float | None = None
-    feature: str | None = None  # type of the current lines, as Cura names it
     pause_ends_s: float | None = None  # when its agent ends the print unless it is resumed
     ends_by_s: float | None = None  # when its agent ends the print if it still runs
     sha256: str | None = None  # of its G-code file

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from drivers.messages import PrintReadings
 from farm import api
 from farm.config import PrinterSection
 from farm.model import AgentSnapshot, Hold, Link, Print, Printer, PrintState
@@ -66,15 +67,13 @@ def _progress(context: ViewContext, attempt: Print) -> api.PrintProgress:
     remaining_s = context.remaining_s(attempt)
     reported = context.reported_print(attempt)
     return api.PrintProgress(
+        **(reported or PrintReadings()).readings(),
         job=attempt.job,
         plate=attempt.plate,
         state=attempt.shown_state,
         progress=min(1.0, max(0.0, 1 - remaining_s / plate.expected_s)),
         remaining_s=remaining_s,
-        layer=reported.layer if reported else None,
         layers=plate.layers,
-        z_mm=reported.z_mm if reported else None,
-        feature=reported.feature if reported else None,
         pause_ends=context.format_time(reported.pause_ends_s if reported else None),
     )
 
