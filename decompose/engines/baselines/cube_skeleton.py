@@ -21,12 +21,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from decompose.arrays import Floats
-from decompose.engines.baselines.fitting import (
-    connected_pieces,
-    count_blocks,
-    place_clear_of_faces,
-    refuse_misfits,
-)
 from decompose.engines.baselines.hollow import (
     Block,
     Shell,
@@ -43,6 +37,12 @@ from decompose.options import Interior
 from decompose.pieces import Piece, box_planes, find_joints
 from decompose.print_time import axis_prices_s
 from decompose.problem import Partition, Problem
+from decompose.problem.fitting import (
+    connected_pieces,
+    count_blocks,
+    place_clear_of_faces,
+    refuse_misfits,
+)
 
 CELLS = 24  # the cube root of the number of cells that the model is hollowed by
 TOUCH_MM2 = 1.0  # pieces that share less are no neighbours

@@ -17,18 +17,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from decompose.arrays import Floats
-from decompose.engines.baselines.fitting import (
+from decompose.errors import NoFit
+from decompose.geometry import Mirror, Solid, draw_mirrors, find_good_mirrors
+from decompose.pieces import Piece
+from decompose.print_time import axis_prices_s
+from decompose.problem import Partition, Problem
+from decompose.problem.fitting import (
     connected_pieces,
     count_blocks,
     count_parts,
     place_clear_of_faces,
     refuse_misfits,
 )
-from decompose.errors import NoFit
-from decompose.geometry import Mirror, Solid, draw_mirrors, find_good_mirrors
-from decompose.pieces import Piece
-from decompose.print_time import axis_prices_s
-from decompose.problem import Partition, Problem
 
 LOOK_AHEAD = 3  # depth of the tree of cuts
 DRAWN_PLANES = 5  # planes of a part that are kept of a draw

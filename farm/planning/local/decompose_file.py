@@ -27,6 +27,7 @@ from slicing.settings import SettingsRequest, find_resources, resolve_settings
 
 MOST_PRINTERS = 100
 """Number of printers to choose from, if a person gives none."""
+_ENGINES_OF_PAPERS = (Engine.PARALLELOBOX, Engine.SYMMETRY, Engine.CUBE_SKELETON)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -125,7 +126,7 @@ def _build_options(request: DecomposeRequest) -> Options:
     except ValueError:
         known = ", ".join(Engine)
         raise FarmError(f"--engine {request.engine}: {known}", ErrorCode.SETTINGS) from None
-    if request.faithful and engine in (Engine.BEST, Engine.GUILLOTINE):
+    if request.faithful and engine not in _ENGINES_OF_PAPERS:
         raise FarmError(f"--faithful is for the engines of papers, not {engine}", ErrorCode.SETTINGS)
     return Options(
         engine=engine,

@@ -11,12 +11,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from decompose.decompose import decompose_model
-from decompose.engines.baselines.fitting import (
-    connected_pieces,
-    count_blocks,
-    count_parts,
-    place_clear_of_faces,
-)
 from decompose.errors import NoFit
 from decompose.geometry import Model, Solid, draw_mirrors, find_good_mirrors
 from decompose.geometry.symmetry import APART_RAD
@@ -25,6 +19,12 @@ from decompose.options import Engine, Options
 from decompose.pieces import Piece, find_cut_faces
 from decompose.print_time import CostModel
 from decompose.printers import PrinterRoom
+from decompose.problem.fitting import (
+    connected_pieces,
+    count_blocks,
+    count_parts,
+    place_clear_of_faces,
+)
 
 ROOM = PrinterRoom("plus", ((206.9, 190.9, 205.0),))
 MENDED = Options(Engine.SYMMETRY, seed=3, fit_first_layer=False)

@@ -14,7 +14,7 @@ from decompose.geometry import Solid
 from decompose.grid import CLEAR_MM
 from decompose.pieces import Piece
 from decompose.printers import PrinterRoom
-from decompose.problem import Problem
+from decompose.problem.problem import Problem
 
 FIT_MM = 1e-6  # rounding: a part may exceed its room by this
 ROUNDING_MM3 = 1e-6  # a film on a cut plane
