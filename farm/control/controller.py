@@ -17,12 +17,12 @@ from itertools import chain
 from drivers.clock import Clock
 from farm.config import Fleet
 from farm.control.effects import Effect, Effects
+from farm.control.startup import list_startup_events
 from farm.control.telemetry import Telemetry, owed_instructions, read_snapshot
 from farm.errors import FarmError
 from farm.model import (
     AgentPrint,
     AgentSnapshot,
-    Bed,
     Hold,
     HoldCode,
     Job,
@@ -46,10 +46,10 @@ from farm.scheduling import (
     assign_plates,
     count_spares,
     find_holds,
+    find_next_change_s,
     find_plate_holds,
     find_print_limits,
     kept_printers,
-    loss_window_end_s,
 )
 from farm.state import events as ev
 from farm.state import (
@@ -88,8 +88,7 @@ class Controller:
     """
 
     def __init__(self, fleet: Fleet, store: Store, clock: Clock, build_volumes: BuildVolumes) -> None:
-        self.clock = clock
-        self.started_s = clock.now()
+        self.clock, self.started_s = clock, clock.now()
         self.telemetry = Telemetry()
         self.progress: dict[int, PlanProgress] = {}
         self.stopping = False
@@ -120,16 +119,7 @@ class Controller:
             Time of the backup, if the database was damaged and restored from one.
         """
         self._effects = effects
-        now_s = self.clock.now()
-        events: list[ev.AnyEvent] = []
-        for section in self.fleet.printers:
-            if section.name not in self.books.printers:
-                bed = Bed.UNKNOWN if section.simulated else Bed.NOT_CLEAR
-                events.append(ev.PrinterAdded(at_s=now_s, printer=section.name, bed=bed))
-        if restored_s is not None:
-            events.append(ev.BooksRestored(at_s=now_s, copied_s=restored_s))
-        planning = (job.id for job in self.books.jobs.values() if job.state is JobState.PLANNING)
-        events += [ev.PlanningAbandoned(at_s=now_s, job=number, hold=None) for number in planning]
+        events = list_startup_events(self.books, self.fleet, restored_s, self.clock.now())
         self._perform(self._commit(events))
         for problem in validate_books(self.books) if restored_s is not None else ():
             log.error("the restored database is inconsistent: %s", problem)
@@ -219,19 +209,10 @@ class Controller:
             situation = situation.with_printers(self.fleet_printers())
         yield from self._replanning.reslice_waiting(self.books, situation)
         yield from self._admit_jobs(situation)
-        # A start changes which printers are kept: if there was one, the next tick looks again.
-        self._next_change_s = now_s if assignments else self._find_next_change_s(situation, held_back)
-
-    def _find_next_change_s(self, situation: Situation, held_back: Mapping[str, Hold]) -> float:
-        """Return the next moment at which time alone changes a decision."""
-        jobs = (job.not_before_s for job in self.books.jobs.values() if not job.state.ended)
-        moments = (at_s for at_s in (*jobs, self._startup_end_s) if at_s is not None)
-        return min(
-            situation.next_change_s(),
-            loss_window_end_s(self.books, held_back),
-            self._replanning.next_search_s,
-            *(at_s for at_s in moments if at_s > situation.now_s),
-        )
+        others_s = (self._startup_end_s, self._replanning.next_search_s)
+        self._next_change_s = find_next_change_s(situation, self.books, held_back, others_s)
+        if assignments:  # a start changes which printers are kept: the next tick looks again
+            self._next_change_s = now_s
 
     def _held_back(self) -> dict[str, Hold]:
         """Return the holds of the plates that are offered to no printer."""

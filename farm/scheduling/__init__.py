@@ -6,7 +6,7 @@ Every decision is a function of one `Situation`.
 from farm.scheduling.admission import HoldJob, JobAdmission, StartPlanning, kept_printers
 from farm.scheduling.assignment import assign_plates, find_holds
 from farm.scheduling.forecast import ForecastCache, Slot, as_idle, forecast_prints, seconds_on
-from farm.scheduling.holds import find_plate_holds, join_names, loss_window_end_s
+from farm.scheduling.holds import find_next_change_s, find_plate_holds, join_names
 from farm.scheduling.hours import Hours, parse_moment_s
 from farm.scheduling.matching import Capabilities, FleetPrinter, Requirements, WaitingPlate
 from farm.scheduling.situation import Situation
@@ -45,12 +45,12 @@ __all__ = [
     "count_spares",
     "describe_plates",
     "find_holds",
+    "find_next_change_s",
     "find_plate_holds",
     "find_print_limits",
     "forecast_prints",
     "join_names",
     "kept_printers",
-    "loss_window_end_s",
     "may_start_now",
     "parse_moment_s",
     "seconds_on",

@@ -69,11 +69,36 @@ def find_plate_holds(
     return held
 
 
-def loss_window_end_s(books: Books, holds: Mapping[str, Hold]) -> float:
+def _loss_window_end_s(books: Books, holds: Mapping[str, Hold]) -> float:
     """Return when the first hold for a printer that was just lost ends; infinity if there is none."""
     lost = (books.plates[name].prints[-1] for name, hold in holds.items() if hold.code is HoldCode.JUST_LOST)
     ends_s = ((books.prints[name].ended_s or 0.0) + books.outage_window_s for name in lost)
     return math.nextafter(min(ends_s, default=math.inf), math.inf)
+
+
+def find_next_change_s(
+    situation: Situation, books: Books, held_back: Mapping[str, Hold], others_s: Iterable[float]
+) -> float:
+    """Return the next moment at which time alone changes a decision; infinity if only an event does.
+
+    Parameters
+    ----------
+    situation
+        The plates that still wait, and the fleet.
+    books
+        As committed.
+    held_back
+        The plates that are offered to no printer.
+    others_s
+        Other moments at which decisions may change.
+    """
+    starts = (job.not_before_s for job in books.jobs.values() if not job.state.ended)
+    moments = (*others_s, *(at_s for at_s in starts if at_s is not None))
+    return min(
+        situation.next_change_s(),
+        _loss_window_end_s(books, held_back),
+        *(at_s for at_s in moments if at_s > situation.now_s),
+    )
 
 
 def _has_not_reported(books: Books, printer: str) -> bool:

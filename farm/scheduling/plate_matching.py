@@ -87,7 +87,7 @@ def queue_of(plates: Iterable[WaitingPlate]) -> dict[Turn, list[WaitingPlate]]:
 def match_plates(queue: Queue, moment: Moment) -> dict[str, WaitingPlate]:
     """Match free printers with waiting plates; return the plate of each printer that gets one.
 
-    See `farm.scheduling.assign.assign` for the order and the choice.
+    See `farm.scheduling.assignment.assign_plates` for the order and the choice.
     """
     matching = _Matching(moment)
     most = min(moment.starts, len(moment.free))
