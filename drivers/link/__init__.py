@@ -3,28 +3,28 @@
 Theory of operation (of the Ultimaker 2+: docs/explanation/ultimaker2-serial.md, sections 1, 3 and 7; all of
 it holds over a wire that loses and garbles bytes):
 
-1. Lines are numbered and checksummed, and ONE is in flight. The firmware carries out a number once: what is
-   sent twice is refused with the number that it wants, so to send the last line again is always safe.
-2. That holds for M105 too: a bare one with one flipped bit may be an M1, which never comes back.
-3. A plain ``ok`` is the answer to a line, ``ok T:`` that to M105; they are never taken for each other. A
-   lost or doubled ok makes the link at most a few lines early or late, until the firmware refuses one.
-4. Whatever is uncertain is asked: a line with a checksum and no number (`Firmware.last_line_query`) is
-   answered with the number of the last line that was accepted, does nothing, empties no buffer and has no
-   ok. It is put after `ASK_S` of silence, after words that cannot be read, and after each refusal; the
-   newline before it ends a line that had lost its own. What it says is true of all that was sent before it:
-   a line that is missing is sent again, a move that is not had its ok lost. Until then the oks after a
-   refusal are void.
-5. Silence is no trouble of its own: behind long moves, G28, G4 and M400 the question waits as the line does.
-   A line is never sent twice because it was late.
-6. A number that is neither that of the line in flight nor the one before has to be said twice. One that is
-   not in the history then is that of a board which has lost its count: it was reset.
-7. Where more than 5 % of the lines have to be sent again the link gives up: with an 8-bit checksum some of
-   the garbled lines would be carried out.
+1. Lines have a number and a checksum, and only ONE is in flight. The firmware executes each number once: a
+   line that is sent twice is refused with the number it expects, so resending the last line is always safe.
+2. M105 is numbered too: without a checksum, one flipped bit may turn it into M1, which never returns.
+3. A plain ``ok`` acknowledges a line, ``ok T:`` answers M105; the two are never confused. A lost or
+   doubled ok puts the link at most a few lines early or late, until the firmware refuses one.
+4. When in doubt, the link queries the board: a line with a checksum and no number
+   (`Firmware.last_line_query`) is answered with the number of the last accepted line. It has no other
+   effect and no ok. The query is sent after `ASK_S` of silence, after an unreadable line and after each
+   refusal; its leading newline ends a line that lost its own. The answer covers everything sent before the
+   query: a missing line is sent again; a move that arrived has lost its ok. Until the answer, oks after a
+   refusal are ignored.
+5. Silence alone is no fault: behind long moves, G28, G4 and M400 the query waits as the line does. A line is
+   never resent because it is late.
+6. A number other than that of the line in flight or the one before it must be reported twice. If it is not
+   in the history then, the board has lost its line count: it was reset.
+7. If more than 5 % of the lines have to be resent, the link gives up: with an 8-bit checksum some of the
+   garbled lines would be executed.
 
-Some firmwares differ, as `Firmware` says. Where the ok of a move comes when it was carried out, an answer may
-come before it: a line that was accepted is waited for as long as the board says that it is at work
-(`Firmware.keep_alive`). Where the answer to a question is a refusal (`Firmware.last_line_resends`), it has
-effect only when all that comes with it was heard: its ok belongs to no line.
+`Firmware` records the differences between firmwares. If a move is acknowledged only after execution, an
+answer may arrive before its ok: the link waits for an accepted line as long as the board reports that it is
+busy (`Firmware.keep_alive`). If the answer to a query is a refusal (`Firmware.last_line_resends`), it takes
+effect only after all of its lines have arrived: its ok belongs to no line.
 """
 
 from drivers.link.link import Link

@@ -1,4 +1,4 @@
-"""A link on a port outside an agent: for an emergency stop, or to verify a reset."""
+"""Run a link on a port outside an agent: for an emergency stop, or to verify a reset."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ def exchange(
     port, link
         The caller may `send` and `poll` on the link between two events.
     patience_s
-        Wall seconds after which it ends.
+        Wall seconds after which the exchange ends.
     opened
-        The port was just opened or reset; else the conversation goes on.
+        The port was just opened or reset; otherwise the link continues from its current state.
     unconfirmed
         See `Link.opened`.
 
     Yields
     ------
     (float, Event)
-        Time (`time.monotonic`) and event. Ends early where the link gives up.
+        Time (`time.monotonic`) and event. Ends early if the link gives up.
 
     Raises
     ------

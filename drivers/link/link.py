@@ -14,24 +14,24 @@ from drivers.link.replies import Event, Events, Said, Trouble, Up
 
 SILENT = "the board does not answer"
 ASK_S = 0.3  # of silence; doubled with each question
-KEEP_ALIVE_S = 1.4  # the same, where a board at work says so once a second
+KEEP_ALIVE_S = 1.4  # the same for a firmware that sends a busy message every second while it works
 HINT_S = 0.05  # after something that could not be read and may have been an ok
 _LONGEST_ANSWER = 512
 
 
 class Link:
-    """The conversation with one board.
+    """Protocol state of the connection to one board.
 
-    Call `opened` when the port was opened, `receive` with what it says, `tick` when `deadline_s` has come,
-    and write what `take` gives after each of them and after `send` and `stream`.
+    Call `opened` after opening the port, `receive` with the bytes read, and `tick` at `deadline_s`. After
+    each of these, and after `send` and `stream`, write the bytes that `take` returns.
 
     Parameters
     ----------
     firmware
-        Of the board.
+        The board's firmware.
     floor_s
-        No time-out is shorter, in seconds of the caller's clock: where that clock runs faster than the
-        wall's, the host's own scheduling must not look like a silent board.
+        Lower bound of all time-outs, in seconds of the caller's clock: if that clock runs faster than wall
+        time, the host's own scheduling must not look like a silent board.
     """
 
     def __init__(self, firmware: Firmware, floor_s: float = 0.0) -> None:
@@ -40,7 +40,7 @@ class Link:
         patient = firmware.keep_alive is not None
         self._ask_s = max(KEEP_ALIVE_S, floor_s / 4) if patient else max(ASK_S, floor_s / 8)
         self.poll_every_s = math.inf
-        self.ignore_faults = False  # of the firmware: a stopped board still answers M105
+        self.ignore_faults = False  # faults that the firmware reports: a stopped board still answers M105
         self._reset()
 
     def _reset(self) -> None:
@@ -48,27 +48,27 @@ class Link:
         self._out = b""
         self._opening = Opening(self._firmware, self._floor_s)
         self._partial = b""
-        self._due_s = math.inf  # of what is in flight, or of the phase
+        self._due_s = math.inf  # time-out of the line in flight, or of the phase
         self._poll_s = math.inf
         self._waiting = False  # for the ok of the line at the cursor
-        self._calm = True  # nothing was asked or refused since the line in flight was sent
-        self._refused = False  # oks are void until the board has said its last line
-        self._answer: int | None = None  # a last line that was said, until all that comes with it was heard
-        self._answer_s = math.inf  # when that is
+        self._calm = True  # no query and no refusal since the line in flight was sent
+        self._refused = False  # oks are ignored until the board reports its last line
+        self._answer: int | None = None  # a reported last line, until the rest of its answer has arrived
+        self._answer_s = math.inf  # time at which it is complete
         self._recovery = Recovery()
         self.repeated = 0
         self._outbox = Outbox(self._firmware)
 
-    # --- what the caller wants ---
+    # --- called by the owner ---
 
     def opened(self, now_s: float, unconfirmed: bytes = b"") -> None:
-        """Forget all that was known of the board: the port was opened or reset.
+        """Reset the state of the link after the port was opened or reset.
 
         Parameters
         ----------
         unconfirmed
-            Commands that were just sent, and that the board may have missed. It is asked at once whether it
-            restarts; if it refuses a line or is silent, it gets them again.
+            Commands that were just sent and that the board may have missed. The link queries the board at
+            once; if it refuses a line or is silent, they are sent again.
         """
         self._reset()
         self.phase = Phase.OPENING
@@ -76,74 +76,73 @@ class Link:
         self._due_s = now_s + self._opening.first_s
 
     def restarted(self, now_s: float) -> None:
-        """The board started by itself, and that is all right: go on with its banner."""
+        """Accept that the board restarted by itself, and continue with its banner."""
         self._reset()
         self.phase = Phase.BANNER
         self._opening.restarted = True
         self._due_s = now_s + self._opening.quiet_s
 
     def closed(self) -> None:
-        """The port is gone."""
+        """Stop: the port was closed."""
         self._reset()
 
     def send(self, now_s: float, *commands: bytes) -> None:
-        """Queue commands behind those that wait; not while a program is streamed (`halt` it first)."""
+        """Append commands to the queue; not while a program is streamed (`halt` it first)."""
         if self._outbox.streaming:
-            raise ValueError("a program is under way: halt it first")
+            raise ValueError("a program is being streamed: halt it first")
         self._outbox.queue(commands)
         self._go(now_s)
 
     def stream(self, now_s: float, source: Source, start: int, stop: int) -> None:
-        """Send lines `start` to `stop` of a program, after all that was queued."""
+        """Send lines `start` to `stop` of a program after the queued commands."""
         self._outbox.stream(source, start, stop)
         self._go(now_s)
 
     def halt(self) -> None:
-        """Forget what was not sent yet; the line in flight stays."""
+        """Drop all unsent lines; the line in flight stays."""
         self._outbox.halt()
 
     def poll(self, now_s: float) -> None:
-        """Ask for a report as soon as the wire is free."""
+        """Request a temperature report as soon as no line is in flight."""
         self._poll_s = now_s
         self._go(now_s)
 
     def poll_soon(self, at_s: float) -> None:
-        """Ask for a report at `at_s` at the latest."""
+        """Request a temperature report at `at_s` at the latest."""
         self._poll_s = min(self._poll_s, at_s)
 
     def take(self) -> bytes:
-        """Take what is to be written now."""
+        """Return the bytes to write now, and clear them."""
         out, self._out = self._out, b""
         return out
 
     @property
     def drained(self) -> bool:
-        """Every line was acknowledged; a poll may be under way."""
+        """True if every line was acknowledged; an M105 may be in flight."""
         return not (self._waiting or self._outbox.pending)
 
     @property
     def streamed(self) -> int:
-        """Lines of the program that were acknowledged, counted from its first line."""
+        """Number of acknowledged lines of the program, counted from its first line."""
         return self._outbox.streamed(self._waiting)
 
     @property
     def deadline_s(self) -> float:
-        """Time at which `tick` wants to be called."""
+        """Time of the next call of `tick`."""
         if self._answer is not None:
             return self._answer_s
         if self.phase is Phase.LIVE and not self._waiting:
             return self._poll_s
-        return self._due_s  # of what is in flight, or of the phase; never where the link is closed or dead
+        return self._due_s  # of the line in flight, or of the phase; infinite if the link is closed or dead
 
-    # --- what the board says ---
+    # --- messages of the board ---
 
     def receive(self, data: bytes, now_s: float) -> Events | None:
-        """Take bytes from the port. Never raises, whatever they are.
+        """Process bytes from the port. Never raises, whatever they are.
 
-        None says that the next line of the program is on its way and there is nothing else to look at.
+        Returns None if the only effect is that the next line of the program is to be written.
         """
-        # The one path that has to be cheap: the ok to a line of a program, and the next line is encoded
-        # already.
+        # Fast path: an ok to a line of a program while the next line is already encoded.
         if data == b"ok\n" and self._waiting and not self._partial and now_s < self._poll_s and self._calm:
             line = self._outbox.take_encoded()
             if line is not None:
@@ -163,9 +162,9 @@ class Link:
         if self.phase in (Phase.OPENING, Phase.BANNER):
             self._hear_boot(line, now_s, events)
         elif self.phase is not Phase.LIVE:
-            pass  # closed, or dead: what comes now is of no use
-        elif line.endswith(b"start"):  # a reset puts noise before it
-            self._give_up(Fault.REBOOT, "the board started again by itself", events)
+            pass  # closed, or dead: ignore
+        elif line.endswith(b"start"):  # a reset may put noise in front of it
+            self._give_up(Fault.REBOOT, "the board restarted by itself", events)
         else:
             for words in replies.words(line, self._firmware):
                 if self.phase is Phase.LIVE:
@@ -186,7 +185,7 @@ class Link:
             else:
                 self._hear_last_line(number, now_s, events)
         elif replies.refused(words):
-            self._hear_refusal(-1, now_s)  # its Resend comes next, or is lost
+            self._hear_refusal(-1, now_s)  # its Resend follows, unless it was lost
         elif (trouble := replies.trouble(words, self._firmware)) is not None:
             self._give_up(trouble.fault, trouble.text, events)
         elif (alive := self._firmware.keep_alive) is not None and words.startswith(alive):
@@ -216,13 +215,13 @@ class Link:
 
     def _hear_report(self, line: bytes, now_s: float, events: list[Event]) -> None:
         if (report := replies.report(line)) is not None:
-            events.append(report)  # else it is garbled: the next one comes soon
+            events.append(report)  # else it is garbled; the next one follows soon
         if self._asked:
             self._hear_ok(now_s)
 
     @property
     def _asked(self) -> bool:
-        """Whether an M105 is in flight."""
+        """True while an M105 is in flight."""
         return self._waiting and self._outbox.polls
 
     def _hear_ok(self, now_s: float) -> None:
@@ -230,13 +229,13 @@ class Link:
             self._land(now_s)
 
     def _land(self, now_s: float) -> None:
-        """The line in flight was accepted, and is no longer waited for."""
+        """Note that the line in flight was accepted, and stop waiting for it."""
         self._waiting = self._refused = False
         self._calm = True
         self._go(now_s)
 
     def _hear_refusal(self, wanted: int, now_s: float) -> None:
-        """Something that was sent was refused; what came behind it may be lost."""
+        """Handle a refused line; anything sent after it may be lost."""
         if self._outbox.number < 0:
             return
         self._waiting = self._refused = True
@@ -247,17 +246,17 @@ class Link:
             self._ask(now_s)
 
     def _hear_at_work(self, now_s: float, events: list[Event]) -> None:
-        """The board carries out a line that takes long; a question would be of no use."""
+        """Handle a busy message: the board executes a long command, so a query is useless."""
         if not self._waiting:
             return
         if now_s - self._recovery.sent_s > max(self._outbox.patience_s, 5 * self._floor_s):
-            self._give_up(Fault.NO_ANSWER, "the board is busy with one line for too long", events)
+            self._give_up(Fault.NO_ANSWER, "the board is busy with one command for too long", events)
         else:
             self._recovery.at_work_s = now_s
             self._due_s = max(self._due_s, now_s + self._ask_s)
 
     def _hear_last_line(self, last: int, now_s: float, events: list[Event]) -> None:
-        """An answer to a question; or the refusal of a line that has lost its number."""
+        """Handle an answer to a query, or the refusal of a line that lost its number."""
         action = self._recovery.match_answer(last, self._place, self._waiting)
         if self._firmware.last_line_resends:
             self._recovery.forget_questions()
@@ -269,7 +268,7 @@ class Link:
             self._hurry(now_s)
 
     def _settle(self, last: int, now_s: float, events: list[Event]) -> None:
-        """The board had accepted line `last` when all of ours had reached it."""
+        """Act on the answer that `last` is the last accepted line, given after all sent lines had arrived."""
         outbox = self._outbox
         held = outbox.holds(last + 1)
         confirmations = self._recovery.count_needed(self._firmware, outbox.moves, self._ask_s)
@@ -278,7 +277,7 @@ class Link:
             self._ask(now_s)
             return
         if action is Action.GIVE_UP_NOISY:
-            self._give_up(Fault.NOISY_LINE, "the board says another last line each time", events)
+            self._give_up(Fault.NOISY_LINE, "the board reports another last line each time", events)
             return
         self._refused = False
         match action:
@@ -306,7 +305,7 @@ class Link:
         return max(HINT_S, self._floor_s / 40)
 
     def tick(self, now_s: float) -> Events:
-        """Look whether something is due."""
+        """Do what is due at `now_s`."""
         if now_s < self.deadline_s:
             return ()
         events: list[Event] = []
@@ -328,18 +327,18 @@ class Link:
         return events
 
     def _press(self, now_s: float, events: list[Event]) -> None:
-        """Nothing was understood for too long."""
+        """Query again, or give up, after too long without a readable answer."""
         if self._recovery.asks >= ASKS:
             self._give_up(Fault.NO_ANSWER, SILENT, events)
         elif (
             self._recovery.wanted >= 0 and self._recovery.asks >= 2
-        ):  # it answers no questions: believe its Resend
+        ):  # it answers no queries: believe its Resend
             self._settle(self._recovery.wanted - 1, now_s, events)
         else:
             self._ask(now_s)
 
     def _ask(self, now_s: float) -> None:
-        """Ask for the last line that the board accepted."""
+        """Query the number of the last line that the board accepted."""
         self._calm = False
         self._recovery.ask(self._place, now_s)
         self._out += self._firmware.last_line_query
@@ -349,19 +348,19 @@ class Link:
         self._due_s = now_s + wait_s
 
     def _hurry(self, now_s: float) -> None:
-        """Ask soon, where there is something to ask for and room for it."""
+        """Schedule a query soon, if a line is in flight and the board has room for a query."""
         if self._waiting and self._recovery.asks < ASKS:
             self._due_s = min(self._due_s, now_s + self._hint_s)
 
     @property
     def _place(self) -> Place:
-        """Place of what was sent last; an answer to a question from another one is out of date."""
+        """Place of the last sent line; an answer to a query from another place is out of date."""
         return Place(self._outbox.number, self.repeated, self._outbox.top, self._recovery.confirmations)
 
     # --- sending ---
 
     def _go(self, now_s: float) -> None:
-        """Send the next thing, where nothing is in flight."""
+        """Send the next line if none is in flight."""
         if self._waiting or self.phase is not Phase.LIVE:
             return
         if now_s >= self._poll_s and self._outbox.fresh:
@@ -378,9 +377,9 @@ class Link:
         self._due_s = now_s + self._ask_s
 
     def _repaired(self, events: list[Event]) -> bool:
-        """Count what did not get through; False where that is too much, and the link gives up."""
+        """Count a resent line; return False if there are too many and the link gives up."""
         if not self._recovery.count_repair(self._outbox.number):
-            text = f"{NOISE_REPAIRS} lines of {NOISE_LINES} sent again"
+            text = f"{NOISE_REPAIRS} of {NOISE_LINES} lines resent"
             self._give_up(Fault.NOISY_LINE, text, events)
         return self.phase is Phase.LIVE
 

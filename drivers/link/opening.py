@@ -1,4 +1,4 @@
-"""Opening of a link: from the opening of a port to a board that answers. Pure."""
+"""Opening of a link: from opening the port until the board answers. Pure."""
 
 from __future__ import annotations
 
@@ -8,25 +8,25 @@ from drivers.firmware import Firmware
 from drivers.link.recovery import TRIES
 
 START_S = 10.0  # from the opening of the port to ``start``; the bootloader takes one
-UNCONFIRMED_S = 0.3  # to the first question, where the board may not restart
+UNCONFIRMED_S = 0.3  # until the first query, if the board may not restart
 QUIET_S = 1.0  # after ``start``: time for the rest of the banner
 
 
 class Phase(StrEnum):
-    """Phase of a conversation with a board."""
+    """Phase of the connection to a board."""
 
     CLOSED = "closed"
     OPENING = "opening"  # waits for ``start``
-    BANNER = "banner"  # waits for the end of it
+    BANNER = "banner"  # waits for the end of the banner
     LIVE = "live"
-    DEAD = "dead"  # trouble: nothing is sent, and nothing heard
+    DEAD = "dead"  # after a fault: sends nothing, ignores everything
 
 
 class Heard(Enum):
     """Meaning of a line while the port opens."""
 
     NOTHING = 0
-    START = 1  # the banner begins, or goes on
+    START = 1  # the banner begins or continues
     READY = 2  # the banner has ended, or a board that did not restart answers
     REFUSAL = 3  # the unconfirmed commands may be lost
 
@@ -37,16 +37,16 @@ class Opening:
     Parameters
     ----------
     firmware
-        Of the board.
+        The board's firmware.
     floor_s
         See `Link`.
     unconfirmed
-        Commands that were sent before, and that a board that does not restart must have received.
+        Commands sent before; a board that does not restart must have received them.
 
     Attributes
     ----------
     restarted, banner
-        The board said ``start``, and this after it.
+        True if the board sent ``start``; the lines that followed it.
     refused
         The unconfirmed commands may be lost.
     """
@@ -60,7 +60,7 @@ class Opening:
 
     @property
     def first_s(self) -> float:
-        """Seconds to wait for ``start`` before the first question."""
+        """Seconds to wait for ``start`` before the first query."""
         return max(UNCONFIRMED_S, self._floor_s / 8) if self._unconfirmed else max(START_S, self._floor_s)
 
     @property
@@ -70,19 +70,19 @@ class Opening:
 
     @property
     def answer_s(self) -> float:
-        """Seconds to wait for the answer to a question."""
+        """Seconds to wait for the answer to a query."""
         return max(START_S if self._unconfirmed else START_S / 2, self._floor_s)
 
     def hear(self, line: bytes) -> Heard:
-        """Take a line from the board."""
-        if line.endswith(b"start"):  # a reset puts noise before it
+        """Classify a line from the board."""
+        if line.endswith(b"start"):  # a reset may put noise in front of it
             self.restarted, self.banner = True, b""
             return Heard.START
         if self.restarted:
             self.banner += line + b"\n"
             end = self._firmware.banner_end
             if end is None:
-                return Heard.START  # it goes on
+                return Heard.START  # the banner continues
             return Heard.READY if end in line else Heard.NOTHING
         if self._unconfirmed and b"Resend" in line:
             self.refused = True
@@ -91,7 +91,7 @@ class Opening:
         return Heard.READY if answers else Heard.NOTHING
 
     def ask(self) -> bytes | None:
-        """Return the next question to a board that did not restart; None after the last one."""
+        """Return the next query to a board that did not restart; None after the last one."""
         self._tries += 1
         if self._tries > TRIES:
             return None

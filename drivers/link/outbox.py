@@ -1,7 +1,7 @@
-"""Lines of a link: commands and a program, numbered, encoded ahead, and kept to be sent again. Pure.
+"""Lines of a link: commands and a program, numbered, encoded ahead, and kept for resending. Pure.
 
-A number is given for good when its line is sent. What is only encoded ahead gets another one where an M105 is
-put in front of it.
+A line's number is final once the line is sent. Lines that are only encoded ahead get new numbers when an M105
+is inserted in front of them.
 """
 
 from __future__ import annotations
@@ -15,116 +15,115 @@ from drivers.firmware import Firmware
 from drivers.gcode import add_frame, remove_frame
 
 HISTORY_LINES = 32
-LINE_S = 50.0  # a line is given up after so long,
-POLL_S = 150.0  # an M105, which waits its turn behind up to 8 moves
-REACH_MM = 460.0  # no straight move over the largest bed is longer,
-ARC_REACH_MM = 1450.0  # and no arc
-QUEUED_LINES = 32  # a slow move holds up the answers to so many lines behind it: 16 planned, 8 waiting
+LINE_S = 50.0  # time-out of a line
+POLL_S = 150.0  # time-out of an M105, which waits behind up to 8 moves
+REACH_MM = 460.0  # longest straight move over the largest bed
+ARC_REACH_MM = 1450.0  # longest arc
+QUEUED_LINES = 32  # number of lines behind a slow move whose answers it delays: 16 planned, 8 waiting
 _BLOCK_LINES = 256
 
 _MOVES = (b"G0 ", b"G1 ", b"G2 ", b"G3 ")
 _ARCS = (b"G2 ", b"G3 ")
 _FEEDRATE = re.compile(rb"F(\d+\.?\d*)")
-_TRAVELS = re.compile(rb".*[XYZ]").match  # not the feeder alone
+_TRAVELS = re.compile(rb".*[XYZ]").match  # moves more than the feeder
 
 Source = Callable[[int, int], list[bytes]]
-"""Lines `start` to `stop` of a program."""
+"""Returns lines `start` to `stop` of a program."""
 
 
 class Outbox:
-    """Numbered lines, those behind the cursor sent, those after it not yet."""
+    """Numbered lines: sent up to the cursor, unsent after it."""
 
     def __init__(self, firmware: Firmware) -> None:
         self._firmware = firmware
-        # frames[i] is line number base + i; up to the cursor they were sent, those after it are encoded
-        # ahead.
+        # frames[i] is line number base + i; those up to the cursor were sent, the rest is encoded ahead.
         self._frames: list[bytes] = []
         self._base = 1
         self._cursor = -1
         self._top = -1  # the highest number that was sent before the cursor went back
-        self._patience: dict[int, float] = {}  # of lines that may take long
-        self._feedrate_mm_min = math.inf  # of the last line that was encoded
-        self._slow_s = 0.0  # how long a move among the last `QUEUED_LINES` may take,
-        self._slow_until = -1  # up to this line
-        self._polls: set[int] = set()  # lines that are M105
-        self._careful = 0  # up to this number lines may be special, or were sent before
+        self._patience: dict[int, float] = {}  # time-outs of slow lines, by number
+        self._feedrate_mm_min = math.inf  # feedrate after the last encoded line
+        self._slow_s = 0.0  # duration of the slowest move among the last `QUEUED_LINES`,
+        self._slow_until = -1  # which applies up to this line
+        self._polls: set[int] = set()  # numbers of the M105 lines
+        self._careful = 0  # lines up to this number may be slow, an M105 or resent: no fast path
         self._queue: deque[bytes] = deque()
         self._source: Source | None = None
         self._source_at = self._source_stop = 0  # next line of the program to encode
-        self._source_number = 1  # the line number of the program's first line of this run,
-        self._source_start = 0  # and its place there
+        self._source_number = 1  # line number of the first streamed line,
+        self._source_start = 0  # and its index in the program
 
     def begin(self) -> None:
-        """The board counts from 0: an M110 goes out as N0, so that the next is 1."""
+        """Restart the line count: M110 is sent as N0, so the next line is N1."""
         self._base, self._cursor, self._top, self._frames = 0, -1, -1, []
         self._queue.appendleft(b"M110")
 
-    # --- what there is ---
+    # --- state ---
 
     @property
     def number(self) -> int:
-        """Of the line that was sent last; negative before the first."""
+        """Number of the last sent line; negative before the first."""
         return self._base + self._cursor
 
     @property
     def top(self) -> int:
-        """The highest number that was sent."""
+        """Highest number that was sent."""
         return max(self._top, self.number)
 
     @property
     def fresh(self) -> bool:
-        """Whether the next line was never sent: another may be put before it."""
+        """True if the next line was never sent, so that another may be inserted before it."""
         return self.number >= self._top
 
     @property
     def moves(self) -> bool:
-        """Whether the line that was sent last has its ok as soon as it is accepted."""
+        """True if the last sent line is a move, which is acknowledged as soon as it is accepted."""
         return self._frames[self._cursor].partition(b" ")[2].startswith(_MOVES)
 
     @property
     def pending(self) -> bool:
-        """Whether there is something that was not sent yet."""
+        """True if there are unsent lines."""
         return self._cursor + 1 < len(self._frames) or bool(self._queue) or self.streaming
 
     @property
     def streaming(self) -> bool:
-        """Whether lines of a program are still to be encoded."""
+        """True if lines of a program are still to be encoded."""
         return self._source is not None and self._source_at < self._source_stop
 
     @property
     def polls(self) -> bool:
-        """Whether the line that was sent last is an M105."""
+        """True if the last sent line is an M105."""
         return self.number in self._polls
 
     @property
     def patience_s(self) -> float:
-        """Seconds after which the line that was sent last is given up."""
+        """Time-out of the last sent line, in seconds."""
         return max(POLL_S if self.polls else LINE_S, self._patience.get(self.number, 0.0))
 
     def holds(self, number: int) -> bool:
-        """Whether it is recent enough to be sent again."""
+        """Return True if the line is recent enough to be resent."""
         return number >= self._base and self.number - number < HISTORY_LINES
 
     def streamed(self, waiting: bool) -> int:
-        """Lines of the program that were acknowledged; `waiting`: the one that was sent last is not."""
+        """Count the acknowledged lines of the program; `waiting`: the last sent line is not acknowledged."""
         number = self.number
-        number -= waiting and not self.polls  # an M105 is no line of a program
+        number -= waiting and not self.polls  # an M105 is not part of the program
         done = self._source_start + number - self._source_number + 1
         return min(max(done, self._source_start), self._source_stop)
 
-    # --- what is to come ---
+    # --- queueing ---
 
     def queue(self, commands: tuple[bytes, ...]) -> None:
-        """Behind those that wait."""
+        """Append commands to the queue."""
         self._queue.extend(commands)
 
     def stream(self, source: Source, start: int, stop: int) -> None:
-        """Lines `start` to `stop` of a program, behind all that was queued."""
+        """Stream lines `start` to `stop` of a program after the queued commands."""
         self._source, self._source_start, self._source_at, self._source_stop = source, start, start, stop
         self._source_number = self._base + len(self._frames) + len(self._queue)
 
     def halt(self) -> None:
-        """Forget what was not sent yet."""
+        """Drop all unsent lines."""
         sent = self._cursor + 1
         self._top = self.number
         done = self._source_start + self._base + sent - self._source_number
@@ -138,7 +137,7 @@ class Outbox:
             self._feedrate_mm_min = float(last[1]) or self._feedrate_mm_min
 
     def insert_poll(self) -> None:
-        """Put an M105 before all that is encoded ahead, which gets new numbers."""
+        """Insert an M105 before the lines encoded ahead, which get new numbers."""
         sent = self._cursor + 1
         number = self._base + sent
         ahead = self._frames[sent:]
@@ -148,15 +147,15 @@ class Outbox:
         self._polls = {n + (n >= number) for n in self._polls} | {number}
         self._patience = {n + (n >= number): s for n, s in self._patience.items()}
         if self._source_number + self._source_stop - self._source_start > number:
-            self._source_number += 1  # the program, or the rest of it, comes behind
+            self._source_number += 1  # the rest of the program follows
         for at, old in enumerate(ahead, number + 1):
             self._frames.append(add_frame(at, remove_frame(old)))
         self._careful = max(self._careful + 1, self._base + sent)
 
-    # --- what goes out ---
+    # --- sending ---
 
     def take_encoded(self) -> bytes | None:
-        """The next line where it is an everyday one, encoded already; None: call `take_next`."""
+        """Return the next line if it is an ordinary, already encoded one; None: call `take_next`."""
         ahead = self._cursor + 1
         if ahead < len(self._frames) and self._base + self._cursor > self._careful:
             self._cursor = ahead
@@ -164,7 +163,7 @@ class Outbox:
         return None
 
     def take_next(self) -> bytes | None:
-        """The next line; None where there is none."""
+        """Return the next line; None if there is none."""
         if self._cursor + 1 >= len(self._frames):
             self._encode_ahead()
         if self._cursor + 1 >= len(self._frames):
@@ -173,14 +172,14 @@ class Outbox:
         return self._frames[self._cursor]
 
     def rewind_to(self, number: int) -> bytes:
-        """Line `number` again, and from there on."""
+        """Move the cursor back to line `number`, and return that line."""
         self._top = self.top
         self._careful = max(self._careful, self._top)
         self._cursor = number - self._base
         return self._frames[self._cursor]
 
     def _encode_ahead(self) -> None:
-        """Encode a block of lines; called where all that was encoded is sent."""
+        """Encode a block of lines; called once all encoded lines are sent."""
         spare = len(self._frames) - HISTORY_LINES
         if spare > 0:
             del self._frames[:spare]
@@ -208,7 +207,7 @@ class Outbox:
             number += 1
 
     def _expect_slow(self, number: int, move: bytes) -> None:
-        """Note a move that may take longer than `LINE_S`, by its feedrate: its length is not known here."""
+        """Note a move whose feedrate may make it longer than `LINE_S`; its length is unknown here."""
         if (found := _FEEDRATE.search(move)) is not None and float(found[1]) > 0.0:
             self._feedrate_mm_min = float(found[1])
         if move.startswith(_ARCS):

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from drivers.errors import Fault
 from drivers.firmware import Firmware
 
-_DEGREES, _NUMBER = rb"\s*(-?[\d.]{1,12})", rb"(\d{1,12})"  # no board says more, but noise may
+_DEGREES, _NUMBER = rb"\s*(-?[\d.]{1,12})", rb"(\d{1,12})"  # no board sends more digits, but noise may
 _REPORT = re.compile(rb"T:%b\s*/%b\s+B:%b\s*/%b(?![\d.])" % ((_DEGREES,) * 4))
 _LAST_LINE = re.compile(rb"Last Line: %b\s*\Z" % _NUMBER)
 _RESEND = re.compile(rb"Resend: ?%b\s*\Z" % _NUMBER)
@@ -23,7 +23,7 @@ _CARD_OK = b"echo:SD card ok"
 
 @dataclass(frozen=True, slots=True)
 class Up:
-    """The board answers. `restarted`: it said ``start`` first; `banner` is what it said then."""
+    """The board answers. `restarted`: it sent ``start`` first, followed by `banner`."""
 
     restarted: bool
     banner: bytes
@@ -40,20 +40,20 @@ class Report:
 
     @property
     def off(self) -> bool:
-        """Nothing is to be heated."""
+        """True if both targets are 0."""
         return self.nozzle_target_c == 0 and self.bed_target_c == 0
 
 
 @dataclass(frozen=True, slots=True)
 class Said:
-    """A line that is neither an answer of the protocol nor trouble."""
+    """A line that is neither an answer of the protocol nor a fault."""
 
     text: bytes
 
 
 @dataclass(frozen=True, slots=True)
 class Trouble:
-    """The link has stopped sending. `text` is what the board said, or what it did not."""
+    """A fault that stopped the link. `text` is the board's message, or says what is missing."""
 
     fault: Fault
     text: str
@@ -64,7 +64,7 @@ Events = Sequence[Event]
 
 
 def report(line: bytes) -> Report | None:
-    """The temperatures of an answer to M105; None where it is garbled."""
+    """Parse an answer to M105; None if it is garbled."""
     values = _REPORT.search(line)
     if values is not None:
         with suppress(ValueError):  # as "2.1.5" is
@@ -73,24 +73,24 @@ def report(line: bytes) -> Report | None:
 
 
 def wanted(line: bytes) -> int | None:
-    """The number that a ``Resend`` asks for."""
+    """Parse the number in a ``Resend``."""
     found = _RESEND.search(line)
     return None if found is None else int(found[1])
 
 
 def last_line(line: bytes, firmware: Firmware) -> int | None:
-    """The number of the last line that was accepted, in an answer to `Firmware.last_line_query`."""
+    """Parse the number of the last accepted line in an answer to `Firmware.last_line_query`."""
     found = _LAST_LINE.search(line) if line.startswith(firmware.last_line_answer) else None
     return None if found is None else int(found[1])
 
 
 def refused(line: bytes) -> bool:
-    """Whether this is why a line was refused; a ``Resend`` follows."""
+    """Return True if this message explains a refusal; a ``Resend`` follows."""
     return line.startswith(b"Error:") and b"Last Line" in line
 
 
 def acknowledged(words: bytes, firmware: Firmware) -> int | None:
-    """The number of the line that an ok names; negative where it names none; None where this is no ok."""
+    """Parse the line number in an ok; negative if it has none; None if this is not an ok."""
     if words == b"ok":
         return -1
     found = None if firmware.ok_details is None else firmware.ok_details.fullmatch(words, 2)
@@ -98,7 +98,7 @@ def acknowledged(words: bytes, firmware: Firmware) -> int | None:
 
 
 def words(line: bytes, firmware: Firmware) -> list[bytes]:
-    """The answers in a line: more than one where a newline was lost, or M119 left it out."""
+    """Split a line into its answers: several if a newline was lost, or missing as after M119."""
     if acknowledged(line, firmware) is not None:
         return [line]
     found: list[bytes] = []
@@ -113,6 +113,6 @@ def words(line: bytes, firmware: Firmware) -> list[bytes]:
 
 
 def trouble(line: bytes, firmware: Firmware) -> Trouble | None:
-    """Read what a line says of the board's troubles; None where it says nothing of them."""
+    """Parse a fault that a line reports; None if it reports none."""
     fault = next((fault for mark, fault in firmware.troubles if mark in line), None)
     return None if fault is None else Trouble(fault, line.decode("ascii", "replace").strip())

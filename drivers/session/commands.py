@@ -1,4 +1,4 @@
-"""Scripts that reset a board, send it commands, and ask it. Pure."""
+"""Scripts that reset a board, send commands and query it. Pure."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ from drivers.link import Phase as LinkPhase
 from drivers.session.context import Answer, Ended, Script, SessionContext, Wait
 
 SEND_S = 180.0
-RESET_S = 30.0  # for a port that went away to come back
-GREETING_S = 30.0  # the link itself asks before
+RESET_S = 30.0  # for a port that disappeared to return
+GREETING_S = 30.0  # the link itself queries before that
 TRIES = 3
-HEAT_DEAD_MAN_S = 1200.0  # nothing feeds it in a G28 or behind slow moves
+HEAT_DEAD_MAN_S = 1200.0  # nothing feeds it during a G28 or behind slow moves
 PRINT_DEAD_MAN_S = 600.0  # moves feed it, but not an M400 behind 17 slow ones
 PAUSE_DEAD_MAN_S = 120.0  # fed every few seconds
 
 
 def connect(context: SessionContext) -> Script:
-    """Reset the board and wait until it answers: told to be cold, lines counted from 1.
+    """Reset the board and wait until it answers, with its heaters off and its line count at 0.
 
-    A board that started again has no dead-man. One that nothing resets keeps the one it has, whoever armed
-    it, until its heaters are shown off.
+    A restarted board has no dead-man armed. A board that cannot be reset keeps its dead-man, whoever armed
+    it, until its heaters are reported off.
     """
     link = context.link
     for _ in range(TRIES):
@@ -29,7 +29,7 @@ def connect(context: SessionContext) -> Script:
         context.wants_reset = True
         link.poll_every_s = context.pace.heating_s
         if not (yield context.wait(lambda: not context.wants_reset, RESET_S)):
-            raise Ended(Fault.PORT_LOST, "the port is not there")
+            raise Ended(Fault.PORT_LOST, "the port is missing")
         yield context.wait(lambda: context.greeting is not None or link.phase is LinkPhase.DEAD, GREETING_S)
         greeting = context.greeting
         if greeting is not None and greeting.restarted:
@@ -40,30 +40,30 @@ def connect(context: SessionContext) -> Script:
         if greeting is not None and not context.board_resets:
             yield from send(context, *context.firmware.as_new)
             return
-    raise Ended(Fault.NO_ANSWER, "the board did not start again when its port was opened")
+    raise Ended(Fault.NO_ANSWER, "the board did not restart when its port was opened")
 
 
 def send(context: SessionContext, *commands: bytes, limit_s: float = SEND_S) -> Answer:
-    """Send commands and wait until the last of them was carried out."""
+    """Send commands and wait until the last of them was executed."""
     context.link.send(context.now_s, *commands)
     context.fed_s = context.now_s
     return (yield context.wait(lambda: context.link.drained, limit_s))
 
 
 def ask(context: SessionContext, question: bytes) -> Generator[Wait, bool, bytes]:
-    """Ask, and return what the board says."""
+    """Send a query, and return the answer."""
     context.answer = b""
     yield from send(context, question)
     return context.answer
 
 
 def await_report(context: SessionContext, by_s: float) -> Answer:
-    """Wait for the next temperatures."""
+    """Wait for the next temperature report."""
     seen = context.report
     return (yield Wait(lambda: context.report is not seen, by_s))
 
 
 def arm_dead_man(context: SessionContext, seconds: float) -> Script:
-    """Arm the firmware's own end of all heat where no command comes for so long; 0 is off."""
+    """Arm the firmware's dead-man: heaters go off after so long without a command; 0 disarms it."""
     context.dead_man_s = max(seconds, 10 * context.pace.floor_s) if seconds else 0.0
     yield from send(context, context.firmware.dead_man % context.dead_man_s)

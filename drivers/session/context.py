@@ -1,6 +1,6 @@
-"""The state of one session, which all of its scripts share, and what a script is made of. Pure.
+"""State of one session, shared by its scripts, and the types of a script. Pure.
 
-A script is a generator function of a `SessionContext`; each value that it yields is what it waits for.
+A script is a generator function of a `SessionContext`; each value that it yields is a condition to wait for.
 """
 
 from __future__ import annotations
@@ -19,15 +19,15 @@ from drivers.printers import Profile
 from drivers.records import Suspicion
 from drivers.safety import HeaterWatch
 
-REPORT_S = 180.0  # without a report while heating; behind a slow move, and sent again, one may take this long
-BLIND_S = 700.0  # printing without a report: longer than any command may take
+REPORT_S = 180.0  # limit between two reports while heating: one behind a slow move, resent, may take so long
+BLIND_S = 700.0  # limit without a report while printing: longer than any command may take
 
 
 @dataclass(frozen=True, slots=True)
 class Pace:
-    """Intervals of questions, and the least patience; in seconds of the farm's clock.
+    """Intervals between M105, and the shortest time-out, in seconds of the farm's clock.
 
-    An accelerated clock must neither flood the link with M105 nor take the host's scheduling for a silent
+    An accelerated clock must neither flood the link with M105 nor mistake the host's scheduling for a silent
     board, so each of them has a bound in wall time.
     """
 
@@ -38,7 +38,7 @@ class Pace:
 
     @classmethod
     def of(cls, clock: Clock) -> Pace:
-        """2 wall seconds of patience; at most 10 reports a wall second when heating, 2 in a print, 1 idle."""
+        """Compute the pace: at least 2 wall seconds; 10 reports a wall second heating, 2 printing, 1 idle."""
         scale = clock.scale
         return cls(
             floor_s=2.0 * scale,
@@ -49,7 +49,7 @@ class Pace:
 
 
 class Ended(Exception):
-    """Leaves the normal way of a print: a fault, or a cancel where `fault` is None."""
+    """Raised to leave a print early: by a fault, or by a cancel if `fault` is None."""
 
     def __init__(self, fault: Fault | None, reason: str) -> None:
         super().__init__(reason)
@@ -59,7 +59,7 @@ class Ended(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Wait:
-    """Until this is met, or the time has come; the script is told which (True where it is met)."""
+    """Condition of a script and its time limit; the script receives True if the condition was met."""
 
     until: Callable[[], bool]
     deadline_s: float = math.inf
@@ -67,75 +67,76 @@ class Wait:
 
 Script = Generator[Wait, bool, None]
 Answer = Generator[Wait, bool, bool]
-"""A script that tells whether it came to its end in time."""
+"""A script that returns True if it finished in time."""
 
 
 @dataclass(slots=True, eq=False)
 class SessionContext:
-    """All that one session knows. Its scripts and its `Session` write it; others read.
+    """State of one session. Its scripts and its `Session` write it; others only read it.
 
     Attributes
     ----------
     link
-        The conversation with the board.
+        The link to the board.
     program
-        What is printed; None where the board is only reset and its heaters shown off.
+        The program to print; None if the board is only reset and its heaters confirmed off.
     profile
-        The printer that the board must be.
+        Model of the printer that the board must belong to.
     filament
-        Where it is.
+        Position of the filament's end.
     pace
         See `Pace`.
     now_s
         The farm's clock at the last `Session.advance`.
     identity
-        What its banner says of this very printer; None where nobody has seen it yet.
+        Identity of this printer in its banner; None until it was first seen.
     left_by
-        Without a program: what ended the last agent's print.
+        Without a program: the fault that ended the last agent's print.
     board_resets
-        The board starts anew when the port is reset. One that does not is told what a new one would be, and
-        where it does not listen nobody can stop it: it is used only while somebody is there.
+        True if a reset of the port restarts the board. Otherwise commands restore its defaults, and it cannot
+        be stopped once it ignores them: it is used only while somebody is present.
     suspicion
-        A heater that may be stuck on: found in this session, or handed on by the one before, and not seen to
-        cool since.
+        A heater that may be stuck on: found in this session or taken over from the previous one, and not
+        seen to cool since.
     extruded
         Something of this print may lie on the bed.
     ends_by_s
-        The print is ended safely where it has not ended by then.
+        Time at which the print is ended safely if it has not ended by then.
     phase
-        Of the print.
+        Phase of the print.
     fault, reason
-        Why it was left; a cancel is no fault.
+        Fault and reason for which the print was left; a cancel has no fault.
     started_s, ended_s
-        Of the session.
+        Start and end of the session.
     wants_reset
-        Asks the caller to reset the port; `Session.port_was_reset` takes it back.
+        True if the caller has to reset the port; `Session.port_was_reset` clears it.
     wants_power_off, power_off_asked_s
-        Asks the caller to cut the printer's mains, if it can: heaters could not be shown off. It stays, so
-        that one session asks once.
+        True if the caller has to cut the printer's mains, if possible, because heaters were not confirmed
+        off; the time of the request. Never cleared, so that each session requests it once.
     heaters_off, targets_off_s
-        Since the last heating command a report has shown both targets 0, and each heater was seen to cool or
-        to be cold; when the targets were first seen 0.
+        True if, since the last heating command, a report has shown both targets 0 and each heater was seen
+        cooling or cold; the time at which both targets were first reported 0.
     greeting
         The board's banner, or first answer, since the last reset.
     report, report_s
-        The last temperatures, and when they came.
+        The last temperatures, and the time of that report.
     watch, odd_reports
-        Judges the heaters; reports in a row with targets that nobody here set.
+        The heater watch; number of consecutive reports with targets that the session did not set.
     position
-        By the last answer to M114.
+        Position in the last answer to M114.
     answer
-        What the board said since the last question.
+        Output of the board since the last query.
     dead_man_s, fed_s
-        The firmware's own end of all heat where no command comes for so long; when the last one was sent.
+        Time after which the firmware's dead-man ends all heat without a command; time of the last command.
     heated_lines
-        Lines of the file up to the last heating line that was carried out here.
+        Number of lines up to the last heating line that the session executed itself.
     final_lines
-        Lines that the printer has acknowledged, once the stream is over.
+        Number of lines that the printer has acknowledged, once the stream is over.
     pause_wanted, pause_ends_s, nozzle_paused
-        A person's wish; when the pause has lasted too long; the nozzle is off, whatever the file has set.
+        True if a person wants a pause; the time at which it times out; True if the pause switched the nozzle
+        off, whatever the file has set.
     unreadable
-        Why the file cannot be read any more.
+        Reason for which the file can no longer be read.
     """
 
     link: Link
@@ -191,37 +192,37 @@ class SessionContext:
 
     @property
     def streamed(self) -> int:
-        """Lines of the file that the printer has acknowledged."""
+        """Number of lines of the file that the printer has acknowledged."""
         if self.final_lines is not None:
             return self.final_lines
         if self.program is None or self.greeting is None:
-            return 0  # until the board has started anew, the link counts what was printed before
+            return 0  # until the board has restarted, the link still counts the lines printed before
         return self.done_lines
 
     @property
     def done_lines(self) -> int:
-        """Lines of the file that were carried out here or acknowledged."""
+        """Number of lines of the file that were acknowledged or executed by the session."""
         return max(self.heated_lines, self.link.streamed)
 
     @property
     def report_by_s(self) -> float:
-        """Time by which a report that is asked for now has to be there."""
+        """Time by which a report that is requested now has to arrive."""
         return self.now_s + max(REPORT_S, 5 * self.pace.floor_s)
 
     @property
     def blind_by_s(self) -> float:
-        """Time at which a print has been without a report for too long."""
+        """Time at which a print without a report is ended."""
         return self.report_s + max(BLIND_S, 5 * self.pace.floor_s)
 
     def wait(self, met: Callable[[], bool], limit_s: float) -> Wait:
-        """Until this is met, for so long at most, or for what a busy host needs."""
+        """Make a wait of at most `limit_s`, or of the shortest time-out if that is longer."""
         return Wait(met, self.by_s(limit_s))
 
     def by_s(self, limit_s: float) -> float:
-        """Time at which so much is over, or what a busy host needs."""
+        """Compute the end of a time limit, which is never below the shortest time-out."""
         return self.now_s + max(limit_s, 2 * self.pace.floor_s)
 
     def ask_power_off(self) -> None:
-        """Ask the caller, once, to cut the mains."""
+        """Request, once, that the caller cuts the mains."""
         if not self.wants_power_off:
             self.wants_power_off, self.power_off_asked_s = True, self.now_s
