@@ -11,14 +11,14 @@ from drivers.errors import Fault
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """Identity of a printer, as its banner tells it.
+    """Identity of a printer, read from its banner.
 
     Attributes
     ----------
     suffix
-        Of the firmware's version: "ex" on an Ultimaker 2 Extended.
+        Suffix of the firmware's version: "ex" on an Ultimaker 2 Extended.
     offset
-        The home offset (M206): somebody levelled this very bed to a hundredth of a millimetre.
+        Home offset (M206), which levelling sets to 0.01 mm: it differs from printer to printer.
     """
 
     suffix: str
@@ -27,66 +27,64 @@ class Identity:
 
 @dataclass(frozen=True, slots=True)
 class Firmware:
-    """Facts of a firmware that a session, a link, an emergency stop and a check of G-code depend on.
+    """Properties of a firmware that link, session, emergency stop and G-code check depend on.
 
-    Commands have neither number nor newline.
+    Commands have no line number and no newline.
 
     Attributes
     ----------
     title
-        For people.
+        Name for people.
     baud_rate
-        Of its serial port.
+        Baud rate of its serial port.
     command_bytes
-        The longest command that it takes with ``N1234567 `` and ``*255`` around it.
+        Length of the longest command that it accepts between ``N1234567 `` and ``*255``.
     version
-        Pattern of the banner with the group `suffix`; None where the banner does not tell the model.
+        Pattern of the banner with the group `suffix`; None if the banner does not name the model.
     home_offset
-        Pattern of the settings, which a banner with a version has, too; the whole offset is group 1.
+        Pattern of the offset in the settings, which a banner with a version contains; group 1 is the offset.
     banner_end
-        Stands in the banner's last line; None where the banner is over when nothing more is said.
+        Text in the banner's last line; None if only silence marks the end of the banner.
     identity_query, identity_word
-        A question, and what must be in the answer, beside `Profile.machine_word`.
+        A query, and a text that its answer must contain besides `Profile.machine_word`.
     settings_query, position_query, report_query
-        Questions for settings with the home offset, for the place of the head, and for temperatures.
+        Queries for the settings with the home offset, for the position of the head, and for temperatures.
     idle_queries
-        Questions for what people do at an idle printer: the place of the head, and the SD card.
+        Queries that reveal what people do at an idle printer: the position of the head, and the SD card.
     last_line_query, last_line_answer
-        A line that is answered with the number of the last one accepted, and does nothing; how the answer
-        begins.
+        A line without effect that is answered with the number of the last accepted line; the beginning of
+        that answer.
     last_line_resends
-        The answer has a ``Resend`` and perhaps an ok behind it, and what was sent behind the question is
-        lost.
+        The answer is followed by a ``Resend`` and perhaps an ok, and lines sent after the query are lost.
     acknowledges_read_moves
-        The ok of a move comes when it was read; else, as that of all commands, when it was carried out.
+        Moves are acknowledged when they are read; else after execution, as all other commands are.
     ok_details
-        Pattern of all that may follow an ``ok``, with the number of its line as group 1; None where nothing
-        does.
+        Pattern of the text that may follow an ``ok``; group 1 is the line number. None if nothing follows.
     keep_alive
         Beginning of a line that is said once a second as long as a command is carried out; None where none
         is.
     troubles
-        What stands in a line that tells of a fault; the first that is found counts.
+        Texts that mark a line as a fault, in order: the first match counts.
     stop_moves
-        Empties the queue of moves: the head stands.
+        Command that empties the queue of moves, so that the head stops.
     halt
-        Switches everything off until the board is reset; None where there is no such command.
+        Command that switches everything off until the board is reset; None if there is no such command.
     tells_motion
-        The answer to `position_query` counts steps that were made, not those that were planned.
+        The answer to `position_query` counts executed steps, not planned ones.
     wait_moves, motors_off, heaters_off, fan_off
         Commands.
     dead_man
-        Arms the end of all heat where no command comes for ``%d`` seconds; 0 is off.
+        Command that ends all heat after ``%d`` seconds without a command; 0 disarms it.
     dead_man_observed
         Somebody has seen the firmware end it. Else a real printer prints only while somebody is there.
     set_up
-        Commands to a board that has started, before a print.
+        Commands sent before a print to a board that has restarted.
     as_new
-        What makes a board that was not reset as good as one that was.
+        Commands that restore the defaults of a board that was not reset.
     waiting_s
-        Commands that wait for all moves before them, and the seconds after which they are given up.
+        Commands that wait for all earlier moves, with their time-outs in seconds.
     forbidden
-        Commands that no file may have, and why.
+        Commands that no file may contain, with the reason.
     """
 
     title: str
@@ -124,25 +122,25 @@ class Firmware:
 
     @property
     def abort(self) -> tuple[bytes, ...]:
-        """Commands that end motion, heat and fan."""
+        """Commands that stop motion, heaters and fan."""
         return (self.stop_moves, *self.heaters_off, self.fan_off)
 
     @property
     def abort_unnumbered(self) -> bytes:
-        """The same for a board of which nothing is known; the newline ends a line that was cut off."""
+        """Bytes that do the same in any state of the board; the newline ends a line that was cut off."""
         return b"\n" + b"".join(command + b"\n" for command in self.abort)
 
     def read_identity(self, banner: bytes) -> Identity | None:
-        """Read which printer says this; None where it is garbled, or not this firmware's banner."""
+        """Parse the identity in a banner; None if it is garbled, or not this firmware's banner."""
         suffix, offset = self.read_suffix(banner), self.read_offset(banner)
         return None if suffix is None or offset is None else Identity(suffix, offset)
 
     def read_suffix(self, banner: bytes) -> str | None:
-        """Read how the version in a banner ends; None where there is none to read."""
+        """Parse the suffix of the version in a banner; None if there is none."""
         found = None if self.version is None else self.version.search(banner)
         return None if found is None else (found["suffix"] or b"").decode()
 
     def read_offset(self, settings: bytes) -> str | None:
-        """Read the home offset out of settings; None where there is none to read."""
+        """Parse the home offset in the settings; None if there is none."""
         found = self.home_offset.search(settings)
         return None if found is None else found[1].decode()

@@ -1,7 +1,7 @@
-"""Plain Marlin 2, as it is built for many makers' printers. Pure.
+"""Unmodified Marlin 2, the firmware of printers of many makers. Pure.
 
-Source: Marlin's own files, named where they matter; nothing here was measured on a printer. All of it is
-[assumed] of a real one.
+Source: Marlin's source files, named where they matter. Nothing here was measured on a printer: all of it
+is [assumed] of a real one.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from drivers.firmware.firmware import Firmware
 _CARD = "belongs to the SD card"
 _MODES = "the firmware forgets it at the next G90 or G91"
 _SET_UP = (
-    b"M113 S1",  # a sign of life each second, not each other one
+    b"M113 S1",  # a busy message every second instead of every two
     b"M84 S10800",  # 2 minutes without a move would switch the motors off in a pause
 )
 
@@ -22,18 +22,17 @@ MARLIN2 = Firmware(
     title="Marlin 2",
     baud_rate=115_200,
     command_bytes=80,  # ``MAX_CMD_SIZE`` is 96
-    version=None,  # many makers have one banner
+    version=None,  # the banner is the same for many makers
     home_offset=re.compile(rb"M206 (X-?\d+\.\d\d Y-?\d+\.\d\d Z-?\d+\.\d\d)\s*$", re.MULTILINE),
-    banner_end=None,  # what is reported depends on what was built in
+    banner_end=None,  # its last line depends on the build options
     identity_query=b"M115",
     identity_word=b"FIRMWARE_NAME:Marlin 2",
     settings_query=b"M503",
     position_query=b"M114",
     report_query=b"M105",
     idle_queries=(b"M114", b"M27"),
-    # ``GCodeQueue::get_serial_commands`` (gcode/queue.cpp) refuses a number without a checksum before it does
-    # anything, and takes any number of an M110 for the next one. The newline before it ends a line that has
-    # lost its own.
+    # ``GCodeQueue::get_serial_commands`` (gcode/queue.cpp) refuses a number without a checksum before any
+    # effect, and accepts any line number for an M110. The leading newline ends a line that lost its own.
     last_line_query=b"\nN0 M110\n",
     last_line_answer=b"Error:No Checksum with line number",
     last_line_resends=True,  # ``gcode_line_error``
@@ -49,7 +48,7 @@ MARLIN2 = Firmware(
         (b"kill() called", Fault.KILL),
         (b"Printer stopped", Fault.STOPPED),
         (b"STOP called", Fault.STOPPED),
-        (b"busy: paused", Fault.STOPPED),  # waits for somebody at the printer: a filament sensor
+        (b"busy: paused", Fault.STOPPED),  # waits for a person at the printer, as after a filament sensor
         (b"Homing Failed", Fault.ENDSTOP),
         (b"cold extrusion", Fault.COLD_EXTRUSION),
         (b"too long extrusion", Fault.BAD_FILE),
@@ -58,12 +57,12 @@ MARLIN2 = Firmware(
     ),
     stop_moves=b"M410",  # M401 lowers a probe here
     halt=b"M112",
-    tells_motion=False,  # ``report_current_position_projected``: what was planned
+    tells_motion=False,  # ``report_current_position_projected``: the planned position
     wait_moves=b"M400",
     motors_off=b"M84",
     heaters_off=(b"M104 S0", b"M140 S0"),
     fan_off=b"M107",
-    dead_man=b"M85 S%d",  # fed by moves and by itself alone (``manage_inactivity``); ends in kill()
+    dead_man=b"M85 S%d",  # fed only by moves and by M85 itself (``manage_inactivity``); ends in kill()
     dead_man_observed=False,
     set_up=_SET_UP,
     as_new=(b"M104 S0", b"M140 S0", b"M410", b"M107", b"G90", b"M82", b"M220 S100", b"M221 S100", *_SET_UP),
@@ -76,22 +75,22 @@ MARLIN2 = Firmware(
         b"M18": 3000.0,
     },
     forbidden={
-        b"M0": "waits for a person for ever",
-        b"M1": "waits for a person for ever",
-        b"M125": "waits for a person for ever",
-        b"M226": "waits for a switch for ever",
-        b"M600": "waits for a person for ever",
+        b"M0": "waits for a person forever",
+        b"M1": "waits for a person forever",
+        b"M125": "waits for a person forever",
+        b"M226": "waits for a switch forever",
+        b"M600": "waits for a person forever",
         b"M83": _MODES,
-        b"M108": "ends what the farm waits for",
+        b"M108": "interrupts the wait for a temperature",
         b"M410": "ends all moves",
         b"M112": "switches the board off",
         b"M81": "switches the power off",
-        b"M303": "heats as it likes",
+        b"M303": "heats beyond the file's targets",
         b"M999": "restarts a board that stopped for a reason",
         b"M85": "is the farm's dead-man",
         b"M110": "is the link's line number",
-        b"M113": "is the sign of life that the link waits for",
-        b"M155": "reports what nobody asked for",
+        b"M113": "sets the interval of busy messages, which the link depends on",
+        b"M155": "sends reports that were not requested",
         b"M401": "lowers the probe",
         b"M402": "raises the probe",
         b"G10": "retracts by the printer's own settings, not by the file's",

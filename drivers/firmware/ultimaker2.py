@@ -1,4 +1,4 @@
-"""The firmware of the Ultimaker 2 family: Marlin 1.0, much changed. Pure.
+"""The firmware of the Ultimaker 2 family, a modified Marlin 1.0. Pure.
 
 Source: docs/explanation/ultimaker2-serial.md.
 """
@@ -25,9 +25,8 @@ ULTIMAKER2 = Firmware(
     position_query=b"M114",
     report_query=b"M105",
     idle_queries=(b"M114", b"M27"),
-    # A line with a checksum and no number. The newline before it ends a line that has lost its own, the
-    # second star stays where the first is damaged, and the checksum is wrong, so that a line that is glued to
-    # it is refused.
+    # A line with a checksum and no number. The leading newline ends a line that lost its own, the second star
+    # remains if the first is damaged, and the checksum is wrong, so that a line joined to it is refused.
     last_line_query=b"\n1**0\n",
     last_line_answer=b"Error:No Line Number",
     last_line_resends=False,
@@ -64,10 +63,10 @@ ULTIMAKER2 = Firmware(
         b"M18": 3000.0,
     },
     forbidden={
-        b"M0": "waits for the knob for ever",
-        b"M1": "waits for the knob for ever",
+        b"M0": "waits for the knob forever",
+        b"M1": "waits for the knob forever",
         b"M112": "does not exist in this firmware",
-        b"M303": "heats as it likes",
+        b"M303": "heats beyond the file's targets",
         b"M600": "does not exist in this firmware",
         b"M999": "restarts a board that stopped for a reason",
         b"M85": "is the farm's dead-man",

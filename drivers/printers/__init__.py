@@ -29,13 +29,13 @@ PROFILES: dict[str, Profile] = {
     profile.model: profile
     for profile in (ULTIMAKER2_PLUS, ULTIMAKER2_EXTENDED_PLUS, ULTIMAKER2, ULTIMAKER2_EXTENDED, ENDER3)
 }
-"""The printers that can be driven."""
+"""Printer models that can be driven."""
 
 BEDS: dict[str, Profile] = {**PROFILES, ULTIMAKER2_GO.model: ULTIMAKER2_GO}
-"""The printers that can be sliced for."""
+"""Printer models that can be sliced for."""
 
 
 def firmware_of(model: str) -> Firmware:
-    """Look up the firmware of a model; of an unknown one that of most printers, so that it can be stopped."""
+    """Look up the firmware of a model; an unknown model gets the most common one, so it can be stopped."""
     profile = BEDS.get(model)
     return ULTIMAKER2_FIRMWARE if profile is None else profile.firmware

@@ -1,8 +1,8 @@
-"""Creality's Ender-3, with Marlin 2 on its board. Pure.
+"""The Creality Ender-3 with Marlin 2. Pure.
 
-Bed, height, clips and head are those of Cura's definition; rates, steps and the name that the board says are
-those of Marlin's example configuration (config/examples/Creality/Ender-3). What it does, nobody has seen on a
-real one: all else is [assumed].
+Bed, height, clips and head are from Cura's definition; rates, steps and the machine name are from Marlin's
+example configuration (config/examples/Creality/Ender-3). Nothing was tested on a real printer: everything
+else is [assumed].
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ ENDER3 = Profile(
     title="Creality Ender-3",
     slicer_names=r"\b(creality )?ender[\s_-]*3\s*\Z",
     firmware=MARLIN2,
-    machine_word=b"MACHINE_TYPE:Ender-3 EXTRUDER",  # not an Ender-3 V2, whose bed is another
+    machine_word=b"MACHINE_TYPE:Ender-3 EXTRUDER",  # not an Ender-3 V2, which has another bed
     bed_mm=(235.0, 235.0),
     height_mm=250.0,
     clips=(Rect(-117.5, 108.0, 117.5, 117.5), Rect(-117.5, -117.5, 117.5, -108.0)),
@@ -29,11 +29,11 @@ ENDER3 = Profile(
     jerk_mm_s=(10.0, 0.3, 5.0),
     nozzle=HeaterModel(gain_c=320.0, tau_s=170.0),
     bed=HeaterModel(gain_c=90.0, tau_s=480.0),
-    max_nozzle_c=250.0,  # its tube of PTFE ends in the hot end; the firmware stops above 275
+    max_nozzle_c=250.0,  # its PTFE tube reaches into the hot end; the firmware stops above 275
     max_bed_c=100.0,  # and above 125
     min_extrusion_c=170.0,
     gcode_flavor="RepRap (Marlin/Sprinter)",
-    # It heats before it homes: its motors are not held for longer than 2 minutes without a move.
+    # It heats before it homes: its motors are released after 2 minutes without a move.
     start_code=(
         "G21",
         "G90",
@@ -72,5 +72,5 @@ ENDER3 = Profile(
     retraction_mm=5.0,
     retraction_mm_s=25.0,
     head_above_nozzle_mm=3.0,
-    leave_code=(),  # Z homes at the bed: the way there would lead through the part
+    leave_code=(),  # Z homes at the bed, where the part is
 )

@@ -1,4 +1,4 @@
-"""The room that a part has on a printer's bed, and its place there. Pure."""
+"""Usable build volume of a printer for one part, and the placement of the part. Pure."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ class RoomBox:
 def part_room(
     profile: Profile, brim_mm: float, volume_mm: tuple[float, float, float] | None = None
 ) -> tuple[RoomBox, ...]:
-    """The boxes that a part with a brim may fill on this printer.
+    """List the boxes that a part with a brim may fill on this printer.
 
-    A part fits when it fits one of them. They are the largest rectangles of the bed that, grown by the brim,
-    stay on the bed and off the clips, each with the printer's height.
+    A part fits if it fits one of them. They are the largest rectangles of the bed that, grown by the brim,
+    stay on the bed and clear of the clips, each with the printer's height.
 
     Parameters
     ----------
@@ -36,12 +36,12 @@ def part_room(
     brim_mm
         Width of the brim (or skirt) that is printed around the part.
     volume_mm
-        A person's own limit (x, y, z) for this printer; the smaller of it and the model's counts.
+        User's limit (x, y, z) for this printer; the smaller of it and the model's size applies.
 
     Returns
     -------
     tuple of RoomBox
-        Largest first by volume; empty where the brim leaves no room.
+        Sorted by volume, largest first; empty if the brim leaves no room.
     """
     width, depth = profile.bed_mm
     height = profile.height_mm
@@ -63,7 +63,7 @@ def part_room(
 
 
 FIT_TOLERANCE_MM = 1e-3
-"""An STL is in single precision: a part cut to the very size of its room may read a little larger."""
+"""Tolerance for STL files, which are in single precision: an exact fit may read slightly larger."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -32,7 +32,7 @@ class Rect:
         return self.max_y_mm - self.min_y_mm
 
     def overlaps(self, other: Rect) -> bool:
-        """Whether the open interiors meet."""
+        """Return True if the open interiors intersect."""
         return (
             self.min_x_mm < other.max_x_mm
             and other.min_x_mm < self.max_x_mm
@@ -56,7 +56,7 @@ class Rect:
 
 @dataclass(frozen=True, slots=True)
 class HeaterModel:
-    """A heater of first order: full power drives it to ``ambient + gain_c`` with time constant ``tau_s``.
+    """First-order heater model: full power drives it to ``ambient + gain_c`` with time constant ``tau_s``.
 
     [assumed] Not measured on a printer; chosen so that nozzle and bed heat about as fast as owners report.
     """
@@ -65,7 +65,7 @@ class HeaterModel:
     tau_s: float
 
     def seconds_to(self, target_c: float, start_c: float = 21.0, ambient_c: float = 21.0) -> float:
-        """Seconds at full power from `start_c` to `target_c`; 0 where it is warmer already."""
+        """Compute the seconds at full power from `start_c` to `target_c`; 0 if it is warmer already."""
         top_c = ambient_c + self.gain_c
         if target_c <= start_c:
             return 0.0
@@ -76,16 +76,16 @@ class HeaterModel:
 
 @dataclass(frozen=True, slots=True)
 class Profile:
-    """Facts of a printer model.
+    """Properties of a printer model.
 
     Attributes
     ----------
     model
         Cura's definition id.
     slicer_names
-        Pattern of the names that slicers have for it, in lower case.
+        Pattern of the names that slicers use for it, in lower case.
     kin
-        The model whose G-code is right for this one too, but for its height: the same feeder and hot end.
+        Model with the same feeder and hot end, whose G-code also suits this one except for the height.
     bed_mm, height_mm
         The build volume.
     clips
@@ -93,40 +93,40 @@ class Profile:
     home_mm
         Firmware coordinates after G28.
     travel_mm
-        Furthest coordinates to which the firmware goes: X, Y, Z.
+        Largest coordinates that the firmware allows: X, Y, Z.
     steps_per_mm, max_feedrate_mm_s, max_acceleration_mm_s2
-        X, Y, Z, E.
+        For X, Y, Z, E.
     jerk_mm_s
-        XY, Z, E.
+        For XY, Z, E.
     max_nozzle_c, max_bed_c
-        No file may set more.
+        Upper limits for a file.
     min_extrusion_c
-        Colder, the firmware drops the filament.
+        Below this the firmware ignores extrusion.
     gcode_flavor
         Cura's name; E in mm.
     start_code, end_code
-        With the fields `bed_c`, `nozzle_c` and `prime_mm`, and with the field `park_mm`.
+        Templates with the fields `bed_c`, `nozzle_c` and `prime_mm`, and with the field `park_mm`.
     ready_mm
-        Where the start code leaves the head.
+        Position of the head after the start code.
     prime_mm3
-        What the start code extrudes.
+        Volume that the start code extrudes.
     parked_mm
-        How far back a print, and the printer's own menu, leave the filament.
+        Retraction of the filament after a print, or after the printer's own menu.
     aside_mm
-        Where the head waits in a pause: X and Y.
+        Position of the head in a pause: X and Y.
     head_mm
-        Left, right, front and back of the head with its fans, from the nozzle.
+        Extent of the head with its fans, relative to the nozzle: left, right, front, back.
     retraction_mm, retraction_mm_s
-        Of G10.
+        Length and speed of G10.
     head_above_nozzle_mm
         Cura's ``machine_nozzle_head_distance``.
     leave_code
-        Moves from a part, of which nobody knows where it is, after a reset in a print; none where a way might
-        lead through it.
+        Moves away from a part at an unknown position, after a reset during a print; empty if they might hit
+        the part.
     banner_suffix
-        How the firmware's version ends in the banner.
+        Suffix of the firmware's version in the banner.
     machine_word
-        Stands in the answer to `Firmware.identity_query`.
+        Text in the answer to `Firmware.identity_query`.
     """
 
     model: str
@@ -166,5 +166,5 @@ class Profile:
 
     @property
     def top_mm(self) -> float:
-        """The highest Z at which the head may wait: that of its switch, where it is up there."""
+        """Highest Z at which the head may wait: the Z endstop's, if that is at the top."""
         return max(self.home_mm[2], self.height_mm)

@@ -1,7 +1,7 @@
 """The Ultimaker 2, before the 2+. Pure.
 
-That its firmware has the serial code of the 2+, and tells an Extended as that does, is [assumed]; its feeder
-is another, which its firmware allows for.
+It is [assumed] that its firmware has the serial code of the 2+ and marks an Extended in the same way. Its
+feeder is a different one, which its firmware accounts for.
 """
 
 from __future__ import annotations

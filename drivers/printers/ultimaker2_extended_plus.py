@@ -1,4 +1,4 @@
-"""The Ultimaker 2 Extended+: 100 mm higher than the 2+. Pure."""
+"""The Ultimaker 2 Extended+: 100 mm taller than the 2+. Pure."""
 
 from __future__ import annotations
 

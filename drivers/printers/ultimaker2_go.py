@@ -1,6 +1,6 @@
 """The Ultimaker 2 Go, for which parts can be sliced and which is not driven. Pure.
 
-Its bed has no heater, which a session wants to see off; nothing is known of its firmware's answers.
+Its bed has no heater, which a session needs to confirm as off; the answers of its firmware are unknown.
 """
 
 from __future__ import annotations

@@ -28,8 +28,8 @@ ULTIMAKER2_PLUS = Profile(
     jerk_mm_s=(20.0, 0.4, 5.0),
     nozzle=HeaterModel(gain_c=380.0, tau_s=180.0),
     bed=HeaterModel(gain_c=105.0, tau_s=520.0),
-    max_nozzle_c=260.0,  # where the firmware's own menu ends; it stops above 275
-    max_bed_c=115.0,  # and above 130
+    max_nozzle_c=260.0,  # limit of the firmware's own menu; the firmware stops above 275
+    max_bed_c=115.0,  # the firmware stops above 130
     min_extrusion_c=170.0,  # ``EXTRUDE_MINTEMP``
     gcode_flavor="RepRap (Marlin/Sprinter)",
     start_code=(

@@ -1,7 +1,7 @@
-"""Heaters of a session: up to a target, shown off, and watched at each report. Pure.
+"""Scripts that heat to a target and confirm heaters off, and the check of each report. Pure.
 
-The file's own M190 and M109 are never sent: the firmware hears nothing while it carries them out. They
-become M140 and M104, and M105 up to the target, so that a cancel is heard within one report.
+The file's own M190 and M109 are never sent: the firmware ignores the host while it executes them. They are
+replaced by M140 and M104 with M105 until the target is reached, so a cancel takes effect within one report.
 """
 
 from __future__ import annotations
@@ -16,16 +16,16 @@ from drivers.records import Suspicion
 from drivers.session.commands import arm_dead_man, await_report, send
 from drivers.session.context import Answer, Ended, Script, SessionContext
 
-OFF_S = 120.0  # longer than the watch waits for a heater to fall
-OFF_WITHOUT_MAINS_S = 60.0  # from the request to cut the mains: no reset helps then
-OFF_LEAST_S = 10.0  # for a heater to fall after a reset, whatever was asked before
+OFF_S = 120.0  # longer than the heater watch waits for a heater to cool
+OFF_WITHOUT_MAINS_S = 60.0  # after the request to cut the mains: a reset does not help then
+OFF_LEAST_S = 10.0  # for a heater to cool after a reset, even after such a request
 BED_BAND_C = 0.5
-NOZZLE_BAND_C, NOZZLE_HOLD_S = 2.0, 3.0  # as M109: residence near the target
+NOZZLE_BAND_C, NOZZLE_HOLD_S = 2.0, 3.0  # as M109: time near the target
 HEAT_LIMIT_S = {HeaterName.NOZZLE: 900.0, HeaterName.BED: 2400.0}
-EXTRUDE_MARGIN_C = 5.0  # above what the firmware refuses to extrude at
-FEED_S = 300.0  # while heating: M105 does not feed the dead-man, a command does
-SUSPECT_S = 25.0  # for a heater that was found stuck on to be seen to cool
-LEFT_S = 15.0  # for a board to start again and tell how hot it is, where the agent died after the finding
+EXTRUDE_MARGIN_C = 5.0  # above the temperature below which the firmware refuses to extrude
+FEED_S = 300.0  # between commands while heating: M105 does not feed the dead-man
+SUSPECT_S = 25.0  # for a heater that may be stuck on to show that it cools
+LEFT_S = 15.0  # for a board to restart and report temperatures, if the agent died after the finding
 ODD_REPORTS = 3  # one may be garbled
 
 _SETS = {HeaterName.NOZZLE: b"M104 S%g", HeaterName.BED: b"M140 S%g"}
@@ -33,17 +33,17 @@ _HEATED = (PrintPhase.HEATING, PrintPhase.PRINTING, PrintPhase.PAUSED)
 
 
 def extrudes(context: SessionContext, nozzle_c: float) -> bool:
-    """Whether the firmware surely extrudes at this temperature."""
+    """Return True if the firmware certainly extrudes at this temperature."""
     return nozzle_c >= context.profile.min_extrusion_c + EXTRUDE_MARGIN_C
 
 
 def set_target(context: SessionContext, heater: HeaterName, target_c: float) -> Script:
-    """Set the target of a heater, and wait for nothing but the answer."""
+    """Set the target of a heater, and wait for the answer only."""
     yield from send(context, _SETS[heater] % target_c)
 
 
 def heat(context: SessionContext, wanted: Heat) -> Script:
-    """Do what M109 and M190 do, in steps that can be left at any time; the watch sees what is broken."""
+    """Heat as M109 and M190 do, in steps that can be aborted; the heater watch detects faults."""
     yield from set_target(context, wanted.heater, wanted.target_c)
     if wanted.target_c == 0:
         return
@@ -53,7 +53,7 @@ def heat(context: SessionContext, wanted: Heat) -> Script:
     while True:
         context.link.poll_soon(context.now_s + context.pace.heating_s)
         if not (yield from await_report(context, context.report_by_s)):
-            what = f"the board answers, but tells no temperature of the {wanted.heater}"
+            what = f"the board answers, but reports no temperature of the {wanted.heater}"
             raise Ended(Fault.NO_ANSWER, what)
         now_c = context.watch.now_c(wanted.heater)
         away_c = wanted.target_c - now_c
@@ -66,14 +66,14 @@ def heat(context: SessionContext, wanted: Heat) -> Script:
             continue
         held_s = math.inf
         if context.now_s > limit_s:
-            late = f"the {wanted.heater} got to {now_c:g} of {wanted.target_c:g} C in the time it has"
+            late = f"the {wanted.heater} reached only {now_c:g} of {wanted.target_c:g} C in time"
             raise Ended(Fault.HEATER_TIMEOUT, late)
         if context.now_s - context.fed_s > FEED_S:
             yield from arm_dead_man(context, context.dead_man_s)
 
 
 def show_off(context: SessionContext) -> Answer:
-    """Ask until a report shows both targets 0 and what is warm was seen to cool."""
+    """Poll until a report shows both targets 0 and every warm heater was seen to cool."""
     limit_s = context.by_s(OFF_S)
     context.targets_off_s = None
     context.watch.restart()
@@ -94,12 +94,12 @@ def show_off(context: SessionContext) -> Answer:
 
 
 def see_targets(context: SessionContext) -> Script:
-    """Ask once more before the file itself cools down: a board that stopped answers all moves at once."""
+    """Check the targets before the file cools down: a stopped board acknowledges all moves at once."""
     while True:
         context.link.poll(context.now_s)
         if not (yield from await_report(context, context.report_by_s)):
-            raise Ended(Fault.NO_ANSWER, "the board tells no temperatures at the end of the print")
-        if not context.odd_reports:  # else it is asked again, until there are enough of them
+            raise Ended(Fault.NO_ANSWER, "the board reports no temperatures at the end of the print")
+        if not context.odd_reports:  # else poll again, until there are enough of them
             return
 
 
@@ -107,7 +107,7 @@ def see_targets(context: SessionContext) -> Script:
 
 
 def watch_heaters(context: SessionContext, report: Report) -> Ended | None:
-    """Judge a report; what ends the print, if anything does."""
+    """Judge a report; return what ends the print, or None."""
     set_c = _set_c(context)
     finding = context.watch.judge(report, set_c, context.now_s)
     ending = context.phase is PrintPhase.ENDING
@@ -121,7 +121,7 @@ def watch_heaters(context: SessionContext, report: Report) -> Ended | None:
         context.suspicion = None
     found = None if finding is None else Ended(finding.fault, finding.text)
     if ending:
-        return found if context.reason is None else None  # else it is left already
+        return found if context.reason is None else None  # else the print is ending already
     return _watch_targets(context, report, set_c) or found
 
 
@@ -132,16 +132,16 @@ def suspect(context: SessionContext, text: str) -> None:
 
 
 def power_off_due_s(context: SessionContext) -> float:
-    """Time at which the mains are asked for, unless the suspected heater was seen to cool before."""
+    """Return the time of the request to cut the mains, unless the suspected heater is seen to cool before."""
     if context.suspicion is None or context.wants_power_off or context.ended:
         return math.inf
     patience_s = 2 * context.pace.floor_s
-    found_s, begun_s = context.suspicion.since_s, context.started_s  # it may be of the session before
+    found_s, begun_s = context.suspicion.since_s, context.started_s  # it may be from the previous session
     return max(found_s + max(SUSPECT_S, patience_s), begun_s + max(LEFT_S, patience_s))
 
 
 def _set_c(context: SessionContext) -> dict[HeaterName, float]:
-    """Targets that the heaters were set to."""
+    """Return the targets that the session has set."""
     program = context.program
     if program is None or context.phase not in _HEATED:
         return dict.fromkeys(HeaterName, 0.0)
@@ -152,12 +152,12 @@ def _set_c(context: SessionContext) -> dict[HeaterName, float]:
 
 
 def _watch_targets(context: SessionContext, report: Report, set_c: dict[HeaterName, float]) -> Ended | None:
-    """See a target that changed: Tinker firmware and people at the knob do so behind a host's back."""
+    """Detect a changed target: Tinker firmware, or a person at the knob, may set one."""
     nozzle_c, bed_c = set_c[HeaterName.NOZZLE], set_c[HeaterName.BED]
     same = abs(report.nozzle_target_c - nozzle_c) <= 1 and abs(report.bed_target_c - bed_c) <= 1
     context.odd_reports = 0 if same else context.odd_reports + 1
     if context.odd_reports < ODD_REPORTS:
-        if not same:  # soon, but not before what is on its way to set it
+        if not same:  # soon, but not before the lines in flight that may set it
             context.link.poll_soon(context.now_s + context.pace.heating_s)
         return None
     found = f"nozzle {report.nozzle_target_c:g} and bed {report.bed_target_c:g} C"

@@ -1,4 +1,4 @@
-"""Scripts that see which printer a session talks to: two swapped cables must not heat the wrong one. Pure."""
+"""Scripts that verify the printer at the port: swapped cables must not heat the wrong one. Pure."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from drivers.firmware import Identity
 from drivers.session.commands import TRIES, ask, connect, send
 from drivers.session.context import Ended, Script, SessionContext
 
-HOME_SLACK_MM = 30.0  # M206 shifts what a printer calls the height of its home
+HOME_SLACK_MM = 30.0  # M206 shifts the Z coordinate of the home position
 
 
 def identify(context: SessionContext) -> Script:
-    """Reset the board and see that it is this printer's; before anything heats.
+    """Reset the board and verify that it is this printer's, before anything heats.
 
-    A banner carries no checksum: what cannot be read, or is another's, is asked for again.
+    A banner has no checksum: one that is unreadable or does not match is requested again.
     """
     firmware, profile = context.firmware, context.profile
     wrong = ""
@@ -22,23 +22,23 @@ def identify(context: SessionContext) -> Script:
         assert context.greeting is not None
         found = firmware.read_identity(context.greeting.banner)
         if not context.greeting.restarted or firmware.version is None:
-            # the height of its home tells an Extended; others are told by the answer to `identity_query`
+            # the home height identifies an Extended; other models answer `identity_query`
             offset = firmware.read_offset((yield from ask(context, firmware.settings_query)))
             found = None if offset is None else Identity(profile.banner_suffix, offset)
         if found is None:
-            says = "banner does not tell" if firmware.version is not None else "settings do not tell"
+            says = "banner does not say" if firmware.version is not None else "settings do not say"
             wrong = f"its {says} which printer it is"
         elif found.suffix != profile.banner_suffix:
             wrong = f"not the board of an {profile.title}"
         elif context.identity is not None and found.offset != context.identity:
             offsets = f"home offset {found.offset}, not {context.identity}"
-            wrong = f"another printer, or levelled anew: {offsets}"
+            wrong = f"another printer, or levelled again: {offsets}"
         else:
             answer = yield from ask(context, firmware.identity_query)
             if firmware.identity_word not in answer:
-                wrong = f"M115 tells of another firmware than the {firmware.title}'s"
+                wrong = f"M115 reports another firmware than {firmware.title}"
             elif profile.machine_word not in answer:
-                wrong = f"M115 tells of another machine than the {profile.title}"
+                wrong = f"M115 reports another machine than the {profile.title}"
             else:
                 context.identity = found.offset
                 return
@@ -46,9 +46,9 @@ def identify(context: SessionContext) -> Script:
 
 
 def check_height(context: SessionContext, home: bytes) -> Script:
-    """See that the bed homes where this model's does; `home` is the file's first G28.
+    """Verify the Z of this model's home position; `home` is the file's first G28.
 
-    An Extended is 100 mm higher, whatever its firmware says.
+    An Extended is 100 mm taller, whatever its firmware reports.
     """
     if home != b"G28" and b"Z" not in home:
         return

@@ -1,4 +1,4 @@
-"""Scripts out of a print, wherever it is: heaters off, by command or by a reset, and shown off. Pure."""
+"""Scripts that abort a print in any phase: heaters off by command or reset, then confirmed off. Pure."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from drivers.session.context import Answer, Ended, Script, SessionContext
 from drivers.session.heat import extrudes, show_off
 from drivers.session.park import LIFT_MM, back_mm, lift_mm, park
 
-STOP_S = 30.0  # the stop waits for the move under way
-BARRIERS = 3  # the ok of one garbled last line may be believed; that of three is not
+STOP_S = 30.0  # the stop waits for the current move
+BARRIERS = 3  # a garbled answer may fake one of them, but not three
 
 _RESET_AFTER = frozenset(
     (
@@ -24,7 +24,7 @@ _RESET_AFTER = frozenset(
 
 
 def make_safe(context: SessionContext) -> Script:
-    """Leave the print, by command where the board listens, else by a reset."""
+    """Abort the print, by command if the board responds, else by a reset."""
     context.final_lines = context.streamed
     homed = context.program is not None and context.final_lines > context.program.home_line
     listens = context.greeting is not None and context.link.phase is LinkPhase.LIVE
@@ -33,12 +33,12 @@ def make_safe(context: SessionContext) -> Script:
             if (yield from _abort(context, homed)):
                 return
         except Ended:
-            pass  # it stopped listening on the way
+            pass  # it stopped responding meanwhile
     yield from _cut(context, homed)
 
 
 def _abort(context: SessionContext, homed: bool) -> Answer:
-    """Abort in the safe sequence, with the filament parked. False where it got stuck.
+    """Abort by the safe sequence, and park the filament. Return False if it did not finish.
 
     Source: docs/explanation/ultimaker2-serial.md, section 5.
     """
@@ -46,7 +46,7 @@ def _abort(context: SessionContext, homed: bool) -> Answer:
     context.link.halt()
     if not (yield from send(context, *firmware.abort, limit_s=STOP_S)):
         return False
-    if homed:  # else nobody knows how far the bed may go
+    if homed:  # else it is unknown how far the bed may go
         done = context.done_lines
         context.position = None
         yield from send(context, firmware.position_query)
@@ -65,7 +65,7 @@ def _abort(context: SessionContext, homed: bool) -> Answer:
 
 
 def _cut(context: SessionContext, homed: bool) -> Script:
-    """Switch heaters off by a reset: the only emergency stop that every board has."""
+    """Switch the heaters off by a reset, the emergency stop that works on every board with DTR."""
     if context.filament is Filament.AT_NOZZLE:
         context.filament = Filament.UNKNOWN
     context.link.ignore_faults = True
@@ -87,17 +87,17 @@ def _cut(context: SessionContext, homed: bool) -> Script:
 
 
 def _reset_and_show_off(context: SessionContext, homed: bool) -> Answer:
-    """Reset the board and see its heaters off; then leave the part, where it is known how."""
+    """Reset the board and confirm its heaters off; then move away from the part, if that is safe."""
     firmware = context.firmware
     yield from connect(context)
     restarted = context.greeting is None or context.greeting.restarted
     if not restarted:
-        yield from send(context, firmware.motors_off)  # the queue of moves is empty: it stands
+        yield from send(context, firmware.motors_off)  # its move queue is empty: it stands still
     if not (yield from show_off(context)):
         return False
     if not restarted:
         yield from arm_dead_man(context, 0.0)
     if homed and context.fault is None:
-        # the nozzle may stand in the part
+        # the nozzle may touch the part
         yield from send(context, *context.profile.leave_code, firmware.motors_off, firmware.wait_moves)
     return True

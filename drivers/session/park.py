@@ -1,7 +1,7 @@
 """Scripts that move filament and head between two prints and in a pause. Pure.
 
-The filament is either parked, drawn back by `Profile.parked_mm`, or at the nozzle, as far back as the file's
-own retractions say; while it is on the way between them nobody knows where it is.
+The filament is either parked, retracted by `Profile.parked_mm`, or at the nozzle, retracted as the file
+itself does. While it moves between the two, its position is unknown.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from drivers.session.heat import extrudes, heat, set_target
 
 PARKED_SLACK_MM = 0.25
 LIFT_MM = 10.0
-LAST_PUSH_MM = 6.5  # pushed only when the head is back: a full nozzle oozes on the way
+LAST_PUSH_MM = 6.5  # pushed only after the head is back: a full nozzle oozes while it travels
 PAUSE_LIMIT_S = 7200.0
-PAUSE_FEED_S = 4.0  # the display says "Printing with USB" for 5 s after a command: nobody starts an SD print
+PAUSE_FEED_S = 4.0  # a command shows "Printing with USB" for 5 s, so nobody starts an SD print
 
 
 def unpark(context: SessionContext) -> Script:
@@ -31,7 +31,7 @@ def unpark(context: SessionContext) -> Script:
 
 
 def park(context: SessionContext, back_mm: float, hot: bool) -> Script:
-    """Draw the filament, so far back already (NaN: nobody knows), to where a print ends with it."""
+    """Retract the filament, which is `back_mm` back already (NaN: unknown), to its parked position."""
     parked_mm = context.profile.parked_mm
     if math.isnan(back_mm):
         context.filament = Filament.UNKNOWN
@@ -47,7 +47,7 @@ def park(context: SessionContext, back_mm: float, hot: bool) -> Script:
 
 
 def back_mm(program: Program, done: int, stood: Point | None = None) -> float:
-    """See `retracted_mm`; NaN where the file is not to be had any more."""
+    """Compute the retraction of the filament; NaN if the file can no longer be read."""
     try:
         return measure_retraction(program, done, stood)
     except Unreadable:
@@ -55,13 +55,13 @@ def back_mm(program: Program, done: int, stood: Point | None = None) -> float:
 
 
 def lift_mm(context: SessionContext, z_mm: float, done: int) -> float:
-    """Compute how far the bed goes down before the head leaves its part: finished ones may be higher."""
+    """Compute how far to lower the bed before the head leaves its part: finished parts may be higher."""
     highest_mm = 0.0 if context.program is None else context.program.highest_mm(done)
     return max(0.0, min(max(z_mm, highest_mm) + LIFT_MM, context.profile.top_mm) - z_mm)
 
 
 def pausable(context: SessionContext) -> bool:
-    """Whether the head may leave the part here and find back."""
+    """Return True if the head can leave the part here and return."""
     return (
         context.program is not None
         and context.phase is PrintPhase.PRINTING
@@ -71,9 +71,9 @@ def pausable(context: SessionContext) -> bool:
 
 
 def pause(context: SessionContext, program: Program, done: int) -> Script:
-    """Park, keep the bed warm, wait for a person, and go back.
+    """Park, keep the bed warm, wait for a person, and return.
 
-    The filament is drawn back all the way, so that it is parked however the pause ends. Source:
+    The filament is parked, so that it is in place however the pause ends. Source:
     docs/explanation/ultimaker2-serial.md, section 5.
     """
     firmware = context.firmware
@@ -81,7 +81,7 @@ def pause(context: SessionContext, program: Program, done: int) -> Script:
     context.position = None
     stopped = yield from send(context, firmware.wait_moves, firmware.position_query, limit_s=math.inf)
     if not stopped or context.position is None:
-        raise Ended(Fault.NO_ANSWER, "the board does not tell where the head stands")
+        raise Ended(Fault.NO_ANSWER, "the board does not report the position of the head")
     moves = Moves(program, done)
     at = [
         reported if math.isnan(exact) else exact
@@ -105,7 +105,7 @@ def pause(context: SessionContext, program: Program, done: int) -> Script:
 
 
 def _way_back(moves: Moves, at: Point, parked_mm: float) -> list[bytes]:
-    """Push the filament forth, over the part and down to it, and set what the file had set."""
+    """List the commands that push the filament, return to the part and restore the file's settings."""
     x, y, z, e = at
     push_mm = parked_mm - moves.retracted_mm
     last_mm = min(LAST_PUSH_MM, push_mm)
@@ -120,12 +120,12 @@ def _way_back(moves: Moves, at: Point, parked_mm: float) -> list[bytes]:
 
 
 def _await_resume(context: SessionContext) -> Script:
-    """Wait until somebody resumes it, and feed the dead-man."""
+    """Wait until a person resumes the print, and feed the dead-man."""
     context.pause_ends_s = context.now_s + PAUSE_LIMIT_S
     context.link.poll_every_s = context.pace.printing_s
     while context.pause_wanted:
         if context.now_s >= context.pause_ends_s:
-            raise Ended(Fault.PAUSE_TIMEOUT, f"nobody resumed it in {PAUSE_LIMIT_S / 3600:g} h")
+            raise Ended(Fault.PAUSE_TIMEOUT, f"nobody resumed it within {PAUSE_LIMIT_S / 3600:g} h")
         yield context.wait(lambda: not context.pause_wanted, PAUSE_FEED_S)
         if context.pause_wanted:
             yield from arm_dead_man(context, context.dead_man_s)

@@ -1,13 +1,12 @@
-"""One print on one board, without I/O: from the reset before it to heaters shown off.
+"""One print on one board, without I/O: from the initial reset until the heaters are confirmed off.
 
-A `Session` is told what the link heard (`advance`), and says in turn what it needs: bytes go through its
-link, and `SessionContext.wants_reset` asks the caller to reset the port. What it does stands in the scripts
-of this package, one step after the other. Whatever happens, the last thing it does is to have heaters shown
-off:
+A `Session` receives the events of its link (`advance`), sends through that link, and sets
+`SessionContext.wants_reset` to have the caller reset the port. Its steps are the scripts of this package.
+Whatever happens, a session ends by confirming that the heaters are off:
 
-- by command, where the firmware listens (the safe sequence of
+- by command, if the firmware responds (the safe sequence of
   docs/explanation/ultimaker2-serial.md, section 5);
-- by a reset, where it does not, after which M105 must report both targets 0.
+- otherwise by a reset, after which M105 must report both targets 0.
 """
 
 from __future__ import annotations
@@ -26,7 +25,7 @@ from drivers.session.identify import identify
 from drivers.session.leave import make_safe
 from drivers.session.stream import print_program
 
-NOBODY_THERE = "it prints only while somebody is there, and nobody was to be there any more"
+NOBODY_THERE = "it prints only while somebody is there, and the attended hours have ended"
 _LEFT = {
     Fault.AGENT_DIED: "the agent's process ended in the middle of the print",
     Fault.ESTOP: "a person stopped it by `farm estop`",
@@ -34,12 +33,12 @@ _LEFT = {
 
 
 class Session:
-    """One print, or the recovery of one that an agent left behind.
+    """One print, or the shutdown of a print that a dead agent left open.
 
     Parameters
     ----------
     context
-        Its state, new. The caller moves the bytes of its link and calls the link's `tick`.
+        Its initial state. The caller passes bytes between the port and its link, and calls `Link.tick`.
     """
 
     def __init__(self, context: SessionContext) -> None:
@@ -49,13 +48,13 @@ class Session:
 
     @property
     def deadline_s(self) -> float:
-        """Time at which `advance` wants to be called without events."""
+        """Time of the next call of `advance` without events."""
         if self.context.ended:
             return math.inf
         return min(self._wait.deadline_s, self._last_moment_s(), power_off_due_s(self.context))
 
     def advance(self, events: Events, now_s: float) -> None:
-        """Take what the link heard, and go as far as that allows."""
+        """Process the events of the link, and run the script as far as possible."""
         context = self.context
         context.now_s = now_s
         ended: Ended | None = None
@@ -76,46 +75,46 @@ class Session:
                 return
 
     def port_was_reset(self) -> None:
-        """Take back `wants_reset`."""
+        """Clear `wants_reset`."""
         self.context.wants_reset = False
 
     def pause(self, now_s: float) -> None:
-        """Park where the head can come back to, and wait for `resume`; nothing where it does not print."""
+        """Request a pause at the next place that the head can return to; no effect unless printing."""
         self.context.pause_wanted = self.context.phase in (PrintPhase.PRINTING, PrintPhase.PAUSED)
         self.advance((), now_s)
 
     def resume(self, now_s: float) -> None:
-        """Go on after a `pause`."""
+        """Continue after a `pause`."""
         self.context.pause_wanted = False
         self.advance((), now_s)
 
     def end_by(self, at_s: float | None, now_s: float) -> None:
-        """End the print safely where it has not ended by then."""
+        """Set the time at which the print is ended safely; None for no limit."""
         self.context.ends_by_s = at_s
         self.advance((), now_s)
 
     def cancel(self, reason: str, now_s: float) -> None:
-        """End the print safely; nothing where it is ending already."""
+        """End the print safely; no effect if it is ending already."""
         self.context.now_s = now_s
         if self.context.phase is not PrintPhase.ENDING and not self.context.ended:
             self._leave(Ended(None, reason))
             self.advance((), now_s)
 
     def fail(self, fault: Fault, reason: str, now_s: float) -> None:
-        """End it for what the caller has seen (the port went)."""
+        """End the print by a fault that the caller found, such as a lost port."""
         self.context.now_s = now_s
         if not self.context.ended:
             self._leave(Ended(fault, reason))
             self.advance((), now_s)
 
     def add_reason(self, text: str) -> None:
-        """Put more behind the reason for which it was left, unless that says it already."""
+        """Append a clause to the reason, unless it is there already."""
         reason = self.context.reason
         if text not in (reason or ""):
             self.context.reason = text if reason is None else f"{reason}; {text}"
 
     def _last_moment_s(self) -> float:
-        """Time at which a print that still goes on is ended."""
+        """Compute the time limit of an open print."""
         context = self.context
         going_on = context.phase is not PrintPhase.ENDING and not context.ended
         return context.ends_by_s if going_on and context.ends_by_s is not None else math.inf
@@ -135,7 +134,7 @@ class Session:
 
 
 def _run(context: SessionContext) -> Script:
-    """The whole session."""
+    """Run the whole session."""
     outcome = PrintPhase.DONE
     try:
         if context.program is None:
@@ -152,7 +151,7 @@ def _run(context: SessionContext) -> Script:
 
 
 def _notice(context: SessionContext, event: Event) -> Ended | None:
-    """Take in what the link heard; what ends the print, if anything does."""
+    """Process an event of the link; return what ends the print, or None."""
     if isinstance(event, Report):
         context.report, context.report_s = event, context.now_s
         return watch_heaters(context, event)

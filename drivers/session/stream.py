@@ -1,4 +1,4 @@
-"""Scripts that print a program: its lines, with stops where it heats, and its end. Pure."""
+"""Scripts that print a program: stream its lines, stop for heating, and finish. Pure."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from drivers.session.park import back_mm, park, pausable, pause, unpark
 
 
 def print_program(context: SessionContext, program: Program) -> Script:
-    """Print from the first line to heaters shown off, on a board that is the right one."""
+    """Print a whole program on an identified board, until the heaters are confirmed off."""
     context.phase = PrintPhase.HEATING
     context.heaters_off = False
     yield from arm_dead_man(context, HEAT_DEAD_MAN_S)
@@ -43,7 +43,7 @@ def print_program(context: SessionContext, program: Program) -> Script:
 
 
 def _stops(program: Program, cools: int) -> list[tuple[int, Heat | None]]:
-    """Lines before which the stream stops, and what is heated there in place of the line."""
+    """List the lines before which the stream stops, each with the heating that replaces it."""
     lines = (program.home_line + 1, program.extrusion_line, program.count)
     stops: dict[int, Heat | None] = dict.fromkeys(lines)
     stops |= {wanted.line: wanted for wanted in program.heats if wanted.waits}
@@ -56,11 +56,11 @@ def _cools(wanted: Heat, after: int) -> bool:
 
 
 def _stream(context: SessionContext, program: Program, start: int, stop: int) -> Script:
-    """Send lines `start` to `stop`, with the pauses that are wanted meanwhile."""
+    """Send lines `start` to `stop`, and pause when requested."""
     link = context.link
 
     def read_lines(first: int, last: int) -> list[bytes]:
-        """Lines for the link. Once some cannot be had there are no more: none must be left out."""
+        """Read lines for the link. After a read error there are no more: none may be skipped."""
         if context.unreadable is None:
             try:
                 return program.lines(first, last)
@@ -78,7 +78,7 @@ def _stream(context: SessionContext, program: Program, start: int, stop: int) ->
         context.report_s = context.now_s
         while not (yield Wait(sent_or_paused, context.blind_by_s)):
             if context.now_s >= context.blind_by_s:
-                raise Ended(Fault.NO_ANSWER, "the board prints, but tells no temperatures")
+                raise Ended(Fault.NO_ANSWER, "the board prints, but reports no temperatures")
         if context.unreadable is not None:
             raise context.unreadable
         if link.drained:
@@ -86,19 +86,19 @@ def _stream(context: SessionContext, program: Program, start: int, stop: int) ->
         link.halt()
         yield Wait(lambda: link.drained)
         start = link.streamed
-        if pausable(context):  # the line that was under way may have ended the heat
+        if pausable(context):  # the line in flight may have switched the heat off
             yield from pause(context, program, start)
 
 
 def _finish(context: SessionContext, program: Program) -> Script:
-    """End as the file does, with heaters shown off."""
+    """Send the file's end code, and confirm the heaters off."""
     firmware = context.firmware
     context.phase = PrintPhase.ENDING
     context.final_lines = program.count
     off = (*firmware.heaters_off, firmware.fan_off, *(firmware.wait_moves,) * BARRIERS)
     yield from send(context, *off, limit_s=math.inf)
     if context.filament is Filament.AT_NOZZLE:
-        # as far back as the file's end code left it: it cools already
+        # as far back as the end code left it; the nozzle cools already
         yield from park(context, back_mm(program, program.count), hot=False)
     if not (yield from show_off(context)):
         if context.report is not None and context.report.off:
