@@ -1,7 +1,7 @@
-"""A simulated printer on a pseudo-terminal: a process of its own that outlives its agent, as a printer does.
+"""Simulated printer on a pseudo-terminal: a separate process that outlives its agent, as a printer does.
 
-`launch` starts one or finds the one that is alive, `status` is what may be read of it from outside,
-`__main__` is the process and `port` its pseudo-terminal. `faults` names what goes wrong on request. The rest
-is pure: `firmware` is the board's program (bytes in, bytes out), with somebody at its display; `hardware` is
-what is there physically: heaters, a bed, a wire and its noise.
+`launch` starts an emulator or finds the running one, `status` is its published state, `__main__` is the
+process and `port` its pseudo-terminal. `faults` lists the faults that can be injected. The rest is pure:
+`firmware` is the board's program (bytes in, bytes out) and the person at its display; `hardware` has the
+heaters, the bed, the wire and its noise.
 """

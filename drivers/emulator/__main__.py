@@ -1,4 +1,4 @@
-"""The process, ``python -m drivers.emulator``: one loop over the port, the control socket and the clock."""
+"""Run ``python -m drivers.emulator``: one loop over the port, the control socket and the clock."""
 
 from __future__ import annotations
 
@@ -28,16 +28,16 @@ from drivers.emulator.status import EmulatorStatus, write_status
 from drivers.errors import PortError
 from drivers.printers import PROFILES, Profile
 
-STATUS_S = 0.4  # wall seconds between two looks; readers are promised one each 0.5 s
+STATUS_S = 0.4  # wall seconds between two status writes; readers expect one every 0.5 s
 CONTROL_S = 0.5
-PIECE_BYTES = 2  # of an answer that leaves in pieces
-SLACK_S = 0.002  # wall seconds that an accelerated emulator may oversleep a place in its full planner
+PIECE_BYTES = 2  # of an answer that is sent in pieces
+SLACK_S = 0.002  # wall seconds by which an accelerated emulator may delay an ok while its planner is full
 
 
 class Emulator:
-    """The firmware with its surroundings. `run` returns when it is switched off.
+    """The firmware with its port and its control socket. `run` returns when it is switched off.
 
-    The firmware's own clock begins at power on: small numbers keep their microseconds in a float.
+    The firmware's own clock starts at power on: small numbers keep microseconds in a float.
     """
 
     def __init__(self, profile: Profile, faults: Faults, seed: int, folder: Path, clock: Clock) -> None:
@@ -60,7 +60,7 @@ class Emulator:
         self.show(0.0)
 
     def run(self) -> None:
-        """Serve until the power goes."""
+        """Serve until switched off."""
         firmware, port, door = self._firmware, self._port, self._control.fileno()
         clock, board = self._clock, self._firmware.board
         scale, wires = clock.scale, self._wires
@@ -110,7 +110,7 @@ class Emulator:
         self._on = False
 
     def show(self, now_s: float) -> None:
-        """Write the status; the power goes where the folder is gone."""
+        """Write the status; switch off if the folder was removed."""
         firmware, board = self._firmware, self._firmware.board
         x, y, z, _ = firmware.machine.planner.position(now_s)
         status = EmulatorStatus(
@@ -141,12 +141,12 @@ class Emulator:
         try:
             write_status(self._folder, status)
         except OSError:
-            self._on = self._folder.is_dir()  # on a full disk what was shown last stays
+            self._on = self._folder.is_dir()  # on a full disk the last status stays
         self._shown = board.changes
         self._show_at = time.monotonic() + STATUS_S
 
     def _notice(self, now_s: float) -> None:
-        """The host opened or closed the port: opened is a reset, closed is nothing at all."""
+        """Handle the host's opens and closes of the port: opening resets the board, closing has no effect."""
         was_open = self._port.is_open
         if self._port.opened() and not self._firmware.board.faults.no_reset:
             self._port.discard()
@@ -158,7 +158,7 @@ class Emulator:
             self._firmware.board.changes += 1
 
     def _obey(self, now_s: float) -> None:
-        """One command of the person at the printer."""
+        """Execute one command from the control socket."""
         try:
             link, _ = self._control.accept()
             with link:
@@ -218,7 +218,7 @@ def _hold(path: Path) -> IO[bytes]:
     try:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
-        raise PortError(f"{path.parent}: an emulator lives here already; switch it off first") from None
+        raise PortError(f"{path.parent}: an emulator is already running here; switch it off first") from None
     return lock
 
 
@@ -233,7 +233,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--fault", action="append", default=[], metavar="NAME[=VALUE]")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument(
-        "--detach", action="store_true", help="go on in the background when the port is there"
+        "--detach", action="store_true", help="continue in the background once the port exists"
     )
     chosen = parser.parse_args(arguments)
     try:

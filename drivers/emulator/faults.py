@@ -1,8 +1,7 @@
-"""Faults on request, by name, and the dice that they are drawn from.
+"""Faults to inject, by name, and the random draws for them.
 
-A new fault is a field of `Faults` (its name is its name in the url) and one place that asks for it: `Dice`
-for what happens to lines, `EmulatedBoard` for what is broken physically, `EmulatedFirmware` for what the
-board does by itself.
+A new fault is a field of `Faults`, under its name in the url, and one place that applies it: `Dice` for
+faults of lines, `EmulatedBoard` for physical faults, `EmulatedFirmware` for what the board does by itself.
 """
 
 from __future__ import annotations
@@ -19,35 +18,35 @@ from drivers.printers import PROFILES, Profile
 
 @dataclass(frozen=True, slots=True)
 class Faults:
-    """Everything that may be asked for; the default is a printer in good health.
+    """Faults to inject; the default is a printer without faults.
 
-    ``*_after`` count lines that the firmware accepted since power on; each of them happens once.
+    ``*_after`` counts the lines that the firmware accepted since power on; each of these happens once.
     """
 
-    # on the wire, in both directions; each a probability of a byte
+    # on the wire, in both directions; probabilities per byte
     noise: float = 0.0  # one of its bits is flipped
     lost: float = 0.0
     doubled: float = 0.0
-    bytewise: bool = False  # answers leave in pieces, each a few bytes
-    wire: bool = False  # not a fault: bytes take the time that 250000 baud cost
-    slowdown: bool = False  # not a fault: short moves are stretched while few are queued
-    # in the firmware's ears and mouth; each a probability of a line
+    bytewise: bool = False  # answers are sent in pieces of a few bytes
+    wire: bool = False  # not a fault: bytes take as long as at 250000 baud
+    slowdown: bool = False  # not a fault: short moves are slowed down while few are queued
+    # when lines are read or answered; probabilities per line
     checksum: float = 0.0  # a byte of a received line is flipped
-    no_number: float = 0.0  # a received line lacks its number: refused, and not asked for again
-    no_checksum: float = 0.0  # it lacks its checksum
-    wrong_number: float = 0.0  # it comes with that of the line before
+    no_number: float = 0.0  # a received line lacks its number: refused, without a Resend
+    no_checksum: float = 0.0  # a received line lacks its checksum
+    wrong_number: float = 0.0  # a received line has the number of the one before
     drop_ok: float = 0.0  # an ok is lost on its way to the host
-    garble_ok: float = 0.0  # an ok arrives as something else
-    swallow: float = 0.0  # a line is neither carried out nor answered
-    resend: float = 0.0  # a line is refused that was all right
-    mute_resend: bool = False  # Resend comes without its ok
-    # the board by itself
+    garble_ok: float = 0.0  # an ok arrives garbled
+    swallow: float = 0.0  # a line is neither executed nor answered
+    resend: float = 0.0  # a correct line is refused
+    mute_resend: bool = False  # Resend is sent without its ok
+    # of the board
     reset_after: int = 0  # resets (brown-out)
-    silent_after: int = 0  # hears and says nothing more until it is reset; its heaters stay on
-    sleep_after: int = 0  # does nothing for `SLEEP_S`, and then goes on as if nothing had been
-    stuck_after: int = 0  # asks for the same line for ever
-    kill_after: int = 0  # kill(), as where its dead-man ran out
-    zero_after: int = 0  # sets the nozzle's target to 0, and says nothing
+    silent_after: int = 0  # reads and sends nothing until it is reset; its heaters stay on
+    sleep_after: int = 0  # does nothing for `SLEEP_S`, and then continues
+    stuck_after: int = 0  # requests the same line forever
+    kill_after: int = 0  # kill(), as when its dead-man expires
+    zero_after: int = 0  # silently sets the nozzle's target to 0
     # heaters and sensors
     dead_nozzle: bool = False  # the element gives no heat
     dead_bed: bool = False
@@ -55,24 +54,24 @@ class Faults:
     weak_bed: bool = False  # gets no warmer than `WEAK_BED_C`
     nozzle_dies_after: int = 0
     bed_dies_after: int = 0
-    nozzle_burns_after: int = 0  # its switch is shorted: full power whatever is set
+    nozzle_burns_after: int = 0  # its switch is shorted: full power whatever the target
     bed_burns_after: int = 0
-    stop_after: int = 0  # the nozzle's sensor opens: MAXTEMP, and the firmware stops
+    stop_after: int = 0  # the nozzle's sensor is open: MAXTEMP, and the firmware stops
     nozzle_short_after: int = 0  # the nozzle's sensor is shorted: MINTEMP
-    bed_open_after: int = 0  # the bed's sensor opens: MAXTEMP
-    bed_short_after: int = 0  # the bed's sensor is shorted: reads cold, and the firmware says nothing
+    bed_open_after: int = 0  # the bed's sensor is open: MAXTEMP
+    bed_short_after: int = 0  # the bed's sensor is shorted: reads cold, without an error
     # switches
     no_endstop: int = 0  # 1, 2, 3: the switch of X, Y, Z is never pressed
     stuck_endstop: bool = False  # Z's stays pressed
     # between host and board
-    no_reset: bool = False  # DTR does not get through: neither an opened port nor a pulse resets the board
-    # not faults: an option of some firmwares, and what tells two printers apart
-    advanced_ok: bool = False  # an ok names its line, and the room in both buffers
-    levelled: int = 0  # how many hundredths of a millimetre M206's Z lies below -10
+    no_reset: bool = False  # DTR is not connected: neither opening the port nor a pulse resets the board
+    # not faults: an option of some firmwares, and a difference between two printers
+    advanced_ok: bool = False  # an ok has the line number and the free space of both buffers
+    levelled: int = 0  # hundredths of a millimetre by which the Z of M206 is below -10
 
     @property
     def on_lines(self) -> bool:
-        """Whether every single line has to be looked at."""
+        """True if a fault may change any line."""
         drawn = (
             self.checksum, self.no_number, self.no_checksum, self.wrong_number,
             self.drop_ok, self.garble_ok, self.swallow, self.resend,
@@ -81,12 +80,12 @@ class Faults:
 
     @property
     def on_bytes(self) -> bool:
-        """Whether every byte has to be looked at."""
+        """True if a fault may change any byte."""
         return bool(self.noise or self.lost or self.doubled)
 
     @property
     def due(self) -> dict[str, int]:
-        """Faults that happen at a line of their own, by name."""
+        """Line counts of the faults that happen once, by name."""
         named = ((field.name, getattr(self, field.name)) for field in fields(self))
         return {name: line for name, line in named if name.endswith("_after") and line}
 
@@ -100,14 +99,14 @@ DUE = tuple(field.name for field in fields(Faults) if field.name.endswith("_afte
 
 
 class Dice:
-    """The faults that are drawn, from a generator of their own."""
+    """Random draws of faults, from a separate generator."""
 
     def __init__(self, faults: Faults, rng: random.Random) -> None:
         self._faults = faults
         self._rng = rng
 
     def disturb(self, line: bytes) -> bytes:
-        """The line as it arrives: as sent, or with one bit of one byte flipped, or without a part of it."""
+        """Return the line as received: unchanged, with one flipped bit, or without its number or checksum."""
         faults = self._faults
         if b"M110" not in line:
             if faults.no_number and self._rng.random() < faults.no_number:
@@ -123,7 +122,7 @@ class Dice:
         return line
 
     def ok(self, text: bytes) -> bytes:
-        """An ok as it leaves: as it is, not at all, or with its first letter as another."""
+        """Return an ok as sent: unchanged, empty, or with another first letter."""
         faults = self._faults
         if faults.drop_ok and self._rng.random() < faults.drop_ok:
             return b""
@@ -140,9 +139,9 @@ class Dice:
 
 @dataclass(frozen=True, slots=True)
 class SimUrl:
-    """A port that is an emulator: ``sim://MODEL?checksum=0.01&dead_bed=1&seed=7``.
+    """Url of an emulated printer: ``sim://MODEL?checksum=0.01&dead_bed=1&seed=7``.
 
-    ``fault=NAME`` and ``fault=NAME:VALUE`` (comma-separated) say the same as ``NAME=1`` and ``NAME=VALUE``.
+    ``fault=NAME`` and ``fault=NAME:VALUE`` (comma-separated) mean ``NAME=1`` and ``NAME=VALUE``.
     """
 
     profile: Profile
@@ -186,7 +185,7 @@ _KINDS: dict[str, type[float] | type[int] | type[bool]] = {"float": float, "int"
 
 
 def parse_faults(words: Iterable[str], where: str = "--fault") -> Faults:
-    """Faults from words ``NAME`` or ``NAME=VALUE``; raises PortError as `parse_url` does."""
+    """Parse faults of the form ``NAME`` or ``NAME=VALUE``. Raises PortError as `parse_url` does."""
     kinds = {field.name: _KINDS[str(field.type)] for field in fields(Faults)}
     chosen: dict[str, float | int | bool] = {}
     for word in words:

@@ -1,4 +1,4 @@
-"""Start an emulator or find the one that is alive, and be the person who stands before it."""
+"""Start an emulator or find the running one, and send it commands of a person at the printer."""
 
 from __future__ import annotations
 
@@ -26,39 +26,39 @@ __all__ = ["Command", "EmulatorStatus", "alive", "control", "launch", "read_stat
 
 TTY = "tty"
 LOG = "emulator.log"
-ALIVE_LOCK = "emulator.lock"  # held by the emulator as long as it lives
-LAUNCH_LOCK = "launch.lock"  # held by whoever starts one
+ALIVE_LOCK = "emulator.lock"  # held by the emulator while it runs
+LAUNCH_LOCK = "launch.lock"  # held by the process that starts one
 CONTROL = "control.sock"
 START_TIMEOUT_S = 20.0
 CONTROL_TIMEOUT_S = 5.0
 
 
 class Command(StrEnum):
-    """Command that a person at the printer may give."""
+    """Action of a person at the printer."""
 
     CLEAR_BED = "clear_bed"
     RESET = "reset"
     POWER_OFF = "power_off"
-    SET_NOZZLE = "set_nozzle"  # at the knob: to target_c
+    SET_NOZZLE = "set_nozzle"  # turns the knob to target_c
     SET_BED = "set_bed"
-    MOVE = "move"  # the bed to z_mm
+    MOVE = "move"  # moves the bed to z_mm
     PRINT_SD = "print_sd"
-    UNPLUG = "unplug"  # the USB cable; the printer goes on
-    BREAK = "break"  # not a deed: one of the faults that count lines happens now
-    PLUG = "plug"  # it is another device then
+    UNPLUG = "unplug"  # pulls the USB cable; the printer continues
+    BREAK = "break"  # not an action: triggers a fault that counts lines
+    PLUG = "plug"  # the device gets another name
 
 
 def launch(url: str, folder: Path, clock: Clock) -> Path:
-    """The port of the emulator of this folder, which is started where none is alive.
+    """Return the port of this folder's emulator; start one if none is running.
 
-    It runs in a session of its own and outlives the caller.
+    The emulator runs in its own process session and outlives the caller.
 
     Parameters
     ----------
     url
-        ``sim://MODEL?FAULT=VALUE&seed=N``; of no account where one is alive.
+        ``sim://MODEL?FAULT=VALUE&seed=N``; ignored if an emulator is running.
     folder
-        Where it keeps its port (`tty`), status, log and control socket; made if missing.
+        Folder for its port (`tty`), status, log and control socket; created if missing.
     clock
         The farm's clock.
 
@@ -77,7 +77,7 @@ def launch(url: str, folder: Path, clock: Clock) -> Path:
     with _locked(folder / LAUNCH_LOCK):
         if alive(folder):
             return folder / TTY
-        # It forks off the process that stays and ends when the port is there.
+        # This process forks the emulator and ends once the port exists.
         arguments = ["--model", wanted.profile.model, "--folder", str(folder.absolute()), "--detach"]
         arguments += ["--scale", repr(clock.scale), "--anchor", repr(clock.anchor_s)]
         arguments += ["--seed", str(wanted.seed)]
@@ -100,17 +100,17 @@ def launch(url: str, folder: Path, clock: Clock) -> Path:
 
 
 def alive(folder: Path) -> bool:
-    """Whether an emulator of this folder lives: whether its lock is held."""
+    """Return True if an emulator of this folder is running, that is, if its lock is held."""
     return held(folder / ALIVE_LOCK)
 
 
 def control(folder: Path, command: Command | str, **values: float | str) -> dict[str, Any]:
-    """Do what a person would do at the printer; returns its answer when it is done (off: when it has ended).
+    """Act as a person at the printer; return the answer when done (OFF: when the emulator has ended).
 
     Raises
     ------
     PortError
-        Nobody is there, or the command is refused.
+        No emulator answers, or it refuses the command.
     """
     try:
         with socket.socket(socket.AF_UNIX) as link:
@@ -130,7 +130,7 @@ def control(folder: Path, command: Command | str, **values: float | str) -> dict
 
 
 def _wait_for_end(folder: Path) -> None:
-    """The lock is free when the process is gone, and with it its files' last change."""
+    """Wait until the lock is free: the process has ended and no longer changes its files."""
     until_s = time.monotonic() + CONTROL_TIMEOUT_S
     while alive(folder):
         if time.monotonic() > until_s:
@@ -140,7 +140,7 @@ def _wait_for_end(folder: Path) -> None:
 
 @contextlib.contextmanager
 def short_path(folder: Path) -> Iterator[str]:
-    """A path to the folder that fits a Unix socket's 108 bytes, however deep the folder is."""
+    """Provide a path to the folder that fits a Unix socket's 108 bytes, however deep the folder is."""
     descriptor = os.open(folder, os.O_PATH | os.O_DIRECTORY)
     try:
         yield f"/proc/self/fd/{descriptor}"

@@ -1,8 +1,8 @@
-"""The printer's end of its serial port: the master of a pseudo-terminal, and who has the other end open.
+"""The printer's end of its serial port: the master of a pseudo-terminal, and the state of its slave.
 
-A pseudo-terminal has no DTR: an opened slave stands for it. Polling the master for a hang-up would miss a
-host that closes and opens again at once (which is how it resets a board), so the kernel is asked for every
-open and close of the slave's device file (inotify).
+A pseudo-terminal has no DTR: opening the slave takes its place. Polling the master for a hang-up would miss
+a host that closes and reopens at once (which is how it resets a board), so inotify reports every open and
+close of the slave's device file.
 """
 
 from __future__ import annotations
@@ -30,11 +30,11 @@ class Port:
     master
         File descriptor of the printer's end; non-blocking.
     watch
-        File descriptor that is readable when the slave was opened or closed.
+        File descriptor that becomes readable when the slave is opened or closed.
     plugged
-        Whether the cable is in; the descriptors are of no use where it is not.
+        True while the cable is plugged in; otherwise the descriptors are invalid.
     is_open
-        Whether a host has the slave open.
+        True while a host has the slave open.
     """
 
     def __init__(self, link: Path) -> None:
@@ -43,16 +43,16 @@ class Port:
         self.plug()
 
     def plug(self) -> None:
-        """Put the cable in: a pseudo-terminal of another name than before."""
+        """Plug the cable in: create a pseudo-terminal with a new name."""
         masters = [pty.openpty()]
-        while os.ttyname(masters[-1][1]) == self.name:  # it would be the old one again
+        while os.ttyname(masters[-1][1]) == self.name:  # the old name, just released
             masters.append(pty.openpty())
         self.master, slave = masters.pop()
         for spare in (end for ends in masters for end in ends):
             os.close(spare)
         tty.setraw(slave, termios.TCSANOW)
         self.name = os.ttyname(slave)
-        os.close(slave)  # or nobody could tell an open port from a closed one
+        os.close(slave)  # else an open port would look like a closed one
         os.set_blocking(self.master, False)
         self.watch = _watch(self.name)
         self.plugged = True
@@ -64,7 +64,7 @@ class Port:
         new.replace(self._link)
 
     def unplug(self) -> None:
-        """Pull the cable: the host's end hangs up, and the board goes on."""
+        """Pull the cable: the host's end hangs up, and the board continues."""
         if self.plugged:
             self.unlink()
             os.close(self.master)
@@ -72,7 +72,7 @@ class Port:
         self.plugged = self.is_open = False
 
     def opened(self) -> bool:
-        """Take in what happened to the slave; True where it was closed and is, or was again, opened.
+        """Process opens and closes of the slave; return True if it was closed and then opened.
 
         Only the first of several hosts raises DTR.
         """
@@ -94,14 +94,14 @@ class Port:
         return raised
 
     def read(self) -> bytes:
-        """Read what the host sent; empty also where it has closed the port."""
+        """Read bytes from the host; empty also if it has closed the port."""
         try:
             return os.read(self.master, 4096)
-        except OSError:  # EIO: nobody has the slave open; EAGAIN: nothing there
+        except OSError:  # EIO: no host has the slave open; EAGAIN: no data
             return b""
 
     def write(self, data: bytes) -> None:
-        """Send to the host. What it does not read while its buffer is full is lost, as with a USB chip."""
+        """Send bytes to the host. Those that exceed its buffer are lost, as with a USB chip."""
         if self.is_open:
             try:
                 os.write(self.master, data)
@@ -109,13 +109,13 @@ class Port:
                 return
 
     def unlink(self) -> None:
-        """The printer goes: a link left behind would soon lead to somebody else's pseudo-terminal."""
+        """Remove the link: a stale one would soon point to the pseudo-terminal of another process."""
         with suppress(OSError):
             if str(self._link.readlink()) == self.name:
                 self._link.unlink()
 
     def discard(self) -> None:
-        """Forget all that is under way in both directions: a host opened the port anew."""
+        """Drop all bytes in transit in both directions, after a host has reopened the port."""
         while self.read():
             pass
 

@@ -1,4 +1,4 @@
-"""Status of an emulator for others: `status.json` in its folder, never half written."""
+"""Status of an emulator: `status.json` in its folder, replaced in one step."""
 
 from __future__ import annotations
 
@@ -13,36 +13,36 @@ FILE = "status.json"
 
 @dataclass(frozen=True, slots=True)
 class EmulatorStatus:
-    """One look at the printer. Times are farm seconds; counts are since power on.
+    """State of the printer at one moment. Times are farm seconds; counts are since power on.
 
     Attributes
     ----------
     tty
         The pty's slave at this time; `tty` in the folder points to it.
     link_open
-        Whether a host has the port open.
+        True while a host has the port open.
     phase
-        What the board's processor does (`firmware.Phase`).
+        Phase of the board's processor (`firmware.Phase`).
     time_s
-        Farm time of this look, seconds since the epoch.
+        Farm time of this status, in seconds since the epoch.
     position_mm
-        Where the head really is (x, y, z).
+        True position of the head (x, y, z).
     filament_mm
         Net filament through the feeder.
     filament_end_mm
-        The filament's end relative to the nozzle: -20 parked, 0 at the nozzle.
+        Position of the filament's end relative to the nozzle: -20 parked, 0 at the nozzle.
     starved_s
-        How long the planner stood empty in a print for want of a line, beyond what a real wire costs.
+        Seconds of a print in which the planner was empty for lack of lines, less the time on the wire.
     errors
-        `Error` lines said.
+        Number of `Error` lines sent.
     resets
-        Boots of the board after the one at power on, an opened port's included.
+        Number of boots after power on, including those by opening the port.
     printing_s
-        How long head or feeder moved, by moves that ended.
+        Total duration of the finished moves, in seconds.
     damaged
-        Bytes that a bad wire changed, both ways.
+        Number of bytes that noise changed, in both directions.
     altered
-        Lines that were carried out otherwise than they were sent, as their checksums matched.
+        Number of lines executed although they were changed, because their checksums matched.
     """
 
     pid: int
@@ -71,19 +71,19 @@ class EmulatorStatus:
 
 
 def write_status(folder: Path, status: EmulatorStatus) -> None:
-    """Put the status in place in one step."""
+    """Replace the status file in one step."""
     spare = folder / f".{FILE}.new"
     spare.write_text(json.dumps(asdict(status)))
     spare.replace(folder / FILE)
 
 
 def read_status(folder: Path) -> EmulatorStatus:
-    """The last status of the emulator of this folder, which may have ended since.
+    """Read the last status of this folder's emulator, which may have ended since.
 
     Raises
     ------
     PortError
-        There is none, or it is not one of ours.
+        The file is missing or not a status of an emulator.
     """
     path = folder / FILE
     try:

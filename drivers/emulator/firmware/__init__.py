@@ -1,5 +1,5 @@
 """The program of an emulated board: bytes and the time in, bytes out. Pure.
 
-`firmware` is its main loop, `listener` and `receiver` take lines in, `commands` and `machine` carry them out,
-`planner` says how long moves take, `wording` has the words, `person` is somebody at the display.
+`firmware` is its main loop, `listener` and `receiver` read lines, `commands` and `machine` execute them,
+`planner` computes the times of moves, `wording` has the messages, `person` acts at the display.
 """

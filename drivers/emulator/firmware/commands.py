@@ -1,6 +1,6 @@
-"""Commands by their code, and what each does with the machine.
+"""Emulated commands by their code, with their effect on the machine.
 
-Commands that take their time are generators: each value that they yield is the time at which they go on.
+Commands that take time are generators: each value that they yield is the time at which they continue.
 While one of them runs, the firmware reads no further line; its main loop advances the planner at each step.
 """
 
@@ -20,7 +20,7 @@ HYSTERESIS_C = 3.0
 RESIDENCY_S = 3.0
 REPORT_S = 1.0
 HOME_MM_S = (100.0, 100.0, 40.0)
-BUMP_S = (0.75, 0.7)  # touching the switch again slowly: XY together, Z; makes 5.3 s from the middle
+BUMP_S = (0.75, 0.7)  # second, slow approach to the endstop: XY together, Z; gives 5.3 s from the middle
 RETRACT_MM, RETRACT_MM_S = 6.5, 25.0
 ARC_SEGMENT_MM = 1.0
 ARC_MOST_CHORDS = 4096  # more than the longest arc over this bed needs
@@ -31,19 +31,19 @@ Command = Callable[[Machine, bytes, float], Work | None]
 
 @dataclass(frozen=True, slots=True)
 class Commands:
-    """Commands of a firmware by their numbers; what is in neither table is answered by a plain ok."""
+    """Commands of a firmware by number; a command in neither table is answered by a plain ok."""
 
     g: Mapping[int, Command]
     m: Mapping[int, Command]
 
 
 def execute(commands: Commands, machine: Machine, line: bytes, now_s: float) -> Work | None:
-    """Carry out any line but G0 and G1.
+    """Execute any line except G0 and G1.
 
     Returns
     -------
     iterator of float or None
-        The times at which a command that is not done yet goes on; None where it is done.
+        Times at which an unfinished command continues; None if it is finished.
     """
     for letter, table in ((b"G", commands.g), (b"M", commands.m)):
         code = value(line, letter)
@@ -108,7 +108,7 @@ def home(machine: Machine, line: bytes, now_s: float) -> Work:
 
 
 def move_arc(machine: Machine, line: bytes, now_s: float) -> None:
-    """``G2 G3`` with I and J, cut into chords of 1 mm (``mc_arc``)."""
+    """Queue ``G2 G3`` with I and J as chords of 1 mm (``mc_arc``)."""
     f, i, j = value(line, b"F"), value(line, b"I") or 0.0, value(line, b"J") or 0.0
     if f is not None and f > 0.0:
         machine.feedrate_mm_s = f / 60.0
@@ -152,7 +152,7 @@ def retract(machine: Machine, line: bytes, now_s: float) -> None:
     machine.retracted_mm = RETRACT_MM if back else 0.0
     x, y, z, _ = machine.at
     way_mm = -RETRACT_MM if back else RETRACT_MM
-    machine.shift[3] += way_mm  # the host's own count stays
+    machine.shift[3] += way_mm  # the host's coordinates stay the same
     machine.queue(x, y, z, way_mm, RETRACT_MM_S, now_s)
 
 
@@ -175,7 +175,7 @@ def set_position(machine: Machine, line: bytes, now_s: float) -> Work:
 
 
 def hang(machine: Machine, line: bytes, now_s: float) -> Work:
-    while True:  # M0 and M1 never come back over USB
+    while True:  # M0 and M1 never return over USB
         yield math.inf
 
 
@@ -214,7 +214,7 @@ def set_bed(machine: Machine, line: bytes, now_s: float) -> None:
 
 
 def wait_nozzle(machine: Machine, line: bytes, now_s: float) -> Work:
-    """``M109``: up or down to the target, then 3 s within 3 degrees of it; a report each second."""
+    """Execute ``M109``: reach the target, then stay within 3 degrees for 3 s; a report each second."""
     nozzle = machine.board.nozzle
     set_nozzle(machine, line, now_s)
     heating = nozzle.temperature_c(now_s) < nozzle.target_c
@@ -244,7 +244,7 @@ def wait_nozzle(machine: Machine, line: bytes, now_s: float) -> Work:
 
 
 def wait_bed(machine: Machine, line: bytes, now_s: float) -> Work:
-    """``M190``: up to the target, at once when it is hotter; a report each second."""
+    """Execute ``M190``: heat to the target, done at once if hotter; a report each second."""
     bed = machine.board.bed
     set_bed(machine, line, now_s)
     report_s = now_s + REPORT_S
@@ -259,7 +259,7 @@ def wait_bed(machine: Machine, line: bytes, now_s: float) -> Work:
 
 
 def temperatures(machine: Machine, now_s: float) -> bytes:
-    """The answer to ``M105``, with its ok in front."""
+    """Format the answer to ``M105``, which begins with its ok."""
     nozzle, bed = machine.board.nozzle, machine.board.bed
     return b"ok T:%.1f /%.1f B:%.1f /%.1f @:%d B@:%d\n" % (
         nozzle.temperature_c(now_s),
@@ -280,7 +280,7 @@ def report_position(machine: Machine, line: bytes, now_s: float) -> None:
 
 
 def report_endstops(machine: Machine, line: bytes, now_s: float) -> None:
-    # No newline at its end: the ok is glued on, as in the firmware.
+    # No newline at its end: the ok follows on the same line, as in the firmware.
     x, y, z, _ = machine.planner.position(now_s)
     home = machine.board.profile.home_mm
     hit = [b"TRIGGERED" if touched else b"open" for touched in (x < home[0], y > home[1], z > home[2])]
@@ -306,7 +306,7 @@ def beep(machine: Machine, line: bytes, now_s: float) -> Work:
 
 
 def park(machine: Machine, line: bytes, now_s: float) -> Work:
-    """``M601`` outside an SD print: bed down, head away, no waiting for a person."""
+    """Execute ``M601`` outside an SD print: bed down, head aside, no wait for a person."""
     yield from settled(machine)
     now_s = max(now_s, machine.planner.idle_since_s)
     x, y, z, e = machine.at
@@ -345,5 +345,5 @@ def allow_cold(machine: Machine, line: bytes, now_s: float) -> None:
 
 
 def _zero(number: float) -> float:
-    """Never minus nothing."""
+    """Turn a negative zero into 0."""
     return 0.0 if abs(number) < 0.005 else number

@@ -1,4 +1,4 @@
-"""The record of what tells emulated firmwares apart. Pure."""
+"""Differences between emulated firmwares. Pure."""
 
 from __future__ import annotations
 
@@ -14,41 +14,41 @@ from drivers.printers import Profile
 
 @dataclass(frozen=True, slots=True)
 class Dialect:
-    """Rules of one firmware's receiver and main loop, its commands and its words.
+    """Behaviour of one firmware: receiver, main loop, commands and messages.
 
     Attributes
     ----------
     commands, words
-        See there.
+        See `Commands` and `Words`.
     urgent
-        Commands by their M number that are carried out as soon as they are read without a line number.
+        Commands, by M number, that are executed as soon as they are read without a line number.
     banner
-        What follows ``start`` at every boot, of a printer, its limits and `Faults.levelled`.
+        Makes the text after ``start`` from the printer, its limits and `Faults.levelled`.
     late_banner
-        What is said some seconds after it.
+        Text sent some seconds after the banner.
     report
-        The answer to M105 at a time, with its ok in front.
+        Makes the answer to M105, which begins with its ok.
     buffer_lines
-        Lines that are read ahead, the one that is carried out included.
+        Number of lines read ahead, including the one being executed.
     line_ends
         Characters that end a line.
     comment_goes_on
-        A comment swallows the next line, too.
+        True if a comment also swallows the next line.
     checksum_needs_number
-        A line with a checksum and no line number is refused.
+        True if a line with a checksum and no line number is refused.
     reads_while_busy
-        Lines are read, and may be refused, while a command is carried out.
+        True if lines are read, and may be refused, while a command is executed.
     acknowledges_read_moves
-        The ok of a move is said when it was read; else when it was carried out.
+        True if a move is acknowledged when it is read; else after execution.
     advanced_ok
-        An ok can name its line and the room in both buffers.
+        True if an ok can contain the line number and the free space of both buffers.
     keep_alive
-        Said every `Machine.keep_alive_s` while a command is carried out; empty where nothing is.
+        Message sent every `Machine.keep_alive_s` while a command is executed; empty if there is none.
     inactive_since_s
-        Time from which M85 counts.
+        Returns the time from which M85 counts.
     halts
-        What is broken ends in kill(), and that for good; else moves are refused, and the watchdog resets a
-        board that was killed.
+        True if a fault ends in kill(), until a reset; else moves are refused, and the watchdog resets a
+        killed board.
     """
 
     commands: Commands

@@ -1,4 +1,4 @@
-"""Emulated firmwares by the title of the firmware, listed here."""
+"""Registry of emulated firmwares, by title."""
 
 from drivers.emulator.firmware.dialect import Dialect
 from drivers.emulator.firmware.marlin2 import MARLIN2

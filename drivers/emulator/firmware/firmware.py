@@ -1,13 +1,12 @@
-"""The firmware's main loop: bytes and the time in, bytes out; no I/O and no clock.
+"""Main loop of the firmware: bytes and the time in, bytes out; no I/O and no clock.
 
-`EmulatedFirmware.feed` works out everything that happened up to `now` at its own exact time (a move that
-ended at 103.2 s frees its place at 103.2 s, also when that is noticed at 103.4 s), so that a late host does
-not stretch a print while the planner has moves left. `EmulatedFirmware.deadline_s` is when it wants to be
-called again without bytes.
+`EmulatedFirmware.feed` computes every event up to `now` at its exact time (a move that ended at 103.2 s frees
+its place at 103.2 s, even if `feed` is called at 103.4 s), so a late host does not prolong a print while the
+planner has moves left. `EmulatedFirmware.deadline_s` is the time of the next call without bytes.
 
-The order of things follows ``Marlin_main.cpp`` of the Ultimaker 2: ``get_command`` (`listener`) takes lines
-out of a ring of 127 bytes into a buffer of 8, and says ok to G0-G3 there; the loop carries out one line at a
-time and reads no other while it is busy. Where other firmwares differ, their `Dialect` says so.
+The order of events follows ``Marlin_main.cpp`` of the Ultimaker 2: ``get_command`` (`listener`) reads lines
+from a ring buffer of 127 bytes into a buffer of 8, and acknowledges G0-G3 there; the loop executes one line
+at a time and reads no other while it is busy. `Dialect` has the differences of other firmwares.
 """
 
 from __future__ import annotations
@@ -26,7 +25,7 @@ from drivers.emulator.firmware.machine import Machine, value
 from drivers.emulator.hardware.board import EmulatedBoard
 from drivers.printers import Profile
 
-BOOTLOADER_S = 1.0  # [assumed] bytes are lost
+BOOTLOADER_S = 1.0  # [assumed] bytes sent meanwhile are lost
 BANNER_S = 0.036  # from start to the end of the banner
 FIRST_COMMAND_S = 0.26  # from the end of the banner
 SD_FAIL_S = 2.3  # from start
@@ -34,37 +33,37 @@ WATCHDOG_S = 4.07
 
 
 class EmulatedFirmware(Listener):
-    """One printer from power on; `reset` is what an opened port does to it.
+    """One printer from power on; opening its port calls `reset`.
 
     Parameters
     ----------
     profile
         The printer model.
     faults
-        What goes wrong.
+        Faults to inject.
     rng
-        The dice of the faults.
+        Random generator of the faults.
     now_s
-        Power on, on the caller's clock, in seconds. Power on boots, as a reset does.
+        Time of power on, in seconds of the caller's clock. Power on boots the board, as a reset does.
     """
 
     def __init__(self, profile: Profile, faults: Faults, rng: random.Random, now_s: float) -> None:
         super().__init__(DIALECTS[profile.firmware.title], faults, rng)
         self.board = EmulatedBoard(profile, faults)
-        self.resets = -1  # the boot at power on is none
+        self.resets = -1  # the boot at power on does not count
         self._due: dict[int, list[str]] = {}
         for name, line in faults.due.items():
             self._due.setdefault(line, []).append(name)
         self._asleep_s = -math.inf
-        self._past = (0, 0.0, 0.0)  # moves, time of moves and starvation of the lives before this one
+        self._past = (0, 0.0, 0.0)  # moves, time of moves and starvation before the last reset
         self._time_s = now_s
         self.machine = Machine(self.board, self._say, self.stop, self.dialect.words, now_s)
         self.reset(now_s)
 
-    # --- from outside ---
+    # --- interface ---
 
     def reset(self, now_s: float, boot_s: float = BOOTLOADER_S) -> None:
-        """Power of motors and heaters goes, all memory is lost, and ``start`` comes after `boot_s`."""
+        """Reset the board: motors and heaters go off, the state is lost, ``start`` is sent after `boot_s`."""
         old = self.machine
         old.power_down(now_s)
         moves, moving_s, starved_s = self._past
@@ -93,12 +92,12 @@ class EmulatedFirmware(Listener):
         self._time_s = now_s
 
     def feed(self, data: bytes, now_s: float) -> bytes:
-        """Bytes that came from the host by now (perhaps none); returns those that go to it."""
+        """Process bytes from the host (perhaps none) up to `now_s`, and return the bytes for the host."""
         if self.noise is not None and data:
             data = self.noise.carry_in(data)
         machine = self.machine
         if data and machine.dead_man_s < math.inf and self._running is None and not machine.waiting:
-            # Nobody knows when in the last wait they came: the host gets the benefit of it.
+            # Their arrival time within the last wait is unknown: assume the earliest.
             machine.heard_s = max(machine.heard_s, now_s - machine.dead_man_s + 1e-3)
         self._pass(now_s)
         if data and self.phase in (Phase.RUNNING, Phase.BOOTING):
@@ -114,10 +113,10 @@ class EmulatedFirmware(Listener):
         return out if self.noise is None else self.noise.carry(out)
 
     def deadline_s(self, slack_s: float = 0.0) -> float:
-        """Latest time at which it has to be fed; infinite where nothing is due.
+        """Return the latest time for the next `feed`; infinite if nothing is due.
 
-        With a slack, the host may be told so much later that there is room for its next move, as long as the
-        planner stays well filled: one wake-up for several moves, and no move any later.
+        With a slack, oks may be sent so much later while the planner stays well filled: one wake-up serves
+        several moves, and no move is delayed.
         """
         due_s = self._alarm_s()
         if self.phase is Phase.RUNNING:
@@ -135,17 +134,17 @@ class EmulatedFirmware(Listener):
 
     @property
     def moves(self) -> int:
-        """Moves queued since power on."""
+        """Number of moves queued since power on."""
         return self._past[0] + self.machine.planner.moves
 
     @property
     def printing_s(self) -> float:
-        """Seconds in which the head or the feeder moved since power on, by moves that ended."""
+        """Total duration of the finished moves since power on, in seconds."""
         return self._past[1] + self.machine.planner.busy_s
 
     @property
     def starved_s(self) -> float:
-        """Seconds in which the planner stood empty in a print for want of a line, beyond a wire's cost."""
+        """Seconds of a print in which the planner was empty for lack of lines, less the time on the wire."""
         return self._past[2] + self.machine.starved_s
 
     # --- time ---
@@ -154,7 +153,7 @@ class EmulatedFirmware(Listener):
         return self._running is not None or bool(self.machine.waiting)
 
     def _alarm_s(self) -> float:
-        """Time at which something happens by itself."""
+        """Return the time of the next event without input."""
         due_s = self._schedule[0][0] if self._schedule else math.inf
         if self.phase in (Phase.RUNNING, Phase.MUTE):
             machine = self.machine
@@ -164,11 +163,11 @@ class EmulatedFirmware(Listener):
         return due_s
 
     def _pass(self, now_s: float) -> None:
-        """Let the time go by up to now."""
+        """Advance the state up to `now_s`."""
         while (at_s := self._alarm_s()) <= now_s:
             self._work(at_s)
             if self._alarm_s() > at_s:
-                continue  # a command that ended meanwhile put it off
+                continue  # a command that ended meanwhile postponed it
             if self._schedule and self._schedule[0][0] <= at_s:
                 self._schedule.popleft()[1](at_s)
             elif self._at_work_s <= at_s and self.dialect.keep_alive and self._busy():
@@ -181,7 +180,7 @@ class EmulatedFirmware(Listener):
         self._work(now_s)
 
     def _work(self, now_s: float) -> None:
-        """The main loop, as far as it gets by now."""
+        """Run the main loop up to `now_s`."""
         machine = self.machine
         planner = machine.planner
         while self.phase is Phase.RUNNING:
@@ -224,7 +223,7 @@ class EmulatedFirmware(Listener):
             planner.advance(now_s)
 
     def _take(self, data: bytes, now_s: float) -> None:
-        """Bytes into the ring, as far as there is room; what does not fit is lost."""
+        """Store bytes in the ring buffer; those that do not fit are lost."""
         while data:
             left = self._receiver.put(data)
             if len(left) == len(data):
@@ -235,7 +234,7 @@ class EmulatedFirmware(Listener):
     # --- lines ---
 
     def _process(self, line: bytes) -> None:
-        """Carry out one line of the buffer."""
+        """Execute one line of the buffer."""
         machine, now_s = self.machine, self._time_s
         number = value(line, b"N")
         self._number = self._number if number is None else int(number)
@@ -272,7 +271,7 @@ class EmulatedFirmware(Listener):
             self._go_on()
 
     def _go_on(self) -> None:
-        """The next step of the command that runs."""
+        """Execute the next step of the current command."""
         assert self._running is not None
         resume_s = next(self._running, None)
         if resume_s is None:
@@ -281,7 +280,7 @@ class EmulatedFirmware(Listener):
         else:
             self._resume_s = resume_s
 
-    # --- life and death ---
+    # --- start and stop ---
 
     def _start(self, now_s: float) -> None:
         self.phase = Phase.BOOTING
@@ -293,7 +292,7 @@ class EmulatedFirmware(Listener):
         self._time_s = self.machine.heard_s = now_s
 
     def stop(self, words: bytes, now_s: float) -> None:
-        """``Stop()``: heaters off; moves are refused until ``M999``, and nothing else is; or all is over."""
+        """Execute ``Stop()``: heaters off, moves refused until ``M999``; or halt, if `Dialect.halts`."""
         machine = self.machine
         if self.dialect.halts:
             if words:
@@ -310,7 +309,7 @@ class EmulatedFirmware(Listener):
             self._error(b"Error:" + wording.STOPPED)
 
     def kill(self, now_s: float) -> None:
-        """``kill()``: everything off, and dead until the watchdog, or somebody else, resets the board."""
+        """Execute ``kill()``: everything off until the watchdog or the host resets the board."""
         self.machine.power_down(now_s)
         self._error(wording.KILLED)
         self.phase = Phase.HALTED
@@ -321,12 +320,12 @@ class EmulatedFirmware(Listener):
         self.reset(now_s, boot_s=0.0)
 
     def _break_down(self) -> None:
-        """Let the faults happen that have a line of their own."""
+        """Trigger the faults that are due at this line."""
         for name in self._due.get(self.lines, ()):
             self.break_down(name, self._time_s)
 
     def break_down(self, name: str, now_s: float) -> None:
-        """Let one of the faults happen that count lines; `name` is that of its field in `Faults`."""
+        """Trigger one of the faults that count lines, by the name of its field in `Faults`."""
         board = self.board
         match name:
             case "reset_after":
@@ -334,9 +333,9 @@ class EmulatedFirmware(Listener):
             case "silent_after":
                 self.phase = Phase.MUTE  # until a reset; the heaters stay on
             case "sleep_after":
-                self._asleep_s = now_s + SLEEP_S  # and then go on as if nothing had been
+                self._asleep_s = now_s + SLEEP_S  # and then continue
             case "stuck_after":
-                self._stuck_n = self._last_n + 1  # asks for the next line for ever
+                self._stuck_n = self._last_n + 1  # requests the next line forever
             case "kill_after":
                 self.kill(now_s)
             case "zero_after":
@@ -358,4 +357,4 @@ class EmulatedFirmware(Listener):
                 board.bed_shorted = True
                 board.set_bed(board.bed.target_c, now_s)
             case _:
-                raise AssertionError(f"nobody knows how {name} happens")
+                raise AssertionError(f"fault {name} is not implemented")

@@ -1,7 +1,7 @@
-"""The firmware's ``get_command``: lines out of the ring, checked, acknowledged, refused. Pure.
+"""The firmware's ``get_command``: read, check, acknowledge or refuse lines. Pure.
 
-What is refused empties the ring, and its number is asked for. The Ultimaker 2 acknowledges moves as they are
-read, all else when it was carried out (docs/explanation/ultimaker2-serial.md, section 1.4).
+A refused line empties the ring buffer, and its number is requested again. The Ultimaker 2 acknowledges moves
+when they are read, other commands after execution (docs/explanation/ultimaker2-serial.md, section 1.4).
 """
 
 from __future__ import annotations
@@ -30,10 +30,10 @@ class Phase(StrEnum):
     """Phase of the board's processor."""
 
     BOOTLOADER = "bootloader"  # bytes are lost
-    BOOTING = "booting"  # bytes wait in the ring
+    BOOTING = "booting"  # bytes wait in the ring buffer
     RUNNING = "running"
     HALTED = "halted"  # kill(): waits for its watchdog
-    MUTE = "mute"  # a fault: hears and says nothing, and goes on heating
+    MUTE = "mute"  # a fault: reads and sends nothing, and keeps heating
 
 
 class Listener(ABC):
@@ -42,11 +42,11 @@ class Listener(ABC):
     Attributes
     ----------
     lines, errors
-        Accepted, and refused or worse, since power on.
+        Number of accepted lines, and of errors, since power on.
     dialect
-        Rules of this firmware.
+        Behaviour of this firmware.
     noise
-        The damage on the wire, where there is any.
+        Noise on the wire, if any.
     """
 
     machine: Machine
@@ -64,29 +64,29 @@ class Listener(ABC):
         self._deafen()
 
     def _deafen(self) -> None:
-        """Forget all that was heard: a reset."""
+        """Drop all received input, at a reset."""
         self._receiver = Receiver(self.dialect.line_ends, self.dialect.comment_goes_on)
-        self._number = 0  # of the line that is carried out
-        self._owes_ok = False  # to a move that waits for room
-        self._at_work_s = math.inf  # when it says next that it is at work
+        self._number = 0  # number of the line being executed
+        self._owes_ok = False  # a move waits for room before its ok
+        self._at_work_s = math.inf  # time of the next busy message
         self._buffer: deque[bytes] = deque()
         self._last_n = 0
-        self._stuck_n = -1  # the line that is asked for for ever
+        self._stuck_n = -1  # the line that is requested forever
         if self.noise is not None:
             self.noise.forget()
 
     @abstractmethod
     def _busy(self) -> bool:
-        """Whether a command is carried out."""
+        """True while a command is executed."""
 
     @abstractmethod
     def _break_down(self) -> None:
-        """A line was accepted: the faults that happen then."""
+        """Trigger the faults that are due after an accepted line."""
 
     # --- lines ---
 
     def _quick_move(self) -> bool:
-        """Take a well-formed numbered move from the ring, exactly as the long way would; False: take that."""
+        """Read a well-formed numbered move as the slow path would; return False if that has to be taken."""
         receiver = self._receiver
         found = receiver.move()
         if found is None or self._faults.on_lines:
@@ -121,7 +121,7 @@ class Listener(ABC):
         return True
 
     def _end_move(self, number: int) -> None:
-        """A move was carried out; say so as soon as it is in the planner."""
+        """Finish a move, and acknowledge it as soon as it is in the planner."""
         self._number = number
         self._at_work_s = self._time_s + self.machine.keep_alive_s
         if self.machine.waiting:
@@ -130,7 +130,7 @@ class Listener(ABC):
             self._acknowledge()
 
     def _get_command(self) -> None:
-        """Fill the line buffer from the ring."""
+        """Fill the line buffer from the ring buffer."""
         most = self.dialect.buffer_lines - (self.dialect.reads_while_busy and self._busy())
         while len(self._buffer) < most and self.phase is Phase.RUNNING:
             line = self._receiver.line()
@@ -139,7 +139,7 @@ class Listener(ABC):
             self._accept(line)
 
     def _accept(self, line: bytes) -> None:
-        """Check number and checksum, and put the line into the buffer; or refuse it."""
+        """Check number and checksum, and buffer the line or refuse it."""
         if self._faults.on_lines:
             if self._dice.swallows():
                 return
@@ -166,7 +166,7 @@ class Listener(ABC):
                 self.noise.accepted(n, line)
         elif star >= 0 and self.dialect.checksum_needs_number:
             said = wording.line_error(wording.NO_LINE_NUMBER, self._last_n)
-            (self._error if _COMMAND.search(line) else self._say)(said)  # without a command: only asked
+            (self._error if _COMMAND.search(line) else self._say)(said)  # without a command it is a query
             return
         elif (urgent := self.dialect.urgent.get(int(value(line, b"M") or 0))) is not None:
             urgent(self.machine, self._time_s)
@@ -193,13 +193,13 @@ class Listener(ABC):
             self.machine.heard_s = max(self.machine.heard_s, self._time_s)
             self._say(self._dice.ok(wording.OK))
 
-    # --- words ---
+    # --- messages ---
 
     def _say(self, text: bytes) -> None:
         self._out.append(text)
 
     def _ok(self) -> None:
-        """A command is done (``ClearToSend``)."""
+        """Acknowledge a finished command (``ClearToSend``)."""
         self.machine.heard_s = max(self.machine.heard_s, self._time_s)
         self._acknowledge()
 

@@ -1,4 +1,4 @@
-"""The firmware's memory behind its serial link, made anew at every reset: modes, position, moves that wait.
+"""State of the firmware behind its serial link, new after every reset: modes, position, waiting moves.
 
 While a move waits for room in the planner, the firmware reads no further line.
 """
@@ -20,13 +20,13 @@ EXTRUDE_MOST_MM = 1000.0
 NOZZLE_MAX_C = 275.0
 DEAD_HEATER_S = 30.0
 SD_BYTES_PER_S = 500.0
-WIRE_S = 0.010  # what a line costs on the real wire at most, with its turnaround
+WIRE_S = 0.010  # upper bound of a line's time on a real wire, including the answer
 
 _NUMBER = re.compile(rb"[ \t]*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d{1,2}(?!\d))?)")
 
 
 def value(line: bytes, letter: bytes) -> float | None:
-    """The number behind the first such letter anywhere in the line (``code_seen``); 0 without digits."""
+    """Parse the number after the first such letter in the line (``code_seen``); 0 without digits."""
     at = line.find(letter)
     if at < 0:
         return None
@@ -35,26 +35,26 @@ def value(line: bytes, letter: bytes) -> float | None:
 
 
 def positive(line: bytes, letter: bytes, otherwise: float) -> float:
-    """As `value`, where only a number above 0 makes sense."""
+    """Parse a number as `value` does; return `otherwise` unless it is above 0."""
     number = value(line, letter)
     return number if number is not None and number > 0.0 else otherwise
 
 
 class Machine:
-    """Modes, limits, position and the planner of one life of the firmware, on a board that was there before.
+    """Modes, limits, position and planner of the firmware between two resets.
 
     Parameters
     ----------
     board
-        The printer. Its coordinates are the true ones; the firmware's differ by a shift until it is homed.
+        The board. Its coordinates are the true ones; the firmware's differ by a shift until it is homed.
     say
-        Called with what is sent to the host.
+        Called with the bytes for the host.
     stop
-        Called with words and the time where the firmware stops itself (``Stop()``).
+        Called with a message and the time if the firmware stops itself (``Stop()``).
     words
-        What it says when something is broken.
+        Messages for faults.
     now_s
-        When this life began; all times are on that clock.
+        Time of the reset; all times are on that clock.
     """
 
     def __init__(
@@ -70,23 +70,21 @@ class Machine:
         self.limits = Limits.of(board.profile)
         x, y, z = board.head_mm
         self.planner = Planner(self.limits, (x, y, z, board.filament_mm), board.fed, board.faults.slowdown)
-        self.waiting: deque[tuple[Point, float]] = deque()  # moves for which the planner has no room yet
-        self.at = [0.0, 0.0, 0.0, 0.0]  # target of the last move, as the host counts
+        self.waiting: deque[tuple[Point, float]] = deque()  # moves waiting for room in the planner
+        self.at = [0.0, 0.0, 0.0, 0.0]  # target of the last move, in the host's coordinates
         self.homed = False
         self.stopped = False
         self.starved_s = 0.0
-        self.trip_s = math.inf  # when a heater will make the firmware stop, and in which words
+        self.trip_s = math.inf  # time at which a heater makes the firmware stop, and the message
         self.trip_words = b""
-        self.dead_man_s = math.inf  # M85: longest silence of the host
-        self.keep_alive_s = KEEP_ALIVE_S  # between two signs of life
-        self.armed_s = now_s  # when that was set
-        self.heard_s = now_s  # when the last command was done
+        self.dead_man_s = math.inf  # M85: longest allowed silence of the host
+        self.keep_alive_s = KEEP_ALIVE_S  # between two busy messages
+        self.armed_s = now_s  # time of the M85
+        self.heard_s = now_s  # time at which the last command was finished
         self.say = say
         self.stop = stop
-        self._sd: tuple[int, float] | None = (
-            None  # the file on the card that is printed: its size, since when
-        )
-        self.shift = [x, y, z, board.filament_mm]  # true position less the host's
+        self._sd: tuple[int, float] | None = None  # SD print: size of the file and start time
+        self.shift = [x, y, z, board.filament_mm]  # true position minus the host's
         self.homed_axes = [False, False, False]
         self.relative = False
         self.relative_e = False
@@ -95,13 +93,13 @@ class Machine:
         self.flow_factor = 1.0
         self.extrude_min_c = board.profile.min_extrusion_c
         self.retracted_mm = 0.0
-        self.streaming = False  # a print is under way: a queue that runs dry is the host's fault
+        self.streaming = False  # a print is running: an empty queue is the host's fault
         self.top_mm = board.profile.travel_mm  # soft limits
 
     # --- moves ---
 
     def move(self, line: bytes, now_s: float) -> None:
-        """``G0 G1``, as ``get_coordinates`` reads them: letters anywhere in the line."""
+        """Execute ``G0 G1`` as ``get_coordinates`` reads them: letters anywhere in the line."""
         self.linear(
             value(line, b"F"),
             value(line, b"X"),
@@ -120,7 +118,7 @@ class Machine:
         e: float | None,
         now_s: float,
     ) -> None:
-        """Queue one straight move; None where the line does not name the axis. F in mm/min."""
+        """Queue one straight move; None if the line lacks the axis. F in mm/min."""
         if f is not None and f > 0.0:
             self.feedrate_mm_s = f / 60.0
         at, top, relative = self.at, self.top_mm, self.relative
@@ -139,12 +137,12 @@ class Machine:
         self.queue(x, y, z, e - e0, rate, now_s)
 
     def queue(self, x: float, y: float, z: float, de: float, rate_mm_s: float, now_s: float) -> None:
-        """Queue a move to what `at` says already; `de` is the feeder's part of it."""
+        """Queue a move to the position already in `at`; `de` is its extrusion in mm."""
         planner, shift = self.planner, self.shift
         if de:
             made = self._allowed(de, now_s)
             if made != de:
-                shift[3] += made - de  # counted for the host, and not made
+                shift[3] += made - de  # counted for the host, but not extruded
         target = (x + shift[0], y + shift[1], z + shift[2], self.at[3] + shift[3])
         if self.waiting or len(planner) >= CAPACITY:
             self.waiting.append((target, rate_mm_s))
@@ -156,7 +154,7 @@ class Machine:
         planner.add(target, rate_mm_s, now_s)
 
     def release(self, now_s: float) -> None:
-        """There is room for the first move that waits."""
+        """Move the first waiting move to the planner, which has room."""
         target, rate_mm_s = self.waiting.popleft()
         self.planner.add(target, rate_mm_s, now_s)
 
@@ -166,7 +164,7 @@ class Machine:
             self.starved_s += max(0.0, now_s - since_s - WIRE_S)
 
     def _allowed(self, de: float, now_s: float) -> float:
-        """Of a feeder move, what the firmware makes: nothing where it is cold or far too long."""
+        """Return the extrusion that the firmware allows: 0 if the nozzle is too cold or the move too long."""
         nozzle = self.board.nozzle
         if nozzle.temperature_c(now_s) < self.extrude_min_c:
             self.say(wording.COLD_EXTRUSION)
@@ -177,28 +175,28 @@ class Machine:
         return de * self.flow_factor
 
     def quick_stop(self, now_s: float) -> None:
-        """Stand still at once, forget all queued moves, and know where that is (``M401``)."""
+        """Stop at once, drop all queued moves, and update the position (``M401``)."""
         self.waiting.clear()
         here = self.planner.stop(now_s)
         self.streaming = False
         self.at = [true - shift for true, shift in zip(here, self.shift, strict=True)]
 
     def sd_began(self, file_bytes: int, now_s: float) -> None:
-        """A file on the card is printed."""
+        """Start to print a file on the SD card."""
         self._sd = file_bytes, now_s
 
     def sd_at(self, now_s: float) -> tuple[int, int] | None:
-        """Bytes of the file on the card that were printed, and of how many; None where none is."""
+        """Return the printed bytes and the size of the file on the SD card; None if none is printed."""
         if self._sd is None:
             return None
         file_bytes, began_s = self._sd
         return min(file_bytes, int((now_s - began_s) * SD_BYTES_PER_S)), file_bytes
 
     def power_down(self, now_s: float) -> None:
-        """Motors and heaters off at once: the end of this life of the firmware."""
+        """Switch motors and heaters off at once, at a reset."""
         x, y, z, _ = self.planner.stop(now_s)
         home, top = self.board.profile.home_mm, self.top_mm
-        ends = [home[axis] or top[axis] for axis in range(3)]  # a switch that is up there is the end
+        ends = [home[axis] or top[axis] for axis in range(3)]  # an endstop at the top is the limit
         x, y, z = (min(max(at, 0.0), end) for at, end in zip((x, y, z), ends, strict=True))
         self.board.head_mm = (x, y, z)
         self.board.heaters_off(now_s)
@@ -206,14 +204,14 @@ class Machine:
     # --- heaters ---
 
     def heat_nozzle(self, target_c: float, now_s: float) -> None:
-        """Set the nozzle's target, and foresee whether that will trip a safety."""
+        """Set the nozzle's target, and predict whether it will trigger a temperature fault."""
         self.board.set_nozzle(target_c, now_s)
         if target_c <= 0.0:
             self.streaming = False
         self.foresee(now_s)
 
     def foresee(self, now_s: float) -> None:
-        """Foresee when the nozzle as it is will trip a safety."""
+        """Predict the time at which the nozzle will trigger a temperature fault."""
         nozzle = self.board.nozzle
         self.trip_s = math.inf
         if nozzle.dead and nozzle.target_c >= nozzle.temperature_c(now_s):

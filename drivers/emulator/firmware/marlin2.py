@@ -1,7 +1,7 @@
-"""Marlin 2's own words and rules, after its source (gcode/queue.cpp, gcode/gcode.cpp, MarlinCore.cpp). Pure.
+"""Behaviour and messages of Marlin 2 (gcode/queue.cpp, gcode/gcode.cpp, MarlinCore.cpp). Pure.
 
-A command is acknowledged when it was carried out, a move when it is in the planner; meanwhile lines go on
-being read, up to four. What is broken ends in ``kill()``, after which only a reset helps.
+A command is acknowledged after execution, a move once it is in the planner; meanwhile up to four lines are
+read ahead. A fault ends in ``kill()``, after which only a reset helps.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ from drivers.emulator.firmware.planner import Limits
 from drivers.emulator.firmware.wording import Words
 from drivers.printers import Profile
 
-CLEANING_S = 1.0  # ``Planner::quick_stop``: what comes within it would be dropped
+CLEANING_S = 1.0  # ``Planner::quick_stop``: drops moves within this time
 _IDENTITY = (
     b"FIRMWARE_NAME:Marlin 2.0.9.1 (Jul  1 2021 12:00:00) SOURCE_CODE_URL:github.com/MarlinFirmware/Marlin "
     b"PROTOCOL_VERSION:1.0 %b_COUNT:1 UUID:cede2a2f-41a2-4748-9b12-c55c62f367ff\n"
@@ -47,7 +47,7 @@ _IDENTITY = (
 
 
 def banner(profile: Profile, limits: Limits, levelled: int = 0) -> bytes:
-    """Format what follows ``start`` at every boot; `levelled` as in `Faults`."""
+    """Format the text after ``start`` at every boot; `levelled` as in `Faults`."""
     head = (
         b"echo:Marlin 2.0.9.1\n"
         b"echo: Last Updated: 2021-07-01 | Author: (none, default config)\n"
@@ -59,7 +59,7 @@ def banner(profile: Profile, limits: Limits, levelled: int = 0) -> bytes:
 
 
 def settings(limits: Limits, levelled: int = 0) -> bytes:
-    """``M503``, which a board also says when it starts (``MarlinSettings::report``)."""
+    """Format the answer to ``M503``, also sent at boot (``MarlinSettings::report``)."""
     steps, feed, top = limits.steps_per_mm, limits.feedrate_mm_s, limits.acceleration_mm_s2
     return (
         "echo:  G21    ; Units in mm (mm)\n"
@@ -80,7 +80,7 @@ def settings(limits: Limits, levelled: int = 0) -> bytes:
 
 
 def _report(machine: Machine, now_s: float) -> bytes:
-    """Answer ``M105``, with the ok in front."""
+    """Format the answer to ``M105``, which begins with its ok."""
     nozzle, bed = machine.board.nozzle, machine.board.bed
     return b"ok T:%.2f /%.2f B:%.2f /%.2f @:%d B@:%d\n" % (
         nozzle.temperature_c(now_s),
@@ -93,7 +93,7 @@ def _report(machine: Machine, now_s: float) -> bytes:
 
 
 def _report_position(machine: Machine, line: bytes, now_s: float) -> None:
-    """``M114``: the end of what is planned, in mm and in steps."""
+    """Answer ``M114``: the end of the planned moves, in mm and in steps."""
     x, y, z, e = (at + 0.0 if abs(at) >= 0.005 else 0.0 for at in machine.at)
     counts = [round(at * per) for at, per in zip((x, y, z), machine.limits.steps_per_mm, strict=False)]
     machine.say(b"X:%.2f Y:%.2f Z:%.2f E:%.2f Count X:%d Y:%d Z:%d\n" % (x, y, z, e, *counts))
@@ -108,7 +108,7 @@ def _identify(machine: Machine, line: bytes, now_s: float) -> None:
 
 
 def _set_mode(machine: Machine, line: bytes, now_s: float) -> None:
-    """``G90 G91``: of all axes, the feeder included, whatever M82 and M83 said before."""
+    """Execute ``G90 G91``: for all axes including the feeder, overriding M82 and M83."""
     machine.relative = machine.relative_e = value(line, b"G") == 91
 
 
@@ -126,13 +126,13 @@ def _halt(machine: Machine, line: bytes, now_s: float) -> None:
 
 
 def _inactive_since_s(machine: Machine) -> float:
-    """Time of the last move, or of the last M85 (``manage_inactivity``)."""
+    """Return the time of the last move, or of the last M85 (``manage_inactivity``)."""
     planner = machine.planner
     return max(machine.armed_s, planner.end_s if len(planner) else planner.idle_since_s)
 
 
 MARLIN2 = Dialect(
-    # Codes that change nothing here (fan, SD card, text), and those that it does not know: plain ok.
+    # Codes without effect here (fan, SD card, text) and unknown ones: plain ok.
     commands=Commands(
         g={
             2: move_arc,

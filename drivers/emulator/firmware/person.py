@@ -1,4 +1,4 @@
-"""Deeds of a person at the printer's own display, of which no host hears. Pure."""
+"""Actions of a person at the printer's own display, which are not reported to the host. Pure."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ SD_NOZZLE_C, SD_BED_C = 210.0, 60.0
 
 
 def set_nozzle(firmware: EmulatedFirmware, target_c: float, now_s: float) -> None:
-    """Turn the nozzle's temperature."""
+    """Set the nozzle's target at the knob."""
     firmware.feed(b"", now_s)
     firmware.machine.heat_nozzle(target_c, now_s)
 
 
 def set_bed(firmware: EmulatedFirmware, target_c: float, now_s: float) -> None:
-    """Turn the bed's temperature."""
+    """Set the bed's target at the knob."""
     firmware.feed(b"", now_s)
     firmware.machine.heat_bed(target_c, now_s)
 
@@ -27,7 +27,7 @@ def move(firmware: EmulatedFirmware, z_mm: float, now_s: float) -> None:
 
 
 def print_sd(firmware: EmulatedFirmware, now_s: float) -> None:
-    """Print from the card: heats, moves, and M27 tells how far it is."""
+    """Print from the SD card: heat, move, and report the progress in M27."""
     set_nozzle(firmware, SD_NOZZLE_C, now_s)
     set_bed(firmware, SD_BED_C, now_s)
     firmware.machine.sd_began(SD_FILE_BYTES, now_s)

@@ -1,11 +1,10 @@
-"""Look-ahead planner of the firmware, with times of moves computed instead of ticked.
+"""Look-ahead planner of the firmware, with computed times of moves instead of time steps.
 
 Follows ``planner.cpp`` of the 2+ firmware (Marlin 1.0): blocks are trapezoids of constant acceleration; the
 speed at a junction is bounded by the jerk of XY, Z and E; a reverse and a forward pass over the queue bound
-each entry speed by what its neighbours can reach; the queue may always have to end at a stand. A block's
-speeds are fixed when it starts. Left out: the rounding to whole steps. ``SLOWDOWN`` (short moves are
-stretched while the queue runs low) only where it is asked for: it answers a late host, and where the clock is
-accelerated the host is late by no fault of its own.
+each entry speed by those of its neighbours; the queue must always be able to end at a stop. A block's speeds
+are fixed when it starts. Rounding to whole steps is left out. ``SLOWDOWN`` (short moves are slowed down while
+the queue runs low) is off by default: it reacts to a late host, and an accelerated clock makes the host late.
 """
 
 from __future__ import annotations
@@ -19,9 +18,9 @@ from drivers.printers import Profile
 # Moves that are queued before the next one waits: 17 are acknowledged at once
 # (docs/explanation/ultimaker2-serial.md, section 2).
 CAPACITY = 16
-STAND_MM_S = 0.05  # MINIMUM_PLANNER_SPEED: what the firmware takes for a stand
-SHORT_S = 0.020  # M205 B: moves that take less are stretched while the queue is less than half full
-DROP_STEPS = 5  # shorter moves are not made, but added to the next one
+STAND_MM_S = 0.05  # MINIMUM_PLANNER_SPEED: below this the firmware treats the head as stopped
+SHORT_S = 0.020  # M205 B: shorter moves are slowed down while the queue is less than half full
+DROP_STEPS = 5  # shorter moves are not executed, but added to the next one
 
 Point = tuple[float, float, float, float]  # x, y, z, e in mm
 
@@ -55,7 +54,7 @@ class Limits:
 
 
 class Block:
-    """One queued move. Speeds are kept squared (``_2``): the passes need no root then."""
+    """One queued move. Speeds are kept squared (``_2``), which saves square roots."""
 
     __slots__ = ("a", "e_mm", "entry_2", "gain_2", "max_entry_2", "mm", "target", "v")
 
@@ -65,20 +64,20 @@ class Block:
         self.mm = mm
         self.v = v
         self.a = a
-        self.gain_2 = 2.0 * a * mm  # how much the square of the speed can change over the block
+        self.gain_2 = 2.0 * a * mm  # largest change of the squared speed over the block
         self.max_entry_2 = max_entry * max_entry
         self.entry_2 = min(self.max_entry_2, STAND_MM_S * STAND_MM_S + self.gain_2)
 
 
 class Planner:
-    """The queue. Times are seconds on the caller's clock and never go back.
+    """Queue of moves. Times are in seconds of the caller's clock and never decrease.
 
     Parameters
     ----------
     limits
         Read at every move, so that M-codes may change them.
     start
-        Where the head and the feeder are.
+        Position of head and feeder.
     moved
         Called with (e_mm, z_mm) for every move that ended and turned the feeder.
     """
@@ -92,14 +91,14 @@ class Planner:
     ) -> None:
         self.limits = limits
         self._slowdown = slowdown
-        self.target = start  # of the last move queued
-        self.moves = 0  # queued since the start
-        self.busy_s = 0.0  # sum of the times of the moves that ended
-        self.idle_since_s = 0.0  # when the queue ran empty last; of no meaning while it is not
-        self._head = start  # where the executing block began
+        self.target = start  # target of the last queued move
+        self.moves = 0  # number of moves queued since the start
+        self.busy_s = 0.0  # total duration of the finished moves
+        self.idle_since_s = 0.0  # time at which the queue became empty; meaningless while it is not
+        self._head = start  # position at which the executing block began
         self._moved = moved
         self._blocks: list[Block] = []
-        self._fixed = 1  # blocks in front whose entry speed cannot change any more
+        self._fixed = 1  # number of front blocks whose entry speed is final
         self._begin_s = 0.0  # of the executing block
         self._end_s = 0.0
         self._ramps = (0.0, 0.0, 0.0, 0.0)  # of the executing block: entry, top speed; seconds up, at top
@@ -110,11 +109,11 @@ class Planner:
         return len(self._blocks)
 
     def free_s(self) -> float:
-        """Time at which there is room for one more move: minus infinity, or the end of the executing move."""
+        """Return the time at which one more move fits: minus infinity, or the end of the executing move."""
         return self._end_s if len(self._blocks) >= CAPACITY else -math.inf
 
     def advance(self, now_s: float) -> None:
-        """Let every move end that ends up to now."""
+        """Finish all moves that end up to `now_s`."""
         blocks = self._blocks
         while blocks and self._end_s <= now_s:
             done = blocks.pop(0)
@@ -128,16 +127,16 @@ class Planner:
                 self.idle_since_s = self._end_s
 
     def roomy_s(self) -> float:
-        """A time at which the full queue still holds three quarters of its moves."""
+        """Return a time at which the full queue still holds three quarters of its moves."""
         return self._end_s + sum([block.mm / block.v for block in self._blocks[1 : CAPACITY // 4]])
 
     @property
     def end_s(self) -> float:
-        """Time at which the executing move ends; there is one."""
+        """Return the time at which the executing move ends; the queue is not empty."""
         return self._end_s
 
     def add(self, target: Point, feedrate_mm_s: float, now_s: float) -> None:
-        """Queue a straight move to `target`. The queue has room, and has been advanced to now."""
+        """Queue a straight move to `target`. The queue must have room and be advanced to `now_s`."""
         x0, y0, z0, e0 = self.target
         x, y, z, e = target
         dx, dy, dz, de = x - x0, y - y0, z - z0, e - e0
@@ -173,7 +172,7 @@ class Planner:
         self.moves += 1
 
     def position(self, now_s: float) -> Point:
-        """Compute where head and feeder are; the queue has been advanced to now."""
+        """Compute the position of head and feeder; the queue must be advanced to `now_s`."""
         if not self._blocks:
             return self._head
         block = self._blocks[0]
@@ -190,7 +189,7 @@ class Planner:
         return (x, y, z, e)
 
     def stop(self, now_s: float) -> Point:
-        """Stop dead and forget the queue (``quickStop``, a reset); returns where the head stands."""
+        """Stop at once and drop the queue (``quickStop``, a reset); return the position of the head."""
         self.advance(now_s)
         here = self.position(now_s)
         if self._blocks:
@@ -202,12 +201,12 @@ class Planner:
         return here
 
     def place(self, here: Point, now_s: float) -> None:
-        """The empty queue goes on from here (after homing)."""
+        """Set the position of the empty queue, after homing."""
         self.target = self._head = here
         self.idle_since_s = now_s
 
     def _acceleration(self, dx: float, dy: float, dz: float, de: float, mm: float, a: float) -> float:
-        """As the firmware bounds it: an axis' limit in steps becomes that of the axis with most steps."""
+        """Limit the acceleration as the firmware does: by steps, relative to the axis with most steps."""
         limits = self.limits
         steps = [abs(d) * per for d, per in zip((dx, dy, dz, de), limits.steps_per_mm, strict=True)]
         most = max(steps)
@@ -218,7 +217,7 @@ class Planner:
         return rate * mm / most
 
     def _junction(self, vx: float, vy: float, vz: float, ve: float, v: float) -> float:
-        """The highest speed at which the new move may be entered, in mm/s."""
+        """Compute the highest entry speed of the new move, in mm/s."""
         limits = self.limits
         if len(self._blocks) > 1:
             px, py, pz, pe = self._speed
@@ -250,7 +249,7 @@ class Planner:
             return
         at = last
         entry_2 = block.entry_2
-        while at > self._fixed:  # reverse: what the queue behind can still brake from
+        while at > self._fixed:  # reverse: the highest speed from which the following moves can brake
             before = blocks[at - 1]
             if before.entry_2 >= before.max_entry_2:
                 break
@@ -259,14 +258,14 @@ class Planner:
                 break
             before.entry_2 = entry_2
             at -= 1
-        for i in range(at, last + 1):  # forward: what the queue in front can reach
+        for i in range(at, last + 1):  # forward: the highest speed that the preceding moves can reach
             before = blocks[i - 1]
             reach_2 = before.entry_2 + before.gain_2
             if blocks[i].entry_2 > reach_2:
                 blocks[i].entry_2 = reach_2
 
     def _begin(self, now_s: float) -> None:
-        """The block in front starts; its exit speed is from now on the next one's entry speed."""
+        """Start the block in front; its exit speed fixes the next one's entry speed."""
         blocks = self._blocks
         block = blocks[0]
         if len(blocks) > 1:

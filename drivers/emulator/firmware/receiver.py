@@ -1,8 +1,7 @@
-"""Bytes into lines, as ``get_command`` reads them out of a ring that loses what does not fit. Pure.
+"""Split bytes into lines, as ``get_command`` does, from a ring buffer that drops what does not fit. Pure.
 
-A line ends after 95 characters, too. In the Ultimaker 2, a line also ends at a ``:``, and a line with a ``;``
-is dropped, and its comment goes on: it swallows the next one too
-(docs/explanation/ultimaker2-serial.md, section 1.5).
+A line also ends after 95 characters. In the Ultimaker 2, a line also ends at a ``:``, and a ``;`` drops its
+line and the next one (docs/explanation/ultimaker2-serial.md, section 1.5).
 """
 
 from __future__ import annotations
@@ -12,7 +11,7 @@ import re
 RING_BYTES = 127
 LINE_BYTES = 95
 
-# A complete numbered move as slicers write it: the one line that has to be cheap.
+# A complete numbered move as slicers write it: the fast path.
 _MOVE = re.compile(
     rb"N(\d+) ?G[01](?: F(\d+\.?\d*))?"
     + b"".join(rb"(?: %b(-?(?:\d+\.?\d*|\.\d+)))?" % axis for axis in (b"X", b"Y", b"Z", b"E"))
@@ -22,7 +21,7 @@ _SPECIAL = re.compile(rb"[\r:;]")
 
 
 class Receiver:
-    """The ring, and the line that is being put together; see `Dialect` for the parameters."""
+    """Ring buffer and incomplete line; see `Dialect` for the parameters."""
 
     __slots__ = ("_comment", "_goes_on", "_line_ends", "_partial", "ring")
 
@@ -34,24 +33,24 @@ class Receiver:
         self._comment = False
 
     def put(self, data: bytes) -> bytes:
-        """Take bytes as far as there is room; what is left over."""
+        """Store bytes while there is room; return the rest."""
         room = RING_BYTES - len(self.ring)
         self.ring += data[:room]
         return data[room:]
 
     def flush(self) -> None:
-        """Forget the ring, as the firmware does at each error."""
+        """Empty the ring buffer, as the firmware does at each error."""
         self.ring = b""
 
     def move(self) -> re.Match[bytes] | None:
-        """A well-formed numbered move in front, which stays there: N, F, X, Y, Z, E and checksum."""
+        """Match a well-formed numbered move at the front without removing it: N, F, X, Y, Z, E, checksum."""
         if self._partial or self._comment:
             return None
         found = _MOVE.match(self.ring)
         return found if found is not None and found.end() <= LINE_BYTES else None
 
     def line(self) -> bytes | None:
-        """The next line, without its end; None where none is complete."""
+        """Remove the next line and return it without its end; None if none is complete."""
         while self.ring:
             if not self._partial and not self._comment:
                 end = self.ring.find(b"\n")

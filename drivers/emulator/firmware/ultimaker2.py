@@ -1,4 +1,4 @@
-"""The Ultimaker 2's own words and rules, byte for byte (docs/explanation/ultimaker2-serial.md). Pure."""
+"""Behaviour and exact messages of the Ultimaker 2 (docs/explanation/ultimaker2-serial.md). Pure."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ IDENTITY = (
 
 
 def banner(profile: Profile, limits: Limits, levelled: int = 0) -> bytes:
-    """Format what follows ``start`` at every boot; `levelled` as in `Faults`."""
+    """Format the text after ``start`` at every boot; `levelled` as in `Faults`."""
     head = (
         "echo:Marlin 1.0.0\n"
         "echo: Last Updated: Mar 15 2018 13:04:08 | Author: Vers:_3.3.0"
@@ -59,7 +59,7 @@ def banner(profile: Profile, limits: Limits, levelled: int = 0) -> bytes:
 
 
 def settings(limits: Limits, levelled: int = 0) -> bytes:
-    """``M503``, and the end of the banner."""
+    """Format the answer to ``M503``, which also ends the banner."""
     steps, feed, top = limits.steps_per_mm, limits.feedrate_mm_s, limits.acceleration_mm_s2
     return (
         "echo:Steps per unit:\n"
@@ -91,7 +91,7 @@ def report_settings(machine: Machine, line: bytes, now_s: float) -> None:
 
 
 ULTIMAKER2 = Dialect(
-    # Codes that change nothing here (fan, light, SD card, text) and those that it does not know: plain ok.
+    # Codes without effect here (fan, light, SD card, text) and unknown ones: plain ok.
     commands=Commands(
         g={
             2: move_arc,

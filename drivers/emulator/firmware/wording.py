@@ -1,4 +1,4 @@
-"""Words of emulated firmwares that are the same in all of them, or in the same place."""
+"""Messages that emulated firmwares share, and the record of those that differ."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ NO_LINE_NUMBER = b"No Line Number with checksum"
 
 @dataclass(frozen=True, slots=True)
 class Words:
-    """Lines that a firmware says when something is broken."""
+    """Messages of a firmware for faults."""
 
     nozzle_maxtemp: bytes
     nozzle_mintemp: bytes

@@ -1,4 +1,4 @@
-"""Heaters, head, filament and bed of a printer; a reset of the firmware moves none of it."""
+"""Heaters, head, filament and bed of a printer, which a reset of the firmware does not change."""
 
 from __future__ import annotations
 
@@ -8,30 +8,30 @@ from drivers.emulator.faults import WEAK_BED_C, WEAK_NOZZLE_C, Faults
 from drivers.emulator.hardware.thermal import AMBIENT_C, Heater
 from drivers.printers import Profile
 
-SHORTED_C = -14.0  # [assumed] what a shorted bed sensor reads: colder than MINTEMP, which has no check here
+SHORTED_C = -14.0  # [assumed] reading of a shorted bed sensor: below MINTEMP, which the bed does not check
 BED_PERIOD_S = 5.0
 CHANGE_HEIGHT_MM = 5.0
 OOZE_MM = 0.5
 
 
 class EmulatedBoard:
-    """The printer without its firmware's memory.
+    """Physical state of a printer, without the state of its firmware.
 
-    The bed is not clear as soon as more than `OOZE_MM` of filament has left the nozzle with the head lower
+    The bed is no longer clear once more than `OOZE_MM` of filament has left the nozzle with the head lower
     than `CHANGE_HEIGHT_MM` under its top. Filament leaves the nozzle only when its end is pushed past the
-    tip, so bringing parked filament back to the nozzle dirties nothing, and purging with the bed all the
-    way down (where a person changes material) does not count. Only `clear_bed` makes it clear again.
+    tip, so pushing parked filament to the nozzle leaves the bed clear, and so does purging with the bed
+    lowered completely (where a person changes material). Only `clear_bed` clears the bed.
 
     Attributes
     ----------
     head_mm
-        Where the head really is (x, y, z), whatever the firmware believes.
+        True position of the head (x, y, z), whatever the firmware assumes.
     filament_mm
         Net filament through the feeder since power on.
     filament_end_mm
-        The filament's end relative to the nozzle's tip; never above 0.
+        Position of the filament's end relative to the nozzle's tip; never above 0.
     changes
-        Goes up whenever something changed that a person at the printer would see at once.
+        Number of changes that a person at the printer would notice at once.
     """
 
     def __init__(self, profile: Profile, faults: Faults) -> None:
@@ -47,13 +47,13 @@ class EmulatedBoard:
         self.bed_shorted = False  # its sensor reads `SHORTED_C`
         self.head_mm = profile.home_mm
         self.filament_mm = 0.0
-        self.filament_end_mm = -profile.parked_mm  # as the end code and the printer's own menu leave it
+        self.filament_end_mm = -profile.parked_mm  # as after the end code or the printer's own menu
         self.bed_clear = True
         self.changes = 0
         self._on_bed_mm = 0.0
 
     def fed(self, e_mm: float, z_mm: float) -> None:
-        """The feeder turned by `e_mm`, with the head at `z_mm` in the end."""
+        """Feed filament by `e_mm` in a move that ends with the head at `z_mm`."""
         self.filament_mm += e_mm
         end_mm = self.filament_end_mm + e_mm
         if end_mm > 0.0:
@@ -66,13 +66,13 @@ class EmulatedBoard:
         self.filament_end_mm = end_mm
 
     def clear_bed(self) -> None:
-        """A person took everything off the bed."""
+        """Clear the bed, as a person does."""
         self._on_bed_mm = 0.0
         self.bed_clear = True
         self.changes += 1
 
     def bed_c(self, now_s: float) -> float:
-        """Temperature that the bed's sensor reads."""
+        """Return the reading of the bed's sensor."""
         return SHORTED_C if self.bed_shorted else self.bed.temperature_c(now_s)
 
     def set_nozzle(self, target_c: float, now_s: float) -> None:
@@ -82,7 +82,7 @@ class EmulatedBoard:
     def set_bed(self, target_c: float, now_s: float) -> None:
         self.bed.set_target(target_c, now_s)
         if self.bed_shorted:
-            self.bed.burns = target_c > 0.0  # its controller believes that it is cold
+            self.bed.burns = target_c > 0.0  # its controller reads a cold bed
         self.changes += 1
 
     def heaters_off(self, now_s: float) -> None:

@@ -1,4 +1,4 @@
-"""Noise of a bad cable, and the damage that an 8-bit checksum let through."""
+"""Noise of a bad cable, and the errors that an 8-bit checksum misses."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ _REMEMBERED = 64
 
 
 class Noise:
-    """The wire between host and board.
+    """Noise on the wire between host and board.
 
     Attributes
     ----------
     damaged
-        Bytes that were flipped, lost or doubled, both ways.
+        Number of bytes flipped, lost or doubled, in both directions.
     altered
-        Lines that the firmware accepted otherwise than they were sent: checksum collisions.
+        Number of lines that the firmware accepted although they were changed: checksum collisions.
     """
 
     def __init__(self, faults: Faults, rng: random.Random) -> None:
@@ -28,15 +28,15 @@ class Noise:
         self._share = faults.noise, faults.lost, faults.doubled
         self._rate = sum(self._share)
         self._scale = math.log1p(-self._rate) if 0.0 < self._rate < 1.0 else -math.inf
-        self._gap = self._draw()  # bytes until the next one that is damaged
-        self._sent: dict[bytes, bytes] = {}  # the last lines by their numbers, as they were sent
+        self._gap = self._draw()  # bytes until the next damaged one
+        self._sent: dict[bytes, bytes] = {}  # the last lines as sent, by number
         self._unfinished = b""
 
     def _draw(self) -> int:
         return int(math.log(1.0 - self._rng.random()) / self._scale)
 
     def carry(self, data: bytes) -> bytes:
-        """The bytes as they arrive."""
+        """Return the bytes as received."""
         if len(data) <= self._gap:
             self._gap -= len(data)
             return data
@@ -53,7 +53,7 @@ class Noise:
         return bytes(out)
 
     def carry_in(self, data: bytes) -> bytes:
-        """From the host to the board."""
+        """Return bytes from the host as the board receives them."""
         *lines, self._unfinished = (self._unfinished + data).split(b"\n")
         for line in lines:
             self._sent[line[1:].partition(b" ")[0]] = line.partition(b"*")[0]
@@ -62,7 +62,7 @@ class Noise:
         return self.carry(data)
 
     def accepted(self, number: int, line: bytes) -> None:
-        """The firmware took this for line `number`."""
+        """Compare an accepted line with the one that was sent under this number."""
         sent = self._sent.get(b"%d" % number)
         if sent is None and self._unfinished.startswith(b"N%d " % number):
             sent = self._unfinished.partition(b"*")[0]
@@ -70,7 +70,7 @@ class Noise:
             self.altered += 1
 
     def forget(self) -> None:
-        """The board was reset: numbers begin anew."""
+        """Forget the sent lines: the board was reset and counts from 0."""
         self._sent.clear()
         self._unfinished = b""
 

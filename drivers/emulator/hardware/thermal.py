@@ -1,4 +1,4 @@
-"""Heaters with inertia, computed and never ticked."""
+"""Heaters with thermal inertia, computed without time steps."""
 
 from __future__ import annotations
 
@@ -7,19 +7,19 @@ import math
 from drivers.printers import HeaterModel
 
 AMBIENT_C = 21.0
-FULL_POWER = 127  # what the firmware reports as @: and B@: at full power
+FULL_POWER = 127  # value of @: and B@: at full power
 
 
 class Heater:
-    """One heater of first order under its firmware's control.
+    """First-order heater under its firmware's control.
 
     Parameters
     ----------
     model
         Gain and time constant.
     period_s
-        0: an ideal controller (the nozzle's PID): full power up to the target, then exactly what holds it.
-        Above 0: on or off, decided once every so many seconds (the bed: 5 s,
+        0: an ideal controller (the nozzle's PID): full power up to the target, then exactly the power that
+        holds it. Above 0: switched on or off once per period (the bed: 5 s,
         docs/explanation/ultimaker2-serial.md, section 1.2).
     dead
         The element gives no heat; the sensor works.
@@ -27,7 +27,7 @@ class Heater:
     Attributes
     ----------
     burns
-        Its switch is shorted: full power, whatever the target is.
+        True if its switch is shorted: full power whatever the target.
     """
 
     __slots__ = (
@@ -54,12 +54,12 @@ class Heater:
         self._on = False
 
     def set_target(self, target_c: float, now_s: float) -> None:
-        """Aim at another temperature from now on; 0 is off."""
+        """Set the target; 0 is off."""
         self.temperature_c(now_s)
         self.target_c = target_c
 
     def temperature_c(self, now_s: float) -> float:
-        """Temperature at a time that is not before the last one asked for."""
+        """Compute the temperature at a time that is not before that of the last call."""
         if now_s > self._s:
             if self.burns:
                 self._relax(now_s - self._s, on=True)
@@ -72,7 +72,7 @@ class Heater:
         return self._temperature_c
 
     def power(self, now_s: float) -> int:
-        """The power now, 0 to 127, as ``M105`` reports it."""
+        """Compute the power, 0 to 127, as ``M105`` reports it."""
         temperature_c = self.temperature_c(now_s)
         if self._period_s > 0.0:
             return FULL_POWER if self._on and self.target_c > 0.0 else 0
@@ -83,13 +83,13 @@ class Heater:
         return round(FULL_POWER * (self.target_c - AMBIENT_C) / self.model.gain_c)
 
     def seconds_to(self, temperature_c: float, now_s: float) -> float:
-        """Seconds at full power until it is at least that warm; infinite where it never is."""
+        """Compute the seconds at full power to reach a temperature; infinite if it is out of reach."""
         if self.dead:
             return math.inf if self.temperature_c(now_s) < temperature_c else 0.0
         return self.model.seconds_to(temperature_c, self.temperature_c(now_s), AMBIENT_C)
 
     def seconds_down_to(self, temperature_c: float, now_s: float) -> float:
-        """Seconds without power until it is at most that warm; infinite where it never is."""
+        """Compute the seconds without power to cool to a temperature; infinite if it is out of reach."""
         start_c = self.temperature_c(now_s)
         if start_c <= temperature_c:
             return 0.0
@@ -109,7 +109,7 @@ class Heater:
         below = self._temperature_c < target_c
         self._relax(now_s - self._s, on=below)
         if (self._temperature_c >= target_c) == below:
-            self._temperature_c = target_c  # it was reached on the way, and held from there
+            self._temperature_c = target_c  # it was reached meanwhile, and held since
 
     def _switch(self, now_s: float) -> None:
         if self.target_c <= AMBIENT_C:

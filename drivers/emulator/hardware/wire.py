@@ -1,4 +1,4 @@
-"""The time that bytes take on a serial line; asked for with ``wire=1`` in the url."""
+"""Transmission time of bytes on a serial line; enabled by ``wire=1`` in the url."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ BYTE_BITS = 10  # 8N1
 
 
 class Wire:
-    """One direction of the line. What is put in together comes out together, with its last byte."""
+    """One direction of the line. Bytes of one call of `put` arrive together, with the last one."""
 
     def __init__(self, baud_rate: int) -> None:
         self._byte_s = BYTE_BITS / baud_rate
@@ -17,23 +17,23 @@ class Wire:
         self._free_s = -math.inf
 
     def put(self, data: bytes, now_s: float) -> None:
-        """Send bytes from now on, behind those that are under way."""
+        """Send bytes after those in transit."""
         if data:
             self._free_s = max(self._free_s, now_s) + len(data) * self._byte_s
             self._under_way.append((self._free_s, data))
 
     def take(self, now_s: float) -> bytes:
-        """All that has come through by now."""
+        """Return the bytes that have arrived by now."""
         arrived = []
         while self._under_way and self._under_way[0][0] <= now_s:
             arrived.append(self._under_way.popleft()[1])
         return b"".join(arrived)
 
     def due_s(self) -> float:
-        """Time at which the next bytes come through; infinite where nothing is under way."""
+        """Return the arrival time of the next bytes; infinite if none are in transit."""
         return self._under_way[0][0] if self._under_way else math.inf
 
     def cut(self) -> None:
-        """Lose all that is under way."""
+        """Drop all bytes in transit."""
         self._under_way.clear()
         self._free_s = -math.inf
