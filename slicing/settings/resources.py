@@ -18,6 +18,8 @@ from slicing.settings.definitions import Setting, merge_definitions
 from slicing.settings.material import material_kind
 
 FOLDERS = ("definitions", "extruders", "variants", "quality", "materials")
+_ANY_MACHINE = "fdmprinter"
+"""Definition whose qualities are for all machines that have none of their own, with any material."""
 _HOW = "run 'make install', or set {}"
 _CHECKOUT = Path(__file__).resolve().parents[2]
 
@@ -61,7 +63,7 @@ class Machine:
     name: str  # the product, as material files call it
     quality_definition: str
     has_variants: bool  # a profile for each nozzle
-    has_materials: bool  # a quality for each material
+    has_materials: bool  # it has a quality of its own for each material
     excluded_materials: frozenset[str]
     nozzle_mm: float  # without a variant
     diameter_mm: float  # of the filament
@@ -139,12 +141,13 @@ def _machine(root: Path, model: str) -> Machine:
     extruder = merge_definitions(
         _chain(root, ("extruders", "definitions"), metadata["machine_extruder_trains"]["0"])
     )
+    own_qualities = bool(metadata.get("has_machine_quality", False))
     return Machine(
         model=model,
         name=chain[-1]["name"],
-        quality_definition=metadata.get("quality_definition", model),
+        quality_definition=metadata.get("quality_definition", model) if own_qualities else _ANY_MACHINE,
         has_variants=bool(metadata.get("has_variants", False)),
-        has_materials=bool(metadata.get("has_materials", False)),
+        has_materials=own_qualities and bool(metadata.get("has_materials", False)),
         excluded_materials=frozenset(metadata.get("exclude_materials", ())),
         nozzle_mm=float(extruder["machine_nozzle_size"].default),
         diameter_mm=float(extruder["material_diameter"].default),
@@ -161,6 +164,8 @@ def _profiles(root: Path, kind: str, definition: str) -> tuple[Profile, ...]:
         if own.is_dir():
             folder, pattern = own, "*.inst.cfg"
             break
+    if definition == _ANY_MACHINE:
+        pattern = "*.inst.cfg"  # beside the folders
     found = []
     for path in sorted(folder.glob(pattern)):
         parser = configparser.ConfigParser(interpolation=None)

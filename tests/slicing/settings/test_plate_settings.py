@@ -14,7 +14,7 @@ from slicing.settings import (
     find_resources,
     resolve_settings,
 )
-from slicing_printers import UM2_PLUS
+from slicing_printers import PRINTERS, UM2_PLUS
 
 
 def lines_mm(settings, width_mm):
@@ -48,6 +48,12 @@ def test_every_quality_on_every_printer(settings_of, quality, model, height):
     assert s.global_["machine_height"] == height
     assert s.global_["machine_gcode_flavor"] == "RepRap (Marlin/Sprinter)"
     assert 0.05 < s.layer_height_mm < 0.3
+
+
+def test_a_model_without_qualities_of_its_own_takes_those_of_all_machines(resources):
+    printer = replace(PRINTERS["creality_ender3"], name="prusa_i3_mk3")
+    s = resolve_settings(SettingsRequest(printer, "draft", material="generic_pla_175"), resources)
+    assert (s.layer_height_mm, s.filament_diameter_mm) == (0.2, 1.75)
 
 
 def test_glue_closes_its_tops_at_any_layer_height(settings_of):
