@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from drivers.emulator.faults import Dice, Faults, parse_faults, parse_url
 from drivers.emulator.hardware.wire import Wire
 from drivers.errors import PortError
+from drivers.printers import PROFILES
 
 
 def test_a_plain_url_is_a_printer_in_good_health() -> None:
@@ -33,7 +34,7 @@ def test_faults_may_be_named_in_two_ways() -> None:
         ("/dev/ttyUSB0", "not an emulator's url"),
         (
             "sim://prusa_mk4",
-            "no printer model 'prusa_mk4'; use one of creality_ender3, ultimaker2, ",
+            f"no printer model 'prusa_mk4'; use one of {', '.join(sorted(PROFILES))}",
         ),
         ("sim://ultimaker2_plus?fire=1", "no fault 'fire'; use one of advanced_ok"),
         ("sim://ultimaker2_plus?checksum=often", "checksum needs a number, not 'often'"),
