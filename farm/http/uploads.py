@@ -113,7 +113,7 @@ def check_quota(
             "`fleet.uploads.open_jobs` in fleet.yaml"
         )
     left_bytes = free_bytes - sum(missing_bytes) - size
-    if left_bytes < quota.free_gb * _GB:
+    if quota.free_gb and left_bytes < quota.free_gb * _GB:
         raise Refused(
             f"{name} would leave {max(0.0, left_bytes / _GB):.1f} GB free on the disk of the state folder, "
             f"where {quota.free_gb:g} GB must stay free: delete files there, or lower "

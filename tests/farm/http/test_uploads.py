@@ -37,7 +37,7 @@ def test_each_limit_of_uploads_is_told_with_its_key(size, missing, free, jobs, w
 
 def test_an_upload_within_all_limits_is_taken():
     check_quota(QUOTA, "a.stl", GB, (GB,), 3 * GB, 2)
-    check_quota(UploadsSection(free_gb=0.0), "a.stl", GB, (), GB, 999)
+    check_quota(UploadsSection(free_gb=0.0), "a.stl", GB, (), 0, 999)
 
 
 def test_uploads_under_way_count_until_they_are_checked(tmp_path, monkeypatch):
