@@ -1,4 +1,4 @@
-"""Limit on the size of a folder of slices (`slicing.slice_store`): those used most recently stay."""
+"""Size limit of the slice cache (`slicing.slice_store`): the entries used most recently are kept."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ class CacheEntry:
 
 
 def find_least_used(entries: Iterable[CacheEntry], most_bytes: int) -> list[str]:
-    """Choose entries to remove, the longest unused first.
+    """Choose the entries to remove, the least recently used first.
 
     Parameters
     ----------
     entries
         All entries of a cache.
     most_bytes
-        Size that the others may have together.
+        Greatest total size of the entries that are kept.
 
     Returns
     -------
@@ -50,15 +50,14 @@ def find_least_used(entries: Iterable[CacheEntry], most_bytes: int) -> list[str]
 
 
 def trim_cache(folder: Path, most_bytes: int = CACHE_BYTES) -> None:
-    """Remove the slices that were not used for longest, until the rest fits; files that cannot be removed
-    stay.
+    """Remove the least recently used slices until the rest fits; files that cannot be removed are kept.
 
     Parameters
     ----------
     folder
-        The cache; files that are not a cache's are left alone.
+        Folder of the cache; other files in it are not touched.
     most_bytes
-        Size that it may have.
+        Greatest total size of its entries.
 
     A process that is about to read a removed entry slices the part again.
     """

@@ -24,7 +24,7 @@ from pathlib import Path
 from slicing.errors import EngineCrashed, EngineFailed, EngineMissing, EngineOutOfMemory, EngineTimeout
 
 MEMORY_BYTES = 4 * 2**30
-"""Memory of a run beside its threads' stacks; a part that fills a bed needs about 0.4 GB."""
+"""Memory of a run besides its threads' stacks; a part that fills a bed needs about 0.4 GB."""
 LAYER_BYTES = 10 * 2**20
 """Address space that it reserves for each layer (8.7 MiB measured, a stack; next to none of it is used)."""
 OUTPUT_BYTES = 2 * 2**30
@@ -49,9 +49,9 @@ class EngineLimits:
     layers
         Number of layers at most; each takes `LAYER_BYTES` of address space.
     timeout_s
-        Wall seconds before the run is stopped, with all of its processes.
+        Wall-clock seconds after which the run is stopped, with all of its processes.
     memory_bytes
-        Memory beside that of the layers.
+        Memory besides that of the layers.
     """
 
     layers: int
@@ -83,7 +83,7 @@ def run_engine(
     """Slice an STL with resolved settings.
 
     The settings go as flat JSON files whose values are strings: the engine cuts JSON numbers to six digits.
-    The extruder's come after ``-e0``, and all before ``-l``: elsewhere the engine ignores them in silence.
+    The extruder's come after ``-e0``, and all before ``-l``: elsewhere the engine silently ignores them.
 
     Parameters
     ----------
@@ -96,7 +96,7 @@ def run_engine(
     limits
         Limits on time and memory.
     progress
-        Called now and then with the share that is done, 0 to 1.
+        Called from time to time with the share of the work that is done, 0 to 1.
 
     Raises
     ------
@@ -146,7 +146,7 @@ def _run_process(
     try:
         log = _read_log(process, limits.timeout_s, progress)
     finally:
-        # The leader is not reaped yet, so its group cannot be another's; whatever it started goes with it.
+        # The process is not reaped yet, so its group id cannot have been reused; its children are killed too.
         os.killpg(process.pid, signal.SIGKILL)
         process.wait()
         assert process.stdout is not None
@@ -222,7 +222,7 @@ def _engine_error(code: int, log: str, memory_bytes: int) -> EngineFailed:
 def _limit_child(memory_bytes: int, parent: int) -> None:
     """Limit the child process: lowest priority, bounded memory and output, killed with its parent."""
     os.nice(19)
-    # The parent may have a limit of its own, in which the stacks would count in full.
+    # The parent may have a limit of its own, against which the stacks would count in full.
     data = resource.getrlimit(resource.RLIMIT_DATA)[1]
     resource.setrlimit(resource.RLIMIT_DATA, (data, data))
     for limit, most in (
@@ -248,7 +248,7 @@ def engine_version(engine: Path) -> str:
     lines = [line.strip() for line in (shown.stdout + shown.stderr).splitlines()]
     named = next((line for line in lines if "version" in line), None)
     if named is None:
-        raise EngineMissing(f"{engine} does not say its version: not CuraEngine; set FARM_CURA_ENGINE")
+        raise EngineMissing(f"{engine} does not print its version: not CuraEngine; set FARM_CURA_ENGINE")
     return named
 
 
@@ -259,7 +259,7 @@ def check_versions(engine: Path, extruder: Mapping[str, str]) -> None:
     """
     version = engine_version(engine)
     found = re.search(r"version (\d+)\.", version)
-    if found is None:  # built by its user
+    if found is None:  # a build without a version number
         return
     files = 5 if "inset_direction" in extruder else 4
     if (int(found[1]) >= 5) != (files >= 5):

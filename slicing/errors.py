@@ -8,7 +8,7 @@ from enum import StrEnum
 
 
 class SlicingError(Exception):
-    """Anything that slicing reports; the message says what, where, and what to do."""
+    """Base of all errors of slicing; the message says what, where, and what to do."""
 
 
 class EngineMissing(SlicingError):
@@ -71,7 +71,7 @@ class SliceRejected(SlicingError):
     rule
         The rule that was broken.
     detail
-        What was found, in a few words.
+        Short description of the fault.
     """
 
     def __init__(self, rule: Rule, detail: str) -> None:
@@ -84,6 +84,6 @@ class SliceRejected(SlicingError):
 
 
 def suggest_names(name: str, known: Iterable[str]) -> str:
-    """Suggest known names near this one, as ``"; did you mean a, b?"``; empty where none is near."""
+    """Suggest known names similar to a name, as ``"; did you mean a, b?"``; empty where none is similar."""
     close = difflib.get_close_matches(name, list(known), n=3, cutoff=0.5)
     return f"; did you mean {', '.join(close)}?" if close else ""

@@ -1,7 +1,7 @@
 """Lexer of G-code lines: code, words and comment, or a refusal with the line's number.
 
 The lexer does not know the meaning of commands. It has two users: `own_gcode` splits every line;
-`checks.toolpath` reads plain moves by the column, and only the few other lines one by one.
+`checks.toolpath` reads plain moves by columns, and only the few other lines one by one.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ from slicing.errors import GcodeRefused
 MAX_LINE_BYTES = 1 << 16
 """Longest line; the longest that slicers write are comments that contain a whole script."""
 MAX_MM = 1e4
-"""Greatest coordinate of any printer."""
+"""Greatest coordinate on any printer, in mm."""
 MAX_E = 1e8
-"""Greatest E: a file may count all of its filament."""
+"""Greatest E, in mm: a file may count all of its filament without a reset."""
 MAX_OTHER = 1e6
 
 _CODE = re.compile(r"([GMT])0*(\d{1,5}(?:\.\d+)?)(?![\d.])")
@@ -49,7 +49,7 @@ def split_line(raw: bytes, number: int) -> Line:
     Raises
     ------
     GcodeRefused
-        Where the line is no G-code, or was damaged.
+        Where the line is not G-code, or is damaged.
     """
     if len(raw) >= MAX_LINE_BYTES:
         raise GcodeRefused(
@@ -77,7 +77,7 @@ def split_line(raw: bytes, number: int) -> Line:
     code = _CODE.match(text)
     if code is None:
         raise GcodeRefused(
-            f"line {number}: {quote_text(text)} is no command that this printer knows: take it out"
+            f"line {number}: {quote_text(text)} is not a command that this printer knows: take it out"
         )
     return code[1] + code[2], text[code.end() :], comment.strip()
 
@@ -104,7 +104,7 @@ def parse_words(rest: str, number: int) -> Words:
     Raises
     ------
     GcodeRefused
-        Where it cannot be read as the firmware reads it, or a number is none that a printer can mean.
+        Where the firmware would read it in another way, or a number is out of any printer's range.
     """
     found: Words = {}
     at = 0
@@ -117,7 +117,7 @@ def parse_words(rest: str, number: int) -> Words:
         value = float(digits)
         if abs(value) > _most(letter):
             raise GcodeRefused(
-                f"line {number}: {letter}{digits} is more than any printer has: is it damaged?"
+                f"line {number}: {letter}{digits} is out of any printer's range: is the file damaged?"
             )
         found[letter] = value
         at = word.end()
@@ -140,7 +140,7 @@ def _most(letter: str) -> float:
 
 
 def _without_number(command: bytes, number: int) -> bytes:
-    """Take number and checksum off a command that was written for a serial port."""
+    """Remove the line number and the checksum from a command that was written for a serial port."""
     body, star, checksum = command.partition(b"*")
     numbered = _NUMBERED.match(body)
     if star:

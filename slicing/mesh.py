@@ -1,4 +1,4 @@
-"""Triangles of a part: read and written as binary STL, and given waves where CuraEngine would lose a corner.
+"""Binary STL of a part, and waves in its flat sides where CuraEngine would lose a corner.
 
 CuraEngine 4.13 loses a corner whose two sides multiply to 2**32 um2, see `slicing.plate`. Where a part widens
 slowly with its height, some layer always has such a corner, however much the part is grown. With a wave of
@@ -41,7 +41,7 @@ def read_triangles(stl: bytes) -> Floats:
     Raises
     ------
     SliceRejected
-        `BROKEN_MESH` where it is no binary STL, cut short, without facets, or with a number not finite.
+        `BROKEN_MESH` where it is not a binary STL, is cut short, or has no facets or a number not finite.
     """
     try:
         corners = load_stl_binary(io.BytesIO(stl))["vertices"]
@@ -62,7 +62,7 @@ def write_triangles(corners: npt.NDArray[np.floating]) -> bytes:
 
 
 def add_waves(corners: Floats) -> Floats:
-    """Give long flat sides a wave: cut triangles where it turns, and move each point along x and y.
+    """Add a wave to long flat sides: cut triangles at its crests, and move each point along x and y.
 
     The wave is linear between the cuts: flat areas between them stay flat, and a closed mesh stays closed.
 
@@ -105,7 +105,7 @@ def _cut(corners: Floats, axis: int, at_mm: float) -> Floats:
 
 
 def _rolled(corners: Floats, first: npt.NDArray[np.bool_]) -> tuple[Floats, Floats, Floats]:
-    """Roll the corners (n, 3) of each triangle, so that the marked one comes first."""
+    """Rotate the order of each triangle's corners, so that the marked one (n, 3) comes first."""
     rows, start = np.arange(len(corners)), first.argmax(axis=1)
     return corners[rows, start], corners[rows, (start + 1) % 3], corners[rows, (start + 2) % 3]
 

@@ -39,7 +39,7 @@ class PlateRequest:
     stl
         Binary STL in its printing pose, in bed-centred mm (XY 0 is the bed's centre), lowest point at Z 0.
     out
-        File of the G-code; it appears whole or not at all.
+        File of the G-code; written atomically.
     bed
         Rectangles (min_x, min_y, max_x, max_y, height) in bed-centred mm; one of them must hold all that
         is extruded, brim and support included.
@@ -75,12 +75,12 @@ class PlateResult:
 
 
 def slice_plate(request: PlateRequest, progress: Progress | None = None) -> PlateResult:
-    """Slice one plate and check the result; from the cache where the same was sliced before.
+    """Slice one plate and check the result, or read it from the cache where the same was sliced before.
 
     Parameters
     ----------
     progress
-        Called now and then with the share of the engine's work that is done, 0 to 1.
+        Called from time to time with the share of the engine's work that is done, 0 to 1.
 
     Raises
     ------

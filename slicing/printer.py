@@ -1,10 +1,10 @@
-"""Facts of a printer model beside Cura's definition of it: limits, start and end code, head.
+"""Facts of a printer model besides Cura's definition of it: limits, start and end code, head.
 
 Cura leaves homing, heating, priming and switching off to the menu of these printers, so a host that streams
 G-code sends code of its own. In the flavour ``RepRap (Marlin/Sprinter)`` the extruder counts millimetres of
 filament, as the firmware expects from a host (its own UltiGCode counts mm3).
 
-A print ends with the filament parked `PrintCode.parked_mm` back. Whoever streams the next file knows
+A print ends with the filament parked `PrintCode.parked_mm` back. The host that streams the next file knows
 whether it is parked and pushes it back: the start code only primes.
 """
 
@@ -111,7 +111,7 @@ class PrinterModel:
     slicer_names
         Pattern of the names that slicers have for it, in lower case.
     limits, code, head
-        See there.
+        Temperature limits, start and end code, and shape of the head.
     retraction_mm, retraction_mm_s
         Distance and speed of the firmware's own retraction (G10).
     """

@@ -17,7 +17,7 @@ from slicing.engine import engine_version
 from slicing.settings import EngineSettings
 
 _FORMAT = "farm-slice-5"
-"""Part of the cache's key: to be changed with the stored record or the checks."""
+"""Version in the cache's key: increase it with each change of the stored record or the checks."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,14 +31,14 @@ class CheckedSlice:
 
 @dataclass(frozen=True, slots=True)
 class StoredSlice:
-    """Cache entry of a slice, named by a hash of all that decides it."""
+    """Cache entry of a slice, named by a hash of all of its inputs."""
 
     folder: Path | None
     key: str
 
     @classmethod
     def of(cls, cache: Path | None, engine: Path, settings: EngineSettings, model: bytes) -> StoredSlice:
-        """Name the entry of a model (an STL's bytes) for these settings; without a folder it stays empty."""
+        """Name the entry of a model (an STL's bytes) for these settings; it is empty without a folder."""
         if cache is None:
             return cls(None, "")
         texts = json.dumps([settings.global_, settings.extruder], sort_keys=True)
@@ -67,7 +67,7 @@ class StoredSlice:
         return sliced
 
     def write(self, sliced: CheckedSlice) -> None:
-        """Store a slice; nothing where there is no cache."""
+        """Store a slice; do nothing without a cache."""
         if self.folder is None:
             return
         self.folder.mkdir(parents=True, exist_ok=True)
@@ -92,5 +92,5 @@ def write_atomically(path: Path, content: bytes) -> None:
     except BaseException as error:
         Path(name).unlink(missing_ok=True)
         if isinstance(error, OSError):
-            error.filename = str(path)  # a full disk names none
+            error.filename = str(path)  # the error of a full disk has no file name
         raise

@@ -20,8 +20,8 @@ from slicing.checks.walls import TOLERANCE_MM, WallLayout, Walls
 from slicing.errors import Rule, SliceRejected
 
 SLACK_MM2, SLACK_MM = 0.5, 0.005
-"""Differences of a layer's area up to which its polygons are not compared: a constant, and a part for each mm
-of outline. Sound models stay within them in nearly all layers."""
+"""Difference of a layer's area up to which its polygons are not compared: a constant, plus a part for each mm
+of outline. Nearly all layers of sound models stay below it."""
 MIN_WALL_MM2 = 5.0
 """Smallest wall that is reported."""
 MIN_REFUSED_MM2 = 1.0
@@ -30,7 +30,7 @@ LOST_MM2, LOST_SHARE = 50.0, 0.02
 """Area by which the inner walls may enclose less than expected: a constant, and a share of the layer. A
 corner that the engine loses is 2000 mm2."""
 TIP_MM = 1.0
-"""A sharp edge or a tip may end this much early."""
+"""Height by which a sharp edge or a tip may end early."""
 EXACT_LAYERS = 24
 """Number of differing layers that are compared as polygons; the others count as those next to them."""
 _PLANE_MM = 0.005  # the engine rounds to 0.001 mm, which tilts nearly flat faces
@@ -84,7 +84,7 @@ def check_outline(
     layout
         Position of the outer wall in the model.
     removed
-        Number of empty layers at the bottom that the engine took away; it put the others down.
+        Number of empty layers that the engine removed at the bottom; it lowered the others to the bed.
     centre_mm
         The bed's centre in the printer's coordinates.
     filament_mm2
@@ -203,7 +203,7 @@ class _Sections:
 
 
 def _winding(start: Floats, end: Floats, x: float, y: float) -> int:
-    """Count how often segments go round a point, counter-clockwise."""
+    """Compute the winding number of segments about a point, counter-clockwise."""
     rises = (start[:, 1] <= y) & (end[:, 1] > y)
     falls = (start[:, 1] > y) & (end[:, 1] <= y)
     way = end - start

@@ -126,14 +126,14 @@ def check_facts(
     layer_height_mm: float,
     min_extrusion_c: float,
 ) -> None:
-    """Raise SliceRejected, with the rule, unless the file may be printed, on a bed that holds it.
+    """Raise SliceRejected, with the broken rule, unless the file may be printed.
 
     Parameters
     ----------
     height_mm
         Height of the model that was sliced.
     cut_mm
-        Height that the engine removed at the bottom, where it found nothing to print.
+        Height of the empty layers that the engine removed at the bottom.
     top_checked
         Whether the outline is compared up to the top; else `TOP_MM` of the height may be missing.
     layer_height_mm
@@ -151,16 +151,16 @@ def check_facts(
     if not facts.layers == facts.top_layer + 1 <= facts.layer_count:
         raise SliceRejected(
             Rule.LAYERS,
-            f"only {facts.layers} of the first {facts.top_layer + 1} layers have something to print, and it "
-            f"names {facts.layer_count}; repair the mesh, or turn a part with a tip on the bed",
+            f"only {facts.layers} of the first {facts.top_layer + 1} layers have something to print, and its "
+            f"header says {facts.layer_count}; repair the mesh, or turn a part with a tip on the bed",
         )
     over_mm = layer_height_mm / 2 + 0.005
     missing_mm = height_mm - cut_mm - facts.max_mm[2]
     if missing_mm < -over_mm or cut_mm > TOP_MM or (missing_mm > TOP_MM and not top_checked):
         raise SliceRejected(
             Rule.HEIGHT,
-            f"it is {facts.max_mm[2]:.2f} mm high, the model {height_mm:.2f} mm; repair the mesh, or turn a "
-            "part with a tip on the bed",
+            f"the print is {facts.max_mm[2]:.2f} mm high, the model {height_mm:.2f} mm; repair the mesh, or "
+            "turn a part with a tip on the bed",
         )
     _check_commands(facts, min_extrusion_c)
 
@@ -181,7 +181,7 @@ def _check_commands(facts: GcodeFacts, min_extrusion_c: float) -> None:
         (
             Rule.COLD,
             not facts.extruded_cold,
-            f"extrudes before the nozzle was waited for at {min_extrusion_c:g} C; set a higher "
+            f"extrudes before waiting for the nozzle to reach {min_extrusion_c:g} C; set a higher "
             "material_print_temperature",
         ),
         (
@@ -221,7 +221,7 @@ def check_bed(facts: GcodeFacts, centre_mm: tuple[float, float], bed: Bed, over_
     centre_mm
         The bed's centre in the printer's coordinates.
     over_mm
-        Height above the room that is allowed: a last layer is whole.
+        Height by which the last layer, which is printed whole, may exceed the bed's height.
     """
     low = [facts.min_mm[i] - centre_mm[i] for i in range(2)]
     high = [facts.max_mm[i] - centre_mm[i] for i in range(2)]
@@ -234,7 +234,7 @@ def check_bed(facts: GcodeFacts, centre_mm: tuple[float, float], bed: Bed, over_
     raise SliceRejected(
         Rule.OUTSIDE_BED,
         f"it prints on X {low[0]:.1f}..{high[0]:.1f}, Y {low[1]:.1f}..{high[1]:.1f}, up to Z "
-        f"{facts.max_mm[2]:.1f} mm from the bed's centre, which the printer's room does not hold; scale it "
+        f"{facts.max_mm[2]:.1f} mm from the bed's centre, outside the printer's build volume; scale it "
         "down, or take a narrower brim",
     )
 
@@ -243,14 +243,14 @@ _HEADER_END = "End of gcode header."
 
 
 def replace_header(gcode: bytes, log: str) -> bytes:
-    """Replace the header by the true one (time, filament, bounds), which the engine knows only afterwards.
+    """Replace the header of placeholders by the one in the log (time, filament, bounds).
 
     Parameters
     ----------
     gcode
         CuraEngine's output, with a header of placeholders.
     log
-        CuraEngine's log, which holds the true header; the G-code stays as it is where it does not.
+        CuraEngine's log; the G-code is not changed where the log holds no header.
     """
     _, found, rest = log.rpartition("Gcode header after slicing:")
     header, ended, _ = rest.partition(_HEADER_END)
@@ -264,6 +264,6 @@ _REMOVED = re.compile(r"Removing (\d+) layers because they are empty")
 
 
 def count_removed_layers(log: str) -> int:
-    """Count the layers that the engine took away at the bottom, where it found nothing to print."""
+    """Count the empty layers that the engine removed at the bottom."""
     found = _REMOVED.search(log)
     return int(found[1]) if found else 0

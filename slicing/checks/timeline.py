@@ -1,4 +1,4 @@
-"""Times at which the features of a layer begin: CuraEngine only writes when a layer ends."""
+"""Time marks at the start of each feature of a layer: CuraEngine marks only the end of a layer."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ _TIME = "TIME_ELAPSED:"
 
 
 def add_times(gcode: bytes, path: Toolpath) -> bytes:
-    """Write a ``;TIME_ELAPSED:`` before each ``;TYPE:`` of a layer, too.
+    """Write a ``;TIME_ELAPSED:`` also before each ``;TYPE:`` of a layer.
 
-    Between the ends of two layers, time is shared out as the moves would take it at their feedrates.
+    The time between the ends of two layers is divided in proportion to the moves' times at their feedrates.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
 """G-code file as columns of numbers: one row for each move, and the lines between the moves.
 
-CuraEngine writes tens of thousands of moves in a second, so they are read by the column: a regular expression
+CuraEngine writes tens of thousands of moves in a second, so they are read by columns: a regular expression
 takes whole blocks of plain moves, and only the few other lines are read one by one.
 """
 
@@ -18,8 +18,8 @@ from slicing.gcode_lines import PLAIN_MOVE, Words, parse_words, split_line
 
 Floats = npt.NDArray[np.float64]
 
-# Any text matches the second group, so that a block is never given back and reading stays linear. A block is
-# bounded because the engine of `re` keeps 50 bytes for each byte of it.
+# Any text matches the second group, so `re` never backtracks over a block and reading stays linear. A block
+# is bounded because the engine of `re` keeps 50 bytes for each byte of it.
 _BLOCK = re.compile(rb"((?:%b\n){0,1000})([^\n]*\n?)" % PLAIN_MOVE)
 _LETTERS = b"GFXYZE\r\n"
 _SPACED = bytes.maketrans(_LETTERS, b" " * len(_LETTERS))
@@ -165,7 +165,7 @@ def _columns(text: bytes, moves: int) -> dict[int, Floats]:
 
 
 def _numbers(text: bytes) -> Floats:
-    """Parse all numbers of plain moves in their order, without those of the Gs."""
+    """Parse all numbers of plain moves in their order, without the code after each G."""
     bare = text.replace(b"G0", b"").replace(b"G1", b"").translate(_SPACED)
     if not bare.strip():
         return np.empty(0)

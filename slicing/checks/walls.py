@@ -32,7 +32,7 @@ _FOLLOWING = {
 
 @dataclass(frozen=True, slots=True)
 class WallLayout:
-    """Position of the outer wall in the model, in mm."""
+    """Position of the outer wall relative to the model's outline, in mm."""
 
     layer_height_0_mm: float
     layer_height_mm: float
@@ -111,7 +111,7 @@ class Walls:
         height_mm = np.where(path.layer == 0, layout.layer_height_0_mm, layout.layer_height_mm)
         half_mm = np.zeros(len(way_mm))
         half_mm[prints] = (pushed_mm * filament_mm2)[prints] / (way_mm * height_mm)[prints] / 2
-        half_mm = np.minimum(half_mm, layout.width_mm)  # more is a blob, and covers nothing
+        half_mm = np.minimum(half_mm, layout.width_mm)  # a wider line is a blob, which covers no more
         at = np.flatnonzero(prints & path.is_feature("WALL-OUTER"))
         start, end = path.before[at, :2] - centre_mm, path.after[at, :2] - centre_mm
         layer = path.layer[at]
@@ -155,8 +155,8 @@ class Walls:
     def lost_areas_mm2(self, layout: WallLayout, count: int) -> Floats:
         """Compute the area (count,) that the inner walls of each layer enclose less than they must.
 
-        A ring that is d further in encloses at most d times the ring's length less. 0 where an inner wall is
-        not a whole ring.
+        A ring that is offset inwards by d loses at most d times its length in area. The result is 0 where an
+        inner wall is not a whole ring.
         """
         start, end, layer = self.inner[:, :2], self.inner[:, 2:4], self.inner[:, 4].astype(np.int32)
         bridges, run, closed = _runs(start, end, layer)
@@ -207,7 +207,7 @@ class Walls:
         return shapely.union_all([inside.buffer(reach_mm, join_style="mitre"), strokes])
 
     def _alone(self, ring: npt.NDArray[np.intp], model: Geometry) -> bool:
-        """Check whether there is nothing of the model beside a line."""
+        """Check whether no part of the model lies beside a line."""
         way = self.end[ring] - self.start[ring]
         aside = np.column_stack((-way[:, 1], way[:, 0])) / np.hypot(*way.T)[:, None]
         aside *= (self.width_mm[ring] / 2 + TOLERANCE_MM)[:, None]

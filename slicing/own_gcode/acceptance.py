@@ -19,7 +19,7 @@ PLAUSIBLE = (0.2, 2.5)
 reach 2, and ironing may bring it far below 1; E in mm3 instead of mm gives about 6 (or 0.15), and filament of
 1.75 mm instead of 2.85 mm about 2.7."""
 HIGHEST_LAYER = 0.8
-"""As a share of the nozzle's diameter: higher lines do not hold."""
+"""Greatest layer height as a share of the nozzle's diameter: higher lines do not stick."""
 SLACK_LAYERS = 1.25
 """Depth below the top, in highest layers, that slicers reach within a layer, as in a sloping seam."""
 
@@ -37,7 +37,7 @@ class AcceptedGcode:
     nozzle_c, bed_c
         Temperatures of the first layer.
     print_time_s
-        Time by the stopwatch, without start and end.
+        Time measured by the stopwatch, without start and end.
     filament_mm
         Length of filament, without priming.
     layers
@@ -127,7 +127,7 @@ def _line_width_mm(nozzle_mm: float | None) -> float:
     """Return the nozzle's diameter as the width of a line; refuse a file for an unknown nozzle."""
     if nozzle_mm is None:
         raise GcodeRefused(
-            "it does not say for which nozzle it was sliced, and the printers have several: write a comment "
+            "it does not name the nozzle it was sliced for, and the printers have several: write a comment "
             "like `; nozzle_diameter = 0.4` into it, or ask for one printer's material or colour"
         )
     return nozzle_mm
@@ -146,7 +146,7 @@ def _section_ratio(extent: Extent, layers: int, target: PrintTarget, nozzle_mm: 
     Raises
     ------
     GcodeRefused
-        Where E means something else than mm of this filament.
+        Where E does not count mm of this filament.
     """
     section_mm2 = extent.filament_mm * target.filament_mm2 / extent.path_mm
     # one spiral has no flat layers: its turns are marked, or they are as high as a nozzle's lines can be
@@ -156,7 +156,7 @@ def _section_ratio(extent: Extent, layers: int, target: PrintTarget, nozzle_mm: 
     ratio = section_mm2 / usual_mm2
     if not PLAUSIBLE[0] < ratio < PLAUSIBLE[1]:
         raise GcodeRefused(
-            f"its lines have {section_mm2:.3f} mm2 in the mean, and layers of {layer_mm:.3g} mm with a "
+            f"its lines have {section_mm2:.3f} mm2 on average, and layers of {layer_mm:.3g} mm with a "
             f"nozzle of {nozzle_mm:g} mm about {usual_mm2:.3f}: set the filament's diameter to "
             f"{target.filament_mm:.4g} mm in your slicer, and let it count E in mm, not in mm3"
         )

@@ -50,7 +50,7 @@ class Clearance:
             self._flush()
 
     def obstacle_mm(self, old: Point, target: Point) -> float | None:
-        """Find the height of what a straight move would hit with the nozzle or the head; None for nothing."""
+        """Find the height of the lines that the nozzle or the head would hit in a straight move, or None."""
         lowest_mm = min(old[2], target[2])
         if self._above_nozzle is None or self._printed_since_mm > lowest_mm + self._slack_mm:
             self._flush()
@@ -84,7 +84,7 @@ def _samples(lines: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[n
 
 
 def _cells(xy: NDArray[np.float64]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Find row and column of each point; a point outside the grid, which no printer reaches, at its edge."""
+    """Find row and column of each point; a point outside the grid, which no printer reaches, is clipped."""
     cells = np.clip((xy - _LOWEST_MM) / _CELL_MM, 0, _CELLS - 1).astype(np.intp)
     return cells[:, 1], cells[:, 0]
 
@@ -95,7 +95,7 @@ def _highest_below_head(height_mm: NDArray[np.float64], head: HeadShape) -> NDAr
         round(edge / _CELL_MM) for edge in (head.left, head.right, head.front, head.back)
     )
     size = (back - front + 1, right - left + 1)
-    # a filter reaches from -(size // 2) - origin on: moved so that it begins at the head's front and left
+    # the filter's window starts at -(size // 2) - origin: shifted to start at the head's front and left
     origin = (-(size[0] // 2) - front, -(size[1] // 2) - left)
     found: NDArray[np.float64] = ndimage.maximum_filter(
         height_mm, size, origin=origin, mode="constant", cval=0.0

@@ -36,11 +36,11 @@ NOT_TAKEN_OVER = {
     "M900": "linear advance",
     "M413": "power-loss recovery",
 }
-"""Left out, with a notice: the printer's own values are used, also for the print time."""
+"""Commands left out with a notice: the printer's own values are used, also for the print time."""
 
 _WAITS = f"waits for somebody to press the knob: {_SCRIPT}"
 _CARD = f"belongs to the SD card: {_SCRIPT}"
-_EEPROM = f"changes what the printer remembers: {_SCRIPT}"
+_EEPROM = f"changes the printer's stored settings: {_SCRIPT}"
 _OFFSET = f"shifts the printer's coordinates: {_SCRIPT}, and place the model in the slicer"
 _PID = f"changes how the heaters are controlled: {_SCRIPT}"
 
@@ -53,7 +53,7 @@ REFUSED = {
     "M601": _WAITS,
     "M25": _WAITS,
     "M80": f"switches the power: {_SCRIPT}",
-    "M92": f"changes the steps of a millimetre: {_SCRIPT}",
+    "M92": f"changes the steps per millimetre: {_SCRIPT}",
     "M112": f"is an emergency stop: {_SCRIPT}",
     "M200": "counts filament in mm3: switch volumetric extrusion off in your slicer",
     "M206": _OFFSET,
@@ -68,15 +68,15 @@ REFUSED = {
     "M502": _EEPROM,
     "M504": _EEPROM,
     "M997": f"writes the firmware: {_SCRIPT}",
-    "M999": f"restarts a printer that stopped for a reason: {_SCRIPT}",
+    "M999": f"restarts a printer that stopped with an error: {_SCRIPT}",
     **{f"M{n}": _CARD for n in (*range(20, 25), *range(26, 33), 923, 928)},
 }
-"""Refused anywhere in a file."""
+"""Commands refused anywhere in a file, with the reason."""
 
 _REASONS = {
     "G28": "homes in the middle of the print: take it out of your slicer's layer script",
-    "M84": "lets go of the motors in the middle of the print: take it out of your slicer's layer script",
-    "M18": "lets go of the motors in the middle of the print: take it out of your slicer's layer script",
+    "M84": "switches the motors off in the middle of the print: take it out of your slicer's layer script",
+    "M18": "switches the motors off in the middle of the print: take it out of your slicer's layer script",
     "M201": f"changes the printer's limits: {_SCRIPT}",
     "M203": f"changes the printer's limits: {_SCRIPT}",
     "M81": f"switches the power off: {_SCRIPT}",
@@ -95,7 +95,7 @@ def is_needless(code: str, rest: str) -> bool:
 def find_refusal(code: str) -> str | None:
     """Find the reason why a command is refused anywhere in a file; None where it is not."""
     if code[0] == "T" and code != "T0":
-        return "asks for another extruder, and there is one: slice for a single extruder"
+        return "selects another extruder, and the printer has one: slice for a single extruder"
     return REFUSED.get(code)
 
 

@@ -35,7 +35,7 @@ class Extent:
         self.filament_mm = 0.0
         self.path_mm = 0.0
         self.lines = 0
-        self._pushes = self._primes = 0  # of them, those where more comes than was drawn back
+        self._pushes = self._primes = 0  # all pushes, and those that feed more than was drawn back
         self._primed_mm = self._jumped_mm = 0.0
         self._went: list[Corner] = []  # since the last line that was printed
         self._fed_mm = 0.0
@@ -48,7 +48,7 @@ class Extent:
         self._fed_mm += max(0.0, fed_mm)
 
     def push(self, fed_mm: float) -> None:
-        """Record that drawn back filament is pushed forth where the head stands, and so much more."""
+        """Record that retracted filament is pushed back at standstill, and `fed_mm` more."""
         self._pushes += 1
         if fed_mm > MOST_PRIMED_MM:
             self._jumped_mm += fed_mm
@@ -58,9 +58,9 @@ class Extent:
 
     @property
     def stray_mm(self) -> float:
-        """Filament that comes where the head stands, and belongs to lines that are missing.
+        """Filament fed at standstill that belongs to missing lines.
 
-        A slicer that primes does so at each push, or most.
+        A slicer that primes after retractions does so at all or most of them, which is not counted.
         """
         return self._jumped_mm + (self._primed_mm if 2 * self._primes < self._pushes else 0.0)
 
@@ -99,7 +99,7 @@ class Extent:
 
 
 def _stretch(low: Corner, high: Corner, point: Corner) -> None:
-    """Let a bounding box hold a point."""
+    """Extend a bounding box to contain a point."""
     for axis, value in enumerate(point):
         if value < low[axis]:
             low[axis] = value

@@ -36,7 +36,7 @@ _FEATURE = re.compile(rb"TYPE:[A-Z-]{1,20}\Z")  # Cura's comments on what it pri
 
 
 class Interpreter:
-    """Interpreter of lines, with the printer's modes and temperatures; from `survey.first_line` on it prints.
+    """Interpreter of lines, with the printer's modes and temperatures; prints from `survey.first_line` on.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ class Interpreter:
         self._speed_mm_s = _FIRST_MM_S
         self._speed_factor = self._flow_factor = 1.0
         self._retracted = False  # by G10
-        self._waited_s = self._waiting_s = 0.0  # in all, and since the last line that was printed
+        self._waited_s = self._waiting_s = 0.0  # in total, and since the last printed line
         self._fan: bytes = _NO_FAN
 
     def run_line(self, raw: bytes, number: int) -> None:
@@ -126,7 +126,7 @@ class Interpreter:
         Raises
         ------
         GcodeRefused
-            Where it prints nothing, or its last lines are no end script.
+            Where it prints nothing, or does not end with an end script.
         """
         if not self.head.extent.path_mm:
             raise GcodeRefused(
@@ -234,7 +234,7 @@ class Interpreter:
 
     def _retract(self, code: str, given: Words) -> None:
         if given.keys() - {"S"}:
-            self._objections.add(f"{code} with {' '.join(given)} is no retraction: take it out")
+            self._objections.add(f"{code} with {' '.join(given)} is not a retraction: take it out")
         elif self._retracted != (code == "G10"):
             self._retracted = not self._retracted
             length_mm = self._printer.retraction_mm
@@ -245,13 +245,11 @@ class Interpreter:
         if given.keys() == {"E"}:
             self._e = given["E"]
         else:
-            self._objections.reject(
-                "G92 may count E anew, and nothing else: take it out of your slicer's scripts"
-            )
+            self._objections.reject("G92 may reset E, and nothing else: take it out of your slicer's scripts")
 
     def _heat(self, code: str, given: Words) -> None:
         if not given.keys() & {"S", "R"}:
-            self._objections.refuse(f"{code} names no temperature: write it behind S")
+            self._objections.refuse(f"{code} gives no temperature: write it after S")
         target_c = float(round(given["S" if "S" in given else "R"]))
         nozzle = code in ("M104", "M109")
         limits = self._printer.limits

@@ -11,11 +11,12 @@ from slicing.gcode_lines import quote_text
 from slicing.own_gcode.target import PrintTarget
 
 _NAMES = ("target_machine.name", "printer_model", "printer_name", "machine_name", "printer_settings_id")
-"""Cura; PrusaSlicer and its kin; KISSlicer; and, where no model is named, the name of a person's settings."""
+"""Facts that name the machine: of Cura, of PrusaSlicer and its forks, of KISSlicer; the last one, used where
+no model is named, is the name of a person's settings."""
 _NO_NAME = ("", '""', "unknown", "default", "- default fff printer -")
 _USUAL = (0.5, 1.7)
-"""Section of the lines, as a multiple of a line's as wide as the nozzle: 0.75 to 1.4 in slices of CuraEngine
-4.13, and so 2.0 and more where they are for filament of 1.75 mm."""
+"""Ratio of the lines' section to that of a line as wide as the nozzle: 0.75 to 1.4 in slices of CuraEngine
+4.13, and thus 2.0 and more in slices for filament of 1.75 mm."""
 
 FOREIGN_START = {
     "G29": "probes the bed",
@@ -74,14 +75,14 @@ def find_machine(
 def check_machine(
     machine: Machine, nozzle_mm: float | None, section_ratio: float, target: PrintTarget
 ) -> tuple[str, ...]:
-    """Check a file for another machine, except its size; return warnings where it fits.
+    """Refuse a file for another machine, by all but its size; return warnings where it fits.
 
     Parameters
     ----------
     nozzle_mm
         The nozzle that it was sliced for; None where it does not say.
     section_ratio
-        Section of its lines, as a multiple of a line's as wide as the nozzle.
+        Ratio of its lines' section to that of a line as wide as the nozzle.
     target
         The printer that is to print it.
 
@@ -99,7 +100,7 @@ def check_machine(
     if name is None:
         return (
             f"Warning: its lines have {section_ratio:.1f} times the section of a line as wide as the nozzle: "
-            "was it sliced for another one?",
+            "was it sliced for another nozzle?",
         )
     if machine.start is not None:
         number, code = machine.start

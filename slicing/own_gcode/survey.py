@@ -1,4 +1,4 @@
-"""Survey of a file before a line of it is carried out: its facts, and where its print begins."""
+"""Survey of a file before its first line is run: its facts, and the line where its print begins."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ INCOMPLETE = "export it once more, or copy it again"
 _LAYER = re.compile(
     rb"LAYER:\s*-?\d+\Z|LAYER_CHANGE\b|CHANGE_LAYER\b|layer \d+, Z ?=|BEGIN_LAYER_OBJECT\b", re.IGNORECASE
 )
-"""Marks of a layer's start by Cura, PrusaSlicer and its kin, Simplify3D and KISSlicer."""
+"""Marks of a layer's start by Cura, PrusaSlicer and its forks, Simplify3D and KISSlicer."""
 _MARLIN = ("marlin", "marlin2", "marlin(marlin/sprinter)", "reprap", "repetier", "sprinter")
 _FACT = re.compile(
     rb"(FLAVOR|NOZZLE_DIAMETER|nozzle_diameter|extruderDiameter|filament_diameter|filamentDiameters"
@@ -48,9 +48,9 @@ class Survey:
     machine
         The machine that it was sliced for.
     warning
-        Layers that are missing in a file that is whole by its closing mark; None where there are none.
+        Warning of missing layers in a file with its closing mark; None where no layer is missing.
     filament
-        What the slicer says that the layers take; None where it does not say.
+        Filament that the slicer states for the layers; None where it states none.
     """
 
     ulticode: bool

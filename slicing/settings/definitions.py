@@ -53,7 +53,7 @@ class Setting:
 
 
 def merge_definitions(chain: Sequence[Mapping[str, Any]]) -> dict[str, Setting]:
-    """Merge the settings of a definition that inherits.
+    """Merge the settings of a definition with those that it inherits.
 
     Parameters
     ----------
@@ -112,7 +112,7 @@ def parse_value(setting: Setting, raw: Any) -> Any:
     Parameters
     ----------
     setting
-        The setting whose type counts.
+        Setting that gives the type.
     raw
         The value as written.
 
@@ -159,7 +159,7 @@ def _shown(text: str) -> str:
 
 
 def parse_literal(text: str) -> Any:
-    """Read a value of another type than the setting's as Cura does: as a literal, else as text."""
+    """Read a value whose type is not the setting's as Cura does: as a literal, else as text."""
     try:
         return ast.literal_eval(text)
     except (ValueError, SyntaxError, MemoryError, RecursionError):

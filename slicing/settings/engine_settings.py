@@ -124,7 +124,7 @@ def build_engine_settings(
     Raises
     ------
     BadSetting
-        Where a raft is asked for.
+        Where a raft is requested.
     """
     global_, extruder = _scope_texts(resolver)
     if global_["adhesion_type"] == "raft":
@@ -178,7 +178,7 @@ def _scope_texts(resolver: Resolver) -> tuple[dict[str, str], dict[str, str]]:
     """Write the settings of the global scope and of the extruder's as text."""
     global_ = {key: _text(resolver.value(Scope.GLOBAL, key)) for key in resolver.keys(Scope.GLOBAL)}
     extruder = {key: _text(resolver.value(Scope.EXTRUDER, key)) for key in resolver.keys(Scope.EXTRUDER)}
-    # The engine reads it in both places, and prints no support where either says no.
+    # The engine reads it in both scopes, and prints no support where it is false in either.
     extruder["support_enable"] = global_["support_enable"]
     # The mesh is scaled before it is placed, so that the checks compare the printed shape.
     unscaled = dict.fromkeys(SHRINKAGE, "100.0")

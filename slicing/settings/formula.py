@@ -1,6 +1,6 @@
-"""Cura's formulas: the few forms of Python expression that its files use, evaluated over the parsed tree.
+"""Cura's formulas: the forms of Python expression that its files use, evaluated on the syntax tree.
 
-Nothing that a file says is ever executed: a node, name or function that is not listed here is an error.
+No code of a file is ever executed: a node, name or function that is not listed here is an error.
 """
 
 from __future__ import annotations

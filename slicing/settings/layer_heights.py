@@ -12,13 +12,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 EXACT_MM = 0.02
-"""Greatest error of the printed height, for every part of `CERTAIN_LAYERS` layers or more."""
+"""Greatest error of the printed height, guaranteed for parts of `CERTAIN_LAYERS` layers or more."""
 CERTAIN_LAYERS = 6
 _SPREAD = 0.04  # of the layer height
 SPREADS_0 = (0.0, _SPREAD, 0.25)
 """Shares by which the first layer may differ: a larger one only where a height is not reached with a smaller
 one. It evens out the bed anyway, and without it some heights cannot be reached in whole micrometres."""
-_WEIGHT_0 = 0.1  # of its change: it is one layer of many
+_WEIGHT_0 = 0.1  # weight of the first layer's change: it is one layer of many
 _SLACK_UM = 1  # for rounding
 
 
@@ -71,11 +71,11 @@ def fit_heights(height_mm: float, wanted: LayerHeights, *, most_first_mm: float)
     step = _floor(other * _SPREAD)
 
     def candidates(low: int, high: int) -> Iterator[tuple[float, float, int, int]]:
-        """Yield candidates: missed by (um), the change of both heights, and both heights."""
+        """Yield candidates: error (um), change of both heights, and both heights."""
         for layer in range(other - step, other + step + 1):
             above = max(0, _floor((height - first) / layer))
             for count in (above, above + 1):
-                exact = height - count * layer  # the first layer's height that would do
+                exact = height - count * layer  # height of the first layer without an error
                 near = round(min(max(first, exact - tolerance), exact + tolerance))
                 chosen = min(max(near, low), high)
                 missed = max(0.0, abs(chosen - exact) - tolerance - 0.5)

@@ -114,7 +114,7 @@ def find_violations(
     printer
         The printer model, for its limits.
     chosen
-        Keys that a person has set: they come first, and count even where Cura disables them.
+        Keys that a person has set: they are checked first, and even where Cura disables them.
     """
     for scope in Scope:
         for key in {**dict.fromkeys(chosen), **dict.fromkeys(resolver.keys(scope))}:

@@ -1,4 +1,4 @@
-"""Materials: Cura's files of them, read for one printer and nozzle, and their shrinkage."""
+"""Cura's material files, read for one printer and nozzle, and the shrinkage of materials."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ def read_material(root: ET.Element, name: str, product: str, hotend: str) -> Mat
     product
         The printer's name in material files, like ``Ultimaker 2+``.
     hotend
-        The nozzle's name there, like ``0.4 mm``.
+        The nozzle's name in material files, like ``0.4 mm``.
 
     Raises
     ------
@@ -114,7 +114,8 @@ def read_material(root: ET.Element, name: str, product: str, hotend: str) -> Mat
             values[entry.get("key", "")] = _WORDS.get(text.lower(), text)
     if not compatible:
         raise BadSetting(
-            f"material {name} is not for the {product} with the nozzle {hotend}; take another of the two"
+            f"material {name} is not for the {product} with the nozzle {hotend}; take another material or "
+            "nozzle"
         )
     for key, path in (("material_diameter", "properties/m:diameter"), ("material_guid", "metadata/m:GUID")):
         found = root.findtext(f"m:{path}", namespaces=_SPACE)

@@ -33,7 +33,7 @@ _FIXED: Mapping[str, Any] = {
 class SettingsRequest:
     """Choice of printer model, quality, material, nozzle and overrides.
 
-    `supported`: print supports also where the quality has none, as Cura's own have; `overrides` win over it.
+    `supported`: print supports also with Cura's own qualities, which have none; `overrides` win over it.
     """
 
     printer: PrinterModel
@@ -46,7 +46,7 @@ class SettingsRequest:
 
 @dataclass(frozen=True, slots=True)
 class PartSettings:
-    """Settings of one part; None for those of the quality. A user's own settings win over them.
+    """Settings of one part; None keeps the quality's. A user's own settings override them.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ class PartSettings:
     brim_width_mm
         Its brim, 0 for none; never wider than the quality's, for which the part room is computed.
     layer_0_expansion_mm
-        Width by which the first layer exceeds those above on each side; negative against an elephant's foot.
+        Horizontal expansion of the first layer on each side; negative to compensate an elephant's foot.
     """
 
     height_mm: float | None = None
@@ -69,7 +69,7 @@ ANY_PART = PartSettings()
 def resolve_settings(
     request: SettingsRequest, resources: Resources, part: PartSettings = ANY_PART
 ) -> EngineSettings:
-    """Resolve a request against Cura's files, for any part or for one; the last ones are kept in memory.
+    """Resolve a request against Cura's files, for any part or for a given one; recent results are cached.
 
     Parameters
     ----------

@@ -127,16 +127,16 @@ class Resolver:
         return self._own(Scope.GLOBAL, key)
 
     def bounds(self, scope: Scope, key: str) -> tuple[float | None, float | None]:
-        """Compute the least and the greatest value of a key by its definition; None: no limit."""
+        """Compute the least and the greatest value of a key by its definition; None for no limit."""
         setting = self.setting(key)
         return self._bound(scope, key, setting.minimum), self._bound(scope, key, setting.maximum)
 
     def is_enabled(self, key: str) -> bool:
-        """Check whether a setting counts with the values of the others: Cura hides it where not."""
+        """Check whether a setting has an effect with the values of the others; Cura hides it otherwise."""
         raw = self.setting(key).enabled
         try:
             return bool(self._evaluate(Scope.EXTRUDER, key, raw) if isinstance(raw, Formula) else raw)
-        except DefinitionError:  # a formula that only a window needs
+        except DefinitionError:  # a formula that only Cura's window needs
             return True
 
     def is_per_extruder(self, key: str) -> bool:

@@ -35,7 +35,7 @@ def find_engine(environ: Mapping[str, str] = os.environ) -> Path:
 
 
 def find_resources(environ: Mapping[str, str] = os.environ) -> Resources:
-    """Find Cura's files: `FARM_CURA_RESOURCES`, else `.cura/resources` of the checkout, else Debian's place.
+    """Find Cura's files: `FARM_CURA_RESOURCES`, else `.cura/resources` of the checkout, else Debian's folder.
 
     Raises
     ------
@@ -49,15 +49,15 @@ def find_resources(environ: Mapping[str, str] = os.environ) -> Resources:
     for place in places:
         if all((place / folder).is_dir() for folder in FOLDERS):
             return Resources(place)
-    what = f"FARM_CURA_RESOURCES={named} has not" if named else "Cura's files are missing:"
+    what = f"FARM_CURA_RESOURCES={named} lacks" if named else "Cura's files are missing:"
     raise ResourcesMissing(
-        f"{what} the folders {', '.join(FOLDERS)}: {_HOW.format('FARM_CURA_RESOURCES to where they are')}"
+        f"{what} the folders {', '.join(FOLDERS)}: {_HOW.format('FARM_CURA_RESOURCES to their folder')}"
     )
 
 
 @dataclass(frozen=True, slots=True)
 class Machine:
-    """A printer model's definitions, merged, and what names its profiles."""
+    """A printer model's merged definitions, and the facts that select its profiles."""
 
     model: str
     name: str  # the product, as material files call it
@@ -73,7 +73,7 @@ class Machine:
 
 @dataclass(frozen=True, slots=True)
 class Profile:
-    """An ``.inst.cfg`` file: who it is for, and its values as written."""
+    """An ``.inst.cfg`` file: the metadata that select it, and its values as written."""
 
     metadata: Mapping[str, str]
     values: Mapping[str, str]

@@ -15,7 +15,7 @@ from slicing.settings.resources import Machine, Profile, Resources
 
 _GENERIC = ("generic_pla", "generic_pla_175")
 _MOST_APART_MM = 0.5
-"""Cura takes a material for a printer where both diameters round to the same millimetre."""
+"""Cura offers a material for a printer where both diameters round to the same millimetre."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +82,7 @@ def _written(machine: Machine, key: str, text: str) -> object:
 
 
 def _variant(machine: Machine, nozzle_mm: float, resources: Resources) -> tuple[str, Mapping[str, str]]:
-    """Find the nozzle's name and values; without profiles for nozzles there is the one of the definition."""
+    """Find the nozzle's name and values; without profiles for nozzles, those of the definition."""
     if machine.has_variants:
         profiles = resources.profiles("variants", machine.model)
         have = {p.metadata["name"]: p.values for p in profiles if p.metadata.get("hardware_type") == "nozzle"}
@@ -114,7 +114,7 @@ def _material(machine: Machine, hotend: str, name: str, resources: Resources) ->
 def _qualities(
     machine: Machine, hotend: str, material: str, kind: str, quality: str, resources: Resources
 ) -> tuple[Profile, Profile]:
-    """Find the global profile and the extruder's; a brand's material may take those of its kind."""
+    """Find the global profile and the extruder's; a brand's material may use those of its kind."""
     profiles = resources.profiles("quality", machine.quality_definition)
     shared = {p.metadata["quality_type"]: p for p in profiles if p.metadata.get("global_quality") == "True"}
     own = shared

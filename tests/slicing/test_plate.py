@@ -168,7 +168,7 @@ def test_the_same_again_runs_no_engine(request_for, cube_20, tmp_path, settings_
     assert again == replace(first, gcode=again.gcode, cached=True)
     assert again.gcode.read_bytes() == first.gcode.read_bytes()
     assert not slice_plate(replace(request, settings=settings_of("paper"))).cached
-    with pytest.raises(SliceRejected, match="room"):
+    with pytest.raises(SliceRejected, match="build volume"):
         slice_plate(replace(request, bed=((-5.0, -5.0, 5.0, 5.0, 205.0),)))
 
 

@@ -67,7 +67,7 @@ def test_another_machine_has_to_show_its_filament():
     """E for filament of 1.75 mm would press 2.3 times as much."""
     assert warnings(marlin(THIN)) == [
         "Warning: its lines have 2.3 times the section of a line as wide as the nozzle: was it sliced for "
-        "another one?"
+        "another nozzle?"
     ]
     refused(named(";TARGET_MACHINE.NAME:Creality Ender-3", marlin(THIN)), "'Creality Ender-3' .* 2.3 times")
     refused(named(";Filament Diameter #1: 1.75"), "1.75 mm: set the filament's diameter")
