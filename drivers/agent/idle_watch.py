@@ -39,6 +39,7 @@ class IdleWatch:
         """Forget all answers: the board was reset, or has printed for the farm."""
         self.card = False
         self._position: bytes | None = None
+        self._first: bytes | None = None  # the answer before there is a position
         self._asked_again: bytes | None = None  # the last answer that differs from the position
         self._heated = False
         self._coolest_c = [float("inf"), float("inf")]
@@ -65,9 +66,10 @@ class IdleWatch:
         if text == self._position:
             self._asked_again = None
         elif text != self._asked_again:
+            self._first = self._first or text
             self._asked_again = text  # one garbled digit may have done it, in the first answer as well
         else:
-            moved = self._position is not None
+            moved = self._position is not None or not _may_be_garbled(self._first or text, text)
             self._position, self._asked_again = text, None
             return True, MOVED if moved else None
         return True, None
@@ -98,3 +100,8 @@ class IdleWatch:
             return None, None
         which, at_c = ("nozzle", now_c[0]) if risen[0] else ("bed", now_c[1])
         return None, Trouble(Fault.HEATER_STUCK_ON, f"the {which} is off and gets hotter: {at_c:g} C")
+
+
+def _may_be_garbled(answer: bytes, text: bytes) -> bool:
+    """Return True if an answer differs from `text` in one byte at most: a move of an axis changes more."""
+    return len(answer) == len(text) and sum(one != other for one, other in zip(answer, text, strict=True)) < 2

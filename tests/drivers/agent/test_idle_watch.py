@@ -23,6 +23,12 @@ def test_a_garbled_first_answer_is_no_move():
     assert answers == [None, None, None, None, None, MOVED]
 
 
+def test_a_move_right_after_the_first_answer_is_seen():
+    """A bed on which somebody has just begun to work must not count as clear."""
+    watch = IdleWatch()
+    assert [watch.judge_answer(text)[1] for text in (HOME, AWAY, AWAY)] == [None, None, MOVED]
+
+
 def test_after_a_reset_the_place_is_a_new_one():
     watch = IdleWatch()
     watch.judge_answer(HOME)
