@@ -79,7 +79,8 @@ def test_planning_ends_at_once_with_its_job_and_with_the_daemon_however_that_end
     with (tmp_path / "fifo").open() as fifo:
         assert fifo.readline() == "slicing\n"
         busy = workers(daemon)
-        farm.ok("down")
+        assert "being planned: job 2" in farm.run("down").stderr
+        farm.ok("down", "--now")
         fifo.read()
     assert not any(Path(f"/proc/{pid}").exists() for pid in busy)
     assert not (farm.state / "work" / "workers").exists()
