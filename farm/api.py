@@ -1,6 +1,6 @@
 """Requests and responses of the daemon, which are also the objects that `--json` prints.
 
-Moments are ISO 8601 in the fleet's time zone, on the farm's clock; durations are in seconds.
+Times are ISO 8601 in the fleet's time zone, by the farm's clock; durations are in seconds.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from farm.text import flatten_text
 
 SCHEMA = 1
 Line = Annotated[str, AfterValidator(flatten_text)]
-"""Text that a person writes and others see."""
+"""Free text written by a user and shown to others."""
 
 
 class _View(BaseModel):
@@ -31,7 +31,7 @@ class PrintView(_View):
     fault: str | None
     reason: str | None
     verdict: Verdict | None
-    why: str | None  # reason of the verdict
+    why: str | None  # reason for the verdict
     started: str | None
     ended: str | None
 
@@ -76,14 +76,14 @@ class JobView(_View):
     hold: Hold | None
     progress: PlanProgress | None  # while it is planned
     submitted: str
-    submitted_by: str | None  # the user, as the kernel knows them
+    submitted_by: str | None  # user name, from the socket's credentials
     options: JobOptions
     parts: list[PartView]
     plates: list[PlateStatus]
     repairs: list[str]
     scale: float | None
-    plan: str | None  # hash of the plan, which `farm approve` releases
-    starts: str | None  # it starts no earlier
+    plan: str | None  # hash of the plan, to pass to `farm approve`
+    starts: str | None  # earliest start time
     estimated_s: float | None
     lower_bound_s: float | None  # of the parallel printing time on these printers
     eta: str | None
@@ -92,7 +92,7 @@ class JobView(_View):
     speedup: float | None
     utilisation: float | None
     printed: int  # plates
-    good: int  # by the verdict of a person
+    good: int  # judged good by a person
     current_s: float | None  # parallel printing time: expected from what is known now, or actual
     wasted_s: float  # by prints that failed, were cancelled, or are bad
     wasted_grams: float
@@ -134,7 +134,7 @@ class PrintProgress(PrintReadings, _View):
     progress: float = Field(ge=0, le=1)
     remaining_s: float
     layers: int
-    pause_ends: str | None  # while it is paused: the moment at which it is ended unless it is resumed
+    pause_ends: str | None  # while it is paused: when it is cancelled unless it is resumed
 
 
 class LastPrint(_View):
@@ -143,7 +143,7 @@ class LastPrint(_View):
     plate: str
     state: PrintState
     ended: str | None
-    off: float | None  # share by which it took longer than expected; null if it did not end `done`
+    off: float | None  # share by which it took longer than expected; null unless it ended as `done`
     verdict: Verdict | None
 
 
@@ -163,7 +163,7 @@ class PrinterView(_View):
     print: PrintProgress | None
     last: LastPrint | None
     look: str | None
-    maintenance: str | None  # reason for which it is out of use
+    maintenance: str | None  # reason why it is out of use
     hold: Hold | None
 
 
@@ -257,11 +257,11 @@ class JobStatus(_View):
 
 
 class Submitted(_View):
-    """Answer to a submission; `again` if this request id was submitted before."""
+    """Response to a submission; `again` if this request id was submitted before."""
 
     job: int
     again: bool
-    notices: list[str] = []  # what was asked for that there is not
+    notices: list[str] = []  # requests that cannot be met, such as more printers than the fleet has
 
 
 class UploadView(_View):
@@ -281,7 +281,7 @@ class Problem(_View):
 
 
 class Reason(_View):
-    """Reason for a command, in the words of a person."""
+    """Reason for a command, as the user wrote it."""
 
     why: Line = Field(default="", max_length=200)
 
@@ -292,13 +292,11 @@ class ClearedRequest(_View):
     filament: FilamentState | None = None
     bad: bool = False
     why: Line | None = Field(default=None, max_length=200)
-    good: Line | None = Field(
-        default=None, max_length=40
-    )  # the part of a failed print that is good all the same
+    good: Line | None = Field(default=None, max_length=40)  # the part of a failed print that is usable
 
 
 class Cleared(_View):
-    """Answer for a cleared bed. A bad part is printed again, unless it was cancelled."""
+    """Response to a cleared bed. A bad part is printed again, unless it was cancelled."""
 
     again: str | None = None  # the part that is printed again
     good: str | None = None  # the part of a failed print that is good
@@ -306,7 +304,7 @@ class Cleared(_View):
 
 
 class Named(_View):
-    """Name of the part or printer of a command."""
+    """Name of the part or printer that a command acted on."""
 
     name: str
 
@@ -321,7 +319,7 @@ class LoadRequest(_View):
 
 
 class ApproveRequest(_View):
-    """Request to release a job with the plan that a person has seen."""
+    """Request to release a job with the plan that the user has reviewed."""
 
     plan: str
 
@@ -347,8 +345,8 @@ class Timeline(_View):
     job: int
     plan: str
     slots: list[SlotView]
-    left: list[str]  # plates that no printer can take, because of material, reel or hours
-    notices: list[str]  # changes to the model, and wishes that cannot be met
+    left: list[str]  # plates that no printer can take (material, reel or hours)
+    notices: list[str]  # changes to the model, and options that cannot be met
     makespan_s: float
     lower_bound_s: float
     grams: float
@@ -357,7 +355,7 @@ class Timeline(_View):
 
 
 class DownRequest(_View):
-    """Request to end the farm: `now` ends open prints safely first, `wait` lets them end by themselves."""
+    """Request to shut down the farm: `now` stops open prints safely first, `wait` lets them finish."""
 
     now: bool = False
     wait: bool = False

@@ -1,4 +1,4 @@
-"""Records of `fleet.yaml`, and the rules that its values keep. Pure but for the names of ports."""
+"""Pydantic models of `fleet.yaml` and their validation rules. No I/O except resolving port names."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _FORWARDED = "rfc2217://"
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,40}$")]
 _MOVED_MODULES = {"drivers.bridge": "drivers.remote.bridge"}
-"""Modules that a fleet file of an earlier version may name, and where they are."""
+"""Modules that fleet files of earlier versions name, and their present paths."""
 Group = Annotated[str, Field(pattern=r"^[a-z_][a-z0-9_-]{0,31}$")]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Place = tuple[str | int, ...]
@@ -32,7 +32,7 @@ Place = tuple[str | int, ...]
 
 
 class FieldError(ValueError):
-    """Error of one field that shows only together with others; `place` is the field."""
+    """Error in one field that depends on other fields; `place` is the path of the field."""
 
     def __init__(self, message: str, *place: str | int) -> None:
         super().__init__(message)
@@ -55,19 +55,19 @@ class _Section(BaseModel):
 
 
 class ComputeSection(_Section):
-    """The keys under `fleet.compute`: what planning may use of this machine."""
+    """The keys under `fleet.compute`: limits on the resources that planning uses."""
 
     workers: Annotated[int, Field(ge=1, le=256)] | None = None  # default: one for each core
     memory_gb: Annotated[float, Field(ge=1, allow_inf_nan=False)] | None = None  # for each worker
-    budget_s: Annotated[float, Field(ge=0, le=900)] = 20.0  # of one core, to search for the parts of a job
+    budget_s: Annotated[float, Field(ge=0, le=900)] = 20.0  # CPU seconds to search for a job's parts
 
 
 class UploadsSection(_Section):
-    """The keys under `fleet.uploads`: what people may send."""
+    """The keys under `fleet.uploads`: limits on submitted models."""
 
     model_gb: Annotated[float, Field(gt=0, le=64)] = 2.0  # of one model
     at_once: Annotated[int, Field(ge=1, le=64)] = 8
-    free_gb: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.5  # that uploads leave on the disk
+    free_gb: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.5  # left free on the disk by uploads
     open_jobs: Annotated[int, Field(ge=1)] = 1000
 
 
@@ -80,14 +80,14 @@ class FleetSection(_Section):
     compute: ComputeSection = ComputeSection()
     uploads: UploadsSection = UploadsSection()
     currency: Annotated[str, Field(min_length=1, max_length=8)] | None = None
-    attended: Windows = ()  # when somebody is there; empty: not known
-    quiet: Windows = ()  # when nothing may print
-    first_layers_attended: bool = False  # a print starts only if its first layer ends in attended hours
+    attended: Windows = ()  # hours when somebody is present; empty: unknown
+    quiet: Windows = ()  # hours when nothing may print
+    first_layers_attended: bool = False  # first layers must end in attended hours
     max_heating: Annotated[int, Field(ge=1)] | None = None  # printers that may heat up at the same time
     approve: bool = False  # no job prints before `farm approve`
-    group: Group = "farm"  # may use the daemon's socket, if the group exists
+    group: Group = "farm"  # group that may use the daemon's socket, if it exists
     notify: tuple[SecretStr, ...] = ()  # addresses to notify, as URLs of apprise
-    operators: Group | None = None  # may let printers continue; None: everybody
+    operators: Group | None = None  # group that may approve, clear and resume; None: everybody
 
     @model_validator(mode="after")
     def _check_attended(self) -> Self:
@@ -116,11 +116,11 @@ class PrinterSection(_Section):
     nozzle_mm: Positive = 0.4
     price_per_kg: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None = None  # of its filament
     volume_mm: tuple[Positive, Positive, Positive] | None = None
-    host: Annotated[str, Field(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.@-]*$")] | None = None  # as ssh knows it
-    host_command: str = "/opt/farm/.venv/bin/python -m drivers.remote.bridge"  # run there by ssh
+    host: Annotated[str, Field(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.@-]*$")] | None = None  # host name for ssh
+    host_command: str = "/opt/farm/.venv/bin/python -m drivers.remote.bridge"  # run on the host by ssh
     enabled: bool = True
-    unattended: bool = True  # it may print while nobody is there
-    power_off_cmd: str | None = None  # switches its mains off; {printer} is replaced by its name
+    unattended: bool = True  # may print while nobody is present
+    power_off_cmd: str | None = None  # switches its mains power off; {printer} is replaced by its name
 
     @property
     def simulated(self) -> bool:
@@ -166,7 +166,7 @@ class PrinterSection(_Section):
 
 
 class Fleet(_Section):
-    """The whole file, with the defaults filled in."""
+    """The complete file, with defaults filled in."""
 
     fleet: FleetSection = FleetSection()
     printers: tuple[PrinterSection, ...]

@@ -1,4 +1,4 @@
-"""Daemon: wires clock, store, controller, agents, planner, timers and server, and ends them."""
+"""Daemon: creates and shuts down clock, store, controller, agents, planner, timers and server."""
 
 from __future__ import annotations
 
@@ -53,13 +53,13 @@ _WATCH_S = 0.5  # wall seconds; a dead agent's printer must be cold within 5
 _TICK_S = 1.0
 _NOTIFY_S = 2.0
 _DRY_RUNS_S = 5.0
-_FOLLOW_S = 1.0  # wall seconds: a clock that is set back delays timers for as long
-_ABORT_S = 150.0  # wall seconds in which every print can be ended safely
+_FOLLOW_S = 1.0  # wall seconds; a clock set back delays timers by at most this
+_ABORT_S = 150.0  # wall seconds within which every print can be stopped safely
 _GRACE_S = 3  # wall seconds for requests that are under way when the daemon ends
 
 
 class Daemon:
-    """The daemon of one farm. `run` returns on a shutdown or a SIGTERM; prints continue then."""
+    """The daemon of one farm. `run` returns on shutdown or SIGTERM; prints then continue."""
 
     def __init__(self, fleet: Fleet, places: Places) -> None:
         self._fleet = fleet
@@ -89,7 +89,7 @@ class Daemon:
         self._server: uvicorn.Server | None = None
         self._ending: asyncio.Task[None] | None = None
 
-    # -- life -------------------------------------------------------------------------------------------
+    # -- run --------------------------------------------------------------------------------------------
 
     async def run(self) -> None:
         """Serve until the farm is shut down."""
@@ -143,7 +143,7 @@ class Daemon:
     async def _follow_clock(self) -> None:
         """Follow steps of the host's clock, as by NTP after a start without a network."""
         while True:
-            await asyncio.sleep(_FOLLOW_S)  # by the loop's own clock, which nobody sets
+            await asyncio.sleep(_FOLLOW_S)  # on the loop's monotonic clock
             step_s = self._clock.follow_host()
             if step_s:
                 log.warning("the host's clock was set by %+.0f s: hours follow it from now on", step_s)
@@ -157,7 +157,7 @@ class Daemon:
             self._notifier.notify(self._controller.books, self._clock.now())
 
     def _schedule(self) -> None:
-        """Schedule if time has changed a decision, and set a timer for the next such moment."""
+        """Schedule if the time has changed a decision, and set a timer for the next such change."""
         self._controller.tick()
         change_s = self._controller.next_change_s
         if change_s is not None and change_s != self._change_s:
@@ -165,7 +165,7 @@ class Daemon:
         self._change_s = change_s
 
     async def _shut_down(self, now: bool) -> None:
-        """End the farm: every print first (with `now`), then the agents, then the daemon."""
+        """Shut down: prints first (with `now`), then the agents, then the daemon."""
         self._controller.stopping = True
         if now:
             abort_prints(self._controller)
@@ -174,14 +174,14 @@ class Daemon:
     async def _end(self, now: bool) -> None:
         """Wait for open plans (unless `now`) and prints, then end.
 
-        Prints that do not end keep the farm up for a person to inspect.
+        Prints that do not end keep the farm running, so that a person can inspect them.
         """
         while not now and list_planning(self._controller):
             await asyncio.sleep(0.1)
         give_up = asyncio.get_running_loop().time() + _ABORT_S if now else math.inf
         while open_prints := sorted({attempt.printer for attempt in self._controller.books.open_prints()}):
             if asyncio.get_running_loop().time() > give_up:
-                log.error("not going down: %s did not end within %g s", " ".join(open_prints), _ABORT_S)
+                log.error("not shutting down: %s did not end within %g s", " ".join(open_prints), _ABORT_S)
                 self._controller.stopping = False
                 return
             await asyncio.sleep(0.1)

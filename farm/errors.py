@@ -28,12 +28,12 @@ class ErrorCode(StrEnum):
     REFUSED = "refused"
     MODEL = "model"  # the model cannot be read or is no solid
     NO_FIT = "no_fit"  # no partition of it fits the printers
-    GEOMETRY = "geometry"  # a result broke a geometry rule; nothing of it is printed
+    GEOMETRY = "geometry"  # a result violates a geometry rule; nothing is printed
     GCODE = "gcode"  # a person's own G-code cannot be printed
     SETTINGS = "settings"
     ENGINE = "engine"  # CuraEngine is missing or failed
-    SLICE = "slice"  # a slice was not accepted
-    LIMIT = "limit"  # the work on a model took too much time or memory
+    SLICE = "slice"  # a slice was rejected by a check
+    LIMIT = "limit"  # processing a model took too much time or memory
     ATTEMPTS = "attempts"  # a plate failed too often
     CANCELLED = "cancelled"
 

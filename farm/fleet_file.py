@@ -1,4 +1,4 @@
-"""Reader of `fleet.yaml`, with errors that name file, line and field, and say what to write instead."""
+"""Reader of `fleet.yaml`, with errors that name file, line and field, and suggest a correction."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from yaml.constructor import ConstructorError
 from farm.config import ComputeSection, FieldError, Fleet, FleetSection, Place, PrinterSection, UploadsSection
 from farm.errors import FleetFileError
 
-LARGEST_FILE_BYTES = 512 * 1024  # of a thousand printers
+LARGEST_FILE_BYTES = 512 * 1024  # enough for a thousand printers
 MOST_VALUES = 100_000
-"""Keys and values, aliases (`*name`) counted as what they stand for: a few lines can stand for billions."""
+"""Keys and values, with aliases (`*name`) expanded: a few lines can expand to billions."""
 
 _MUST_BE = {
     "int": "a whole number",
@@ -49,7 +49,7 @@ _PATTERNS = {
 """Descriptions of the keys that must match a pattern."""
 
 Check = Callable[[PrinterSection], "tuple[str, str] | None"]
-"""Checks a printer: returns the wrong key and what to write instead; None if all is well."""
+"""Checks a printer: returns the wrong key and what to write instead; None if it is valid."""
 
 
 def load_fleet(path: Path, models: frozenset[str], check: Check = lambda _: None) -> Fleet:
@@ -102,7 +102,7 @@ class _Document:
         return FleetFileError(f"{self.path}:{self.line_of(source)}: {text}")
 
     def describe(self, error: ErrorDetails) -> FleetFileError:
-        """Make an error in plain words from one of pydantic's."""
+        """Convert a pydantic error into one in plain words."""
         cause = error.get("ctx", {}).get("error")
         place = cause.place if isinstance(cause, FieldError) else error["loc"]
         if error["type"] == "extra_forbidden":
@@ -122,7 +122,7 @@ class _Document:
         return line
 
     def find_duplicate(self) -> Place | None:
-        """Find a key that appears twice in one mapping, of which YAML silently takes the last."""
+        """Find a key that appears twice in one mapping, of which YAML silently uses the last."""
         visited: set[int] = set()  # an alias may lead to a node again, even to one that contains it
 
         def search(node: yaml.Node | None, place: Place) -> Place | None:
@@ -168,7 +168,7 @@ class _Document:
 
 
 class _Loader(yaml.SafeLoader):
-    """Names the line of a value that cannot be what it looks like, such as a 30th of February."""
+    """YAML loader that reports the line of an invalid value, such as a 30th of February."""
 
     def construct_object(self, node: yaml.Node, deep: bool = False) -> object:
         try:
@@ -200,7 +200,7 @@ def _parse(path: Path, text: str) -> tuple[_Document, Any]:
         loader = _Loader(text)
         document = _Document(path, loader.get_single_node())
         if document.count_values() > MOST_VALUES:
-            raise FleetFileError(f"{path}: stands for more than {MOST_VALUES} values: use fewer aliases")
+            raise FleetFileError(f"{path}: expands to more than {MOST_VALUES} values: use fewer aliases")
         duplicate = document.find_duplicate()
         raw = None if document.node is None else loader.construct_document(document.node)
     except yaml.YAMLError as error:

@@ -71,7 +71,7 @@ class StateFolder:
         return self.root / "agents" / printer
 
     def make(self) -> None:
-        """Create what is missing. Raises FarmError if that cannot be done."""
+        """Create missing folders. Raises FarmError if that fails."""
         try:
             self.root.mkdir(mode=0o700, parents=True, exist_ok=True)
             for folder in (self.files, self.work, self.slices, self.root / "agents"):
@@ -98,10 +98,10 @@ def find_places(
     env: Mapping[str, str] = os.environ,
     shared: Path = SHARED_SOCKET,
 ) -> Places:
-    """Find the paths of a farm: by the options, else by the environment, else in the XDG folders.
+    """Find the paths of a farm: from the options, else the environment, else the XDG folders.
 
     If a state folder is named but no socket, the socket is in that folder, so that two farms on one host
-    never meet. Where neither is named, and this user has no daemon, the socket is the shared farm's.
+    never share one. If neither is named, and this user has no daemon, the socket is the shared farm's.
 
     Parameters
     ----------
@@ -139,7 +139,7 @@ def _path(env: Mapping[str, str], name: str) -> Path | None:
 
 
 def _shorten_socket_path(socket: Path, env: Mapping[str, str]) -> Path:
-    """Replace a path that is too long for a socket by a short one, the same each time."""
+    """Replace a path that is too long for a socket by a short one, always the same."""
     if len(os.fsencode(socket)) <= _LONGEST_SOCKET_PATH:
         return socket
     digest = hashlib.sha256(os.fsencode(socket)).hexdigest()[:16]
@@ -148,12 +148,12 @@ def _shorten_socket_path(socket: Path, env: Mapping[str, str]) -> Path:
 
 
 def _make_private_folder(name: str) -> Path:
-    """Create a folder in the system's temporary folder, for this user alone; there, others cannot replace it.
+    """Create a folder in the system's temporary folder, private to this user, which others cannot replace.
 
     Raises
     ------
     Refused
-        If what has this name belongs to another user, or can be changed by others.
+        If the folder exists and belongs to another user, or others can write to it.
     """
     folder = Path(tempfile.gettempdir()) / name
     how = "remove it, or name a shorter --socket"
@@ -181,7 +181,7 @@ def read_anchor(path: Path) -> tuple[float, float] | None:
 
 
 def write_anchor(path: Path, scale: float, anchor_s: float) -> None:
-    """Write scale and anchor of the farm's clock, whole or not at all."""
+    """Write scale and anchor of the farm's clock, atomically."""
     temporary = path.with_suffix(".tmp")
     temporary.write_text(json.dumps({"scale": scale, "anchor_s": anchor_s}))
     temporary.replace(path)

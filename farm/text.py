@@ -1,4 +1,4 @@
-"""Durations, amounts and errors as people read them. Pure."""
+"""Formatting of durations, amounts and errors for people. Pure."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ def format_duration(seconds: float | None) -> str:
 
 
 def format_mass(grams: float) -> str:
-    """Format a mass in grams, from 1000 g on in kilograms."""
+    """Format a mass in grams, or in kilograms from 1000 g."""
     return f"{grams / 1000:.2f} kg" if grams >= 1000 else f"{grams:.0f} g"
 
 
 def flatten_text(text: str) -> str:
-    """Put a text on one line, without characters that would move a terminal's cursor."""
+    """Join a text into one line, without terminal control characters."""
     return " ".join("".join(c if c.isprintable() else " " for c in text).split())
 
 
@@ -34,7 +34,7 @@ def format_count(number: int, noun: str) -> str:
 
 
 def describe_first_error(errors: Sequence[ErrorDetails]) -> str:
-    """Name the place of the first error in some data, and the error as pydantic words it."""
+    """Name the place of the first error in some data, and pydantic's message for it."""
     return f"{'.'.join(map(str, errors[0]['loc']))}: {errors[0]['msg']}"
 
 

@@ -1,4 +1,4 @@
-"""Windows of the week, as a person writes them: `mon-fri 08:00-18:00`. Pure."""
+"""Weekly time windows in the notation of `fleet.yaml`: `mon-fri 08:00-18:00`. Pure."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Window:
 
 
 def parse_window(text: str) -> Window:
-    """Parse a window of `fleet.yaml`; without days it is every day.
+    """Parse a window of `fleet.yaml`; without days it applies every day.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Connection to one agent: its process, its snapshots, and the requests that it is sent."""
+"""Connection to one agent: its process, its snapshots, and the requests sent to it."""
 
 from __future__ import annotations
 
@@ -40,10 +40,10 @@ log = logging.getLogger(__name__)
 _RESTARTS_PER_MINUTE = 6  # an agent that dies more often is not restarted for a while
 _SILENCE_S = 30.0  # wall seconds; a healthy agent reports every 5
 _END_S = 30.0  # wall seconds for an idle agent to end
-_LONGEST_WAIT_S = 15.0  # wall seconds between two tries to reach an agent
+_LONGEST_WAIT_S = 15.0  # wall seconds between two attempts to reach an agent
 _STEADY_S = 30.0  # wall seconds after which a connection counts as stable
 _PIECE_BYTES = 32 * 1024  # of an uploaded file; an agent accepts lines of 64 KiB
-_START_S = 120.0  # wall seconds; a start request that takes longer is refused and decided again
+_START_S = 120.0  # wall seconds; a slower start request is refused, and the plate scheduled again
 _CLEARED = ("cleared", "")  # the key of a pending `BedCleared`
 _EMULATOR = "emulator"  # the agent's folder for the emulator of a sim:// port
 
@@ -55,10 +55,10 @@ class AgentListener(Protocol):
         """Handle a snapshot."""
 
     def on_refusal(self, print_id: str, reason: str, late: bool) -> None:
-        """Handle a refusal to start a print; `late` if the request arrived too late."""
+        """Handle a refusal to start a print; `late` if the request arrived after its deadline."""
 
     def unreported_since_s(self, printer: str) -> float | None:
-        """Return the time since which an agent has to list its prints first; None if it need not."""
+        """Return the time since which the agent must first list its prints; None if it need not."""
 
     def on_journal(self, snapshot: AgentSnapshot, prints: Sequence[AgentPrint]) -> None:
         """Handle the list of prints in an agent's journal."""
@@ -72,7 +72,7 @@ class AgentConnection:
     name
         The printer.
     section
-        Its section of `fleet.yaml`; without one the agent is only adopted, never started.
+        Its section of `fleet.yaml`; without one, a running agent is adopted and none is started.
     state, clock
         The farm's state folder and clock.
     listener
@@ -101,18 +101,16 @@ class AgentConnection:
         self._client = AgentClient(self._folder, route, self._heartbeat.reset)
         self._process: subprocess.Popen[bytes] | None = None
         self._starts: deque[float] = deque(maxlen=_RESTARTS_PER_MINUTE)
-        self._pending: set[tuple[str, str]] = (
-            set()
-        )  # requests that are being sent: none twice at the same time
-        self._unsupported: set[tuple[str, str]] = set()  # requests that are too new for its agent
+        self._pending: set[tuple[str, str]] = set()  # requests in flight, so that none is sent twice at once
+        self._unsupported: set[tuple[str, str]] = set()  # requests that its older agent does not support
         self._cancelled: set[str] = set()  # prints that must not start any more
         self._tasks: set[asyncio.Task[Any]] = set()
-        self._offset_s = 0.0  # our clock less the agent's, before any step of ours
+        self._offset_s = 0.0  # farm's clock minus the agent's, before any step of the farm's
         self._stopping = False
 
     @property
     def _ahead_s(self) -> float:
-        """Seconds by which our clock is ahead of the agent's."""
+        """Seconds by which the farm's clock is ahead of the agent's."""
         return self._offset_s + self._clock.ahead_s
 
     def start(self) -> None:
@@ -131,7 +129,7 @@ class AgentConnection:
             self._kill_if_wedged()
             return
         if self._section is None:
-            gone = "it was taken out of fleet.yaml, and its agent is gone"
+            gone = "it was removed from fleet.yaml, and its agent has ended"
             self._report(AgentSnapshot(printer=self._name, link=Link.ABSENT, reason=gone))
             return
         now = time.monotonic()
@@ -157,7 +155,7 @@ class AgentConnection:
         """Kill an agent that hangs; the next check starts another, which resets the board."""
         pid = agent_pid(self._folder)
         if pid is not None and self._heartbeat.is_wedged(time.monotonic(), lambda: sample_process(pid)):
-            log.error("%s: its agent (pid %d) is wedged: replacing it", self._name, pid)
+            log.error("%s: its agent (pid %d) hangs: replacing it", self._name, pid)
             self._spawn_task(self._kill())
 
     async def _kill(self) -> None:
@@ -210,34 +208,34 @@ class AgentConnection:
 
     def _report(self, snapshot: AgentSnapshot) -> None:
         if snapshot.agent_pid is not None and self._listener.unreported_since_s(self._name) is not None:
-            return  # its list of prints comes first
+            return  # the list of its prints must arrive first
         try:
             self._listener.on_snapshot(snapshot)
         except FarmError as error:
             # The books could not be written: nothing has changed, and the next snapshot is handled in full.
             log.error("%s: %s", self._name, error)
-        except Exception:  # an error of ours must not end the listening to this printer
+        except Exception:  # a bug here must not end the listening to this printer
             log.exception("%s: handling the snapshot of its agent", self._name)
 
     def _trusted(self, report: m.Snapshot) -> AgentSnapshot:
-        """Return a snapshot without the fields that its agent cannot know."""
+        """Return a snapshot without fields that the agent cannot measure."""
         simulated = self._section is not None and self._section.simulated
         cleared = _CLEARED in self._pending
         return to_trusted_snapshot(report, self._clock, self._name, simulated, cleared)
 
     def _has_our_port(self, report: m.Snapshot) -> bool:
-        """Return whether the agent has the port of `fleet.yaml`; an idle one that has not is replaced."""
+        """Return whether the agent uses the port of `fleet.yaml`; an idle one that does not is replaced."""
         section = self._section
         if section is None or (report.model, report.port) == (section.model, section.port):
             return True
         if report.print is not None:
-            return True  # its print is in the books, and ends first
+            return True  # its print is in the books and must end first
         log.warning("%s: its agent has %s at %s: replacing it", self._name, report.model, report.port)
         self._spawn_task(self._end_agent())
         return False
 
     def send(self, request: m.Request) -> None:
-        """Send a request. A refusal or loss is logged; the next snapshot shows whether to repeat it."""
+        """Send a request. Failures are logged; the next snapshot shows whether to repeat it."""
         key = (request.do, getattr(request, "print_id", ""))
         if isinstance(request, m.CancelPrint):
             self._cancelled.add(request.print_id)
@@ -288,19 +286,19 @@ class AgentConnection:
             raise AgentError(f"{gcode}: cannot be read ({error})") from error
 
     async def replace(self) -> None:
-        """End an idle agent; one of this version starts in its place.
+        """Replace an idle agent by one of this version.
 
         Raises
         ------
         AgentError
-            If it prints, or cannot be reached.
+            If it is printing, or cannot be reached.
         """
         reply = await self._client.request(m.Shutdown(id=0))
         if reply.error:
             raise AgentError(f"{self._name}: {reply.error}")
 
     async def shut_down(self) -> None:
-        """End the agent for good, and switch a simulated printer off."""
+        """End the agent permanently, and switch a simulated printer off."""
         self._stopping = True
         await self._end_agent()
 

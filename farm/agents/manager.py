@@ -38,8 +38,8 @@ class AgentManager:
     def start(self, printing: Iterable[str]) -> None:
         """Adopt the agents that run, start the others, and listen to all.
 
-        `printing` names the printers with an open print in the books: their agents are listened to even if
-        a person has taken the printer out of `fleet.yaml`.
+        `printing` names the printers with an open print in the books: their agents are monitored even if
+        the printer was removed from `fleet.yaml`.
         """
         for name in printing:
             if name not in self._connections:
@@ -81,7 +81,7 @@ class AgentManager:
             connection.keep_alive()
 
     def perform(self, instruction: ev.AnyInstruction, books: Books, files: Path) -> None:
-        """Send an instruction to its agent; one that is lost is repeated after the agent's next snapshot."""
+        """Send an instruction to its agent; a lost one is repeated after the agent's next snapshot."""
         request = request_for(instruction, books, files)
         connection = self._connections.get(getattr(instruction, "printer", ""))
         if request is not None and connection is not None:
@@ -91,7 +91,7 @@ class AgentManager:
         """Replace the agent of an idle printer. Raises NoSuchThing or Refused."""
         connection = self._connections.get(name)
         if connection is None:
-            raise NoSuchThing(f"no printer {name} is in use; see `farm status`")
+            raise NoSuchThing(f"there is no enabled printer {name}; see `farm status`")
         try:
             await connection.replace()
         except DriverError as error:

@@ -12,7 +12,7 @@ from farm.state import Books
 from farm.state import events as ev
 from farm.text import flatten_text
 
-_CLOCKS_APART_S = 60.0  # wall seconds; no message takes as long
+_CLOCKS_APART_S = 60.0  # wall seconds; longer than any message takes
 _LATEST_S = datetime(9000, 1, 1, tzinfo=UTC).timestamp()
 _OUTDATED = "its agent is of an older version: replace it by `farm up --replace {}`"
 _PHASES = {
@@ -29,9 +29,9 @@ _PHASES = {
 
 
 def clock_offset_s(report: m.Snapshot, clock: Clock) -> float:
-    """Return the seconds by which the farm's clock is ahead of the agent's; 0 if that may be delay alone.
+    """Return the seconds by which the farm's clock is ahead of the agent's; 0 if delay may explain it.
 
-    An agent's clock is never set: the steps since the daemon began are all in the daemon's.
+    An agent's clock is never set: all steps since the daemon started are in the farm's.
     """
     if not report.now_s:
         return 0.0
@@ -41,12 +41,12 @@ def clock_offset_s(report: m.Snapshot, clock: Clock) -> float:
 
 
 def request_for(instruction: ev.AnyInstruction, books: Books, files: Path) -> m.Request | None:
-    """Return the request that carries an instruction to an agent; None for one that is not an agent's.
+    """Return the request that carries an instruction to an agent; None if it is not for an agent.
 
     Parameters
     ----------
     instruction
-        Names the print or the printer.
+        Instruction that names the print or the printer.
     books
         As committed.
     files
@@ -83,7 +83,7 @@ def request_for(instruction: ev.AnyInstruction, books: Books, files: Path) -> m.
 
 
 def to_agent_clock(request: m.Request, shift_s: float, latest_s: float) -> m.Request:
-    """Return a request with its moments on the agent's clock; a print begins by `latest_s` at the latest."""
+    """Convert a request's times to the agent's clock; its print starts by `latest_s` at the latest."""
     match request:
         case m.StartPrint(not_after_s=not_after_s, ends_by_s=ends_by_s):
             latest_s = latest_s if not_after_s is None else min(latest_s, not_after_s)
@@ -100,7 +100,7 @@ def to_agent_clock(request: m.Request, shift_s: float, latest_s: float) -> m.Req
 
 
 def to_farm_snapshot(report: m.Snapshot, clock: Clock) -> AgentSnapshot:
-    """Return an agent's snapshot as the farm's record, with its moments on the farm's clock."""
+    """Convert an agent's snapshot to the farm's record, with times on the farm's clock."""
     return AgentSnapshot(
         printer=report.printer,
         link=Link(report.link),
@@ -123,7 +123,7 @@ def to_farm_snapshot(report: m.Snapshot, clock: Clock) -> AgentSnapshot:
 def to_trusted_snapshot(
     report: m.Snapshot, clock: Clock, printer: str, simulated: bool, bed_cleared: bool
 ) -> AgentSnapshot:
-    """Return an agent's snapshot as the farm's record, without the fields that its agent cannot know.
+    """Convert an agent's snapshot to the farm's record, without fields that the agent cannot measure.
 
     Parameters
     ----------
@@ -132,12 +132,12 @@ def to_trusted_snapshot(
     clock
         The farm's clock.
     printer
-        The printer of this connection, whatever the snapshot names.
+        The printer of this connection; the name in the snapshot is ignored.
     simulated
-        Whether the printer is an emulator, which alone can see its bed.
+        Whether the printer is an emulator: only these can see their bed.
     bed_cleared
-        Whether a person has cleared the bed and the agent has not confirmed it yet: its alarm and its doubt
-        about the bed are out of date.
+        Whether a person has cleared the bed and the agent has not confirmed it yet: its alarm and
+        its report of an unknown bed are out of date.
     """
     snapshot = to_farm_snapshot(report, clock)
     outdated = report.protocol < m.StartPrint.needed and report.print is None
@@ -156,9 +156,9 @@ def to_trusted_snapshot(
 
 
 def to_farm_print(report: m.PrintSnapshot, ahead_s: float) -> AgentPrint:
-    """Return an agent's report on a print as the farm's record; `ahead_s` is the farm's clock less its own.
+    """Convert an agent's report on a print; `ahead_s` is the farm's clock minus the agent's.
 
-    Moments are limited to times with a date, and spans to positive ones: both are shown to people.
+    Times are limited to those that datetime can represent, and durations to positive ones: both are shown.
     """
 
     def moment(at_s: float | None) -> float | None:
@@ -184,5 +184,5 @@ def to_farm_print(report: m.PrintSnapshot, ahead_s: float) -> AgentPrint:
 
 
 def _line(text: str | None) -> str | None:
-    """Return a text fit for a terminal: it may hold noise of a serial line."""
+    """Return a text safe to print on a terminal: it may contain noise from a serial line."""
     return None if text is None else flatten_text(text)

@@ -1,4 +1,4 @@
-"""Routes to agents on other hosts, kept because a printer may leave the fleet before its agent."""
+"""Routes to agents on other hosts, stored because an agent may outlive its printer's entry in the fleet."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from farm.config import PrinterSection
 ROUTE_FILE = "way.json"  # in the folder of an agent on another host
 
 Route = tuple[list[str], bytes]
-"""Command that carries bytes to an agent, and the first line that it is sent."""
+"""Command that forwards bytes to an agent, and the first line to send to it."""
 
 
 def _route_to(section: PrinterSection, farm: str, clock: Clock) -> Route | None:
@@ -30,7 +30,7 @@ def _route_to(section: PrinterSection, farm: str, clock: Clock) -> Route | None:
 
 
 def without_starting(route: Route | None) -> Route | None:
-    """Return the same route without the order to start an agent."""
+    """Return the same route without the instruction to start an agent."""
     if route is None:
         return None
     try:
@@ -41,7 +41,7 @@ def without_starting(route: Route | None) -> Route | None:
 
 
 def load_route(folder: Path, section: PrinterSection | None, farm: str, clock: Clock) -> Route | None:
-    """Return the route to a printer's agent: the stored one if it has left the fleet while it prints."""
+    """Return the route to a printer's agent: the stored one if the printer was removed from the fleet."""
     kept = folder / ROUTE_FILE
     if section is None:
         try:

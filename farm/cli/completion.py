@@ -12,7 +12,7 @@ from farm.cli.client import Client
 from farm.errors import FarmError
 from farm.paths import find_places
 
-_TIMEOUT_S = 1.0  # a person waits at the prompt
+_TIMEOUT_S = 1.0  # the user is waiting at the prompt
 Words = list[tuple[str, str]]  # each with its description
 Complete = Callable[[typer.Context, str], Words]
 
@@ -23,7 +23,7 @@ def _make_completion(list_words: Callable[[Names, typer.Context], Iterable[tuple
     def complete(context: typer.Context, incomplete: str) -> Words:
         try:
             names = _fetch_names(context)
-        except (OSError, ValueError, FarmError):  # at a prompt, an error would only be in the way
+        except (OSError, ValueError, FarmError):  # an error message would disturb the prompt
             return []
         return [(word, help_) for word, help_ in list_words(names, context) if word.startswith(incomplete)]
 

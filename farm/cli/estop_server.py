@@ -21,10 +21,10 @@ from dataclasses import dataclass
 from typing import Protocol
 
 REQUEST_S = 2.0  # wall seconds in which the one line of a request must arrive
-MOST, MOST_EACH = 64, 8  # requests at a time: of all users, and of one
+MOST, MOST_EACH = 64, 8  # simultaneous requests: of all users, and of one
 LONGEST = 1 << 16  # bytes of a request
 _WAIT_S = 0.2
-_PAUSE_S = 1.0  # without accepting, after an error such as no descriptor left
+_PAUSE_S = 1.0  # between attempts to accept, after an error such as no free descriptor
 _CREDENTIALS = struct.Struct("=iII")  # struct ucred: pid, uid, gid
 _FULL = {
     "over": True,
@@ -48,7 +48,7 @@ class _Pending:
 
 
 class EstopServer:
-    """Server that knows its connections until their stops have ended.
+    """Server that tracks each connection until its stop has ended.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ class EstopServer:
         self._accepts_from_s = -math.inf
 
     def serve_once(self, now_s: float, wait_s: float) -> None:
-        """Handle what has arrived; wait for at most `wait_s` if nothing has."""
+        """Handle pending connections and requests; wait at most `wait_s` for one."""
         with selectors.DefaultSelector() as ready:
             if now_s >= self._accepts_from_s:
                 ready.register(self._listening, selectors.EVENT_READ)
@@ -130,7 +130,7 @@ class EstopServer:
 
 
 def peer_uid(connection: socket.socket) -> int:
-    """Return the user at the other end of a Unix socket, as the kernel knows it."""
+    """Return the user id of the peer of a Unix socket (SO_PEERCRED)."""
     credentials = connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
     uid: int = _CREDENTIALS.unpack(credentials)[1]
     return uid

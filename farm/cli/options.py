@@ -32,7 +32,7 @@ Job = Annotated[int, typer.Argument(help="The job.", autocompletion=completion.j
 
 
 def with_places(command: Callable[Concatenate[Places, P], None]) -> Callable[P, None]:
-    """Give a command the options `--state`, `--socket` and `--fleet`.
+    """Add to a command the options `--state`, `--socket` and `--fleet`.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ def parse_printer_count(text: str) -> int | None:
     Raises
     ------
     typer.BadParameter
-        It is neither a number of at least 1 nor ``auto``.
+        If it is neither a number of at least 1 nor ``auto``.
     """
     if text == "auto":
         return None

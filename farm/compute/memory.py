@@ -1,4 +1,4 @@
-"""Memory that a process may use."""
+"""Memory available to a process."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ import resource
 
 
 def machine_bytes() -> int:
-    """Return the memory of this computer."""
+    """Return the physical memory of this computer in bytes."""
     return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
 
 
 def process_bytes() -> int:
-    """Return the memory that this process may use: its limit (a worker has one), or the computer's."""
+    """Return the memory that this process may use in bytes: its limit (workers have one), or all."""
     soft, _ = resource.getrlimit(resource.RLIMIT_DATA)
     return machine_bytes() if soft == resource.RLIM_INFINITY else min(soft, machine_bytes())

@@ -1,7 +1,7 @@
-"""Pool of worker processes for decomposition and slicing: low priority, limited, ended with the daemon.
+"""Pool of worker processes for decomposition and slicing: low priority, limited, stopped with the daemon.
 
-Each task has a process to itself. A task is ended (its job is cancelled, its time is over) by ending that
-process, which a new one replaces; a process that dies takes no other task with it.
+Each task runs alone in a process. A task is stopped (its job is cancelled, its time is over) by killing that
+process, which a new one replaces; a crash affects no other task.
 """
 
 from __future__ import annotations
@@ -36,9 +36,9 @@ class Limit:
     Attributes
     ----------
     what
-        The work, as messages name it.
+        Name of the work, for messages.
     urgent
-        A person waits for it: it is started before other work.
+        True if a user waits for it: it is started before other work.
     """
 
     what: str
@@ -48,7 +48,7 @@ class Limit:
 
 CHECKING = Limit("reading and checking the model", 600.0, urgent=True)
 DECOMPOSING = Limit("decomposing", 1800.0)
-SLICING = Limit("slicing a part", 2400.0)  # CuraEngine's own limit (slicing.plate) and what is around it
+SLICING = Limit("slicing a part", 2400.0)  # above CuraEngine's own limit (slicing.plate)
 
 
 def memory_for_each(count: int, memory_gb: float | None) -> int:
@@ -59,7 +59,7 @@ def memory_for_each(count: int, memory_gb: float | None) -> int:
     count
         Number of workers.
     memory_gb
-        Memory of each, as set by a person; None for a share of the machine that suffices for a large model.
+        Memory of each, from `fleet.yaml`; None for a share of the machine that suffices for a large model.
     """
     if memory_gb is not None:
         return int(memory_gb * _GB)
@@ -79,7 +79,7 @@ class Workers:
     memory_gb
         Memory limit of each; see `memory_for_each`.
     warm
-        First call of every worker: it imports what tasks need, before the first task comes.
+        First call in every worker: imports the modules that tasks need.
     """
 
     def __init__(
@@ -115,12 +115,12 @@ class Workers:
         Parameters
         ----------
         work
-            Function to run; it may run a second time, if its worker dies.
+            Function to run; it runs a second time if its worker dies.
 
         Raises
         ------
         FarmError
-            As the work raised; `limit` if its time or its memory did not suffice; or its workers died.
+            The error of the work; `limit` if its time or memory did not suffice; or if its workers died.
         """
         ended = ""
         for _ in range(_TRIES):
@@ -160,7 +160,7 @@ class Workers:
         )
 
     def close(self) -> None:
-        """Abandon all work, and end every worker before returning."""
+        """Abandon all work, and wait for every worker to end."""
         self._closed = True
         for worker in self._alive:
             worker.end()
@@ -184,7 +184,7 @@ class Workers:
             asyncio.get_running_loop().call_later(_RETRY_S, self._replace)
 
     async def _take(self, urgent: bool) -> Worker:
-        """Wait for a free worker; work of equal urgency gets one in the order of its calls."""
+        """Wait for a free worker; work of equal urgency is served in order of its calls."""
         if self._idle:
             return self._idle.pop()
         slot: asyncio.Future[Worker] = asyncio.get_running_loop().create_future()
@@ -206,7 +206,7 @@ class Workers:
         self._idle.append(worker)
 
     def _release(self, worker: Worker, fit: bool) -> None:
-        """Return a worker to the pool, or replace one that is not fit for more work."""
+        """Return a worker to the pool, or replace it if it cannot take more work."""
         if self._closed:
             return
         if fit:
@@ -215,7 +215,7 @@ class Workers:
         worker.end()
         self._alive.discard(worker)
         self._replace()
-        # An engine that dies with its worker may have written after the folder was removed: all at once.
+        # A dying engine may write after its folder was removed: remove every unused folder.
         kept = {one.folder for one in self._alive}
         for left in self._scratch.iterdir():
             if left not in kept:

@@ -1,4 +1,4 @@
-"""Worker process: runs the calls that come through its pipe, one after another, until it is ended."""
+"""Worker process: runs the calls received through its pipe, one after another, until it is killed."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from farm.errors import FarmError
 Warm = Callable[[], None]
 
 _PR_SET_PDEATHSIG = 1
-_ENDING_S = 2.0  # from the end of its pipe to its own
+_ENDING_S = 2.0  # from the closing of its pipe to its exit
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +36,7 @@ class Raised:
 class Worker:
     """Handle of one process, which runs one call at a time.
 
-    It has to be started on the daemon's main thread: the kernel ends it when the thread that started it ends.
+    Start it on the daemon's main thread: the kernel kills it when the thread that started it ends.
 
     Parameters
     ----------
@@ -84,15 +84,15 @@ class Worker:
         return signal.Signals(-code).name if code is not None and code < 0 else f"exit code {code}"
 
     def end(self) -> None:
-        """End the process now, and with it (see slicing.engine) the engine that it runs."""
+        """Kill the process, and with it (see slicing.engine) the engine that it runs."""
         self._process.kill()
         self._process.join()
-        # The pipe closes when the thread that may still read from it has seen its end.
+        # The pipe is closed once the thread that may still read from it has seen the end of file.
         shutil.rmtree(self.folder, ignore_errors=True)
 
 
 def _serve(pipe: Connection, daemon: int, folder: Path, memory_bytes: int, warm: Warm | None) -> None:
-    """Answer one call after another, in the process."""
+    """Serve calls one after another; the main function of the process."""
     _prepare(daemon, folder, memory_bytes)
     if warm is not None:
         try:

@@ -69,16 +69,16 @@ log = logging.getLogger(__name__)
 PATIENCE_S = 30.0
 """Wall seconds in which printers are expected to connect after the farm has started."""
 REFUSALS = 5
-"""Refusals of an agent after which a print has failed; a port that is just opening refuses too."""
+"""Refusals of an agent after which a print has failed; a port that is still opening refuses too."""
 
 
 class Controller:
-    """State of the farm, and all decisions on it, without any I/O but the store's.
+    """State of the farm and all decisions about it; its only I/O is the store.
 
     Parameters
     ----------
     fleet
-        The fleet as `fleet.yaml` has it.
+        The fleet of `fleet.yaml`.
     store
         The books.
     clock
@@ -107,7 +107,7 @@ class Controller:
         self._job_holds: dict[int, Hold] = {}
 
     def start(self, effects: Effects, restored_s: float | None = None) -> None:
-        """Add printers that are new in the fleet, and abandon plans that an earlier daemon left.
+        """Add printers that are new in the fleet, and abandon the plans of an earlier daemon.
 
         Nothing is scheduled, as no agent has reported yet.
 
@@ -124,7 +124,7 @@ class Controller:
         for problem in validate_books(self.books) if restored_s is not None else ():
             log.error("the restored database is inconsistent: %s", problem)
 
-    # -- the one entry ----------------------------------------------------------------------------------
+    # -- events ----------------------------------------------------------------------------------------
 
     def handle(self, *events: ev.AnyEvent) -> None:
         """Apply events, commit each, schedule once, and perform the effects.
@@ -142,12 +142,12 @@ class Controller:
         self._next_change_s = -math.inf
         try:
             for effect in chain(self._commit(events), self._unconfirmed(printer), self._schedule()):
-                effects.append(effect)  # noqa: PERF402  (an error keeps those before it)
+                effects.append(effect)  # noqa: PERF402  (after an error, the earlier effects are performed)
         finally:
             self._perform(effects)
 
     def tick(self) -> None:
-        """Schedule if time has changed a decision; else repeat unconfirmed instructions to agents."""
+        """Schedule if the time has changed a decision; else repeat unconfirmed instructions to agents."""
         if self.clock.now() >= self._next_change_s:
             self.handle()
         else:
@@ -159,7 +159,7 @@ class Controller:
         return self._next_change_s if math.isfinite(self._next_change_s) else None
 
     def _commit(self, events: Iterable[ev.AnyEvent]) -> Iterator[Effect]:
-        """Apply events to the books, with a commit each, and yield the instructions that follow."""
+        """Apply events to the books, commit each, and yield the resulting instructions."""
         for event in events:
             try:
                 after, instructions = apply(event, self.books)
@@ -220,7 +220,7 @@ class Controller:
         return find_plate_holds(self.books, self.fleet.printers, self.clock.now(), may_hold)
 
     def plate_holds(self) -> dict[str, Hold]:
-        """Find the hold of each waiting plate at this moment."""
+        """Find the current hold of each waiting plate."""
         held_back = self._held_back() | self._replanning.holds()
         situation = self._situation(held_back)
         return held_back | find_holds(situation, assign_plates(situation))
@@ -239,7 +239,7 @@ class Controller:
                 yield from self._commit([ev.JobHeld(at_s=now_s, job=decision.job, hold=decision.hold)])
 
     def _situation(self, held_back: Mapping[str, Hold]) -> Situation:
-        """Describe this moment to the scheduler, with all waiting plates but those held back."""
+        """Return the current situation, with all waiting plates except those held back."""
         return Situation(
             waiting=self._situations.waiting(self.books),
             printers=self.fleet_printers(),
@@ -250,7 +250,7 @@ class Controller:
         ).without(held_back)
 
     def _expected_situation(self) -> Situation:
-        """Return the situation for the forecast: only plates that a person has paused are left out."""
+        """Return the situation for the forecast, without plates that are paused."""
         codes = (HoldCode.PAUSED, HoldCode.STOPPED)
         return self._situation({n: hold for n, hold in self._held_back().items() if hold.code in codes})
 
@@ -287,7 +287,7 @@ class Controller:
     def on_refusal(self, print_id: str, reason: str, late: bool = False) -> None:
         """Count an agent's refusal to start a print; after `REFUSALS`, the print has failed.
 
-        A request that arrived too `late` was not started: its plate is scheduled again.
+        A request that arrived too `late` is not counted: its plate is scheduled again.
         """
         attempt = self.books.prints[print_id]
         self._refusals[print_id] += 1
@@ -297,11 +297,11 @@ class Controller:
         self.handle(refused_print_end(attempt, printer, reason, late, self.clock.now()))
 
     def unreported_since_s(self, printer: str) -> float | None:
-        """Return the time since which an agent has to list its prints first; None if it need not."""
+        """Return the time since which an agent must first list its prints; None if it need not."""
         return self.books.printer(printer).unreported_since_s
 
     def on_journal(self, snapshot: AgentSnapshot, prints: Sequence[AgentPrint]) -> None:
-        """Book the prints that an agent has made since the backup."""
+        """Record the prints that an agent has made since the backup."""
         self.handle(*import_agent_journal(self.books, snapshot, prints, self.clock.now()))
 
     # -- workers, clock, backups ------------------------------------------------------------------------
@@ -311,7 +311,7 @@ class Controller:
         self.progress[number] = progress
 
     def on_plan(self, number: int, result: Plan | FarmError) -> None:
-        """Book the plan of a job, or the error that prevents it."""
+        """Record the plan of a job, or the error that prevents it."""
         self._end_planning(number)
         job = self.books.job(number)
         if job.state is JobState.PLANNING:  # else it was cancelled meanwhile
@@ -331,13 +331,13 @@ class Controller:
         self._admission.end(number)
 
     def on_replan(self, plate: str, result: ReplannedPlate | FarmError) -> None:
-        """Book the result of a replan."""
+        """Record the result of a replan."""
         offered = self._situation(self._held_back())
         event = self._replanning.finish(plate, result, self.books, offered)
         self.handle(*([event] if event is not None else []))
 
     def on_clock_set(self, by_s: float) -> None:
-        """Follow a step of the host's clock by so many farm seconds: hours follow it, durations stay."""
+        """Handle a step of the host's clock by `by_s` farm seconds: hours shift, durations do not."""
         self.started_s += by_s
         self._forecast_cache.clock_set()
         self._replanning.clock_set()
@@ -347,7 +347,7 @@ class Controller:
             log.error("%s", error)
 
     def on_backup(self, failure: str | None) -> None:
-        """Store why the last backup failed; None if it succeeded."""
+        """Store the reason why the last backup failed; None if it succeeded."""
         self._backup_failure = failure
 
     # -- queries ----------------------------------------------------------------------------------------
@@ -357,17 +357,17 @@ class Controller:
         return self._situations.printers(self.fleet.printers, self.books, self.telemetry.snapshots)
 
     def fleet_printer(self, name: str) -> FleetPrinter | None:
-        """Describe a printer to the scheduler; None if it is not in use."""
+        """Describe a printer to the scheduler; None if it is disabled or unknown."""
         sections = (section for section in self.fleet.printers if section.name == name)
         return next(iter(self._situations.printers(sections, self.books, self.telemetry.snapshots)), None)
 
     def print_limits(self, print_id: str) -> PrintLimits:
-        """Return the limits that hours set to a print."""
+        """Return the time limits of a print from the attended and quiet hours."""
         attempt = self.books.prints[print_id]
         return find_print_limits(attempt, self.books, self._moment(attempt.printer))
 
     def _moment(self, name: str) -> Situation:
-        """Return the situation of one printer, if it is in use, without waiting plates."""
+        """Return the situation of one printer, if it is enabled, without waiting plates."""
         printer = self.fleet_printer(name)
         return Situation((), () if printer is None else (printer,), self.rules, self.clock.now())
 
@@ -384,7 +384,7 @@ class Controller:
         now_s = self.clock.now()
         failure = self.telemetry.failure
         if failure is not None:
-            failure += f"; nothing is booked until there is room in {state.root}"
+            failure += f"; nothing is recorded until there is space in {state.root}"
         return ViewContext(
             self.fleet,
             self.books,

@@ -22,7 +22,7 @@ Effect = ev.AnyInstruction | StartPlanning | StartReplan
 
 
 class Effects(Protocol):
-    """Performs effects without waiting for their end."""
+    """Performs effects without waiting for their completion."""
 
     def perform(self, effect: Effect, books: Books) -> None:
         """Start an effect; `books` are as committed."""
@@ -88,5 +88,5 @@ class FarmEffects:
         names = list_job_files(job, map(books.parts.__getitem__, job.parts), books.plates_of(job))
         try:
             name_files(self._state.job(job.id), self._state.files, names)
-        except OSError as error:  # the links are a convenience: the job continues
-            log.warning("job %d: its files could not be named: %s", job.id, error)
+        except OSError as error:  # the links are optional: the job continues
+            log.warning("job %d: its files could not be linked: %s", job.id, error)

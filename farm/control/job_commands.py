@@ -35,14 +35,14 @@ class JobCommands:
         Refused
             If the farm takes no jobs now.
         FarmError
-            If a start time or deadline is not a time to come.
+            If the start time or the deadline is not in the future.
         """
         start_and_deadline_s(options, self._controller.rules, self._controller.clock.now())
         if self._controller.stopping:
             raise Refused("the farm is shutting down: submit again after `farm up`")
 
     def find_excess(self, options: JobOptions) -> list[str]:
-        """Say if a submission asks for more printers than the fleet has."""
+        """List the options of a submission that ask for more printers than the fleet has."""
         printers = len(self._controller.fleet.printers)
         fleet = f"the fleet has {format_count(printers, 'printer')}"
         excess = []
@@ -60,7 +60,7 @@ class JobCommands:
         options: JobOptions,
         by: str | None = None,
     ) -> tuple[int, bool]:
-        """Book a job. Returns its number, and True if an earlier request has submitted it."""
+        """Record a job. Returns its number, and True if an earlier request has submitted it."""
         known = self.find_submission(request_id)
         if known is not None:
             return known, True
@@ -110,14 +110,14 @@ class JobCommands:
         self._controller.handle(ev.JobPaused(at_s=at_s, job=number, wanted=wanted, by=by))
 
     async def approve(self, number: int, plan: str, state: StateFolder, by: str) -> None:
-        """Release a held job to print, with exactly the plan and files that the person has seen.
+        """Release a held job to print, with exactly the plan and files that the user has reviewed.
 
         Parameters
         ----------
         number
             The job.
         plan
-            The hash of the plan that was seen; empty for one of an earlier version, which has none.
+            The hash of the reviewed plan; empty for a plan of an earlier version.
         state
             Folder with the files.
         by
@@ -143,7 +143,7 @@ class JobCommands:
 
 
 def abort_prints(controller: Controller) -> None:
-    """Cancel every open print and its job; prints of jobs that have ended lose their plate."""
+    """Cancel every open print and its job; for prints of ended jobs, cancel their plate."""
     books, now_s = controller.books, controller.clock.now()
     numbers = sorted({attempt.job for attempt in books.open_prints()})
     going = [number for number in numbers if not books.job(number).state.ended]
@@ -153,7 +153,7 @@ def abort_prints(controller: Controller) -> None:
 
 
 def list_planning(controller: Controller) -> list[int]:
-    """List the jobs whose plan is being made."""
+    """List the jobs that are being planned."""
     return sorted(job.id for job in controller.books.jobs.values() if job.state is JobState.PLANNING)
 
 
@@ -165,7 +165,7 @@ def start_and_deadline_s(
     Raises
     ------
     FarmError
-        If one of them is not a time to come.
+        If one of them is not in the future.
     """
     try:
         if options.at is not None:

@@ -1,4 +1,4 @@
-"""Notifications through apprise to people who are away: sent once, after the commit, in a thread."""
+"""Notifications to people who are away, through apprise: each is sent once, after the commit, in a thread."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from farm.views import list_due_notices
 
 log = logging.getLogger(__name__)
 
-_KEPT_S = 30 * 24 * 3600.0  # farm seconds after which no event is sent any more
+_KEPT_S = 30 * 24 * 3600.0  # farm seconds after which an event is too old to be sent
 
 
 class Notifier:
@@ -46,19 +46,19 @@ class Notifier:
         self._title, self._file = farm, file
         self._since_s, self._sent = _load_record(file, now_s)
         self._queue: SimpleQueue[str] = SimpleQueue()
-        # A thread that dies with the process: an address that does not answer keeps no daemon alive.
+        # A daemon thread, so that an address that does not answer does not delay the exit.
         Thread(target=self._send, name="notify", daemon=True).start()
         self._save_record()
 
     def notify(self, books: Books, now_s: float) -> None:
-        """Send the notices that are due by these books, which are committed. Returns at once."""
+        """Send the notices that are due according to the committed books. Returns at once."""
         news = list_due_notices(books, now_s, self._since_s, self._sent)
         if not news:
             return
         self._since_s = max(self._since_s, now_s - _KEPT_S)
         self._sent = {key: at_s for key, at_s in self._sent.items() if at_s >= self._since_s}
         self._sent |= {one.key: one.at_s for one in news}
-        self._save_record()  # first: a lost notice is better than two
+        self._save_record()  # before sending: a lost notice is better than a duplicate
         self._queue.put("\n".join(one.text for one in news))
 
     def clock_set(self, by_s: float) -> None:
@@ -87,7 +87,7 @@ class Notifier:
 
 
 def delete_record(file: Path) -> None:
-    """Delete the record if nobody is notified: events until it is created again are never sent."""
+    """Delete the record, so that events before it is created again are never sent."""
     file.unlink(missing_ok=True)
 
 

@@ -28,7 +28,7 @@ class PartCommands:
         self._controller, self._printers = controller, printers
 
     def reprint(self, job: int, part: str, why: str, by: str) -> str:
-        """Print a part again, in whatever state it is. Returns its name."""
+        """Print a part again, whatever its state. Returns its name."""
         plate = self._plate(job, part)
         state = self._controller.books.plate_state(plate)
         stopped = stopped_print(plate, self._controller.books.prints_of(plate))
@@ -40,7 +40,7 @@ class PartCommands:
         return plate.parts[0]
 
     def cancel(self, job: int, part: str, by: str) -> str:
-        """Cancel a part: it is not printed. Returns its name."""
+        """Cancel a part, so that it is not printed. Returns its name."""
         return self._cancel(self._plate(job, part), by)
 
     def cancel_on(self, printer: str, by: str) -> str:
@@ -75,7 +75,7 @@ class PartCommands:
         return ""
 
     def _plate(self, job: int, part: str) -> Plate:
-        """Return the plate of a part, by its name with or without its job: 3/p01, p01, 01 or 1."""
+        """Return the plate of a part, by its name with or without the job number: 3/p01, p01, 01 or 1."""
         books = self._controller.books
         entry = books.job(job)
         for name in entry.parts:

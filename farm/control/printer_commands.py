@@ -22,7 +22,7 @@ class PrinterCommands:
         self._controller = controller
 
     def fail_print(self, printer: str, why: str, by: str) -> None:
-        """End a print that goes wrong, and print its part again."""
+        """Stop a failing print, and print its part again."""
         attempt = self.open_print(printer, f"; for a printed part use `farm cleared {printer} --bad`")
         if attempt.cancel_reason is not None or attempt.state is PrintState.ENDING:
             raise Refused(f"{printer}: its print is ending; remove it, then `farm cleared {printer}`")
@@ -31,7 +31,7 @@ class PrinterCommands:
         )
 
     def pause(self, printer: str, wanted: bool, by: str) -> None:
-        """Pause or resume a print; one that still heats is paused when it begins to print."""
+        """Pause or resume a print; one that is still heating is paused when it starts to print."""
         attempt = self.open_print(printer)
         if attempt.cancel_reason is not None or attempt.state is PrintState.ENDING:
             raise Refused(f"{printer}: its print is ending; remove it, then `farm cleared {printer}`")
@@ -43,7 +43,7 @@ class PrinterCommands:
         self._controller.handle(ev.PauseRequested(at_s=at_s, print_id=attempt.id, wanted=wanted, by=by))
 
     def refuse_unattended(self, printers: Iterable[str]) -> None:
-        """Raise Refused if one of the printers may not print now, as nobody is there."""
+        """Raise Refused if one of the printers may not print now because nobody is present."""
         now_s = self._controller.clock.now()
         known = [p for name in printers if (p := self._controller.fleet_printer(name)) is not None]
         away = [
@@ -55,9 +55,9 @@ class PrinterCommands:
             raise Refused("; ".join(away))
 
     def clear_bed(self, printer: str, request: api.ClearedRequest, by: str) -> api.Cleared:
-        """Book that a person cleared a bed, with the verdict on its part.
+        """Record that a person cleared a bed, with the verdict on its part.
 
-        `request.good` is the part of a failed print that is good all the same.
+        `request.good` is the part of a failed print that is usable.
         """
         books = self._controller.books
         books.printer(printer)
@@ -86,7 +86,7 @@ class PrinterCommands:
         return api.Cleared(again=plate.parts[0] if plate is not None and again else None)
 
     def _failed_print_of(self, printer: str, part: str) -> Print | None:
-        """Return the failed print of a part on a bed; None if its print is booked as done."""
+        """Return the failed print of a part on a bed; None if its print is recorded as done."""
         books = self._controller.books
         judged, failed = books.print_to_judge(printer), failed_print_on(books, printer)
         attempt = judged or failed
@@ -101,7 +101,7 @@ class PrinterCommands:
         return failed if judged is None else None
 
     async def load_reel(self, printer: str, request: api.LoadRequest, by: str) -> Reel:
-        """Book that a reel was loaded or weighed; fields that are not given keep their values."""
+        """Record that a reel was loaded or weighed; omitted fields keep their values."""
         entry = self._controller.books.printer(printer)
         self._refuse_printing(printer)
         section = self._controller.fleet.printer(printer)
@@ -118,7 +118,7 @@ class PrinterCommands:
         mistake = await asyncio.to_thread(find_mistake, section_with_reel(section, reel))
         if mistake is not None:
             raise Refused(f"{printer}: {mistake[1]}")
-        self._refuse_printing(printer)  # it may have started meanwhile
+        self._refuse_printing(printer)  # a print may have started meanwhile
         at_s = self._controller.clock.now()
         self._controller.handle(ev.ReelLoaded(at_s=at_s, printer=printer, reel=reel, by=by))
         return reel
@@ -128,13 +128,13 @@ class PrinterCommands:
             raise Refused(f"{printer} is printing: use `farm load` after the print has ended")
 
     def begin_maintenance(self, printer: str, why: str, by: str) -> None:
-        """Take a printer out of use; its open print continues to the end."""
+        """Take a printer out of use; its open print continues."""
         self._controller.books.printer(printer)
         at_s = self._controller.clock.now()
         self._controller.handle(ev.MaintenanceStarted(at_s=at_s, printer=printer, why=why, by=by))
 
     def end_maintenance(self, printer: str, by: str) -> None:
-        """Take a printer into use again."""
+        """Put a printer back into use."""
         if self._controller.books.printer(printer).maintenance is None:
             raise Refused(f"{printer} is not in maintenance")
         self._controller.handle(
@@ -142,7 +142,7 @@ class PrinterCommands:
         )
 
     def confirm_outage(self, by: str) -> str:
-        """Book that a person has dealt with an outage. Returns its printers."""
+        """Record that a person has resolved an outage. Returns its printers."""
         outage = self._controller.books.outage
         if outage is None:
             raise Refused("there is no outage: give a printer, a job or a part to resume")
@@ -150,7 +150,7 @@ class PrinterCommands:
         return " ".join(outage.printers)
 
     def open_print(self, printer: str, advice: str = ": see `farm status`") -> Print:
-        """Return the open print of a printer. Raises Refused, with the advice, if there is none."""
+        """Return the open print of a printer. Raises Refused, with `advice`, if there is none."""
         self._controller.books.printer(printer)
         attempt = self._controller.books.open_print_on(printer)
         if attempt is None:

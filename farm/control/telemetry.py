@@ -1,7 +1,7 @@
-"""Telemetry of the printers: their agents' latest snapshots in memory, and the events that follow from them.
+"""Telemetry of the printers: the agents' latest snapshots in memory, and the resulting events.
 
-A report of temperatures or progress changes a snapshot and nothing else: only changes to the books, or to the
-fields that the scheduler reads, are handled.
+A report of temperatures or progress only replaces the snapshot: events are created for changes to the books,
+and the scheduler runs for changes to the fields that it reads.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class Telemetry:
         return failed or before is None or availability(before) != availability(snapshot)
 
     def reject(self, snapshot: AgentSnapshot, before: AgentSnapshot | None, reason: str) -> None:
-        """Undo the change of a snapshot that could not be handled, so that its repetition is one again."""
+        """Undo the change of a snapshot that could not be handled, so that it is handled when repeated."""
         self._failures[snapshot.printer] = reason
         if before is None:
             self.snapshots.pop(snapshot.printer, None)
@@ -98,10 +98,10 @@ def read_snapshot(
 def owed_instructions(
     attempt: Print, snapshot: AgentSnapshot, books: Books, situation: Situation
 ) -> Iterator[ev.AnyInstruction]:
-    """Yield the instructions that the agent of an open print has not carried out, by its latest snapshot.
+    """Yield the instructions that, by its latest snapshot, the agent of an open print has not carried out.
 
     A start is sent again only if the print may still start: not in an outage that nobody has confirmed,
-    nor out of hours. A print on a printer that has left the fleet keeps the end that its agent has.
+    nor outside the allowed hours. For a printer removed from the fleet, the agent's time limit stays.
 
     Parameters
     ----------
@@ -110,7 +110,7 @@ def owed_instructions(
     books
         As committed.
     situation
-        The moment, with that printer if it is still used.
+        The current situation, with that printer if it is still enabled.
     """
     printer = situation.fleet.get(attempt.printer)
     if printer is not None:
@@ -124,7 +124,7 @@ def owed_instructions(
 
 
 class _Comparison:
-    """Applies the events of a snapshot, one by one, to a copy of the books."""
+    """Applies the events of a snapshot, one after another, to a copy of the books."""
 
     def __init__(self, books: Books, snapshot: AgentSnapshot, now_s: float) -> None:
         self._books, self._snapshot, self._now_s = books, snapshot, now_s
@@ -140,7 +140,7 @@ class _Comparison:
                 self._add([ev.PrinterLost(at_s=now_s, printer=name)])
             self._add(observe_idle_printer(self._books.printer(name), snapshot, now_s))
         elif attempt.cancel_reason is None and in_use and printer.unreported_since_s is not None:
-            return  # no agent is left that could report its end
+            return  # no agent remains that could report its end
         else:
             self._add(reconcile_print(attempt, snapshot, now_s))
         report = snapshot.print

@@ -1,6 +1,6 @@
-"""Timers on APScheduler, in memory: each is set again when the daemon starts.
+"""Timers on APScheduler, kept in memory: set again whenever the daemon starts.
 
-APScheduler counts in the host's time, which may be set: `clock_set` recalculates the rest of each timer.
+APScheduler uses the host's clock, which may be set: `clock_set` then recalculates every timer.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ from drivers.clock import Clock
 
 
 class Timers:
-    """Runs functions on the daemon's event loop: at intervals of wall seconds, at moments of farm time."""
+    """Runs functions on the daemon's event loop: at intervals of wall seconds, or once at a farm time."""
 
     def __init__(self, clock: Clock) -> None:
-        # A stalled loop delays a timer and never drops one; several missed calls become one.
+        # A stalled loop delays a timer but never drops it; several missed calls are merged into one.
         defaults = {"misfire_grace_time": None, "coalesce": True, "max_instances": 1}
         self._scheduler = AsyncIOScheduler(executors={"default": AsyncIOExecutor()}, job_defaults=defaults)
         self._clock = clock
@@ -33,7 +33,7 @@ class Timers:
         self._scheduler.add_job(_as_coroutine(work), trigger, id=name, replace_existing=True)
 
     def at(self, at_s: float, name: str, work: Callable[[], object]) -> None:
-        """Call a function once at a moment of farm time, late rather than never.
+        """Call a function once at a farm time; a missed call is made late.
 
         A timer of the same name is replaced.
         """
@@ -41,7 +41,7 @@ class Timers:
         self._scheduler.add_job(_as_coroutine(work), self._trigger(at_s), id=name, replace_existing=True)
 
     def clock_set(self) -> None:
-        """Recalculate all timers after a step of the host's clock, which would delay them if it went back."""
+        """Recalculate all timers after a step of the host's clock; one backwards would delay them."""
         for job in self._scheduler.get_jobs():
             trigger = job.trigger
             if isinstance(trigger, DateTrigger):
@@ -51,7 +51,7 @@ class Timers:
             job.reschedule(trigger)
 
     def _trigger(self, at_s: float) -> DateTrigger:
-        """Return a trigger at a moment of farm time, by the host's time as it is now."""
+        """Return a trigger for a farm time, converted to the host's present time."""
         left = timedelta(seconds=self._clock.wall_seconds(at_s - self._clock.now()))
         return DateTrigger(datetime.now(UTC) + left)
 

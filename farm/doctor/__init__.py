@@ -1,4 +1,4 @@
-"""Checks of an installation: facts are collected, then judged by pure functions."""
+"""Checks of an installation: facts are collected, then evaluated by pure functions."""
 
 from farm.doctor.checks import check_installation
 from farm.doctor.collect import collect_facts

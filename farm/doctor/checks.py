@@ -17,12 +17,12 @@ LEAST_BYTES = 64 * 1024**2
 COMFORT_BYTES = 2 * 1024**3
 """Free bytes that suffice for the plans, slices and backups of a large job."""
 SHARED_MEMORY_BYTES = 16 * 1024**2
-_FIRST_YEAR = 2024  # a host without a clock of its own begins in 1970
+_FIRST_YEAR = 2024  # a host without a real-time clock starts in 1970
 _SHOWN = 5
 
 
 def check_installation(facts: Facts) -> list[Finding]:
-    """Judge the facts.
+    """Evaluate the facts.
 
     Returns
     -------
@@ -39,7 +39,7 @@ def check_fleet(facts: Facts) -> Iterator[Finding]:
             "fleet", facts.fleet_error or f"{facts.fleet_path} cannot be read", "correct the fleet file"
         )
     elif not facts.fleet.printers:
-        yield problem("fleet", f"{facts.fleet_path} has no printers", "`farm discover` writes their lines")
+        yield problem("fleet", f"{facts.fleet_path} has no printers", "`farm discover` prints their entries")
     else:
         enabled = sum(section.enabled for section in facts.fleet.printers)
         yield passed(
@@ -51,22 +51,22 @@ def check_fleet(facts: Facts) -> Iterator[Finding]:
 def check_daemon(facts: Facts) -> Iterator[Finding]:
     """Check that the daemon answers, with the version of this program."""
     if facts.daemon_error is not None:
-        yield warning("daemon", facts.daemon_error, "running agents go on printing without it")
+        yield warning("daemon", facts.daemon_error, "running agents continue printing without it")
     elif facts.daemon_version != facts.version:
         text = f"the daemon is farm {facts.daemon_version}, this is {facts.version}"
-        yield warning("daemon", text, "`farm down`, then `farm up`; prints go on meanwhile")
+        yield warning("daemon", text, "`farm down`, then `farm up`; prints continue meanwhile")
     else:
         yield passed("daemon", f"the daemon is up, farm {facts.version}")
 
 
 def check_user(facts: Facts) -> Iterator[Finding]:
-    """Check that the state folder is this user's, and that the groups of the farm exist."""
+    """Check that this user owns the state folder, and that the groups of the farm exist."""
     user = facts.user
     if user.state_owner is not None and user.state_owner != user.name:
-        text = f"the state folder is {user.state_owner}'s, you are {user.name}: some checks need its owner"
+        text = f"the state folder belongs to {user.state_owner}, not {user.name}: some checks need its owner"
         yield warning("user", text, f"`sudo -u {user.state_owner} farm doctor`")
     else:
-        yield passed("user", f"the farm is {user.name}'s")
+        yield passed("user", f"the farm belongs to {user.name}")
     if facts.fleet is None:
         return
     wanted = facts.fleet.fleet.operators
@@ -83,14 +83,14 @@ def check_books(facts: Facts) -> Iterator[Finding]:
     """Check that the books can be read and are consistent."""
     books = facts.books
     if not books.exists:
-        yield passed("database", f"there is no database at {books.path} yet: `farm up` makes one")
+        yield passed("database", f"there is no database at {books.path} yet: `farm up` creates one")
         return
     if books.books is None:
         action = "see docs/how-to/backup-restore.md: the daemon restores the newest intact backup"
         yield problem("database", books.error or f"{books.path} cannot be read", action)
         return
     problems = validate_books(books.books)
-    action = "report it with the database; `farm history` of what it names shows what was printed"
+    action = "report this with the database; `farm history` shows what was printed"
     yield from (problem("database", text, action) for text in problems[:_SHOWN])
     if len(problems) > _SHOWN:
         yield problem("database", f"and {len(problems) - _SHOWN} more contradictions", action)
@@ -102,11 +102,11 @@ def check_books(facts: Facts) -> Iterator[Finding]:
         form = f"schema {books.form}" + (
             "" if books.form == SCHEMA_VERSION else f" (the daemon migrates it to {SCHEMA_VERSION})"
         )
-        yield passed("database", f"{books.path}: {form}, {jobs} and {prints}, all agree")
+        yield passed("database", f"{books.path}: {form}, {jobs} and {prints}, consistent")
 
 
 def check_files(facts: Facts) -> Iterator[Finding]:
-    """Check that the files of jobs that continue are there, as they were planned."""
+    """Check that the files of open jobs exist and match their plans."""
     files = facts.files
     action = "`farm cancel` the job, and submit its model again"
     for what, names in (("is missing", files.missing), ("has changed since it was planned", files.changed)):
@@ -114,11 +114,11 @@ def check_files(facts: Facts) -> Iterator[Finding]:
         if len(names) > _SHOWN:
             yield problem("files", f"and {len(names) - _SHOWN} more: each {what}", action)
     if not files.missing and not files.changed:
-        yield passed("files", f"{format_count(files.checked, 'file')} of jobs that go on, as planned")
+        yield passed("files", f"{format_count(files.checked, 'file')} of open jobs, as planned")
 
 
 def check_agents(facts: Facts) -> Iterator[Finding]:
-    """Check that agents run while the daemon is up, and speak the present protocol."""
+    """Check that agents run while the daemon is up, and use the current protocol version."""
     for agent in facts.agents:
         name = agent.printer
         if agent.folder_error is not None:
@@ -128,7 +128,7 @@ def check_agents(facts: Facts) -> Iterator[Finding]:
             )
         elif not agent.alive and facts.daemon_error is None:
             text = f"{name}: its agent is not running, though the daemon is up"
-            yield problem("agents", text, f"the end of agents/{name}/agent.log in the state folder says why")
+            yield problem("agents", text, f"read the end of agents/{name}/agent.log in the state folder")
         elif not agent.alive:
             yield passed("agents", f"{name}: no agent, as the daemon is down")
         elif agent.protocol is None:
@@ -146,8 +146,8 @@ def check_ports(facts: Facts) -> Iterator[Finding]:
     for port in facts.ports:
         where = f"{port.printer}: {port.path}"
         if not port.exists:
-            action = "switch the printer on and plug it in; `farm discover` lists the ports there are"
-            yield problem("ports", f"{where} is not there", action)
+            action = "switch the printer on and plug it in; `farm discover` lists the existing ports"
+            yield problem("ports", f"{where} does not exist", action)
         elif not port.usable:
             group = port.group or "dialout"
             action = f"`sudo usermod -aG {group} {facts.user.name}`, then log in again"
@@ -155,22 +155,22 @@ def check_ports(facts: Facts) -> Iterator[Finding]:
                 action = "see the permissions of the device (`ls -l`), and deploy/udev"
             yield problem("ports", f"{where} may not be read and written by {facts.user.name}", action)
         else:
-            yield passed("ports", f"{where} is there")
+            yield passed("ports", f"{where} exists and can be used")
 
 
 def check_cura(facts: Facts) -> Iterator[Finding]:
-    """Check that CuraEngine and Cura's files are there, and of one version."""
+    """Check that CuraEngine and Cura's files exist, and report their versions."""
     cura, action = facts.cura, "`make engine` installs both"
     if cura.engine is None:
         yield problem("cura", cura.engine_error or "there is no CuraEngine", action)
     elif cura.engine_version is None:
-        yield problem("cura", f"{cura.engine} does not say its version: it cannot be run", action)
+        yield problem("cura", f"{cura.engine} does not report its version: it cannot be run", action)
     else:
         yield passed("cura", f"{cura.engine}: CuraEngine {cura.engine_version}")
     if cura.resources is None:
         yield problem("cura", cura.resources_error or "Cura's files are missing", action)
     elif cura.settings_version is None:
-        yield problem("cura", f"{cura.resources}: its definitions have no version", action)
+        yield problem("cura", f"{cura.resources}: its definitions name no version", action)
     else:
         yield passed("cura", f"{cura.resources}: Cura's settings, version {cura.settings_version}")
 
@@ -181,29 +181,29 @@ def check_clock(facts: Facts) -> Iterator[Finding]:
     now = datetime.fromtimestamp(clock.now_s, UTC)
     action = "`sudo timedatectl set-ntp true`; hours and nights follow this clock"
     if now.year < _FIRST_YEAR:
-        yield problem("clock", f"the host's clock says {now:%Y-%m-%d}: it is not set", action)
+        yield problem("clock", f"the host's clock shows {now:%Y-%m-%d}: it is not set", action)
     elif clock.synchronised is False:
         yield warning(
             "clock", "the host's clock is not synchronised (no NTP): it may be set in a step", action
         )
     else:
-        yield passed("clock", f"the host's clock says {now:%Y-%m-%d %H:%M} UTC")
+        yield passed("clock", f"the host's clock shows {now:%Y-%m-%d %H:%M} UTC")
     if facts.fleet is None:
         return
     scale, zone = facts.fleet.fleet.time_scale, facts.fleet.fleet.timezone
     if clock.anchor is not None and clock.anchor[0] != scale:
         text = f"the state folder was used with time_scale {clock.anchor[0]:g}, fleet.yaml says {scale:g}"
-        yield problem("clock", text, "set it back in fleet.yaml, or name another folder with --state")
+        yield problem("clock", text, "restore that value in fleet.yaml, or name another folder with --state")
     elif clock.anchor is not None and clock.anchor[1] > clock.now_s:
         text = "the farm's clock was started later than it is now: the host's clock was set back"
         yield warning("clock", text, action)
     if clock.host_zone is not None and clock.host_zone != zone:
-        text = f"hours of fleet.yaml are of {zone}, the host is in {clock.host_zone}"
+        text = f"hours in fleet.yaml are in {zone}, the host is in {clock.host_zone}"
         yield warning("clock", text, "set fleet.timezone to where the printers are, if that is wrong")
 
 
 def check_room(facts: Facts) -> Iterator[Finding]:
-    """Check that the disks have space, and that there is shared memory."""
+    """Check the free space on the disks, and shared memory."""
     for room in facts.rooms:
         if room.free_bytes is None:
             yield problem("room", f"{room.folder} cannot be written", "check its owner and its disk")
@@ -217,7 +217,7 @@ def check_room(facts: Facts) -> Iterator[Finding]:
             yield passed("room", text)
     shared = facts.shared_memory
     if shared.free_bytes is None or shared.free_bytes < SHARED_MEMORY_BYTES:
-        text = f"{shared.folder} cannot be used, or is full: some planning uses one processor only"
+        text = f"{shared.folder} cannot be used, or is full: parts of planning use only one processor"
         yield warning("room", text, f"mount it (`--shm-size=256m` of a container), or empty {shared.folder}")
     else:
         yield passed("room", f"{shared.folder} can be used")

@@ -1,4 +1,4 @@
-"""Collection of the facts about an installation: files, processes, devices, clocks. Nothing is changed."""
+"""Collection of the facts about an installation: files, processes, devices, clocks. Changes nothing."""
 
 from __future__ import annotations
 
@@ -118,7 +118,7 @@ def _check_files(books: Books, state: StateFolder) -> FileFacts:
 
 
 def _files_of(books: Books, job: Job) -> Iterator[tuple[str, str]]:
-    """Yield the files of a job and their hashes; files in the store are named by theirs."""
+    """Yield the files of a job and their hashes; files in the store are named by their hash."""
     yield job.model_file, Path(job.model_file).stem
     for plate in books.plates_of(job):
         yield plate.gcode, plate.sha256

@@ -17,7 +17,7 @@ class BooksFacts:
     path
         Path of the database.
     exists
-        True if there is such a file.
+        True if the database exists.
     form
         Version of its schema; None if it cannot be read.
     books
@@ -79,9 +79,9 @@ class PortFacts:
     Attributes
     ----------
     printer, path
-        The printer, and its port as `fleet.yaml` has it.
+        The printer, and its port in `fleet.yaml`.
     exists, usable
-        True if there is such a device, and if this user may read and write it.
+        True if the device exists, and if this user may read and write it.
     group
         The device's group.
     """

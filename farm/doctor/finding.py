@@ -21,11 +21,11 @@ class Finding:
     Attributes
     ----------
     check
-        Name of the check: fixed, for programs.
+        Name of the check; a stable identifier for programs.
     level
         Severity.
     text
-        The finding, with its place.
+        The finding, with the file, printer or port concerned.
     action
         Instruction to the person; empty if there is nothing to do.
     """
@@ -42,7 +42,7 @@ def passed(check: str, text: str) -> Finding:
 
 
 def warning(check: str, text: str, action: str) -> Finding:
-    """Return a finding that does not stop the farm, and may cause trouble."""
+    """Return a finding that does not stop the farm, but may cause problems."""
     return Finding(check, Level.WARNING, text, action)
 
 

@@ -1,4 +1,4 @@
-"""HTTP interface of the daemon: the application, its server, and who may call it."""
+"""HTTP interface of the daemon: application, server, and identification of callers."""
 
 from __future__ import annotations
 

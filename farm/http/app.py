@@ -1,4 +1,4 @@
-"""HTTP application of the daemon: all routes, and errors as JSON. It decides nothing."""
+"""HTTP application of the daemon: all routes, and errors as JSON. Contains no decisions."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _STATUS = {ErrorCode.NO_SUCH_THING: 404, ErrorCode.REFUSED: 409, ErrorCode.FAILE
 
 
 def make_app(services: Services, dry_runs: DryRuns) -> FastAPI:
-    """Make the application with all routes; each question about a job keeps its dry run."""
+    """Make the application with all routes; each request about a job keeps its dry run alive."""
     app = FastAPI(title="farm", version=farm.__version__)
     app.state.controller = services.controller
     printers = PrinterCommands(services.controller)

@@ -1,4 +1,4 @@
-"""Limit of the bodies of requests, as the whole of a body is kept in memory."""
+"""Size limit for request bodies, which are held in memory."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 LARGEST_BODY_BYTES = 64 * 1024
 """Limit of a body in JSON; an upload is written to the disk chunk by chunk, and has its own limits."""
 TOO_LARGE = 413
-_FIRST_ERROR = 400  # of the status codes
+_FIRST_ERROR = 400  # lowest status code of an error
 
 
 class BodyLimit:
-    """Middleware that rejects larger bodies, and does not read the rest of a refused request.
+    """Middleware that rejects larger bodies, and closes the connection after an error response.
 
     Parameters
     ----------
     app
         The application.
     upload_path
-        The path of uploads, which it lets pass.
+        The path of uploads, which are exempt.
     """
 
     def __init__(self, app: ASGIApp, upload_path: str) -> None:

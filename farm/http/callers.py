@@ -1,4 +1,4 @@
-"""Callers of the daemon: who they are, by the kernel, and who of them is an operator; the shared socket."""
+"""Identification of callers by their socket credentials, operator permissions, and the shared socket."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 from farm.errors import FleetFileError, Refused
 
 log = logging.getLogger(__name__)
-_BACKLOG = 1024  # a waiting connection costs no descriptor; if it is full, connections are refused
+_BACKLOG = 1024  # queued connections use no descriptor; further ones are refused
 _CREDENTIALS = struct.Struct("=iII")  # struct ucred: pid, uid, gid
 
 
@@ -51,7 +51,7 @@ class Person:
 class PeerProtocol(H11Protocol):
     """HTTP protocol whose requests carry the caller as `request.state.person`.
 
-    It also knows since when it has been waiting for the rest of a request.
+    It also records since when it has been waiting for the rest of a request.
     """
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
@@ -67,7 +67,7 @@ class PeerProtocol(H11Protocol):
         before = self.conn.their_state
         super().data_received(data)
         if self.conn.their_state is h11.SEND_BODY or self.conn.their_state is not before:
-            # the time limit is for a head as a whole, and for each chunk of a body
+            # the limit applies to the whole head, and to each chunk of a body
             self._waiting_since_s = self.loop.time()
 
     def on_response_complete(self) -> None:
@@ -76,7 +76,7 @@ class PeerProtocol(H11Protocol):
 
     @property
     def waiting_since_s(self) -> float | None:
-        """Moment since which it waits for the rest of a request, on the loop's clock; None: it does not."""
+        """Time since which it waits for the rest of a request, on the loop's clock; None if it does not."""
         waits = self.conn.their_state in (h11.IDLE, h11.SEND_BODY) and not self.flow.read_paused
         return self._waiting_since_s if waits else None
 
@@ -92,9 +92,9 @@ def caller_name(request: Request) -> str:
 
 
 def operator_name(request: Request) -> str:
-    """Return the name of a caller who may let printers continue. Raises Refused for others.
+    """Return the name of a caller who is an operator. Raises Refused for others.
 
-    Root and the daemon's own user always may: they could change the database anyway.
+    Root and the daemon's user are always operators: they could change the database anyway.
     """
     group: str | None = request.app.state.controller.fleet.fleet.operators
     person = _person(request)
@@ -109,7 +109,7 @@ def operator_name(request: Request) -> str:
 def check_operators(group: str | None) -> None:
     """Raise FleetFileError if `fleet.operators` names a group that this host does not have."""
     if group is not None and _gid(group) is None:
-        raise FleetFileError(f"fleet.operators: there is no group {group}; `groupadd {group}` makes it")
+        raise FleetFileError(f"fleet.operators: there is no group {group}; `groupadd {group}` creates it")
 
 
 def listen(path: Path, group: str) -> socket.socket:
@@ -123,7 +123,7 @@ def listen(path: Path, group: str) -> socket.socket:
     listening = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     try:
         path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-        path.unlink(missing_ok=True)  # the lock on the state folder says that no daemon of ours has it
+        path.unlink(missing_ok=True)  # the lock on the state folder rules out another daemon of this farm
         mask = os.umask(0o177)
         try:
             listening.bind(str(path))
@@ -161,6 +161,6 @@ def _gid(group: str) -> int | None:
 
 
 CallerName = Annotated[str, Depends(caller_name)]
-"""Parameter of a route that anybody may call: the name of the caller."""
+"""Parameter of a route open to every user: the name of the caller."""
 OperatorName = Annotated[str, Depends(operator_name)]
 """Parameter of a route for operators only (`fleet.operators`): the name of the caller."""

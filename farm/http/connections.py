@@ -22,7 +22,7 @@ log = logging.getLogger(__name__)
 REQUEST_S = 10.0  # wall seconds for the head of a request to arrive, and between two chunks of its body
 MOST_CONNECTIONS = 64
 _LEAST_CONNECTIONS = 4
-_RESERVED_DESCRIPTORS = 32  # for database, socket, timers and log, and for the start of an agent
+_RESERVED_DESCRIPTORS = 32  # for database, socket, timers, log, and starting an agent
 _EACH_PRINTER, _EACH_WORKER, _EACH_CONNECTION = 3, 3, 2  # descriptors; an upload has a file too
 _SWEEP_S = 1.0
 _WAIT_S = 0.1
@@ -36,7 +36,7 @@ class WaitingConnection(Protocol):
 
     @property
     def waiting_since_s(self) -> float | None:
-        """Moment since which it waits, on the event loop's clock; None if it does not."""
+        """Time since which it waits, on the event loop's clock; None if it does not."""
 
 
 def connection_limit(descriptors: int, printers: int, workers: int) -> int:
@@ -47,7 +47,7 @@ def connection_limit(descriptors: int, printers: int, workers: int) -> int:
     descriptors
         The soft limit of this process (RLIMIT_NOFILE).
     printers, workers
-        Their numbers.
+        Number of printers, and of workers.
     """
     kept = _RESERVED_DESCRIPTORS + _EACH_PRINTER * printers + _EACH_WORKER * workers
     return max(_LEAST_CONNECTIONS, min(MOST_CONNECTIONS, (descriptors - kept) // _EACH_CONNECTION))
@@ -75,7 +75,7 @@ def find_longest_waiting(connections: Iterable[WaitingConnection]) -> WaitingCon
 
 
 class RateLimitedLog:
-    """Log of an error that may repeat thousands of times: once a minute, with its number."""
+    """Log of a repeating error: written once a minute, with the number of occurrences."""
 
     def __init__(self) -> None:
         self._next_s = -math.inf
@@ -91,8 +91,8 @@ class RateLimitedLog:
 class BoundedServer(uvicorn.Server):
     """Server on one socket that takes a limited number of connections at a time.
 
-    It has its own loop to accept: asyncio's servers accept without a limit, and log each of thousands of
-    errors when descriptors run out.
+    It accepts connections itself: asyncio's servers accept without a limit, and log every error when
+    descriptors run out.
     """
 
     def __init__(self, config: uvicorn.Config, limit: int) -> None:
@@ -129,7 +129,7 @@ class BoundedServer(uvicorn.Server):
         while True:
             try:
                 connection, _ = await loop.sock_accept(listening)
-            except Exception as error:  # this task accepts alone: without it nobody is answered any more
+            except Exception as error:  # the only task that accepts connections must not end
                 self._rate_limited_log.warn(f"no connection can be accepted: {error!r}", loop.time())
                 await asyncio.sleep(_SWEEP_S)
                 continue
@@ -138,17 +138,17 @@ class BoundedServer(uvicorn.Server):
                 await loop.connect_accepted_socket(self._protocol, connection)
             except Exception as error:
                 connection.close()
-                if not isinstance(error, OSError):  # which says that the client is gone again
+                if not isinstance(error, OSError):  # OSError: the client has disconnected
                     self._rate_limited_log.warn(f"a connection was refused: {error!r}", loop.time())
 
     async def _make_room(self) -> None:
-        """Wait until there is room; close the connection that has waited longest for its request."""
+        """Wait for a free connection; close the one that has waited longest for its request."""
         while len(self._connections) >= self._limit:
             idle = find_longest_waiting(self._connections)
             if idle is not None:
                 idle.transport.abort()
                 self._rate_limited_log.warn(
-                    "too many connections: one that asked for nothing was ended", self._now_s()
+                    "too many connections: one without a request was closed", self._now_s()
                 )
             await asyncio.sleep(0.0 if idle is not None else _WAIT_S)
 

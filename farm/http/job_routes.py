@@ -56,7 +56,7 @@ def part_routes(parts: PartCommands) -> APIRouter:
 
     @router.post("/jobs/{number}/parts/{part}/reprint")
     async def reprint_part(number: int, part: str, request: api.Reason, by: CallerName) -> api.Named:
-        return api.Named(name=parts.reprint(number, part, request.why or "asked for again", by))
+        return api.Named(name=parts.reprint(number, part, request.why or "reprint requested", by))
 
     @router.post("/jobs/{number}/parts/{part}/cancel")
     async def cancel_part(number: int, part: str, by: CallerName) -> api.Named:

@@ -36,7 +36,7 @@ def printer_routes(services: Services, printers: PrinterCommands, parts: PartCom
 
     @router.post("/printers/{name}/fail")
     async def fail_print(name: str, request: api.Reason, by: CallerName) -> None:
-        printers.fail_print(name, request.why or "it went wrong", by)
+        printers.fail_print(name, request.why or "failed by a user", by)
 
     @router.post("/printers/{name}/cancel")
     async def cancel_print(name: str, by: CallerName) -> api.Named:

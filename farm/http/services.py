@@ -23,7 +23,7 @@ async def refuse_replacing(name: str) -> None:
 
 @dataclass(frozen=True)
 class Services:
-    """Parts of the daemon that its routes use.
+    """Components of the daemon that its routes use.
 
     Attributes
     ----------
@@ -32,11 +32,11 @@ class Services:
     state
         The state folder.
     fleet_file
-        Path of `fleet.yaml`, for people.
+        Path of `fleet.yaml`, to be shown.
     workers
         Processes that inspect models.
     shut_down
-        Ends the farm; with True, ends all prints first.
+        Shuts the farm down; with True, stops all prints first.
     replace_agent
         Replaces the agent of an idle printer.
     """
@@ -53,7 +53,7 @@ class Services:
         object.__setattr__(self, "since_s", self.controller.started_s)
 
     def daemon_view(self, context: ViewContext) -> api.DaemonView:
-        """Describe this daemon: process, version, and since when it runs."""
+        """Describe this daemon: process, version and start time."""
         return api.DaemonView(
             pid=os.getpid(), version=farm.__version__, since=context.format_time(self.since_s) or ""
         )

@@ -1,4 +1,4 @@
-"""Routes of the whole farm: status, names, history, and its end."""
+"""Routes of the whole farm: status, names, history, and shutdown."""
 
 from __future__ import annotations
 
@@ -57,13 +57,13 @@ def status_routes(services: Services) -> APIRouter:
         busy = sorted({attempt.printer for attempt in controller.books.open_prints()})
         if busy and not (request.now or request.wait):
             raise Refused(
-                f"printing: {' '.join(busy)}; use --wait to let them end, or --now to end them safely"
+                f"printing: {' '.join(busy)}; use --wait to let them finish, or --now to stop them safely"
             )
         planning = list_planning(controller)
         if planning and not (request.now or request.wait):
             jobs = " ".join(f"job {number}" for number in planning)
             raise Refused(
-                f"being planned: {jobs}; use --wait to have its plan finished, or --now to plan it anew "
+                f"being planned: {jobs}; use --wait to finish planning, or --now to plan again "
                 "after `farm up`"
             )
         await services.shut_down(request.now)

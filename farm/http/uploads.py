@@ -60,7 +60,7 @@ def upload_routes(services: Services, jobs: JobCommands) -> APIRouter:
 
 
 def clean_name(name: str) -> str:
-    """Shorten a model's name to one that is printable and can be a file's name, without its folder."""
+    """Convert a model's name to a printable, valid file name of limited length, without its folder."""
     last = name.replace("\\", "/").rpartition("/")[2]
     plain = flatten_text(last).lstrip(".")
     return plain[-_LONGEST_NAME:] or "model"
@@ -77,16 +77,16 @@ def parse_options(options: str) -> JobOptions:
 def check_quota(
     quota: UploadsSection, name: str, size: int, missing_bytes: Sequence[int], free_bytes: int, open_jobs: int
 ) -> None:
-    """Refuse an upload that would be one too many, or too large.
+    """Refuse an upload that exceeds the limits on number or size.
 
     Parameters
     ----------
     quota
         The limits.
     name, size
-        The upload, and its bytes.
+        Name of the upload, and its size in bytes.
     missing_bytes
-        The bytes that have not arrived of each open upload.
+        Bytes of each open upload that have not arrived yet.
     free_bytes
         Free space on the disk of the state folder.
     open_jobs
@@ -142,7 +142,7 @@ class Uploads:
         for path, upload in self._open.items():
             if upload.request_id == request_id:
                 step = "waiting for a worker" if upload.missing_bytes == 0 else "sending"
-                with suppress(OSError):  # it has not started, or is over
+                with suppress(OSError):  # inspection has not started, or has ended
                     step = step_file(path).read_text() or step
                 return api.UploadView(
                     step=step, received=upload.size - upload.missing_bytes, size=upload.size
@@ -159,7 +159,7 @@ class Uploads:
         content
             The bytes of the file, in chunks.
         request_id
-            Names the upload in `describe`.
+            Identifies the upload in `describe`.
         name
             The name of the model, for messages.
         size
@@ -170,7 +170,7 @@ class Uploads:
         Raises
         ------
         Refused
-            As `check_quota`; or if fewer or more bytes arrive than announced.
+            As `check_quota`; or if the number of bytes differs from the announced size.
         FarmError
             If the model cannot be printed.
         """
@@ -179,7 +179,7 @@ class Uploads:
         path = state.work / f"upload-{uuid.uuid4().hex}"
         upload = self._open[path] = _Upload(request_id, size, size)
         try:
-            with path.open("wb") as file, suppress(ClientDisconnect):  # then too few bytes arrived
+            with path.open("wb") as file, suppress(ClientDisconnect):  # detected below by the number of bytes
                 async for chunk in content:
                     upload.missing_bytes -= len(chunk)
                     if upload.missing_bytes < 0:
@@ -199,7 +199,7 @@ class Uploads:
             del self._open[path]
 
     def _check_quota(self, name: str, size: int) -> None:
-        """Refuse an upload that is too large or one too many, by the state of the farm now."""
+        """Refuse an upload that exceeds a limit in the present state of the farm."""
         controller = self._services.controller
         check_quota(
             controller.fleet.fleet.uploads,

@@ -1,4 +1,4 @@
-"""Reports of agents on their printers. Telemetry: they never enter the books."""
+"""Reports of agents on their printers. Telemetry, which is never stored in the books."""
 
 from __future__ import annotations
 
@@ -54,11 +54,9 @@ class AgentSnapshot(Entity):
     heaters_off: bool = False
     filament: FilamentState = FilamentState.UNKNOWN
     bed_clear: bool | None = None  # reported by emulators only
-    alarm: str | None = None  # a heater that cannot be switched off: a person has to act now
-    bed_unknown_reason: str | None = (
-        None  # why bed and filament are not known, until a person has cleared the bed
-    )
-    outdated: bool = False  # its agent is of an earlier version, and gets no more prints
-    reset_verified: bool = True  # a reset stops its board; else it prints only while attended
+    alarm: str | None = None  # a heater that cannot be switched off: immediate action needed
+    bed_unknown_reason: str | None = None  # why bed and filament are unknown, until a person clears the bed
+    outdated: bool = False  # its agent has an older version and gets no more prints
+    reset_verified: bool = True  # a reset stops its board; otherwise it prints only while attended
     acknowledged_cancel: str | None = None  # id of a print whose cancel request its agent has received
     print: AgentPrint | None = None

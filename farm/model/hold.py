@@ -8,7 +8,7 @@ from farm.model.entity import Entity
 
 
 class HoldCode(StrEnum):
-    """Reason for which a plate, or a job that has no plates yet, waits."""
+    """Reason why a plate, or a job that has no plates yet, waits."""
 
     NOT_FIRST = "not_front"
     NO_SUCH_PRINTER = "no_such_printer"
@@ -26,8 +26,8 @@ class HoldCode(StrEnum):
     REEL_TOO_SHORT = "reel_too_short"
     START_TIME = "start_time"  # its job starts later (`--at`, `--overnight`)
     QUIET_HOURS = "quiet_hours"
-    UNATTENDED = "unattended"  # a person has to be there
-    TOO_LONG = "too_long"  # longer than any span of hours in fleet.yaml
+    UNATTENDED = "unattended"  # needs a person to be present
+    TOO_LONG = "too_long"  # longer than any time window in fleet.yaml
     HEATING_LIMIT = "heating_limit"
     KEPT_AS_SPARE = "kept_as_spare"
     PRINTER_UNREPORTED = "untold"  # a printer has not reported its prints since the backup
@@ -42,7 +42,7 @@ class HoldCode(StrEnum):
 
 
 class ShortReel(Entity):
-    """Printer with too little filament for a plate, and how much it has and needs."""
+    """Printer with too little filament for a plate, with available and needed amounts."""
 
     printer: str
     text: str

@@ -15,7 +15,7 @@ from farm.model.hold import Hold
 class JobState(StrEnum):
     QUEUED = "queued"
     PLANNING = "planning"  # being repaired, decomposed and sliced
-    HELD = "held"  # planned and frozen, until a person approves it
+    HELD = "held"  # planned; waits until a person approves it
     PRINTING = "printing"  # planned and committed; plates go to printers
     PRINTED = "printed"  # every part is printed; a person has not judged all of them
     DONE = "done"  # a person has judged every part good
@@ -33,24 +33,24 @@ class Engine(StrEnum):
 
     BEST = "best"  # the engine whose parts print soonest
     GUILLOTINE = "guillotine"
-    PARALLELOBOX = "parallelobox"  # of the paper
+    PARALLELOBOX = "parallelobox"  # the algorithm of the paper
 
 
 class JobOptions(Entity):
-    """Options of a job, as a person gave them."""
+    """Options of a job, as submitted."""
 
     printers: int | None = Field(default=None, ge=1)  # None: as many free ones as save time
     longest_side_mm: float | None = Field(default=None, gt=0, allow_inf_nan=False)
     scale: float | None = Field(default=None, gt=0, allow_inf_nan=False)
     engine: Engine = Engine.BEST
-    material: str | None = None  # None: whatever the printers have
+    material: str | None = None  # None: any
     colour: str | None = None
     quality: str = "glue"
-    priority: int = Field(default=0, ge=-100, le=100)  # higher is earlier
-    at: str | None = Field(default=None, max_length=40)  # when it may start, as written by a person
+    priority: int = Field(default=0, ge=-100, le=100)  # higher prints earlier
+    at: str | None = Field(default=None, max_length=40)  # earliest start, as the user wrote it
     overnight: bool = False  # starts when attended hours end
     done_by: str | None = Field(default=None, max_length=40)  # use the fewest parts that finish by this time
-    spares: int = Field(default=0, ge=0)  # free printers that are kept for plates that failed
+    spares: int = Field(default=0, ge=0)  # free printers kept in reserve for failed plates
     hold: bool = False  # nothing prints before `farm approve`
     dry_run: bool = False  # planned only: cancelled once its plan has been shown
 
@@ -80,18 +80,18 @@ class Job(Entity):
     scale: float | None = None
     not_before_s: float | None = None
     done_by_s: float | None = None
-    plan: str | None = None  # hash of the plan and its files, which `farm approve` releases
-    lower_bound_s: float | None = None  # no schedule of its plates takes less
+    plan: str | None = None  # hash of the plan and its files, for `farm approve`
+    lower_bound_s: float | None = None  # lower bound of any schedule of its plates
     expected_s: float | None = None  # parallel printing time of the plan
     serial_s: float | None = None
-    picture: str | None = None  # of the assembly; this and the two below are in the file store
+    picture: str | None = None  # image of the assembly; like the two below, a name in the file store
     assembly: str | None = None  # as a GLB
     decomposition: str | None = None  # the report on it, as JSON
     cuts: Mapping[str, str] = Field(default_factory=dict)  # reports on parts that were recut, by part
     plates: tuple[str, ...] = ()
     parts: tuple[str, ...] = ()
     paused: bool = False  # by a person: no plate of it starts
-    restored: bool = False  # from a backup: more of it may be printed than is recorded
+    restored: bool = False  # from a backup: more may have been printed than is recorded
     planned_s: float | None = None
     ended_s: float | None = None
 
@@ -99,7 +99,7 @@ class Job(Entity):
 class PlanStep(StrEnum):
     DECOMPOSING = "decomposing"
     SLICING = "slicing"
-    LEVELLING = "levelling"  # cuts are moved, as the slices show which part is slowest
+    LEVELLING = "levelling"  # moving the cuts according to the sliced times
     NO_ROOM = "no_room"  # the disk was full: planning restarts when there is space
 
 
@@ -108,5 +108,5 @@ class PlanProgress(Entity):
 
     step: PlanStep
     done: int = 0  # plates sliced
-    of: int = 0  # plates in all; 0 while not known
+    of: int = 0  # total number of plates; 0 while unknown
     cached: int = 0  # plates of `done` that came from the cache

@@ -52,7 +52,7 @@ class Part(Entity):
     file: str  # STL in printing pose, or own G-code as submitted
     geometry: PartGeometry
     print_options: PartPrintOptions = DEFAULT_PRINT_OPTIONS
-    cut_from: str | None = None  # the failed part that this is a piece of
+    cut_from: str | None = None  # the failed part that it was cut from
 
     @model_validator(mode="before")
     @classmethod
@@ -83,20 +83,20 @@ class Plate(Entity):
     material: str
     nozzle_mm: float
     kin: str | None = None  # `Profile.kin`: the printer family that it was sliced for; None: any
-    printer: str  # that the plan chose
+    printer: str  # chosen by the plan
     time_factor: float = 1.0  # of that printer when it was planned; included in `expected_s`
     cached: bool = False  # its slice came from the cache
-    warnings: tuple[str, ...] = ()  # sentences: walls that are not printed, parts that may fall over
+    warnings: tuple[str, ...] = ()  # such as walls too thin to print, or parts that may fall over
     prints: tuple[str, ...] = ()
     counted_from: int = 0  # index of the first print whose failure counts, after `farm reprint`
-    replaced_by: tuple[str, ...] = ()  # plates that are printed in its place
-    cancelled: bool = False  # by a person: not printed, unless a person asks for it
+    replaced_by: tuple[str, ...] = ()  # plates printed instead of this one
+    cancelled: bool = False  # by a person: not printed unless a person requests it
     paused: bool = False  # by a person, until it is resumed
 
     @model_validator(mode="before")
     @classmethod
     def _drop_hold(cls, fields: Any) -> Any:
-        """Read a plate of farm 0.1, which stored why it waited; now that is derived when it is shown."""
+        """Read a plate of farm 0.1, which stored its hold; holds are now derived."""
         return {k: v for k, v in fields.items() if k != "hold"} if isinstance(fields, dict) else fields
 
     @property
@@ -106,7 +106,7 @@ class Plate(Entity):
 
     @property
     def first_layer_s(self) -> float:
-        """Expected time until the first layer is done, which prints at half the speed, in seconds."""
+        """Expected time until the first layer is done, which prints at half speed, in seconds."""
         return self.prelude_s + 2.0 * self.sliced_s * self.time_factor / max(1, self.layers)
 
     def expected_on(self, time_factor: float) -> float:

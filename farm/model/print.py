@@ -8,11 +8,11 @@ from farm.model.entity import Entity
 
 
 class PrintState(StrEnum):
-    ASSIGNED = "assigned"  # committed; its agent is sent the start request
+    ASSIGNED = "assigned"  # committed; the start request is sent to its agent
     HEATING = "heating"
     PRINTING = "printing"
-    PAUSED = "paused"  # by a person: parked, its bed warm
-    ENDING = "ending"  # heaters going off
+    PAUSED = "paused"  # by a person: head parked, bed kept warm
+    ENDING = "ending"  # being stopped, heaters switched off
     DONE = "done"
     FAILED = "failed"
     CANCELLED = "cancelled"
@@ -30,7 +30,7 @@ class Verdict(StrEnum):
 
 
 class Print(Entity):
-    """Attempt to print a plate. Its id is never used again, even if the database is lost."""
+    """Attempt to print a plate. Its id is never reused, even if the database is lost."""
 
     id: str
     plate: str
@@ -47,16 +47,16 @@ class Print(Entity):
     cancel_reason: str | None = None
     restored: bool = False  # from a backup: it may have started or ended since, and is never started
     fail_reason: str | None = None  # why a person failed it (`farm fail`)
-    charged: bool = True  # its failure counts as one of the attempts
-    verdict: Verdict | None = None  # of its part, once it is done
+    charged: bool = True  # a failure counts as an attempt of its plate
+    verdict: Verdict | None = None  # on its part, once done
     verdict_why: str | None = None
     pause_requested: bool = False  # by a person
-    paused: bool = False  # it was paused at some time: no time factor is learned from it
+    paused: bool = False  # was paused at some time, so no time factor is learned from it
     starved_s: float = 0.0
     grams: float = 0.0  # used filament, once it has ended
 
     @property
     def shown_state(self) -> PrintState:
-        """State for people: a print that was resumed heats until the printer continues."""
+        """State as shown to users: a resumed print is heating until it continues."""
         resumes = self.state is PrintState.PAUSED and not self.pause_requested
         return PrintState.HEATING if resumes else self.state

@@ -1,4 +1,4 @@
-"""Printers as the books have them: bed, filament and reel; and outages of several."""
+"""Recorded state of printers: bed, filament and reel; and outages of several printers."""
 
 from __future__ import annotations
 
@@ -30,25 +30,25 @@ class Reel(Entity):
 
 
 class Printer(Entity):
-    """State of a printer as the books keep it; the rest is telemetry."""
+    """Recorded state of a printer; everything else is telemetry."""
 
     name: str
     bed: Bed = Bed.NOT_CLEAR
     filament: FilamentState = FilamentState.UNKNOWN
     attention_reason: str | None = None  # why a person has to inspect it before it prints again
-    attention_since_s: float | None = None  # since when
+    attention_since_s: float | None = None  # time since which it needs inspection
     alarm: str | None = None  # its agent's last report of a heater that cannot be switched off
     alarm_s: float | None = None  # when it was reported
     maintenance: str | None = None  # why a person has taken it out of use
     disconnected_at_s: float | None = None  # when the connection to its board was last lost
     restored_s: float | None = None  # when the database was last restored from a backup
-    unreported_since_s: float | None = None  # of the backup: its agent has not reported since
-    reel: Reel | None = None  # None: as fleet.yaml says
-    time_factor: float = 1.0  # reached over expected time of its layers, learned from its prints
+    unreported_since_s: float | None = None  # time of the backup since which its agent has not reported
+    reel: Reel | None = None  # None: the reel in fleet.yaml
+    time_factor: float = 1.0  # actual over expected time of its layers, learned from its prints
 
 
 class Outage(Entity):
-    """Loss of several printers at once. Nothing starts until a person has confirmed that all is well."""
+    """Loss of several printers at once. Nothing starts until a person has confirmed it."""
 
     id: int
     at_s: float

@@ -211,8 +211,8 @@ HOURS = "".join(f"  - mon {i // 60 % 24:02d}:{i % 60:02d}-24:00\n" for i in rang
 @pytest.mark.parametrize(
     ("text", "why"),
     [
-        ("a0: &a0 {k: v}\n" + MERGES + GOOD, "stands for more than 100000 values: use fewer aliases"),
-        ("a0: &a0 [v]\n" + LISTS + GOOD, "stands for more than 100000 values: use fewer aliases"),
+        ("a0: &a0 {k: v}\n" + MERGES + GOOD, "expands to more than 100000 values: use fewer aliases"),
+        ("a0: &a0 [v]\n" + LISTS + GOOD, "expands to more than 100000 values: use fewer aliases"),
         (
             "fleet:\n attended:\n" + HOURS + "printers: []\n",
             ":3: fleet.attended: has 20000 values; 168 at most",

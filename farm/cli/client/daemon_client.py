@@ -26,15 +26,15 @@ from farm.text import describe_first_error
 View = TypeVar("View", bound=BaseModel)
 CONNECT_S, ANSWER_S = 5.0, 60.0
 SUBMISSION_S = 86400.0
-"""A large broken model waits for a worker and is repaired before its submission is answered; meanwhile the
-daemon is asked how far it is."""
+"""Long, as a large broken model is repaired before its submission is answered; meanwhile the client polls
+the progress."""
 _POLL_S = 0.5
 _LONGEST_NAME = 200
 _CHUNK = 1 << 20  # bytes of an upload
 
 
 class DaemonConnection(HTTPConnection):
-    """HTTP over the daemon's Unix socket. Raises OSError or HTTPException if no whole answer comes.
+    """HTTP over the daemon's Unix socket. Raises OSError or HTTPException if the response is incomplete.
 
     The standard library's HTTP loads fast and leaves nothing open.
     """
@@ -123,9 +123,9 @@ class Client:
         model, options
             The model's file, and how to print it.
         retry_s
-            For how long to retry.
+            Seconds for which to retry.
         report
-            Is given the progress every half second.
+            Called with the progress every half second.
         """
         params = {
             "request_id": uuid.uuid4().hex,
@@ -133,7 +133,7 @@ class Client:
             "size": str(model.stat().st_size),
             "options": options.model_dump_json(exclude_none=True),
         }
-        self.status()  # raises at once if there is no daemon at all
+        self.status()  # raises at once if there is no daemon
         give_up = time.monotonic() + retry_s
         while True:
             try:
@@ -146,7 +146,7 @@ class Client:
     def _upload(
         self, model: Path, params: Mapping[str, str], report: Callable[[api.UploadView], None]
     ) -> api.Submitted:
-        """Upload a model once, and wait for as long as the daemon answers questions about it."""
+        """Upload a model once, and wait as long as the daemon reports its progress."""
         submitted: Future[Any] = Future()
 
         def send() -> None:
@@ -167,7 +167,7 @@ class Client:
             except DaemonUnreachable:
                 if time.monotonic() - heard_s > self._answer_s and not submitted.done():
                     raise
-            except FarmError:  # it is not there yet, or over; or the daemon is older than this command
+            except FarmError:  # not started yet, or finished; or the daemon is older than this command
                 heard_s = time.monotonic()
             else:
                 heard_s = time.monotonic()
@@ -199,7 +199,7 @@ class Client:
         answer_s = answer_s or self._answer_s
         try:
             with closing(DaemonConnection(self._path, self._connect_s, answer_s)) as connection:
-                with suppress(BrokenPipeError, ConnectionResetError):  # it may answer before it has read all
+                with suppress(BrokenPipeError, ConnectionResetError):  # it may answer before reading all
                     connection.request(method, target, content, headers)
                 answer = connection.getresponse()
                 text = answer.read()

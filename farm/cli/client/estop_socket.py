@@ -1,4 +1,4 @@
-"""Emergency stop by people who may not reach the agents: a socket of its own, without the daemon.
+"""Emergency stop for users without access to the agents, over a separate socket without the daemon.
 
 A member of the socket's group sends the names of printers. For each request `farm.cli.estop_server` starts a
 process of the farm's user, which stops them and reports line by line (`deploy/systemd/farm-estop.socket`).
@@ -26,7 +26,7 @@ class _Line(BaseModel):
 
 
 class StopRequest(_Line):
-    """The printers to stop; all if there is none."""
+    """Request to stop printers; all if none is named."""
 
     printers: list[str]
 
@@ -36,7 +36,7 @@ class StopReport(_Line):
 
     printer: str
     seen_off: bool | None = None  # None: not decided yet
-    still: bool | None = None  # seen not to move any more
+    still: bool | None = None  # confirmed to stand still
     reset_after_s: float | None = None
     text: str
 
@@ -54,14 +54,14 @@ _answer_line: TypeAdapter[StopReport | StopEnd] = TypeAdapter(StopReport | StopE
 
 
 def find_estop_socket(places: Places) -> Path | None:
-    """Find the socket of a farm that belongs to another user; None if it is the caller's own.
+    """Find the socket of a farm that belongs to another user; None if it belongs to the caller.
 
     Root uses the socket too, unless the state folder that it named is there.
 
     Raises
     ------
     FarmError
-        The farm is another user's and has no such socket; this user's folders are of another farm.
+        If the farm is another user's and has no such socket: the caller's folders are of another farm.
     """
     path = places.socket.with_name("estop.sock")
     owners = {owner for socket in (path, places.socket) if (owner := _owner(socket)) is not None}
@@ -84,12 +84,12 @@ def _owner(path: Path) -> int | None:
 
 
 def request_stop(path: Path, printers: list[str], report: Report) -> None:
-    """Have printers stopped by the process at the other end.
+    """Ask the process at the other end to stop printers.
 
     Raises
     ------
     FarmError
-        Nobody answers there, or the error of the stop itself.
+        If nobody answers, or the stop fails.
     """
     trouble = f"{path}: cannot be reached ({{}}); switch the printers off by hand"
     try:
@@ -107,13 +107,13 @@ def request_stop(path: Path, printers: list[str], report: Report) -> None:
                     report(answer)
     except PermissionError as error:
         raise FarmError(trouble.format("only members of its group may use it")) from error
-    except (OSError, ValueError) as error:  # ValueError: it is no line of ours
+    except (OSError, ValueError) as error:  # ValueError: not a valid answer line
         raise FarmError(trouble.format(error)) from error
     raise FarmError(trouble.format("it ended before it reported the result"))
 
 
 def serve_request(request: TextIO, answers: TextIO, stop: Callable[[list[str], Report], None]) -> None:
-    """Stop what one line asks for, and answer in lines; it continues if the caller has gone."""
+    """Serve one stop request, reporting line by line; continue if the caller disconnects."""
 
     def send(line: BaseModel) -> None:
         try:

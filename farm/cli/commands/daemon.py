@@ -1,4 +1,4 @@
-"""`farm up`, `farm down` and `farm daemon`: start and end of the daemon."""
+"""`farm up`, `farm down` and `farm daemon`: start and stop the daemon."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def _start_daemon(places: Places, client: Client) -> None:
     Raises
     ------
     FarmError
-        It ended or does not answer; the message has the last line of its log.
+        If it ended or does not answer; the message contains the last line of its log.
     """
     places.state.make()
     command = [sys.executable, "-P", "-m", "farm.cli.main", "daemon"]
@@ -108,7 +108,7 @@ def _start_daemon(places: Places, client: Client) -> None:
     with places.state.log.open("rb") as log:
         log.seek(start)
         lines = log.read().decode(errors="replace").strip().splitlines()
-    last = lines[-1].removeprefix("farm: ") if lines else "it logged nothing"
+    last = lines[-1].removeprefix("farm: ") if lines else "it wrote no log"
     raise FarmError(f"the daemon did not start: {last}; its log is {places.state.log}")
 
 
@@ -117,7 +117,7 @@ def daemon(places: Places) -> None:
     """Run the daemon in the foreground; `farm up` runs it in the background."""
     from farm.daemon import run
 
-    os.umask(0o077)  # the state folder may have been there, open to all: what is written into it is not
+    os.umask(0o077)  # an existing state folder may be open to all: its new files are private
     run(_load_fleet(places), places)
 
 
@@ -125,9 +125,9 @@ def daemon(places: Places) -> None:
 def down(
     places: Places,
     wait: Annotated[
-        bool, typer.Option("--wait", help="Let open prints end first, and start no new ones.")
+        bool, typer.Option("--wait", help="Let open prints finish first, and start no new ones.")
     ] = False,
-    now: Annotated[bool, typer.Option("--now", help="End open prints safely first.")] = False,
+    now: Annotated[bool, typer.Option("--now", help="Stop open prints safely first.")] = False,
 ) -> None:
     """Stop the daemon and the agents. While a printer prints, --wait or --now is needed."""
     if wait and now:

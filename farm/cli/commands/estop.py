@@ -69,9 +69,9 @@ def stop_all(places: Places, printers: Iterable[str], report: Report) -> None:
     Raises
     ------
     NoSuchThing
-        A name is no printer's; the others are stopped.
+        If a name is unknown; the other printers are stopped.
     FarmError
-        The heaters of a printer were not seen off, or it was not seen to stand still.
+        If a printer's heaters could not be confirmed off, or its standstill not confirmed.
     """
     began_s = time.time()
     targets, trouble = find_targets(places)

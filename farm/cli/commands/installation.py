@@ -139,7 +139,7 @@ def _commission(places: Places, sections: tuple[PrinterSection, ...], wanted: st
 def doctor(places: Places, json: Json = False) -> None:
     """Check database, files, agents, ports, CuraEngine, clock and disks, and say what to do.
 
-    Ends with exit code 1 if there is a problem; a warning is none.
+    Ends with exit code 1 if there is a problem; warnings do not count.
     """
     from farm.doctor import Level, check_installation, collect_facts  # slow to load
 

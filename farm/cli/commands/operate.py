@@ -47,7 +47,7 @@ def find_target_path(target: str) -> str:
 def select_beds_to_clear(printers: Iterable[PrinterView]) -> list[str]:
     """Select the printers for `all`: those with a bed to clear.
 
-    Printers in maintenance and absent ones are left out: a part may still lie there.
+    Printers in maintenance and absent ones are left out: a part may still be on the bed.
     """
     others = (HoldCode.MAINTENANCE, Link.ABSENT)
     return [p.name for p in printers if p.print is None and p.hold is not None and p.state not in others]
@@ -73,7 +73,7 @@ def cleared(
         FilamentState | None, typer.Option(help="Where the tip of the filament is, if known.")
     ] = None,
 ) -> None:
-    """Confirm that beds are clear, printers inspected, and the parts printed there good (or --bad)."""
+    """Confirm that beds are clear, printers inspected, and their printed parts good (or --bad)."""
     if good is not None and (bad or why is not None):
         raise typer.BadParameter("--good and --bad (or --why) exclude each other", param_hint="--good")
     if good is not None and (len(printers) != 1 or printers == ["all"]):
@@ -182,7 +182,7 @@ def resume(places: Places, targets: Resumed = None) -> None:
     client = Client(places.socket)
     if not targets:
         lost = client.send_command("/outage/confirm")
-        print(f"the farm goes on; inspect the lost printers ({lost}), then `farm cleared PRINTER` for each")
+        print(f"the farm continues; inspect the lost printers ({lost}), then `farm cleared PRINTER` for each")
     for target in targets or ():
         client.send_command(f"{find_target_path(target)}/resume")
         print(f"{_format_target(target)}: resumed")

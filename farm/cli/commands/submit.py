@@ -1,4 +1,4 @@
-"""`farm submit` and `farm approve`: a model, and how, when and on which printers to print it."""
+"""`farm submit` and `farm approve`: submit a model with its print options, and release a held job."""
 
 from __future__ import annotations
 
@@ -124,7 +124,7 @@ def _show_job(client: Client, number: int, wait: bool, json: bool) -> None:
         try:
             answer = follow_job(client, number, quiet=json)
         except KeyboardInterrupt:
-            print_notice(f"job {number} goes on; `farm status {number}` shows its progress")
+            print_notice(f"job {number} continues; `farm status {number}` shows its progress")
             raise
     if json:
         print_json(answer)

@@ -29,7 +29,7 @@ def format_filament(
 
 
 def format_planning(progress: PlanProgress) -> str:
-    """Say which step the planning of a job has reached."""
+    """Describe the current step in planning a job."""
     if progress.step is PlanStep.DECOMPOSING:
         return "decomposing"
     if progress.step is PlanStep.LEVELLING:
@@ -42,7 +42,7 @@ def format_planning(progress: PlanProgress) -> str:
 
 
 def format_cached(plates: int) -> str:
-    """Say how many plates were taken from the cache instead of being sliced."""
+    """Format the number of plates taken from the slice cache."""
     return f"{format_count(plates, 'plate')} from the cache"
 
 

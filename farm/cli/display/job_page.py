@@ -20,7 +20,7 @@ from farm.model import JobState, PrintState
 from farm.text import format_duration, format_mass
 
 _LEAST_STARVED_SHARE = 0.01
-"""Share above which the times of simulated printers are not those of real ones."""
+"""Share of waiting above which the times of simulated printers are not realistic."""
 
 
 def show_job(view: api.JobView) -> None:
@@ -41,7 +41,7 @@ def show_submitted(view: api.JobView, wait: bool) -> None:
 
 
 def show_result(view: api.JobView) -> None:
-    """Print the page of a job that has ended, and what to do now."""
+    """Print the page of a job that has ended, and the next step."""
     screen = open_console()
     screen.print(render_job(view))
     if view.state in (JobState.PRINTED, JobState.DONE):

@@ -1,4 +1,4 @@
-"""Progress of a job up to its end: a progress bar on a terminal, plain lines elsewhere."""
+"""Progress of a job until it ends: a progress bar on a terminal, plain lines elsewhere."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def retry_over_restart(ask: Callable[[], T]) -> T:
     Raises
     ------
     DaemonUnreachable
-        It has not answered for `_RESTART_S`.
+        If it has not answered for `_RESTART_S`.
     """
     give_up: float | None = None
     while True:
@@ -46,7 +46,7 @@ def retry_over_restart(ask: Callable[[], T]) -> T:
 
 @contextmanager
 def show_upload(quiet: bool = False) -> Iterator[Callable[[api.UploadView], None]]:
-    """Show the progress of a submission: one line that changes on a terminal, a line a step elsewhere."""
+    """Show the progress of a submission: one updated line on a terminal, one line for each step elsewhere."""
     screen = open_console(stderr=True)
     if quiet or not sys.stderr.isatty():
         steps = set[str]()
@@ -63,7 +63,7 @@ def show_upload(quiet: bool = False) -> Iterator[Callable[[api.UploadView], None
 
 
 def describe_upload(view: api.UploadView) -> str:
-    """Describe how far a submission is, in a few words."""
+    """Describe the progress of a submission in a few words."""
     share = f" {view.received / view.size:.0%}" if view.received < view.size else ""
     return f"{view.step}{share}"
 
@@ -87,7 +87,7 @@ def follow_job(client: Client, number: int, quiet: bool = False) -> api.JobStatu
 
 
 class ProgressLines:
-    """Lines on a job's progress, each printed once."""
+    """Progress lines of a job, each printed once."""
 
     def __init__(self, screen: Console, quiet: bool) -> None:
         self._screen = screen
@@ -95,7 +95,7 @@ class ProgressLines:
         self._said: set[str] = set()
 
     def update(self, view: api.JobView) -> None:
-        """Print what has become true since the last call."""
+        """Print the changes since the last call."""
         if view.waits_for_person:
             holds = [view.hold, *(plate.hold for plate in view.plates)]
             for text in sorted({hold.text for hold in holds if hold is not None}):

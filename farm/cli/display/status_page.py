@@ -27,10 +27,10 @@ _TASK_LABELS = {
 }
 _HEADINGS = ("PRINTER", "STATE", "PART", "ENDS", "VS PLAN", "FACTOR", "REEL", "NOZZLE", "BED", "ACTION")
 _STATES = {"look": "inspect"}
-"""Words of the table that differ from `state` in `--json`."""
+"""States that the table words differently from `--json`."""
 _NAME_WIDTH = 32  # columns of a model's name
 _SAME_NIGHT = timedelta(hours=20)
-"""Age up to which a time needs no weekday."""
+"""Age up to which a time is shown without its weekday."""
 
 
 def shorten_names(printers: Iterable[str]) -> str:
@@ -180,7 +180,7 @@ def _make_printers_table(printers: list[api.PrinterView], now: datetime) -> Tabl
 
 
 def _format_end(iso: str | None, now: datetime) -> str:
-    """Format a time of day, with the weekday if it may be that of another night."""
+    """Format a time of day, with the weekday if it may be from an earlier day."""
     if iso is None or now - datetime.fromisoformat(iso) > _SAME_NIGHT:
         return format_time(iso)
     return datetime.fromisoformat(iso).strftime("%H:%M")
@@ -194,7 +194,7 @@ def _format_reel(reel: api.Reel) -> str:
 
 
 def _format_action(printer: api.PrinterView) -> str:
-    """Say what a person has to do before the printer prints again."""
+    """Name what the user must do before the printer prints again."""
     if printer.state == PrintState.PAUSED:
         return "resume"
     if printer.print is not None or printer.hold is None:

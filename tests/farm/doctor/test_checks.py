@@ -101,7 +101,7 @@ CASES = {
         "agents",
         "cannot be used: closed",
     ),
-    "no port": ({"ports": (PortFacts("a", "/dev/x", False),)}, "problem", "ports", "a: /dev/x is not there"),
+    "no port": ({"ports": (PortFacts("a", "/dev/x", False),)}, "problem", "ports", "a: /dev/x does not exist"),
     "closed port": (
         {"ports": (PortFacts("a", "/dev/x", True, False, "plugdev"),)},
         "problem",
