@@ -2,11 +2,11 @@
 
 In the order of the work:
 
-1. `inspection`: read and check a submission, before its job is taken.
-2. `job_planner`: the order of the rest, on the event loop. The functions in `tasks` run in workers.
+1. `inspection`: read and check a submission, before its job is accepted.
+2. `job_planner`: runs the other steps, on the event loop. The functions in `tasks` run in workers.
 3. `parts.decompose_job`: cut the model for its printers.
 4. `slice_batch`, `parts.slice_part`: slice every part.
-5. `parts.relevel_parts`: move the cuts, if the slices show that one part is too slow.
+5. `parts.relevel_parts`: move the cuts if the slices show that one part is too slow.
 6. `booking`: put the files into the store; `planned_event`: the event that commits the plan.
 
 `plan` and `part_records` are the records that pass between these steps. `replanning` plans a waiting plate

@@ -1,4 +1,4 @@
-"""Booking of a plan: the records of its parts and plates, and their files in the store."""
+"""Recording of a plan: records of its parts and plates, with their files in the store."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from farm.planning.plate_times import prelude_seconds
 from farm.state.storage import store_file
 
 MOST_WARNINGS = 3
-"""Largest number of warnings of a plate about walls too thin to print, the largest walls first."""
+"""Most warnings of a plate about walls too thin to print, the largest walls first."""
 MAY_FALL = "stands on too little in every pose that fits: watch it while it prints, or give it a wider brim"
 
 
@@ -99,7 +99,7 @@ def book_plan(sliced: SlicedJob, files: Path) -> Plan:
 
 
 def list_job_files(job: Job, parts: Iterable[Part], plates: Iterable[Plate]) -> dict[str, str]:
-    """Return the stored files of a planned job, of these parts and plates, by the names that people see."""
+    """Return the stored files of a planned job, of these parts and plates, by their readable names."""
     names = {Path(part.id).name + Path(part.file).suffix: part.file for part in parts}
     names |= {f"plate-{Path(plate.id).name}.gcode": plate.gcode for plate in plates}
     shared = {PICTURE: job.picture, ASSEMBLY: job.assembly, REPORT: job.decomposition}
@@ -111,9 +111,9 @@ def list_job_files(job: Job, parts: Iterable[Part], plates: Iterable[Plate]) -> 
 
 
 def _serial_s(sliced: SlicedJob) -> float:
-    """Return the time of the whole model in one piece: its price, scaled like the parts' slices.
+    """Return the time of the whole model in one piece: its estimate, scaled by the parts' slices.
 
-    Slicing the whole would take minutes, for a printer that does not exist.
+    Slicing the whole model would take minutes, for a printer that does not exist.
     """
     first = sliced.parts[0]
     prelude_s = prelude_seconds(first.printer, first.task.settings)

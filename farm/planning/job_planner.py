@@ -1,6 +1,6 @@
-"""Planning of jobs: decompose, slice, move the cuts by the slices, book. The work runs in workers.
+"""Planning of jobs: decompose, slice, move the cuts by the sliced times, record. The work runs in workers.
 
-Submissions are inspected before (`inspection`); `planned_event` makes the event that books the plan.
+Submissions are inspected earlier (`inspection`); `planned_event` builds the event that records the plan.
 """
 
 from __future__ import annotations
@@ -30,15 +30,15 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 
 _RETRY_S = 5.0  # wall seconds
-_MOST_RELEVELS = 2  # after the first, the times of the parts are known well
+_MOST_RELEVELS = 2  # after the first, the times of the parts are accurate
 ROOM_BYTES = 64 * 1024**2
-"""Free bytes on the disk of the state folder below which a failed plan is blamed on a full disk."""
+"""Free bytes on the disk of the state folder below which a failure is attributed to a full disk."""
 OnPlan = Callable[[int, "Plan | FarmError"], None]
 OnProgress = Callable[[int, PlanProgress], None]
 
 
 class JobPlanner:
-    """Plans jobs side by side.
+    """Plans jobs concurrently.
 
     Parameters
     ----------
@@ -77,11 +77,11 @@ class JobPlanner:
         Parameters
         ----------
         rounds
-            How many parts a printer may get.
+            Largest number of parts per printer.
         time_factors
             Time factors of the printers, learned from their prints, by name.
         within_s
-            Time in which the job has to be printed; None for no limit.
+            Time within which the job must be printed; None for no limit.
         """
         task = DecomposeTask(
             job=job.id,
@@ -104,7 +104,7 @@ class JobPlanner:
                 running.cancel()
 
     async def _run(self, job: Job, task: DecomposeTask) -> None:
-        """Plan a job; on a full disk, whatever the error, plan it again when there is space."""
+        """Plan a job; after any error on a full disk, retry when there is space."""
         while isinstance(result := await self._try(job, task), FarmError) and self._is_disk_full():
             log.error("job %d: %s; it is planned when %s has space", job.id, result, self._state.root)
             self._on_progress(job.id, PlanProgress(step=PlanStep.NO_ROOM))
@@ -130,9 +130,9 @@ class JobPlanner:
         return shutil.disk_usage(self._state.root).free < ROOM_BYTES
 
     async def _deliver(self, job: int, result: Plan | FarmError) -> None:
-        """Deliver the plan, again and again while the books cannot be written (a full disk).
+        """Deliver the plan; retry while the books cannot be written (a full disk).
 
-        If it cannot be booked for another reason, the job fails with that error.
+        If it cannot be recorded for another reason, the job fails with that error.
         """
         while True:
             try:
@@ -181,7 +181,7 @@ class JobPlanner:
         return SlicedJob(task, decomposed, await slice_batch(self._workers, batch, count_slice))
 
     async def _relevel(self, sliced: SlicedJob) -> SlicedJob:
-        """Move the cuts while the slowest part, by its slice, ends sooner for it."""
+        """Move the cuts as long as this shortens the slowest part, by its slice."""
         job = sliced.task.job
         for _ in range(_MOST_RELEVELS):
             if not sliced.should_relevel():
@@ -194,10 +194,10 @@ class JobPlanner:
                     break
                 moved = await self._slice(replace(sliced.task, folder=folder), decomposed)
             except FarmError as error:
-                log.warning("job %d: its parts keep their cuts: %s", job, error)
+                log.warning("job %d: its cuts are not moved: %s", job, error)
                 break
-            except Exception:  # the plan without moved cuts is good
-                log.exception("job %d: its parts keep their cuts", job)
+            except Exception:  # the plan is valid without moved cuts
+                log.exception("job %d: its cuts are not moved", job)
                 break
             if moved.makespan_s() >= sliced.makespan_s():
                 break

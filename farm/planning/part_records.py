@@ -1,4 +1,4 @@
-"""Records of one part on its way through planning: decomposed, to be sliced, sliced."""
+"""Records of one part in the stages of planning: decomposed, to be sliced, sliced."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from farm.model import DEFAULT_PRINT_OPTIONS, PartGeometry, PartPrintOptions
 from farm.planning.plate_times import plate_seconds
 from slicing.settings import EngineSettings, Resources, SettingsRequest
 
-if TYPE_CHECKING:  # the daemon books the results of workers without loading their modules
+if TYPE_CHECKING:  # the daemon uses results of workers without importing their modules
     from decompose.results import Part as DecompositionPart
     from slicing.plate import PlateResult
 
@@ -72,7 +72,7 @@ class SliceTask:
     stl
         File in printing pose.
     settings
-        Settings of the quality, which `room` was computed for; the part is sliced with its own brim, first
+        Settings of the quality, for which `room` was computed; the part is sliced with its own brim, first
         layer and layer height.
     room
         Boxes of the bed that the part may fill.
@@ -96,12 +96,12 @@ class SliceTask:
 
 @dataclass(frozen=True, slots=True)
 class SliceBatch:
-    """Parts that are sliced side by side, each for its own printer.
+    """Parts that are sliced concurrently, each for its own printer.
 
     Attributes
     ----------
     printers
-        The printers that the parts name; there may be more.
+        The printers that the parts name, and possibly others.
     folder
         Folder for the G-code.
     cache

@@ -1,6 +1,6 @@
-"""Records of a job on its way through planning: inspected, to be decomposed, decomposed, sliced, planned.
+"""Records of a job in the stages of planning: inspected, to be decomposed, decomposed, sliced, planned.
 
-There is no partial plan. The order of the work is in `job_planner`.
+There are no partial plans. For the order of the steps see `job_planner`.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ RELEVEL_LATE_S, RELEVEL_LATE_SHARE = 120.0, 0.01
 
 
 class TooFewPrinters(FarmError):
-    """The model needs more parts than printers were given."""
+    """Error for a model that needs more parts than the printers given to it."""
 
     def __init__(self, message: str, needed: int) -> None:
         super().__init__(message, ErrorCode.NO_FIT)
@@ -31,7 +31,7 @@ class TooFewPrinters(FarmError):
 
 
 def step_file(upload: Path) -> Path:
-    """Return the file beside an upload in which its inspection says what it is doing."""
+    """Return the path of the file beside an upload that holds the current step of its inspection."""
     return upload.with_name(f"{upload.name}.step")
 
 
@@ -58,13 +58,13 @@ class DecomposeTask:
     Attributes
     ----------
     model
-        As `inspect_model` stored it.
+        The model that `inspect_model` stored.
     folder
         Scratch folder of the plan.
     time_factors
         Time factors of the printers, learned from their prints, by name; 1 if there is none.
     within_s
-        Time in which the job has to be printed (`--done-by`); None for no limit.
+        Time within which the job must be printed (`--done-by`); None for no limit.
     budget_s
         Budget of the search for parts; None for the decomposition's default.
     """
@@ -82,7 +82,7 @@ class DecomposeTask:
 
 @dataclass(frozen=True, slots=True)
 class DecomposedJob:
-    """Figures and file names of a decomposition, as its worker sends them back; no geometry.
+    """Figures and file names of a decomposition, returned by its worker; no geometry.
 
     Attributes
     ----------
@@ -116,11 +116,11 @@ class SlicedJob:
         return busy
 
     def makespan_s(self) -> float:
-        """Return the time of the printer that is busy longest, without clearing beds between rounds."""
+        """Return the longest printing time of a printer, without clearing beds between rounds."""
         return max(self.busy_s().values())
 
     def should_relevel(self) -> bool:
-        """Return whether the last printer ends late enough to move cuts, and reslice all parts.
+        """Return whether the last printer ends late enough to justify moving the cuts and reslicing.
 
         If a printer has several parts, equal parts would not be equal loads.
         """
@@ -132,7 +132,7 @@ class SlicedJob:
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """Everything that is committed before anything is printed.
+    """Complete plan of a job, committed before anything is printed.
 
     Attributes
     ----------
@@ -141,7 +141,7 @@ class Plan:
     expected_s
         Expected parallel printing time.
     picture, assembly, decomposition
-        In the file store.
+        Names in the file store.
     """
 
     parts: tuple[Part, ...]

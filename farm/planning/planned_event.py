@@ -1,4 +1,4 @@
-"""Event that books a plan, with its expected time on the fleet and its hash."""
+"""Event that records a plan, with its expected time on the fleet and its hash."""
 
 from __future__ import annotations
 
@@ -29,14 +29,17 @@ def build_planned_event(
     materials = sorted({plate.material for plate in plan.plates})
     if len(materials) > 1:
         of = " and ".join(materials)
-        notices = (*notices, f"Its parts are of {of}, as the printers have it: `--material` takes one.")
+        notices = (
+            *notices,
+            f"Its parts are of {of}, like their printers: `--material` selects one.",
+        )
     if job.done_by_s is not None:
         ends_s = forecast_prints(
             situation.with_printers(tuple(printers))
-        ).ends_s  # with printers as they are: beds may not be clear
+        ).ends_s  # in the present state of the printers: beds may not be clear
         if ends_s > job.done_by_s:
             deadline, ends = rules.format_moment(job.done_by_s), rules.format_moment(ends_s)
-            notices = (*notices, f"It was to be printed by {deadline}; as soon as it can be is {ends}.")
+            notices = (*notices, f"It was to be printed by {deadline}; the earliest possible is {ends}.")
     beside = len({slot.printer for slot in expected.slots}) == len(plan.plates)
     at_once = expected.left or (beside and rules.max_heating is None)
     return ev.JobPlanned(
@@ -58,7 +61,7 @@ def build_planned_event(
 
 
 def hash_plan(parts: Iterable[Part], plates: Iterable[Plate]) -> str:
-    """Return the hash of all that a plan prints, and where: 12 hexadecimal digits."""
+    """Return the hash of a plan's parts, plates and printers: 12 hexadecimal digits."""
     facts = [
         sorted((part.id, part.plate, part.file) for part in parts),
         sorted((plate.id, plate.sha256, plate.printer, plate.material, plate.nozzle_mm) for plate in plates),

@@ -9,7 +9,7 @@ from farm.config import PrinterSection
 from slicing.settings import EngineSettings
 
 START_S = 26.0
-"""Homing, purging and the moves around them, beside the heat-up. Measured by bench/plate_time.py."""
+"""Homing, purging and the moves around them, without the heat-up. Measured by bench/plate_time.py."""
 END_S = 10.0
 """Parking, homing and the last moves, until the head is still. Measured by bench/plate_time.py."""
 HOMING_S = 7.0
@@ -28,9 +28,9 @@ def plate_seconds(
     sliced_s
         Time of the layers by the slicer.
     nozzle_c, bed_c
-        First-layer temperatures. The bed heats first, as the start code says, and then the nozzle.
+        First-layer temperatures. The start code heats the bed first, then the nozzle.
     time_factor
-        Time factor of the printer, for its layers alone (`update_time_factor`).
+        Time factor of the printer, for the layers only (`update_time_factor`).
     """
     bed_s = max(0.0, profile.bed.seconds_to(bed_c) - HOMING_S)
     return START_S + bed_s + profile.nozzle.seconds_to(nozzle_c) + sliced_s * time_factor + END_S
@@ -49,7 +49,7 @@ def reassign_loads(
     Parameters
     ----------
     loads_s
-        Load that a plan gives each printer, in seconds; 0 if it is not named.
+        Load of each printer in the plan, in seconds; 0 for printers not named.
     kinds
         Kind of every usable printer: loads move among printers of one kind only.
     time_factors
@@ -58,7 +58,7 @@ def reassign_loads(
     Returns
     -------
     dict
-        For every printer, the one that takes its load: a permutation.
+        For every printer, the printer that takes over its load: a permutation.
     """
     takers: dict[str, str] = {}
     for kind in set(kinds.values()):

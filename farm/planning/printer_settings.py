@@ -1,4 +1,4 @@
-"""Printers that a job may go to, their slicer settings, and the rooms for parts on their beds."""
+"""Candidate printers of a job, their slicer settings, and the rooms for parts on their beds."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def matching_printers(printers: Sequence[PrinterSection], options: JobOptions) -
     Raises
     ------
     Refused
-        If there is none; the message lists what there is.
+        If there is none; the message lists the materials of the fleet.
     """
     enabled = [section for section in printers if section.enabled]
     matching = [
@@ -38,7 +38,7 @@ def matching_printers(printers: Sequence[PrinterSection], options: JobOptions) -
 
 
 def settings_request(section: PrinterSection, quality: str) -> SettingsRequest:
-    """Build the request for the slicer's settings on a printer, with supports, which poses are chosen for."""
+    """Build the request for the slicer's settings on a printer, with supports, as the poses assume."""
     return SettingsRequest(
         slicing_printer(PROFILES[section.model]),
         quality,
@@ -61,7 +61,7 @@ def check_settings(printers: Sequence[PrinterSection], options: JobOptions) -> N
     ------
     FarmError
         `refused` if no printer of the fleet matches, `settings` where its quality does not exist, `engine`
-        if Cura's files are missing; each with what there is instead.
+        if Cura's files are missing; each with the available alternatives.
     """
     with translate_errors():
         resources = find_resources()
@@ -98,7 +98,7 @@ def printer_room(section: PrinterSection, brim_mm: float) -> tuple[RoomBox, ...]
 def model_sizes(
     room: tuple[RoomBox, ...], settings: EngineSettings
 ) -> tuple[tuple[float, float, float], ...]:
-    """Return the sizes (x, y, z) in mm that a part may have in the model: it shrinks when it cools."""
+    """Return the sizes (x, y, z) in mm that a part may have in the model, before shrinkage is added."""
     xy, z = settings.scale_xy, settings.scale_z
     return tuple((x / xy, y / xy, height / z) for x, y, height in (box.size_mm for box in room))
 

@@ -23,12 +23,12 @@ from slicing.settings import find_engine, find_resources
 async def slice_batch(
     workers: Workers, batch: SliceBatch, on_slice: Callable[[PlateResult], None] = lambda _: None
 ) -> tuple[SlicedPart, ...]:
-    """Slice all parts of a batch; one failure, or a cancellation, ends all.
+    """Slice all parts of a batch; a failure or cancellation stops all.
 
     Parameters
     ----------
     on_slice
-        Called with each slice as it is done.
+        Called with each result as it completes.
 
     Returns
     -------
@@ -38,7 +38,7 @@ async def slice_batch(
     Raises
     ------
     FarmError
-        As `build_slice_tasks` and `slice_part`.
+        See `build_slice_tasks` and `slice_part`.
     """
 
     async def slice_one(part: DecomposedPart, task: SliceTask) -> SlicedPart:
@@ -48,7 +48,7 @@ async def slice_batch(
 
     # In a thread: resolving settings and writing files would block the event loop.
     tasks = await asyncio.to_thread(build_slice_tasks, batch)
-    # Longest first, so that all workers end early.
+    # Longest first, so that all workers finish at about the same time.
     order = sorted(range(len(tasks)), key=lambda i: -batch.parts[i].price_s)
     running = {i: asyncio.ensure_future(slice_one(batch.parts[i], tasks[i])) for i in order}
     try:
@@ -57,7 +57,7 @@ async def slice_batch(
     finally:
         for future in running.values():
             future.cancel()
-        await asyncio.gather(*running.values(), return_exceptions=True)  # until their workers are gone
+        await asyncio.gather(*running.values(), return_exceptions=True)  # until their workers have ended
 
 
 def build_slice_tasks(batch: SliceBatch) -> list[SliceTask]:

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 @dataclass(frozen=True, slots=True)
 class Deferred:
-    """A function whose module is imported only if it is called.
+    """A function whose module is imported only when it is called.
 
-    The process that refers to it loads nothing; the process that calls it loads its module.
+    Only the process that calls it loads the module, not one that refers to it.
 
     Attributes
     ----------

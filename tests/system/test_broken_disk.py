@@ -78,7 +78,7 @@ def test_a_disk_that_takes_nothing_stops_no_print_and_loses_none(disk_farm):
     (first, *_) = farm.insist("GET", "/status")["todo"]
     assert first["code"] == "farm"
     assert "disk is full" in first["text"]
-    assert "nothing is booked until there is room" in first["text"]
+    assert "nothing is recorded until there is space" in first["text"]
     farm.stop_keeping()
     assert "disk is full; check its disk space" in cannot_start(farm)
     farm.disk.free()

@@ -1,6 +1,6 @@
 """Inspection of submissions and of the fleet file, before anything is planned.
 
-The functions that workers run are named in `farm.planning.tasks`; their modules load numpy.
+Functions that run in workers are listed in `farm.planning.tasks`; their modules load numpy.
 """
 
 from farm.planning.inspection.fleet_check import find_mistake

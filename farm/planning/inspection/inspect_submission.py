@@ -1,4 +1,4 @@
-"""Inspection of a submitted file before its job is taken: a model is read, repaired and scaled once."""
+"""Inspection of a submitted file before its job is accepted: a model is read, repaired and scaled once."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ from slicing.settings import find_engine, find_resources
 def inspect_submission(
     path: Path, name: str, options: JobOptions, printers: Sequence[PrinterSection], files: Path
 ) -> InspectedSubmission:
-    """Check a submission, and put what can be printed of it into the file store.
+    """Check a submission, and put its printable content into the file store.
 
     Parameters
     ----------
     path
-        The upload; its `step_file` says what is done now.
+        The upload; the current step is written to its `step_file`.
     name
-        The file's name as a person knows it; its suffix distinguishes models from G-code.
+        The file's name as submitted; its suffix distinguishes models from G-code.
     options
         Options of the submission.
     printers
@@ -43,7 +43,7 @@ def inspect_submission(
     Raises
     ------
     FarmError
-        As `inspect_gcode`, `check_settings` and `inspect_model`.
+        See `inspect_gcode`, `check_settings` and `inspect_model`.
     """
     if is_gcode(name):
         return inspect_gcode(path, name, options, printers, files)
@@ -63,16 +63,16 @@ def inspect_model(
     Parameters
     ----------
     name
-        The file's name as a person knows it.
+        The file's name as submitted.
     files
         The file store.
     report
-        Is told what is done now, in a word or two.
+        Called with the current step, in a word or two.
 
     Raises
     ------
     FarmError
-        `model` with the reason, if it is no solid and cannot be repaired; `limit` if this process
+        `model` with the reason, if it is not a solid and cannot be repaired; `limit` if this process
         has too little memory for it; `engine` if CuraEngine is missing.
     """
     with translate_errors():
@@ -104,7 +104,7 @@ def inspect_model(
 
 
 def read_inspected(path: Path) -> Model:
-    """Read the model that `inspect_model` stored, exactly. Raises FarmError with code `model`."""
+    """Read the model that `inspect_model` stored, without loss. Raises FarmError with code `model`."""
     try:
         with np.load(path) as saved:
             solid = Solid.from_arrays(saved["vertices"], saved["faces"])

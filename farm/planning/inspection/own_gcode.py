@@ -33,19 +33,19 @@ _PACKED = {
     ".ufp": "let Cura write G-code instead of a format package",
 }
 _IDENTITY = (1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0)
-_REACH_MM = 10.0  # travel of the bed below the build height, for a last hop
+_REACH_MM = 10.0  # bed travel beyond the build height, for a final Z hop
 _SLACK_MM = 0.05
 _SAME_MATERIAL = {"PET": "PETG", "CPE": "PETG", "PA": "NYLON", "FLEX": "TPU"}
-_APART_C = 30.0  # brands of one material differ by less
+_APART_C = 30.0  # temperatures of brands of one material differ by less
 
 
 def is_gcode(name: str) -> bool:
-    """Tell by its name whether a submission is G-code.
+    """Return whether a submission is G-code, judging by its name.
 
     Raises
     ------
     FarmError
-        If it is packed G-code.
+        If it is compressed or packed G-code.
     """
     lower = name.lower()
     packing = next((suffix for suffix in _PACKED if lower.endswith(suffix)), None)
@@ -66,7 +66,7 @@ def inspect_gcode(
     Raises
     ------
     FarmError
-        `settings` for an option that G-code leaves no choice in, `refused` if no printer matches, `gcode`
+        `settings` for an option that does not apply to G-code, `refused` if no printer matches, `gcode`
         with the line and the reason, `no_fit` if it fits no matching printer.
     """
     _check_options(options)
@@ -75,7 +75,7 @@ def inspect_gcode(
     section = _find_fitting_printer(matching, accepted, name)
     own = _measure_needs(accepted, section)
     stored = path.with_name(f"gcode-{uuid.uuid4().hex}.gcode")
-    stored.hardlink_to(path)  # the upload stays: another worker reads it if this one dies
+    stored.hardlink_to(path)  # the upload is kept for another worker if this one dies
     return InspectedSubmission(store_file(files, stored), _list_notices(accepted, section), 1.0, own)
 
 
@@ -98,7 +98,7 @@ def plan_gcode(task: DecomposeTask, files: Path) -> Plan:
     nozzle_mm = _common_nozzle_mm(order)
     accepted = _rewrite(task.model, order[0], nozzle_mm, "the file")
     section = _find_fitting_printer(order, accepted, "the file")
-    if section is not order[0]:  # it may have another material
+    if section is not order[0]:  # it may have a different material
         accepted = _rewrite(task.model, section, nozzle_mm, "the file")
     part, plate = _book_gcode(task, accepted, section, files)
     expected_s = plate.expected_s
@@ -201,13 +201,13 @@ def _list_notices(accepted: AcceptedGcode, section: PrinterSection) -> tuple[str
 
 
 def _material_kind(kind: str) -> str:
-    """Return one name for each kind of material: slicers and Cura have several for some."""
+    """Normalise the name of a kind of material, as slicers and Cura use several for some."""
     first = re.split(r"[\s\d_+-]", kind.strip().upper().removeprefix("TOUGH "), maxsplit=1)[0]
     return _SAME_MATERIAL.get(first, first)
 
 
 def _measure_needs(accepted: AcceptedGcode, section: PrinterSection) -> OwnGcode:
-    """Return the nozzle and the extent that the file needs, from the bed's centre."""
+    """Return the nozzle size and extent of the file, relative to the bed's centre."""
     width, depth = PROFILES[section.model].bed_mm
     (x0, y0, z0), (x1, y1, z1) = accepted.min_mm, accepted.max_mm
     return OwnGcode(
@@ -258,7 +258,7 @@ def _describe_obstacle(section: PrinterSection, accepted: AcceptedGcode) -> str 
 
 
 def _check_options(options: JobOptions) -> None:
-    """Refuse options of a model: G-code has decided them."""
+    """Refuse options that apply only to models."""
     usual = JobOptions()
     given = {
         "--longest-side": options.longest_side_mm is not None,
@@ -277,7 +277,7 @@ def _check_options(options: JobOptions) -> None:
 
 @dataclass(frozen=True, slots=True)
 class _Lines:
-    """Lines of a file, read at each iteration, none longer than what is refused."""
+    """Lines of a file, read anew for each iteration, cut at the length that is refused."""
 
     path: Path
 
@@ -288,7 +288,7 @@ class _Lines:
 
 
 class FirmwareTime:
-    """Stopwatch for moves that never wait for the host, by the planner of the firmware."""
+    """Duration of moves by the firmware's motion planner, without waiting for the host."""
 
     def __init__(self, profile: Profile) -> None:
         self._planner = Planner(Limits.of(profile), (*profile.ready_mm, 0.0), lambda _e_mm, _z_mm: None)

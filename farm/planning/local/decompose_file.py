@@ -26,13 +26,13 @@ from farm.planning.printer_settings import model_sizes, slicing_printer
 from slicing.settings import SettingsRequest, find_resources, resolve_settings
 
 MOST_PRINTERS = 100
-"""Number of printers to choose from, if a person gives none."""
+"""Largest number of printers for `auto`."""
 _ENGINES_OF_PAPERS = (Engine.PARALLELOBOX, Engine.SYMMETRY, Engine.CUBE_SKELETON)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DecomposeRequest:
-    """Options of `farm decompose`, as a person gives them.
+    """Options of `farm decompose`.
 
     Attributes
     ----------
@@ -45,7 +45,7 @@ class DecomposeRequest:
     budget_s
         Budget of the engine `best`.
     clear_s, assemble_s
-        Time to clear a bed, and to glue a part; each further part has to save more.
+        Time to clear a bed, and to glue a part; each additional part must save more than that.
     """
 
     printers: int | None
@@ -78,11 +78,11 @@ def decompose_to_folder(path: Path, out: Path, request: DecomposeRequest) -> dic
     Raises
     ------
     FarmError
-        With the reason, in one line.
+        The message is one line with the reason.
     """
     profile = max(
         PROFILES.values(), key=lambda p: (p.height_mm >= request.volume_mm[2], -p.height_mm)
-    )  # the lowest that is high enough; of two alike the 2+ comes first, which has the larger clips
+    )  # the lowest that is high enough; for equal heights the 2+, whose clips are larger
     room = part_room(profile, request.brim_mm, request.volume_mm)
     if not room:
         raise FarmError(f"a brim of {request.brim_mm:g} mm leaves no room on that bed", ErrorCode.NO_FIT)
@@ -112,7 +112,7 @@ def decompose_to_folder(path: Path, out: Path, request: DecomposeRequest) -> dic
 
 
 def _build_options(request: DecomposeRequest) -> Options:
-    """Build the decomposition's options. Raises FarmError if a name is not known."""
+    """Build the decomposition's options. Raises FarmError if a name is unknown."""
     try:
         interior = Interior(request.interior)
     except ValueError:
@@ -147,7 +147,7 @@ def _empty_for_parts(out: Path) -> None:
     Raises
     ------
     Refused
-        If the folder has other files in it: parts of two models must not get mixed up.
+        If the folder contains other files: parts of two models must not be mixed.
     """
     report = out / REPORT
     try:

@@ -25,7 +25,7 @@ from slicing.plate import PlateResult
 from slicing.settings import EngineSettings, SettingsRequest, find_engine, find_resources, resolve_settings
 
 OnStep = Callable[[str], None]
-_SPARE = 0.99  # share of the largest size that fits: the proposed figures are rounded
+_SPARE = 0.99  # share of the largest size, as the suggested figures are rounded
 
 
 def default_cache(env: Mapping[str, str] = os.environ) -> Path | None:
@@ -45,9 +45,9 @@ class SliceOptions:
     Attributes
     ----------
     printer_model, quality, material, nozzle_mm, overrides
-        As `slicing.settings.SettingsRequest` takes them; the printer by its name.
+        See `slicing.settings.SettingsRequest`; the printer by its name.
     scale, longest_side_mm
-        As `decompose.geometry.load_model` takes them.
+        See `decompose.geometry.load_model`.
     """
 
     printer_model: str
@@ -71,16 +71,16 @@ def slice_to_file(
     Parameters
     ----------
     out
-        The G-code file, which is replaced at once.
+        The G-code file, which is replaced atomically.
     cache
-        Folder of slices by content, as `slicing.plate` takes it.
+        Folder of the slice cache, see `slicing.plate`.
     on_step
         Called with the name of each step.
 
     Raises
     ------
     FarmError
-        With the reason, in one line.
+        The message is one line with the reason.
     """
     profile, request = _find_settings(options)
     _check_writable(out, path)
@@ -118,7 +118,7 @@ def _find_settings(options: SliceOptions) -> tuple[Profile, SettingsRequest]:
 
 
 def _read_model(path: Path, options: SliceOptions, on_step: OnStep) -> Model:
-    """Read the model in the size that a person asked for."""
+    """Read the model in the requested size."""
     return load_model(
         path,
         scale=options.scale,
@@ -142,7 +142,7 @@ def _find_room(name: str, model: Model, settings: EngineSettings, profile: Profi
 
 
 def _printed_size_mm(model: Model, settings: EngineSettings) -> tuple[float, float, float]:
-    """Return the size (x, y, z) of a model as it is printed: larger, as the material shrinks."""
+    """Return the size (x, y, z) of a model as it is printed: enlarged to compensate for shrinkage."""
     x, y, z = map(float, model.extents_mm)
     return x * settings.scale_xy, y * settings.scale_xy, z * settings.scale_z
 
@@ -159,7 +159,7 @@ def _slice_model(model: Model, task: SliceTask, profile: Profile, on_step: OnSte
 
 def _find_printer(printer_model: str) -> Profile:
     if printer_model not in BEDS:
-        hint = suggest_names(printer_model, BEDS) or f"; there is {', '.join(sorted(BEDS))}"
+        hint = suggest_names(printer_model, BEDS) or f"; known are {', '.join(sorted(BEDS))}"
         raise FarmError(f"--printer-model {printer_model}: no such printer{hint}", ErrorCode.SETTINGS)
     return BEDS[printer_model]
 
@@ -211,7 +211,7 @@ def _format_size(size_mm: tuple[float, float, float]) -> str:
 
 
 def _check_writable(out: Path, model: Path) -> None:
-    """Raise FarmError if the file cannot be written, before minutes of work; nothing is created yet."""
+    """Raise FarmError if the file cannot be written, before minutes of work. Creates nothing."""
     try:
         if out.is_dir():
             raise _unwritable(out, "it is a folder")
@@ -227,7 +227,7 @@ def _check_writable(out: Path, model: Path) -> None:
 
 
 def _write_output(gcode: Path, out: Path) -> None:
-    """Replace the output file at once; a device or a pipe is written to."""
+    """Replace the output file atomically; write into a device or a pipe."""
     try:
         if out.exists() and not out.is_file():
             shutil.copyfile(gcode, out)

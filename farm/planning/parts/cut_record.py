@@ -1,7 +1,7 @@
 """Cut record: a file with the cuts of a job, from which a later worker moves them.
 
 The file is JSON of `_CutRecord`: the figures and options of a `Decomposition` and its `Cutting`, without
-solids. Numbers are read back exactly, to the last bit: boxes are grouped by equality.
+solids. Numbers are restored bit for bit, as boxes are grouped by equality.
 """
 
 from __future__ import annotations
@@ -78,7 +78,7 @@ def write_cut_record(decomposition: Decomposition, folder: Path) -> Path | None:
 
 
 def read_cut_record(path: Path) -> Decomposition:
-    """Read what `write_cut_record` wrote, as a decomposition without parts.
+    """Read a cut record as a decomposition without parts.
 
     Raises
     ------

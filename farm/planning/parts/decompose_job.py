@@ -29,7 +29,7 @@ from slicing.settings import find_resources
 
 
 def warm() -> None:
-    """Import and compile what planning needs, before the first job: cut a small box in two."""
+    """Import and compile the code of planning before the first job, by cutting a small box in two."""
     box = Model(Solid.box((0.0, 0.0, 0.0), (30.0, 10.0, 10.0)), (), 1.0)
     rooms = [PrinterRoom(name, ((20.0, 20.0, 20.0),)) for name in "ab"]
     decompose_model(box, rooms, Options(prove=False), CostModel.from_recipe(Recipe()))
@@ -41,7 +41,7 @@ def decompose_job(task: DecomposeTask) -> DecomposedJob:
     Raises
     ------
     TooFewPrinters
-        With the number of printers that would suffice.
+        The error has the number of printers that would suffice.
     FarmError
         `no_fit`, `geometry`, `settings` or `model`, with the reason.
     """
@@ -85,7 +85,7 @@ def write_decomposed(decomposition: Decomposition, model: Model, folder: Path) -
 
 
 def _reassign_parts(parts: Sequence[DecomposedPart], task: DecomposeTask) -> tuple[DecomposedPart, ...]:
-    """Give the largest loads to the fastest of the printers that differ only in speed."""
+    """Reassign the largest loads to the fastest among printers that differ only in speed."""
     loads_s: dict[str, float] = {}
     for part in parts:
         loads_s[part.printer] = loads_s.get(part.printer, 0.0) + part.price_s
@@ -95,7 +95,7 @@ def _reassign_parts(parts: Sequence[DecomposedPart], task: DecomposeTask) -> tup
 
 
 LATE_SHARE = 1.1
-"""Margin of `--done-by` for the time of planning, and for prints that take longer."""
+"""Margin of `--done-by` for planning time and for prints that take longer."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,12 +120,12 @@ class ModelCutter:
     def cut_for_one(self) -> Decomposition | None:
         """Keep the model whole, on the lowest printer that can hold it; None if none can.
 
-        A person who wants it sooner gives a number of printers.
+        To finish sooner, the user gives a number of printers.
         """
         x, y, z = map(float, self.model.extents_mm)
         poses = ((x, y, z), (y, z, x), (z, x, y))
         rooms = [room for room in self.rooms if any(room.fits(*pose) for pose in poses)]
-        options = replace(self.options, engine=Engine.GUILLOTINE)  # it finds one part wherever one suffices
+        options = replace(self.options, engine=Engine.GUILLOTINE)  # finds one part if one suffices
         for room in sorted(rooms, key=lambda room: max(box[2] for box in room.boxes)):
             try:
                 return decompose_model(self.model, [room], options, self.cost, self.executor)

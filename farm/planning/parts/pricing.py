@@ -1,4 +1,4 @@
-"""Printers of the fleet as a decomposition sees them: part rooms, speeds and the cost of a part."""
+"""Inputs of a decomposition for the printers of the fleet: part rooms, speeds and the cost of a part."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def price_rooms(
         section.name: time_factors.get(section.name, 1.0) * time_ratio(own, costs[0])
         for section, own in zip(printers, costs, strict=True)
     }
-    # A coarser nozzle is faster, but nobody asked for one: it does not move its printer to the front.
+    # A coarser nozzle is faster, but was not requested: it must not move its printer to the front.
     fastest = sorted(printers, key=lambda section: time_factors.get(section.name, 1.0))
     rooms = [
         PrinterRoom(section.name, model_sizes(room, settings[section.name]), times[section.name])
@@ -55,7 +55,7 @@ def decomposition_options(options: JobOptions) -> Options:
     fits = quality is not None and quality.fits_first_layer
     return Options(
         Engine(options.engine), fit_first_layer=fits, prove=False
-    )  # no proof of the bound, as a person waits
+    )  # no proof of the bound, as the user is waiting
 
 
 def build_recipe(settings: EngineSettings, prelude_s: float) -> Recipe:
@@ -100,6 +100,6 @@ def printer_cost(section: PrinterSection, settings: EngineSettings) -> CostModel
 
 
 def time_ratio(cost: CostModel, reference: CostModel) -> float:
-    """Return the price of a cube of 50 mm at one printer's settings over that at another's."""
+    """Return the ratio of the estimated times of a 50 mm cube at two printers' settings."""
     sums, size = (125_000.0, 10_000.0, 5_000.0, 0.0, 0.0), (50.0, 50.0, 50.0)
     return cost.price_s(sums, size) / reference.price_s(sums, size)

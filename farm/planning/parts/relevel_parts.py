@@ -1,4 +1,4 @@
-"""Move of a job's cuts by the times of its slices. Runs in a worker."""
+"""Adjustment of a job's cuts to the sliced times of its parts. Runs in a worker."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from slicing.settings import find_resources
 
 
 def relevel_parts(sliced: SlicedJob, folder: Path) -> DecomposedJob | None:
-    """Move the cuts of a job so that the part with the slowest slice ends sooner.
+    """Move the cuts of a job so that the part with the slowest slice finishes sooner.
 
     Parameters
     ----------

@@ -31,7 +31,7 @@ def slice_part(task: SliceTask, progress: Callable[[float], None] | None = None)
     """
     mesh = trimesh.load_mesh(task.stl)
     scale = np.array((task.settings.scale_xy, task.settings.scale_xy, task.settings.scale_z))
-    extents = tuple(map(float, mesh.extents * scale))  # as printed
+    extents = tuple(map(float, mesh.extents * scale))  # as printed, with shrinkage compensated
     placement = place((extents[0], extents[1], extents[2]), task.room)
     if placement is None:
         size = " x ".join(f"{side:.1f}" for side in extents)

@@ -1,4 +1,4 @@
-"""Replanning of waiting plates: policy (which), coordinator (when), worker (how)."""
+"""Replanning of waiting plates: policy, coordinator and worker."""
 
 from farm.planning.replanning.coordinator import ReplanCoordinator, StartReplan
 from farm.planning.replanning.replan import ReplannedPlate, ReplanTask

@@ -40,30 +40,30 @@ class StartReplan:
 
 
 class ReplanCoordinator:
-    """Decides which plates are replanned, and whether the results are booked.
+    """Decides which plates are replanned, and whether the results are used.
 
-    Running replans are in memory only: after a restart the plates still wait, and are decided on again.
+    Running replans are kept in memory only: after a restart the plates are examined again.
     """
 
     def __init__(self) -> None:
         self._running: dict[str, StartReplan] = {}
         self._examined: set[tuple[str, int]] = set()  # failed plates with their number of prints
-        self._tried: set[_TriedKey] = set()  # plates with the kinds of printer that gained nothing
+        self._tried: set[_TriedKey] = set()  # plates and kinds of printer for which replanning gained nothing
         self._search_due_s = -math.inf
         self.next_search_s = math.inf
-        """Moment at which a search may find what the last one did not; infinity if none is needed."""
+        """Time at which another search may succeed; infinity if none is needed."""
 
     @property
     def reserved_printers(self) -> dict[str, str]:
-        """Printers that plates are being replanned for, with the plate."""
+        """Printers for which plates are being replanned, with the plate."""
         return {name: replan.plate for replan in self._running.values() for name in replan.printers}
 
     def clock_set(self) -> None:
-        """Allow the next search at once: the host's clock was set."""
+        """Allow the next search at once, after the host's clock was set."""
         self._search_due_s = -math.inf
 
     def holds(self) -> dict[str, Hold]:
-        """Return a hold for each plate whose part is being cut: no printer gets it meanwhile."""
+        """Return a hold for each plate whose part is being cut: it is not assigned meanwhile."""
         return {
             name: Hold(
                 code=HoldCode.BEING_RECUT,
@@ -74,7 +74,7 @@ class ReplanCoordinator:
         }
 
     def recut_failures(self, books: Books, situation: Situation) -> Iterator[StartReplan]:
-        """Yield the plates that have just failed and are to be cut, before a printer gets them."""
+        """Yield the plates that have just failed and are to be cut instead of assigned."""
         for view in [view for view in situation.waiting if view.tried]:
             plate = books.plates[view.id]
             key = (plate.id, len(plate.prints))
@@ -86,12 +86,12 @@ class ReplanCoordinator:
                 yield self._start(plate, recut.printers, cut=True)
 
     def reslice_waiting(self, books: Books, situation: Situation) -> Iterator[StartReplan]:
-        """Yield the plates that wait for one kind of printer and are to be sliced for a free one of another.
+        """Yield the plates that wait for one kind of printer and are to be sliced for another kind.
 
         Parameters
         ----------
         situation
-            The plates that were offered to the printers and not taken, and the fleet after that.
+            The plates that remain after the assignment, and the fleet after it.
         """
         if situation.now_s < self._search_due_s:
             self.next_search_s = self._search_due_s if situation.waiting else math.inf
@@ -140,23 +140,23 @@ class ReplanCoordinator:
         result
             The replacement, or the error that prevents it.
         situation
-            The plates that are offered to the printers now, with those that are being cut.
+            The plates available for assignment now, with those that are being cut.
         """
         replan = self._running.pop(name, None)
         plate = books.plates[name]
         view = next((view for view in situation.waiting if view.id == name), None)
         if replan is None or view is None:
-            return None  # it was cancelled, or is printed by now
+            return None  # cancelled or printed meanwhile
         for printer in replan.printers:
             if printer in situation.fleet:
                 self._tried.add(_tried_key(plate, situation.fleet[printer].capabilities))
         if isinstance(result, FarmError):
-            log.warning("plate %s stays as it is: %s", name, result)
+            log.warning("plate %s is unchanged: %s", name, result)
             return None
         if not self._saves_time(view, result, replan.cut, books, situation):
-            log.info("plate %s stays as it is: replanned, it would not end sooner", name)
+            log.info("plate %s is unchanged: replanning would not finish it sooner", name)
             return None
-        # Where the event cannot be booked (a full disk), the plate is examined again at the next decision.
+        # If the event cannot be written (a full disk), the plate is examined again at the next decision.
         self._examined.discard((plate.id, len(plate.prints)))
         self._tried = {key for key in self._tried if key[0] != plate.id}
         return ev.PlateReplaced(

@@ -1,4 +1,4 @@
-"""Cut of a failed part for several printers. Runs in a worker."""
+"""Cutting of a failed part for several printers. Runs in a worker."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def cut_part(task: ReplanTask) -> Pieces:
     Raises
     ------
     FarmError
-        `no_fit` if it stays whole, else as `decompose_job`.
+        `no_fit` if cutting saves no time, else as in `decompose_job`.
     """
     with translate_errors():
         resources = find_resources()
@@ -60,7 +60,7 @@ def cut_part(task: ReplanTask) -> Pieces:
 
 
 def _rename_pieces(found: Decomposition, whole: Part) -> Decomposition:
-    """Name the pieces by their part and a letter, and bring them into the frame of its job's model."""
+    """Name the pieces by their part and a letter, and move them to the frame of the job's model."""
     to_model = np.reshape(whole.geometry.to_model, (4, 4))
     name = Path(whole.id).name
     pieces = (
@@ -93,6 +93,6 @@ def _move_planes(planes: np.ndarray, transform: np.ndarray) -> np.ndarray:
 
 
 def _as_drawn(files: Path, part: Part) -> Drawn:
-    """Build a part for the picture from a part of the books."""
+    """Convert a recorded part to one for the picture."""
     to_model = np.reshape(part.geometry.to_model, (4, 4))
     return Drawn(Path(part.id).name, _move_solid(_read_solid(files / part.file), to_model), to_model, 0.0, "")

@@ -1,7 +1,7 @@
 """Policy of replanning: decides which waiting plates are sliced or cut for other printers. Pure.
 
 A plate that waits for printers of one kind may be sliced for a free printer of another kind. The part of a
-failed plate may be cut for several free printers. Either is done only if the part ends sooner by a margin.
+failed plate may be cut for several free printers. Both happen only if the part finishes sooner by a margin.
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ from farm.scheduling import (
 )
 
 MARGIN = 0.2
-"""Share of the time until the part ends that replanning must save at least."""
+"""Least share of the time until the part ends that replanning must save."""
 LEAST_GAIN_S = 1800.0
-"""Least time that replanning must save: a new plan has a cost of its own."""
+"""Least time that replanning must save: a new plan costs time itself."""
 JOIN_S = 336.0
-"""Time of a person for each further piece: take it off its bed (2 min) and glue it (3.6 min)."""
+"""Manual work for each additional piece: removing it from its bed (2 min) and gluing it (3.6 min)."""
 SLICING_S, CUTTING_S = 120.0, 300.0
-"""Usual wall seconds of a slice, and of a cut with its slices."""
+"""Typical wall seconds of slicing, and of cutting with slicing."""
 MOST_PIECES = 8
-_MORE = 1.15  # all pieces together over the whole: each cut adds walls and tops
+_MORE = 1.15  # ratio of the time of all pieces to that of the whole part: cuts add walls and tops
 _WAITS = (
     HoldCode.PRINTER_BUSY,
     HoldCode.BED_NOT_CLEAR,
@@ -43,7 +43,7 @@ _WAITS = (
     HoldCode.UNATTENDED,
     HoldCode.NO_SUCH_PRINTER,
 )
-"""Reasons to wait that do not hold for a printer of another kind."""
+"""Reasons to wait that do not apply to a printer of another kind."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +77,7 @@ class ExpectedEnds:
         self._situation = situation
 
     def of(self, plate: WaitingPlate) -> float:
-        """Return when a plate ends, with all the others in the queue; infinity if unknown."""
+        """Return when a plate ends, in the queue with all others; infinity if unknown."""
         return self._ends_s.get(plate.id, float("inf"))
 
     @cached_property
@@ -93,7 +93,7 @@ class ExpectedEnds:
 
 
 def expected_end_s(plate: WaitingPlate, situation: Situation) -> float:
-    """Return when a waiting plate ends, with all the others in the queue; infinity if unknown."""
+    """Return when a waiting plate ends, in the queue with all others; infinity if unknown."""
     return ExpectedEnds(situation).of(plate)
 
 
@@ -110,14 +110,14 @@ def choose_reslice(
     free: Sequence[FleetPrinter],
     ends: ExpectedEnds | None = None,
 ) -> Reslice | None:
-    """Choose the printer of another kind on which a waiting plate ends sooner by the margin, if any.
+    """Choose the printer of another kind on which a waiting plate finishes sooner by the margin, if any.
 
     Parameters
     ----------
     plate
         A waiting plate of the situation that no printer takes now.
     situation
-        The moment.
+        The current situation.
     free
         The printers that no other plate takes now.
     ends
@@ -135,15 +135,15 @@ def choose_reslice(
 def choose_recut(plate: WaitingPlate, situation: Situation) -> Recut | None:
     """Choose the printers on which a failed plate's part, cut, ends sooner by the margin, if any.
 
-    They are the free ones that the other waiting plates leave. Pieces are assumed to be equal here; the real
-    cut is compared before it is booked.
+    Candidates are the free printers that the other waiting plates do not need. Pieces are taken as equal;
+    the actual cut is compared before it is used.
 
     Parameters
     ----------
     plate
         A waiting plate of the situation that failed.
     situation
-        The moment.
+        The current situation.
     """
     others = tuple(other for other in situation.waiting if other.id != plate.id)
     taken = {given.printer for given in assign_plates(replace(situation, waiting=others, spares={}))}
@@ -171,7 +171,7 @@ def choose_recut(plate: WaitingPlate, situation: Situation) -> Recut | None:
 
 
 def waits_for_its_printer_kind(code: HoldCode) -> bool:
-    """Return whether a reason to wait does not hold for a printer of another kind."""
+    """Return whether a reason to wait does not apply to a printer of another kind."""
     return code in _WAITS
 
 
@@ -181,7 +181,7 @@ def _same_filament(plate: WaitingPlate, printer: FleetPrinter) -> bool:
 
 
 def _other_kind(plate: WaitingPlate, printer: FleetPrinter) -> bool:
-    """Return whether only the kind of printer that a plate was sliced for keeps it from this one."""
+    """Return whether a plate fits a printer in everything but the printer kind it was sliced for."""
     any_kind = replace(plate.requirements, kin=None, nozzle_mm=None)
     return any_kind.matches(printer.capabilities) and not plate.requirements.matches(printer.capabilities)
 

@@ -66,7 +66,7 @@ class ReplannedPlate:
 
 
 def copy_part(task: ReplanTask) -> DecomposedPart:
-    """Copy a planned part out of the store, to be sliced for the first of the printers."""
+    """Copy a planned part from the store, to be sliced for the first printer."""
     part = task.part
     stl = task.folder / Path(part.file).name
     stl.write_bytes((task.files / part.file).read_bytes())
@@ -74,19 +74,19 @@ def copy_part(task: ReplanTask) -> DecomposedPart:
         id=Path(part.id).name,
         stl=stl,
         geometry=part.geometry,
-        price_s=task.plate.sliced_s,  # known exactly: it was sliced
+        price_s=task.plate.sliced_s,  # exact, as it was sliced
         printer=task.printers[0].name,
         print_options=part.print_options,
     )
 
 
 def book_resliced(task: ReplanTask, sliced: SlicedPart) -> ReplannedPlate:
-    """Book the same part on a new plate.
+    """Record the same part on a new plate.
 
     Raises
     ------
     FarmError
-        `slice` if walls are too thin for this printer that were not for the first.
+        `slice` if walls are too thin for this printer but were not for the first.
     """
     unprinted = sliced.result.unprinted
     if len(unprinted) > len(task.plate.warnings):
@@ -97,7 +97,7 @@ def book_resliced(task: ReplanTask, sliced: SlicedPart) -> ReplannedPlate:
 
 
 def book_recut(task: ReplanTask, pieces: Pieces, sliced: Sequence[SlicedPart]) -> ReplannedPlate:
-    """Book the pieces of a part, each on a plate of its own."""
+    """Record the pieces of a part, each on its own plate."""
     parts, plates = [], []
     for piece in sliced:
         letter = piece.part.id[-1]

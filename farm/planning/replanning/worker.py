@@ -28,7 +28,7 @@ OnReplan = Callable[[str, "ReplannedPlate | FarmError"], None]
 
 
 class ReplanWorker:
-    """Replans plates side by side.
+    """Replans plates concurrently.
 
     Parameters
     ----------

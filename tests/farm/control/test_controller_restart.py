@@ -135,7 +135,7 @@ def test_what_cannot_be_booked_is_seen_and_said_all_the_same(tmp_path):
     farm.ready("b")  # nothing new: nothing to be booked
     (first, *_) = list_tasks(farm.view_context(state))
     assert first.code == "farm"
-    assert "nothing is booked until there is room" in first.text
+    assert "nothing is recorded until there is space" in first.text
     assert farm.controller.telemetry.snapshots["a"].nozzle_c == 205.0
     assert farm.controller.books.printers["a"].attention_reason is None
     farm.store._db.execute("PRAGMA query_only = 0")

@@ -217,7 +217,7 @@ def test_a_job_that_cannot_be_done_by_then_says_when_it_will_be(farm, state):
 
     assert by(3600) == ()
     (notice,) = by(50)
-    assert notice.startswith("It was to be printed by") and "as soon as it can be is" in notice
+    assert notice.startswith("It was to be printed by") and "the earliest possible is" in notice
     assert by(600) == ()
     for name in "ab":  # somebody has to clear them first
         farm.controller.handle(

@@ -101,7 +101,12 @@ CASES = {
         "agents",
         "cannot be used: closed",
     ),
-    "no port": ({"ports": (PortFacts("a", "/dev/x", False),)}, "problem", "ports", "a: /dev/x does not exist"),
+    "no port": (
+        {"ports": (PortFacts("a", "/dev/x", False),)},
+        "problem",
+        "ports",
+        "a: /dev/x does not exist",
+    ),
     "closed port": (
         {"ports": (PortFacts("a", "/dev/x", True, False, "plugdev"),)},
         "problem",
