@@ -1,4 +1,4 @@
-"""Scheduling: which plate starts where and when, why the others wait, and the forecast. Pure.
+"""Scheduling: assignment of plates, reasons for waiting, admission of jobs, and the forecast. Pure.
 
 Every decision is a function of one `Situation`.
 """

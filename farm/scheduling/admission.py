@@ -1,4 +1,4 @@
-"""Admission of jobs to planning: the front of the queue begins, the others get a reason to wait. Pure."""
+"""Admission of jobs to planning: planning starts for the front of the queue, the others get a hold. Pure."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _PASSING = (
 
 @dataclass(frozen=True, slots=True)
 class Begin:
-    """Instruction to plan a job for these printers, in so many rounds."""
+    """Instruction to plan a job for these printers, in this number of rounds."""
 
     printers: tuple[str, ...]
     rounds: int = 1
@@ -37,11 +37,11 @@ class JobRequest:
     requirements
         Requirements on each printer.
     printers
-        Number of printers that a person gave it; None for all.
+        Number of printers that the user requested; None for all.
     least_parts
-        Number of parts that an earlier attempt has found to be needed; 0 if unknown.
+        Number of parts needed according to an earlier attempt; 0 if unknown.
     spares
-        Number of free printers that it leaves, as long as it has one.
+        Number of free printers to leave idle, while it has at least one.
     needs_approval
         Nothing is printed before a person approves its plan: busy printers count too, as the queue at that
         time is not known; if other jobs have them then, it waits.
@@ -56,7 +56,7 @@ class JobRequest:
 
 @dataclass(frozen=True, slots=True)
 class Promise:
-    """Printers that another job is being planned for."""
+    """Printers for which another job is being planned."""
 
     job: int
     priority: int
@@ -65,18 +65,18 @@ class Promise:
 
 @dataclass(frozen=True, slots=True)
 class Availability:
-    """The fleet as it is available to the job in front.
+    """Availability of the fleet to the first job in the queue.
 
     Attributes
     ----------
     printers
         The fleet; at least one printer matches.
     kept
-        Printers that the job does not get, with what each is kept for: a plate, a job.
+        Printers that are reserved, each with its purpose: a plate or a job.
     starting
         The farm has just started: printers that are still connecting are waited for.
     unattended_blocked
-        Printers on which nothing may start while nobody is there: chosen only if there is no other.
+        Printers on which nothing may start while nobody is present: chosen only if there is no other.
     """
 
     printers: tuple[FleetPrinter, ...]
@@ -85,7 +85,7 @@ class Availability:
     unattended_blocked: frozenset[str] = frozenset()
 
     def keeping(self, promises: Iterable[Promise]) -> Availability:
-        """Return the same if the printers of these promises are kept too."""
+        """Return the availability with the printers of these promises reserved too."""
         kept = {name: f"job {promise.job}" for promise in promises for name in promise.printers}
         return replace(self, kept={**kept, **self.kept})
 
@@ -101,7 +101,7 @@ def find_mismatch(requirements: Requirements, printers: Iterable[FleetPrinter]) 
 
 
 def choose_printers(request: JobRequest, availability: Availability) -> Begin | Hold:
-    """Choose the printers that the job in front takes.
+    """Choose the printers for the first job in the queue.
 
     It takes all matching printers that are idle and clear, or as many as it was given, once they can print it
     in one round; if the whole fleet cannot, the idle ones in several rounds.
@@ -113,7 +113,7 @@ def choose_printers(request: JobRequest, availability: Availability) -> Begin | 
     arriving = [p.name for p in matching if p.link in (Link.STARTING, Link.CONNECTING) and not p.booked]
     if arriving and availability.starting:
         return Hold(code=HoldCode.PRINTER_CONNECTING, text=f"connecting to {' '.join(arriving)}")
-    # A printer that is away or broken may never come back: nothing waits for it.
+    # A printer that is absent or broken may never return: nothing waits for it.
     coming = [p for p in matching if (hold := p.obstacle()) is None or hold.code in _PASSING]
     if not request.needs_approval:
         coming = [p for p in coming if p.name not in availability.unattended_blocked] or coming
@@ -127,11 +127,11 @@ def choose_printers(request: JobRequest, availability: Availability) -> Begin | 
         if kept:
             return _kept_hold({name: availability.kept[name] for name in kept})
         obstacles = [obstacle for p in matching if (obstacle := p.obstacle()) is not None]
-        # Name what ends by itself; ask a person only if nothing does.
+        # Prefer a reason that ends by itself; ask a person only if there is none.
         busy = [hold for hold in obstacles if hold.code is HoldCode.PRINTER_BUSY]
         full = [p.name for p in matching if (h := p.obstacle()) and h.code is HoldCode.BED_NOT_CLEAR]
         if busy and full:
-            sooner = f"`farm cleared {full[0]}` would let it begin now, if that bed is clear"
+            sooner = f"`farm cleared {full[0]}` would let it start now, if that bed is clear"
             return Hold(code=HoldCode.PRINTER_BUSY, text=f"{busy[0].text}; {sooner}")
         return (busy or obstacles)[0]
     given = min(max(1, len(idle) - request.spares), request.printers or len(idle))
@@ -142,13 +142,13 @@ def choose_printers(request: JobRequest, availability: Availability) -> Begin | 
             text = f"it needs {least} printers at the same time, {given} of {ceiling} are idle and clear"
             return Hold(code=HoldCode.TOO_FEW_PRINTERS, text=text)
         return Begin(tuple(p.name for p in idle[:given]), rounds=-(-least // given))
-    # The largest first: a person who gives two printers gives the best two.
+    # The largest first: two requested printers are the best two.
     idle.sort(key=lambda p: (-p.capabilities.height_mm, p.name))
     return Begin(tuple(sorted(p.name for p in idle[:given])))
 
 
 def _kept_hold(kept: Mapping[str, str]) -> Hold:
-    """Return the hold for idle printers that are kept for something else."""
+    """Return the hold for idle printers that are reserved."""
     names: dict[str, list[str]] = {}
     for name, purpose in kept.items():
         names.setdefault(purpose, []).append(name)
@@ -165,9 +165,9 @@ def choose_printers_beside(
     priority: int,
     promises: Iterable[Promise],
 ) -> Begin | Hold:
-    """Choose the printers of a job beside others that are being planned.
+    """Choose the printers of a job while others are being planned.
 
-    They keep their printers from jobs of lower priority, and from others while more printers are free.
+    Those reserve their printers against jobs of lower priority, and against others while more are free.
 
     Parameters
     ----------
@@ -176,7 +176,7 @@ def choose_printers_beside(
     priority
         The job's priority.
     promises
-        The printers of the jobs that are being planned.
+        The reserved printers of the jobs that are being planned.
     """
     others = list(promises)
     first = choose_printers(request, availability.keeping(others))
@@ -189,7 +189,7 @@ def choose_printers_beside(
 
 @dataclass(frozen=True, slots=True)
 class StartPlanning:
-    """Instruction to plan a job for these printers, in so many rounds."""
+    """Instruction to plan a job for these printers, in this number of rounds."""
 
     job: int
     printers: tuple[str, ...]
@@ -205,25 +205,25 @@ class HoldJob:
 
 
 class JobAdmission:
-    """Decides which jobs are planned, and remembers for which printers.
+    """Decides which jobs are planned, and records for which printers.
 
-    It is in memory only: after a restart, jobs are planned again.
+    State is kept in memory only: after a restart, jobs are planned again.
     """
 
     def __init__(self) -> None:
         self._least_parts: dict[int, int] = {}
-        self._planned: dict[int, frozenset[str]] = {}  # the printers that a job is being planned for
+        self._planned: dict[int, frozenset[str]] = {}  # printers for which a job is being planned
 
     def require_parts(self, number: int, parts: int) -> None:
-        """Store the number of parts that an attempt to plan a job has found to be needed."""
+        """Store the number of parts that a job needs according to an attempt to plan it."""
         self._least_parts[number] = parts
 
     def begin(self, order: StartPlanning) -> None:
-        """Store the printers that a job is being planned for."""
+        """Store the printers for which a job is being planned."""
         self._planned[order.job] = frozenset(order.printers)
 
     def end(self, number: int) -> None:
-        """Forget a job whose planning has ended."""
+        """Remove a job whose planning has ended."""
         self._planned.pop(number, None)
 
     def decide(
@@ -231,17 +231,17 @@ class JobAdmission:
     ) -> Iterator[StartPlanning | HoldJob]:
         """Yield a decision on each queued job: its planning starts, or it has a reason to wait.
 
-        Own G-code has a queue of its own: it is planned in a moment, and never waits for a decomposition. A
-        job that no printer matches lets the others pass.
+        Own G-code has a separate queue: its planning is quick, and never waits for a decomposition. A
+        job that no printer matches does not block the others.
 
         Parameters
         ----------
         books
-            As committed, with the plates that have just been assigned.
+            The committed books, with the plates that have just been assigned.
         situation
-            The fleet after that, the rules and the spares.
+            The fleet after this assignment, the rules and the spares.
         kept
-            Printers that no new job gets, with what each is kept for.
+            Printers that are reserved, each with its purpose.
         starting
             The farm has just started: printers that are still connecting are waited for.
         """
@@ -273,7 +273,7 @@ class JobAdmission:
     def _request(self, job: Job) -> JobRequest:
         return JobRequest(
             requirements=job_requirements(job),
-            printers=job.options.printers if job.own_gcode is None else None,  # its plan chooses one
+            printers=job.options.printers if job.own_gcode is None else None,  # planning chooses one
             least_parts=self._least_parts.get(job.id, 0),
             spares=job.options.spares,
             needs_approval=job.options.hold,
@@ -281,19 +281,19 @@ class JobAdmission:
 
 
 def kept_printers(situation: Situation, reserved: Mapping[str, str]) -> dict[str, str]:
-    """Return the printers that are not available to a new job, with what each is kept for.
+    """Return the printers that are reserved and so not available to a new job, each with its purpose.
 
-    None is kept for a plate that may not start: the end of its wait may be far away.
+    No printer is reserved for a plate that may not start, as it may wait for long.
 
     Parameters
     ----------
     situation
-        The plates that still wait, and the fleet after the plates that start now.
+        The plates that still wait, and the fleet after the present assignment.
     reserved
-        Printers that plates are being replanned for, with the plate.
+        Printers for which plates are being replanned, with the plate.
     """
     soon: Iterable[Assignment] = ()
-    if situation.rules.max_heating is not None:  # plates that start as soon as another printer is hot
+    if situation.rules.max_heating is not None:  # plates that start once another printer has heated up
         soon = assign_plates(replace(situation, rules=replace(situation.rules, max_heating=None)))
     return {
         **dict.fromkeys(situation.kept, "a failed part (--spares)"),
@@ -303,7 +303,7 @@ def kept_printers(situation: Situation, reserved: Mapping[str, str]) -> dict[str
 
 
 def _own_hold(job: Job, situation: Situation) -> Hold | None:
-    """Return the hold of a job that does not depend on other jobs; None if there is none."""
+    """Return the hold of a job that is independent of other jobs; None if there is none."""
     mismatch = find_mismatch(job_requirements(job), situation.printers)
     if mismatch is not None:
         return mismatch

@@ -19,24 +19,24 @@ class Assignment:
 
 
 def assign_plates(situation: Situation) -> list[Assignment]:
-    """Give waiting plates to printers.
+    """Assign waiting plates to printers.
 
-    Plates choose by priority, then by order of submission, then the longest first (LPT). A plate
-    gets the printer of its plan if that one can take it now; otherwise a matching printer that is idle and
+    Plates are taken by priority, then by order of submission, then the longest first (LPT). A plate
+    gets the printer of its plan if that is available now; otherwise a matching printer that is idle and
     clear, preferably one that no other waiting plate was planned for, and the lowest. Where all of them are
-    taken, an earlier plate is moved to another printer that matches it too (an augmenting path), so that no
-    printer is left idle by the order. A plate returns to a printer on which it failed only if no other is
-    free. A job that was given a number of printers never prints on more at once.
+    taken, an earlier plate is moved to another matching printer (an augmenting path), so that the
+    order leaves no printer idle. A plate returns to a printer on which it failed only if no other is
+    free. A job never prints on more printers at once than it requested.
 
     Parameters
     ----------
     situation
-        Waiting plates, fleet and rules. The order of plates and printers does not change the answer.
+        Waiting plates, fleet and rules. The result does not depend on the order of plates and printers.
 
     Returns
     -------
     list of Assignment
-        Each printer and each plate at most once, in the order in which the plates choose.
+        Each printer and each plate at most once, in the order in which plates are taken.
     """
     given = sorted(_match(situation).items(), key=lambda pair: pair[1].priority_key)
     return [Assignment(plate.id, name) for name, plate in given]
@@ -50,7 +50,7 @@ def find_holds(situation: Situation, assignments: Iterable[Assignment]) -> dict[
     situation
         Waiting plates, fleet and rules.
     assignments
-        The answer of `assign_plates`.
+        The result of `assign_plates`.
     """
     given = {each.plate: each.printer for each in assignments}
     starts, limit = _allowed_starts(situation), situation.rules.max_heating
@@ -68,7 +68,7 @@ def find_holds(situation: Situation, assignments: Iterable[Assignment]) -> dict[
 
 
 def _allowed_starts(situation: Situation) -> int:
-    """Return the number of printers that may begin to heat now."""
+    """Return the number of printers that may start to heat now."""
     limit = situation.rules.max_heating
     if limit is None:
         return len(situation.free)

@@ -17,7 +17,7 @@ from farm.scheduling.start_rules import StartRules, short_of_filament
 from farm.state import Books
 
 CLEARING_S = 900.0
-"""Time in which a person clears a bed, once somebody is there."""
+"""Time to clear a bed, once somebody is present."""
 _COMING = (
     None,
     HoldCode.PRINTER_BUSY,
@@ -25,8 +25,8 @@ _COMING = (
     HoldCode.FILAMENT_UNKNOWN,
     HoldCode.REEL_UNCERTAIN,
 )
-_FARTHEST_S = 15 * 86400.0  # in which no plate starts, and none will
-_END, _HEATED, _READY, _HOURS = range(4)  # what changes, at one moment in this order
+_FARTHEST_S = 15 * 86400.0  # without a start after which no plate ever starts
+_END, _HEATED, _READY, _HOURS = range(4)  # kinds of change; simultaneous ones in this order
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,8 +45,8 @@ class Forecast:
 
     slots: tuple[Slot, ...]
     left: tuple[str, ...]
-    ends_s: float  # of the last slot; now if there is none
-    lower_bound_s: float  # no order of the plates ends sooner
+    ends_s: float  # end of the last slot; now if there is none
+    lower_bound_s: float  # lower bound of the end for any order of the plates
 
     @property
     def starts_s(self) -> float:
@@ -54,20 +54,20 @@ class Forecast:
 
 
 def forecast_prints(situation: Situation, bounded: bool = True) -> Forecast:
-    """Forecast the prints of all waiting plates: the farm's own decisions, one after the other.
+    """Forecast the prints of all waiting plates by simulating the farm's decisions.
 
-    Whenever a printer becomes free, a job gets a place, another printer has heated up or hours change, plates
+    Whenever a printer becomes free or has heated up, a job may use another printer, or hours change, plates
     are matched with printers by the code of `farm.scheduling.assignment`. Between two plates on a printer its
-    bed is cleared, for which a person has to be there. Printers that are away or broken are not counted on,
-    unless there is no other. Where all printers are alike and free, the end of a job is at most 4/3 of the
+    bed is cleared, which needs a person to be present. Printers that are absent or broken are used only if
+    there is no other. Where all printers are alike and free, the end of a job is at most 4/3 of the
     least (Graham 1969, LPT), and the longest plate's end if there are no more plates than printers.
 
     Parameters
     ----------
     situation
-        What waits, the fleet and the rules. The order of plates and printers does not change the answer.
+        Waiting plates, fleet and rules. The result does not depend on the order of plates and printers.
     bounded
-        Compute a lower bound better than now.
+        Whether to compute a lower bound better than the present time.
     """
     rules, now_s = situation.rules, situation.now_s
     fleet = list(situation.fleet.values())
@@ -87,7 +87,7 @@ def forecast_prints(situation: Situation, bounded: bool = True) -> Forecast:
 
 
 class _Simulation:
-    """The farm from now on, from one change to the next, with nothing unforeseen.
+    """Simulation of the farm from now on, from one change to the next, without failures.
 
     Printers that get no plate though they are free are `stuck`: no plate that waits can start on them until
     hours or a job's places change.
@@ -99,7 +99,7 @@ class _Simulation:
             turn: {p.id: p for p in plates} for turn, plates in queue_of(situation.by_priority).items()
         }
         self._rules, self._now_s, self._spares = situation.rules, situation.now_s, dict(situation.spares)
-        self._left = Counter(plate.job for plate in situation.waiting)  # prints by job, with those under way
+        self._left = Counter(plate.job for plate in situation.waiting)  # prints by job, with running ones
         self._fleet = {printer.name: as_idle(printer) for printer in coming}
         self._order = FleetOrder.of(self._fleet.values())
         self._planned = Counter(plate.planned for plate in situation.waiting)
@@ -133,7 +133,7 @@ class _Simulation:
             heapq.heappush(self._changes, (at_s, kind, str(about), about))
 
     def run(self) -> None:
-        """Simulate until nothing waits, or nothing that waits can ever start."""
+        """Simulate until no plate waits, or no waiting plate can ever start."""
         self._match()
         edge_s, give_up_s = self._next_edge_s(), self._now_s + _FARTHEST_S
         while self.queue:
@@ -175,9 +175,9 @@ class _Simulation:
             self._stuck.clear()
 
     def _match(self) -> bool:
-        """Let plates start that can; tell whether one did."""
+        """Start the plates that can start. Returns whether there was one."""
         if self._spares:
-            self._stuck.clear()  # which printers are kept changes with what waits
+            self._stuck.clear()  # the spares depend on the waiting plates
         free = self._idle - self._stuck
         most = self._rules.max_heating
         starts = len(free) if most is None else max(0, most - self._heating)
@@ -232,7 +232,7 @@ class _Simulation:
 
 
 def as_idle(printer: FleetPrinter) -> FleetPrinter:
-    """Return the printer as it is when idle and clear: for how long a plan takes, not for when it begins."""
+    """Return the printer as it is when idle and clear: for the duration of a plan."""
     return replace(
         printer,
         bed=Bed.CLEAR,
@@ -252,7 +252,7 @@ def seconds_on(plate: WaitingPlate, printer: FleetPrinter) -> float:
 
 
 def _ready_s(printer: FleetPrinter, rules: StartRules, now_s: float) -> float:
-    """Return when a printer is idle and clear."""
+    """Return the time at which a printer is idle and clear."""
     if printer.obstacle() is None:
         return now_s
     return rules.bed_clear_s(max(now_s, printer.free_s or now_s), CLEARING_S)
@@ -284,7 +284,7 @@ def _lower_bound_s(
     rules: StartRules,
     now_s: float,
 ) -> float:
-    """Return the end that no schedule on these printers can beat.
+    """Return a lower bound of the end of any schedule on these printers.
 
     The greatest of: each plate alone on the printer where it ends soonest; and, for the plates that can go
     to some set of printers only, all their seconds spread evenly over it from when each is ready.
@@ -308,7 +308,7 @@ def _lower_bound_s(
 
 
 def _filled_s(work_s: float, ready: Sequence[float]) -> float:
-    """Return when so much work is done by machines that are ready at these moments (in order)."""
+    """Return when machines that are ready at these times (ascending) finish this amount of work."""
     level_s = ready[0]
     for count, following in enumerate([*ready[1:], float("inf")], 1):
         room_s = (following - level_s) * count
@@ -316,11 +316,11 @@ def _filled_s(work_s: float, ready: Sequence[float]) -> float:
             return level_s + work_s / count
         work_s -= room_s
         level_s = following
-    raise AssertionError("the last machine takes whatever is left")
+    raise AssertionError("the last machine takes the remaining work")
 
 
 _KEPT_S = 60.0  # farm seconds for which a forecast of unchanged books is kept
-_APART_S = 5.0  # wall seconds: 2,000 plates on 200 printers with hours take most of one
+_APART_S = 5.0  # wall seconds; 2,000 plates on 200 printers with hours take nearly one
 
 
 class ForecastCache:
@@ -329,7 +329,7 @@ class ForecastCache:
     Parameters
     ----------
     scale
-        Farm seconds in a wall second.
+        Farm seconds per wall second.
     """
 
     def __init__(self, scale: float) -> None:
@@ -343,7 +343,7 @@ class ForecastCache:
         self._at_s = float("-inf")
 
     def ends_s(self, books: Books, situation: Callable[[], Situation], now_s: float) -> Mapping[str, float]:
-        """Return when each waiting plate that a printer can take ends, in seconds since the epoch."""
+        """Return the end of each waiting plate that a printer can take, in seconds since the epoch."""
         old_s = now_s - self._at_s
         if old_s > self._apart_s and (books is not self._books or old_s > _KEPT_S):
             slots = forecast_prints(situation(), bounded=False).slots

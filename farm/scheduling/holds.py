@@ -1,4 +1,4 @@
-"""Holds of plates: why each waits, as a code and a sentence with what ends the wait. Pure."""
+"""Holds of plates: a code and a sentence with the reason and how to end the wait. Pure."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def find_plate_holds(
     now_s: float,
     may_hold: Callable[[Books, Job], bool] = may_hold_back,
 ) -> dict[str, Hold]:
-    """Find the waiting plates that are offered to no printer, and why.
+    """Find the waiting plates that are excluded from assignment, with the reasons.
 
     Parameters
     ----------
@@ -144,22 +144,22 @@ def _find_hold(books: Books, job: Job, plate: Plate, unreported: str, now_s: flo
     return None
 
 
-_NAMED = 4  # printers that a sentence names; of more, it gives the number
+_NAMED = 4  # most printers that a sentence names; further ones are counted
 
 
 class HoldReasons:
-    """Finds the reason why a plate waits, at one moment.
+    """Finds the reason why a plate waits, in one situation.
 
     Parameters
     ----------
     situation
-        The moment.
+        The current situation.
     given
-        Printers that are given a plate now.
+        Printers that are assigned a plate now.
     kept
-        Free printers that are kept for plates that failed elsewhere.
+        Free printers that are kept as spares for failed plates.
     full
-        Limit of printers that heat at once, if it is reached; None if it is not.
+        Limit on printers that heat at once, if it is reached; else None.
     """
 
     def __init__(
@@ -181,7 +181,7 @@ class HoldReasons:
         )
 
     def find(self, plate: WaitingPlate) -> Hold:
-        """Return why a plate waits: preferably a reason that ends by itself, with how to end it sooner."""
+        """Return why a plate waits: preferably a reason that ends by itself, and how to end it sooner."""
         lacking = tuple(each for each in self._capabilities if not plate.requirements.matches(each))
         if lacking not in self._matching:
             self._matching[lacking] = tuple(
@@ -230,12 +230,12 @@ class HoldReasons:
         if self._full is not None:
             return Hold(
                 code=HoldCode.HEATING_LIMIT,
-                text=f"{self._full} printers are heating up, the most at a time (max_heating)",
+                text=f"{self._full} printers are heating up, the limit (max_heating)",
             )
         return None
 
     def _printing(self, names: tuple[str, ...]) -> Hold | None:
-        """Return the hold for busy printers: until when, and how to start earlier."""
+        """Return the hold for busy printers, with its end and how to start earlier."""
         if names not in self._busy:
             self._busy[names] = self._printing_now(names)
         return self._busy[names]
@@ -254,16 +254,16 @@ class HoldReasons:
         text = f"{join_names(busy)} {'is' if len(busy) == 1 else 'are'} printing{until}"
         full = [n for n, hold in obstacles.items() if hold.code is HoldCode.BED_NOT_CLEAR]
         if full:
-            text += f"; `farm cleared {full[0]}` would let it begin now, if that bed is clear"
+            text += f"; `farm cleared {full[0]}` would let it start now, if that bed is clear"
         return Hold(code=HoldCode.PRINTER_BUSY, text=text)
 
 
 def _given_away() -> Hold:
-    return Hold(code=HoldCode.PRINTER_BUSY, text="every matching printer was given another plate")
+    return Hold(code=HoldCode.PRINTER_BUSY, text="every matching printer got another plate")
 
 
 def join_names(names: Iterable[str]) -> str:
-    """Join names for a sentence: a, b and c; of many, the number of the rest."""
+    """Join names for a sentence: a, b and c; of many, the rest are counted."""
     *rest, last = names
     if len(rest) >= _NAMED:
         rest, last = rest[: _NAMED - 1], f"{len(rest) - _NAMED + 2} more"

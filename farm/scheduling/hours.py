@@ -1,4 +1,4 @@
-"""Moments as a person writes them, and windows of the week on the calendar. Pure."""
+"""Parsing of times, and weekly windows on the calendar. Pure."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from functools import lru_cache
 
 from farm.week_windows import DAYS, Window
 
-_HORIZON_DAYS = 15  # two weeks hold every span of weekly windows
+_HORIZON_DAYS = 15  # two weeks contain every span of weekly windows
 _ALWAYS_S = 8 * 86400.0  # longer spans have no gap: they never end
 Span = tuple[float, float]
 
 
 @dataclass(frozen=True, slots=True)
 class Hours:
-    """Windows in a time zone. Moments are seconds since the epoch.
+    """Weekly windows in a time zone. Times are seconds since the epoch.
 
-    A local time that daylight saving skips is taken an hour later; of one that occurs twice, windows begin at
-    the first and end at the second, so that no minute of a window is lost.
+    A local time that daylight saving skips is moved an hour later. Of a local time that occurs twice, windows
+    start at the first and end at the second, so that no minute is lost.
     """
 
     windows: tuple[Window, ...]
@@ -32,7 +32,7 @@ class Hours:
         return next((span for span in self._near(at_s) if span[0] <= at_s < span[1]), None)
 
     def following(self, at_s: float) -> Span | None:
-        """Return the first span that begins after `at_s`; None if there is none."""
+        """Return the first span that starts after `at_s`; None if there is none."""
         return next((span for span in self._near(at_s) if span[0] > at_s), None)
 
     def edge_s(self, at_s: float) -> float | None:
@@ -66,7 +66,7 @@ def _merged(spans: Iterable[Span]) -> list[Span]:
     merged: list[Span] = []
     for begin, end in sorted(spans):
         if end <= begin:
-            continue  # daylight saving skips all of it
+            continue  # skipped entirely by daylight saving
         if merged and begin <= merged[-1][1]:
             merged[-1] = (merged[-1][0], max(merged[-1][1], end))
         else:
@@ -79,7 +79,7 @@ _TIME = re.compile(r"(?:([a-z]{3})\s+)?(\d{1,2}):(\d{2})")
 
 
 def parse_moment_s(text: str, now_s: float, zone: tzinfo) -> float:
-    """Parse a moment, the next one after now, in seconds since the epoch.
+    """Parse a time as its next occurrence, in seconds since the epoch.
 
     Raises
     ------
@@ -109,7 +109,7 @@ def parse_moment_s(text: str, now_s: float, zone: tzinfo) -> float:
 
 
 def _next(now: datetime, day: str | None, hour: int, minute: int) -> datetime:
-    """Return the next such local time; with daylight saving, one may occur twice."""
+    """Return the next occurrence of a local time, which daylight saving may repeat."""
     then = now.replace(hour=hour, minute=minute, second=0, microsecond=0, fold=0)
     for _ in range(9):
         second = then.replace(fold=1)  # an hour later if it occurs twice, earlier if it is skipped

@@ -16,14 +16,14 @@ SLACK_MM = 0.05
 
 @dataclass(frozen=True, slots=True)
 class Capabilities:
-    """Capabilities of a printer, whatever its state.
+    """Capabilities of a printer, independent of its state.
 
     Attributes
     ----------
     room
         Boxes; one of them must contain all extrusion of a plate.
     kin
-        Printer family, whose members take the same G-code; None: any.
+        Printer family, whose members accept the same G-code; None: any.
     """
 
     room: tuple[Box, ...]
@@ -49,7 +49,7 @@ class Capabilities:
 
 @dataclass(frozen=True)
 class FleetPrinter:
-    """A printer with all facts that decide whether it can take a plate."""
+    """A printer with all data that decide whether it can take a plate."""
 
     name: str
     capabilities: Capabilities
@@ -63,10 +63,10 @@ class FleetPrinter:
     free_s: float | None = None  # expected end of its print
     job: int | None = None  # of the plate that it prints
     heats_until_s: float | None = None  # expected end of its heat-up
-    grams: float | None = None  # on its reel, less those of its open print; None: unknown
-    reel_uncertain: bool = False  # there may be fewer grams on it
+    grams: float | None = None  # on its reel, minus those needed by its open print; None: unknown
+    reel_uncertain: bool = False  # `grams` may be too high
     time_factor: float = 1.0  # learned from its prints
-    unattended: bool = True  # it may print while nobody is there
+    unattended: bool = True  # may print while nobody is present
     why_attended: str = ""  # why it may not print unattended
 
     def obstacle(self) -> Hold | None:
@@ -130,7 +130,7 @@ class Requirements:
         )
 
     def describe(self, lacking: tuple[Capabilities, ...] = ()) -> str:
-        """List the requirements as text; with `lacking`, only those that one of these misses."""
+        """List the requirements as text; with `lacking`, only those that one of these does not meet."""
         asked = []
         for value, key in ((self.material, "material"), (self.colour, "colour")):
             if value and (not lacking or any(getattr(kind, key) != value for kind in lacking)):
@@ -160,19 +160,19 @@ class WaitingPlate:
     job: int
     planned: str  # printer of its plan
     expected_s: float  # on the planned printer, heating included
-    priority: int = 0  # higher is earlier
+    priority: int = 0  # higher prints earlier
     grams: float = 0.0
     heating_s: float = 0.0  # of `expected_s`: everything but the layers
     time_factor: float = 1.0  # of the planned printer, in `expected_s`
     first_layer_s: float = 0.0  # from its start to the end of its first layer
     failed_on: frozenset[str] = frozenset()
     tried: bool = False  # printed before: that failed, or its part is bad
-    places: int | None = None  # number of further printers that its job may use now; None: no limit
+    places: int | None = None  # number of additional printers that its job may use now; None: no limit
     not_before_s: float | None = None
 
     @cached_property
     def priority_key(self) -> tuple[int, int, float, str]:
-        """Sort key: priority, order of submission, then the longest first, as it ends its job."""
+        """Sort key: priority, order of submission, then the longest first (LPT)."""
         return *self.turn, -self.expected_s, self.id
 
     @cached_property

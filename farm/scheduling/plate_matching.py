@@ -1,4 +1,4 @@
-"""Matching of free printers and waiting plates at one moment: what is decided, and what is foreseen. Pure."""
+"""Matching of free printers with waiting plates, for the assignment and for the forecast. Pure."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from farm.scheduling.spares import takes_spare
 from farm.scheduling.start_rules import StartRules, StartWindow, needed_grams
 
 Turn = tuple[int, int]
-"""Negative priority and number of a job: the least chooses first."""
+"""Negative priority and number of a job; the smallest is served first."""
 Queue = Mapping[Turn, Iterable[WaitingPlate]]
-"""Waiting plates by job: the job that chooses first at the front, and its plates likewise."""
+"""Waiting plates by job; jobs and their plates in the order in which they are served."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,24 +43,24 @@ class FleetOrder:
 
 @dataclass(frozen=True, slots=True)
 class Moment:
-    """All that decides which plates start.
+    """Input of the matching: state of the printers and limits at one time.
 
     Attributes
     ----------
     fleet
-        All printers by name, as they are at this moment.
+        All printers by name, in their present state.
     free
-        Those to match: idle and clear.
+        Printers to match: idle and clear.
     order
         Their order and kinds.
     planned
-        The printers that the waiting plates were planned for.
+        The printers for which the waiting plates were planned.
     kept
         Free printers that are kept for plates that failed elsewhere.
     places
-        On how many more printers a job may print; jobs without a limit are not in it.
+        Number of additional printers that a job may use; jobs without a limit are absent.
     starts
-        How many printers may begin to heat up now.
+        Number of printers that may start to heat up now.
     rules, now_s
         Hours, and seconds since the epoch.
     """
@@ -77,7 +77,7 @@ class Moment:
 
 
 def queue_of(plates: Iterable[WaitingPlate]) -> dict[Turn, list[WaitingPlate]]:
-    """Group plates, in the order in which they choose, by job."""
+    """Group plates by job, in the order in which they are served."""
     queue: dict[Turn, list[WaitingPlate]] = {}
     for plate in plates:
         queue.setdefault(plate.turn, []).append(plate)
@@ -116,7 +116,7 @@ def match_plates(queue: Queue, moment: Moment) -> dict[str, WaitingPlate]:
 
 @dataclass(frozen=True, slots=True)
 class _Kind:
-    """Free printers alike in all but name and reel."""
+    """Free printers that differ only in name and reel."""
 
     capabilities: Capabilities
     names: list[str]
@@ -153,11 +153,11 @@ class _Matching:
         return False
 
     def place(self, plate: WaitingPlate) -> bool:
-        """Find a printer for a plate, which others may leave for one that will do as well."""
+        """Find a printer for a plate; plates already placed may move to another printer."""
         return self._augment(plate, set())
 
     def place_again(self, plate: WaitingPlate) -> bool:
-        """Find a printer for a plate among all that are left, those on which it failed too."""
+        """Find a printer for a plate among all that remain, including those on which it failed."""
         for name in self._able(plate):
             if name not in self.taken:
                 self.taken[name] = plate

@@ -1,4 +1,4 @@
-"""State of the farm at one moment, as the scheduler sees it. Pure."""
+"""Input of all scheduling decisions: the state of the farm at one time. Pure."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ class Situation:
     printers
         The fleet, in any order.
     rules
-        Hours, and how many printers may heat at once.
+        Hours, and the limit on printers that heat at once.
     now_s
         Farm time, seconds since the epoch.
     time_scale
-        Farm seconds in a wall second; work in the daemon's own processes takes wall seconds.
+        Farm seconds per wall second; work in the daemon's processes takes wall seconds.
     spares
-        By job that is printed, how many free printers it has kept for what fails while nobody is there
+        Number of free printers that each printing job keeps for parts that fail while nobody is present
         (`--spares`).
     """
 
@@ -47,12 +47,12 @@ class Situation:
 
     @cached_property
     def by_priority(self) -> tuple[WaitingPlate, ...]:
-        """Return the waiting plates in the order in which they choose."""
+        """Return the waiting plates in the order in which they are served."""
         return tuple(sorted(self.waiting, key=attrgetter("priority_key")))
 
     @cached_property
     def planned(self) -> frozenset[str]:
-        """Return the printers that the waiting plates were planned for."""
+        """Return the printers for which the waiting plates were planned."""
         return frozenset(plate.planned for plate in self.waiting)
 
     @cached_property
@@ -72,20 +72,20 @@ class Situation:
         return self.rules.find_start(plate, printer, self.now_s).at_s == self.now_s
 
     def next_change_s(self) -> float:
-        """Return the next moment at which time alone changes which plates can start; infinity for never.
+        """Return the next time at which the set of plates that can start changes; infinity for never.
 
-        Until then, scheduling the same plates and printers gives the same answer.
+        Until then, scheduling the same plates and printers gives the same result.
         """
         return self.rules.next_change_s(self.waiting, self.printers, self.now_s)
 
     def without(self, plates: Collection[str]) -> Situation:
-        """Return the same moment without some of the waiting plates."""
+        """Return the situation without some of the waiting plates."""
         return self.with_waiting(tuple(p for p in self.waiting if p.id not in plates)) if plates else self
 
     def with_waiting(self, waiting: tuple[WaitingPlate, ...]) -> Situation:
-        """Return the same moment with other plates that wait."""
+        """Return the situation with other waiting plates."""
         return replace(self, waiting=waiting)
 
     def with_printers(self, printers: tuple[FleetPrinter, ...]) -> Situation:
-        """Return the same moment with another fleet."""
+        """Return the situation with another fleet."""
         return replace(self, printers=printers)

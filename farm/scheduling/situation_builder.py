@@ -1,6 +1,6 @@
 """Builder of situations from fleet, books and the agents' latest snapshots.
 
-Pure, but for the memory of `SituationBuilder`: unchanged printers and jobs are not described again.
+Pure except for the cache of `SituationBuilder`: unchanged printers and jobs are not described again.
 """
 
 from __future__ import annotations
@@ -57,17 +57,17 @@ def _describe_printer(
 
 
 def _why_attended(section: PrinterSection, report: AgentSnapshot | None) -> str:
-    """Return why a printer prints only while somebody is there; empty if it may print alone."""
+    """Return why a printer prints only while attended; empty if it may print unattended."""
     firmware = PROFILES[section.model].firmware
     if report is not None and not report.reset_verified:
-        return "its board was not seen to reset"
+        return "a reset of its board has not been verified"
     if not (section.simulated or firmware.dead_man_observed):
-        return f"nobody has seen {firmware.title} end the heat when its host is dead"
+        return f"it is not verified that {firmware.title} switches the heaters off when its host dies"
     return "" if section.unattended else "fleet.yaml says so"
 
 
 def _free_grams(books: Books, entry: Printer, attempt: Print | None) -> float | None:
-    """Return the grams on a reel that its print, if there is one, leaves; None if nobody said."""
+    """Return the grams on a reel, minus those of its open print; None if unknown."""
     if entry.reel is None or entry.reel.grams is None or attempt is None:
         return None if entry.reel is None else entry.reel.grams
     return max(0.0, entry.reel.grams - books.plates[attempt.plate].grams)
@@ -83,7 +83,7 @@ def _expected_end_s(books: Books, attempt: Print, factor: float) -> float:
 
 
 class SituationBuilder:
-    """Describes the farm to the scheduler, and only what has changed since the last call.
+    """Describes printers and waiting plates to the scheduler, with a cache of unchanged ones.
 
     Parameters
     ----------
@@ -123,7 +123,7 @@ class SituationBuilder:
         return described
 
     def waiting(self, books: Books) -> tuple[WaitingPlate, ...]:
-        """Describe the waiting plates of printing jobs, in the order in which they choose."""
+        """Describe the waiting plates of printing jobs, in the order in which they are served."""
         printing = [job for job in books.jobs.values() if job.state is JobState.PRINTING]
         printing.sort(key=lambda job: (-job.options.priority, job.id))
         known = {job.id: self._plates(books, job) for job in printing}
@@ -149,7 +149,7 @@ class SituationBuilder:
 
 @dataclass(frozen=True, slots=True)
 class _JobPlates:
-    """Waiting plates of a job, and whether its own state may hold one back."""
+    """Waiting plates of a job, and whether the job's state may hold one back."""
 
     waiting: tuple[WaitingPlate, ...]
     may_hold_back: bool
@@ -199,7 +199,7 @@ def count_spares(books: Books) -> dict[int, int]:
 def may_start_now(attempt: Print, books: Books, situation: Situation) -> bool:
     """Return whether hours allow a start that its agent has not confirmed yet.
 
-    The agent may have been away since: a start that was allowed in the evening may not be at night.
+    The agent may have been unreachable: a start that was allowed in the evening may not be at night.
     """
     printer = situation.fleet.get(attempt.printer)
     (plate,) = describe_plates([books.plates[attempt.plate]], books)
@@ -211,7 +211,7 @@ def may_start_now(attempt: Print, books: Books, situation: Situation) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class PrintLimits:
-    """Limits that hours set to a print, in seconds since the epoch; None if they set none.
+    """Time limits of a print from the hours, in seconds since the epoch; None for no limit.
 
     Attributes
     ----------
@@ -226,7 +226,7 @@ class PrintLimits:
 
 
 def find_print_limits(attempt: Print, books: Books, situation: Situation) -> PrintLimits:
-    """Find the latest start and end of a print that may begin now."""
+    """Find the latest start and end of a print that may start now."""
     printer = situation.fleet.get(attempt.printer)
     if printer is None:
         return PrintLimits(None, None)

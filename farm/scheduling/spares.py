@@ -1,4 +1,4 @@
-"""Free printers that are kept for what fails (`--spares`). Pure."""
+"""Free printers that are kept in reserve for failed parts (`--spares`). Pure."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from farm.scheduling.matching import FleetPrinter, WaitingPlate
 
 
 def spare_printers(printers: Iterable[FleetPrinter], planned: Collection[str], spares: int) -> frozenset[str]:
-    """Return the largest free printers that no waiting plate was `planned` for, as many as are kept."""
+    """Return the `spares` largest free printers for which no waiting plate was `planned`."""
     free = [p for p in printers if p.name not in planned and p.obstacle() is None]
     free.sort(key=lambda p: (p.capabilities.height_mm, p.name), reverse=True)
     return frozenset(printer.name for printer in free[:spares])

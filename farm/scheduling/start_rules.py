@@ -17,25 +17,25 @@ from farm.text import format_duration
 LATE = 1.05
 """Factor by which a print may take longer than expected."""
 GRAMS_SHARE, GRAMS_LEAST = 1.05, 5.0
-"""Filament that a reel must have for a plate: a factor on its grams, and at least so many grams more."""
+"""Filament that a reel must have for a plate: a factor on its grams, and a minimum of additional grams."""
 FIRST_LAYER_S = 3600.0
-"""Seconds of the attended hours that are left for first layers, which need a person."""
+"""Seconds of the attended hours that are left for first layers, which need supervision."""
 ENDED_BEFORE_S = 900.0
 """Seconds of the attended hours that are left to cool and clear a print which has to end in them."""
 _FARTHEST_S = 15 * 86400.0
-_JUST_AFTER_S = 0.001  # a plate may still start at its last moment
+_JUST_AFTER_S = 0.001  # a plate may still start exactly at its latest start
 
 
 @dataclass(frozen=True, slots=True)
 class Start:
-    """First moment at which a plate may start on a printer.
+    """Earliest time at which a plate may start on a printer.
 
     Attributes
     ----------
     at_s
         Seconds since the epoch; None for never.
     reason
-        Reason to wait until then; None if there is none.
+        Reason to wait until then; None if it may start at once.
     """
 
     at_s: float | None
@@ -100,13 +100,13 @@ class StartRules:
         return self.attended.zone
 
     def format_moment(self, at_s: float) -> str:
-        """Format a moment for a person, like `Fri 22:00`."""
+        """Format a time for users, like `Fri 22:00`."""
         return datetime.fromtimestamp(at_s, self.zone).strftime("%a %H:%M")
 
     def find_start(self, plate: WaitingPlate, printer: FleetPrinter, from_s: float) -> Start:
-        """Find the first moment from `from_s` on at which hours let a plate start on a printer.
+        """Find the earliest time from `from_s` on at which hours let a plate start on a printer.
 
-        No print may reach into quiet hours, nor start without the person that it needs.
+        No print may reach into quiet hours, nor start unattended if it needs a person.
         """
         at_s, reason = from_s, None
         if plate.not_before_s is not None and plate.not_before_s > at_s:
@@ -151,7 +151,7 @@ class StartRules:
         )
 
     def _attended_start(self, plate: WaitingPlate, printer: FleetPrinter, at_s: float) -> Start | None:
-        """Return the next attended hours where a print needs a person longer than one is there; else None."""
+        """Return the next attended hours if the present ones are too short for a print; else None."""
         needed_s = self._needed_attendance_s(plate, printer)
         if needed_s is None:
             return None
@@ -169,13 +169,13 @@ class StartRules:
         return Start(then[0], Hold(code=HoldCode.UNATTENDED, text=text))
 
     def _needed_attendance_s(self, plate: WaitingPlate, printer: FleetPrinter) -> float | None:
-        """Return the seconds from its start for which a print needs a person; None if it needs none."""
+        """Return for how many seconds from its start a print needs a person; None if it needs none."""
         if not printer.unattended:
             return plate.expected_s * LATE + ENDED_BEFORE_S
         return plate.first_layer_s if self.first_layers_attended else None
 
     def latest_start_s(self, plate: WaitingPlate, printer: FleetPrinter, at_s: float) -> float:
-        """Return the latest start of a plate that may start at `at_s`; infinity if hours set none."""
+        """Return the latest start of a plate that may start at `at_s`; infinity for no limit."""
         return min(self._latest_starts_s([plate], [printer], at_s))
 
     def _latest_starts_s(
@@ -195,11 +195,13 @@ class StartRules:
     def next_change_s(
         self, plates: Collection[WaitingPlate], printers: Iterable[FleetPrinter], now_s: float
     ) -> float:
-        """Return the next moment at which hours or start times change what may start; infinity for never.
+        """Return the next time at which hours or start times change what may start; infinity for never.
 
-        Hours begin or end, a job may start, or it becomes too late for a plate to start.
+        Hours start or end, a job reaches its start time, or a plate its latest start.
         """
-        kinds = {printer.unattended: printer for printer in printers}  # hours treat printers alike that do
+        kinds = {
+            printer.unattended: printer for printer in printers
+        }  # hours depend on this field of a printer only
         moments = [self.attended.edge_s(now_s), self.quiet.edge_s(now_s)]
         moments += [plate.not_before_s for plate in plates]
         moments += [at_s + _JUST_AFTER_S for at_s in self._latest_starts_s(plates, kinds.values(), now_s)]
@@ -213,7 +215,7 @@ class StartRules:
         return at_s if span is None else span[1] - ENDED_BEFORE_S
 
     def unattended_reason(self, printer: FleetPrinter, now_s: float) -> str | None:
-        """Return a sentence on why a printer may not print on now; None if it may."""
+        """Return the reason why a printer may not continue printing now; None if it may."""
         ends_by_s = self.ends_by_s(printer, now_s)
         if ends_by_s is None or now_s < ends_by_s:
             return None
@@ -227,7 +229,7 @@ class StartRules:
         Raises
         ------
         ValueError
-            If fleet.yaml has no attended hours, or hours that never end, or wants first layers attended.
+            If fleet.yaml has no attended hours, or hours that never end, or requires attended first layers.
         """
         if not self.attended.windows:
             raise ValueError("--overnight needs `attended` hours in fleet.yaml")
@@ -243,17 +245,17 @@ class StartRules:
             span = span or self.attended.following(now_s)
             example = "" if span is None else f", like --at '{self.format_moment(span[1] - FIRST_LAYER_S)}'"
             raise ValueError(
-                "--overnight starts when nobody is there, and fleet.yaml wants first layers attended "
+                "--overnight starts when nobody is there, but fleet.yaml requires attended first layers "
                 f"(`first_layers_attended`): give --at a time before attended hours end{example}"
             )
         return None if span is None else span[1]
 
     def is_attended(self, at_s: float) -> bool:
-        """Return whether a moment is within the attended hours; False if fleet.yaml has none."""
+        """Return whether a time is within the attended hours; False if fleet.yaml has none."""
         return self.attended.span(at_s) is not None
 
     def bed_clear_s(self, ended_s: float, clearing_s: float) -> float:
-        """Return when the bed of an ended print can be clear, for which a person has to be there."""
+        """Return when the bed of an ended print can be clear, which needs a person to be present."""
         if not self.attended.windows or self.attended.span(ended_s) is not None:
             return ended_s + clearing_s
         then = self.attended.following(ended_s)

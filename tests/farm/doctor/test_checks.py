@@ -64,7 +64,7 @@ CASES = {
         {"user": replace(SOUND.user, state_owner="ann")},
         "warning",
         "user",
-        "the state folder is ann's",
+        "the state folder belongs to ann",
     ),
     "no such group": (
         {"user": replace(SOUND.user, known_groups=frozenset())},

@@ -63,7 +63,8 @@ def test_a_firmware_whose_dead_man_nobody_has_seen_prints_only_while_somebody_is
     books, builder = printing(plates=1), SituationBuilder(bed_boxes)
     found = [builder.printers((one,), books, {})[0] for one in (real, simulated, plus)]
     assert [one.unattended for one in found] == [False, True, True]
-    assert found[0].why_attended == "nobody has seen Marlin 2 end the heat when its host is dead"
+    reason = "it is not verified that Marlin 2 switches the heaters off when its host dies"
+    assert found[0].why_attended == reason
 
 
 def test_only_what_has_changed_is_described_anew():
