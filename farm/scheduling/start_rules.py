@@ -199,9 +199,8 @@ class StartRules:
 
         Hours start or end, a job reaches its start time, or a plate its latest start.
         """
-        kinds = {
-            printer.unattended: printer for printer in printers
-        }  # hours depend on this field of a printer only
+        # Hours depend on this field of a printer only.
+        kinds = {printer.unattended: printer for printer in printers}
         moments = [self.attended.edge_s(now_s), self.quiet.edge_s(now_s)]
         moments += [plate.not_before_s for plate in plates]
         moments += [at_s + _JUST_AFTER_S for at_s in self._latest_starts_s(plates, kinds.values(), now_s)]

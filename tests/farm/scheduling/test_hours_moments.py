@@ -77,7 +77,7 @@ def test_overnight_is_refused_where_first_layers_are_attended_and_a_time_is_name
     house = StartRules(attended, Hours((), BERLIN), first_layers_attended=True)
     now_s = datetime.fromisoformat(now).replace(tzinfo=BERLIN).timestamp()
     with pytest.raises(
-        FarmError, match=rf"first layers attended .*give --at .*, like --at '{then}'"
+        FarmError, match=rf"attended first layers .*give --at .*, like --at '{then}'"
     ) as error:
         start_and_deadline_s(JobOptions(overnight=True), house, now_s)
     assert error.value.code is ErrorCode.SETTINGS
