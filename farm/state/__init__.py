@@ -1,7 +1,7 @@
-"""State of the farm: the books, the events that change them, and what follows from each. Pure.
+"""State of the farm: the books, the events that change them, and their consequences. Pure.
 
-`events` has the events, `transitions` applies them as the tables in `lifecycles` allow, `storage` keeps the
-books on disk.
+`events` defines the events, `transitions` applies them as the tables in `lifecycles` allow, `storage` keeps
+the books on disk.
 """
 
 from farm.state.books import Books, put, replace_fields

@@ -1,6 +1,6 @@
 """Books: every job, part, plate, print and printer. Pure.
 
-Nothing is changed in place: `put` returns new books, and the store finds the changes by identity.
+Books are immutable: `put` returns new ones, and the store finds the changes by identity.
 """
 
 from __future__ import annotations
@@ -45,12 +45,12 @@ class Books:
 
     @classmethod
     def of(cls, entities: Iterable[Entity]) -> Books:
-        """Make books of these entities."""
+        """Create books from entities."""
         return put(cls(), *entities)
 
     @property
     def outage(self) -> Outage | None:
-        """Return the outage that no person has confirmed; None if there is none."""
+        """Return the outage that has not been confirmed; None if there is none."""
         return next((o for o in self.outages.values() if o.confirmed_s is None), None)
 
     def job(self, number: int) -> Job:
@@ -75,7 +75,7 @@ class Books:
         return (self.prints[name] for name in plate.prints)
 
     def prints_of_job(self, job: Job) -> list[Print]:
-        """List the prints of a job's plates, each once: the plates that replace one share its prints."""
+        """List the prints of a job's plates, each once: replacements of a plate share its prints."""
         return list({p.id: p for plate in self.plates_of(job) for p in self.prints_of(plate)}.values())
 
     def plate_state(self, plate: Plate) -> PlateState:
@@ -93,7 +93,7 @@ class Books:
         return self._open_on.get(printer)
 
     def print_to_judge(self, printer: str) -> Print | None:
-        """Return the last print of a printer if it is done and not judged yet; else None."""
+        """Return the last print of a printer if it is done without a verdict; else None."""
         last = self._last.get(printer)
         return last if last is not None and last.verdict is None and last.state is PrintState.DONE else None
 
@@ -188,11 +188,11 @@ def _locate(entity: Entity) -> tuple[str, object]:
             return "printers", entity.name
         case Outage():
             return "outages", entity.id
-    raise TypeError(f"the books keep no {type(entity).__name__}")
+    raise TypeError(f"the books contain no {type(entity).__name__}")
 
 
 def changed_entities(before: Books, after: Books) -> Iterable[Entity]:
-    """Yield the entities of `after` that `before` does not have, or has with other fields."""
+    """Yield the entities of `after` that `before` does not have, or has with different fields."""
     for kind in ("jobs", "parts", "plates", "prints", "printers", "outages"):
         old, new = getattr(before, kind), getattr(after, kind)
         if new is not old:

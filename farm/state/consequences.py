@@ -55,7 +55,7 @@ def request_cancel(attempt: Print, reason: str) -> tuple[Print, ev.SendCancel]:
 
 
 def request_pause(attempt: Print, wanted: bool) -> tuple[Print, ev.SendPause]:
-    """Return an open print that is paused or resumed, and the instruction to its agent."""
+    """Return an open print with its pause requested or revoked, and the instruction to its agent."""
     send = ev.SendPause(print_id=attempt.id, printer=attempt.printer, wanted=wanted)
     return replace_fields(attempt, pause_requested=wanted), send
 
@@ -63,8 +63,8 @@ def request_pause(attempt: Print, wanted: bool) -> tuple[Print, ev.SendPause]:
 def cancel_plate(books: Books, plate: Plate, reason: str) -> Result:
     """Cancel a plate and its open prints; only a person's request reopens it.
 
-    A printed plate stays printed, and is not printed again if it is judged bad. A good one loses only an
-    open print that would make it again.
+    A printed plate stays printed, and is not printed again if it is judged bad. For a good one, only an
+    open reprint is cancelled.
     """
     state = books.plate_state(plate)
     if state is PlateState.CANCELLED:
@@ -77,7 +77,7 @@ def cancel_plate(books: Books, plate: Plate, reason: str) -> Result:
 
 
 def end_job(books: Books, number: int, state: JobState, at_s: float, error: ErrorCode, reason: str) -> Result:
-    """End a job with all of its plates: nothing more of it is printed."""
+    """End a job with all of its plates: nothing more is printed."""
     job = books.job(number)
     instructions: list[ev.AnyInstruction] = []
     for plate in books.plates_of(job):
@@ -88,7 +88,7 @@ def end_job(books: Books, number: int, state: JobState, at_s: float, error: Erro
 
 
 def mark_printer_lost(books: Books, name: str, disconnected_at_s: float, at_s: float) -> Books:
-    """Book the loss of a printer; several at once are an outage, whose failures are not charged."""
+    """Record the loss of a printer; several at once are an outage, whose failures do not count."""
     books = put(books, replace_fields(books.printer(name), disconnected_at_s=disconnected_at_s))
     together = lost_together(name, books.printers.values(), books.outage_window_s)
     if len(together) < 2:
@@ -111,13 +111,13 @@ def mark_printer_lost(books: Books, name: str, disconnected_at_s: float, at_s: f
 
 
 def mark_bed_not_clear(books: Books, printer: str) -> Books:
-    """Book that a bed may not be clear; an unknown one stays unknown."""
+    """Record that a bed may not be clear; an unknown one stays unknown."""
     entry = books.printers[printer]
     return put(books, replace_fields(entry, bed=Bed.NOT_CLEAR)) if entry.bed is Bed.CLEAR else books
 
 
 def shift_print_times(books: Books, by_s: float) -> Books:
-    """Shift the times of open prints with the clock; times that a person gave stay."""
+    """Shift the times of open prints with the clock; times entered by a person stay."""
     return put(
         books,
         *(

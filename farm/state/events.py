@@ -1,4 +1,4 @@
-"""Events (past tense) and the instructions that follow from them (imperative)."""
+"""Events (past tense) and the resulting instructions (imperative)."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from farm.errors import ErrorCode
 from farm.model import Bed, FilamentState, Hold, Job, Part, Plate, PrintState, Reel, Verdict
 
 A_PERSON = "a person"
-"""Caller of a command whose name is unknown."""
+"""Name for an unknown caller of a command."""
 
 
 class Event(BaseModel):
@@ -26,7 +26,7 @@ class PrinterAdded(Event):
 
 
 class ClockSet(Event):
-    """The host's clock was set forward by so many seconds; back if negative."""
+    """The host's clock was set forward by `by_s` seconds; back if negative."""
 
     by_s: float
 
@@ -36,7 +36,7 @@ class JobSubmitted(Event):
 
 
 class JobHeld(Event):
-    """A queued job got a reason to wait, or lost it."""
+    """The reason why a queued job waits has changed."""
 
     job: int
     hold: Hold | None
@@ -94,7 +94,7 @@ class PlateAssigned(Event):
 
 
 class PlateReplaced(Event):
-    """A waiting plate was sliced for another kind of printer, or its part was cut for several.
+    """A waiting plate was sliced for another kind of printer, or its part was cut for several printers.
 
     `parts` are those of the new plates; a part that was only sliced again keeps its name. The new plates keep
     the prints of the old one, and so its attempts.
@@ -103,7 +103,7 @@ class PlateReplaced(Event):
     plate: str
     parts: tuple[Part, ...]
     plates: tuple[Plate, ...]
-    picture: str | None = None  # of the whole job, if parts are new; and the GLB
+    picture: str | None = None  # picture of the whole job, and the GLB, if there are new parts
     assembly: str | None = None
     decomposition: str | None = None  # the report on the cut
 
@@ -126,7 +126,7 @@ class PauseRequested(Event):
 
 
 class PrintWithdrawn(Event):
-    """A print that its printer cannot begin was withdrawn; its plate is free once the agent confirms."""
+    """A print that its printer cannot start was withdrawn; its plate is free once the agent confirms."""
 
     print_id: str
     reason: str
@@ -146,7 +146,7 @@ class PrintEnded(Event):
 
 
 class PrintFailRequested(Event):
-    """A person failed an open print: it is ended, and its plate printed again."""
+    """A person failed an open print: it is stopped, and its plate printed again."""
 
     print_id: str
     why: str
@@ -177,7 +177,7 @@ class ReprintRequested(Event):
 
 
 class JobPaused(Event):
-    """A person paused a job (its prints are parked, none starts) or resumed it."""
+    """A person paused a job (its prints pause, and none starts) or resumed it."""
 
     job: int
     wanted: bool
@@ -185,7 +185,7 @@ class JobPaused(Event):
 
 
 class MaintenanceStarted(Event):
-    """A person took a printer out of use; its open print continues to the end."""
+    """A person took a printer out of use; its open print continues."""
 
     printer: str
     why: str
@@ -206,7 +206,7 @@ class PrinterLost(Event):
 
 
 class OutageConfirmed(Event):
-    """A person has dealt with an outage."""
+    """A person has confirmed that an outage is resolved."""
 
     by: str
 
@@ -219,7 +219,7 @@ class BedCleared(Event):
     filament: FilamentState | None = None
     verdict: Verdict = Verdict.GOOD
     why: str | None = None
-    whole: str | None = None  # a failed print whose part is whole and good
+    whole: str | None = None  # a failed print whose part is complete and good
 
 
 class BooksRestored(Event):
@@ -229,7 +229,7 @@ class BooksRestored(Event):
 
 
 class PrintFound(Event):
-    """An agent has a print that the restored books do not know, of a plate that they know."""
+    """An agent has a print, of a known plate, that is missing from the restored books."""
 
     plate: str
     printer: str
@@ -252,7 +252,7 @@ class ReelLoaded(Event):
 
 
 class BedReported(Event):
-    """An emulator reported its bed and filament, which count if the books do not know them."""
+    """An emulator reported its bed and filament, which are used if unknown in the books."""
 
     printer: str
     bed: Bed
@@ -260,14 +260,14 @@ class BedReported(Event):
 
 
 class PrinterAlarmed(Event):
-    """An agent reported a heater that cannot be switched off, or what it did about it."""
+    """An agent reported a heater that cannot be switched off, or its action against that."""
 
     printer: str
     reason: str
 
 
 class BedBecameUnknown(Event):
-    """Something happened at a printer that the farm did not cause: bed and filament are unknown."""
+    """An event at a printer was not caused by the farm: bed and filament are unknown."""
 
     printer: str
     reason: str

@@ -1,4 +1,4 @@
-"""Faults as the books see them: losses, and failures that are not charged. Pure.
+"""Classes of faults: losses, and failures that do not count as attempts. Pure.
 
 The names that drivers report are `drivers.errors.Fault`.
 """
@@ -11,11 +11,11 @@ from drivers.errors import Fault
 
 
 class OwnFault(StrEnum):
-    """Fault of a print that the farm finds, not a driver."""
+    """Fault of a print that is detected by the farm, not by a driver."""
 
     BY_A_PERSON = "by_a_person"  # a person saw it go wrong (`farm fail`)
-    PRINT_LOST = "print_lost"  # its agent has no record of it any more
-    REFUSED = "refused"  # its agent would not start it
+    PRINT_LOST = "print_lost"  # its agent no longer has a record of it
+    REFUSED = "refused"  # its agent refused to start it
 
 
 LOSSES: frozenset[str] = frozenset(
@@ -30,6 +30,6 @@ LOSSES: frozenset[str] = frozenset(
 )
 """Faults in which a board, or the connection to it, was lost."""
 BY_PEOPLE: frozenset[str] = frozenset({OwnFault.BY_A_PERSON, Fault.ESTOP})
-"""Faults where a person ended the print."""
+"""Faults for prints that a person ended."""
 UNCHARGED: frozenset[str] = BY_PEOPLE | {Fault.HOURS_ENDED, OwnFault.REFUSED}
-"""Faults that do not count as an attempt of a plate: nothing was wrong with it."""
+"""Faults that do not count as an attempt of a plate, as they have other causes."""

@@ -1,4 +1,4 @@
-"""Outages: several printers lost at once by one cause, the power, a hub, or the host. Pure."""
+"""Outages: several printers lost at once by a common cause (power, hub or host). Pure."""
 
 from __future__ import annotations
 
@@ -7,20 +7,20 @@ from collections.abc import Iterable
 from farm.model import Printer
 
 WINDOW_S = 10.0
-"""Most seconds between two losses with one cause."""
+"""Largest time between two losses with a common cause, in seconds."""
 _LEAST_WALL_S = 1.0
 
 
 def outage_window_s(scale: float) -> float:
-    """Return the window in farm seconds, on a clock of `scale` of them in a wall second.
+    """Return the window in farm seconds, for a clock of `scale` farm seconds per wall second.
 
-    It is no shorter than the time in which the host reports several losses one after the other.
+    It is at least the time that the host takes to report several losses one after another.
     """
     return max(WINDOW_S, _LEAST_WALL_S * scale)
 
 
 def lost_together(name: str, printers: Iterable[Printer], window_s: float = WINDOW_S) -> tuple[str, ...]:
-    """Find the printers that were lost with this one, each within the window of another of them.
+    """Find the printers that were lost together with this one, each within the window of another.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""States of a plate, and of the job that it belongs to. Pure.
+"""Derivation of the states of plates and jobs. Pure.
 
 A person judges the part of a done print good or bad; after a bad one the plate waits again. A failure counts
 as one of the plate's attempts, unless a person ended the print.
@@ -13,7 +13,7 @@ from drivers.errors import Fault
 from farm.model import JobState, Plate, Print, PrintState, Verdict
 
 ATTEMPTS = 3
-"""Failures of a plate after which a person has to ask for it again."""
+"""Number of failures after which a plate is printed again only on request."""
 
 
 class PlateState(StrEnum):
@@ -21,26 +21,26 @@ class PlateState(StrEnum):
 
     WAITING = "waiting"
     PRINTING = "printing"
-    PRINTED = "printed"  # not judged yet
+    PRINTED = "printed"  # without a verdict
     GOOD = "good"
     OUT_OF_ATTEMPTS = "out_of_attempts"
     CANCELLED = "cancelled"
-    REPLACED = "replaced"  # other plates are printed in its place
+    REPLACED = "replaced"  # other plates are printed instead
 
 
 def successful_print(prints: Iterable[Print]) -> Print | None:
-    """Return the print that made a plate's parts: done, and not judged bad; None if there is none."""
+    """Return the print that produced a plate's parts: done, and not judged bad; None if there is none."""
     return next((p for p in prints if p.state is PrintState.DONE and p.verdict is not Verdict.BAD), None)
 
 
 def stopped_print(plate: Plate, prints: Iterable[Print]) -> Print | None:
-    """Return the print that `farm estop` stopped, if its plate waits for a person since; else None."""
+    """Return the print that `farm estop` stopped, if its plate still waits for a decision; else None."""
     last = next(reversed(list(prints)), None)
     return last if plate.paused and last is not None and last.fault == Fault.ESTOP else None
 
 
 def charged_failures(plate: Plate, prints: Iterable[Print]) -> list[Print]:
-    """Return the failures that count as attempts of a plate since a person last asked for it."""
+    """Return the failures that count as attempts of a plate since its last reprint request."""
     counted = frozenset(plate.prints[plate.counted_from :])
     return [p for p in prints if p.id in counted and p.state is PrintState.FAILED and p.charged]
 
@@ -62,7 +62,7 @@ def derive_plate_state(plate: Plate, prints: Collection[Print]) -> PlateState:
 
 
 def derive_job_state(plates: Collection[PlateState]) -> JobState:
-    """Derive the state of a planned job; a plate that is out of attempts does not stop the others."""
+    """Derive the state of a planned job; a plate without attempts left does not block the others."""
     if PlateState.WAITING in plates or PlateState.PRINTING in plates:
         return JobState.PRINTING
     if PlateState.OUT_OF_ATTEMPTS in plates:

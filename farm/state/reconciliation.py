@@ -1,4 +1,4 @@
-"""Reconciliation of the books with what an agent reports: its snapshots, and its journal. Pure."""
+"""Reconciliation of the books with an agent's reports: its snapshots and its journal. Pure."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from farm.state.plate_state import PlateState
 from farm.state.transitions import apply
 
 CLOCKS_APART_S = 60.0
-"""Moments on the clocks of two hosts that differ by no more are taken as the same."""
+"""Largest difference of equal times on the clocks of two hosts, in seconds."""
 
 
 def reconcile_print(attempt: Print, snapshot: AgentSnapshot, now_s: float) -> Iterator[ev.AnyEvent]:
@@ -25,7 +25,7 @@ def reconcile_print(attempt: Print, snapshot: AgentSnapshot, now_s: float) -> It
     snapshot
         The agent's latest snapshot. A new agent reads its journal before it reports.
     now_s
-        Farm time, for events without a time of their own.
+        Farm time, for events that the agent did not time.
     """
     report = snapshot.print
     if report is None or report.print_id != attempt.id:
@@ -86,7 +86,7 @@ def _reconcile_unknown(attempt: Print, snapshot: AgentSnapshot, now_s: float) ->
 def refused_print_end(
     attempt: Print, printer: Printer, reason: str, late: bool, now_s: float
 ) -> ev.PrintEnded:
-    """Return the end of a print that its agent refused: failed, or cancelled if it came `late`."""
+    """Return the end of a print that its agent refused: failed, or cancelled if it arrived `late`."""
     return ev.PrintEnded(
         at_s=now_s,
         print_id=attempt.id,
@@ -97,12 +97,12 @@ def refused_print_end(
         ended_s=now_s,
         extruded=False,
         filament=printer.filament,
-        printed_share=0.0,  # its reel is as it was
+        printed_share=0.0,  # it used no filament
     )
 
 
 def _is_gone(snapshot: AgentSnapshot) -> bool:
-    """Return whether no agent is left that could start a print."""
+    """Return whether no agent remains that could start a print."""
     return snapshot.link is Link.ABSENT and snapshot.agent_pid is None
 
 
@@ -124,7 +124,7 @@ def pending_instructions(
     """
     report = snapshot.print if snapshot.print is not None and snapshot.print.print_id == attempt.id else None
     if snapshot.link is Link.STARTING:
-        return  # no agent receives it
+        return  # there is no agent to receive it
     if report is not None and not report.state.ended and not _is_same_moment(report.ends_by_s, ends_by_s):
         yield ev.SendEndBy(print_id=attempt.id, printer=attempt.printer, ends_by_s=ends_by_s)
     if attempt.cancel_reason is not None:
@@ -140,7 +140,7 @@ def pending_instructions(
 
 
 def _is_same_moment(one_s: float | None, other_s: float | None) -> bool:
-    """Return whether two moments are the same, within the difference of two hosts' clocks."""
+    """Return whether two times are equal, within the difference of two hosts' clocks."""
     if one_s is None or other_s is None:
         return one_s is other_s
     return abs(one_s - other_s) <= CLOCKS_APART_S
@@ -149,8 +149,8 @@ def _is_same_moment(one_s: float | None, other_s: float | None) -> bool:
 def observe_idle_printer(printer: Printer, snapshot: AgentSnapshot, now_s: float) -> Iterator[ev.AnyEvent]:
     """Derive bed and filament of an idle printer from its snapshot.
 
-    An agent that saw an event which it did not cause (a reset, a lost port, a heater switched on by hand)
-    reports it until a person has cleared the bed. An emulator reports a bed that the books do not know.
+    An agent reports an external event (a reset, a lost port, a heater switched on by hand) until a person
+    has cleared the bed. An emulator reports its bed if the books do not know it.
     """
     if snapshot.bed_unknown_reason is not None:
         if printer.bed is not Bed.UNKNOWN or printer.attention_reason is None:
@@ -176,7 +176,7 @@ def handle_unknown_print(
     Parameters
     ----------
     known
-        That print in the books, if it has ended; None if they do not have it, as after a restore.
+        The print in the books, if it has ended; None if it is missing, as after a restore.
     """
     report = snapshot.print
     if report is None:
@@ -206,8 +206,8 @@ def import_agent_journal(
     snapshot
         Its agent's latest snapshot.
     prints
-        Prints that had not ended at the backup, in order. Only the last can be open, and none is on another
-        printer; others are counted as unknown, for a person.
+        Prints that had not ended at the backup, in order. Only the last can be open, and all are on this
+        printer; others are counted as unknown, for inspection.
     now_s
         Farm time.
     """
@@ -241,10 +241,10 @@ def import_agent_journal(
 
 
 def find_plate(books: Books, printer: str, report: AgentPrint) -> Plate | None:
-    """Find the plate of a print that the books do not know: one with the same file that is not printed.
+    """Find the plate of a print that is not in the books: an unprinted one with the same file.
 
-    Plates with the same file are alike: a waiting one comes first, then one planned for this printer. A print
-    that began before a job was planned belongs to another job.
+    Plates with the same file are equivalent: waiting ones are preferred, then those planned for this printer.
+    A print that started before a job was planned belongs to another job.
     """
     if report.sha256 is None or report.started_s is None:
         return None

@@ -9,7 +9,7 @@ from farm.model import Plate, Printer, PrintState, Reel
 
 
 def used_grams(plate: Plate, state: PrintState, extruded: bool, share: float | None) -> float:
-    """Compute the grams that an ended print used: those of its whole plate if its progress is unknown.
+    """Compute the grams that an ended print used: those of the whole plate if its progress is unknown.
 
     Parameters
     ----------
@@ -24,7 +24,7 @@ def used_grams(plate: Plate, state: PrintState, extruded: bool, share: float | N
 
 
 def subtract_grams(reel: Reel | None, grams: float) -> Reel | None:
-    """Return the reel with so many grams less, at least 0."""
+    """Return the reel with `grams` subtracted, at least 0."""
     if reel is None or reel.grams is None:
         return reel
     return reel.model_copy(update={"grams": max(0.0, reel.grams - grams)})
@@ -38,7 +38,7 @@ def mark_uncertain(reel: Reel | None) -> Reel | None:
 
 
 def section_with_reel(section: PrinterSection, reel: Reel | None) -> PrinterSection:
-    """Return the section of a printer with the reel that a person has loaded."""
+    """Return the section of a printer with the loaded reel."""
     if reel is None:
         return section
     has = {"material": reel.material, "colour": reel.colour, "nozzle_mm": reel.nozzle_mm}

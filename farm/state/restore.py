@@ -15,7 +15,7 @@ HOLD = Hold(
 
 
 def restore_books(event: ev.BooksRestored, books: Books) -> Books:
-    """Mark every bed as not clear, and hold every job until a person has checked what is printed.
+    """Mark every bed as not clear, and hold every job until a person has checked which parts are printed.
 
     Prints since the backup are taken from the agents' journals (`import_agent_journal`).
     """
@@ -31,7 +31,7 @@ def _restored_printer(printer: Printer, event: ev.BooksRestored, books: Books) -
     if printer.unreported_since_s is not None:
         since_s = min(since_s, printer.unreported_since_s)
     attempt = books.open_print_on(printer.name)
-    if attempt is not None:  # it may have ended before the backup, unreported
+    if attempt is not None:  # it may have ended before the backup without a report
         since_s = min(since_s, attempt.assigned_s)
     return replace_fields(
         printer,
@@ -51,7 +51,7 @@ def _held_job(job: Job) -> Job:
 
 
 def book_found_print(event: ev.PrintFound, books: Books) -> Books:
-    """Book a print that its agent has; the events of its progress follow."""
+    """Record a print that its agent has; the events of its progress follow."""
     plate = books.plates[event.plate]
     attempt = Print(
         id=event.print_id,
@@ -66,7 +66,7 @@ def book_found_print(event: ev.PrintFound, books: Books) -> Books:
 
 
 def finish_journal_import(event: ev.AgentJournalImported, books: Books) -> Books:
-    """Book that an agent has listed its prints; a person inspects those that match no plate."""
+    """Record that an agent has listed its prints; those that match no plate need inspection."""
     printer = replace_fields(books.printer(event.printer), unreported_since_s=None)
     if event.unknown:
         prints = "a print" if event.unknown == 1 else f"{event.unknown} prints"
@@ -74,8 +74,8 @@ def finish_journal_import(event: ev.AgentJournalImported, books: Books) -> Books
             printer,
             bed=Bed.UNKNOWN,
             filament=FilamentState.UNKNOWN,
-            attention_reason=f"it made {prints} after the backup of the database for which no plate waits: "
-            "check what it is",
+            attention_reason=f"it made {prints} after the backup of the database that match no waiting "
+            "plate: check its bed",
             attention_since_s=event.at_s,
         )
     return put(books, printer)

@@ -1,4 +1,4 @@
-"""Parts that are whole although their print failed: its agent died before it recorded the end. Pure."""
+"""Complete parts of failed prints, whose agent died before recording the end. Pure."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from farm.state.consequences import Result, request_cancel, update_job_state
 from farm.state.plate_state import PlateState
 from farm.state.reels import subtract_grams
 
-_SOONEST = 0.8  # share of the expected time of a plate: no printer is faster
+_SOONEST = 0.8  # least share of the expected time in which a plate can be printed
 _WANTED = (PlateState.WAITING, PlateState.PRINTING, PlateState.OUT_OF_ATTEMPTS)
 
 
 def part_name(books: Books, attempt: Print) -> str:
-    """Return the part that a print makes."""
+    """Return the name of the part that a print produces."""
     return books.plates[attempt.plate].parts[0]
 
 
@@ -28,10 +28,10 @@ def failed_print_on(books: Books, printer: str) -> Print | None:
 
 
 def possibly_whole_print(books: Books, printer: str) -> Print | None:
-    """Return the failed print on a bed that took as long as its plate does, if its part is still wanted.
+    """Return the failed print on a bed that may be complete, if its part is needed.
 
-    The progress at the death of an agent is unknown; the time at which the next one switched the heat off is
-    known.
+    It ran long enough. The progress at the death of an agent is unknown, but the time at which the next agent
+    switched the heaters off is known.
     """
     attempt = failed_print_on(books, printer)
     if attempt is None or attempt.state is not PrintState.FAILED or attempt.fail_reason is not None:
@@ -52,7 +52,7 @@ def reprinting_printers(books: Books, attempt: Print) -> list[str]:
 
 
 def attempted_plates(books: Books, attempt: Print) -> Iterator[Plate]:
-    """Yield the plates that a print is an attempt at; several if its part was recut."""
+    """Yield the plates of which a print is an attempt; several if its part was recut."""
     return (p for p in books.plates_of(books.jobs[attempt.job]) if attempt.id in p.prints)
 
 
@@ -62,7 +62,7 @@ def _reprints(books: Books, attempt: Print) -> list[Print]:
 
 
 def book_part_whole(books: Books, print_id: str, by: str, at_s: float) -> Result:
-    """Book a failed print as done and good. A reprint that has not started is withdrawn, others continue."""
+    """Record a failed print as done and good. Reprints that have not started are withdrawn."""
     attempt = books.prints[print_id]
     plate, printer = books.plates[attempt.plate], books.printer(attempt.printer)
     failure = attempt.reason or attempt.fault or "it failed"

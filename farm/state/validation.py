@@ -1,4 +1,4 @@
-"""Validation of the books: consistency rules that hold at every moment. Pure."""
+"""Validation of the books: consistency rules that always hold. Pure."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def validate_books(books: Books) -> list[str]:
     Parameters
     ----------
     books
-        All entities, of a daemon or as read from the disk.
+        All entities, from a daemon or read from disk.
 
     Returns
     -------
@@ -86,7 +86,7 @@ def _prints(books: Books) -> Iterator[str]:
     for attempt in books.prints.values():
         plate, job = books.plates[attempt.plate], books.jobs[attempt.job]
         if attempt.id not in plate.prints:
-            yield f"print {attempt.id}: its plate {plate.id} does not know it"
+            yield f"print {attempt.id}: its plate {plate.id} does not list it"
         if attempt.verdict is not None and attempt.state is not PrintState.DONE:
             yield f"print {attempt.id}: it is {attempt.state} and {attempt.verdict}"
         if attempt.grams < 0.0:
@@ -98,7 +98,7 @@ def _prints(books: Books) -> Iterator[str]:
         if job.state in _NOT_PLANNED:
             yield f"print {attempt.id}: it is open, and job {job.id} is {job.state}"
         if plate.id not in job.plates:
-            yield f"print {attempt.id}: it is open, and plate {plate.id} is not printed any more"
+            yield f"print {attempt.id}: it is open, and plate {plate.id} is no longer printed"
         if _is_abandoned(books, attempt):
             yield f"print {attempt.id}: it is open and not to be ended, and plate {plate.id} is cancelled"
 
@@ -124,7 +124,7 @@ def _printers(books: Books) -> Iterator[str]:
         if last is not None and last.extruded and last.state is PrintState.DONE and last.verdict is None:
             yield f"printer {printer.name}: its bed is clear, and print {last.id} on it is not judged"
         if printer.name not in extruding and printer.alarm is not None and printer.attention_reason is None:
-            yield f"printer {printer.name}: it has an alarm, and nobody is asked to look"
+            yield f"printer {printer.name}: it has an alarm, and no inspection is requested"
 
 
 def _outages(books: Books) -> Iterator[str]:

@@ -9,7 +9,7 @@ from farm.model import Job, Print, PrintState, Verdict
 from farm.state import Books, PlateState
 
 NIGHT_S = 16 * 3600.0
-"""Length of the last night as people see it: in the morning it begins in the afternoon before."""
+"""Length of the last night: in the morning it goes back to the previous afternoon."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,7 +24,7 @@ class JobSummary:
 
 @dataclass(frozen=True, slots=True)
 class NightSummary:
-    """Plates and filament of the prints since a moment."""
+    """Plates and filament of the prints in a period."""
 
     since_s: float
     printed: int = 0  # plates
@@ -40,7 +40,7 @@ class NightSummary:
 
 
 def duration_s(attempt: Print) -> float:
-    """Return the seconds for which an ended print kept its printer; 0 if it never started."""
+    """Return the seconds for which an ended print occupied its printer; 0 if it never started."""
     if attempt.started_s is None or attempt.ended_s is None:
         return 0.0
     return max(0.0, attempt.ended_s - attempt.started_s)
@@ -71,7 +71,7 @@ def summarise_night(books: Books, recent: Iterable[Print], now_s: float) -> Nigh
     Parameters
     ----------
     recent
-        Prints, among them all that ended in that time.
+        Prints that include all that ended in that time.
     """
     since_s = now_s - NIGHT_S
     ended = [p for p in recent if p.ended_s is not None and p.ended_s >= since_s and p.started_s is not None]
@@ -79,7 +79,7 @@ def summarise_night(books: Books, recent: Iterable[Print], now_s: float) -> Nigh
         return None
     done = {p.plate for p in ended if not is_wasted(p)}
     failed = {p.plate for p in ended if p.state is PrintState.FAILED} - done
-    failed = {name for name in failed if not books.plates[name].replaced_by}  # their pieces wait now
+    failed = {name for name in failed if not books.plates[name].replaced_by}  # pieces wait
     printing = {p.plate for p in books.open_prints()} - done
     waiting = {plate.id for plate in books.waiting_plates()} - done - failed
     grams = [(is_wasted(p), p.grams) for p in ended]

@@ -1,4 +1,4 @@
-"""The data that every view is made from: fleet, books and the agents' latest snapshots. Pure."""
+"""Data from which all views are built: fleet, books and the agents' latest snapshots. Pure."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from farm.state import Books
 
 @dataclass(frozen=True, slots=True)
 class ViewContext:
-    """The data of a view at one moment."""
+    """Data of a view at one time."""
 
     fleet: Fleet
     books: Books
@@ -22,7 +22,7 @@ class ViewContext:
     state: StateFolder
     now_s: float
     ends_s: Mapping[str, float] = field(default_factory=dict)  # forecast ends of waiting plates
-    startup_over: bool = True  # the farm has been up long enough for every printer to have connected
+    startup_over: bool = True  # the farm has been running long enough for printers to connect
     progress: Mapping[int, PlanProgress] = field(default_factory=dict)  # of the jobs being planned
     warning: str | None = None  # a problem of the farm as a whole
     plate_holds: Mapping[str, Hold] = field(default_factory=dict)  # why plates wait, now
@@ -33,7 +33,7 @@ class ViewContext:
         return self.plate_holds.get(plate.id)
 
     def job_hold(self, job: Job) -> Hold | None:
-        """Return why a job waits: the reason is the books', its sentence the scheduler's latest."""
+        """Return why a job waits: the recorded reason, with the scheduler's latest sentence."""
         latest = self.job_holds.get(job.id)
         return latest if latest is not None and latest.same_reason(job.hold) else job.hold
 
@@ -55,7 +55,7 @@ class ViewContext:
     def remaining_s(self, attempt: Print) -> float:
         """Estimate the remaining time of an open print, in seconds.
 
-        While it heats, from its expected time; once it prints, from its position in the timeline.
+        While it heats, from its expected time; once it prints, from its progress in the timeline.
         """
         plate = self.books.plates[attempt.plate]
         factor = self.books.printer(attempt.printer).time_factor

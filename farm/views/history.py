@@ -10,7 +10,7 @@ from farm.views.context import ViewContext
 from farm.views.jobs import describe_print
 
 ENDED_SHOWN = 10
-"""Number of ended jobs on the status page; `farm history` has the prints of all."""
+"""Number of ended jobs on the status page; `farm history` lists the prints of all."""
 
 
 def select_shown_jobs(books: Books) -> list[Job]:

@@ -74,13 +74,13 @@ class _JobTimes:
     Attributes
     ----------
     elapsed_s
-        Parallel printing time so far, or reached.
+        Parallel printing time so far, or actual.
     makespan_s
-        Parallel printing time: reached, or expected from what is known now.
+        Parallel printing time: actual, or expected from present data.
     end_s
-        Moment at which it ended, or is expected to.
+        Time at which it ended, or is expected to.
     speedup
-        Time on a single large printer over the makespan.
+        Ratio of the time on a single large printer to the makespan.
     utilisation
         Share of the makespan that the used printers print.
     starved_share
@@ -102,7 +102,7 @@ def _measure_times(context: ViewContext, job: Job, plates: list[Plate], prints: 
     makespan_s, end_s = None, job.ended_s if printed else None
     if printed:
         makespan_s = elapsed_s or job.expected_s
-    elif not job.state.ended:  # the time of a failed or cancelled job says nothing
+    elif not job.state.ended:  # the time of a failed or cancelled job is meaningless
         makespan_s = job.expected_s if elapsed_s is None else elapsed_s + (remaining_s or 0.0)
         makespan_s = makespan_s or job.expected_s
         end_s = None if remaining_s is None else context.now_s + remaining_s
@@ -136,7 +136,7 @@ def _elapsed_s(job: Job, prints: list[Print], now_s: float) -> float | None:
 def _remaining_s(context: ViewContext, plates: list[Plate]) -> float:
     """Estimate the time to the end of the last plate, at least 0.
 
-    A waiting plate ends when the forecast says, or as if it started now if there is no forecast.
+    A waiting plate ends according to the forecast, or as if it started now if there is no forecast.
     """
     return max((_plate_remaining_s(context, plate) for plate in plates), default=0.0)
 
@@ -152,7 +152,7 @@ def _plate_remaining_s(context: ViewContext, plate: Plate) -> float:
 
 
 def _busy_s(context: ViewContext, plate: Plate) -> float:
-    """Return the printing time of a plate: reached if it is done, expected otherwise."""
+    """Return the printing time of a plate: actual if it is done, expected otherwise."""
     if plate.prints:
         attempt = _last_print(context.books, plate)
         if attempt.state is PrintState.DONE and attempt.started_s is not None and attempt.ended_s is not None:
@@ -172,7 +172,7 @@ def _last_print(books: Books, plate: Plate) -> Print:
 
 
 def _waits_for_person(context: ViewContext, job: Job, plates: list[Plate]) -> bool:
-    """Return whether a job waits for a person: nothing of it will continue before."""
+    """Return whether a job waits for a person, and nothing of it continues before."""
     if job.state is JobState.HELD:
         return True
     if job.state is JobState.QUEUED:

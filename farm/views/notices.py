@@ -1,6 +1,6 @@
-"""Notices for people who are not there, derived from the books. Pure.
+"""Notices for people who are away, derived from the books. Pure.
 
-The key of a notice is never used for another one: whoever keeps the keys sends each notice once.
+Each notice has a unique key, by which the sender avoids duplicates.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ _LEFT_TO_DO = (JobState.QUEUED, JobState.PLANNING, JobState.HELD, JobState.PRINT
 
 @dataclass(frozen=True, slots=True)
 class Notice:
-    """One sentence, and the moment at which it became true."""
+    """One sentence, with the time at which it became true."""
 
     key: str
     at_s: float
@@ -28,14 +28,14 @@ class Notice:
 def list_due_notices(books: Books, now_s: float, since_s: float, sent: Collection[str]) -> list[Notice]:
     """List the notices to send now, oldest first.
 
-    A lost printer waits for a moment: with others it may become an outage, which is one notice.
+    The notice on a lost printer is delayed: with others it may become an outage, which is one notice.
 
     Parameters
     ----------
     since_s
-        Only what happened from this moment on.
+        Only events from this time on.
     sent
-        Keys of the notices that were sent.
+        Keys of the notices already sent.
     """
     found = [
         *_list_alarms(books),

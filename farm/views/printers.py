@@ -11,7 +11,7 @@ from farm.views.context import ViewContext
 
 
 def describe_printer(context: ViewContext, section: PrinterSection, hold: Hold | None) -> api.PrinterView:
-    """Describe a printer; `hold` says why it takes no plate now."""
+    """Describe a printer; `hold` is the reason why it takes no plate now."""
     entry = context.books.printer(section.name)
     snapshot = context.snapshot(section.name)
     attempt = context.books.open_print_on(section.name)

@@ -35,11 +35,11 @@ _ORDER = {
     "hours": 4,
     "clear": 5,
 }
-"""Rank of each code: the most urgent first, those of one rank in the order of the fleet."""
+"""Rank of each code, the most urgent first; equal ranks in the order of the fleet."""
 
 
 def list_tasks(context: ViewContext) -> list[api.Todo]:
-    """List what a person has to do now, most urgent first; each printer appears once."""
+    """List the tasks of people, most urgent first; each printer appears once."""
     outage = context.books.outage
     lost = () if outage is None else outage.printers
     tasks = list(_list_farm_tasks(context))
@@ -81,12 +81,12 @@ def _describe_outage(context: ViewContext, outage: Outage) -> api.Todo:
 
 
 def _list_printer_tasks(context: ViewContext, section: PrinterSection, lost: bool) -> Iterator[api.Todo]:
-    """List what one printer needs; a bed to clear aside, which is listed with the others.
+    """List the tasks at one printer, except clearing its bed, which is listed with the others.
 
     Parameters
     ----------
     lost
-        It is part of an outage, which is one task for all of its printers.
+        Whether it is part of an outage, which is one task for all of its printers.
     """
     name = section.name
     entry, snapshot = context.books.printer(name), context.snapshot(name)
@@ -138,11 +138,11 @@ def _ask_whole(context: ViewContext, printer: str) -> str:
     if attempt is None:
         return ""
     part = part_name(context.books, attempt)
-    return f"; if part {part} is good all the same: `farm cleared {printer} --good {part}`"
+    return f"; if part {part} is good nevertheless: `farm cleared {printer} --good {part}`"
 
 
 def _format_heat(snapshot: AgentSnapshot) -> str:
-    """Format the temperatures of a printer, as far as they are known."""
+    """Format the known temperatures of a printer."""
     heaters = (
         ("nozzle", snapshot.nozzle_c, snapshot.nozzle_target_c),
         ("bed", snapshot.bed_c, snapshot.bed_target_c),
@@ -160,16 +160,16 @@ def _format_heat(snapshot: AgentSnapshot) -> str:
 def list_deadlines(
     attempt: Print, reported: AgentPrint | None, remaining_s: float, now_s: float, zone: tzinfo
 ) -> list[api.Todo]:
-    """List what has to be done before a print is ended: resume it, or extend the attended hours.
+    """List the actions that keep a print from being ended: resume it, or extend the attended hours.
 
     Parameters
     ----------
     attempt, reported
         An open print, and the latest report of its agent on it.
     remaining_s
-        Time that it takes from `now_s` on.
+        Time that it still takes from `now_s`.
     zone
-        Time zone of the moments in the texts.
+        Time zone of the times in the texts.
     """
     if reported is None or attempt.state is PrintState.ENDING:
         return []
@@ -179,7 +179,7 @@ def list_deadlines(
 
     name, found = attempt.printer, []
     hours_s = math.inf if reported.ends_by_s is None else reported.ends_by_s
-    waits = attempt.state is PrintState.PAUSED and attempt.pause_requested  # neither parking nor resumed
+    waits = attempt.state is PrintState.PAUSED and attempt.pause_requested  # not parking, not resumed
     if waits and reported.pause_ends_s is not None:
         by = format_moment(min(reported.pause_ends_s, hours_s))
         text = f"resume {name} by {by}, or its print will be ended: `farm resume {name}`"

@@ -1,4 +1,4 @@
-"""Timeline of one planned job: when and where its plates were printed or should print. Pure."""
+"""Timeline of one planned job: actual and forecast times and printers of its plates. Pure."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from farm.views.jobs import sum_prices
 def describe_timeline(
     context: ViewContext, number: int, printers: Iterable[FleetPrinter], rules: StartRules
 ) -> api.Timeline:
-    """Describe when and where the plates of a job print: printed ones as reached, the others as forecast.
+    """Describe times and printers of a job's plates: actual for printed ones, forecast for the others.
 
     Parameters
     ----------
     number
         The job.
     printers, rules
-        The fleet and the hours, as the scheduler has them.
+        The fleet and the hours, from the scheduler.
 
     Raises
     ------

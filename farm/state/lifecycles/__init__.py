@@ -1,4 +1,4 @@
-"""Lifecycles of jobs, plates, prints and printers as tables, and what does not fit them."""
+"""Lifecycles of jobs, plates, prints and printers as tables, and the error for events that violate them."""
 
 from farm.state.lifecycles.lifecycle import NEW, InvalidTransition, Lifecycle, PrinterState, State, Transition
 from farm.state.lifecycles.tables import FARM_WIDE, JOB, LIFECYCLES, PLATE, PRINT, PRINTER, printer_state

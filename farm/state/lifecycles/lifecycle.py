@@ -1,4 +1,4 @@
-"""Records of a lifecycle's table, and the error if an event does not fit it. Pure."""
+"""Records of a lifecycle's table, and the error for an event that violates it. Pure."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from farm.state.plate_state import PlateState
 
 
 class PrinterState(StrEnum):
-    """State of a printer as the books have it: its open print, else its bed."""
+    """Recorded state of a printer: that of its open print, else of its bed."""
 
     PRINTING = "printing"
     CLEAR = "clear"
@@ -25,7 +25,7 @@ class PrinterState(StrEnum):
 State = JobState | PlateState | PrintState | PrinterState
 Kind = type[ev.Event]
 NEW = None
-"""State of an entity that the books do not have yet."""
+"""State of an entity that does not exist yet."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +53,7 @@ class Transition:
 
 @dataclass(frozen=True, slots=True)
 class Lifecycle:
-    """The table of one kind of entity.
+    """Lifecycle of one kind of entity.
 
     Attributes
     ----------
@@ -93,18 +93,18 @@ class Lifecycle:
 
 
 class InvalidTransition(FarmError):
-    """An event does not fit the state of its entity.
+    """Error for an event that is not allowed in the state of its entity.
 
     Attributes
     ----------
     lifecycle, key
-        The entity; no lifecycle if it is the farm itself.
+        The entity; None if it is the farm itself.
     start
         The state of the entity.
     event
-        The event that does not fit.
+        The rejected event.
     history
-        The entity's last events, oldest first, if a store has added them.
+        The entity's last events, oldest first, if the store has added them.
     """
 
     code = ErrorCode.REFUSED

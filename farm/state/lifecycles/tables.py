@@ -1,7 +1,7 @@
 """Lifecycles of jobs, plates, prints and printers: tables of events and the states they connect. Pure.
 
-`farm.state.transitions.apply` refuses every other transition, and the state diagrams of the documentation are
-drawn from these tables.
+`farm.state.transitions.apply` rejects all other transitions. The state diagrams of the documentation are
+generated from these tables.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from farm.state.plate_state import PlateState
 
 
 def printer_state(books: Books, name: str) -> PrinterState | None:
-    """Return the state of a printer; NEW if the books do not have it."""
+    """Return the state of a printer; NEW if it does not exist."""
     printer = books.printers.get(name)
     if printer is None:
         return NEW
@@ -73,7 +73,7 @@ JOB = Lifecycle(
     ),
     consequences=(
         _row(ev.PrintEnded, [_J.PRINTING], _DERIVED),
-        # Losses turn out to be an outage: the failures of their prints are not charged any more.
+        # Losses that prove to be an outage: the failures of their prints no longer count as attempts.
         _row(ev.PrintEnded, [_J.FAILED], [_J.PRINTING]),
         _row(ev.PrinterLost, [_J.FAILED], [_J.PRINTING]),
         _row(ev.BedCleared, [_J.PRINTING, _J.PRINTED, _J.FAILED], _DERIVED),
@@ -95,7 +95,7 @@ PLATE = Lifecycle(
         _row(ev.PlatePaused, [_P.WAITING], None),
         _row(ev.PlateCancelled, _WANTED, [_P.CANCELLED]),
         _row(ev.PlateCancelled, [_P.PRINTED, _P.GOOD], None),
-        # After `farm estop` a plate waits already; open prints are not ended.
+        # After `farm estop` the plate already waits; open prints are not ended.
         _row(
             ev.ReprintRequested,
             [_P.WAITING, _P.PRINTED, _P.GOOD, _P.OUT_OF_ATTEMPTS, _P.CANCELLED],
@@ -166,4 +166,4 @@ PRINTER = Lifecycle(
 
 LIFECYCLES = (JOB, PLATE, PRINT, PRINTER)
 FARM_WIDE: frozenset[Kind] = frozenset({ev.ClockSet, ev.BooksRestored, ev.OutageConfirmed})
-"""Events about the farm as a whole; they fit at any time."""
+"""Events about the farm as a whole; allowed at any time."""

@@ -16,14 +16,14 @@ from farm.state.storage.store import DamagedBooks, Store, StoreError, copy_books
 log = logging.getLogger(__name__)
 
 KEPT = 7
-_LEAST_S = 60.0  # wall seconds between two backups, however fast the clock is
-_HOUR = 4  # local: daylight saving has changed by then
+_LEAST_S = 60.0  # least wall seconds between two backups, for fast simulated clocks
+_HOUR = 4  # local time, after any change of daylight saving
 _STAMP = "books-%Y%m%dT%H%M%SZ"
 _NAMES = f"books-{'[0-9]' * 8}T{'[0-9]' * 6}Z.db"
 
 
 def back_up(state: StateFolder, now_s: float) -> Path:
-    """Back the books up into a folder beside them, and delete the oldest backups. It may run in a thread.
+    """Back up the books into a folder beside them, and delete the oldest backups. May run in a thread.
 
     Raises
     ------
@@ -42,7 +42,7 @@ def back_up(state: StateFolder, now_s: float) -> Path:
 
 
 class NightlyBackup:
-    """Backs the books up every night; a failure is reported, and the next night is tried again.
+    """Backs up the books every night; a failure is reported and retried the next night.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ class NightlyBackup:
     at
         Sets a timer: farm time, its name, the function to call.
     report
-        Called with a sentence for people after a failure, with None after a success.
+        Called with a message after a failure, with None after a success.
     """
 
     def __init__(
@@ -70,14 +70,14 @@ class NightlyBackup:
         await self.run(only_if_due=True)
 
     async def run(self, only_if_due: bool = False) -> None:
-        """Back up now, and set the timer for the next night, whatever fails."""
+        """Back up now, and set the timer for the next night, even after a failure."""
         now_s = self._clock.now()
         try:
             if not only_if_due or is_due(self._state, now_s):
                 copy = await asyncio.to_thread(back_up, self._state, now_s)
                 log.info("the database is backed up to %s", copy)
             self._report(None)
-        except Exception as error:  # a failed backup must not end the daemon
+        except Exception as error:  # a failed backup must not stop the daemon
             log.exception("the nightly backup of the database")
             self._report(
                 f"the nightly backup of the database failed ({error}): check the folder {self._state.backups}"
@@ -88,7 +88,7 @@ class NightlyBackup:
 
 
 def list_backups(state: StateFolder) -> list[Path]:
-    """List the backups, the newest first, without other files that a person put there."""
+    """List the backups, the newest first, ignoring other files in the folder."""
     return sorted(state.backups.glob(_NAMES), reverse=True)
 
 
@@ -116,8 +116,8 @@ def open_books(state: StateFolder, now_s: float) -> tuple[Store, float | None]:
     Returns
     -------
     store, copied_s
-        The books, and the time of the backup if they are one that has not been completed yet: restored
-        now, by a daemon that died over it, or by a person.
+        The books, and the time of the backup if they are an uncompleted backup: restored now, by a
+        daemon that then died, or by a person.
 
     Raises
     ------

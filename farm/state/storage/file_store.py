@@ -15,7 +15,7 @@ def sha256_of(path: Path) -> str:
 
 
 def name_files(folder: Path, store: Path, names: Mapping[str, str]) -> None:
-    """Create these links into the store in a folder (name -> stored name), and remove its other ones."""
+    """Create links into the store in a folder (name -> stored name), and remove its other links."""
     folder.mkdir(parents=True, exist_ok=True)
     relative = Path(os.path.relpath(store, folder))
     for link in folder.iterdir():

@@ -18,9 +18,9 @@ TABLES: dict[type[Entity], str] = {
 }
 _COPIED = "copied (at_s REAL NOT NULL)"
 CREATE_COPIED = f"CREATE TABLE IF NOT EXISTS {_COPIED}"
-"""Statement for the table with the time of the backup, in books that are one, until they are completed."""
+"""Statement for the table with the time of the backup, in restored books until they are completed."""
 FIND_CHANGED_ROW = "SELECT id FROM {} WHERE crc IS NOT crc32(CAST(body AS BLOB)) LIMIT 1"
-"""Query for a row of a table that differs from what was written."""
+"""Query for a row whose checksum does not match."""
 
 _EMPTY = (
     *(f"CREATE TABLE {t} (id TEXT PRIMARY KEY, body TEXT NOT NULL, crc INTEGER)" for t in TABLES.values()),
@@ -28,7 +28,7 @@ _EMPTY = (
     " (seq INTEGER PRIMARY KEY, at_s REAL NOT NULL, kind TEXT NOT NULL, body TEXT NOT NULL)",
 )
 EXPECTED_TABLES = frozenset((*_EMPTY, f"CREATE TABLE {_COPIED}"))
-"""Tables as SQLite lists them: if one letter is damaged, SQLite would use another table."""
+"""Tables as SQLite lists them, to detect a damaged table name."""
 _LAST_ON_BED = """
     SELECT json_extract(p.body, '$.id') AS id, json_extract(p.body, '$.job') AS job
     FROM print AS p JOIN printer ON printer.id = json_extract(p.body, '$.printer')
@@ -37,7 +37,7 @@ _LAST_ON_BED = """
         WHERE json_extract(q.body, '$.printer') = printer.id
     )
 """
-_FROM_1 = (  # verdicts belonged to parts; now they belong to prints, and are asked for when a bed is cleared
+_FROM_1 = (  # verdicts belonged to parts; now they belong to prints, given when a bed is cleared
     "UPDATE part SET body = json_remove(body, '$.verdict')",
     f"CREATE TEMP TABLE lying AS {_LAST_ON_BED}",
     "UPDATE print SET body = json_set(body, '$.verdict', 'good')"
@@ -46,7 +46,7 @@ _FROM_1 = (  # verdicts belonged to parts; now they belong to prints, and are as
     " WHERE json_extract(body, '$.state') = 'printed' AND CAST(id AS INTEGER) NOT IN (SELECT job FROM lying)",
     "DROP TABLE lying",
 )
-"""Parts that had left their beds before anybody was asked count as good; others can be judged."""
+"""Parts removed from their beds before verdicts existed count as good; the others can be judged."""
 _FROM_2 = tuple(
     statement
     for table in TABLES.values()
@@ -56,4 +56,4 @@ _FROM_2 = tuple(
     )
 )
 STEPS = {0: _EMPTY, 1: (*_FROM_1, *_FROM_2), 2: _FROM_2, SCHEMA_VERSION: ()}
-"""Statements that migrate each version to the present one; 0 is an empty file."""
+"""Statements that migrate each version to the current one; 0 is an empty file."""

@@ -1,4 +1,4 @@
-"""Books on disk: SQLite in WAL mode, one transaction an event. The only import of sqlite3."""
+"""Books on disk: SQLite in WAL mode, one transaction for each event. The only import of sqlite3."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ E = TypeVar("E", bound=Entity)
 
 
 class StoreError(FarmError):
-    """The books cannot be opened or written."""
+    """Error for books that cannot be opened or written."""
 
 
 class DamagedBooks(StoreError):
-    """The books on the disk are damaged."""
+    """Error for damaged books on the disk."""
 
 
 _COUNT = "-count"  # after the books' name: file with the number of committed events
@@ -50,21 +50,21 @@ _ENVIRONMENT_ERRORS = frozenset(
         *(sqlite3.SQLITE_READONLY, sqlite3.SQLITE_IOERR, sqlite3.SQLITE_FULL, sqlite3.SQLITE_CANTOPEN),
     )
 )
-"""SQLite's errors for a full disk, missing rights or memory; any other means that the books are damaged."""
+"""SQLite's errors for a full disk, missing rights or memory; all others mean that the books are damaged."""
 
 
 def copy_books(source: Path, target: Path, at_s: float) -> None:
     """Copy books that may be in use; the copy appears when it is complete. Raises StoreError.
 
-    The copy is marked as one, with its time `at_s`, until a `BooksRestored` is committed to it: so no bed
-    counts as clear, whoever puts it in the place of the books, and if a daemon dies over it.
+    The copy is marked with its time `at_s` until a `BooksRestored` is committed to it, so that no bed
+    counts as clear, whoever restores the copy, and even if a daemon dies while completing it.
     """
     half = target.with_name(f".{target.name}.half")
     try:
         half.unlink(missing_ok=True)
         with closing(sqlite3.connect(source)) as books, closing(sqlite3.connect(half)) as copy:
             books.backup(copy)
-            # So that a damaged write-ahead log does not take the books back to before their copy.
+            # Otherwise a damaged write-ahead log could revert the books to a state before the copy.
             books.execute("PRAGMA wal_checkpoint(PASSIVE)")
             with copy:
                 copy.execute(CREATE_COPIED)
@@ -79,7 +79,7 @@ def copy_books(source: Path, target: Path, at_s: float) -> None:
 
 
 def read_books(path: Path) -> tuple[Books, int]:
-    """Read books without changing them, also while a daemon has them open.
+    """Read books without changing them, even while a daemon has them open.
 
     Returns
     -------
@@ -89,7 +89,7 @@ def read_books(path: Path) -> tuple[Books, int]:
     Raises
     ------
     DamagedBooks
-        If the file is no database of the farm, or a row differs from what was written.
+        If the file is not a database of the farm, or the checksum of a row does not match.
     StoreError
         If they cannot be read.
     """
@@ -136,7 +136,7 @@ class Store:
     """Database of the books. Every method may raise StoreError.
 
     Each entity is a row of its kind's table, with its fields as JSON: the books are read at start and live in
-    memory, so that only the daemon's model has to know the fields.
+    memory, so that only the records define the fields.
     """
 
     def __init__(self, path: Path) -> None:
@@ -165,7 +165,7 @@ class Store:
                 raise DamagedBooks(f"the database {path} is damaged: {' '.join(found.split())}")
             self._create()
             self._check_rows()
-            if new:  # a person moved the old ones away
+            if new:  # the old ones were moved away
                 path.with_name(path.name + _COUNT).unlink(missing_ok=True)
             self._lost = self._count_events() < self._read_count()
         except (sqlite3.Error, UnicodeDecodeError) as error:  # the error message may not be text
@@ -192,7 +192,7 @@ class Store:
         self._db.execute("COMMIT")
 
     def _check_rows(self) -> None:
-        """Raise DamagedBooks if a row differs from what was written: SQLite checks pages, not rows."""
+        """Raise DamagedBooks if the checksum of a row does not match: SQLite does not detect that."""
         tables = self._db.execute("SELECT sql FROM sqlite_master WHERE type = 'table'")
         if {sql for (sql,) in tables} != EXPECTED_TABLES:
             raise DamagedBooks(f"the database {self._path} is damaged: it has other tables")
@@ -216,7 +216,7 @@ class Store:
         """Write the number of committed events to a file beside the books.
 
         If a checksum in a write-ahead log is wrong, SQLite ends the log there without an error, and later
-        commits are lost. The file is not synced: after a power cut it may lag behind, never lead.
+        commits are lost. The file is not synced: after a power cut it may show fewer events, never more.
         """
         with suppress(OSError):
             if self._count is None:
@@ -228,7 +228,7 @@ class Store:
     def copied_s(self) -> float | None:
         """Return the time up to which these books are complete; None if they are complete.
 
-        They are incomplete if they are a backup or lost events, until a `BooksRestored` is committed.
+        A backup, and books that lost events, are incomplete until a `BooksRestored` is committed.
         """
         (at_s,) = self._db.execute("SELECT max(at_s) FROM copied").fetchone()
         if at_s is None and self._lost:
@@ -298,14 +298,14 @@ class Store:
 
 
 def _make_private(path: Path) -> None:
-    """Keep books for their owner; what SQLite creates beside them has their mode.
+    """Make books accessible to their owner only; files that SQLite creates beside them get the same mode.
 
-    Books of an older farm may be readable by all, in a folder that is open to all.
+    Books of an earlier version may be readable by all, in a folder that is open to all.
     """
     with suppress(OSError):  # SQLite reports that they cannot be created
         os.close(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o600))
     for suffix in ("", "-wal", "-shm"):
-        with suppress(OSError):  # not there, or another user's
+        with suppress(OSError):  # missing, or owned by another user
             path.with_name(path.name + suffix).chmod(0o600)
 
 
@@ -315,4 +315,4 @@ def _key(entity: Entity) -> str:
             return entity.name
         case Job() | Part() | Plate() | Print() | Outage():
             return str(entity.id)
-    raise TypeError(f"the store keeps no {type(entity).__name__}")
+    raise TypeError(f"the store has no table for {type(entity).__name__}")

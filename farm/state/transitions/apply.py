@@ -26,14 +26,14 @@ def apply(event: ev.Event, books: Books) -> Result:
     Returns
     -------
     books, instructions
-        The books after it, and the instructions that follow.
+        The books after it, and the resulting instructions.
 
     Raises
     ------
     NoSuchThing
-        If the event names an entity that the books do not have.
+        If the event names an unknown entity.
     InvalidTransition
-        If it does not fit the state of its entity. Nothing is changed then.
+        If it is not allowed in the state of its entity.
     """
     subjects = list(find_subjects(event, books))
     after, instructions = change(event, books)
@@ -47,7 +47,7 @@ def apply(event: ev.Event, books: Books) -> Result:
 
 @dataclass(frozen=True, slots=True)
 class Subject:
-    """An entity that an event is about, and its state before the event."""
+    """Entity that an event concerns, with its state before the event."""
 
     lifecycle: Lifecycle
     key: object
@@ -55,14 +55,14 @@ class Subject:
 
 
 def find_subjects(event: ev.Event, books: Books) -> Iterator[Subject]:
-    """Yield the entities that an event is about.
+    """Yield the entities that an event concerns.
 
     Raises
     ------
     NoSuchThing
-        If the event names an entity that the books do not have, and does not create it.
+        If the event names an unknown entity, and does not create it.
     InvalidTransition
-        If it does not fit the state of one of them.
+        If it is not allowed in the state of one of them.
     """
     kind = type(event)
     for lifecycle in LIFECYCLES:
@@ -89,7 +89,7 @@ def _raise_missing(lifecycle: Lifecycle, key: object, books: Books) -> None:
 
 
 def undeclared_changes(event: ev.Event, before: Books, after: Books) -> list[str]:
-    """List the changes of state by an event that no table declares; tests require that there are none."""
+    """List state changes by an event that no table declares; tests require that there are none."""
     found = []
     kind = type(event)
     for lifecycle in LIFECYCLES:

@@ -59,7 +59,7 @@ def _(event: ev.PrinterAlarmed, books: Books) -> Result:
 
 
 def _request_inspection(event: ev.BedBecameUnknown | ev.PrinterAlarmed, books: Books) -> Printer:
-    """Return the printer of an event, which a person has to inspect for its reason."""
+    """Return the printer of an event, marked for inspection with the event's reason."""
     printer = books.printer(event.printer)
     return replace_fields(printer, attention_reason=event.reason, attention_since_s=event.at_s)
 

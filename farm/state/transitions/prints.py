@@ -1,4 +1,4 @@
-"""Rules for events about a print, and the time factor that a printer learns from them. Pure."""
+"""Rules for events about a print, and updates of a printer's time factor. Pure."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def _(event: ev.PrintFailRequested, books: Books) -> Result:
 def _not_being_ended(
     event: ev.PrintWithdrawn | ev.PauseRequested | ev.PrintFailRequested, books: Books
 ) -> Print:
-    """Return the print of an event that is not being ended.
+    """Return the print of an event, which must not be ending.
 
     Raises
     ------
@@ -91,10 +91,10 @@ def _(event: ev.PrintEnded, books: Books) -> Result:
     if attempt.state is PrintState.FAILED:
         reason = attempt.reason or attempt.fault or "its print failed"
         printer = replace_fields(printer, attention_reason=reason, attention_since_s=event.ended_s)
-        if attempt.fault == Fault.ESTOP:  # it waits until a person resumes it
+        if attempt.fault == Fault.ESTOP:  # its plate waits until a person resumes it
             books = put(books, replace_fields(plate, paused=True))
     books = put(books, attempt, printer)
-    # A failed print may have extruded without a report of it.
+    # A failed print may have extruded without reporting it.
     if attempt.extruded or attempt.state is PrintState.FAILED:
         books = mark_bed_not_clear(books, attempt.printer)
     books = update_job_state(books, attempt.job, event.at_s)
@@ -116,7 +116,7 @@ def _end_print(event: ev.PrintEnded, attempt: Print, plate: Plate) -> Print:
     if state is PrintState.CANCELLED and attempt.fail_reason is not None:
         state, fault, reason = PrintState.FAILED, OwnFault.BY_A_PERSON, attempt.fail_reason
     elif state is PrintState.CANCELLED and attempt.cancel_reason is None and begun:
-        state = PrintState.FAILED  # the farm did not ask for it
+        state = PrintState.FAILED  # not requested by the farm
     if (
         state is PrintState.DONE and attempt.fail_reason is not None
     ):  # it ended before the request reached its agent
@@ -147,9 +147,9 @@ def _learn_speed(printer: Printer, plate: Plate, attempt: Print, took_s: float) 
 LEAST, MOST = 0.8, 1.25
 """Limits of the time factor of a healthy printer."""
 SHORTEST_S = 600.0
-"""Least duration of a print to learn from: in shorter ones the heat-up dominates."""
+"""Least duration of a print that updates the factor: in shorter ones the heat-up dominates."""
 MOST_STARVED = 0.01
-"""Largest share of a print in which a simulated printer may have waited for its host."""
+"""Largest share of a print for which a simulated printer may have waited for its host."""
 _WILD = 2.0
 _STEP = 0.1
 _WEIGHT = 0.25
@@ -167,7 +167,7 @@ def update_time_factor(factor: float, expected_s: float, reached_s: float, starv
     reached_s
         Seconds that the layers took, without heat-up, start and end code.
     starved_s
-        Seconds of that in which a simulated printer waited for its host.
+        Seconds of these for which a simulated printer waited for its host.
 
     Returns
     -------

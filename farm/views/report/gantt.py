@@ -1,4 +1,4 @@
-"""Gantt of the fleet for one job: a row for each printer, a bar for each print. Pure."""
+"""Gantt chart of the fleet for one job: a row for each printer, a bar for each print. Pure."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ _WIDTH, _ROW, _LEFT, _RIGHT, _TOP = (
     110,
     36,
     24,
-)  # px; a mark of time needs half its width at the right
-_TICKS = 8  # marks of time, about
+)  # px; a time label needs half its width at the right
+_TICKS = 8  # approximate number of time marks
 _STEPS_S = (600, 1800, 3600, 7200, 14400, 28800, 86400, 172800, 604800)
 _OTHER_JOB = "another job"
 
@@ -33,7 +33,7 @@ COLOURS = {
 
 @dataclass(frozen=True, slots=True)
 class Bar:
-    """Print in the Gantt.
+    """Print in the Gantt chart.
 
     Attributes
     ----------
@@ -53,7 +53,7 @@ class Bar:
 
 @dataclass(frozen=True, slots=True)
 class Mark:
-    """Mark of time, at x px."""
+    """Time mark on the axis, at x px."""
 
     x: float
     text: str
@@ -61,7 +61,7 @@ class Mark:
 
 @dataclass(frozen=True, slots=True)
 class Box:
-    """Bar with its place in the picture; lengths in px."""
+    """Bar with its position in the chart; lengths in px."""
 
     bar: Bar
     x: float
@@ -81,12 +81,12 @@ class Row:
 
 @dataclass(frozen=True, slots=True)
 class Gantt:
-    """Layout of a Gantt; lengths in px.
+    """Layout of a Gantt chart; lengths in px.
 
     Attributes
     ----------
     key
-        Each kind of bar in it, with its colour.
+        Kinds of bars in the chart, with their colours.
     """
 
     height: int
@@ -131,7 +131,7 @@ def list_bars(job: api.JobView, others: Sequence[api.HistoryRow], now: datetime)
 
 
 def lay_out_gantt(bars: Sequence[Bar]) -> Gantt | None:
-    """Lay out bars over the time of the job's own ones; None if there are none."""
+    """Lay out bars over the time span of the job's own bars; None if there are none."""
     if not bars:
         return None
     own = [bar for bar in bars if bar.kind != _OTHER_JOB]
@@ -160,7 +160,7 @@ def lay_out_gantt(bars: Sequence[Bar]) -> Gantt | None:
 
 
 def _list_marks(first: datetime, last: datetime, span_s: float) -> list[datetime]:
-    """List round times between two moments."""
+    """List round times between two times."""
     step_s = next((step for step in _STEPS_S if span_s / step <= _TICKS), _STEPS_S[-1])
     midnight = first.replace(hour=0, minute=0, second=0, microsecond=0)
     mark = midnight + timedelta(seconds=step_s * -(-(first - midnight).total_seconds() // step_s))

@@ -1,6 +1,6 @@
-"""Report of a job as one HTML page: figures, Gantt of the fleet, failures with reasons, parts.
+"""Report of a job as one HTML page: figures, Gantt chart of the fleet, failures with reasons, parts.
 
-The page is one file: its pictures are in it, and it loads nothing. The templates escape all text.
+The page is a single file with embedded pictures, and loads nothing. The templates escape all text.
 """
 
 from __future__ import annotations
@@ -55,13 +55,13 @@ def render_page(
     job, others
         The job, and the prints of all jobs.
     now
-        The farm's time, up to which open prints are drawn.
+        Farm time, up to which open prints are drawn.
     facts
         Figures of the job, each with a name, as text.
     pictures
         PNG of each part, by its id; a part without one has no picture.
     assembly
-        PNG of all parts, pulled apart.
+        PNG of all parts in an exploded view.
     """
     template = _templates().get_template("report.html")
     page = template.render(

@@ -172,7 +172,7 @@ def test_what_no_plate_waits_for_is_held_for_a_person(stranger, tmp_path):
     state = StateFolder(tmp_path)
     (look,) = (item for item in list_tasks(farm.view_context(state)) if item.code == "look")
     assert look.printers == ["a"]
-    assert "it made a print after the backup of the database for which no plate waits" in look.text
+    assert "it made a print after the backup of the database that match no waiting plate" in look.text
     farm.controller.on_snapshot(AgentSnapshot(printer="a", link=Link.READY, print=stranger))
     assert look in list_tasks(farm.view_context(state))
     assert not farm.controller.books.prints

@@ -121,7 +121,7 @@ def test_do_now_asks_whether_it_is_whole_and_names_part_and_command():
     (item,) = asked(died())
     assert item.printers == ["a"]
     for text in (item.text, item.brief):
-        assert text.endswith("; if part 1/p01 is good all the same: `farm cleared a --good 1/p01`")
+        assert text.endswith("; if part 1/p01 is good nevertheless: `farm cleared a --good 1/p01`")
     assert "then `farm cleared a`" in item.text
 
 

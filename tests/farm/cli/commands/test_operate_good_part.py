@@ -84,7 +84,7 @@ def flat(text):
 
 @pytest.mark.parametrize("part", ["1/p01", "p01", "1"])
 def test_a_part_that_is_whole_is_not_printed_again(farm, part):
-    assert "if part 1/p01 is good all the same: `farm cleared a --good 1/p01`" in flat(ask("status").stdout)
+    assert "if part 1/p01 is good nevertheless: `farm cleared a --good 1/p01`" in flat(ask("status").stdout)
     answer = ask("cleared", "a", "--good", part)
     assert answer.stdout == "a: bed clear; part 1/p01 is good and will not be printed again\n"
     assert farm.controller.books.jobs[1].state is JobState.DONE
