@@ -108,7 +108,7 @@ class JobView(_View):
 
     @property
     def prints(self) -> list[PrintView]:
-        """All prints of the job; those that several pieces of a part share are listed once."""
+        """Prints of the job; prints shared by several pieces of a part appear once."""
         each = {(p.part, p.printer, p.started, p.ended): p for part in self.parts for p in part.prints}
         return list(each.values())
 

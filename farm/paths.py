@@ -115,7 +115,7 @@ def find_places(
     Raises
     ------
     Refused
-        If the socket has to be in the system's temporary folder, and another user could put one there.
+        If the socket must be in the system's temporary folder, and another user could put one there.
     """
     home = Path(env.get("HOME", "/"))
     named = state or _path(env, "FARM_STATE")

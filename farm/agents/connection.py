@@ -126,7 +126,7 @@ class AgentConnection:
         if self._stopping or self._remote:
             return  # the bridge on the other host starts and watches it
         if self._process is not None or is_alive(self._folder):
-            self._kill_if_wedged()
+            self._kill_if_hung()
             return
         if self._section is None:
             gone = "it was removed from fleet.yaml, and its agent has ended"
@@ -151,7 +151,7 @@ class AgentConnection:
         except DriverError as error:
             self._report(AgentSnapshot(printer=self._name, link=Link.ABSENT, reason=str(error)))
 
-    def _kill_if_wedged(self) -> None:
+    def _kill_if_hung(self) -> None:
         """Kill an agent that hangs; the next check starts another, which resets the board."""
         pid = agent_pid(self._folder)
         if pid is not None and self._heartbeat.is_wedged(time.monotonic(), lambda: sample_process(pid)):
@@ -177,7 +177,7 @@ class AgentConnection:
                     if report is None:
                         break
                     self._offset_s = clock_offset_s(report, self._clock) - self._clock.ahead_s
-                    if self._has_our_port(report):
+                    if self._has_configured_port(report):
                         report = await self._import_journal(report)
                         self._report(self._trusted(report))
                 if time.monotonic() - connected_s > _STEADY_S:
@@ -223,7 +223,7 @@ class AgentConnection:
         cleared = _CLEARED in self._pending
         return to_trusted_snapshot(report, self._clock, self._name, simulated, cleared)
 
-    def _has_our_port(self, report: m.Snapshot) -> bool:
+    def _has_configured_port(self, report: m.Snapshot) -> bool:
         """Return whether the agent uses the port of `fleet.yaml`; an idle one that does not is replaced."""
         section = self._section
         if section is None or (report.model, report.port) == (section.model, section.port):

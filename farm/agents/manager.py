@@ -24,7 +24,7 @@ log = logging.getLogger(__name__)
 
 
 class AgentManager:
-    """All agents of the fleet, each with its connection."""
+    """Connections to all agents of the fleet."""
 
     def __init__(self, fleet: Fleet, state: StateFolder, clock: Clock, listener: AgentListener) -> None:
         self._state, self._clock, self._listener = state, clock, listener

@@ -138,7 +138,7 @@ def _prepare(daemon: int, folder: Path, memory_bytes: int) -> None:
     with contextlib.suppress(OSError):  # out of memory, the kernel ends this process, not the daemon
         Path("/proc/self/oom_score_adj").write_text("800")
     tempfile.tempdir = os.environ["TMPDIR"] = str(folder)
-    # The soft limit only: CuraEngine has a limit of its own (slicing.engine), and raises this one.
+    # The soft limit only: CuraEngine has a separate limit (slicing.engine), and raises this one.
     _, hard = resource.getrlimit(resource.RLIMIT_DATA)
     soft = memory_bytes if hard == resource.RLIM_INFINITY else min(memory_bytes, hard)
     resource.setrlimit(resource.RLIMIT_DATA, (soft, hard))

@@ -191,7 +191,7 @@ class Controller:
     # -- scheduling -------------------------------------------------------------------------------------
 
     def _schedule(self) -> Iterator[Effect]:
-        """Give plates to printers, and start planning the first jobs of the queue, if possible now."""
+        """Assign plates to printers, and start planning the first jobs of the queue, if possible now."""
         if self.stopping:
             return
         now_s = self.clock.now()
@@ -215,7 +215,7 @@ class Controller:
             self._next_change_s = now_s
 
     def _held_back(self) -> dict[str, Hold]:
-        """Return the holds of the plates that are offered to no printer."""
+        """Return the holds of the plates that are excluded from assignment."""
         may_hold = self._situations.may_hold_back
         return find_plate_holds(self.books, self.fleet.printers, self.clock.now(), may_hold)
 

@@ -159,7 +159,7 @@ class UserFacts:
 
 @dataclass(frozen=True, slots=True)
 class Facts:
-    """All data for the checks.
+    """Data for the checks.
 
     Attributes
     ----------

@@ -25,7 +25,7 @@ _COMING = (
     HoldCode.FILAMENT_UNKNOWN,
     HoldCode.REEL_UNCERTAIN,
 )
-_FARTHEST_S = 15 * 86400.0  # without a start after which no plate ever starts
+_FARTHEST_S = 15 * 86400.0  # if no plate starts within this time, none ever does
 _END, _HEATED, _READY, _HOURS = range(4)  # kinds of change; simultaneous ones in this order
 
 
@@ -286,8 +286,8 @@ def _lower_bound_s(
 ) -> float:
     """Return a lower bound of the end of any schedule on these printers.
 
-    The greatest of: each plate alone on the printer where it ends soonest; and, for the plates that can go
-    to some set of printers only, all their seconds spread evenly over it from when each is ready.
+    The larger of two bounds: each plate on the printer where it ends soonest; and, for plates that fit only a
+    set of printers, their total time shared among these printers, each from the time it is ready.
     """
     bound_s = now_s
     work_s: dict[frozenset[str], float] = {}

@@ -79,18 +79,18 @@ def _loss_window_end_s(books: Books, holds: Mapping[str, Hold]) -> float:
 def find_next_change_s(
     situation: Situation, books: Books, held_back: Mapping[str, Hold], others_s: Iterable[float]
 ) -> float:
-    """Return the next moment at which time alone changes a decision; infinity if only an event does.
+    """Return the next time at which a decision changes without an event; infinity for never.
 
     Parameters
     ----------
     situation
         The plates that still wait, and the fleet.
     books
-        As committed.
+        The committed books.
     held_back
-        The plates that are offered to no printer.
+        The plates that are excluded from assignment.
     others_s
-        Other moments at which decisions may change.
+        Other times at which decisions may change.
     """
     starts = (job.not_before_s for job in books.jobs.values() if not job.state.ended)
     moments = (*others_s, *(at_s for at_s in starts if at_s is not None))

@@ -17,14 +17,14 @@ Queue = Mapping[Turn, Iterable[WaitingPlate]]
 
 @dataclass(frozen=True, slots=True)
 class FleetOrder:
-    """Printers in the order in which they are taken, and their kinds.
+    """Order of preference of the printers, and their kinds.
 
     Attributes
     ----------
     rank
-        By name: the lowest printer first, then by name.
+        Rank by name: the lowest build height first, then alphabetically.
     kind
-        By name: a number, the same for printers alike in all but name and reel.
+        Number by name, the same for printers that differ only in name and reel.
     """
 
     rank: Mapping[str, int]
@@ -32,7 +32,7 @@ class FleetOrder:
 
     @classmethod
     def of(cls, printers: Iterable[FleetPrinter]) -> FleetOrder:
-        """Order these printers."""
+        """Create the order of these printers."""
         ordered = sorted(printers, key=lambda p: (p.capabilities.height_mm, p.name))
         numbers: dict[tuple[Capabilities, bool], int] = {}
         return cls(

@@ -14,7 +14,7 @@ from farm.scheduling.start_rules import StartRules
 
 @dataclass(frozen=True)
 class Situation:
-    """All data for scheduling decisions: waiting plates, fleet and rules.
+    """Data for scheduling decisions: waiting plates, fleet and rules.
 
     Attributes
     ----------

@@ -44,18 +44,18 @@ class Start:
 
 @dataclass(frozen=True, slots=True)
 class StartWindow:
-    """What hours let start at one moment, on printers that may all print while nobody is there, or may not.
+    """Limits from the hours on prints that start at a given time, on printers with the same permissions.
 
     Attributes
     ----------
     at_s
-        The moment.
+        The start time.
     quiet_s
-        When the next quiet hours begin, or those of this moment have started.
+        Start of the next quiet hours, or of the present ones.
     attended_until_s
-        When the attended hours end; minus infinity if nobody is there.
+        End of the attended hours; minus infinity outside of them.
     unattended, first_layers_attended
-        Whether the printers may print while nobody is there, and begin to.
+        Whether the printers may print unattended, and whether first layers must be attended.
     """
 
     at_s: float
@@ -126,7 +126,7 @@ class StartRules:
         return Start(None, Hold(code=HoldCode.TOO_LONG, text=text))
 
     def start_window(self, unattended: bool, at_s: float) -> StartWindow:
-        """Return what hours let start at a moment on printers that may print `unattended`, or may not."""
+        """Return the limits on prints that start at `at_s` on printers with this permission."""
         quiet = self.quiet.span(at_s) or self.quiet.following(at_s)
         attended = self.attended.span(at_s)
         return StartWindow(

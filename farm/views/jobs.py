@@ -172,7 +172,7 @@ def _last_print(books: Books, plate: Plate) -> Print:
 
 
 def _waits_for_person(context: ViewContext, job: Job, plates: list[Plate]) -> bool:
-    """Return whether a job waits for a person, and nothing of it continues before."""
+    """Return whether a job cannot continue without action by a person."""
     if job.state is JobState.HELD:
         return True
     if job.state is JobState.QUEUED:

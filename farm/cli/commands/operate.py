@@ -59,7 +59,7 @@ def cleared(
     printers: Annotated[
         list[str],
         typer.Argument(
-            help="The printers whose beds are clear, or `all` that wait for it.",
+            help="The printers whose beds are clear, or `all` that wait to be cleared.",
             autocompletion=completion.beds,
         ),
     ],

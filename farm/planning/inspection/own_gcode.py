@@ -277,7 +277,7 @@ def _check_options(options: JobOptions) -> None:
 
 @dataclass(frozen=True, slots=True)
 class _Lines:
-    """Lines of a file, read anew for each iteration, cut at the length that is refused."""
+    """Lines of a file, read again at each iteration, cut at the length that is refused."""
 
     path: Path
 

@@ -68,7 +68,7 @@ def saves_enough(before_s: float, after_s: float, now_s: float) -> bool:
 
 
 class ExpectedEnds:
-    """Ends of the waiting plates of a situation, forecast once, and only if one is asked for.
+    """Ends of the waiting plates of a situation, forecast once on first use.
 
     Printers that a person has to inspect count only if attended hours are known.
     """
@@ -133,7 +133,7 @@ def choose_reslice(
 
 
 def choose_recut(plate: WaitingPlate, situation: Situation) -> Recut | None:
-    """Choose the printers on which a failed plate's part, cut, ends sooner by the margin, if any.
+    """Choose the printers on which a failed plate's part, once cut, finishes sooner by the margin, if any.
 
     Candidates are the free printers that the other waiting plates do not need. Pieces are taken as equal;
     the actual cut is compared before it is used.

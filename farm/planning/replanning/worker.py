@@ -51,7 +51,7 @@ class ReplanWorker:
         running.add_done_callback(self._running.discard)
 
     def stop(self) -> None:
-        """Stop all replans; the next daemon decides again."""
+        """Stop all replans; the next daemon examines the plates again."""
         for running in self._running:
             running.cancel()
 
