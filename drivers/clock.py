@@ -1,11 +1,11 @@
-"""The farm's one clock: wall time, or a multiple of it where every printer is simulated.
+"""The farm's clock: wall time, or a multiple of it if every printer is simulated.
 
-Daemon, agents, emulators and timers all read this clock, so attended hours, time-outs, expected ends and the
+Daemon, agents, emulators and timers all read this clock, so attended hours, time-outs, forecasts and the
 dead-man agree everywhere, and a simulated night can run in minutes.
 
-A change of the host's clock must not end a heat-up or a print by a time-out: a process reads wall time once,
-and adds the time since the host was started, which also counts while the host sleeps. The daemon, which
-keeps attended hours, follows such a change (`Clock.follow_host`); agents, which keep time-outs, never do.
+A change of the host's clock must not end a heat-up or a print by a time-out: a process reads wall time once
+and adds the time since boot, which also counts while the host sleeps. The daemon, which enforces attended
+hours, follows such a change (`Clock.follow_host`); agents, which enforce time-outs, never do.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 
 def wall_s() -> float:
-    """Return wall time in seconds since the epoch; steady from the start of this process on."""
+    """Return wall time in seconds since the epoch, unaffected by changes of the host's clock."""
     return _BOOTED_S + time.clock_gettime(time.CLOCK_BOOTTIME)
 
 
@@ -25,9 +25,9 @@ _SMALLEST_STEP_S = 1.0  # smaller changes add up
 
 @dataclass(slots=True)
 class Clock:
-    """Maps wall time to farm time: ``farm = anchor_s + (wall - anchor_s) * scale + ahead_s``.
+    """Conversion of wall time to farm time: ``farm = anchor_s + (wall - anchor_s) * scale + ahead_s``.
 
-    "Wall time" is that of `wall_s`: steady within a process.
+    Wall time is that of `wall_s`.
 
     Parameters
     ----------
@@ -44,9 +44,9 @@ class Clock:
     ahead_s: float = 0.0
 
     def follow_host(self) -> float:
-        """Follow a change of the host's clock, and return its seconds; 0 without a change.
+        """Follow a change of the host's clock, and return its size in seconds; 0 without a change.
 
-        A clock of another scale than 1 belongs to simulated printers, and never follows.
+        A clock with a scale other than 1 belongs to simulated printers, and never follows.
         """
         step_s = time.time() - wall_s() - self.ahead_s
         if self.scale != 1.0 or abs(step_s) < _SMALLEST_STEP_S:

@@ -1,4 +1,4 @@
-"""List the devices that are plugged in, and verify that a pulse of DTR resets the board of a printer."""
+"""List serial devices on USB, and verify that a pulse of DTR resets a printer's board."""
 
 from __future__ import annotations
 
@@ -34,13 +34,13 @@ class PluggedDevice:
     Attributes
     ----------
     port
-        Path by the USB socket, which stays the same; else that of the device.
+        Stable path by USB socket if there is one; else that of the device.
     device
         Path of the device.
     description
-        Its maker's description.
+        Description by its maker.
     printer
-        The printer of the fleet at this port, if any.
+        Printer of the fleet at this port, if any.
     """
 
     port: Path
@@ -59,7 +59,7 @@ def list_plugged(
     fleet
         Name and port of each printer.
     found, by_path
-        Devices and links of the host, for tests.
+        Functions that list the host's devices and links; replaced in tests.
 
     Returns
     -------
@@ -80,9 +80,9 @@ def commission(url: str, folder: Path | None, firmware: Firmware, answer_s: floa
     Parameters
     ----------
     url
-        The port; unused by an agent, and not simulated.
+        The port; not in use by an agent, and not simulated.
     folder
-        The agent's folder, whose journal gets the result; None for a printer that is not in the fleet.
+        The agent's folder, to whose journal the result is written; None for a printer outside the fleet.
     firmware
         Firmware of the printer.
     answer_s
@@ -91,7 +91,7 @@ def commission(url: str, folder: Path | None, firmware: Firmware, answer_s: floa
     Returns
     -------
     str
-        The printer's model, as its firmware says.
+        The printer's model, as reported by its firmware.
 
     Raises
     ------
@@ -103,7 +103,7 @@ def commission(url: str, folder: Path | None, firmware: Firmware, answer_s: floa
         folder.mkdir(parents=True, exist_ok=True)
         lock = hold(folder / AGENT_LOCK)
         if lock is None:
-            raise PortError(f"{url}: its agent is running: ask the agent")
+            raise PortError(f"{url}: its agent is running: send it the request")
     try:
         port = open_port(url, Path(), Clock(), firmware.baud_rate)
         try:
@@ -122,18 +122,18 @@ def commission(url: str, folder: Path | None, firmware: Firmware, answer_s: floa
 
 
 def commission_by_agent(folder: Path) -> None:
-    """Verify the reset by the agent of this folder, which has the port.
+    """Verify the reset through the agent of this folder, which owns the port.
 
     Raises
     ------
     DriverError
-        It refuses, or the board did not restart.
+        The agent refused, or the board did not restart.
     """
     asyncio.run(_ask_agent(folder))
 
 
 async def _ask_agent(folder: Path) -> None:
-    """Ask the agent, and wait for the result. Raises DriverError."""
+    """Send the request to the agent, and wait for the result. Raises DriverError."""
     client = AgentClient(folder)
     try:
         await client.connect()
@@ -158,12 +158,12 @@ async def _ask_agent(folder: Path) -> None:
 
 
 def find_model(words: bytes) -> str:
-    """Return the printer model with this banner or this answer to the identity query.
+    """Return the printer model with this banner or answer to the identity query.
 
     Raises
     ------
     DriverError
-        No known model has it.
+        No known model matches.
     """
     for profile in PROFILES.values():
         firmware = profile.firmware
@@ -179,7 +179,7 @@ def find_model(words: bytes) -> str:
 
 
 def _verify_idle(port: Port, url: str, firmware: Firmware, answer_s: float) -> None:
-    """Verify that a printer is idle; a board that opening the port did not reset may be printing."""
+    """Verify that a printer is idle: if opening the port did not reset the board, it may be printing."""
     link, idle = Link(firmware), IdleWatch()
     for now_s, event in exchange(port, link, answer_s):
         if isinstance(event, Up):
@@ -192,13 +192,13 @@ def _verify_idle(port: Port, url: str, firmware: Firmware, answer_s: float) -> N
         elif isinstance(event, Report):
             if idle.card or not event.off:
                 why = CARD if idle.card else "a heater is on"
-                raise PortError(f"{url}: its printer is not idle: {why}; wait until that has ended")
+                raise PortError(f"{url}: its printer is not idle: {why}; wait until it is")
             return
     raise PortError(f"{url}: its printer does not report that it is idle; switch it off and on")
 
 
 def _await_restart(port: Port, url: str, firmware: Firmware, answer_s: float) -> bytes:
-    """See the board start; what it says then, and where that does not tell the model, what it answers."""
+    """Wait until the board restarts; return its banner, or its identity if the banner lacks the model."""
     link, words = Link(firmware), b""
     for now_s, event in exchange(port, link, answer_s):
         if isinstance(event, Up):

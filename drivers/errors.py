@@ -10,11 +10,11 @@ class DriverError(Exception):
 
 
 class PortError(DriverError):
-    """A port cannot be opened, is in use, or went away."""
+    """A port cannot be opened, is in use, or was disconnected."""
 
 
 class PortNotIdle(PortError):
-    """A port is not opened before a person has confirmed that its printer is idle."""
+    """A port may be opened only after a person has confirmed that its printer is idle."""
 
 
 class AgentError(DriverError):
@@ -42,29 +42,29 @@ class BadGcode(DriverError):
 
 
 class Unreadable(DriverError):
-    """The agent's copy of a print's file cannot be read any more."""
+    """The agent's copy of a print's file can no longer be read."""
 
 
 class Fault(StrEnum):
     """Reason for which a print failed, named as in the database."""
 
-    STOPPED = "stopped"  # the firmware's Stop(): heaters off, it answers and moves nothing
+    STOPPED = "stopped"  # the firmware's Stop(): heaters off; it answers but does not move
     MAXTEMP = "maxtemp"  # a sensor reads too hot, or is broken
     MINTEMP = "mintemp"  # a sensor reads too cold, or is shorted
-    KILL = "kill"  # the firmware's kill(): its dead-man ran out
-    REBOOT = "reboot"  # the board restarted in the middle of a print
-    ENDSTOP = "endstop"  # a switch was not found, or did not let go
+    KILL = "kill"  # the firmware's kill(): its dead-man expired
+    REBOOT = "reboot"  # the board restarted during a print
+    ENDSTOP = "endstop"  # an endstop was not reached, or stayed pressed
     COLD_EXTRUSION = "cold_extrusion"  # the firmware refused to extrude
     NO_ANSWER = "no_answer"  # the board is silent
-    NOISY_LINE = "noisy_line"  # too many lines had to be sent again
+    NOISY_LINE = "noisy_line"  # too many lines had to be resent
     HEATER_TIMEOUT = "heater_timeout"  # a heater does not reach its target
     THERMAL_RUNAWAY = "thermal_runaway"  # a heater fell below its target
-    HEATER_STUCK_ON = "heater_stuck_on"  # a heater gets hotter than its target, or does not cool when off
+    HEATER_STUCK_ON = "heater_stuck_on"  # a heater exceeds its target, or does not cool when off
     PAUSE_TIMEOUT = "pause_timeout"  # nobody resumed the print in time
-    HOURS_ENDED = "hours_ended"  # the print was allowed only while people are there
+    HOURS_ENDED = "hours_ended"  # the print was allowed only in attended hours
     TARGET_CHANGED = "target_changed"  # a person or the firmware set a temperature
     WRONG_PRINTER = "wrong_printer"  # not the expected printer
     BAD_FILE = "bad_file"  # another file than expected, or unfit for this printer
     PORT_LOST = "port_lost"  # unplugged, or its power is off
-    AGENT_DIED = "agent_died"  # the agent's process ended in the middle of the print
+    AGENT_DIED = "agent_died"  # the agent's process ended during the print
     ESTOP = "estop"  # a person stopped it by `farm estop`

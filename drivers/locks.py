@@ -17,7 +17,7 @@ _PID_BYTES = 10
 
 
 def held(path: Path) -> bool:
-    """Return True while a process holds the lock of this file; False where the file does not exist."""
+    """Return True while a process holds the lock of this file; False if the file does not exist."""
     try:
         with path.open("rb") as lock:
             fcntl.flock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
@@ -29,12 +29,12 @@ def held(path: Path) -> bool:
 
 
 def hold(path: Path) -> int | None:
-    """Take the lock until the descriptor is closed; `held` takes it for a moment only.
+    """Take the lock until the descriptor is closed, retrying because `held` takes it briefly.
 
     Returns
     -------
     int | None
-        The descriptor; None where another process has the lock.
+        The descriptor; None if another process has the lock.
 
     Raises
     ------
@@ -52,7 +52,7 @@ def hold(path: Path) -> int | None:
     else:
         os.close(descriptor)
         return None
-    try:  # forgets the last holder, which must not be killed; in place, as the disk may be full
+    try:  # erases the previous holder's id, which must not be killed; in place, as the disk may be full
         os.pwrite(descriptor, b" " * os.fstat(descriptor).st_size, 0)
     except OSError:
         os.close(descriptor)
@@ -66,7 +66,7 @@ def sign(descriptor: int) -> None:
 
 
 def holder(path: Path) -> int | None:
-    """Return the id of the process that holds the lock; None where it is free or unsigned."""
+    """Return the id of the process that holds the lock; None if it is free or unsigned."""
     try:
         pid = int(path.read_bytes())
     except (OSError, ValueError):
@@ -75,13 +75,13 @@ def holder(path: Path) -> int | None:
 
 
 def kill_holder(path: Path) -> bool:
-    """Kill the process that holds the lock, even a stopped one; True where the lock is free afterwards."""
+    """Kill the process that holds the lock, even a stopped one; return True if the lock is free then."""
     pid = holder(path)
     if pid is not None:
         with suppress(OSError):
             process = os.pidfd_open(pid)
             try:
-                if held(path):  # else it has ended, and its id may be another's
+                if held(path):  # else it has ended, and its id may be reused
                     signal.pidfd_send_signal(process, signal.SIGKILL)
                     select.select([process], [], [], _DEATH_S)
             finally:

@@ -1,7 +1,7 @@
-"""Messages between a daemon and an agent: one JSON object a line over the agent's Unix socket.
+"""Messages between a daemon and an agent: one JSON object per line over the agent's Unix socket.
 
-The daemon sends `Request`s, each with an `id` of its own; the agent answers each with one `Reply` of the same
-id, and pushes a `Snapshot` after every change, and about once a wall second while anything is warm or prints.
+The daemon sends `Request`s with a unique `id`; the agent answers each with one `Reply` of the same id, and
+pushes a `Snapshot` after every change, and about once per wall second while the printer is warm or prints.
 Requests are idempotent by `print_id`: repeated, they change nothing and get the same answer.
 """
 
@@ -16,13 +16,13 @@ from pydantic import Base64Bytes, BaseModel, ConfigDict, Field, TypeAdapter
 AGENT_SOCKET = "agent.sock"  # in an agent's folder
 
 PROTOCOL = 2
-"""Version of the protocol: increased where a request is new or gets a field. Each snapshot has the version of
-its agent; the first agents sent none, and have version 1."""
+"""Version of the protocol, increased when a request or a field is added. Each snapshot has the version of its
+agent; the first agents sent none, and have version 1."""
 
 
 @dataclass(frozen=True, slots=True)
 class Since:
-    """The protocol in which a field of a request appeared."""
+    """Protocol version that added a field of a request."""
 
     protocol: int
 
@@ -32,13 +32,13 @@ class _Message(BaseModel):
 
 
 class _Request(_Message):
-    """Request to an agent. Agents refuse fields that they do not know, so older ones are not sent them."""
+    """Request to an agent. Agents refuse unknown fields, so older agents are not sent new ones."""
 
-    since: ClassVar[int] = 1  # the protocol in which the request appeared
+    since: ClassVar[int] = 1  # protocol version that added the request
 
 
 class _Said(_Message):
-    """Message of an agent, maybe of another version than its reader: an upgrade ends no print."""
+    """Message of an agent, whose version may differ from the reader's: upgrades do not end prints."""
 
     model_config = ConfigDict(
         extra="ignore",
@@ -53,30 +53,30 @@ class _Said(_Message):
 class LinkState(StrEnum):
     """State of the link between an agent and its board."""
 
-    ABSENT = "absent"  # the port is not there, or cannot be opened
+    ABSENT = "absent"  # the port is missing, or cannot be opened
     CONNECTING = "connecting"  # opened; waits for the banner or the first answer
-    READY = "ready"  # answers, no print
+    READY = "ready"  # the board answers; no print
     BUSY = "busy"  # a print is open
-    FAULT = "fault"  # a person has to check the printer; nothing is started
+    FAULT = "fault"  # a person has to check the printer; no print is started
 
 
 class Filament(StrEnum):
-    """Place of the filament's end."""
+    """Position of the filament's end."""
 
-    PARKED = "parked"  # 20 mm back, as the end code and the printer's own menu leave it
+    PARKED = "parked"  # 20 mm back, as after the end code or the printer's own menu
     AT_NOZZLE = "at_nozzle"
     UNKNOWN = "unknown"
 
 
 class PrintPhase(StrEnum):
-    """Phase of a print, as its agent sees it. The last three are ends."""
+    """Phase of a print, as reported by its agent. The last three are final."""
 
     SPOOLED = "spooled"
     CONNECTING = "connecting"
     HEATING = "heating"
     PRINTING = "printing"
-    PAUSED = "paused"  # filament parked, head away, nozzle off, bed warm
-    ENDING = "ending"  # heaters going off, by end code or by an abort
+    PAUSED = "paused"  # filament parked, head aside, nozzle off, bed warm
+    ENDING = "ending"  # heaters are being switched off, by end code or abort
     DONE = "done"
     FAILED = "failed"
     CANCELLED = "cancelled"
@@ -87,7 +87,7 @@ class PrintPhase(StrEnum):
 
 
 class Heater(_Said):
-    """A heater as last reported, in degrees Celsius."""
+    """Last reported temperatures of a heater, in degrees Celsius."""
 
     now_c: float
     target_c: float
@@ -109,23 +109,23 @@ class PrintReadings(BaseModel):
 
 
 class PrintSnapshot(PrintReadings, _Said):
-    """The open print, or the last one that ended and was not forgotten yet."""
+    """The open print, or the last ended one that the daemon has not yet stored."""
 
     print_id: str
     phase: PrintPhase
     fault: str | None = None  # a value of `drivers.errors.Fault`
     reason: str | None = None  # one sentence for a person
-    line: int = 0  # lines of the stripped file that the printer has acknowledged
+    line: int = 0  # number of acknowledged lines of the stripped file
     lines: int = 0
-    progress_s: float = 0.0  # print time that is done, by the slicer's ;TIME_ELAPSED
+    progress_s: float = 0.0  # elapsed print time, by the slicer's ;TIME_ELAPSED
     print_time_s: float = 0.0  # of the whole file
     layers: int = 0
-    extruded: bool = False  # something of this print may lie on the bed
+    extruded: bool = False  # plastic of this print may be on the bed
     started_s: float | None = None  # farm clock, first command of this print
-    ended_s: float | None = None  # farm clock, heaters off and the head still
-    pause_ends_s: float | None = None  # farm clock; the print is ended if nobody has resumed it by then
-    ends_by_s: float | None = None  # farm clock; the print is ended safely if it has not ended by then
-    starved_s: float = 0.0  # emulator only: farm seconds of this print in which it waited for the host
+    ended_s: float | None = None  # farm clock; heaters off and head stopped
+    pause_ends_s: float | None = None  # farm clock; the print is ended unless resumed by then
+    ends_by_s: float | None = None  # farm clock; the print is ended safely at this time
+    starved_s: float = 0.0  # emulator only: farm seconds of this print spent waiting for the host
     sha256: str | None = None  # of its file; None from an older agent
 
 
@@ -133,11 +133,11 @@ class Snapshot(_Said):
     """State of an agent and its printer. Times are on the farm's clock."""
 
     kind: Literal["snapshot"] = "snapshot"
-    protocol: int = 1  # what the agent understands
+    protocol: int = 1  # of the agent
     printer: str
     agent_pid: int
-    now_s: float = 0.0  # the agent's clock: that of its host may have been set since
-    model: str = ""  # what the agent was started with
+    now_s: float = 0.0  # the agent's clock, which may differ from its host's
+    model: str = ""  # as in the agent's start file
     port: str = ""
     link: LinkState
     reason: str | None = None  # of ABSENT or FAULT, one sentence
@@ -146,19 +146,19 @@ class Snapshot(_Said):
     heaters_off: bool = False  # a report has shown both targets 0 since the last heating command
     filament: Filament = Filament.UNKNOWN
     bed_clear: bool | None = None  # from an emulator only
-    starved_s: float = 0.0  # emulator only: farm seconds in which it waited for the host
-    board_resets: int = 0  # resets since the agent started that it did not cause itself
+    starved_s: float = 0.0  # emulator only: farm seconds spent waiting for the host
+    board_resets: int = 0  # resets since the agent's start that it did not cause
     # reason for which bed and filament are unknown, until `BedCleared`; "doubt" on the wire
     bed_unknown_reason: str | None = Field(
         default=None, validation_alias="doubt", serialization_alias="doubt"
     )
-    alarm: str | None = None  # a heater that cannot be switched off: a person has to go there now
-    reset_verified: bool = True  # DTR was seen to reset the board behind this port
+    alarm: str | None = None  # a heater that cannot be switched off: a person has to act at once
+    reset_verified: bool = True  # a pulse of DTR was confirmed to reset this board
     print: PrintSnapshot | None = None
 
 
 class Hello(_Request):
-    """Ask for a snapshot."""
+    """Request a snapshot."""
 
     do: Literal["hello"] = "hello"
     id: int
@@ -171,10 +171,10 @@ class StartPrint(_Request):
     do: Literal["start"] = "start"
     id: int
     print_id: str
-    gcode: str | None  # absolute path; None: it was sent by `Upload`
+    gcode: str | None  # absolute path; None: sent by `Upload`
     sha256: str
     print_time_s: float
-    filament: Filament  # as the daemon knows it; UNKNOWN is refused
+    filament: Filament  # position known to the daemon; UNKNOWN is refused
     not_after_s: Annotated[float | None, Since(2)] = (
         None  # the agent's clock; delivered later it is refused (`Reply.late`)
     )
@@ -182,7 +182,7 @@ class StartPrint(_Request):
 
 
 class EndPrintBy(_Request):
-    """Set the time at which a print is ended safely if it has not ended by then, even without a daemon."""
+    """Set the time limit of a print, which the agent then ends safely even without a daemon."""
 
     since: ClassVar[int] = 2
     do: Literal["end_by"] = "end_by"
@@ -202,7 +202,7 @@ class Upload(_Request):
 
 
 class CancelPrint(_Request):
-    """End a print safely: head away, heaters off, filament parked. Nothing happens unless it is open."""
+    """End a print safely: head aside, heaters off, filament parked. No effect unless the print is open."""
 
     do: Literal["cancel"] = "cancel"
     id: int
@@ -211,7 +211,7 @@ class CancelPrint(_Request):
 
 
 class PausePrint(_Request):
-    """Pause a print so that it can be resumed. Nothing happens unless it prints."""
+    """Pause a print so that it can be resumed. No effect unless it prints."""
 
     do: Literal["pause"] = "pause"
     id: int
@@ -235,7 +235,7 @@ class ForgetPrint(_Request):
 
 
 class ListPrints(_Request):
-    """List all prints that had not ended at a time: a restored daemon knows the state at that time."""
+    """List all prints that had not ended at a given time, that of a restored daemon's state."""
 
     since: ClassVar[int] = 2
     do: Literal["list"] = "list"
@@ -244,22 +244,22 @@ class ListPrints(_Request):
 
 
 class BedCleared(_Request):
-    """Note that a person has cleared the bed; this ends a fault that waited for a person."""
+    """Report that a person has cleared the bed; clears faults that needed a person."""
 
     do: Literal["cleared"] = "cleared"
     id: int
-    filament: Filament | None = None  # as the person reports it, if at all
+    filament: Filament | None = None  # if the person reported it
 
 
 class Commission(_Request):
-    """Pulse DTR to see whether the board restarts; a person has confirmed that the printer is idle."""
+    """Verify that a pulse of DTR restarts the board; a person has confirmed that the printer is idle."""
 
     do: Literal["commission"] = "commission"
     id: int
 
 
 class Shutdown(_Request):
-    """End the agent: with `now` it ends an open print safely first, else it refuses while it prints."""
+    """End the agent. With `now` it first ends an open print safely; else it refuses while printing."""
 
     do: Literal["shutdown"] = "shutdown"
     id: int
@@ -283,12 +283,12 @@ Request = (
 
 
 class Reply(_Said):
-    """Answer to one request. `error` is one sentence where the request was refused."""
+    """Reply to one request; `error` is a sentence if the request was refused."""
 
     kind: Literal["reply"] = "reply"
     id: int
     error: str | None = None
-    late: bool = False  # the start came after its latest time: nothing was begun
+    late: bool = False  # the start arrived after its latest time and was refused
     snapshot: Snapshot | None = None
     prints: tuple[PrintSnapshot, ...] = ()  # of `ListPrints`, in order
 
@@ -296,7 +296,7 @@ class Reply(_Said):
 def for_protocol(request: Request, protocol: int) -> str | None:
     """Dump a request for an agent of this protocol version.
 
-    Fields that it does not know are left out if they have their defaults; None where that is not possible.
+    Fields unknown to it are omitted if they have their defaults; None if that is not possible.
     """
     unknown = set()
     for name, field in type(request).model_fields.items():

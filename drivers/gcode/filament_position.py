@@ -1,7 +1,7 @@
-"""Position of the filament in the middle of a program, from its lines and the position of the head. Pure.
+"""Position of the filament during a program, from its lines and the position of the head. Pure.
 
-The firmware acknowledges moves long before it makes them, so the last acknowledged line does not say where
-a quick stop (M401) stopped the feeder. But M114 then returns the real position
+The firmware acknowledges moves long before it executes them, so the last acknowledged line does not show
+where a quick stop (M401) stopped the feeder. But M114 then returns the real position
 (docs/explanation/ultimaker2-serial.md, section 3.1): the move that was interrupted passes through it.
 """
 
@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from drivers.gcode.program import Program
 
 BUFFERED_LINES = 64  # planner and line buffer hold 24 moves, and not every line is a move
-WINDOW_LINES = 4096  # somewhere in so many lines the filament was at the nozzle
+WINDOW_LINES = 4096  # at some line in each such window the filament was at the nozzle
 NEAR_MM = 1.0  # M114 rounds to 0.01
 
 _POSITION = re.compile(rb"X:(-?[\d.]+)\s*Y:(-?[\d.]+)\s*Z:(-?[\d.]+)\s*E:(-?[\d.]+)")
@@ -25,11 +25,11 @@ _AXES = {b"X": 0, b"Y": 1, b"Z": 2, b"E": 3}
 _MOVES = (b"G0 ", b"G1 ", b"G2 ", b"G3 ")
 
 Point = Sequence[float]
-"""X, Y, Z, E in mm, as the file counts them; NaN where unknown."""
+"""X, Y, Z, E in mm, in the file's coordinates; NaN if unknown."""
 
 
 def read_position(answer: bytes) -> Point | None:
-    """Read the answer to M114: the target of the last move, and after M401 the position of the head."""
+    """Parse the answer to M114: the target of the last move, or after M401 the position of the head."""
     found = _POSITION.match(answer)
     if found is None:
         return None
@@ -45,34 +45,34 @@ def measure_retraction(program: Program, done: int, stopped_at: Point | None = N
     Parameters
     ----------
     program
-        The program; the filament was at the nozzle when it began to extrude.
+        The program; the filament was at the nozzle at its first extrusion.
     done
-        Number of lines that were acknowledged.
+        Number of acknowledged lines.
     stopped_at
-        Position at which a quick stop left the head; None where all moves were made.
+        Position of the head after a quick stop; None if all moves were executed.
 
     Returns
     -------
     float
-        In mm, 0 at the tip. Exact but for a G92 among the last moves, which shifts the firmware's count.
+        In mm, 0 at the tip. Exact except after a G92 among the last moves, which shifts the coordinates.
     """
     moves = Moves(program, done)
     return moves.retracted_mm if stopped_at is None else moves.find_retraction(stopped_at)
 
 
 class Moves:
-    """The last lines that are done, followed as the firmware does.
+    """State after the last acknowledged lines, tracked as the firmware does.
 
     Attributes
     ----------
     at
-        X, Y, Z, E as the file counts them; NaN where no line has set them.
+        X, Y, Z, E in the file's coordinates; NaN if no line has set them.
     retracted_mm
         Distance from the nozzle's tip back to the end of the filament.
     feed_mm_min
-        The last F; NaN where there was none.
+        The last F; NaN if there was none.
     relative, relative_e
-        True where G91, or M83, is in force.
+        True if G91, or M83, is in effect.
     """
 
     def __init__(self, program: Program, done: int) -> None:
@@ -86,7 +86,7 @@ class Moves:
         self.feed_mm_min = _find_feed(program, start)
         # start, end, and how far the filament was retracted at the start
         self._moves: deque[tuple[list[float], list[float], float]] = deque(maxlen=BUFFERED_LINES)
-        for first in range(start, done, WINDOW_LINES):  # a long file is never read whole
+        for first in range(start, done, WINDOW_LINES):  # never reads a long file completely
             for line in program.lines(first, min(done, first + WINDOW_LINES)):
                 self._follow(line)
 
@@ -97,7 +97,7 @@ class Moves:
             for letter, value in _WORD.findall(line):
                 if letter != b"F":
                     self._set_count(_AXES[letter], float(value))
-        elif line.split(b" ", 1)[0] == b"G28":  # the moves before it are complete
+        elif line.split(b" ", 1)[0] == b"G28":  # earlier moves are complete
             self._moves.clear()
             self.at[:3] = [math.nan] * 3
         elif line in (b"G90", b"G91"):
@@ -110,7 +110,7 @@ class Moves:
         after = before.copy()
         for letter, value in _WORD.findall(line):
             if letter == b"F":
-                if float(value) > 0:  # else the firmware keeps the last one
+                if float(value) > 0:  # else the firmware keeps the last feedrate
                     self.feed_mm_min = float(value)
                 continue
             axis = _AXES[letter]
@@ -123,7 +123,7 @@ class Moves:
             self.retracted_mm = max(0.0, self.retracted_mm - fed_mm)
 
     def _set_count(self, axis: int, value: float) -> None:
-        """Follow a G92: the same position has another number from now on, in the buffered moves as well."""
+        """Apply a G92: shift the coordinates, those of the buffered moves as well."""
         shift = value - self.at[axis]
         self.at = self.at.copy()
         self.at[axis] = value
@@ -136,7 +136,7 @@ class Moves:
         )
 
     def find_retraction(self, stopped_at: Point) -> float:
-        """Compute `retracted_mm` for a stop in a buffered move; for the last line where none passes there."""
+        """Compute `retracted_mm` for a stop in a buffered move; at the last line if no move passes there."""
         nearest_mm, found_mm = NEAR_MM, self.retracted_mm
         for before, after, retracted_mm in self._moves:
             away_mm = _distance(stopped_at, before, after)
@@ -148,7 +148,7 @@ class Moves:
 
 
 def _find_feed(program: Program, line: int) -> float:
-    """Find the last F before `line`; NaN where there was none."""
+    """Find the last F before `line`; NaN if there was none."""
     while line > 0:
         first = max(0, line - WINDOW_LINES)
         for move in reversed(program.lines(first, line)):

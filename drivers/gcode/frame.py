@@ -1,8 +1,8 @@
-"""Numbered lines with a checksum, as they go over the wire. Pure.
+"""Numbered lines with a checksum, as sent over the wire. Pure.
 
-One flipped bit changes the checksum of what stands before the ``*``, unless it makes another ``*``: a ``.``
-is one bit away from it, and the firmware takes the first ``*`` and the digits behind it. ``Y112.30`` becomes
-a Y112 with the checksum 30, which is carried out where that fits. `add_frame` makes no such line.
+A flipped bit changes the checksum of the text before the ``*``, unless it creates another ``*``: a ``.`` is
+one bit away from it, and the firmware uses the first ``*`` and the digits after it. ``Y112.30`` becomes Y112
+with the checksum 30, which is executed if that matches. `add_frame` never produces such a line.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ LINE_BYTES = 94
 _MOST = LINE_BYTES - len(b"255")
 
 _CHECKSUMS = {b"%0*d" % (width, total): total for total in range(128) for width in range(7)} | {b"": 0}
-"""Decimals, at most 6, and the checksum of ASCII as which the firmware reads them."""
+"""Maps up to 6 decimals, in ASCII, to the checksum that the firmware would read."""
 
 
 def checksum(line: bytes) -> int:
@@ -28,7 +28,7 @@ def checksum(line: bytes) -> int:
 
 
 def running_checksums(line: bytes) -> bytes:
-    """Compute the checksum up to each byte, itself included, of a line of at most 128 bytes."""
+    """Compute the checksum up to and including each byte of a line of at most 128 bytes."""
     n = int.from_bytes(line, "big")
     n ^= n >> 8
     n ^= n >> 16
@@ -43,8 +43,8 @@ def running_checksums(line: bytes) -> bytes:
 def add_frame(number: int, command: bytes) -> bytes:
     """Add line number, checksum and newline to a command, such that no flipped bit is accepted.
 
-    Where the decimals (at most 6) behind a ``.`` are the checksum of what stands before it, another blank
-    makes them differ, if there is room for it.
+    If the decimals (at most 6) after a ``.`` equal the checksum of the text before it, an extra blank makes
+    them differ, if there is room for it.
     """
     line = b"N%d %b*" % (number, command)
     totals = running_checksums(line)

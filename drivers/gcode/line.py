@@ -1,10 +1,10 @@
-"""G-code lines: read as the firmware reads them, rewritten in one form. Pure.
+"""G-code lines: parsed as the firmware does, and rewritten in canonical form. Pure.
 
-The firmware searches a line for its letters wherever they stand, takes the first of two, and a letter without
-a number for 0; it ends a line at ``:``, takes any ``N`` for a line number and any ``*`` for a checksum, and
-cuts lines after 94 characters (docs/explanation/ultimaker2-serial.md, section 1.5). So every line is sent in
-one form: ``G1 F1500 X1 E2``, each letter once, plain decimal numbers. A line that cannot be written so is
-refused with its number.
+The firmware finds a letter anywhere in a line, uses the first of two, and reads a letter without a number as
+0; it ends a line at ``:``, reads any ``N`` as a line number and any ``*`` as a checksum, and cuts lines after
+94 characters (docs/explanation/ultimaker2-serial.md, section 1.5). So every line is sent in canonical form:
+``G1 F1500 X1 E2``, each letter once, plain decimal numbers. A line without such a form is refused with its
+number.
 """
 
 from __future__ import annotations
@@ -17,19 +17,19 @@ from drivers.errors import BadGcode
 from drivers.firmware import Firmware
 
 LARGEST_NUMBER = 1e6
-"""Lengths, speeds and temperatures are smaller; commands computed from them still fit a line."""
+"""Upper bound of lengths, speeds and temperatures, so that commands computed from them fit a line."""
 
-# Nearly every line of a file goes through it, and an empty branch is faster than "?". No possessive
-# quantifier: before Python 3.11.5 they match wrongly.
+# Nearly every line of a file is matched, and an empty branch is faster than "?". No possessive quantifiers:
+# before Python 3.11.5 they match wrongly.
 _NUMBER = rb"-?\d{1,6}(?:\.\d*|)"
 _PLAIN_MOVE = re.compile(rb"G[01](?: F%b|)(?: X%b|)(?: Y%b|)(?: E%b|)\Z" % ((_NUMBER,) * 4))
 _CODE = re.compile(rb"([GMT]) *0*(\d{1,6})(?!\d)")
 _WORD = re.compile(rb" *([A-Z])(?: *(-?(?:\d+(?:\.\d*)?|\.\d+)))?")
 _MOVES = frozenset((b"G0", b"G1", b"G2", b"G3", b"G92"))
-_DROPPED = frozenset((b"M105", b"M117", b"M118"))  # the link polls itself; display texts are read as commands
+_DROPPED = frozenset((b"M105", b"M117", b"M118"))  # the link polls by itself; display texts act as commands
 
 is_plain_move = _PLAIN_MOVE.match
-"""Match a move that is in the one form already and needs no further check."""
+"""Match a move that is in canonical form already and needs no further check."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,11 +39,11 @@ class Command:
     Attributes
     ----------
     text
-        The command in the one form, without a newline.
+        The command in canonical form, without a newline.
     name
         ``G1``, without leading zeros.
     words
-        The number behind each letter; None where none follows.
+        The number after each letter; None if there is none.
     """
 
     text: bytes
@@ -57,7 +57,7 @@ def read_command(line: bytes, number: int, firmware: Firmware) -> Command | None
     Parameters
     ----------
     line
-        Not empty, without blanks around it.
+        Not empty, without surrounding blanks.
     number
         Line number in the file, for the message.
     firmware
@@ -66,7 +66,7 @@ def read_command(line: bytes, number: int, firmware: Firmware) -> Command | None
     Returns
     -------
     Command or None
-        None where a print does not need the command.
+        None if a print does not need the command.
 
     Raises
     ------
@@ -87,7 +87,7 @@ def read_command(line: bytes, number: int, firmware: Firmware) -> Command | None
                 f"line {number}: the printer misreads a {chr(letter)!r}: remove it from {quote(line)}"
             )
     if code is None:
-        raise BadGcode(f"line {number}: no command that the printer knows: {quote(line)}")
+        raise BadGcode(f"line {number}: not a command of the printer: {quote(line)}")
     if (reason := firmware.forbidden.get(name)) is not None:
         raise BadGcode(f"line {number}: {name.decode()} {reason}: remove it")
     tail = line[code.end() :]
@@ -104,19 +104,19 @@ def read_command(line: bytes, number: int, firmware: Firmware) -> Command | None
 
 
 def read_number(text: bytes, line_number: int, limit: float = LARGEST_NUMBER) -> float:
-    """Read a number of a line.
+    """Parse a number in a line.
 
     Raises
     ------
     BadGcode
-        It is no number, or its absolute value reaches `limit`.
+        It is not a number, or its absolute value reaches `limit`.
     """
     try:
         found = float(text)
     except ValueError:
         found = math.nan
     if not abs(found) < limit:
-        raise BadGcode(f"line {line_number}: {quote(text)} is no number, or too large")
+        raise BadGcode(f"line {line_number}: {quote(text)} is not a number, or too large")
     return found
 
 

@@ -1,6 +1,6 @@
-"""A G-code file made ready for the wire, with all that a print needs to know of it beforehand. Pure.
+"""G-code file prepared for sending, with the facts that a print needs in advance. Pure.
 
-Comments and blank lines are removed: the firmware drops a line with a comment and swallows the next one.
+Comments and blank lines are removed: the firmware drops a line with a comment and the line after it.
 Lines that cannot be sent are refused with their number (`line`).
 """
 
@@ -21,7 +21,7 @@ from drivers.gcode.timeline import Mark, Timeline
 from drivers.printers import Profile
 
 LONGEST_LINE_BYTES = 65536
-"""Limit of a line with its comment: no slicer writes a longer one."""
+"""Limit of a line with its comment; no slicer writes longer ones."""
 
 _BLOCK_LINES = 256
 _EXTRUDING_MOVE = re.compile(rb"G[0-3] [^E]*E")
@@ -30,7 +30,7 @@ _HEATING = frozenset((b"M104", b"M109", b"M140", b"M190"))
 _MODES = {b"G90": (0, 0), b"G91": (0, 1), b"M82": (1, 0), b"M83": (1, 1)}  # axes (0) or E (1), relative
 _LAYERS_LIMIT = 1e6
 _SECONDS_LIMIT = 1e8
-_PEAK_MM = 1.0  # a spiral rises with every line: its height is kept in steps of this
+_PEAK_MM = 1.0  # a spiral rises with every line: its height is stored in steps of this size
 
 
 class HeaterName(StrEnum):
@@ -103,8 +103,8 @@ class Program:
     heats: tuple[Heat, ...]
     home_line: int
     extrusion_line: int
-    _relative: array[int]  # lines at which G91 begins, ends, begins ... to be in force
-    _relative_e: array[int]  # the same of M83
+    _relative: array[int]  # lines at which G91 begins, ends, begins ...
+    _relative_e: array[int]  # the same for M83
     _peak_lines: array[int]
     _peaks_mm: array[float]
 
@@ -124,7 +124,7 @@ class Program:
         Raises
         ------
         Unreadable
-            The store does not return what was written.
+            The store does not return the written bytes.
         """
         stop = min(stop, self.count)
         found: list[bytes] = []
@@ -146,32 +146,32 @@ class Program:
         return data
 
     def progress_at(self, line: int) -> Mark:
-        """Compute the progress when `line` lines are done."""
+        """Compute the progress after `line` lines."""
         return self.timeline.progress_at(line, self.count)
 
     def target_c(self, heater: HeaterName, line: int) -> float | None:
-        """Find the target of a heater when `line` lines are done; None before the first."""
+        """Find the target of a heater after `line` lines; None before the first."""
         for heat in reversed(self.heats):
             if heat.heater is heater and heat.line < line:
                 return heat.target_c
         return None
 
     def highest_mm(self, line: int) -> float:
-        """Bound the height that the first `line` lines print, from above, to `_PEAK_MM`."""
+        """Compute an upper bound of the height printed by the first `line` lines, to `_PEAK_MM`."""
         at = bisect_left(self._peak_lines, line)
         return self._peaks_mm[at - 1] if at else 0.0
 
     def is_relative(self, line: int) -> bool:
-        """Return True where G91 is in force when `line` lines are done."""
+        """Return True if G91 is in effect after `line` lines."""
         return bisect_left(self._relative, line) % 2 == 1
 
     def is_e_relative(self, line: int) -> bool:
-        """Return True where M83 is in force when `line` lines are done."""
+        """Return True if M83 is in effect after `line` lines."""
         return bisect_left(self._relative_e, line) % 2 == 1
 
 
 def read_program(raw_lines: Iterable[bytes], profile: Profile, store: ProgramStore | None = None) -> Program:
-    """Make a file ready for the wire.
+    """Prepare a file for sending.
 
     Parameters
     ----------
@@ -180,7 +180,7 @@ def read_program(raw_lines: Iterable[bytes], profile: Profile, store: ProgramSto
     profile
         The printer's model.
     store
-        Receives the lines as they are sent; empty so far. None keeps them in memory.
+        Receives the lines in the form in which they are sent; initially empty. None keeps them in memory.
 
     Raises
     ------
@@ -204,7 +204,7 @@ def read_program(raw_lines: Iterable[bytes], profile: Profile, store: ProgramSto
 
 
 class _Reader:
-    """Collects what a program needs to know of its file, line by line."""
+    """Builder of a program from its file, line by line."""
 
     def __init__(self, profile: Profile, store: ProgramStore) -> None:
         self._profile = profile
@@ -217,7 +217,7 @@ class _Reader:
         self._peak_lines, self._peaks_mm = array("Q"), array("d")
 
     def read_line(self, line: bytes, number: int) -> bytes:
-        """Read a line that is more than a plain move; empty where nothing of it is sent. Raises BadGcode."""
+        """Convert a line that is not a plain move; empty if it is not sent. Raises BadGcode."""
         line, semicolon, comment = line.partition(b";")
         if semicolon:
             self._read_comment(comment, number)
@@ -244,13 +244,13 @@ class _Reader:
                 self._peaks_mm.append(z_mm + _PEAK_MM)
 
     def note_first_extrusion(self, number: int) -> None:
-        """Note the first extruding move. Raises BadGcode where the nozzle is cold."""
+        """Note the first extruding move. Raises BadGcode if the nozzle is cold."""
         if not any(heat.waits and heat.heater is HeaterName.NOZZLE for heat in self._heats):
             raise BadGcode(f"line {number}: extrudes before an M109: heat the nozzle first")
         self.extrusion_line = self.text.count
 
     def _read_comment(self, comment: bytes, number: int) -> None:
-        """Read the slicer's notes on time, layer and feature. Raises BadGcode."""
+        """Parse the slicer's comments on time, layer and feature. Raises BadGcode."""
         timeline, count = self._timeline, self.text.count
         if comment.startswith(b"TIME_ELAPSED:"):
             timeline.add_time(count, read_number(comment[13:], number, _SECONDS_LIMIT))
@@ -262,7 +262,7 @@ class _Reader:
             raise BadGcode(f"line {number}: {quote(comment[7:])} does not print over USB: slice for Marlin")
 
     def finish(self) -> Program:
-        """Make the program. Raises BadGcode where it is empty."""
+        """Build the program. Raises BadGcode if it is empty."""
         text, count = self.text, self.text.count
         if not count:
             raise BadGcode("line 1: the file has no command in it")
@@ -311,7 +311,7 @@ class _Text:
 
 
 def _read_heat(command: Command, number: int, count: int, profile: Profile) -> Heat:
-    """Read a heating line that has `count` lines before it. Raises BadGcode."""
+    """Parse a heating line that follows `count` lines. Raises BadGcode."""
     target_c = command.words.get(b"S")
     if target_c is None or target_c < 0:
         raise BadGcode(f"line {number}: {quote(command.text)} has no temperature with S")

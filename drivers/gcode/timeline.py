@@ -1,6 +1,6 @@
 """Progress of a print at each line of its file, from the slicer's comments. Pure.
 
-A file of 50 MB has some 200,000 marks: they are kept as columns, of 29 bytes a mark.
+A file of 50 MB has about 200,000 marks: they are stored in columns, 29 bytes per mark.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ _NONE = -(2**31)
 class Feature(StrEnum):
     """Feature that a move prints, named as in Cura's ``;TYPE:`` comments."""
 
-    SKIRT = "SKIRT"  # a brim too
+    SKIRT = "SKIRT"  # or a brim
     SUPPORT = "SUPPORT"
     SUPPORT_INTERFACE = "SUPPORT-INTERFACE"
     WALL_OUTER = "WALL-OUTER"
@@ -34,20 +34,20 @@ _NUMBERS = {feature: number for number, feature in enumerate(_FEATURES)}
 
 @dataclass(frozen=True, slots=True)
 class Mark:
-    """Progress of a print from a line of its program on.
+    """Progress of a print at one line of its program.
 
     Attributes
     ----------
     line
         Line of the program, from 0.
     seconds
-        Print time as the slicer counts it: without heating, homing, start and end.
+        Print time by the slicer's count, which excludes heating, homing, start and end.
     layer
-        From 0, as the file counts; None before the first.
+        Layer of the file, from 0; None before the first.
     z_mm
         The layer's height; 0 before the first.
     feature
-        Feature being printed; None where the file does not say.
+        Feature being printed; None if the file does not say.
     """
 
     line: int
@@ -58,7 +58,7 @@ class Mark:
 
 
 class Timeline:
-    """The marks of a file, rising in line and seconds; between two of them time is linear in the lines.
+    """Marks of a file, increasing in line and seconds; between two marks, time is linear in the lines.
 
     Call `add_layer`, `add_feature`, `add_height` and `add_time` in the order of the lines, then `close`.
 
@@ -73,7 +73,7 @@ class Timeline:
     def __init__(self) -> None:
         self.time_s = 0.0
         self.layers = 0
-        self._lines, self._seconds = array("Q"), array("d")  # seconds are NaN where no comment says them
+        self._lines, self._seconds = array("Q"), array("d")  # seconds are NaN if no comment gives them
         self._layers, self._heights_mm, self._features = array("i"), array("d"), array("b")
         self._layer = _NONE
         self._z_mm = 0.0
@@ -96,7 +96,7 @@ class Timeline:
         return (self[at] for at in range(len(self)))
 
     def progress_at(self, line: int, count: int) -> Mark:
-        """Compute the progress when `line` of all `count` lines are done."""
+        """Compute the progress after `line` of all `count` lines."""
         at = bisect_right(self._lines, line)
         before = self[at - 1] if at else Mark(0, 0.0)
         if line >= count or at == len(self):
@@ -114,24 +114,24 @@ class Timeline:
         self._mark(line, self.time_s)
 
     def add_layer(self, line: int, layer: int) -> None:
-        """Begin a layer at a line."""
+        """Add a layer that begins at a line."""
         self.layers = max(self.layers, layer + 1)
         self._layer, self._feature = layer, -1
-        self._mark(line, math.nan if self._lines else 0.0)  # the slicer's clock starts at the first
+        self._mark(line, math.nan if self._lines else 0.0)  # the slicer's clock starts at the first layer
 
     def add_feature(self, line: int, name: str) -> None:
-        """Begin a feature at a line."""
+        """Add a feature that begins at a line."""
         self._feature = _NUMBERS[Feature(name)] if name in _NUMBERS else -1
         self._mark(line, math.nan)
 
     def add_height(self, z_mm: float) -> None:
-        """Set the height; a layer's comes before its first feature."""
+        """Set the height of the layer, which precedes its first feature."""
         self._z_mm = z_mm
         if self._lines and self._feature < 0:
             self._layers[-1], self._heights_mm[-1], self._features[-1] = self._layer, z_mm, -1
 
     def close(self) -> None:
-        """Interpolate the seconds of marks that have none."""
+        """Interpolate the seconds of marks without a time."""
         lines, seconds = self._lines, self._seconds
         last_line, last_s, since = 0, 0.0, 0
         for at, line in enumerate(lines):

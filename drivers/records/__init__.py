@@ -1,4 +1,4 @@
-"""Files in an agent's folder: its journal, and the file that it is started with."""
+"""Files in an agent's folder: its journal and its start file."""
 
 from drivers.records.journal import ESTOPPED, JOURNAL, Journal, read_journal
 from drivers.records.journal_state import Alarm, BoardState, JournalState, Suspicion

@@ -1,4 +1,4 @@
-"""Journal of an agent: one JSON object a line, on disk before the agent acts on it."""
+"""Journal of an agent: one JSON object per line, on disk before the agent acts on it."""
 
 from __future__ import annotations
 
@@ -16,23 +16,23 @@ from drivers.records.journal_state import JournalState
 log = logging.getLogger(__name__)
 
 JOURNAL = "journal.jsonl"  # in an agent's folder
-ESTOPPED = "stopped by `farm estop`"  # the reason for attention that an emergency stop leaves behind
+ESTOPPED = "stopped by `farm estop`"  # reason for attention after an emergency stop
 
 
 def read_journal(path: Path) -> tuple[JournalState, int]:
     """Read a journal.
 
-    A record that cannot be read may have been the beginning of a print: unless a later record ends that
-    print, the printer may be hot. In any case a person has to check it.
+    An unreadable record may have started a print: unless a later record ends that print, the printer may be
+    hot. In any case a person has to check it.
 
     Returns
     -------
     (JournalState, int)
-        The state, and the length of the whole records in bytes.
+        The state, and the length of the complete records in bytes.
     """
     state, length, unknown = JournalState(), 0, False
     if path.exists():
-        for number, line in enumerate(path.read_bytes().split(b"\n")[:-1], 1):  # the rest was cut short
+        for number, line in enumerate(path.read_bytes().split(b"\n")[:-1], 1):  # the last one is incomplete
             length += len(line) + 1
             try:
                 record = json.loads(line)
@@ -47,7 +47,7 @@ def read_journal(path: Path) -> tuple[JournalState, int]:
 
 
 class Journal:
-    """An append-only file. `write` returns when the record is on the disk.
+    """Append-only file. `write` returns once the record is on the disk.
 
     Attributes
     ----------
@@ -62,7 +62,7 @@ class Journal:
         os.ftruncate(self._fd, self._length)
         folder = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
         try:
-            os.fsync(folder)  # else a power cut may take a new file with all its records
+            os.fsync(folder)  # else a power cut may lose a new file with all its records
         finally:
             os.close(folder)
 
@@ -72,7 +72,7 @@ class Journal:
         Raises
         ------
         JournalError
-            The disk refused it: neither the file nor `state` has changed.
+            The write failed: neither the file nor `state` has changed.
         """
         line = (json.dumps({"at_s": round(at_s, 3), **record}) + "\n").encode()
         try:

@@ -1,6 +1,6 @@
-"""The state of an agent that its journal keeps. Pure.
+"""State of an agent that its journal stores. Pure.
 
-Records keep the names under which the first version wrote them; fields with another name have an alias.
+Records keep the field names of the first version; renamed fields have an alias.
 """
 
 from __future__ import annotations
@@ -13,19 +13,19 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from drivers.messages import Filament, PrintSnapshot
 
-RECENT_PRINTS = 1000  # ended prints that are kept in memory: more than a week's
+RECENT_PRINTS = 1000  # ended prints kept in memory: more than those of a week
 
 
 @dataclass(frozen=True, slots=True)
 class Suspicion:
-    """A heater that may be stuck on, and since when, in seconds of the farm's clock."""
+    """A heater that may be stuck on, and the time of the finding, in seconds of the farm's clock."""
 
     text: str
     since_s: float
 
 
 class Alarm(BaseModel):
-    """A heater that may be stuck on, from the finding until a person has checked the printer.
+    """Alarm about a heater that may be stuck on, until a person has checked the printer.
 
     Attributes
     ----------
@@ -34,11 +34,11 @@ class Alarm(BaseModel):
     at_s
         Time of the finding, in seconds of the farm's clock.
     power_off_requested
-        The mains are to be cut.
+        True if the mains are to be cut.
     outcome
-        Outcome of cutting the mains; None: not known, and the next agent runs the command again.
+        Outcome of cutting the mains; None if unknown: the next agent runs the command again.
     over
-        The printer was cold or away since then: a heater that is stuck on now is another finding.
+        True if the printer was cold or disconnected since then: a stuck heater now is a new finding.
     """
 
     model_config = ConfigDict(frozen=True, validate_by_name=True, validate_by_alias=True)
@@ -51,22 +51,22 @@ class Alarm(BaseModel):
 
     @property
     def pending(self) -> bool:
-        """True while the mains are to be cut and the outcome is not known."""
+        """True while the mains are to be cut and the outcome is unknown."""
         return self.power_off_requested and self.outcome is None
 
     @property
     def suspected(self) -> bool:
-        """True while the heater may still be seen to cool, and nothing is cut."""
+        """True while the heater may still turn out to cool, before the mains are cut."""
         return not self.power_off_requested
 
     @property
     def message(self) -> str | None:
-        """Sentence for people; None once the alarm is over."""
+        """User-facing sentence; None once the alarm is over."""
         return None if self.over else "; ".join(filter(None, (self.text, self.outcome)))
 
     @property
     def suspicion(self) -> Suspicion | None:
-        """Suspicion that the next session continues with."""
+        """Suspicion that the next session takes over."""
         return Suspicion(self.text, self.at_s) if self.suspected else None
 
     def record(self) -> dict[str, Any]:
@@ -75,22 +75,22 @@ class Alarm(BaseModel):
 
 
 class BoardState(BaseModel):
-    """The state of a board that outlives its agent. The board owns it; it is journalled whole.
+    """State of a board that outlives its agent. `Board` owns it; the journal stores all of it.
 
     Attributes
     ----------
     attention_reason
-        Reason for a person to check the printer, until they have.
+        Reason for a person to check the printer, until that is done.
     bed_unknown_reason
-        Event at the printer that the farm did not cause, until a person has cleared the bed.
+        Event at the printer not caused by the farm, until a person has cleared the bed.
     hot
-        A heater may still be on because of the farm.
+        True if a heater may still be on because of the farm.
     opened
-        The device that was opened last (`identify_device`).
+        The device opened last (`identify_device`).
     reset_verified
-        The port over which DTR was seen to reset the board.
+        The port at which DTR was confirmed to reset the board.
     reset_failed
-        The port over which it was seen not to: a print there is stopped by command only.
+        The port at which DTR did not reset the board: a print there can be stopped by command only.
     """
 
     model_config = ConfigDict(validate_by_name=True, validate_by_alias=True)
@@ -107,7 +107,7 @@ class BoardState(BaseModel):
         return self.model_dump(by_alias=True)
 
     def updated(self, record: dict[str, Any]) -> BoardState:
-        """Copy the state with the changes in a record of the journal. Raises ValueError."""
+        """Return a copy with the changes in a record of the journal. Raises ValueError."""
         known = self.record()
         return self.model_validate(known | {name: record[name] for name in known.keys() & record.keys()})
 
@@ -121,17 +121,17 @@ class JournalState:
     print
         The last print; open unless its phase is an end.
     filament
-        Place of the filament's end.
+        Position of the filament's end.
     alarm
-        A heater that could not be switched off, until a person has checked the printer.
+        Alarm about a heater that could not be switched off, until a person has checked the printer.
     board
         State of the board.
     identity
-        Identity of the printer (`SessionContext.identity`); None until it was first seen.
+        Identity of the printer (`SessionContext.identity`); None until first seen.
     ended
-        Ids of ended prints: none of them is started again.
+        Ids of all ended prints, which are never started again.
     recent
-        The last of them.
+        The last of these prints.
     """
 
     print: PrintSnapshot | None = None
@@ -144,12 +144,12 @@ class JournalState:
 
     @property
     def may_be_hot(self) -> bool:
-        """True where the last agent may have left a heater on."""
+        """True if the last agent may have left a heater on."""
         alarmed = self.alarm is not None and (self.alarm.pending or self.alarm.suspected)
         return self.board.hot or alarmed or (self.print is not None and not self.print.phase.ended)
 
     def apply(self, record: dict[str, Any]) -> None:
-        """Apply one record. Raises ValueError, TypeError or AttributeError where it is none."""
+        """Apply one record. Raises ValueError, TypeError or AttributeError if it is invalid."""
         if "print" in record:
             known = record["print"]
             self.print = PrintSnapshot.model_validate(known) if known is not None else None

@@ -1,4 +1,4 @@
-"""Start file of an agent, written into its folder by whoever starts it."""
+"""Start file of an agent, written into its folder by the process that starts it."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ NAME = "start.json"
 
 @dataclass(frozen=True, slots=True)
 class StartFile:
-    """An agent's printer as in `fleet.yaml`, and the farm's clock.
+    """Settings of an agent: its printer as in `fleet.yaml`, and the farm's clock.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ class StartFile:
 
     def write(self, folder: Path) -> None:
         """Replace the file in one step, unless its content is the same. Raises OSError."""
-        with suppress(AgentError):  # on a full disk the agent that ends the last one's heat has to start
+        with suppress(AgentError):  # on a full disk an agent must start too: heaters may still be on
             if StartFile.read(folder) == self:
                 return
         folder.mkdir(parents=True, exist_ok=True)

@@ -1,14 +1,14 @@
 """Emergency stop: ends a printer's heat from outside, whatever its agent and the daemon are doing.
 
-1. The agent is killed: a stopped or hung process answers no request, and its death frees the port.
+1. The agent is killed: a stopped or hung process answers no request, and killing it frees the port.
 2. Its lock is taken, so that no other agent starts meanwhile.
 3. The board gets the abort sequence (`abort`) and at once a reset by DTR, which switches heaters, motors and
    fan off; a board that DTR does not reset has received the sequence.
-4. M105 is sent until a report shows both targets 0. A board that did not restart is asked M114 until the head
-   was twice at the same position; then its motors are switched off. M105 goes on until both heaters cool
+4. M105 is sent until a report shows both targets 0. If the board did not restart, M114 is sent until two
+   positions are equal; then its motors are switched off. M105 continues until both heaters cool
    (`HeaterWatch`): only that counts as off.
-5. The agent's journal says that a person has to check the printer: nothing is printed before `farm cleared`.
-6. If the heaters were not seen off, the mains are cut, where the fleet has a `power_off_cmd`.
+5. The agent's journal requires a person to check the printer: nothing is printed before `farm cleared`.
+6. If the heaters were not confirmed off, the mains are cut, if the fleet has a `power_off_cmd`.
 """
 
 from __future__ import annotations
@@ -38,17 +38,17 @@ from drivers.safety.mains import cut_mains
 
 EMULATOR = "emulator"
 _SHOW_S = 20.0  # for `start`, the banner and a report
-_ASK_S = 0.5  # between two reports, and between two questions for the position
-_COOL_S = 120.0  # `HeaterWatch` finds a heater that does not cool before that
+_ASK_S = 0.5  # between two reports, and between two queries for the position
+_COOL_S = 120.0  # longer than `HeaterWatch` needs to find a heater that does not cool
 _COUNT = re.compile(rb"Count (X.*)")  # the position of the head in the answer to M114
 
 
 Notify = Callable[[str], None]
-"""Receives a sentence for people while a stop is under way."""
+"""Callback for progress messages during a stop."""
 
 
 def _ignore(text: str) -> None:
-    """Receive a sentence that nobody reads."""
+    """Ignore a progress message."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +77,7 @@ class StopTarget:
 
     @classmethod
     def of_agent(cls, start: StartFile, folder: Path) -> StopTarget:
-        """Make the target from the start file of an agent in `folder`."""
+        """Build the target from the start file of an agent in `folder`."""
         return cls(start.printer, start.port, folder, firmware_of(start.model), start.power_off_cmd)
 
 
@@ -88,13 +88,13 @@ class StopResult:
     Attributes
     ----------
     cut_s
-        Wall seconds (time.time) at which the board had been reset; None where that was not possible.
+        Wall time (time.time) of the reset, in seconds; None if it was not possible.
     seen_off
-        The printer has shown both targets 0 and cooled since, or it is a simulated one without power.
+        True if the printer reported both targets 0 and cooled since, or is a simulated one without power.
     text
-        One sentence for people.
+        User-facing sentence.
     still
-        It was seen not to move: it restarted, or M114 returned the same position twice.
+        True if it was confirmed not to move: it restarted, or M114 returned the same position twice.
     """
 
     printer: str
@@ -105,7 +105,7 @@ class StopResult:
 
 
 def list_targets(agents: Path) -> dict[str, StopTarget]:
-    """Find the printers whose agents have a start file, by name."""
+    """Find all printers whose agents have a start file, by name."""
     found = {}
     for folder in sorted(agents.glob("*/")):
         with suppress(AgentError):
@@ -116,18 +116,18 @@ def list_targets(agents: Path) -> dict[str, StopTarget]:
 
 
 def stop_printer(target: StopTarget, show_s: float = _SHOW_S, notify: Notify = _ignore) -> StopResult:
-    """Stop one printer. Never raises; returns when it was seen to cool, after 140 s at most.
+    """Stop one printer. Never raises; returns once it cools, after 140 s at most.
 
     Parameters
     ----------
     target
         The printer.
     show_s
-        Wall seconds in which it has to show both targets 0.
+        Wall seconds within which it has to report both targets 0.
     notify
         Receives the first result, before the printer has cooled.
     """
-    with suppress(OSError):  # another user's: its port is not free then
+    with suppress(OSError):  # another user's process: its port stays in use
         kill_holder(target.folder / AGENT_LOCK)
     lock = None
     with suppress(OSError):
@@ -136,7 +136,7 @@ def stop_printer(target: StopTarget, show_s: float = _SHOW_S, notify: Notify = _
     try:
         result = stop_board(target, show_s, notify)
         if lock is not None:
-            with suppress(DriverError, OSError):  # a full disk: the next agent does not trust the bed anyway
+            with suppress(DriverError, OSError):  # a full disk: the bed counts as unknown in any case
                 Journal(target.folder / JOURNAL).write(time.time(), look=ESTOPPED, hot=not result.seen_off)
     finally:
         if lock is not None:
@@ -145,7 +145,7 @@ def stop_printer(target: StopTarget, show_s: float = _SHOW_S, notify: Notify = _
 
 
 def stop_board(target: StopTarget, show_s: float = _SHOW_S, notify: Notify = _ignore) -> StopResult:
-    """Stop the board of a printer without an agent; cut the mains where that fails. Never raises.
+    """Stop the board of a printer without an agent; cut the mains if that fails. Never raises.
 
     Parameters
     ----------
@@ -166,13 +166,13 @@ def _reset(target: StopTarget, show_s: float, notify: Notify) -> StopResult:
     except PortError as error:
         return StopResult(name, None, False, f"cannot be stopped: {error}; switch it off")
     if port is None:
-        text = f"is switched off: no emulator of it in {target.folder}"
+        text = f"is switched off: no emulator in {target.folder}"
         return StopResult(name, time.time(), True, text, still=True)
     cut_s, board = None, _Board(port, target.firmware, notify)
     try:
         send_abort(port, target.firmware)
-        if not target.port.startswith("sim://"):  # else opening was the reset
-            with suppress(PortError):  # the abort sequence may have sufficed; that is checked below
+        if not target.port.startswith("sim://"):  # else opening the port was the reset
+            with suppress(PortError):  # the abort sequence may have been enough; that is checked below
                 port.reset()
         cut_s = time.time()
         text, seen = board.confirm_off(show_s)
@@ -184,7 +184,7 @@ def _reset(target: StopTarget, show_s: float, notify: Notify) -> StopResult:
 
 
 def _open(target: StopTarget) -> Port | None:
-    """Open the printer's port; None where it is simulated and without power. Raises PortError."""
+    """Open the printer's port; None if it is simulated and without power. Raises PortError."""
     path = Path(target.port)
     if target.port.startswith("sim://"):
         emulator = target.folder / EMULATOR
@@ -196,7 +196,7 @@ def _open(target: StopTarget) -> Port | None:
     try:
         return SerialPort(path, target.firmware.baud_rate)
     except PortError:
-        return SerialPort(path, target.firmware.baud_rate, shared=True)  # an emergency stop comes first
+        return SerialPort(path, target.firmware.baud_rate, shared=True)  # overrides other users
 
 
 class _Board:
@@ -205,7 +205,7 @@ class _Board:
     Attributes
     ----------
     still
-        It was seen not to move.
+        True if it was confirmed not to move.
     """
 
     def __init__(self, port: Port, firmware: Firmware, notify: Notify) -> None:
@@ -218,20 +218,20 @@ class _Board:
         self._up: Up | None = None
         self._report: Report | None = None
         self._position: bytes | None = None
-        self._waited = False  # for the last of its moves
+        self._waited = False  # True once all moves were waited for
 
     @property
     def motion(self) -> str:
-        """Clause for people on its motion."""
+        """User-facing clause on its motion."""
         return "it stands still" if self.still else "it was not seen to stand still: check whether it moves"
 
     def confirm_off(self, show_s: float) -> tuple[str, bool]:
-        """Ask until both targets are 0 and the heaters cool.
+        """Poll until both targets are 0 and the heaters cool.
 
         Returns
         -------
         (str, bool)
-            A sentence for people; True where the heaters were seen off.
+            A user-facing sentence; True if the heaters were confirmed off.
         """
         for now_s, event in exchange(
             self._port, self._link, show_s, unconfirmed=self._firmware.abort_unnumbered
@@ -240,7 +240,7 @@ class _Board:
             if self.still and self._report is not None and self._report.off:
                 break
         if (self._report is None or not self._report.off) and self._firmware.halt is not None:
-            self._port.write_now(b"\n" + self._firmware.halt + b"\n")  # nothing is to be lost any more
+            self._port.write_now(b"\n" + self._firmware.halt + b"\n")  # no print is left to lose
         if self._report is None or self._up is None:
             return "was reset, but shows no temperatures: switch it off", False
         report, up = self._report, self._up
@@ -248,7 +248,7 @@ class _Board:
             heats = f"nozzle {report.nozzle_target_c:g} C, bed {report.bed_target_c:g} C"
             return f"still shows targets ({heats}): switch it off", False
         how = "its board was reset" if up.restarted else "by command: its board was not reset"
-        with suppress(OSError):  # nobody reads it any more: the printer is watched all the same
+        with suppress(OSError):  # the message may have no reader; the printer is still watched
             self._notify(f"shows both targets 0 ({how}), {self.motion}; it is watched until it cools")
         return self._confirm_cooling(how)
 
@@ -271,7 +271,7 @@ class _Board:
             self._position = found[1]
 
     def _look_for_motion(self, now_s: float) -> None:
-        """Ask where the head is; a firmware that cannot tell has stopped, and waited until it stood."""
+        """Query the position of the head, unless the firmware does not report motion: then wait for moves."""
         if self._firmware.tells_motion:
             self._link.send(now_s, self._firmware.position_query)
         elif self._waited:

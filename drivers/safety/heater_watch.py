@@ -1,10 +1,9 @@
-"""Compares both heaters with their targets at every report. Pure.
+"""Heater watch: compares both heaters with their targets at every report. Pure.
 
-It finds faults that the firmware does not notice, or ignores (docs/explanation/ultimaker2-serial.md, section
-3.2): an M109 that would end ``ok`` with a dead heater, an M190 that would wait for ever, a heater that fails
-in the middle of a print, one that still heats when it is off. Reports carry no checksum, so every value is
-the median of three. Of the time between two reports at most `GAP_S` counts: time without reports, as behind
-a long move or while the host sleeps, is no fault.
+It finds faults that the firmware misses or ignores (docs/explanation/ultimaker2-serial.md, section 3.2): an
+M109 that would succeed with a dead heater, an M190 that would wait forever, a heater that fails during a print,
+one that still heats when off. Reports have no checksum, so every value is the median of three. At most `GAP_S`
+of the time between two reports counts: a gap, as behind a long move or while the host sleeps, is not a fault.
 """
 
 from __future__ import annotations
@@ -18,10 +17,10 @@ from drivers.errors import Fault
 from drivers.gcode import HeaterName
 from drivers.link import Report
 
-NEARER_C = 1.0  # less than this in `HeaterRule.stall_s` is no progress
+NEARER_C = 1.0  # least progress within `HeaterRule.stall_s`
 GAP_S = 15.0
-RISES_C, RISES_S = 10.0, 10.0  # off for so long, and so much hotter; [assumed] more than any overshoot
-BROKEN_C = 0.0  # no room is so cold: a shorted bed sensor, which the firmware does not report
+RISES_C, RISES_S = 10.0, 10.0  # rise after so long without power; [assumed] larger than any overshoot
+BROKEN_C = 0.0  # below any room temperature: a shorted bed sensor, which the firmware does not report
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,15 +30,15 @@ class HeaterRule:
     Attributes
     ----------
     band_c
-        It has reached its target when it is this near.
+        Distance from the target at which it counts as reached.
     stall_s
-        Until then it comes `NEARER_C` nearer within this time.
+        Until then it must come `NEARER_C` nearer within this time.
     hold_c, away_s
-        Afterwards it is never further away than `hold_c` for `away_s`.
+        Afterwards it must not be further away than `hold_c` for `away_s`.
     cold_c
-        Below this it is taken to be off: it may not cool any further.
+        Below this it counts as off, since it may not cool any further.
     falls_c, falls_s
-        Switched off above `cold_c`, it falls by `falls_c` within `falls_s`: proof that it is off.
+        Switched off above `cold_c`, it must cool by `falls_c` within `falls_s`: proof that it is off.
     """
 
     band_c: float
@@ -66,9 +65,9 @@ class Finding:
     fault
         The fault.
     text
-        Clause for people.
+        User-facing clause.
     off
-        The target is 0 already: no command can switch the heater off.
+        True if the target is 0 already: no command can switch the heater off.
     """
 
     fault: Fault
@@ -77,19 +76,19 @@ class Finding:
 
 
 class HeaterWatch:
-    """Judges every report of a print, from cold to cold.
+    """Watch over both heaters during a print, from cold to cold.
 
     Parameters
     ----------
     patience_s
-        Lower bound of every rule's times, in seconds: an accelerated clock must not take the host's
-        scheduling for a fault.
+        Lower bound of every rule's times, in seconds: with an accelerated clock the host's scheduling
+        must not look like a fault.
     """
 
     def __init__(self, patience_s: float) -> None:
         self._gap_s = max(GAP_S, patience_s / 4)
         self._reported_s = math.nan
-        self._watched_s = 0.0  # seconds that reports cover
+        self._watched_s = 0.0  # seconds covered by reports
         self._heaters = {name: _Heater(name, rule, patience_s) for name, rule in RULES.items()}
 
     def judge(self, report: Report, set_c: dict[HeaterName, float], now_s: float) -> Finding | None:
@@ -123,16 +122,16 @@ class HeaterWatch:
         return next((finding for finding in found if finding is not None), None)
 
     def now_c(self, name: HeaterName) -> float:
-        """Median of the last three reports; NaN before the first."""
+        """Compute the median of the last three reports; NaN before the first."""
         return self._heaters[name].now_c
 
     @property
     def cools(self) -> bool:
-        """True where both are off, and since then each was seen to cool or to be cold."""
+        """True if both are off, and each was seen cooling or cold since then."""
         return all(heater.cools for heater in self._heaters.values())
 
     def restart(self) -> None:
-        """Forget what was seen: both were switched off now."""
+        """Reset the observations: both were switched off now."""
         for heater in self._heaters.values():
             heater.restart()
 
@@ -149,13 +148,13 @@ class _Heater:
         self.set_target(0.0)
 
     def set_target(self, set_c: float) -> None:
-        """Begin to compare with another target."""
+        """Set the target to compare with."""
         self.cools = False
         self._set_c = set_c
         self._arrived = False
         self._since_s = math.nan  # time of the first report since then
         self._nearest_c, self._nearer_s = math.inf, math.nan
-        self._away_s = math.inf  # since when it has been away again
+        self._away_s = math.inf  # time since which it is away from the target
         self._hottest_c = -math.inf  # since it was switched off
         self._coolest_c = math.inf  # since it was seen to cool
 
@@ -212,7 +211,7 @@ class _Heater:
         rule = self._rule
         if self.cools:
             self._coolest_c = max(rule.cold_c, min(self._coolest_c, now_c))
-            if now_c > self._coolest_c + rule.hold_c:  # more than the other heater's heat
+            if now_c > self._coolest_c + rule.hold_c:  # more than the other heater can cause
                 self.cools, self._since_s, self._hottest_c = False, now_s, now_c
         elif now_c < rule.cold_c or now_c <= self._hottest_c - rule.falls_c:
             self.cools, self._coolest_c = True, now_c
