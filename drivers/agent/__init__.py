@@ -1,8 +1,8 @@
-"""The process that owns one printer's serial port. It goes on printing whatever happens to the daemon.
+"""Agent: the process that owns one printer's serial port, and keeps printing whatever happens to the daemon.
 
-`loop` is its one select loop, `server` its socket, `requests` what the daemon asks for, `status` what it
-reports. `board` has the port with link and session, `idle_watch` judges a board without a print, `recorder`
-writes changes to the journal, `alarm` cuts the mains, `spool` has the files.
+`loop` is its select loop, `server` its socket, `requests` handles the daemon's requests, `status` makes
+snapshots. `board` has the port with link and session, `idle_watch` watches a board without a print,
+`recorder` writes changes to the journal, `alarm` cuts the mains, `spool` has the G-code files.
 """
 
 from drivers.agent.idle_watch import CARD, IdleWatch

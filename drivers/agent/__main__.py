@@ -1,4 +1,4 @@
-"""``python -m drivers.agent --folder FOLDER``: one agent, for the printer in FOLDER/start.json."""
+"""Run ``python -m drivers.agent --folder FOLDER``: one agent, for the printer in FOLDER/start.json."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def main() -> int:
 
 
 def _take_lock(folder: Path) -> bool:
-    """Take the folder's lock for as long as this process lives; False where another agent has it."""
+    """Take the folder's lock until this process ends; return False if another agent has it."""
     try:
         lock = hold(folder / AGENT_LOCK)
     except OSError:
@@ -55,13 +55,13 @@ def _take_lock(folder: Path) -> bool:
             return False
         raise
     if lock is not None:
-        with suppress(OSError):  # a full disk: it starts no print, but the heat has to be ended
+        with suppress(OSError):  # a full disk: no print can start, but heaters must be switched off
             sign(lock)
     return lock is not None
 
 
 def _end_heat(start: StartFile, folder: Path) -> None:
-    """End the heat of the last agent: nothing can be written, so nothing is printed."""
+    """Switch off heaters that the last agent left on; without a writable journal nothing is printed."""
     if read_journal(folder / JOURNAL)[0].may_be_hot:
         result = stop_board(StopTarget.of_agent(start, folder))
         logging.error("%s: its last agent left a print open: %s", start.printer, result.text)

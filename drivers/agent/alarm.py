@@ -1,4 +1,4 @@
-"""Alarm for a heater that cannot be switched off; the mains are cut for it once."""
+"""Alarm for a heater that cannot be switched off, which cuts the mains once."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ _NOT_OFF = "heaters were not shown off"
 
 
 class Alarms:
-    """Keeps the alarm of one printer, and runs its `power_off_cmd` once for each.
+    """Alarms of one printer; runs its `power_off_cmd` once for each.
 
-    Findings are taken first, then the journal is written, then `run_command` acts: unless the disk fails,
-    nothing is run that is not in the journal.
+    First the finding is taken, then the journal is written, then `run_command` acts: unless the disk fails,
+    no command is run before its request is in the journal.
 
     Parameters
     ----------
@@ -49,16 +49,16 @@ class Alarms:
 
     @property
     def message(self) -> str | None:
-        """Sentence for people; None without an alarm."""
+        """User-facing sentence; None without an alarm."""
         return None if self.alarm is None else self.alarm.message
 
     @property
     def suspicion(self) -> Suspicion | None:
-        """Suspicion that the session after a dead agent's continues with."""
+        """Suspicion that the first session after a dead agent takes over."""
         return None if self.alarm is None else self.alarm.suspicion
 
     def mark_over(self) -> None:
-        """Note that the printer was seen cold or came back: later findings are new ones."""
+        """Note that the printer was cold or was reconnected: later findings are new ones."""
         if self.alarm is not None and self.alarm.outcome is not None:
             self.alarm = self.alarm.model_copy(update={"over": True})
 
@@ -67,7 +67,7 @@ class Alarms:
         self.alarm = None
 
     def take_from_session(self, session: Session, now_s: float) -> None:
-        """Take the finding of a session, and add it to the reason of its print."""
+        """Take over the finding of a session, and add it to the reason of its print."""
         found, alarm = session.context.suspicion, self.alarm
         if session.context.wants_power_off:
             if session is not self._asked_by:
@@ -82,7 +82,7 @@ class Alarms:
             self.alarm = None  # the heater was seen to cool
 
     def take_from_idle(self, found: str | None, now_s: float) -> str | None:
-        """Take a finding of the idle board; return it where it is new."""
+        """Take over a finding of the idle board; return it if it is new."""
         if found is None and self.alarm is not None and self.alarm.suspected:
             found = self.alarm.text  # the session that watched it has ended
         return found if found is not None and self._request_power_off(found, now_s) else None
@@ -98,7 +98,7 @@ class Alarms:
         return True
 
     def outcome(self) -> str | None:
-        """Take the outcome of the command, once; None where there is no new one."""
+        """Return the outcome of the command once; None if there is no new one."""
         outcome = None if self._run is None else self._run.outcome()
         if outcome is not None:
             self._run = None
@@ -109,7 +109,7 @@ class Alarms:
         return outcome
 
     def run_command(self) -> None:
-        """Run the command where it was requested; the request is in the journal."""
+        """Run the command if it was requested; the request is in the journal already."""
         if self._run is None and self._command is not None and self.pending:
             self._run = PowerOff(self._command, self._printer)
 

@@ -1,4 +1,4 @@
-"""Board of one printer: its port, its link and, while a print is open, its session."""
+"""Board of one printer: its port, its link and, during a print, its session."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from drivers.session import Pace, Session
 log = logging.getLogger(__name__)
 
 RETRY_S = 2.0  # wall seconds between attempts to open a port
-RESET_PULSES = 2  # of DTR; the answer to one may be lost
+RESET_PULSES = 2  # number of DTR pulses; the answer to one may be lost
 UNWATCHED = "it was not watched before its agent was started"
 MAY_PRINT = "its port is opened after a person confirms that it does not print: opening it may reset it"
 NO_RESET = "a pulse of DTR does not reset its board: it prints only while somebody is there"
@@ -42,28 +42,28 @@ class Board:
     clock
         The farm's clock.
     save
-        Called after each change and before bytes are written to the port, to write the journal.
+        Writes the journal; called after each change and before bytes are written to the port.
     on_port_change
-        Called with the new descriptor of the port, or None where it went away.
+        Called with the new descriptor of the port, or None if the port was disconnected.
 
     Attributes
     ----------
     link, session, report
-        Conversation with the board; the open print, if any; the last temperatures, if known.
+        Link to the board; session of the open print, if any; the last temperatures, if known.
     absent_reason, needs_permission
-        Reason for which the port is not open; True where a person has to confirm first that it may be.
+        Reason for which the port is not open; True if a person has to confirm first that it may be opened.
     state
         State that outlives the agent.
     resets
         Number of resets that the agent did not cause.
     stuck_heater
-        A heater of the idle board that is off and gets hotter; the recorder takes it.
+        Finding of a heater of the idle board that is off and gets hotter; the recorder takes it over.
     returned
-        The printer came back or was seen cold: what is found from now on is another finding.
+        True if the printer was reconnected or seen cold: later findings are new ones.
     idle_watch
         Watch over the idle board.
     changed
-        Something happened other than the next line of a program.
+        True if anything changed other than the next line of a program.
     """
 
     def __init__(
@@ -93,13 +93,13 @@ class Board:
         self._save, self._on_port_change = save, on_port_change
         self._port: Port | None = None
         self._retry_wall_s = 0.0
-        self._declared_idle = False  # by a person: the port may be opened
-        self._pulses_left = 0  # pulses of DTR until it counts as not resetting the board
+        self._declared_idle = False  # a person confirmed that the port may be opened
+        self._pulses_left = 0  # DTR pulses left before reset counts as failed
 
     # --- called by the loop ---
 
     def on_readable(self, _: int = 0) -> None:
-        """Read bytes from the port, and act on them."""
+        """Read bytes from the port, and process them."""
         port = self._port
         if port is None:
             return
@@ -116,7 +116,7 @@ class Board:
         self._process(events, now_s)
 
     def tick(self) -> None:
-        """Do what is due."""
+        """Do what is due now."""
         if self._port is None and wall_s() >= self._retry_wall_s:
             self.open()
         now_s = self._clock.now()
@@ -133,8 +133,8 @@ class Board:
     def open(self) -> None:
         """Open the port, which may reset the board. If that fails, `tick` tries again.
 
-        The first opening since a device was plugged in raises DTR, and its printer cannot be asked before. So
-        it is not opened until a person has confirmed that the printer does not print by itself.
+        The first opening after a device was plugged in raises DTR, and the printer cannot be queried before
+        that. So it is not opened until a person has confirmed that the printer does not print by itself.
         """
         try:
             device = identify_device(self._url)
@@ -160,15 +160,15 @@ class Board:
             send_abort(self._port, self._firmware)
             self._on_opened()
         else:
-            self._reset()  # opening alone resets no board whose last host left DTR up, as an agent does
+            self._reset()  # opening does not reset a board whose last host left DTR up, as agents do
 
     @property
     def _is_responsible(self) -> bool:
-        """True where motion and heat on the board are this agent's to end."""
+        """Return True if this agent is responsible for motion and heat on the board."""
         return self.session is not None or self.state.hot
 
     def begin(self, session: Session) -> None:
-        """Give the board to a session, which begins with a reset."""
+        """Start a session on the board, which begins with a reset."""
         self.session = session
         self.stuck_heater = None
         self.idle_watch.reset()
@@ -211,26 +211,26 @@ class Board:
 
     @property
     def reset_verified(self) -> bool:
-        """True where DTR was seen to reset the board behind this port."""
+        """True if DTR was confirmed to reset the board behind this port."""
         return self.simulated or self.state.reset_verified == self._url
 
     @property
     def reset_failed(self) -> bool:
-        """True where DTR was seen not to reset it."""
+        """True if DTR was found not to reset it."""
         return not self.reset_verified and self.state.reset_failed == self._url
 
     @property
     def verifying_reset(self) -> bool:
-        """True while the answer to a pulse of DTR is awaited."""
+        """True while waiting for the answer to a pulse of DTR."""
         return self._pulses_left > 0
 
     def verify_reset(self) -> None:
-        """Reset the board to see whether it restarts; a person has confirmed that it is idle.
+        """Reset the board to verify that it restarts; a person has confirmed that it is idle.
 
         Raises
         ------
         AgentError
-            It prints.
+            The board prints.
         """
         if self.session is not None or self.idle_watch.card:
             raise AgentError(CARD if self.idle_watch.card else "it prints")
@@ -243,11 +243,11 @@ class Board:
         if self._port is not None:
             self._pulses_left = RESET_PULSES
         else:
-            self._declared_idle = False  # the confirmation was for a printer that is not there
+            self._declared_idle = False  # the confirmation was for a printer that is no longer connected
         self.changed = True
 
     def switch_off(self) -> None:
-        """Switch heat and motion off by a reset where they may be this agent's: it is about to end."""
+        """Switch off heat and motion that this agent may have caused, by a reset, before it ends."""
         if self._port is None or not self._is_responsible:
             return
         (send_abort_until_accepted if self.reset_failed else send_abort)(self._port, self._firmware)
@@ -329,7 +329,7 @@ class Board:
                 self._on_idle_trouble(event, now_s)
 
     def _on_up(self, up: Up) -> None:
-        """Note whether the last pulse of DTR has reset the board."""
+        """Record whether the last pulse of DTR has reset the board."""
         self.idle_watch.reset()
         if up.restarted and (self._pulses_left or self.session is not None):
             self.state.reset_verified, self.state.reset_failed = self._url, None
@@ -350,7 +350,7 @@ class Board:
         self.stuck_heater = self.stuck_heater if trouble is None else trouble.text
         self.returned = self.returned or self.idle_watch.cold
         if self.link.drained:
-            # ends heat left on when the port went away; questions alone would feed the dead-man
+            # ends heat left on when the port was lost; queries alone would feed the dead-man
             firmware = self._firmware
             self.link.send(now_s, *(firmware.heaters_off if self.state.hot else firmware.idle_queries))
 
@@ -383,7 +383,7 @@ class Board:
         assert self._port is not None
         self._on_port_change(None)
         if self._is_responsible:
-            send_abort(self._port, self._firmware)  # a reset that fails is noticed late
+            send_abort(self._port, self._firmware)  # a failed reset is noticed only later
         try:
             self._port.reset()
         except PortError as error:
@@ -392,7 +392,7 @@ class Board:
         self._on_opened()
 
     def _mark_bed_unknown(self, reason: str) -> None:
-        """Note that bed and filament are unknown; the first reason is kept."""
+        """Record that bed and filament are unknown; the first reason is kept."""
         if self.state.bed_unknown_reason is None:
             log.warning("bed and filament are unknown: %s", reason)
             self.state.bed_unknown_reason = reason
@@ -400,7 +400,7 @@ class Board:
     def _on_port_lost(self, error: PortError) -> None:
         log.warning("%s", error)
         if self.session is None and self.absent_reason is None:
-            self._mark_bed_unknown("its port went away: it may have been used since")
+            self._mark_bed_unknown("its port was disconnected: it may have been used since")
         self._on_port_change(None)
         self.close()
         self.absent_reason = str(error)

@@ -1,6 +1,6 @@
-"""Watch over an idle board for people, SD prints and faults that the farm did not cause. Pure.
+"""Watch over an idle board for manual actions, SD prints and faults not caused by the farm. Pure.
 
-Answers carry no checksum, so a finding that a garbled digit could cause must be seen twice.
+Answers have no checksum, so a finding that a garbled digit could cause must occur twice.
 """
 
 from __future__ import annotations
@@ -14,21 +14,21 @@ CARD = "it prints from its SD card"
 MOVED = "somebody moved it at the printer"
 HEATED = "somebody switched a heater on at the printer"
 COLD_C = 45.0
-RISE_C, WARM_C = 15.0, 60.0  # a heater that is off is stuck on when it gets so much hotter, to above this
+RISE_C, WARM_C = 15.0, 60.0  # a heater that is off counts as stuck on if it rises by so much, to above this
 
 _POSITION = re.compile(rb"X:-?[\d.]+ ?Y:-?[\d.]+ ?Z:-?[\d.]+ ?E:-?[\d.]+ Count")
 _CARD = (b"SD printing byte", b"Not SD printing", b"Card error:")
 
 
 class IdleWatch:
-    """Judges the answers of an idle board from one reset or print to the next.
+    """Checks of the answers of an idle board, from one reset or print to the next.
 
     Attributes
     ----------
     card
-        The printer prints from its SD card.
+        True while the printer prints from its SD card.
     cold
-        Three reports in a row have shown both heaters off and cold.
+        True if three consecutive reports showed both heaters off and cold.
     """
 
     def __init__(self) -> None:
@@ -40,11 +40,11 @@ class IdleWatch:
         self.card = False
         self._position: bytes | None = None
         self._first: bytes | None = None  # the answer before there is a position
-        self._asked_again: bytes | None = None  # the last answer that differs from the position
+        self._asked_again: bytes | None = None  # last answer that differs from the known position
         self._heated = False
         self._coolest_c = [float("inf"), float("inf")]
-        self._hot = 0  # reports in a row with a heater that is stuck on
-        self._cold = 0  # reports in a row with both off and cold
+        self._hot = 0  # number of consecutive reports with a heater stuck on
+        self._cold = 0  # number of consecutive reports with both off and cold
 
     @property
     def cold(self) -> bool:
@@ -56,7 +56,7 @@ class IdleWatch:
         Returns
         -------
         (bool, str | None)
-            True where it is such an answer; the event that it shows, if the farm did not cause it.
+            True if it is such an answer; the event that it shows, if not caused by the farm.
         """
         if text.startswith(_CARD):
             self.card = text.startswith(_CARD[0]) or (self.card and text.startswith(_CARD[2]))
@@ -67,7 +67,7 @@ class IdleWatch:
             self._asked_again = None
         elif text != self._asked_again:
             self._first = self._first or text
-            self._asked_again = text  # one garbled digit may have done it, in the first answer as well
+            self._asked_again = text  # a garbled digit may be the cause, in the first answer as well
         else:
             moved = self._position is not None or not _may_be_garbled(self._first or text, text)
             self._position, self._asked_again = text, None
@@ -80,7 +80,7 @@ class IdleWatch:
         Returns
         -------
         (str | None, Trouble | None)
-            An event that the farm did not cause; a heater that is stuck on.
+            An event not caused by the farm; a heater that is stuck on.
         """
         heated = report.nozzle_target_c > 0 or report.bed_target_c > 0
         cold = not heated and max(report.nozzle_c, report.bed_c) < COLD_C

@@ -1,4 +1,4 @@
-"""The agent: one thread, one select loop over port, socket, clients and time."""
+"""Main loop of the agent: one thread and one selector for port, socket, clients and timers."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ WARM_C = 40.0
 
 
 class Agent:
-    """Owner of one printer's port for as long as the process lives.
+    """Owner of one printer's port until the process ends.
 
     Parameters
     ----------
@@ -39,7 +39,7 @@ class Agent:
     folder
         The agent's folder: socket, journal, spool, and an emulator's folder.
     inhibitor
-        Held while a print is open.
+        Prevents sleep and shutdown of the host while a print is open.
     """
 
     def __init__(self, start: StartFile, folder: Path, inhibitor: Inhibitor | None = None) -> None:
@@ -61,11 +61,11 @@ class Agent:
         self._signals = self._listen_to_signals()
 
     def run(self) -> None:
-        """Serve until told to end. Heat that may be on then is ended: nobody will watch it."""
+        """Serve until asked to end. Heaters that may be on are then switched off: they would be unwatched."""
         try:
             self._serve()
         except BaseException:
-            log.exception("the agent ends by a fault of its own")
+            log.exception("the agent ends because of an internal error")
             raise
         finally:
             self._board.switch_off()
@@ -94,7 +94,7 @@ class Agent:
             due = wall_s() >= wake_wall_s
             if due:
                 self._board.tick()
-            if due or self._board.changed:  # else a program line was sent, and no deadline came nearer
+            if due or self._board.changed:  # else only a program line was sent: no deadline came nearer
                 self._board.changed = False
                 self._push()
                 alarms_wall_s = self._recorder.alarms.wake_wall_s()
@@ -121,7 +121,7 @@ class Agent:
         return Reply(id=request.id, snapshot=self._snapshot(), prints=prints)
 
     def _push(self) -> None:
-        """Send a snapshot to all clients at once after a change, and else at intervals."""
+        """Send a snapshot to all clients, at once after a change and otherwise at intervals."""
         session, report, saved = self._board.session, self._board.report, self._journal.state
         self._inhibitor.hold(session is not None)
         context = None if session is None else session.context
@@ -155,7 +155,7 @@ class Agent:
             self._selector.register(fd, selectors.EVENT_READ, self._board.on_readable)
 
     def _listen_to_signals(self) -> tuple[socket.socket, socket.socket]:
-        """Have SIGTERM and SIGINT wake the loop through a socket, so that they come between two steps."""
+        """Let SIGTERM and SIGINT wake the loop through a socket, to handle them between two steps."""
         ours, theirs = socket.socketpair()
         for end in (ours, theirs):
             end.setblocking(False)
@@ -166,7 +166,7 @@ class Agent:
         return ours, theirs
 
     def _on_signal(self, _: int) -> None:
-        """End after the open print on SIGTERM; end the print safely first on SIGINT."""
+        """End after the open print on SIGTERM; on SIGINT end the print safely first."""
         now = signal.SIGINT in self._signals[0].recv(64)
         if self._board.session is None and (now or not self._board.state.hot):
             self._requests.ended = True
@@ -174,4 +174,4 @@ class Agent:
         self._requests.ending = True
         log.warning("asked to end by a signal: %s", "at once" if now else "when the open print has ended")
         if now:
-            self._board.cancel("its agent was told to end")
+            self._board.cancel("its agent was asked to end")

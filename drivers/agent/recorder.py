@@ -24,14 +24,14 @@ _NEEDS_ATTENTION = frozenset(
 
 
 class Recorder:
-    """Keeps board, journal and the open print in step.
+    """Keeps board, journal and the open print consistent.
 
     Parameters
     ----------
     start
         The agent's start file.
     board
-        The board; gets its state from the journal.
+        The board, whose state is restored from the journal.
     journal
         The agent's journal.
     clock
@@ -42,7 +42,7 @@ class Recorder:
     alarms
         Alarms for heaters that cannot be switched off.
     journal_error
-        Reason for which the last change is not in the journal; None where it is.
+        Reason for which the last change is not in the journal; None if it is.
     """
 
     def __init__(self, start: StartFile, board: Board, journal: Journal, clock: Clock) -> None:
@@ -58,7 +58,7 @@ class Recorder:
     def begin(
         self, program: Program | None, filament: Filament, extruded: bool, ends_by_s: float | None = None
     ) -> None:
-        """Open a print; without a program, end the one that a dead agent left open."""
+        """Begin a print; without a program, end the print that a dead agent left open."""
         now_s, saved_state = self._clock.now(), self.journal.state
         left = Fault.ESTOP if saved_state.board.attention_reason == ESTOPPED else Fault.AGENT_DIED
         context = SessionContext(
@@ -83,7 +83,7 @@ class Recorder:
     def record_changes(self) -> None:
         """Write all changes to the journal.
 
-        A full disk stops no print: every step tries again, and until one succeeds no print has ended.
+        A full disk does not stop a print: every step tries again, and no print counts as ended before that.
         """
         self._update_alarm()
         try:
@@ -153,11 +153,11 @@ class Recorder:
             self._program = None
 
     def _awaits_outcome(self, context: SessionContext) -> bool:
-        """Return True where an ended print still lacks the outcome of `power_off_cmd` in its reason."""
+        """Return True if the reason of an ended print still lacks the outcome of `power_off_cmd`."""
         return context.ended and self.alarms.pending
 
     def describe_print(self, saved: PrintSnapshot, context: SessionContext) -> PrintSnapshot:
-        """Return the open print as it is now."""
+        """Return the current state of the open print."""
         status = self.board.status()
         starved_s = saved.starved_s if status is None else status.starved_s - self._starved_before_s
         awaits_outcome = self._awaits_outcome(context)

@@ -1,4 +1,4 @@
-"""Requests to an agent, carried out or refused."""
+"""Handling of requests to an agent."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from drivers.messages import (
 
 
 class RequestHandler:
-    """Carries out requests on the board, the journal and the spool.
+    """Executes requests on the board, the journal and the spool.
 
     Parameters
     ----------
@@ -47,9 +47,9 @@ class RequestHandler:
     Attributes
     ----------
     ended
-        The agent ends now.
+        True if the agent ends now.
     ending
-        The agent ends after the open print.
+        True if the agent ends after the open print.
     """
 
     def __init__(self, printer: str, recorder: Recorder, spool: Spool, clock: Clock) -> None:
@@ -60,12 +60,12 @@ class RequestHandler:
         self._spool, self._clock = spool, clock
 
     def handle(self, request: Request) -> None:
-        """Carry out a request.
+        """Execute a request.
 
         Raises
         ------
         DriverError
-            It is refused.
+            The request is refused.
         OSError
             The disk failed.
         """
@@ -107,7 +107,7 @@ class RequestHandler:
         self._spool.check(request.print_id)
         saved = self._journal.state
         if request.print_id in saved.ended or (saved.print and saved.print.print_id == request.print_id):
-            return  # it was asked before
+            return  # a repeated request
         now_s = self._clock.now()
         self._check_may_start(request, now_s)
         snapshot = PrintSnapshot(
@@ -142,14 +142,14 @@ class RequestHandler:
         if unknown is not None:
             raise AgentError(f"{self._printer}: its bed is not known to be clear: {unknown}")
         if request.filament is Filament.UNKNOWN:
-            raise AgentError(f"{self._printer}: the place of its filament is unknown: load it first")
+            raise AgentError(f"{self._printer}: the position of its filament is unknown: load it first")
 
     def _clear_bed(self, request: BedCleared) -> None:
         if self._board.session is not None:
-            raise AgentError(f"{self._printer} prints: clear its bed when that has ended")
+            raise AgentError(f"{self._printer} prints: clear its bed after the print")
         known, attention = self._journal.state.print, self._board.state.attention_reason
         if attention is not None and known is not None and known.fault == Fault.WRONG_PRINTER:
-            self._journal.write(self._clock.now(), identity=None)  # a person has confirmed the printer
+            self._journal.write(self._clock.now(), identity=None)  # a person has checked which printer it is
         self._board.clear_bed()
         self._board.clear_attention()
         self._recorder.alarms.clear()

@@ -1,4 +1,4 @@
-"""Socket of an agent: requests in, replies and snapshots out, one JSON object a line."""
+"""Socket of an agent: requests in, replies and snapshots out, one JSON object per line."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from drivers.messages import AGENT_SOCKET, FromAgent, Reply, Request, Snapshot, 
 log = logging.getLogger(__name__)
 
 _REQUEST_BYTES = 64 * 1024
-_MAX_CLIENTS = 16  # the daemon, a bridge, and a few people; each costs a descriptor
+_MAX_CLIENTS = 16  # the daemon, a bridge and a few users; each takes a descriptor
 _REQUEST_S = 10.0  # wall seconds between the first and the last byte of a request
-_PAUSE_S = 1.0  # without accepting, where no descriptor is left
+_PAUSE_S = 1.0  # pause in accepting clients when no descriptor is left
 _LOG_EVERY_S = 60.0
-_BACKLOG_BYTES = 1024 * 1024  # a client that reads too slowly is dropped; it connects again
+_BACKLOG_BYTES = 1024 * 1024  # a client that reads too slowly is dropped; it can reconnect
 
 
 class _Client:
@@ -32,24 +32,24 @@ class _Client:
     def __init__(self, connection: socket.socket) -> None:
         self.socket = connection
         self.asked_s = -math.inf  # time of its last request
-        self.partial_since_s = math.inf  # since when part of a request waits
+        self.partial_since_s = math.inf  # arrival time of an incomplete request
         self.incoming = b""
         self.outgoing = b""
 
 
 class Server:
-    """Server of one agent's clients, on the agent's selector.
+    """Server for the clients of one agent, on the agent's selector.
 
     Parameters
     ----------
     folder
-        Gets `agent.sock`, for the agent's user alone; its path may be longer than a socket's may.
+        Folder for `agent.sock`, which only the agent's user can access; its path may exceed a socket's limit.
     selector
-        The agent's selector; its keys carry a callable that takes the ready mask.
+        The agent's selector; the data of its keys is a callable that takes the ready mask.
     answer
         Answers a request.
     make_snapshot
-        Makes the first message to a new client.
+        Makes the first message for a new client.
     """
 
     def __init__(
@@ -66,7 +66,7 @@ class Server:
         self._listening = False
         self._paused_until_s = self._quiet_until_s = -math.inf
         self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-        (folder / AGENT_SOCKET).unlink(missing_ok=True)  # the agent holds the folder's lock: it is unused
+        (folder / AGENT_SOCKET).unlink(missing_ok=True)  # unused, as the agent holds the folder's lock
         descriptor = os.open(folder, os.O_PATH | os.O_DIRECTORY)
         old_mask = os.umask(0o177)
         try:
@@ -85,7 +85,7 @@ class Server:
             self._send(client, line)
 
     def end_stalled(self) -> None:
-        """Drop clients with part of a request for 10 s, and accept again; call it every few seconds."""
+        """Drop clients whose request is incomplete for 10 s, and accept again; call it every few seconds."""
         now_s = wall_s()
         for client in tuple(self._clients):
             if now_s - client.partial_since_s > _REQUEST_S:
@@ -93,14 +93,14 @@ class Server:
         self._listen(now_s >= self._paused_until_s)
 
     def close(self) -> None:
-        """Drop all clients, and listen no more."""
+        """Drop all clients, and stop listening."""
         for client in tuple(self._clients):
             self._drop(client)
         self._listen(False)
         self._listener.close()
 
     def _listen(self, wanted: bool) -> None:
-        """Start or stop to accept new clients."""
+        """Start or stop accepting new clients."""
         if wanted and not self._listening:
             self._selector.register(self._listener, selectors.EVENT_READ, self._accept)
         elif self._listening and not wanted:
@@ -112,7 +112,7 @@ class Server:
         try:
             connection, _address = self._listener.accept()
         except (BlockingIOError, ConnectionAbortedError):
-            return  # the client is gone again
+            return  # the client has disconnected already
         except OSError as error:  # else the loop would spin
             self._paused_until_s = now_s + _PAUSE_S
             self._listen(False)
@@ -120,7 +120,7 @@ class Server:
                 self._quiet_until_s = now_s + _LOG_EVERY_S
                 log.warning("cannot accept a client: %s", error)
             return
-        if len(self._clients) >= _MAX_CLIENTS:  # a live client that is dropped connects again
+        if len(self._clients) >= _MAX_CLIENTS:  # a live client that is dropped will reconnect
             self._drop(min(self._clients, key=lambda client: client.asked_s))
         connection.setblocking(False)
         client = _Client(connection)

@@ -1,4 +1,4 @@
-"""Keeps the host from shutting down and from sleeping while a print is open."""
+"""Prevent sleep and shutdown of the host while a print is open."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ _WORDS = ("systemd-inhibit", "--what=shutdown:sleep", "--mode=block", "--who=far
 
 
 class Inhibitor:
-    """An inhibitor lock of systemd, held by a child process that ends with this one.
+    """Inhibitor lock of systemd, held by a child process that ends with this one.
 
     Parameters
     ----------
     printer
         The printer's name, shown to people who shut the host down.
     simulated
-        A simulated printer takes no lock.
+        True for a simulated printer, which takes no lock.
     words
-        Command that holds the lock while the command behind it runs.
+        Command that holds the lock while the command after it runs.
     """
 
     def __init__(self, printer: str, *, simulated: bool, words: Sequence[str] | None = None) -> None:
@@ -33,7 +33,7 @@ class Inhibitor:
         self._child: subprocess.Popen[bytes] | None = None
 
     def hold(self, wanted: bool) -> None:
-        """Take or release the lock. Where the host refuses it, that is logged, and the print goes on."""
+        """Take or release the lock. If the host refuses it, that is logged, and the print continues."""
         if self._words is None or wanted == (self._child is not None):
             return
         if self._child is not None:

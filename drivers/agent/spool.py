@@ -1,4 +1,4 @@
-"""The agent's own copies of G-code files, checked before anything heats."""
+"""Spool: the agent's copies of G-code files, checked before anything heats."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _PART = ".part"
 
 
 class Spool:
-    """A folder with one file for each print, checked for a printer of one model."""
+    """Folder with one file per print, checked for one printer model."""
 
     def __init__(self, folder: Path, profile: Profile) -> None:
         self._folder, self._profile = folder, profile
@@ -35,7 +35,7 @@ class Spool:
         return self._folder / f"{print_id}.gcode"
 
     def check(self, print_id: str) -> None:
-        """Raise AgentError where this is no valid print id."""
+        """Check a print id. Raises AgentError if it is invalid."""
         self._path(print_id)
 
     def put(self, print_id: str, at: int, data: bytes) -> None:
@@ -46,7 +46,7 @@ class Spool:
         print_id
             Id of the print.
         at
-            Bytes before this piece; 0 begins a new file.
+            Offset of this piece in bytes; 0 begins a new file.
         data
             The piece.
 
@@ -69,7 +69,7 @@ class Spool:
         return self._path(print_id).with_suffix(_PART)
 
     def take(self, print_id: str, source: Path, sha256: str) -> Program:
-        """Read a file, and copy its commands into the spool: the whole copy is on the disk then.
+        """Read a file, and copy its commands into the spool, completely on the disk.
 
         Raises
         ------
@@ -115,7 +115,7 @@ class Spool:
 
 
 class _Copy:
-    """A new file that stays readable while this object lives, even when it is deleted."""
+    """New file that stays readable through this object, even after it is deleted."""
 
     def __init__(self, path: Path) -> None:
         self._fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o600)

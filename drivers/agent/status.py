@@ -1,4 +1,4 @@
-"""Snapshots of an agent, from its board and its journal."""
+"""Snapshots of an agent, made from its board and its journal."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _PARKED_SLACK_MM = 1.0
 
 
 def describe_link(board: Board, journal_error: str | None) -> tuple[LinkState, str | None]:
-    """Return the state of the link, and the reason for it as a sentence for people.
+    """Return the state of the link, and the reason for it as a user-facing sentence.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ def describe_link(board: Board, journal_error: str | None) -> tuple[LinkState, s
 
 
 def make_snapshot(start: StartFile, recorder: Recorder, now_s: float) -> Snapshot:
-    """Make a snapshot of everything that the daemon may know.
+    """Make a snapshot for the daemon.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ def make_snapshot(start: StartFile, recorder: Recorder, now_s: float) -> Snapsho
 
 
 def describe_print(recorder: Recorder) -> PrintSnapshot | None:
-    """Return the open print as it is now, or the last one that was not forgotten."""
+    """Return the current state of the open print, or the last one that was not forgotten."""
     known, session = recorder.journal.state.print, recorder.board.session
     if known is None or session is None:
         return known
@@ -94,7 +94,7 @@ def describe_print(recorder: Recorder) -> PrintSnapshot | None:
 
 
 def list_prints(recorder: Recorder, since_s: float) -> tuple[PrintSnapshot, ...]:
-    """List all prints that had not ended at `since_s` of the farm's clock, the open one last."""
+    """List all prints not ended at `since_s` of the farm's clock, the open one last."""
     saved, known = recorder.journal.state, describe_print(recorder)
     prints = [one for one in saved.recent if one.ended_s is None or one.ended_s >= since_s]
     if known is not None and known.print_id not in saved.ended:
@@ -103,7 +103,7 @@ def list_prints(recorder: Recorder, since_s: float) -> tuple[PrintSnapshot, ...]
 
 
 def _read_filament(end_mm: float, parked_mm: float) -> Filament:
-    """Return the place of an emulator's filament."""
+    """Return the filament position of an emulator."""
     if abs(end_mm + parked_mm) <= _PARKED_SLACK_MM:
         return Filament.PARKED
     return Filament.AT_NOZZLE if abs(end_mm) <= 1.0 else Filament.UNKNOWN

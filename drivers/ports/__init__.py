@@ -1,4 +1,4 @@
-"""Serial ports of this host and of others. The only user of pyserial."""
+"""Serial ports of this host and of other hosts; the only package that uses pyserial."""
 
 from drivers.ports.port import NET, NetPort, Port, identify_device, open_port
 from drivers.ports.serial_port import Device, SerialPort, list_devices

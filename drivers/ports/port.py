@@ -1,4 +1,4 @@
-"""Ports over which a printer can be driven, behind one interface."""
+"""Ports that connect to a printer, behind one interface."""
 
 from __future__ import annotations
 
@@ -38,10 +38,10 @@ class Port(Protocol):
 
 
 class NetPort:
-    """A port on another host over RFC 2217 (`ser2net`), with DTR.
+    """Port on another host over RFC 2217 (`ser2net`), with DTR.
 
-    pyserial receives bytes in a thread of its own; another thread passes them on to a socket, so that there
-    is a descriptor to wait for.
+    pyserial receives bytes in its own thread; another thread forwards them to a socket, which provides a
+    descriptor to wait for.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ class NetPort:
 
     @staticmethod
     def _forward(remote: RemotePort, to: socket.socket) -> None:
-        with suppress(Exception), to:  # whatever ends it, the reader sees a closed socket
+        with suppress(Exception), to:  # after any error the reader sees a closed socket
             while True:
                 to.sendall(remote.read_some())
 
@@ -73,7 +73,7 @@ class NetPort:
         return self._ours.fileno()
 
     def read(self) -> bytes:
-        """Read the bytes received so far, perhaps none. Raises PortError where the port went away."""
+        """Read the bytes received so far, perhaps none. Raises PortError if the port was disconnected."""
         try:
             data = self._ours.recv(_BYTES)
         except BlockingIOError:
@@ -83,12 +83,12 @@ class NetPort:
         return data
 
     def write(self, data: bytes) -> None:
-        """Send bytes. Raises PortError where the port went away."""
+        """Send bytes. Raises PortError if the port was disconnected."""
         if data:
             self._remote.write(data)
 
     def write_now(self, data: bytes) -> None:
-        """Send bytes in place of those that wait on the other host. Raises PortError."""
+        """Send bytes in place of those still queued on the other host. Raises PortError."""
         self._remote.write_now(data)
 
     @property
@@ -102,7 +102,7 @@ class NetPort:
         with suppress(BlockingIOError):
             while self._ours.recv(_BYTES):
                 pass
-        self._remote.set_dtr(up=True)  # the board may have said `start` before that is acknowledged
+        self._remote.set_dtr(up=True)  # the board may send `start` before this is acknowledged
 
     def close(self) -> None:
         """Close the port."""
@@ -111,7 +111,7 @@ class NetPort:
 
 
 def open_port(url: str, folder: Path, clock: Clock, baud_rate: int) -> Port:
-    """Open a port of `fleet.yaml`; start its emulator where it is simulated and has none.
+    """Open a port of `fleet.yaml`; start the emulator of a simulated port if none is running.
 
     Parameters
     ----------
@@ -135,12 +135,12 @@ def open_port(url: str, folder: Path, clock: Clock, baud_rate: int) -> Port:
 
 
 def identify_device(url: str) -> str | None:
-    """Name the device behind a port. The name changes when it is plugged in again or its host restarts.
+    """Return an identifier of the device behind a port, which changes after replugging or a reboot.
 
     Returns
     -------
     str or None
-        None for a port of another host, or a simulated one.
+        None for a port on another host, or a simulated one.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Serial ports by pyserial, of which this is the only user.
+"""Serial ports through pyserial; the only module that uses it.
 
 pyserial opens and configures the port. Bytes then go through `os.read` and `os.write` on its descriptor:
 pyserial's own calls select and lock each time, which is too slow for thousands of lines a second.
@@ -30,7 +30,7 @@ _PTY = "/dev/pts/"  # the kernel keeps a pty exclusive until its other end is cl
 
 
 class SerialPort:
-    """An open port. Opening it resets the board behind it.
+    """Open port. Opening it resets the board behind it.
 
     Parameters
     ----------
@@ -39,7 +39,7 @@ class SerialPort:
     baud_rate
         Bits per second.
     shared
-        Open the port even where it is in use: for an emergency stop only.
+        Open the port even if it is in use: for an emergency stop only.
 
     Raises
     ------
@@ -67,11 +67,11 @@ class SerialPort:
             attributes[6][termios.VMIN], attributes[6][termios.VTIME] = 1, 0
             termios.tcsetattr(fd, termios.TCSANOW, attributes)
             if self._exclusive and not os.ttyname(fd).startswith(_PTY):
-                fcntl.ioctl(fd, termios.TIOCEXCL)  # for programs that take no lock
-            os.set_blocking(fd, False)  # pyserial has discarded what was there before
+                fcntl.ioctl(fd, termios.TIOCEXCL)  # for programs that do not use locks
+            os.set_blocking(fd, False)  # pyserial has discarded earlier input
         except (termios.error, OSError) as error:
             port.close()
-            raise PortError(f"{self.path}: is no serial port ({error}); give another device") from error
+            raise PortError(f"{self.path}: is not a serial port ({error}); give another device") from error
         self._serial, self._fd = port, fd
 
     def fileno(self) -> int:
@@ -97,7 +97,7 @@ class SerialPort:
         return data
 
     def write(self, data: bytes) -> None:
-        """Send bytes; those that the port does not take yet are kept for the next call.
+        """Send bytes; those that the port does not accept yet are kept for the next call.
 
         Raises
         ------
@@ -120,9 +120,9 @@ class SerialPort:
         return bool(self._unwritten)
 
     def write_now(self, data: bytes) -> None:
-        """Send bytes in place of all unsent ones, and wait until they are on the wire.
+        """Send bytes in place of all unsent ones, and wait until they are transmitted.
 
-        Waits `DRAIN_S` at most, as the board may have stopped taking bytes.
+        Waits `DRAIN_S` at most, as the board may no longer accept bytes.
 
         Raises
         ------
@@ -148,7 +148,7 @@ class SerialPort:
         return int.from_bytes(fcntl.ioctl(self._fd, termios.TIOCOUTQ, bytes(4)), sys.byteorder)
 
     def reset(self) -> None:
-        """Reset the board by a pulse of DTR, or on a pseudo-terminal, which has none, by closing and opening.
+        """Reset the board by a pulse of DTR; a pseudo-terminal has no DTR and is closed and reopened.
 
         Raises
         ------
@@ -169,13 +169,13 @@ class SerialPort:
             raise PortError(f"{self.path}: cannot be reset ({error}); check its cable and power") from error
 
     def close(self) -> None:
-        """Close the port. The board goes on with its buffered moves, and its heaters stay on."""
-        with suppress(OSError):  # the port is gone
+        """Close the port. The board continues its buffered moves, and its heaters stay on."""
+        with suppress(OSError):  # the port was disconnected
             self._serial.close()
 
 
 def find_device(url: str, folder: Path, clock: Clock) -> Path:
-    """Return the device of a port of `fleet.yaml`; start the emulator of a ``sim://`` port that has none.
+    """Return the device of a port of `fleet.yaml`; start the emulator of a ``sim://`` port if needed.
 
     Raises
     ------
@@ -196,7 +196,7 @@ def find_device(url: str, folder: Path, clock: Clock) -> Path:
 
 @dataclass(frozen=True, slots=True)
 class Device:
-    """A serial device of this host, as found without opening it."""
+    """Serial device of this host, found without opening it."""
 
     path: Path
     description: str  # its maker's
@@ -213,7 +213,7 @@ def list_devices() -> list[Device]:
 
 
 class RemotePort:
-    """A port on another host, by pyserial; its errors become `PortError`."""
+    """Port on another host through pyserial, whose errors become `PortError`."""
 
     def __init__(self, url: str, baud_rate: int) -> None:
         self._url = url
@@ -225,7 +225,7 @@ class RemotePort:
             ) from error
 
     def read_some(self) -> bytes:
-        """Wait for bytes. Raises errors of pyserial where the port went away."""
+        """Wait for bytes. Raises errors of pyserial if the port was disconnected."""
         data: bytes = self._port.read(1)
         if not data:
             raise PortError(f"{self._url}: went away")
@@ -239,7 +239,7 @@ class RemotePort:
             raise PortError(f"{self._url}: went away ({error}); check its host and the network") from error
 
     def write_now(self, data: bytes) -> None:
-        """Send bytes in place of those that wait on the other host, if it supports that. Raises PortError."""
+        """Send bytes in place of those still queued on the other host, if it can. Raises PortError."""
         with suppress(serial.SerialException, OSError, ValueError):
             self._port.reset_output_buffer()
         self.write(data)
@@ -252,12 +252,12 @@ class RemotePort:
             raise PortError(f"{self._url}: DTR cannot be set there ({error})") from error
 
     def close(self) -> None:
-        with suppress(Exception):  # the port is gone
+        with suppress(Exception):  # the port was disconnected
             self._port.close()
 
 
 def _cause(error: BaseException) -> str:
-    """Return the system's own message, which pyserial wraps twice."""
+    """Return the system's message, which pyserial wraps twice."""
     number = getattr(error, "errno", None)
     return os.strerror(number) if isinstance(number, int) else str(error)
 

@@ -1,9 +1,9 @@
-"""``python -m drivers.remote.bridge``: run by ssh on an agent's host, kept up by the daemon.
+"""Bridge to an agent: ``python -m drivers.remote.bridge``, run over ssh on the agent's host by the daemon.
 
-The first line on stdin is a `BridgeRequest`. To serve, the bridge starts the agent if none is alive, and then
-carries bytes between stdin, stdout and the agent's socket until one of them ends; to reach does the same, but
-starts none. The agent is in a session of its own: it goes on when a bridge breaks, as networks do, and the
-next bridge finds it.
+The first line on stdin is a `BridgeRequest`. For SERVE, the bridge starts the agent if none is running, and
+then copies bytes between stdin, stdout and the agent's socket until one of them closes; REACH does the same,
+but starts no agent. The agent runs in its own process session: it continues when the connection breaks, and
+the next bridge finds it.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def find_folder(farm: str, printer: str, env: Mapping[str, str] = os.environ) ->
     Raises
     ------
     AgentError
-        A name would lead out of the state folder.
+        A name would point outside the state folder.
     """
     if any(name in ("", ".", "..") or "/" in name for name in (farm, printer)):
         raise AgentError(f"{farm!r}, {printer!r}: not a name of a farm and of a printer")
@@ -53,12 +53,12 @@ def find_folder(farm: str, printer: str, env: Mapping[str, str] = os.environ) ->
 
 
 def serve(request: BridgeRequest, folder: Path) -> None:
-    """Carry bytes until one end closes; kill the agent if it is wedged.
+    """Copy bytes until one end closes; kill the agent if it hangs.
 
     Raises
     ------
     DriverError
-        There is no agent, it does not start, or it was wedged.
+        There is no agent, it does not start, or it was hung.
     """
     start = request.start
     if not is_alive(folder):
@@ -83,7 +83,7 @@ def serve(request: BridgeRequest, folder: Path) -> None:
             pid = agent_pid(folder)
             if pid is not None and heartbeat.is_wedged(time.monotonic(), partial(sample_process, pid)):
                 kill_agent(folder)
-                raise AgentError(f"{start.printer}: its agent was wedged, and is replaced")
+                raise AgentError(f"{start.printer}: its agent was hung, and is replaced")
 
 
 def _connect(folder: Path) -> socket.socket:
@@ -111,7 +111,7 @@ def _write(data: bytes) -> None:
 
 
 def main() -> int:
-    """Read the request and carry it out."""
+    """Read the request and execute it."""
     line = b""
     while not line.endswith(b"\n"):
         byte = os.read(0, 1)

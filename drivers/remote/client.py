@@ -28,20 +28,20 @@ _LINE_BYTES = 1024 * 1024
 
 
 class AgentClient:
-    """A connection to one agent.
+    """Connection to one agent.
 
-    Call `connect`, then iterate over `snapshots` in one task and call `request` from any. When the iterator
-    ends, the connection is gone, and `connect` makes another.
+    Call `connect`, then iterate over `snapshots` in one task and call `request` from any task. When the
+    iterator ends, the connection is closed, and `connect` opens a new one.
 
     Parameters
     ----------
     folder
-        The agent's folder; for an agent on another host it only holds the log of ssh.
+        The agent's folder; for an agent on another host it only contains the log of ssh.
     route
-        Way to another host: the words of a command that carries bytes (`ssh_command`), and its first line
-        (`BridgeRequest.line`).
+        Connection to another host: the arguments of a command that copies bytes (`ssh_command`), and its
+        first line (`BridgeRequest.line`).
     on_message
-        Called at every line of the agent, even one that cannot be read: the agent is alive.
+        Called for every line of the agent, even an unreadable one: the agent is alive.
     """
 
     def __init__(
@@ -59,7 +59,7 @@ class AgentClient:
         self._waiting: dict[int, asyncio.Future[Reply]] = {}
         self._snapshots: asyncio.Queue[Snapshot | None] = asyncio.Queue()
         self._ids = count(1)
-        self._protocol = PROTOCOL  # until the first snapshot says the agent's own
+        self._protocol = PROTOCOL  # until the first snapshot has the agent's version
 
     @property
     def connected(self) -> bool:
@@ -67,7 +67,7 @@ class AgentClient:
         return self._reading is not None and not self._reading.done()
 
     async def connect(self, timeout_s: float = 10.0) -> None:
-        """Connect, and wait for an agent that is just starting.
+        """Connect, waiting for an agent that is just starting.
 
         Parameters
         ----------
@@ -96,7 +96,7 @@ class AgentClient:
         self._listen(reader)
 
     async def _connect_by_route(self, words: Sequence[str], first_line: bytes) -> None:
-        """Start the command that carries bytes; the first message shows that the whole route works."""
+        """Start the command that copies bytes; the first message shows that the whole route works."""
         self._folder.mkdir(parents=True, exist_ok=True)
         try:
             with (self._folder / AGENT_LOG).open("ab") as log:
@@ -113,9 +113,9 @@ class AgentClient:
             self._writer.write(first_line)
             first = await asyncio.wait_for(reader.readline(), FIRST_MESSAGE_S)
         except (OSError, ValueError, TimeoutError) as error:
-            raise AgentError(f"{words[0]}: no way to the agent ({error or 'time-out'})") from error
+            raise AgentError(f"{words[0]}: no connection to the agent ({error or 'time-out'})") from error
         if not first:
-            raise AgentError(f"no way to the agent: {_last_line(self._folder / AGENT_LOG)}")
+            raise AgentError(f"no connection to the agent: {_last_line(self._folder / AGENT_LOG)}")
         self._listen(reader)
         with suppress(MessageError):
             said = read_line(first)
@@ -128,13 +128,13 @@ class AgentClient:
         self._reading = asyncio.create_task(self._read(reader, self._snapshots))
 
     async def snapshots(self) -> AsyncIterator[Snapshot]:
-        """Yield the snapshots of the agent until the connection is gone."""
+        """Yield the snapshots of the agent until the connection closes."""
         queue = self._snapshots
         while (snapshot := await queue.get()) is not None:
             yield snapshot
 
     async def request(self, request: Request, timeout_s: float = 30.0) -> Reply:
-        """Send a request under an `id` of its own, and wait for its reply.
+        """Send a request with a unique `id`, and wait for its reply.
 
         Raises
         ------
@@ -163,7 +163,7 @@ class AgentClient:
             self._waiting.pop(number, None)
 
     async def close(self) -> None:
-        """Disconnect; the agent goes on."""
+        """Disconnect; the agent continues."""
         if self._writer is not None:
             self._writer.close()
             with suppress(OSError):
@@ -171,7 +171,7 @@ class AgentClient:
             self._writer = None
         if self._carrier is not None:
             with suppress(ProcessLookupError):
-                self._carrier.kill()  # the agent behind it is in a session of its own
+                self._carrier.kill()  # the agent behind it has its own process session
             await self._carrier.wait()
             self._carrier = None
         if self._reading is not None:
@@ -179,7 +179,7 @@ class AgentClient:
             self._reading = None
 
     async def _open(self) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
-        # The path of a socket is limited to 107 bytes, that of a state folder is not.
+        # The path of a socket is limited to 107 bytes, unlike that of a state folder.
         descriptor = os.open(self._folder, os.O_PATH | os.O_DIRECTORY)
         try:
             path = f"/proc/self/fd/{descriptor}/{AGENT_SOCKET}"
@@ -188,7 +188,7 @@ class AgentClient:
             os.close(descriptor)
 
     async def _read(self, reader: asyncio.StreamReader, queue: asyncio.Queue[Snapshot | None]) -> None:
-        reason = "the connection to the agent is gone"
+        reason = "the connection to the agent is closed"
         try:
             while line := await reader.readline():
                 self._on_message()
@@ -215,7 +215,7 @@ def _last_line(log: Path) -> str:
 
 
 def read_line(line: bytes) -> Snapshot | Reply:
-    """Read one line of an agent. Raises MessageError where that is no message."""
+    """Parse one line of an agent. Raises MessageError if it is not a message."""
     try:
         return from_agent_adapter.validate_json(line)
     except ValidationError as error:

@@ -1,16 +1,16 @@
-"""Decision whether a silent agent is wedged, made by whoever listens to it on its host.
+"""Detection of a hung agent, by the process that listens to it on the same host.
 
-A healthy agent sends something every 5 wall seconds, and every second while it prints or is warm. A busy
-machine must not cost a print, so silence alone is not enough:
+A healthy agent sends something every 5 wall seconds, and every second while it prints or is warm. A loaded
+host must not cost a print, so silence alone is not enough:
 
 1. Silence is counted in the intervals between the listener's own checks, each for a second at most: while the
-   listener does not run, messages of the agent wait unread.
+   listener does not run, messages of the agent remain unread.
 2. After `SAMPLE_S` of silence the kernel is asked for the state of the agent's process, and again after
    `WEDGED_S`.
 3. If it waited for a processor for half of the time between, or waits for a disk, it is starved, and the
-   count restarts. Else it was stopped, slept, or ran without sending: it is wedged.
+   count restarts. Otherwise it was stopped, slept, or ran without sending: it hangs.
 
-A wedged agent is killed; the next one finds the open print in the journal and resets the board.
+A hung agent is killed; the next one finds the open print in the journal and resets the board.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class ProcessSample:
     state
         Letter in /proc/PID/stat: R, S, D, T, Z.
     waited_s
-        Seconds since its start in which it was ready to run and had no processor.
+        Seconds since its start in which it was ready to run but had no processor.
     """
 
     state: str
@@ -41,7 +41,7 @@ class ProcessSample:
 
 
 def sample_process(pid: int) -> ProcessSample | None:
-    """Read the state of a process; None where it does not exist. Without schedstat `waited_s` is 0."""
+    """Read the state of a process; None if it does not exist. Without schedstat `waited_s` is 0."""
     process = Path("/proc") / str(pid)
     try:
         state = (process / "stat").read_text().rpartition(")")[2].split()[0]
@@ -52,7 +52,7 @@ def sample_process(pid: int) -> ProcessSample | None:
 
 
 class Heartbeat:
-    """The silence of one agent."""
+    """Silence of one agent."""
 
     def __init__(self) -> None:
         self._silent_s = 0.0
@@ -65,7 +65,7 @@ class Heartbeat:
         self._first = None
 
     def is_wedged(self, now_s: float, sample: Callable[[], ProcessSample | None]) -> bool:
-        """Count the time since the last call, and decide.
+        """Add the time since the last call; return True if the agent hangs.
 
         Parameters
         ----------
@@ -84,6 +84,6 @@ class Heartbeat:
         first, last = self._first, sample()
         self.reset()
         if first is None or last is None:
-            return False  # it has ended
+            return False  # the process has ended
         starved = last.waited_s - first.waited_s >= _STARVED_SHARE * (WEDGED_S - SAMPLE_S)
         return not starved and last.state not in "DZ"

@@ -1,4 +1,4 @@
-"""Agent processes on this host: start, find and kill them."""
+"""Start, find and kill agent processes on this host."""
 
 from __future__ import annotations
 
@@ -22,24 +22,24 @@ RETRY_S = 0.25  # between two attempts to connect to an agent that starts
 def spawn_agent(
     printer: str, model: str, port: str, folder: Path, clock: Clock, power_off_cmd: str | None = None
 ) -> subprocess.Popen[bytes]:
-    """Start an agent in a session of its own, so that it outlives the caller.
+    """Start an agent in its own process session, so that it outlives the caller.
 
-    Where the environment names a systemd unit (`FARM_AGENT_UNIT`, with %i for the printer), that unit is
-    started instead, and the process returned is systemctl's.
+    If the environment names a systemd unit (`FARM_AGENT_UNIT`, with %i for the printer), that unit is started
+    instead, and the returned process is systemctl's.
 
     Parameters
     ----------
     printer, model, port, power_off_cmd
         As in `fleet.yaml`.
     folder
-        The agent's folder, created if missing; its log goes to `agent.log` there.
+        The agent's folder, created if missing, with its log `agent.log`.
     clock
         The farm's clock.
 
     Returns
     -------
     subprocess.Popen
-        Poll it now and then, so that its end leaves no zombie.
+        The process. Poll it regularly, so that it leaves no zombie when it ends.
 
     Raises
     ------
@@ -69,7 +69,7 @@ def spawn_agent(
 
 
 def _open_log(folder: Path) -> BinaryIO:
-    """Open an agent's log, or /dev/null on a full disk: the agent may have to end the last one's heat."""
+    """Open an agent's log, or /dev/null on a full disk: the agent may have to switch heaters off."""
     try:
         return (folder / AGENT_LOG).open("ab")
     except OSError:
@@ -77,7 +77,7 @@ def _open_log(folder: Path) -> BinaryIO:
 
 
 def agents_are_units() -> bool:
-    """Return True where agents are started as systemd units."""
+    """Return True if agents are started as systemd units."""
     return bool(os.environ.get(UNIT))
 
 
@@ -87,10 +87,10 @@ def is_alive(folder: Path) -> bool:
 
 
 def kill_agent(folder: Path) -> bool:
-    """Kill the agent of this folder; True where none is alive afterwards."""
+    """Kill the agent of this folder; return True if none is alive afterwards."""
     return kill_holder(folder / AGENT_LOCK)
 
 
 def agent_pid(folder: Path) -> int | None:
-    """Return the process id of the agent of this folder; None where none is alive."""
+    """Return the process id of the agent of this folder; None if none is alive."""
     return holder(folder / AGENT_LOCK)

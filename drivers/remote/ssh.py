@@ -1,4 +1,4 @@
-"""The way to an agent on another host: a command that carries bytes to `bridge` there, and its first line."""
+"""Connection to an agent on another host: a command that copies bytes to `bridge` there."""
 
 from __future__ import annotations
 
@@ -17,28 +17,28 @@ SSH = (
     "ssh -T -o BatchMode=yes -o ConnectTimeout=10 -o ServerAliveInterval=5 -o ServerAliveCountMax=3 "
     "-o ControlMaster=no -o ControlPath=none"
 )
-NO_AGENT = "no agent lives there"
+NO_AGENT = "no agent is running there"
 _STOP_S = 200.0
 
 
 class BridgeTask(StrEnum):
     """Task of a bridge."""
 
-    SERVE = "serve"  # connect to the agent, and start one where none is alive
-    REACH = "reach"  # connect to the agent, if one is alive
+    SERVE = "serve"  # connect to the agent, and start one if none is running
+    REACH = "reach"  # connect to the agent, if one is running
     STOP = "stop"  # emergency stop
 
 
 @dataclass(frozen=True, slots=True)
 class BridgeRequest:
-    """First line to a bridge. Daemons keep it on disk: its JSON names are fixed.
+    """First line sent to a bridge. Daemons store it on disk: its JSON names are fixed.
 
     Parameters
     ----------
     do
         The task.
     farm
-        Name of the farm, which keeps the printers of two farms on one host apart.
+        Name of the farm, which separates the printers of two farms on one host.
     start
         Start file of the agent.
     """
@@ -48,23 +48,23 @@ class BridgeRequest:
     start: StartFile
 
     def line(self) -> bytes:
-        """Dump the request as one line of JSON."""
+        """Serialise the request as one line of JSON."""
         return json.dumps(asdict(self)).encode() + b"\n"
 
     @classmethod
     def parse(cls, line: bytes) -> BridgeRequest:
-        """Read a request. Raises AgentError."""
+        """Parse a request. Raises AgentError."""
         try:
             raw = json.loads(line)
             return cls(BridgeTask(raw["do"]), str(raw["farm"]), StartFile(**raw["start"]))
         except (ValueError, KeyError, TypeError) as error:
             raise AgentError(
-                f"no request of this version of farm ({error}): install the same version on both hosts"
+                f"not a request of this version of farm ({error}): install the same version on both hosts"
             ) from error
 
 
 def ssh_command(host: str, command: str, env: Mapping[str, str] = os.environ) -> list[str]:
-    """Return the words that run a command on a host; FARM_SSH replaces ssh and its options."""
+    """Return the arguments that run a command on a host; FARM_SSH replaces ssh and its options."""
     return [*(env.get("FARM_SSH") or SSH).split(), "--", host, command]
 
 

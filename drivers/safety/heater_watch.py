@@ -1,9 +1,9 @@
 """Heater watch: compares both heaters with their targets at every report. Pure.
 
 It finds faults that the firmware misses or ignores (docs/explanation/ultimaker2-serial.md, section 3.2): an
-M109 that would succeed with a dead heater, an M190 that would wait forever, a heater that fails during a print,
-one that still heats when off. Reports have no checksum, so every value is the median of three. At most `GAP_S`
-of the time between two reports counts: a gap, as behind a long move or while the host sleeps, is not a fault.
+M109 that would succeed with a dead heater, an M190 that would wait forever, a heater that fails during a
+print, one that still heats when off. Reports have no checksum, so every value is the median of three. At most
+`GAP_S` between two reports counts: a gap, as behind a long move or while the host sleeps, is not a fault.
 """
 
 from __future__ import annotations
