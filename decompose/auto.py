@@ -38,10 +38,10 @@ class CountGoal:
     ----------
     clear_s, assemble_s
         A person's time for each part: to clear its bed, and to glue it. The sum of printing and handling is
-        made least.
+        minimised.
     within_s
-        Time within which all parts have to be printed. Then the fewest parts that reach it are made, or the
-        soonest where none do, whatever their handling takes.
+        Time within which all parts have to be printed: the fewest parts that reach it are made, or those that
+        end soonest where none reach it, however long their handling takes.
     """
 
     clear_s: float = CLEAR_S
@@ -66,12 +66,12 @@ def decompose_auto(
     """Cut a model for as many of the first printers as suit a goal.
 
     The number is chosen from the curve of makespans of the first printers by the tables, with their rooms and
-    speeds; where they turn out too few for the true parts, all printers are used.
+    speeds; where that number is too small for the true parts, all printers are used.
 
     Parameters
     ----------
     model, options, cost, executor
-        As of `decompose.decompose_model`.
+        As in `decompose.decompose_model`.
     printers
         Free printers, the best ones first.
     goal
@@ -80,7 +80,7 @@ def decompose_auto(
     Raises
     ------
     NoFit, GeometryError
-        As `decompose.decompose_model`, where all of the printers are not enough.
+        As in `decompose.decompose_model`, where all of the printers are not enough.
     """
     validate_problem(model, tuple(printers), options)
     points = build_curve(Problem(model, tuple(printers), cost, options, executor))
@@ -97,8 +97,8 @@ def decompose_auto(
 def build_curve(problem: Problem) -> tuple[CurvePoint, ...]:
     """Compute the makespan of the first 1, 2, ... printers by the tables, where they are enough.
 
-    Unequal printers are taken in classes, on a grid as for few of them, since there are more ways to share
-    parts out; within a class each number has the mean speed of its printers.
+    Unequal printers are grouped in classes, on a coarser grid, since there are more ways to distribute parts
+    among them; a number of printers of a class has their mean speed.
     """
     printers = problem.printers
     gridded = problem if problem.is_uniform else replace(problem, printers=problem.rooms)

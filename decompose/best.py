@@ -20,14 +20,14 @@ from decompose.problem import FINEST, Effort, Problem
 from decompose.results import Attempt, Decomposition
 
 BEST_ENGINES = (Engine.GUILLOTINE, Engine.PARALLELOBOX)
-OTHER_GRIDS = (1.1, 0.95, 0.9)  # cells a side for each one of the first grid
+OTHER_GRIDS = (1.1, 0.95, 0.9)  # cells along a side, relative to the first grid
 OTHER_YAWS_DEG = (45.0, 15.0, 75.0, 30.0, 60.0)  # about z: a quarter turn is the same grid again
 WORTH_TURNING = 0.01  # share of the makespan: cuts along a model's own sides are easier to glue
 NEAR = 0.03  # least possible gain, as a share of the makespan, for which another grid is tried
 
 
 def find_best(problem: Problem, by_engine: Callable[[Problem], Decomposition]) -> Decomposition:
-    """Run the engines and grids in their order and return the best result, as far as the budget goes.
+    """Run the engines and grids in their order until the budget is spent, and return the best result.
 
     Parameters
     ----------
@@ -39,7 +39,7 @@ def find_best(problem: Problem, by_engine: Callable[[Problem], Decomposition]) -
     Raises
     ------
     NoFit, GeometryError
-        Of the first engine, where none has a result.
+        Error of the first engine, where no engine has a result.
     """
     options = problem.options
     trials = _Trials(problem, by_engine, options.best.budget_s)
@@ -113,7 +113,7 @@ class _Trials:
         return _rank(found) < _rank(self.best)
 
     def try_other_grids(self) -> None:
-        """Add the guillotine engine on other grids, none twice, while enough is left to gain."""
+        """Try the guillotine engine on other grids, each once, while the possible gain is large enough."""
         problem, yaw_deg = rotate_about_z(self.problem, self.yaw_deg), self.yaw_deg
         extents_mm, first = problem.model.extents_mm, problem.granularity(problem.model)
         shapes = {cell_counts(extents_mm, first)}

@@ -48,7 +48,7 @@ def decompose_model(
     Raises
     ------
     NoFit
-        The parts are more than the printers; with the number that would be enough.
+        There are more parts than printers; the error has the number that would be enough.
     GeometryError
         The result breaks a geometry rule.
     """
@@ -65,7 +65,7 @@ def decompose_model(
 
 
 def _by_engine(problem: Problem, serial: tuple[float, float]) -> Decomposition:
-    """Run the engine that the options name, and check its result; `serial` is of `estimate_serial_s`."""
+    """Run the engine that the options name, and check its result; `serial` is from `estimate_serial_s`."""
     watch = _StageTimes()
     if problem.options.faithful and problem.options.engine is Engine.PARALLELOBOX:
         problem = replace(problem, options=paper_settings(problem.options))

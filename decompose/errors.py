@@ -8,7 +8,7 @@ from enum import StrEnum
 
 
 class DecomposeError(Exception):
-    """Anything that decomposition reports; the message says what, where, and what to do."""
+    """Base of all errors of decomposition; the message says what, where, and what to do."""
 
 
 class ModelUnreadable(DecomposeError):
@@ -16,7 +16,7 @@ class ModelUnreadable(DecomposeError):
 
 
 class BadSize(ModelUnreadable):
-    """A scale or a longest side that no model can be given."""
+    """A scale or a longest side that is valid for no model."""
 
 
 class ModelEmpty(DecomposeError):
@@ -40,11 +40,11 @@ class ModelTiny(DecomposeError):
 
 
 class ModelHuge(DecomposeError):
-    """The model is so large, or so far from its origin, that its numbers are no lengths of a print in mm."""
+    """The model is so large, or so far from its origin, that its numbers cannot be lengths in mm."""
 
 
 class ModelTooDetailed(DecomposeError):
-    """The model has more triangles than the memory suffices for."""
+    """The model has more triangles than fit the memory."""
 
 
 class NoFit(DecomposeError):
@@ -53,8 +53,8 @@ class NoFit(DecomposeError):
     Attributes
     ----------
     printers_needed
-        Fewest printers that would be enough, with more of the same kinds; or a number that is surely not
-        more. None where it is not known, or where no number is enough.
+        Fewest printers that would be enough, with more of the same kinds; or a lower bound on it. None where
+        it is not known, or where no number is enough.
     """
 
     def __init__(self, message: str, printers_needed: int | None = None) -> None:

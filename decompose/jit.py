@@ -1,8 +1,7 @@
 """Settings of the just-in-time compiler, and the folder of its machine code.
 
 Compiled code contains functions and constants of other files, and numba compares the time stamp of one file
-only: after an update it would use old prices. So the folder is named after the content of all files that are
-compiled.
+only: after an update it would use stale code. So the folder is named by a hash of all compiled files.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ F = TypeVar("F", bound=Callable[..., object])
 
 
 def hash_sources(folder: Path) -> str:
-    """Hash of the content of all files below a folder that compile something."""
+    """Hash the content of all files below a folder that have compiled functions."""
     digest = hashlib.sha256()
     for path in sorted(folder.rglob("*.py")):
         text = path.read_bytes()
@@ -44,7 +43,7 @@ def jit(function: F) -> F:
     """Compile a function to machine code, and keep the code on disk where there is a place to write."""
     try:
         return cast(F, numba.njit(cache=True, nogil=True)(function))
-    except RuntimeError:  # no place: it is compiled on each run
+    except RuntimeError:  # no writable folder: it is compiled on each run
         return cast(F, numba.njit(nogil=True)(function))
 
 

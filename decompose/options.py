@@ -7,7 +7,7 @@ from enum import StrEnum
 from typing import Any
 
 MIN_GLUE_MM2 = 25.0
-"""Area of a joint of 5 x 5 mm, which holds a part of the size of a hand."""
+"""Area of a joint of 5 x 5 mm, which holds a hand-sized part."""
 BUDGET_S = 20.0
 
 
@@ -48,7 +48,7 @@ class BestOptions:
     Attributes
     ----------
     budget_s
-        Work that may be done, counted in seconds of one core of a usual machine (`problem.Effort`): once it
+        Work that may be done, counted in seconds of one core of a typical machine (`problem.Effort`): once it
         is spent, no engine is started and no search continued.
     """
 
@@ -82,11 +82,11 @@ class Options:
     min_wall_mm
         Least thickness of the wall that is left where the inside is not printed.
     min_glue_mm2
-        A joint of less area, or narrower than two walls, does not count as holding.
+        Least area of a joint that counts as holding; it must also be two walls wide.
     seed
         Seed of the random numbers of the engines; the guillotine engine uses none.
     faithful
-        Run a rival as its authors published it, with their prices and settings.
+        Run a baseline method as its authors published it, with their prices and settings.
     fit_first_layer
         Choose the brim and the first-layer expansion of each part.
     prove
@@ -108,7 +108,7 @@ class Options:
     parallelobox: ParalleloboxOptions = ParalleloboxOptions()
 
     def as_dict(self) -> dict[str, Any]:
-        """Build the object that decomposition.json holds: one level, for the options of all engines."""
+        """Build the object for decomposition.json: flat, with the options of all engines."""
         return {
             "engine": self.engine,
             "granularity": self.granularity,

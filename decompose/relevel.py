@@ -46,18 +46,18 @@ def relevel_planes(
     cost
         The cost that it was decomposed with.
     executor
-        For attempts that may run side by side; threads do.
+        Executor for attempts that may run in parallel; threads are enough.
 
     Returns
     -------
     Decomposition | None
-        As many parts, with the times of the cost. None where the gain would not be worth slicing again, or
-        where another engine than `guillotine` cut the parts.
+        The same number of parts, with the times of the cost. None where the gain would not be worth slicing
+        again, or where another engine than `guillotine` cut the parts.
 
     Raises
     ------
     NoFit, GeometryError
-        The result does not fit any more, or breaks a geometry rule.
+        The result no longer fits, or breaks a geometry rule.
     """
     if (cutting := previous.cutting) is None:
         return None

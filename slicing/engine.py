@@ -26,9 +26,9 @@ from slicing.errors import EngineCrashed, EngineFailed, EngineMissing, EngineOut
 MEMORY_BYTES = 4 * 2**30
 """Memory of a run besides its threads' stacks; a part that fills a bed needs about 0.4 GB."""
 LAYER_BYTES = 10 * 2**20
-"""Address space that it reserves for each layer (8.7 MiB measured, a stack; next to none of it is used)."""
+"""Address space that CuraEngine reserves for each layer: a stack, 8.7 MiB measured, nearly all unused."""
 OUTPUT_BYTES = 2 * 2**30
-"""The largest file that it may write; a part that fills a bed has 0.07 GB of G-code."""
+"""Greatest size of a file that CuraEngine may write; a part that fills a bed has 0.07 GB of G-code."""
 _LOG_BYTES = 2**20
 """Size of each end of the log that is kept."""
 _PR_SET_PDEATHSIG = 1

@@ -1,4 +1,4 @@
-"""Fewest boxes that cover cells, fractions allowed: a linear programme over all boxes within a time.
+"""Fractional covering of cells by the fewest boxes: a linear programme over all boxes within a time.
 
 Only boxes that no larger one within the time contains are used: tens of thousands, too many and too wide for
 a simplex method, but each is summed and spread in O(1) by summed-area tables. So it is solved by the
@@ -46,9 +46,9 @@ class Covering:
 
 @jit
 def _is_replaced(tables: Tables, limit_s: float, box: Box, shape: Shape) -> bool:
-    """Check whether a box within the limit one layer larger, of no more pieces, can replace a box.
+    """Check whether a box that is one layer larger can replace a box, within the limit and in no more pieces.
 
-    tables: as of `_largest`.
+    tables: as in `_largest`. limit_s: the time. box: in cells of a grid of `shape` cells, half-open.
     """
     seconds, trimmed, pieces = tables
     at = index_of(box, shape)
@@ -248,8 +248,8 @@ def _step(p: _Programme, work: _Workspace, balance: float, current: _Iterate, me
 def _scales(p: _Programme, work: _Workspace, at: _Iterate) -> tuple[float, float]:
     """Find the divisors that make an iterate feasible: its weights by the first, its shares by the second.
 
-    They are the most weight that a box holds for each of its pieces, and the least sum of shares over a
-    needed cell.
+    The first is the greatest weight per piece in any box, the second the least sum of shares over a needed
+    cell.
     """
     _hold(at.weights, p.corners, work.sums, work.held)
     _cover(at.shares, p.corners, work.steps, work.covered)
@@ -348,7 +348,7 @@ def cover_cells(boxes: BoxTables, needed: Bools, limit_s: float, printers: int, 
     Returns
     -------
     Covering
-        Where a cell is in no box within the time, nothing covers it: all weight is on that cell.
+        Where a needed cell is in no box within the time there is no covering, and all weight is on that cell.
     """
     found = np.zeros((int((boxes.seconds <= limit_s).sum()), 6), np.int16)
     tables = (boxes.seconds, boxes.trimmed, boxes.pieces)

@@ -4,8 +4,8 @@ By the tables: no partition of the grid into boxes ends sooner.
 
 The certificate is a weight for each needed cell. Of `n` parts that hold all the weight, one holds at least an
 n-th of it, so the makespan is at least the time of the fastest box that holds that share (a box of k pieces
-is k parts, and has to hold k shares). This is true for any weights; weights are whole numbers, so that the
-comparison is exact, and every box is compared.
+counts as k parts, and has to hold k shares). This holds for any weights; weights are whole numbers, so that
+the comparison is exact, and every box is compared.
 
 Good weights are the dual solution of a linear programme (`bound.covering`): cover the needed cells with
 the fewest boxes, fractions of boxes allowed, that each take at most T seconds. Where that takes more than n,
@@ -27,8 +27,8 @@ from decompose.jit import jit
 from decompose.print_time import MAX_INSET_SHARE, CostModel
 
 UNIT = 1 << 24  # the weight of a whole part, once weights are rounded to whole numbers
-LIMITS = 30  # most times that are tried
-FIRST = 0.95  # share of the makespan of a good partition near which its bound mostly is
+LIMITS = 30  # greatest number of times T that are tried
+FIRST = 0.95  # share of a good partition's makespan at which the search for its bound begins
 CLOSE = 0.005  # accuracy of the bound, as a share of it
 
 
@@ -57,7 +57,7 @@ def _proven_s(
     trimmed: npt.NDArray[np.int32],
     pieces: npt.NDArray[np.int16],
 ) -> float:
-    """Find the time of the fastest box that holds its pieces' share of the weight; at most makespan_s.
+    """Find the time of the fastest box that holds the weight due to its pieces; at most makespan_s.
 
     sat: (nx + 1, ny + 1, nz + 1) int64 summed-area table of the weights. seconds, trimmed, pieces: (boxes,)
     of `BoxTables`.

@@ -1,4 +1,4 @@
-"""The engines: each takes a `Problem` and answers a `Partition` of its model."""
+"""The engines: each takes a `Problem` and returns a `Partition` of its model."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A decomposition as a folder: one STL a part, decomposition.json, a picture and a GLB of the assembly."""
+"""A decomposition as a folder: one STL per part, decomposition.json, a picture and a GLB of the assembly."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ METRES_Y_UP = np.array([[1e-3, 0, 0, 0], [0, 0, 1e-3, 0], [0, -1e-3, 0, 0], [0, 
 
 
 def write_decomposition(decomposition: Decomposition, folder: Path) -> Decomposition:
-    """Write one binary STL a part, decomposition.json, assembly.png and assembly.glb; read each STL back.
+    """Write one binary STL per part, decomposition.json, assembly.png and assembly.glb; read each STL back.
 
     Returns
     -------
@@ -49,14 +49,14 @@ def write_decomposition(decomposition: Decomposition, folder: Path) -> Decomposi
 
 
 def write_glb(parts: Sequence[Part], path: Path) -> None:
-    """Write the parts in the model's frame, with its z up and in metres, as the format has it.
+    """Write the parts as a GLB of the assembly, in metres and with y up, as glTF requires.
 
     Parameters
     ----------
     parts
         In the model's frame, in mm.
     path
-        Of the file, glTF 2.0 binary.
+        File to write, glTF 2.0 binary.
     """
     visual: Any = trimesh.visual  # untyped
     scene: Any = trimesh.Scene()

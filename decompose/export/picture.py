@@ -77,7 +77,7 @@ def draw_assembly(parts: Sequence[Part], path: Path, longest_px: int = 1100) -> 
     parts
         In the model's frame, in mm; at least one.
     path
-        Of the PNG.
+        File to write.
     longest_px
         Longer side of the picture without its margin, in pixels.
     """

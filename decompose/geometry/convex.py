@@ -7,7 +7,7 @@ import numpy as np
 from decompose.arrays import Floats
 from decompose.jit import jit
 
-FLAT_MM2 = 1e-9  # twice the area below which three points count as one line
+FLAT_MM2 = 1e-9  # twice the area below which three points count as collinear
 
 
 @jit
@@ -110,7 +110,7 @@ def smallest_rectangle(outline: Floats) -> float:
         along = outline[:, 0] * ux + outline[:, 1] * uy
         across = outline[:, 1] * ux - outline[:, 0] * uy
         u, v = along.max() - along.min(), across.max() - across.min()
-        if u * v < best - 1e-6:  # of those of one size the first
+        if u * v < best - 1e-6:  # of rectangles of equal size, the first
             best = u * v
             angle = np.arctan2(uy, ux) if u >= v else np.arctan2(ux, -uy)
     return float(angle)

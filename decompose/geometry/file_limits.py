@@ -9,10 +9,10 @@ import numpy as np
 from decompose.errors import ModelTooDetailed, ModelUnreadable
 from decompose.geometry.stl import header_face_count, is_binary_stl
 
-MOST_CORNERS = 10_000  # of one face: triangles that share a corner with more take hours to repair
+MOST_CORNERS = 10_000  # greatest number in one face: more triangles about one corner take hours to repair
 LONGEST_PLY_HEADER_BYTES = 64 * 1024
-BYTES_PER_TRIANGLE = 1500  # measured: the most that reading and repairing takes, by the triangle
-OTHER_BYTES = 256 * 2**20  # of a process with the libraries that this needs
+BYTES_PER_TRIANGLE = 1500  # greatest memory for reading and repairing, measured per triangle
+OTHER_BYTES = 256 * 2**20  # memory of a process with the libraries that this needs
 
 _COMMENTS = (b"#", b"comment")
 _CORNER_BYTES = 4  # of a binary PLY
@@ -23,14 +23,14 @@ _OFF_COUNTS = re.compile(rb"(?:\s|#[^\n]*\n)*C?OFF(?:\s|#[^\n]*\n)+\d+\s+(\d+)")
 
 
 def check_limits(name: str, data: bytes, suffix: str, memory_bytes: int | None) -> None:
-    """Refuse a file with too many triangles for the memory, with a face or with a header without end.
+    """Refuse a file with more triangles than fit the memory, too large a face, or a header without end.
 
     Parameters
     ----------
     name
-        Of the file, for messages.
+        Name of the file, for messages.
     data
-        All of it.
+        Content of the file.
     suffix
         Its format, one of `SUFFIXES`.
     memory_bytes
@@ -75,7 +75,7 @@ def count_triangles(data: bytes, suffix: str) -> int:
 
 
 def most_triangles(memory_bytes: int) -> int:
-    """Return how many triangles can be read and repaired in so much memory."""
+    """Compute the number of triangles that can be read and repaired in some memory."""
     return max(0, memory_bytes - OTHER_BYTES) // BYTES_PER_TRIANGLE
 
 

@@ -1,4 +1,4 @@
-"""Reader of models: from any mesh file to a closed solid in mm, or the reason why not."""
+"""Reader of models: from any mesh file to a closed solid in mm, or an error."""
 
 from __future__ import annotations
 
@@ -97,7 +97,7 @@ def load_model(
     Raises
     ------
     ModelUnreadable, ModelEmpty, ModelNotFinite, ModelFlat, ModelTiny, ModelHuge, ModelNotSolid
-        About in the order of the checks.
+        Approximately in the order of the checks.
     """
     where = _one_line(str(path) if name is None else name)
     suffix = Path(path.name if name is None else name).suffix.lower()
@@ -171,7 +171,7 @@ def _read(
     notes = []
     if suffix == ".stl" and is_binary_stl(data):
         if len(data) < 84:
-            raise ModelUnreadable(f"{name}: {len(data)} bytes are no STL; export the model again")
+            raise ModelUnreadable(f"{name}: {len(data)} bytes are not an STL; export the model again")
         promised, present = header_face_count(data), stored_face_count(data)
         if promised > present:
             raise ModelUnreadable(
@@ -185,12 +185,12 @@ def _read(
     if suffix == ".stl" and not is_binary_stl(data) and b"endsolid" not in data[-1000:].lower():
         raise ModelUnreadable(f"{name}: breaks off before its end; copy or export it again")
     check_limits(name, data, suffix, memory_bytes)
-    logging.getLogger("trimesh").setLevel(logging.CRITICAL)  # its errors come back as ours
+    logging.getLogger("trimesh").setLevel(logging.CRITICAL)  # its errors are raised as ModelUnreadable
     try:
         with np.errstate(all="ignore"):  # normals of hostile files; coordinates are checked by the caller
             loaded: Any = trimesh.load(io.BytesIO(data), file_type=suffix[1:], process=False, force="mesh")
             triangles = np.array(loaded.triangles, dtype=np.float64)
-    except Exception as error:  # readers of hostile bytes raise anything
+    except Exception as error:  # on hostile bytes a reader may raise anything
         why = _one_line(str(error).strip().splitlines()[0][:80]) if str(error).strip() else "no reason given"
         if isinstance(error, ImportError):  # the reader looks for a package that guesses encodings
             why = "its text is not UTF-8"

@@ -29,10 +29,10 @@ from decompose.jit import jit
 
 NEAR_SHARE = 0.005  # of the longest side: the surface may move by this
 LOST_SHARE = 0.02  # of the surface may be further than that from the repaired one and not inside it
-NEW_SHARE = 0.20  # more new surface than this is invention
-EXTENT_SHARE = 0.05  # nor may the size change by more than this
-SAMPLES = 40_000  # points on a surface that distances are measured to
-PROBES = 5_000  # points that they are measured from
+NEW_SHARE = 0.20  # greatest share of new surface in the repaired one
+EXTENT_SHARE = 0.05  # greatest change of the size, as a share of it
+SAMPLES = 40_000  # number of points on a surface to which distances are measured
+PROBES = 5_000  # number of points from which they are measured
 WELD_SHARES = (1e-7, 1e-6, 1e-5)  # of the longest side: gaps that rounding leaves between triangles
 THIN_SHARE = 1e-9  # of area^1.5: a surface around less volume encloses nothing
 NEIGHBOURS = 6  # triangles of the nearest samples whose distance is computed exactly
@@ -42,7 +42,7 @@ MAX_BODIES = 1000
 
 
 Report = Callable[[str], None]
-"""Takes a word or two on what is done now."""
+"""Function that is called with a short name of each step as it begins."""
 
 
 def close_surface(name: str, triangles: Floats, report: Report = lambda _: None) -> tuple[Solid, list[str]]:
@@ -74,7 +74,7 @@ def close_surface(name: str, triangles: Floats, report: Report = lambda _: None)
             f"{100.0 * new:.2g} % of the surface is new."
         )
     elif shared:
-        repairs.append(f"Took bodies apart that touch ({shared} edges shared by more than two triangles).")
+        repairs.append(f"Separated bodies that touch ({shared} edges shared by more than two triangles).")
     if any(b.is_watertight and not b.is_winding_consistent for b in before):
         repairs.append("Turned triangles that faced the wrong way.")
     return solid, repairs + said
@@ -164,7 +164,7 @@ def _close_bodies(bodies: list[Any], report: Report) -> tuple[list[Any], bool]:
                 whole.append(fixed)
                 is_changed = True
                 continue
-            is_changed = is_changed or parts is None  # nothing closes it, and it is left out
+            is_changed = is_changed or parts is None  # it cannot be closed, and is left out
         for part in parts or []:
             (whole if part.is_watertight else rimmed).append(part)
     if rimmed:
@@ -198,7 +198,7 @@ def _mesh_fix(body: Any) -> Any:
     fixer = pymeshfix.MeshFix(np.array(body.vertices), faces)
     try:
         fixer.repair(joincomp=True, remove_smallest_components=False)
-    except Exception:  # the compiled repair names no errors
+    except Exception:  # the compiled repair does not document its errors
         return None
     fixed: Any = trimesh.Trimesh(fixer.points, fixer.faces, process=False)
     return fixed if len(fixed.faces) and fixed.is_watertight else None
@@ -248,7 +248,7 @@ def _far(mesh: Any, other: Any) -> Bools:
 def _inside(points: Floats, triangles: Floats) -> Bools:
     """Find which points (n, 3) lie in a closed surface (m, 3, 3): a ray meets it an odd number of times.
 
-    The ray leans by an odd number, so that it meets no edge of a box.
+    The ray is tilted by an irregular angle, so that it meets no edge of a box.
     """
     lean = np.array([0.0123456789, 0.0345678912])
     points = np.column_stack([points[:, :2] - points[:, 2:] * lean, points[:, 2]])
@@ -304,5 +304,5 @@ def _join(name: str, bodies: list[Any], repairs: list[str]) -> Solid:
     if solid.is_empty or solid.volume_mm3 <= 0.0:
         raise ModelNotSolid(f"{name}: its triangles enclose no volume; export a solid")
     if len(solids) > 1:
-        repairs.append(f"Took {len(solids)} bodies as one solid of {solid.volume_mm3 / 1000.0:.1f} cm3.")
+        repairs.append(f"Joined {len(solids)} bodies to one solid of {solid.volume_mm3 / 1000.0:.1f} cm3.")
     return solid

@@ -19,9 +19,9 @@ ONE_PLANE_SHARE = 1e-6  # of the model: rims this near to one plane may belong t
 
 
 def orient_faces(faces: Ints) -> Ints | None:
-    """Turn faces (m, 3) to face as their neighbours do; None for a one-sided surface.
+    """Orient faces (m, 3) consistently with their neighbours; None for a one-sided surface.
 
-    Neighbours are the two faces of an edge. Of each surface the lesser half is turned.
+    Neighbours are the two faces of an edge. In each surface the smaller part of the faces is reversed.
     """
     tail, head, face = _half_edges(faces)
     order, starts, counts = _by_edge(tail, head)
@@ -53,7 +53,7 @@ def split_shells(vertices: Floats, faces: Ints) -> list[tuple[Floats, Ints]] | N
     Returns
     -------
     list or None
-        None where the triangles at an edge do not enclose solid by turns.
+        None where solid and air do not alternate around an edge.
     """
     tail, head, face = _half_edges(faces)
     order, starts, counts = _by_edge(tail, head)
@@ -110,8 +110,8 @@ def is_flat(rim: Floats) -> bool:
 def cap_holes(vertices: Floats, faces: Ints) -> Ints:
     """Find faces (k, 3) that close all holes of shells, without a new vertex.
 
-    A hole is filled in its plane. Two rims in one plane, one inside the other and of opposite turns, are the
-    end of a pipe: the ring between them is filled.
+    A hole is filled in its plane. Two rims in one plane, one inside the other and of opposite orientation,
+    are the end of a pipe: the ring between them is filled.
     """
     loops = find_rims(faces)
     size = float(np.ptp(vertices, axis=0).max())
@@ -199,7 +199,7 @@ def label_components(count: int, rows: Ints, columns: Ints) -> Ints:
 def _around_edge(
     vertices: Floats, faces: Ints, tail: Ints, head: Ints, face: Ints, around: Ints
 ) -> Ints | None:
-    """Pair the half-edges (k, 2) of an edge with solid between them; None where it is not by turns."""
+    """Pair the half-edges (k, 2) of an edge with solid between them; None where they do not alternate."""
     start, end = min(tail[around[0]], head[around[0]]), max(tail[around[0]], head[around[0]])
     along = vertices[end] - vertices[start]
     along = along / np.linalg.norm(along)

@@ -154,8 +154,8 @@ class Solid:
 
 
 def triangulate(polygons: list[Floats]) -> Ints:
-    """Fill polygons (n, 2), holes turned the other way, with triangles (k, 3); indices count all points.
+    """Fill polygons (n, 2), holes of opposite orientation, with triangles (k, 3); indices count all points.
 
-    No point is added or left out, whatever the polygons look like.
+    No point is added or left out, whatever the shape of the polygons.
     """
     return np.asarray(manifold3d.triangulate(polygons), dtype=np.int64)

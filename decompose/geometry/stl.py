@@ -45,7 +45,7 @@ def write_stl(path: Path, corners: npt.NDArray[np.float32]) -> None:
     Parameters
     ----------
     path
-        Of the file.
+        File to write.
     corners
         (m, 3, 3) float32, of `round_triangles`.
     """
@@ -60,10 +60,10 @@ def is_binary_stl(data: bytes) -> bool:
 
 
 def header_face_count(data: bytes) -> int:
-    """Number of faces that a binary STL's header gives."""
+    """Read the number of faces from a binary STL's header."""
     return int(np.frombuffer(data[HEADER_BYTES : HEADER_BYTES + COUNT_BYTES], dtype="<u4")[0])
 
 
 def stored_face_count(data: bytes) -> float:
-    """Number of faces that the bytes of a binary STL hold."""
+    """Compute the number of faces for which a binary STL has bytes."""
     return max(0, len(data) - HEADER_BYTES - COUNT_BYTES) / FACE_BYTES

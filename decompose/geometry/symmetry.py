@@ -18,11 +18,11 @@ from decompose.arrays import Floats
 
 SAMPLES = 100  # normals a round
 CONES_RAD = (0.3, 0.1, 0.03, 0.01)  # of the rounds after the first, about the best so far
-MAX_MIRRORED = 1000  # vertices whose mirror images are measured, for a whole model
-FEW_MIRRORED = 300  # and for one of many parts
+MAX_MIRRORED = 1000  # number of vertices whose mirror images are measured, for a whole model
+FEW_MIRRORED = 300  # the same for one of many parts
 TOLERANCE = 0.01  # of the diagonal of the model's box
-SAME_AXIS_RAD = 0.01  # nearer to an axis than this, a normal is the axis where that is as good
-APART_RAD = 0.5  # two planes of one part differ by more than this
+SAME_AXIS_RAD = 0.01  # a normal closer to an axis than this is replaced by the axis where that is as good
+APART_RAD = 0.5  # least angle between the normals of two planes of one part
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,11 +50,11 @@ class _Cloud:
         return float(self._tree.query(images)[0].mean())
 
     def draw_normals(self) -> Floats:
-        """Draw normals (SAMPLES, 3), each direction as likely."""
+        """Draw normals (SAMPLES, 3), uniformly over all directions."""
         return _unit(self.rng.standard_normal((SAMPLES, 3)))
 
     def refine(self, normal: Floats, error_mm: float, samples: int = SAMPLES) -> tuple[Floats, float]:
-        """Find the best normal near to one, and its error."""
+        """Find the best normal near a given one, and its error."""
         least = error_mm
         for cone in CONES_RAD:
             near = _unit(normal + cone * self.rng.standard_normal((samples, 3)))
@@ -101,9 +101,9 @@ def draw_mirrors(vertices: Floats, rng: np.random.Generator, most: int) -> list[
     Parameters
     ----------
     vertices, rng
-        As of `find_mirror`.
+        As in `find_mirror`.
     most
-        Most planes; their normals differ from each other.
+        Greatest number of planes; their normals differ from each other.
     """
     cloud = _Cloud(vertices, rng, FEW_MIRRORED)
     ranked = sorted((cloud.error_mm(n), tuple(n)) for n in cloud.draw_normals())
@@ -118,9 +118,9 @@ def find_good_mirrors(
     Parameters
     ----------
     vertices, rng, tolerance
-        As of `find_mirror`.
+        As in `find_mirror`.
     most
-        Most planes; their normals differ from each other.
+        Greatest number of planes; their normals differ from each other.
     samples
         Number of normals in a round.
     """

@@ -1,7 +1,7 @@
 """Tables over every axis-aligned box of a grid: price, box about the needed cells, and number of pieces.
 
-There are some millions of boxes; a row, a layer and then a box are added up from the one before, so that each
-box costs a few dozen additions.
+There are some millions of boxes. Each row, layer and box is the one before plus one cell, row or layer, so
+that each box costs a few dozen additions.
 """
 
 from __future__ import annotations
@@ -279,7 +279,7 @@ def _count_pieces(
 ) -> None:
     """Count the pieces of every box that may be printed, each cell's solid taken as one piece.
 
-    Union-find by layers: a box is the one below it with one layer of cells more.
+    Union-find by layers: each box extends the one below it by one layer of cells.
 
     Parameters
     ----------
@@ -333,9 +333,9 @@ def price_boxes(grid: Grid, printers: Sequence[PrinterRoom], cost: CostModel) ->
     Parameters
     ----------
     grid
-        With overhangs and skin as the cost has them.
+        Grid, built with the overhang and skin angles of the cost.
     printers
-        A box fits where it fits the room of each of them.
+        Printers; a box fits where it fits the room of each of them.
     cost
         Print time of a part.
     """

@@ -2,7 +2,7 @@
 
 Each triangle is clipped to the cells that it crosses, once. All else follows exactly from the divergence
 theorem: the flux of a constant field through a cell's piece of surface gives the cut area of its far side
-from that of its near side, and the first moment of that flux gives the volume. No boolean is needed.
+from that of its near side, and the first moment of that flux gives the volume. No booleans are needed.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ class Grid:
     extents
         (nx, ny, nz, 6): least x, y, z and greatest x, y, z of the solid in a cell; +inf, -inf where empty.
     surface
-        The same of its surface alone.
+        The same for the model's surface alone.
     cuts
         For each axis the area in mm2 of solid on each plane, by cell: (n+1 along that axis).
     """
@@ -146,7 +146,7 @@ def cell_counts(size_mm: Floats, granularity: int) -> tuple[int, int, int]:
     Parameters
     ----------
     size_mm
-        (3,) of the model.
+        (3,) size of the model in mm.
     granularity
         Cube root of the number of cells wanted.
     """
@@ -173,7 +173,7 @@ def build_grid(
     granularity
         Cube root of the number of cells wanted.
     rules
-        For cells and faces.
+        Rules for cells and faces.
     plane_at
         Axis, and coordinate in mm to which the nearest inner plane of the grid is moved.
     """
@@ -197,7 +197,7 @@ def fill_grid(triangles: Floats, planes: tuple[Floats, Floats, Floats], rules: G
     planes
         For each axis the ascending coordinates (n + 1,) of the planes in mm.
     triangles, rules
-        As of `build_grid`.
+        As in `build_grid`.
     """
     area, flux, sums, extents = clip_into_cells(triangles, planes, rules.skin_cos, rules.overhang_cos)
     surface = extents.copy()  # the solid's extents follow from it

@@ -1,7 +1,7 @@
 """Needed cells of a grid, on finer cells than those that the model is cut along.
 
-On the grid a whole cell counts as needed, however little of it is. Where planes leave the grid that matters:
-a part next to the hollow may shrink by all that is neither surface nor the wall behind it.
+On the grid a whole cell counts as needed, even where little of it is. That matters where planes leave the
+grid: a part next to the hollow may shrink by all that is neither surface nor the wall behind it.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ def refine_cells(
     Parameters
     ----------
     grid
-        Over the triangles.
+        Grid over the triangles.
     triangles
         (m, 3, 3) in mm.
     min_wall_mm
@@ -33,7 +33,7 @@ def refine_cells(
     keep_interior
         Every internal cell is needed.
     most_cells
-        Most cells in all, where the grid itself does not have more.
+        Greatest number of cells in total, unless the grid itself has more.
     """
     times = max(1, min(MAX_FINER, int((most_cells / grid.needed.size) ** (1.0 / 3.0))))
     px, py, pz = (_finer(planes, times) for planes in grid.planes)

@@ -24,7 +24,7 @@ def assign_printers(posed: Sequence[Pose], printers: Sequence[PrinterRoom]) -> l
     posed
         Poses of the parts.
     printers
-        One part each at most.
+        Free printers, at most one part each.
 
     Returns
     -------
@@ -45,7 +45,7 @@ def assign_bottleneck(seconds: Floats) -> list[int] | None:
     Parameters
     ----------
     seconds
-        (parts, printers) of each part on each printer, finite; +inf where it does not fit.
+        (parts, printers) time of each part on each printer; +inf where it does not fit.
 
     Returns
     -------

@@ -40,8 +40,7 @@ class Joint:
     area_mm2
         Area of the faces that they share, which is glued.
     width_mm
-        Diameter of the largest circle that has room in one of these faces: a long thin joint is as wide as it
-        is thin.
+        Diameter of the largest circle that fits in one of these faces: the short side of a long thin joint.
     """
 
     a: int
@@ -50,9 +49,9 @@ class Joint:
     width_mm: float
 
     def holds(self, min_glue_mm2: float) -> bool:
-        """Check whether the joint counts: by its area, and two walls wide; of any width where 0 mm2 do.
+        """Check whether the joint has the least area and is two walls wide; for 0 mm2 any joint holds.
 
-        A narrower joint is a line of glue, however long: the parts fold about it.
+        A narrower joint is a line of glue, however long, about which the parts would fold.
         """
         return self.area_mm2 >= min_glue_mm2 and (min_glue_mm2 <= 0.0 or self.width_mm >= TWO_WALLS_MM)
 

@@ -58,7 +58,7 @@ def cut_box(solid: Solid, lo_mm: npt.ArrayLike, hi_mm: npt.ArrayLike) -> list[Pi
     Parameters
     ----------
     solid
-        To be cut; it stays as it is.
+        Solid to cut; it is not changed.
     lo_mm, hi_mm
         (3,) corners of the box.
     """
@@ -73,11 +73,11 @@ def cut_cells(solid: Solid, grid: Grid, box: Box) -> list[Piece]:
     Parameters
     ----------
     solid
-        To be cut; it stays as it is.
+        Solid to cut; it is not changed.
     grid
-        Over the solid.
+        Grid over the solid.
     box
-        In cells of the grid, half-open.
+        Box in cells of the grid, half-open.
     """
     return cut_box(solid, *grid.bounds_mm(box))
 

@@ -274,7 +274,7 @@ def _islands_mm(runs: Runs, shape: tuple[int, int], height: float) -> float:
                 if kind[me] == 0:
                     continue
                 islands += 1
-                for n in range(4):  # those of the eight neighbours that were seen before
+                for n in range(4):  # the four of the eight neighbours that were visited before
                     u, v = (i, j - 1) if n == 3 else (i - 1, j - 1 + n)
                     if u < 0 or v < 0 or v >= row or kind[u * row + v] != kind[me]:
                         continue

@@ -72,7 +72,7 @@ def measure_columns(triangles: Floats, marked: Bools, overhang_cos: float, count
     width, depth, height = (hi - lo).tolist()
     step = max(MIN_STEP_MM, math.sqrt(width * depth / count))
     shape = math.ceil(width / step), math.ceil(depth / step)
-    # Off the middle by an odd share: a ray through an edge of the mesh could count twice or not at all.
+    # Off the middle by an irregular share: a ray through an edge of the mesh could count twice or not at all.
     origin = lo[:2] + step * (0.5 + np.array([0.0123, 0.0271]))
     found = sweep_columns(
         triangles, marked.astype(np.float64), Rays(origin, step, shape), height, overhang_cos

@@ -71,7 +71,7 @@ class Footing:
         )
 
     def inside_mm(self, points: Floats) -> float:
-        """Measure how far the outermost of some points (n, 2) is inside the outline; negative outside."""
+        """Measure the distance of the outermost of points (n, 2) inside the outline; negative outside."""
         if not len(self.edges):
             return -math.inf
         return -float((points @ self.edges[:, :2].T + self.edges[:, 2]).max())
@@ -81,7 +81,7 @@ class Footing:
     ) -> float:
         """Choose the brim that a part of this height needs; 0 for none, never more than the widest.
 
-        A part that is high for its base, or whose centre of mass is not above it (`lean_mm`), gets a brim
+        A part that is tall for its base, or whose centre of mass is not above it (`lean_mm`), gets a brim
         that widens the base; a small contact sticks by its brim; a long base curls up at its corners, less
         where they are blunt, and later with a material that shrinks less (`shrinkage`, a share of its
         length).

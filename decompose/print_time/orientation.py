@@ -109,7 +109,7 @@ def candidate_directions(vertices: Floats, faces: Ints) -> Floats:
 
 @jit
 def _apart(found: Floats, more: Floats, most: int, near_cos: float) -> Floats:
-    """Add directions of `more` (m, 3) that are near to none so far to directions (k, 3), float64 units."""
+    """Append to directions (k, 3) those of `more` (m, 3) that are near none of them; float64 unit vectors."""
     all_of_them = np.zeros((len(found) + most, 3))
     count = len(found)
     all_of_them[:count] = found

@@ -74,7 +74,7 @@ one."""
 
 
 TURNED = 0.5
-"""Time that a line of infill loses where it turns along the wall, as a share of where it ends."""
+"""Time that a line of infill loses where it turns along the wall, as a share of that where it ends."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""Input and answer of every engine, and the work that it may do."""
+"""Input and output of every engine, and the work that it may do."""
 
 from __future__ import annotations
 

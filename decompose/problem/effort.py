@@ -1,7 +1,7 @@
 """Effort of a search: work that is counted, never timed, so that every machine finds the same.
 
-Each kind of work has a price: the time of a unit on one core of a usual machine (`bench/effort.py`). Work is
-booked where it is given out, in one thread, whatever threads do it.
+Each kind of work has a price: the time of a unit on one core of a typical machine (`bench/effort.py`). Work
+is recorded by the one thread that distributes it, whichever threads do it.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ class Effort:
         return sum(price * self.done[work] for work, price in WORK_NS.items()) / 1e9
 
     def book(self, work: Work, units: int) -> None:
-        """Book work that is given out."""
+        """Record work that is started."""
         self.done[work] += units
 
     def can_afford(self, work: Work, units: int) -> bool:

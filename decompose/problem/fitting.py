@@ -17,13 +17,13 @@ from decompose.printers import PrinterRoom
 from decompose.problem.problem import Problem
 
 FIT_MM = 1e-6  # rounding: a part may exceed its room by this
-ROUNDING_MM3 = 1e-6  # a film on a cut plane
+ROUNDING_MM3 = 1e-6  # volume of a film that rounding leaves on a cut plane
 
 
 def count_blocks(size_mm: Floats, printers: Sequence[PrinterRoom]) -> tuple[int, int, int]:
-    """Count the least equal blocks along each side of a box (3,) that fit every printer, square to its sides.
+    """Count the fewest equal blocks along each side of a box (3,) that fit every printer as axis-aligned.
 
-    A box of one block fits; a box of more may still fit turned.
+    A box of one block fits; a box of more may still fit when rotated.
     """
     each = []
     for printer in printers:
@@ -34,17 +34,17 @@ def count_blocks(size_mm: Floats, printers: Sequence[PrinterRoom]) -> tuple[int,
 
 
 def count_parts(solid: Solid, printers: Sequence[PrinterRoom]) -> int:
-    """Count the least axis-aligned parts of a solid; 1 where it fits as it is."""
+    """Count the fewest axis-aligned parts that a solid needs; 1 where it fits as it is."""
     return math.prod(count_blocks(np.ptp(solid.bounds_mm, axis=0), printers))
 
 
 def place_clear_of_faces(
     solid: Solid, normal: Floats, at_mm: float, reach_mm: float = 2.0 * CLEAR_MM
 ) -> float:
-    """Find a place for a plane next to `at_mm` where no face of the solid lies near it.
+    """Find a place for a plane near `at_mm` where no face of the solid is close to it.
 
-    A cut there would leave slivers, and the face would count as a cut. Where no place within reach is clear,
-    it is the one furthest from any face.
+    A cut close to a face would leave slivers, and the face would count as a cut. Where no place within reach
+    is clear, the place furthest from any face is returned.
     """
     vertices, faces = solid.arrays()
     a, b, c = (vertices[faces[:, i]] for i in range(3))
@@ -71,7 +71,7 @@ def connected_pieces(piece: Piece) -> list[Piece]:
 def refuse_misfits(engine: str, pieces: Sequence[Piece], problem: Problem, would_do: int | None) -> None:
     """Raise `NoFit` where a piece fits no printer in any pose, or the pieces are more than the printers.
 
-    `would_do` printers would do, if that is known.
+    `would_do`: number of printers that would be enough, None if unknown.
     """
     printers = len(problem.printers)
     large = [p for p in pieces if count_parts(p.solid, problem.rooms) > 1]

@@ -1,4 +1,4 @@
-"""Input and answer of every engine, and the check of the input before any engine works on it."""
+"""Input and output of every engine, and the check of the input before an engine runs."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from decompose.problem.granularity import choose_granularity
 
 Posing = tuple[Solid, tuple[tuple[tuple[float, float, float], ...], ...]]  # a solid and the rooms to fit
 
-MAX_PARTS = 200  # more printers, or rounds, are not offered for a model that needs more
+MAX_PARTS = 200  # greatest number of printers, or rounds, that a message suggests for a model
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +45,7 @@ class Problem:
     printers
         Free printers, one piece each at most; a printer of several rounds appears once for each.
     executor
-        For work that may run side by side, by threads; None: one after the other.
+        Executor for work that may run in parallel, threads are enough; None to run it serially.
     effort
         Work done and the budget: a search without a natural end stops there with the best so far.
     on_stage
@@ -193,7 +193,7 @@ class Problem:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Partition:
-    """Answer of an engine: at most as many pieces as there are printers.
+    """Output of an engine: at most as many pieces as there are printers.
 
     Each fits the printer that it is cut for; where it is cut for none, all of them.
 
@@ -221,7 +221,7 @@ def validate_problem(
     Parameters
     ----------
     model, printers, options
-        As of `decompose.decompose_model`.
+        As in `decompose.decompose_model`.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The checked answer: parts in their poses, with figures."""
+"""Checked results: parts in their poses, with figures."""
 
 from __future__ import annotations
 

@@ -23,7 +23,7 @@ OVERLAP_MM3 = 1e-3
 CRUMB_SHARE = 1e-12  # of the model: rounding, not a hollow
 STL_VOLUME_SHARE = 1e-5
 FIT_MM = 1e-6
-LAP_MM = 1e-6  # by which boxes are larger where they are joined, or rounding leaves films between them
+LAP_MM = 1e-6  # overlap of boxes that are joined, without which rounding leaves films between them
 
 
 def check_result(
@@ -52,7 +52,7 @@ def check_result(
         The first rule that is broken, and the part.
     """
     rooms = {p.name: p for p in printers}
-    free = Counter(p.name for p in printers)  # a printer is there once for each round that it may print
+    free = Counter(p.name for p in printers)  # a printer is listed once for each round that it may print
     for part in parts:
         check_part(part, rooms)
         free[part.printer] -= 1
@@ -150,9 +150,9 @@ def check_stl(path: Path, part: Part) -> None:
     Parameters
     ----------
     path
-        Of the STL file.
+        The STL file.
     part
-        That was written there.
+        Part that was written to it.
 
     Raises
     ------

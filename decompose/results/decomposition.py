@@ -128,12 +128,12 @@ class Attempt:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Cutting:
-    """Boxes that the parts were cut from, so that their planes can be moved again (`decompose.relevel`).
+    """Boxes that the parts were cut from; with them the planes can be moved again (`decompose.relevel`).
 
     Attributes
     ----------
     granularity
-        Of the grid.
+        Granularity of the grid.
     frame
         (3, 3) ``v_cut = frame @ v_model``.
     boxes_mm
@@ -141,7 +141,7 @@ class Cutting:
     cut_for
         The printer that each part was cut for; None: any.
     printers
-        Those that were free.
+        Printers that were free.
     """
 
     granularity: str | int
@@ -160,23 +160,23 @@ class Decomposition:
     serial_s, serial_as_is_s
         The whole model on one imagined large printer: in its best pose, and as it stands in its file.
     makespan_s, sum_s
-        The part that ends last, on its printer at its speed; and all parts together, without speeds.
+        Time when the last part ends, on its printer at its speed; and the sum over all parts, without speeds.
     grid_makespan_s
         The longest box of the search's partition as its tables price it: in the best of the axis poses, with
-        supports down to the bed and the quality's brim, and what was posed truly at no less than that costs.
-        `makespan_s` is of the pose that a part is printed in, and may be either side.
+        supports down to the bed and the quality's brim; a box that was posed truly, at no less than its true
+        price. `makespan_s` is for the pose that a part is printed in, and may be less or more.
     lower_bound_s
         Proven: no partition into boxes of this grid, of at most as many pieces as there are printers, has a
-        lower `grid_makespan_s` (`bound`). It says nothing of other grids, cuts or poses. Of an
-        engine without a grid: no partition that prints the whole surface has a lower makespan. Both are on
-        these printers at their speeds; the bound takes all of them for as quick as the quickest.
+        lower `grid_makespan_s` (`bound`). It does not hold for other grids, cuts or poses. For an engine
+        without a grid: no partition that prints the whole surface has a lower makespan. Both are for these
+        printers at their speeds; the bound assumes that all of them are as fast as the fastest.
     gap
         (grid_makespan_s - lower_bound_s) / lower_bound_s.
     joints
-        Where two parts touch, by their places in `parts`.
+        Contacts of two parts, by their indices in `parts`.
     faults
-        Slivers, and parts that joints of enough glue do not hold. A result with any is given up, except
-        of the rivals and of `--faithful`, which report them.
+        Slivers, and parts that joints of enough glue do not hold. A result with any is rejected, except
+        from the baselines and with `--faithful`, which report them.
     cutting
         Boxes of the engine `guillotine`, from which its planes can be moved again.
     curve
@@ -210,9 +210,9 @@ class Decomposition:
     cutting: Cutting | None = None
 
     def possible_gain(self, printers: Sequence[PrinterRoom]) -> float:
-        """Compute the share of the makespan that perfect balance would gain with no less work in all.
+        """Compute the share of the makespan that perfect balance would save, with the same total work.
 
-        All printers would be busy to the end, each as quick as it is.
+        All printers would be busy to the end, each at its own speed.
         """
         busy_s = self.sum_s / sum(1.0 / printer.time_factor for printer in printers)
         return 1.0 - busy_s / self.makespan_s
@@ -222,7 +222,7 @@ class Decomposition:
         return replace(self, parts=(), joints=(), faults=())
 
     def as_dict(self) -> dict[str, Any]:
-        """Object that decomposition.json holds."""
+        """Build the object for decomposition.json."""
         return {
             "schema": SCHEMA,
             "engine": self.engine,

@@ -1,4 +1,4 @@
-"""From an engine's partition to a checked result: pieces posed, numbered, assigned and checked."""
+"""Conversion of an engine's partition to a checked result: pose, number, assign and check the pieces."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def finish_result(problem: Problem, partition: Partition, serial: tuple[float, f
     Parameters
     ----------
     serial
-        Seconds of the whole model, of `decompose.estimate_serial_s`.
+        Seconds of the whole model, from `decompose.estimate_serial_s`.
 
     Raises
     ------
@@ -115,12 +115,12 @@ def apply_time_ratios(pieces: Sequence[Piece], poses: Sequence[Pose]) -> list[Po
     Parameters
     ----------
     pieces, poses
-        In one order.
+        Pieces, and their poses in the same order.
 
     Returns
     -------
     list[Pose]
-        In that order.
+        Poses with true prices, in the same order.
     """
     each = zip(pieces, poses, strict=True)
     return [replace(pose, price_s=pose.price_s * piece.time_ratio) for piece, pose in each]

@@ -81,7 +81,7 @@ def accept_gcode(lines: Iterable[bytes], target: PrintTarget, *, stopwatch: Stop
     target
         Printer and material for which it is read.
     stopwatch
-        A new one; it measures the time of the print, for the program's timeline.
+        Measures the time of the print, for the program's timeline; not used before.
 
     Raises
     ------

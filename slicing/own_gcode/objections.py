@@ -43,7 +43,7 @@ class Objections:
         Parameters
         ----------
         reason
-            Why nothing may be printed after it.
+            Reason why nothing may be printed after the line.
         ends_print
             Whether the line shows that the end script has begun.
         """

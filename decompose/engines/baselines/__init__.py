@@ -1,4 +1,4 @@
-"""The rivals from the literature that the other engines are compared with."""
+"""Baseline methods from the literature, with which the other engines are compared."""
 
 from __future__ import annotations
 

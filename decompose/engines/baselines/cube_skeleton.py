@@ -44,8 +44,8 @@ from decompose.problem.fitting import (
     refuse_misfits,
 )
 
-CELLS = 24  # the cube root of the number of cells that the model is hollowed by
-TOUCH_MM2 = 1.0  # pieces that share less are no neighbours
+CELLS = 24  # cube root of the number of cells of the grid on which the model is hollowed
+TOUCH_MM2 = 1.0  # pieces that share less area are not neighbours
 
 
 def cut_by_cube_skeleton(problem: Problem) -> Partition:
@@ -172,8 +172,8 @@ class _Merging:
     def merge(self, a: int, b: int) -> bool:
         """Merge the second group into the first.
 
-        Not where rounding keeps them apart on their cut, nor where they would meet along an edge too: an STL
-        of that is not closed.
+        Return False where rounding keeps them apart on their cut, or where they would also meet along an
+        edge, so that an STL of them would not be closed.
         """
         one, other = self.groups[a], self.groups[b]
         solid = Solid.union([one.solid, other.solid])
@@ -214,7 +214,7 @@ class _Merging:
     def merge_to(self, printers: int) -> None:
         """Merge the neighbours that print fastest until there are no more groups than printers.
 
-        Where that ends with too many that fit no other, those that fill the least box are merged instead.
+        Where too many groups remain that way, those with the least common bounding box are merged instead.
         """
         groups, touching = dict(self.groups), {i: set(others) for i, others in self.touching.items()}
         self._merge_least(printers, lambda a, b: a.seconds + b.seconds)
@@ -239,7 +239,7 @@ class _Merging:
 
 
 def _merge_regions(regions: list[Piece], printers: int, problem: Problem) -> list[Piece]:
-    """Take regions apart into pieces, join islands to neighbours, and merge neighbours."""
+    """Split regions into connected pieces, join islands to neighbours, and merge neighbours."""
     pieces: list[Piece] = []
     islands: list[int] = []
     for region in regions:

@@ -13,8 +13,8 @@ from decompose.pieces import box_planes
 
 Block = tuple[int, int, int, int, int, int]  # x0, y0, z0, x1, y1, z1 in cells, half-open
 
-REACH = 2.0  # most growth of a cube on each side, over the longest side of a cell
-CLOSE_MM = 0.2  # accuracy of its size
+REACH = 2.0  # greatest growth of a cube on each side, as a multiple of a cell's longest side
+CLOSE_MM = 0.2  # accuracy of the cube's size
 SURE_MM = 0.01  # margin above the least wall, since distances are rounded
 ROUNDS = 2  # rounds of growth in every direction
 
@@ -26,11 +26,11 @@ class Shell:
     Attributes
     ----------
     cavity
-        (nx, ny, nz) the cells that were taken out.
+        (nx, ny, nz) the cells that were removed.
     planes
-        (k, 4) rows nx, ny, nz, d: those of the walls of the hollow.
+        (k, 4) rows nx, ny, nz, d: planes of the walls of the cavity.
     boxes_mm
-        (b, 2, 3) boxes about all that is left; none where nothing was taken out.
+        (b, 2, 3) boxes about all that is left; none where nothing was removed.
     """
 
     solid: Solid
@@ -40,7 +40,7 @@ class Shell:
 
 
 def hollow_model(solid: Solid, grid: Grid, cube: Block | None = None) -> Shell:
-    """Take out the cells that keep the least wall from the surface, and a cube."""
+    """Remove the cells that are at least the least wall away from the surface, and a cube."""
     own = np.zeros_like(grid.needed)
     if cube is not None:
         own[cube[0] : cube[3], cube[1] : cube[4], cube[2] : cube[5]] = True
@@ -116,9 +116,9 @@ def largest_cube(cells: Bools) -> Block | None:
 def refine_cube(solid: Solid, cube_mm: Floats, cell_mm: float, wall_mm: float) -> Floats:
     """Grow a cube (2, 3) within a cuboid of these corners in mm until it reaches the least wall.
 
-    It grows about its middle and towards each corner, by bisection against the mesh itself, and so often that
-    hardly any larger cube that contains it keeps the wall; not further than `REACH` cells. The given cube has
-    to keep the wall.
+    It grows about its middle and towards each corner, by bisection against the mesh itself, for `ROUNDS`
+    rounds, after which hardly any larger cube that contains it keeps the wall; by `REACH` cells at most. The
+    given cube has to keep the wall.
     """
     reach_mm, wall_mm = REACH * cell_mm, max(wall_mm, CLOSE_MM) + SURE_MM
     middle, half = cube_mm.mean(axis=0), np.ptp(cube_mm, axis=0).min() / 2.0
@@ -126,7 +126,7 @@ def refine_cube(solid: Solid, cube_mm: Floats, cell_mm: float, wall_mm: float) -
     far_mm = wall_mm + CLOSE_MM
     outside = Solid.box(least - far_mm, most + far_mm).subtract(solid)
     cube = np.array([middle - half, middle + half])
-    ways: Floats = np.array([(0.5, 0.5, 0.5), *np.ndindex(2, 2, 2)])  # the share of growth that goes down
+    ways: Floats = np.array([(0.5, 0.5, 0.5), *np.ndindex(2, 2, 2)])  # share of growth on the lower sides
 
     def grow(way: Floats, by_mm: float) -> Floats:
         return np.array([cube[0] - way * by_mm, cube[1] + (1.0 - way) * by_mm])
@@ -151,7 +151,7 @@ def refine_cube(solid: Solid, cube_mm: Floats, cell_mm: float, wall_mm: float) -
 def planes_at(solid: Solid, grid: Grid, cube_mm: Floats) -> tuple[tuple[Floats, Floats, Floats], Block]:
     """Move the nearest planes of a grid to the sides of a cube (2, 3); the planes, and the cube in cells.
 
-    A side next to a flat face of the solid, where a plane would cut slivers off, goes inwards.
+    A side next to a flat face of the solid, where a plane would cut slivers off, is moved inwards.
     """
     vertices, faces = solid.arrays()
     inwards_mm = min(2.0 * CLEAR_MM, float(np.ptp(cube_mm, axis=0).min()) / 3.0)
@@ -179,8 +179,7 @@ def _clear(flats_mm: Floats, at_mm: float, by_mm: float) -> float:
 def cubes_about(cube: Block, cells: Bools) -> list[Block]:
     """Find the largest cube of cells outwards from the middle of each face of a cube, no larger than it.
 
-    Where cells are not cubes, a cube is a block with the same number of cells less along every axis than the
-    first.
+    Where cells are not cubes, each side of the block has the same number of cells less than the first cube's.
     """
     edges = [cube[axis + 3] - cube[axis] for axis in range(3)]
     found: list[Block] = []

@@ -1,10 +1,11 @@
 """The engine `symmetry`: SBD, recursive cuts at planes of symmetry (Hatton et al. 2023).
 
-First a tree of cuts to a depth of three, whose leaves are chosen to make the worst part best; then part after
-part is cut further, while there are printers. `--faithful` follows the authors' program: a draw of normals
-decides, parts count by their volume, the least symmetric one is cut first, halves of too little volume are
-refused, and the printers' room does not matter. Otherwise planes are refined and used only where they are
-good, parts count by their print time, the costliest one is cut first, and the printers' room forces cuts.
+First a tree of cuts to a depth of three, whose leaves are chosen to minimise the price of the costliest part;
+then one part after another is cut further, while there are printers. `--faithful` follows the authors'
+program: planes are taken from one draw of normals, the price of a part is its volume, the least symmetric one
+is cut first, halves of too little volume are refused, and the printers' room does not matter. Otherwise
+planes are refined and used only where they are good, the price of a part is its print time, the costliest one
+is cut first, and the printers' room forces cuts.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ from decompose.problem.fitting import (
 )
 
 LOOK_AHEAD = 3  # depth of the tree of cuts
-DRAWN_PLANES = 5  # planes of a part that are kept of a draw
+DRAWN_PLANES = 5  # greatest number of planes that are kept from a draw for a part
 GOOD_PLANES = 3
 REFINING_SAMPLES = 25  # normals a round
 MIN_SHARE = 1.0 / 1.5  # of the mean part's volume, below which the authors' program makes no half
@@ -41,7 +42,7 @@ CRUMB_SHARE = 0.05  # of the mean part's volume, below which a part is not worth
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Part:
-    """A piece, its price (volume in mm3 or seconds), and how many printers it will take at least."""
+    """A piece, its price (volume in mm3 or seconds), and the least number of printers that it needs."""
 
     piece: Piece
     price: float
@@ -89,7 +90,7 @@ def cut_by_symmetry(problem: Problem) -> Partition:
     whole = form.whole()
     if whole.needs > printers:
         raise NoFit(
-            f"the room of the printers asks for {whole.needs} parts at least, and there are {printers}",
+            f"the printers' rooms need at least {whole.needs} parts, and there are {printers} printers",
             whole.needs,
         )
     parts = list(_best_leaves(form, whole, printers, LOOK_AHEAD)[printers][1])

@@ -17,7 +17,7 @@ from decompose.printers import PrinterRoom
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BoxPart:
-    """Content of a box, posed; `seconds` of its slowest piece on its printer, inf where none fits."""
+    """Content of a box, posed; `seconds` of its slowest piece on its printer, inf where one does not fit."""
 
     box_mm: Floats
     pieces: tuple[Piece, ...]
@@ -64,7 +64,7 @@ def longest_s(parts: Sequence[BoxPart]) -> float:
 def spare_length_mm(size_mm: Floats, rooms: Sequence[PrinterRoom]) -> Floats:
     """Compute the length (3,) that a part may gain along each axis alone, in all rooms.
 
-    inf where it fits one of them only turned out of the axes: then nothing is known.
+    inf where it fits one of them only when rotated off the axes: the length is not known then.
     """
     most = np.full(3, math.inf)
     for room in rooms:

@@ -2,7 +2,7 @@
 
 The model is cut as for equal printers first: each part fits the room that all of them share, and the quickest
 printer takes the longest part. Then it is cut for classes of printers (`printer_classes`): exact over all
-guillotine partitions and all ways to share their parts out. The better one of the two is the result, so that
+guillotine partitions and all ways to distribute their parts. The better one of the two is the result, so that
 nothing is lost where the classes are too coarse.
 """
 
@@ -30,10 +30,10 @@ from decompose.problem import GridFigures, Partition, Problem, Work
 Cut = Mapping[Box, Sequence[Piece]]
 
 MAX_SUMS = 4e8  # of the search for classes, over all boxes: some seconds for each limit
-MAX_ROUNDS, MAX_REJECTIONS = 4, 20  # rounds of true prices; choices that are given up
+MAX_ROUNDS, MAX_REJECTIONS = 4, 20  # number of rounds of true prices, and of rejected partitions
 GAIN = 0.995  # share of the makespan so far that a partition has to reach to be worth its search
 CLOSE = 0.003  # share of it to which the least makespan is found
-MAX_MORE = 32  # most printers that are added to a class where there are too few
+MAX_MORE = 32  # greatest number of printers that are added to a class where there are too few
 WORTH = 1.01  # as in `exact_search`
 
 
@@ -43,7 +43,7 @@ def cut_by_guillotine(problem: Problem) -> Partition:
     Raises
     ------
     NoFit
-        The pieces are more than the printers; with the number of printers that would be enough.
+        There are more pieces than printers; the error has the number of printers that would be enough.
     """
     if problem.is_uniform:
         return cut_for_uniform_printers(problem)
@@ -97,7 +97,7 @@ def _ends_s(problem: Problem, cut: Cut) -> float:
 class _ClassSearch(ExactSearch):
     """The exact search for classes of printers, with true prices as in `ExactSearch`.
 
-    What was learned there of boxes on all printers is known here, too.
+    Prices that were corrected there for boxes on all printers are used here, too.
     """
 
     def __init__(self, problem: Problem, grid: Grid, shared: BoxTables, least_s: float) -> None:
@@ -135,7 +135,7 @@ class _ClassSearch(ExactSearch):
         return found
 
     def _may_succeed(self, at_most_s: float, close_s: float) -> bool:
-        """Check whether there might be such a partition, were every printer the best for each box."""
+        """Check whether such a partition might exist if every printer were the best one for each box."""
         best = replace(self.boxes, seconds=np.min([table.seconds for table in self.tables], axis=0))
         count = sum(own.count for own in self.classes)
         solver = Partitioner(best)
@@ -208,7 +208,7 @@ class _ClassSearch(ExactSearch):
 def _too_few_error(problem: Problem, grid: Grid, shared: BoxTables) -> NoFit | None:
     """Build the error with the number of printers of these kinds that would do; None if unknown.
 
-    More of the first class, of one other, or of both.
+    Tries more printers of the first class, of one other, or of both.
     """
     most_sums = MAX_SUMS / len(shared.seconds)
     classes = classify_printers(
@@ -221,7 +221,7 @@ def _too_few_error(problem: Problem, grid: Grid, shared: BoxTables) -> NoFit | N
         counts = _grow_counts(own, grown, most_sums)
         others = [OtherClass(table, count) for table, count in zip(tables[1:], counts, strict=True)]
         solver = Partitioner(tables[0], others)
-        solver.solve(float(np.finfo(np.float32).max))  # below inf, which stands for no fit
+        solver.solve(float(np.finfo(np.float32).max))  # below inf, which means no fit
         for state, fewest in zip(*solver.class_shares(), strict=True):
             more = [max(0, int(n) - count) for n, count in zip((fewest, *state), own, strict=True)]
             found += [(sum(more), more)] if fewest < UNREACHABLE else []
@@ -238,7 +238,7 @@ def _too_few_error(problem: Problem, grid: Grid, shared: BoxTables) -> NoFit | N
 
 
 def _grow_counts(own: Sequence[int], which: int, most_sums: float) -> list[int]:
-    """Raise the count of one class as far as the search allows; returns those of all but the first."""
+    """Raise the count of one class as far as the search allows; return the counts of all but the first."""
     counts = list(own[1:])
     for _ in range(MAX_MORE):
         larger = list(counts)
@@ -257,7 +257,7 @@ def class_tables(
     Parameters
     ----------
     shared
-        Of the room that all printers have.
+        Tables of the room that all printers have.
     """
     rooms: dict[object, BoxTables] = {}
     for own in classes:

@@ -1,4 +1,4 @@
-"""The curve of makespan over the number of printers, and the number of printers that is worth its work.
+"""Curve of makespan over the number of printers, and the number of printers that suits a goal.
 
 One search serves all numbers: the fewest parts at a time T show for every number whether it reaches T, so
 that each solve narrows down many of them. The same holds for classes of printers: the fewest of the first
@@ -35,7 +35,7 @@ class CurvePoint:
 
 
 class _Narrowing:
-    """Bounds on the makespan of each number of printers; `fleets` as of `makespan_curve`."""
+    """Bounds on the makespan of each number of printers; `fleets` as in `makespan_curve`."""
 
     def __init__(self, tables: Sequence[BoxTables], fleets: Ints) -> None:
         most = fleets.max(axis=0)
@@ -46,7 +46,7 @@ class _Narrowing:
         self.refuted_s = np.zeros(len(fleets))
 
     def solve(self, limit_s: float) -> tuple[float, Bools, float]:
-        """Solve for a limit; returns it, the fleets that reach it, and when the last part ends."""
+        """Solve for a limit; return it, the fleets that reach it, and the time when the last part ends."""
         solver = Partitioner(self._boxes, self._others)
         solver.solve(limit_s)
         states, fewest = solver.class_shares()
@@ -81,7 +81,7 @@ def makespan_curve(
     Parameters
     ----------
     tables
-        Of each class of printers, its speed in the times; the largest class is the first.
+        Tables of each class of printers, with its speed in their times; the largest class is the first.
     fleets
         (n, classes) number of printers of each class; no two rows have the same sum.
     """
@@ -102,12 +102,12 @@ def makespan_curve(
 def find_knee(
     points: Sequence[CurvePoint], clear_s: float = CLEAR_S, assemble_s: float = ASSEMBLE_S
 ) -> CurvePoint:
-    """Find the point where printing plus a person's handling of every part takes least.
+    """Find the point where printing plus a person's handling of every part takes the least time.
 
     Parameters
     ----------
     points
-        Of `makespan_curve`, at least one.
+        Points of `makespan_curve`, at least one.
     clear_s, assemble_s
         A person's time for each part: to clear its bed, and to glue it.
     """
@@ -115,12 +115,12 @@ def find_knee(
 
 
 def find_fewest_in_time(points: Sequence[CurvePoint], within_s: float) -> CurvePoint:
-    """Find the fewest printers that finish within a time; where none do, the fastest.
+    """Find the fewest printers that finish within a time; the fastest number where none do.
 
     Parameters
     ----------
     points
-        Of `makespan_curve`, at least one.
+        Points of `makespan_curve`, at least one.
     within_s
         Seconds from the first print command to the end of the last part.
     """

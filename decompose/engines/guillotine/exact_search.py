@@ -36,7 +36,7 @@ def cut_for_uniform_printers(problem: Problem) -> Partition:
     Raises
     ------
     NoFit
-        The pieces are more than the printers; with the number that would be enough.
+        There are more pieces than printers; the error has the number that would be enough.
     """
     grid, boxes, bound_s = build_tables(problem)
     engine = ExactSearch(problem, grid, boxes, bound_s)
@@ -71,7 +71,7 @@ class ExactSearch:
 
     The tables take the solid in a cell as one piece, and price a box in the axis poses without regard to
     whether it stands. The true pieces and prices of the chosen boxes are put into the tables where they are
-    more, and the search is repeated. A box with a piece that is bad to glue is priced out. Counts and prices
+    more, and the search is repeated. A box with a piece that is bad to glue is excluded. Counts and prices
     only grow, so the makespan only grows.
     """
 
@@ -111,9 +111,9 @@ class ExactSearch:
     def looser_partitions(self, best: Sequence[Box]) -> Iterator[dict[Box, list[Piece]]]:
         """Yield other partitions than the best: less work, with boxes that take a little longer.
 
-        The partition that ends soonest on the grid need not do so once its planes move: they level long
-        parts, and then the total work counts. Each has the fewest boxes, and of those the least work, in a
-        limit.
+        The partition that ends soonest on the grid need not end soonest once its planes are shifted: shifts
+        balance the times of its parts, so that the total work matters. Each has the fewest boxes, and of
+        those the least work, within a limit.
         """
         if len(best) < 2:
             return
@@ -134,7 +134,7 @@ class ExactSearch:
                 yield {box: self.cut[box] for box in chosen}
 
     def _solve_within(self, limit_s: float) -> list[Box]:
-        """Find the partition of least work that truly keeps a limit, about; empty where there is none."""
+        """Find a partition of about the least work whose true times keep a limit; empty without one."""
         found: list[Box] = []
         for _ in range(MAX_ROUNDS):
             before = self.solver.sums
@@ -152,7 +152,7 @@ class ExactSearch:
         return found
 
     def _solve(self, printers: int, *limits_s: float) -> float | None:
-        """Find the least makespan by the tables (`Partitioner.find_least_makespan`), and book the work."""
+        """Find the least makespan by the tables (`Partitioner.find_least_makespan`), and record the work."""
         before = self.solver.sums
         found = self.solver.find_least_makespan(printers, self.least_s, *limits_s)
         self.problem.effort.book(Work.SUM, self.solver.sums - before)
@@ -186,7 +186,7 @@ class ExactSearch:
         return more
 
     def _forbid_faulty(self, chosen: list[Box]) -> bool:
-        """Price boxes with a piece that is bad to glue out of the table; return whether there was one."""
+        """Exclude boxes with a piece that is bad to glue from the table; return whether there was one."""
         owners = [box for box in chosen for _ in self.cut[box]]
         pieces = [piece for box in chosen for piece in self.cut[box]]
         found = find_faults(pieces, self.problem.options.min_glue_mm2)
@@ -199,7 +199,7 @@ class ExactSearch:
         self.boxes.seconds[at] = math.inf
 
     def _true_makespan_s(self, chosen: list[Box]) -> float:
-        """Compute the true makespan of boxes in seconds, and put prices above the table's into it."""
+        """Compute the true makespan of boxes in seconds, and raise the table to true prices above its own."""
         new = [(box, piece) for box in chosen if box not in self.posed_s for piece in self.cut[box]]
         poses = self.problem.find_poses([piece for _, piece in new])
         for (box, _), pose in zip(new, poses, strict=True):
@@ -215,11 +215,11 @@ class ExactSearch:
         problem, model = self.problem, self.problem.model
         if self.rejections:
             return NoFit(
-                f"no way to cut it holds together; of {len(self.rejections)} the last was given up since a "
-                f"part {self.rejections[-1]}: take more printers, a greater --longest-side, or (farm "
+                f"every partition has a part that is bad to glue; in the last of {len(self.rejections)} one "
+                f"{self.rejections[-1]}: take more printers, a greater --longest-side, or (farm "
                 "decompose) a lower --min-glue"
             )
-        needed = self.solver.solve(sys.float_info.max)  # below inf, which stands for no fit
+        needed = self.solver.solve(sys.float_info.max)  # below inf, which means no fit
         if needed >= UNREACHABLE:
             least_mm = max(float(np.diff(planes).max()) for planes in self.grid.planes)
             return NoFit(

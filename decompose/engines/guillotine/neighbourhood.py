@@ -1,11 +1,11 @@
-"""Neighbourhood search: a partition made better where it is slowest, not bound to guillotine cuts.
+"""Neighbourhood search: a partition is improved where it is slowest, not bound to guillotine cuts.
 
 The slowest box and a few about it, a window, are cut again between all the others, with no more parts, so
 that the slowest of them ends sooner. Their union need not be a box. A move of one face, a slab that goes from
 one box to the next, two boxes merged and split elsewhere: all are such windows.
 
 The tables of a window are those of the grid, but only the cells of its own boxes are to be covered, and a box
-that meets another part is worth nothing. Guillotine cuts are exact there as they are anywhere; besides, the
+that meets another part is not allowed. The search over guillotine cuts of a window is exact; besides, the
 window as a whole may be cut as a pinwheel: four boxes around a fifth, which no guillotine cut can begin.
 """
 
@@ -28,7 +28,7 @@ MAX_WINDOWS = 200  # solved in one search
 MAX_TOGETHER = 5  # boxes in a window
 MAX_ABOUT = 10  # neighbours of a box in its windows, the quickest first
 MAX_EACH = 24  # windows about one box, those with the most slack first
-MAX_BOXES = 150_000  # of all sizes in a window: larger ones take too long
+MAX_BOXES = 150_000  # boxes of all sizes in a window: larger windows take too long
 WORTH = 0.999  # a window has to end sooner than this share of its time
 CLOSE = 0.002  # share of the time to which the least makespan is found
 
@@ -48,7 +48,7 @@ def _two_parts(box: Box, shape: Shape) -> tuple[int, int]:
 
 @jit
 def _count_cells(sums: Ints, box: Box) -> int:
-    """Number of cells in a box, by their summed-area table (nx + 1, ny + 1, nz + 1)."""
+    """Count the cells in a box, by their summed-area table (nx + 1, ny + 1, nz + 1)."""
     x0, y0, z0, x1, y1, z1 = box
     count = sums[x1, y1, z1] - sums[x0, y1, z1] - sums[x1, y0, z1] + sums[x0, y0, z1]
     return int(count - sums[x1, y1, z0] + sums[x0, y1, z0] + sums[x1, y0, z0] - sums[x0, y0, z0])
@@ -138,7 +138,20 @@ def _fill_tables(
 def _fewest_in_pinwheel(
     counts: npt.NDArray[np.int16], wx: int, wy: int, wz: int
 ) -> tuple[int, int, int, int, int, int, int]:
-    """Find the pinwheel of the whole window with the fewest parts; see `pinwheel_boxes`."""
+    """Find the pinwheel of the whole window with the fewest parts.
+
+    Parameters
+    ----------
+    counts
+        (boxes,) fewest parts of each box of the window, by its index.
+    wx, wy, wz
+        Cells of the window.
+
+    Returns
+    -------
+    tuple
+        Number of parts, `UNREACHABLE` for none, and the `Pinwheel`, see `pinwheel_boxes`.
+    """
     sizes = (wx, wy, wz)
     strides = (wy * (wy + 1) // 2 * (wz * (wz + 1) // 2), wz * (wz + 1) // 2, 1)
     best = (UNREACHABLE, 0, 0, 0, 0, 0, 0)
@@ -229,7 +242,7 @@ class Window:
 
     @property
     def sums(self) -> int:
-        """Number of sums of all its solves."""
+        """Number of sums in all of its solves."""
         return self._solver.sums
 
     def _mark_cells(self, boxes: Ints) -> Bools:
@@ -283,7 +296,7 @@ def improve_locally(
     most_windows: int = MAX_WINDOWS,
     effort: Effort | None = None,
 ) -> list[Box]:
-    """Search for a partition whose times, the longest first, are lexicographically less, else return it.
+    """Search for a partition whose times, the longest first, are lexicographically less.
 
     Parameters
     ----------
@@ -294,7 +307,7 @@ def improve_locally(
     printers
         Greatest number of pieces; at least the present one.
     effort
-        Budget in which the work is booked.
+        Budget from which the work is taken.
     """
     effort = effort or Effort()
     parts = list(chosen)

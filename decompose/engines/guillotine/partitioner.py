@@ -6,10 +6,11 @@ the least makespan for a number of printers. (Hierarchical bipartition HIER-OPT 
 2012, in three dimensions and with a cost that is not additive.)
 
 Among partitions of as few parts the one with the least sum of times wins, then the one with the least area of
-cuts: the three are digits of one whole number, `_key`, whose sum is made least.
+cuts: the three are digits of one whole number, `_key`, whose sum is minimised.
 
-Unequal printers are in classes. At a time T the printers of one class that a box needs are a function of how
-many of each other class it may use; a cut adds the functions of its sides, over all ways to share out.
+Unequal printers are in classes. At a time T the number of printers of one class that a box needs is a
+function of the numbers of each other class that it may use; a cut adds the functions of its two sides, over
+all ways to divide the printers between them.
 """
 
 from __future__ import annotations
@@ -43,9 +44,9 @@ class OtherClass:
     Attributes
     ----------
     boxes
-        The tables as they are on such a printer; `trimmed` and `pieces` are the same on all.
+        The tables for such a printer; `trimmed` and `pieces` are the same for all.
     count
-        How many there are.
+        Number of these printers.
     """
 
     boxes: BoxTables
@@ -57,7 +58,7 @@ class Partitioner:
 
     With `others`, a part may also go to one of them. There is a state for each number of printers of every
     other class that may be used; for each box and state the fewest of the first class are known, so that the
-    search is exact over all ways to share the parts out. The cost grows with the square of the states.
+    search is exact over all ways to distribute the parts. The cost grows with the square of the states.
     """
 
     def __init__(self, boxes: BoxTables, others: Sequence[OtherClass] = ()) -> None:
@@ -67,13 +68,13 @@ class Partitioner:
         self._value: Table = np.zeros(0, np.int16)
         self._limit_s = 0.0
         self._root: Box = (0, 0, 0, *boxes.shape)
-        self.sums = 0  # that all solves have made
+        self.sums = 0  # number of sums in all solves so far
 
     def solve(self, limit_s: float, ties: bool = False) -> int:
         """Find the fewest printers of the first class with which each part costs at most limit_s.
 
         Without others that is the number of parts. `UNREACHABLE` where there is no such partition.
-        With `ties`, of the solutions with so few the one of least work, then of the least area of cuts.
+        With `ties`, choose among these solutions that of least work, then that of the least area of cuts.
         """
         self._limit_s = limit_s
         size = len(self.boxes.seconds)
@@ -111,7 +112,7 @@ class Partitioner:
     def counts(self) -> npt.NDArray[np.int16]:
         """Fewest parts (boxes,) of each box in the last solution, by the index of the box.
 
-        Beside the parts of all others, where there are any.
+        Besides the parts that go to all others, where there are any.
         """
         value = self._value[-len(self.boxes.seconds) :]
         if value.dtype == np.int64:
@@ -176,7 +177,7 @@ class Partitioner:
     ) -> float | None:
         """Find the least limit (to tolerance_s) at which a number of printers of the first class is enough.
 
-        Leaves its solution. None where there is no limit, or none up to at_most_s.
+        Keeps its solution. None where there is no limit, or none up to at_most_s.
         """
         tables = (self.boxes, *(other.boxes for other in self.others))
         finite = [boxes.seconds[np.isfinite(boxes.seconds)] for boxes in tables]
@@ -199,7 +200,7 @@ class Partitioner:
 
 
 def class_states(counts: Sequence[int]) -> tuple[Ints, Ints]:
-    """Numbers of printers of some classes that may be used, and pairs of them that sum to a third.
+    """List the numbers of printers of some classes that may be used, and the pairs that sum to a third.
 
     Returns
     -------
@@ -217,7 +218,7 @@ def class_states(counts: Sequence[int]) -> tuple[Ints, Ints]:
 
 
 def count_cuts(shape: tuple[int, int, int]) -> int:
-    """Number of cuts of all boxes of a grid; each is a sum."""
+    """Count the cuts of all boxes of a grid; each takes one sum."""
     spans = [n * (n + 1) // 2 for n in shape]
     cuts = [n * (n * n - 1) // 6 for n in shape]
     return sum(math.prod([*spans[:axis], cuts[axis], *spans[axis + 1 :]]) for axis in range(3))

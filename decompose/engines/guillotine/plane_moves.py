@@ -17,13 +17,13 @@ from scipy.optimize import linprog
 from decompose.arrays import Bools, Floats, Ints
 from decompose.grid import SAME_MM, Box, NeededCells
 
-MOVE_S_MM = 0.05  # least gain for each mm of a move, so that nothing moves for nothing
+MOVE_S_MM = 0.05  # least gain in s for each mm of a move, so that no face moves without a gain
 
 
 def fill_out_boxes(chosen: Sequence[Box], empty: Bools) -> list[Box]:
     """Grow boxes of cells over cells without solid (nx, ny, nz) so that they face more neighbours.
 
-    A face can only give way to a box that covers all of it. Nothing is printed in the added cells.
+    A face can only move into a box that covers all of it. Nothing is printed in the added cells.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ def _cells(box: Ints) -> tuple[slice, ...]:
 def group_faces(boxes_mm: Floats) -> Ints:
     """Number the groups (n, 2, 3) in which the faces of boxes (n, 2, 3) move; -1 where a face is fixed.
 
-    A face is fixed where its group has no two faces on each other: no box gives or takes room there. All
+    A face is fixed where its group has no two faces on each other: no volume passes between boxes there. All
     faces of a group have the same axis and the same coordinate.
     """
     count = len(boxes_mm)
@@ -158,7 +158,7 @@ def move_groups(boxes_mm: Floats, groups: Ints, by_mm: Floats) -> Floats:
 
 
 def free_directions(boxes_mm: Floats, groups: Ints, cells: NeededCells, step_mm: float) -> Bools:
-    """Find whether each group can move down, and up, by a step while all others stay: (groups, 2).
+    """Check whether each group can move down, and up, by a step while all others stay: (groups, 2).
 
     Parameters
     ----------
@@ -167,7 +167,7 @@ def free_directions(boxes_mm: Floats, groups: Ints, cells: NeededCells, step_mm:
     groups
         (n, 2, 3) of `group_faces`.
     cells
-        They have to stay covered.
+        Cells that have to stay covered.
     step_mm
         Length of the step.
     """
@@ -184,14 +184,14 @@ def free_directions(boxes_mm: Floats, groups: Ints, cells: NeededCells, step_mm:
 def keep_clear(flats_mm: Floats, old_mm: float, new_mm: float, clear_mm: float) -> float:
     """Find the place of a plane that moves, short of its target where that is near a flat face.
 
-    It is between the old and the new place, clear of all flat faces; the old place where there is none.
+    The place is between the old and the new one, clear of all flat faces; the old one where there is none.
 
     Parameters
     ----------
     flats_mm
         (k,) coordinates of flat faces along the axis.
     old_mm, new_mm
-        Places of the plane now, and where it is to go.
+        Present and wanted place of the plane.
     clear_mm
         Distance to keep from flat faces.
     """
@@ -210,9 +210,9 @@ class ShiftLimits:
     Attributes
     ----------
     longer_mm, shorter_mm
-        (n, 3) by how much each part may get longer and shorter along each axis; inf without a limit.
+        (n, 3) lengths by which each part may grow and shrink along each axis; inf without a limit.
     low_mm, high_mm
-        (groups,) how far each group may move down (at most 0) and up.
+        (groups,) shifts that each group may make downwards (at most 0) and upwards.
     """
 
     longer_mm: Floats
@@ -235,7 +235,7 @@ def solve_plane_shifts(
     groups
         (n, 2, 3) of `group_faces`.
     limits
-        On the shifts.
+        Limits on the shifts.
 
     Returns
     -------

@@ -1,11 +1,11 @@
 """Cut planes moved off the grid, so that the slowest parts end sooner.
 
 A grid moves a face by a whole layer of cells, which is a large share of a part. Here every group of faces
-that can move (`plane_moves`) moves at once, by a linear programme: the least makespan were every
-part's time linear in the places of its faces, within steps that are short enough for that. The parts are then
+that can move (`plane_moves`) moves at once, by a linear programme: it minimises the makespan as if every
+part's time were linear in the places of its faces, within short steps. The parts are then
 priced at the new places, which corrects the slopes. Every `ROUNDS_EACH` rounds all parts that moved get new
 poses; until then each keeps its pose, which is much faster to price. One such search is made even when the
-budget is spent: little else gains as much in its time.
+budget is spent: it gains more for its time than most other searches.
 """
 
 from __future__ import annotations
@@ -91,12 +91,12 @@ def shift_box_planes(
     """Move the planes of boxes (n, 2, 3) in mm, on a grid or not, with the pieces in each.
 
     A face that was stopped, or whose best place was out of reach, may be free after the others have moved. So
-    planes are moved again from the result, as long as it is worth it.
+    planes are moved again from the result, as long as the gain is large enough.
 
     Parameters
     ----------
     grid
-        Over the problem's model: its needed cells have to stay covered.
+        Grid over the problem's model: its needed cells have to stay covered.
     boxes_mm
         (n, 2, 3) corners of disjoint boxes that cover the needed cells.
     pieces
@@ -105,7 +105,7 @@ def shift_box_planes(
     Returns
     -------
     list[Piece]
-        As `shift_planes`.
+        As in `shift_planes`.
     """
     vertices, faces = problem.model.solid.arrays()
     keep = problem.options.interior is Interior.KEEP
@@ -186,7 +186,7 @@ class _PlaneShift:
         return best
 
     def _book(self, parts: Sequence[int]) -> None:
-        """Book the work of cutting parts, by number, and of pricing them in their poses."""
+        """Record the work of cutting parts, by number, and of pricing them in their poses."""
         self.problem.effort.book(Work.PIECE_MEASURED, len(parts))
         self.problem.effort.book(Work.FACE_MEASURED, sum(self.near[i].faces for i in parts))
 
@@ -288,7 +288,7 @@ class _PlaneShift:
             if abs(new[group] - old[group]) < UNMOVED_MM:
                 new[group] = old[group]
             new[group] = keep_clear(self.flats_mm[self.axes[group]], old[group], new[group], CLEAR_MM)
-            if new[group] != old[group]:  # groups that go to one plane go to the very same
+            if new[group] != old[group]:  # groups that go to one plane get exactly the same place
                 new[group] = round(new[group], PLANE_DIGITS)
         return np.where(self.groups >= 0, new[self.groups], now)
 

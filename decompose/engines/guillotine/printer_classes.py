@@ -1,7 +1,7 @@
-"""Unequal printers in a few classes, each of one room and about one speed, to which parts are shared out.
+"""Classes of unequal printers, each of one room and about one speed, among which parts are distributed.
 
-Printers that are only a little unequal are one class: it has the room that all of them have, and the speed of
-the slowest, so that a part that ends in time on the class does so on each of them.
+Printers that differ only a little are one class: it has the room that all of them have, and the speed of the
+slowest, so that a part that ends in time on the class does so on each of them.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ def classify_printers(printers: Sequence[PrinterRoom], most_sums: float) -> list
     Parameters
     ----------
     most_sums
-        How many sums (`count_sums`) the search may make for each cut; at least 1.
+        Number of sums (`count_sums`) that the search may make for each cut; at least 1.
     """
     alike: dict[tuple[Room, float], list[PrinterRoom]] = {}
     for printer in printers:
@@ -74,7 +74,7 @@ def classify_printers(printers: Sequence[PrinterRoom], most_sums: float) -> list
 
 
 def count_sums(counts: Sequence[int]) -> int:
-    """Number of ways to share printers of all classes but the largest between the sides of a cut."""
+    """Count the ways to divide printers of all classes but the largest between the sides of a cut."""
     return prod((count + 1) * (count + 2) // 2 for count in sorted(counts)[:-1])
 
 

@@ -110,7 +110,17 @@ def fill_counts(
     pieces: npt.NDArray[np.int16],
     value: npt.NDArray[np.int16],
 ) -> None:
-    """Fill in the number of parts (boxes,) of each uncut box, from the tables (boxes,) of `BoxTables`."""
+    """Fill in the number of parts of each uncut box.
+
+    Parameters
+    ----------
+    limit_s
+        The time; a box that takes longer gets `UNREACHABLE`.
+    seconds, trimmed, pieces
+        (boxes,) tables of `BoxTables`.
+    value
+        (boxes,) int16, filled in.
+    """
     for box in range(len(value)):
         if trimmed[box] < 0:
             value[box] = 0
@@ -134,7 +144,19 @@ def fill_keys(
     cut_mm2: npt.NDArray[np.float32],
     value: Ints,
 ) -> None:
-    """Fill in the key (boxes,) of each uncut box, from the tables of `BoxTables`; `cut_mm2` may be empty."""
+    """Fill in the key of each uncut box.
+
+    Parameters
+    ----------
+    limit_s
+        The time; a box that takes longer gets the key of `UNREACHABLE` parts.
+    seconds, trimmed, pieces
+        (boxes,) tables of `BoxTables`.
+    cut_mm2
+        (boxes,) of `BoxTables`, or (0,) to count no area.
+    value
+        (boxes,) int64, filled in.
+    """
     for box in range(len(value)):
         if trimmed[box] < 0:
             value[box] = 0

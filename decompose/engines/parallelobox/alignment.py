@@ -19,7 +19,7 @@ from decompose.geometry import Model, convex_outline, find_mirror, rotation_to_a
 from decompose.grid import CLEAR_MM, flat_coordinates
 from decompose.print_time import POSE_ROTATIONS
 
-WORTH_TURNING = 0.95  # share of the unturned overhang: with more left a model is not turned
+WORTH_TURNING = 0.95  # share of the original overhang: where more remains, a model is not turned
 ON_BED_MM = 1e-3  # a face as low as this lies on the bed
 
 

@@ -1,6 +1,6 @@
-"""Metaheuristic: the best of many attempts, with fewer and fewer seeds and several draws of each number.
+"""Metaheuristic: the best of many attempts, over falling numbers of seeds with several draws of each.
 
-Fewer seeds leave more printers to the void fill, so that it more often finds enough.
+Fewer seeds leave more printers to the void fill, so that it more often has enough of them.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from decompose.grid import Box, Cell, Grid, box_index
 from decompose.options import Score
 
 with warnings.catch_warnings():
-    # Where there is no /dev/shm, joblib has no semaphores, and warns of it; k-means takes none.
+    # Without /dev/shm joblib has no semaphores, and warns about it; k-means needs none.
     warnings.filterwarnings("ignore", message=".*joblib will operate in serial mode")
     from sklearn.cluster import KMeans
 
@@ -64,7 +64,7 @@ class SeedSource:
     grid
         Over the model.
     barred
-        (nx, ny, nz) cells that are out of bounds.
+        (nx, ny, nz) cells that may not be seeds.
     """
 
     points: Floats
@@ -78,7 +78,7 @@ def draw_seed_sets(source: SeedSource, printers: int, tries: int, seed: int, run
     Parameters
     ----------
     source
-        Points and cells.
+        Points to cluster, and cells that may be seeds.
     printers, tries
         Greatest number of seeds, and draws of each number.
     seed
@@ -91,7 +91,7 @@ def draw_seed_sets(source: SeedSource, printers: int, tries: int, seed: int, run
     def one(draw: tuple[int, int]) -> Seeds:
         return draw_seeds(source, draw[0], np.random.default_rng([seed, *draw]))
 
-    with threadpool_limits(1):  # threads of k-means would add up in any order
+    with threadpool_limits(1):  # threads of k-means would sum in an order that varies
         return list(run(one, wanted))
 
 
@@ -105,7 +105,7 @@ def run_attempts(
     drawn
         From `draw_seed_sets`.
     score
-        A reading of it, low or high.
+        Reading of the score, low or high.
     """
 
     def one(seeds: Seeds) -> BlockPartition | None:
@@ -138,7 +138,7 @@ def draw_seeds(source: SeedSource, count: int, rng: np.random.Generator) -> list
     Parameters
     ----------
     source
-        Points and cells.
+        Points to cluster, and cells that may be seeds.
     count
         Number of seeds; fewer are drawn where there are fewer boundary cells.
     rng

@@ -2,8 +2,8 @@
 
 The cheapest block that can grow grows next, in the direction whose score is best: ``|P + O|`` of the grown
 block and its nearness to other blocks. The paper calls higher scores better (section "Objective"), although
-P and O are costs: `Score` has both readings. What no block may do (leave the grid, not fit its printer, grow
-by nothing, take a cell that has an owner, fall into more pieces) forbids a direction.
+P and O are costs: `Score` has both readings. A direction is forbidden where the grown block would leave the
+grid, not fit its printer, gain no needed cell, take a cell that has an owner, or fall into more pieces.
 """
 
 from __future__ import annotations
@@ -47,6 +47,10 @@ def grown_box_index(
         0 to 5: -x, -y, -z, +x, +y, +z.
     owner
         (nx, ny, nz) the block that has a cell, `NOBODY` or `BARRED`.
+    needed
+        (nx, ny, nz) cells that must be covered.
+    seconds, pieces
+        (boxes,) of `Terrain`.
     """
     axis = direction % 3
     grown = block.copy()
@@ -77,7 +81,7 @@ def grown_box_index(
 
 @jit
 def claim_cells(block: Ints, number: int, owner: Ints) -> None:
-    """Make a block the owner of all its cells."""
+    """Make a block (6,), by its number, the owner of all its cells in `owner` (nx, ny, nz)."""
     owner[block[0] : block[3], block[1] : block[4], block[2] : block[5]] = number
 
 
@@ -85,8 +89,17 @@ def claim_cells(block: Ints, number: int, owner: Ints) -> None:
 def _proximity(blocks: Ints, number: int, direction: int, cells: int) -> float:
     """Compute S_prox: 0.5 where another block in front touches, 1 where none is within the grid's length.
 
-    The gap is the L1 distance of the centres less half the sizes, as in the paper; its share of the grid and
-    the half are those of the paper's program, without which a touching block would bar every growth.
+    The gap is the L1 distance of the centres less half the sizes, as in the paper. The paper's program
+    divides it by the grid's length and adds 0.5: else a touching block would bar every growth.
+
+    Parameters
+    ----------
+    blocks
+        (k, 6) in cells, half-open.
+    number, direction
+        The block, and the direction in which it grows, as in `grown_box_index`.
+    cells
+        Length of the grid in cells.
     """
     axis = direction % 3
     nearest = 1.0
@@ -224,7 +237,7 @@ def fill_voids(blocks: Ints, owner: Ints, terrain: Terrain, most: int) -> Ints |
     """Cover the needed cells that have no owner by blocks of their own.
 
     The first such cell becomes a block, which grows in every direction in turn as far as it may; then the
-    next. As in growth, no block may be too large for a printer, which the paper's program does not see to.
+    next. As in growth, no block may be too large for a printer, which the paper's program does not check.
 
     Parameters
     ----------

@@ -32,12 +32,12 @@ from decompose.options import Options, ParalleloboxOptions, Score
 from decompose.pieces import Piece, cut_cells, find_faults
 from decompose.problem import Partition, Problem, Work
 
-MAX_CUT = 12  # partitions whose pieces are counted, the best first
-MAX_OF_A_HALF = 100  # attempts of a half that are combined with those of the other
+MAX_CUT = 12  # number of partitions whose pieces are counted, the best first
+MAX_OF_A_HALF = 100  # number of attempts on a half that are combined with those on the other
 
 
 def paper_settings(options: Options) -> Options:
-    """Settings of the paper's table; its speeds and its overhang tolerance are in `terrain`.
+    """Set options to those of the paper's table; its speeds and overhang tolerance are in `terrain`.
 
     The table does not define the sign of the score: the reading of the paper's text is the default.
     """
@@ -67,7 +67,7 @@ def cut_by_parallelobox(problem: Problem) -> Partition:
     best = min(tried, key=_Candidate.rank)
     if best.fault and not problem.options.faithful:
         raise NoFit(
-            f"in every attempt of parallelobox that was looked at a part is bad to glue; in the best it "
+            f"every attempt of parallelobox that was examined has a part that is bad to glue; in the best it "
             f"{best.fault}: free more printers, take --engine guillotine, or a lower --min-glue"
         )
     figures = problem.grid_figures(best.ground.grid, best.ground.boxes, list(best.cut), best.pieces)

@@ -68,7 +68,7 @@ def paper_terrain(grid: Grid, boxes: BoxTables) -> Terrain:
     Parameters
     ----------
     grid
-        Its overhangs count: with the paper's tolerance where it was built with that.
+        Grid, whose overhangs are used; it should be built with the paper's tolerance.
     """
     columns = np.concatenate(
         [grid.sums[..., [VOLUME]], grid.area[..., None], grid.sums[..., OVERHANG : OVERHANG + 6]], axis=3
