@@ -69,7 +69,7 @@ def _is_replaced(tables: Tables, limit_s: float, box: Box, shape: Shape) -> bool
 
 @jit
 def _largest(tables: Tables, limit_s: float, shape: Shape, found: npt.NDArray[np.int16]) -> int:
-    """Fill in the boxes within the limit that no box one layer larger replaces; return how many they are.
+    """Fill in the boxes within the limit that no box one layer larger replaces; return their number.
 
     Parameters
     ----------

@@ -170,7 +170,7 @@ def _half_edges(faces: Ints) -> tuple[Ints, Ints, Ints]:
 
 
 def _by_edge(tail: Ints, head: Ints) -> tuple[Ints, Ints, Ints]:
-    """Sort half-edges by their edges; also where each edge begins in that order, and how many it has."""
+    """Sort half-edges by their edges; also the first index of each edge in that order, and its count."""
     lo, hi = np.minimum(tail, head), np.maximum(tail, head)
     order = np.lexsort((hi, lo))
     new = np.flatnonzero(np.concatenate([[True], (np.diff(lo[order]) != 0) | (np.diff(hi[order]) != 0)]))

@@ -75,7 +75,7 @@ def _slab_range(planes: Floats, polygon: Floats, axis: int) -> tuple[int, int]:
 def _clip(polygon: Floats, axis: int, at_mm: float, above: bool, clipped: Floats) -> int:
     """Clip a polygon (k, 3) by an axis plane (Sutherland and Hodgman 1974).
 
-    clipped: (12, 3) filled in with the corners of the side that is kept. Returns how many they are.
+    clipped: (12, 3) filled in with the corners of the side that is kept. Returns their number.
     """
     count = 0
     for i in range(len(polygon)):

@@ -98,7 +98,7 @@ def check_overlap(parts: Sequence[Part]) -> float:
 
 
 def check_surface(parts: Sequence[Part], model: Model) -> float:
-    """Check that the parts carry the original area on faces that are no cuts; return the relative error."""
+    """Check that the parts' faces, without the cuts, have the original area; return the relative error."""
     covered = 0.0
     for part in parts:
         vertices, faces = part.solid.arrays()

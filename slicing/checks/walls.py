@@ -17,7 +17,7 @@ from slicing.settings import EngineSettings
 TOLERANCE_MM = 0.15
 """Tolerance of an outline: the engine simplifies it (0.05 mm), and a section on a slope is rounded."""
 _NEAR_MM = 1.0  # distance of a line from a place that it fills
-_GAPS = 8  # most gaps in one ring
+_GAPS = 8  # greatest number of gaps in one ring
 _FOLLOWING = {
     "adaptive_layer_height_enabled": "False",
     "coasting_enable": "False",
@@ -141,7 +141,7 @@ class Walls:
         inside = measure_rings(
             iter([(self.layer[ring].astype(np.intp), self.start[ring], self.end[ring])]), count
         )
-        # An engine may go round the other way; all rings of a layer then do.
+        # An engine may draw rings in the opposite direction, but then all rings of a layer.
         turn = np.where(inside.area_mm2 < 0, -1.0, 1.0)
         band_mm2 = np.hypot(*(self.end - self.start).T) * self.half_mm * np.where(ring, 1.0, 2.0)
         corners_mm2 = np.bincount(self.layer, self._corners_mm2(), count)

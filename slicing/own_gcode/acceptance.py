@@ -86,7 +86,7 @@ def accept_gcode(lines: Iterable[bytes], target: PrintTarget, *, stopwatch: Stop
     Raises
     ------
     GcodeRefused
-        With the line, the reason, and what to do.
+        Where the file cannot be printed; with the line, the reason, and what to do.
     """
     found = survey_lines(lines, target.filament_mm)
     line_mm = _line_width_mm(found.nozzle_mm or target.nozzle_mm)

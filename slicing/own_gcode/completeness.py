@@ -216,7 +216,7 @@ class Completeness:
 
 
 def _read_filament(found: re.Match[bytes], line: int) -> StatedFilament | None:
-    """Read a slicer's figure; None where it is no number."""
+    """Read a slicer's figure; None where it is not a number."""
     text = found[2] or found[4] or found[6]
     try:
         amount = float(text)

@@ -294,7 +294,7 @@ class Interpreter:
 
     def _set_speed(self, given: Words) -> None:
         per_minute = given.get("F", 0.0)
-        if per_minute > 0:  # the firmware, too, goes on as before at F0
+        if per_minute > 0:  # the firmware, too, keeps its feedrate at F0
             self._speed_mm_s = per_minute / 60
 
 

@@ -134,7 +134,7 @@ def parse_value(setting: Setting, raw: Any) -> Any:
                 return int(number) if whole else number
             case SettingType.ENUM if text not in setting.options:
                 hint = suggest_names(text, setting.options) or f"; one of {', '.join(setting.options)}"
-                raise BadSetting(f"{setting.key}={_shown(text)}: there is no such choice{hint}")
+                raise BadSetting(f"{setting.key}={_shown(text)}: not one of the options{hint}")
             case SettingType.STR if any(ord(letter) < ord(" ") for letter in text.replace("\n", "")):
                 raise ValueError
             case kind if kind in _EXTRUDERS:

@@ -54,7 +54,7 @@ def cut_by_cube_skeleton(problem: Problem) -> Partition:
     Raises
     ------
     NoFit
-        There is no cube inside, a piece fits no printer, or the pieces are more than the printers.
+        There is no cube inside, a piece fits no printer, or there are more pieces than printers.
     """
     model, options, faithful = problem.model, problem.options, problem.options.faithful
     vertices, faces = model.solid.arrays()

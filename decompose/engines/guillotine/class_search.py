@@ -182,7 +182,7 @@ class _ClassSearch(ExactSearch):
     def grid_figures(self, grid: Grid, cut: Cut, least_s: float, pieces: Sequence[Piece]) -> GridFigures:
         """Compute the makespan of boxes by the tables, and a bound that no partition undercuts.
 
-        Proven as if all printers had the speed of the quickest, and the room of whichever is best.
+        The bound is proven as if all printers had the speed of the fastest and, for each box, the best room.
         """
         problem = self.problem
         times = self._seconds(list(cut))
@@ -206,7 +206,7 @@ class _ClassSearch(ExactSearch):
 
 
 def _too_few_error(problem: Problem, grid: Grid, shared: BoxTables) -> NoFit | None:
-    """Build the error with the number of printers of these kinds that would do; None if unknown.
+    """Build the error with the number of printers of these kinds that would be enough; None if unknown.
 
     Tries more printers of the first class, of one other, or of both.
     """

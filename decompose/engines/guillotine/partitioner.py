@@ -120,7 +120,7 @@ class Partitioner:
         return value.astype(np.int16, copy=False)
 
     def class_shares(self) -> tuple[Ints, Ints]:
-        """List usable numbers (m, classes) of the others, and the fewest (m,) of the first beside them.
+        """List usable numbers (m, classes) of the others, and the fewest (m,) of the first class with each.
 
         Of the last solution; `UNREACHABLE` or more where there is none.
         """

@@ -35,7 +35,7 @@ class PrinterClass:
 
     @property
     def room(self) -> PrinterRoom:
-        """Printer that is no better than any of them."""
+        """Room and speed that every printer of the class has at least."""
         return PrinterRoom("", self.boxes, self.time_factor)
 
     @property

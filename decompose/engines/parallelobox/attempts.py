@@ -30,7 +30,7 @@ R = TypeVar("R")
 
 
 class Run(Protocol):
-    """The builtin `map`, or an executor's: calls a function with each, and returns the answers in order."""
+    """The builtin `map`, or an executor's: calls a function with each item, returns the results in order."""
 
     def __call__(self, function: Callable[[T], R], each: Iterable[T], /) -> Iterable[R]: ...
 

@@ -198,7 +198,7 @@ def _fill(
     Parameters
     ----------
     owner, needed
-        As `_grow` takes them; owner is changed.
+        As in `_grow`; owner is changed.
     seconds, pieces
         (boxes,) of `Terrain`.
 
