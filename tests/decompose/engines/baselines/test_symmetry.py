@@ -131,7 +131,7 @@ def test_the_room_forces_cuts(rough_ball: Model, cost: CostModel) -> None:
 def test_parts_that_do_not_fit_are_counted(rough_ball: Model, cost: CostModel) -> None:
     with pytest.raises(NoFit, match=r"4 of the 4 parts that symmetry makes for 4 printers fit none"):
         decompose_model(rough_ball, printers(4), FAITHFUL, cost)
-    with pytest.raises(NoFit, match="asks for 8 parts at least, and there are 4") as caught:
+    with pytest.raises(NoFit, match="need at least 8 parts, and there are 4 printers") as caught:
         decompose_model(rough_ball, printers(4), MENDED, cost)
     assert caught.value.printers_needed == 8
 
