@@ -1,7 +1,7 @@
 """Engine `best`: engines in a fixed order, then the guillotine engine on more grids, within a budget.
 
-Parts fit a grid better or worse by its cells and by the turn of the model in it: grids with more or fewer
-cells are tried, then the model turned about z, then the other grids at the best turn.
+The result depends on the number of cells and on the angle of the model in the grid: grids with more or fewer
+cells are tried, then the model turned about z, then the other grids at the best angle.
 """
 
 from __future__ import annotations

@@ -85,7 +85,7 @@ def slice_plate(request: PlateRequest, progress: Progress | None = None) -> Plat
     Raises
     ------
     SliceRejected
-        With the rule that the mesh or the G-code breaks.
+        Where the mesh or the G-code breaks a rule.
     EngineMissing, EngineFailed, EngineTimeout
         Where CuraEngine cannot be run, fails, or takes too long.
     SlicingError

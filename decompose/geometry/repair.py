@@ -110,7 +110,7 @@ def _weld(triangles: Floats) -> tuple[Any, list[str]]:
 
 
 def _distinct(faces: Any) -> Any:
-    """Select faces (m, 3) with three different corners, each once; a reversed one is another."""
+    """Select faces (m, 3) with three different corners, each once; a reversed face counts as another."""
     f = faces[(faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])]
     least = f.argmin(axis=1)[:, None]
     turned = np.take_along_axis(f, (least + np.arange(3)) % 3, axis=1)

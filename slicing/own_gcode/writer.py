@@ -23,7 +23,7 @@ class Stopwatch(Protocol):
         """Wait at the current position."""
 
     def seconds(self, finish: bool = False) -> float:
-        """Return the time of all ended moves in s; with `finish`, until everything has ended."""
+        """Return the time in s of the moves that have ended; with `finish`, of all moves."""
 
 
 class Writer:

@@ -14,7 +14,7 @@ from slicing.settings.resolver import Resolver, Scope
 LAYER_SHARE = 0.8  # of the nozzle, where Cura warns
 _LINE_SHARE = 2.0  # of the nozzle, where Cura warns
 _MOST_HOP_MM = 10.0
-_MOST_FLOW_PERCENT = 150.0  # where Cura warns: more than that has nowhere to go
+_MOST_FLOW_PERCENT = 150.0  # where Cura warns: a line has no room for more
 _MOST_EXTRA_MM3 = 5.0  # at each retraction, where Cura warns
 
 _PRINTER = "it describes the printer; choose another printer model or nozzle"

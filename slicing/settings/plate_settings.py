@@ -155,7 +155,7 @@ def _resolve(
 
 
 def _is_cura_value(found: Violation, resources: Resources, lookup: _RequestKey) -> bool:
-    """Check whether Cura's own profiles exceed its limits here: Cura prints them anyway."""
+    """Check whether a value beyond Cura's limits is from Cura's own profiles: Cura prints those anyway."""
     bare = replace(lookup, overrides=())
     stacks = find_stacks(resources, lookup.printer.name, lookup.nozzle_mm, lookup.material, lookup.quality)
     return bool(_resolver(stacks, bare, ANY_PART, None).value(found.scope, found.key) == found.value)

@@ -161,7 +161,7 @@ def _grow(
             score = score * near if high else -score / near
             if chosen < 0 or score > best:
                 chosen, best, price = direction, score, float(printing[box])
-        if chosen < 0:  # and it never will: owners only grow
+        if chosen < 0:  # the block can never grow again: no cell loses its owner
             cost[cheapest] = np.inf
             continue
         blocks[cheapest, chosen] += 1 if chosen >= 3 else -1
