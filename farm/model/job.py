@@ -7,6 +7,7 @@ from enum import StrEnum
 
 from pydantic import Field
 
+from decompose.options import Engine
 from farm.errors import ErrorCode
 from farm.model.entity import Entity
 from farm.model.hold import Hold
@@ -26,14 +27,6 @@ class JobState(StrEnum):
     def ended(self) -> bool:
         """Return whether the job has ended: nothing more is printed unless a person asks for it."""
         return self in (JobState.PRINTED, JobState.DONE, JobState.FAILED, JobState.CANCELLED)
-
-
-class Engine(StrEnum):
-    """Algorithm that decomposes a model."""
-
-    BEST = "best"  # the engine whose parts print soonest
-    GUILLOTINE = "guillotine"
-    PARALLELOBOX = "parallelobox"  # the algorithm of the paper
 
 
 class JobOptions(Entity):

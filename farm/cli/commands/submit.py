@@ -9,6 +9,7 @@ from typing import Annotated, Any
 import typer
 from pydantic import ValidationError
 
+from decompose.options import Engine
 from farm import api
 from farm.cli.client import Client
 from farm.cli.display import (
@@ -25,7 +26,7 @@ from farm.cli.display import (
 )
 from farm.cli.options import Job, Json, LongestSide, Quality, Scale, parse_printer_count, with_places
 from farm.errors import ErrorCode, FarmError, Refused
-from farm.model import Engine, JobOptions, JobState
+from farm.model import JobOptions, JobState
 from farm.paths import Places
 
 _POLL_S = 0.5

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from decompose.options import Engine, Options
+from decompose.options import Options
 from decompose.print_time import REFERENCE_SHRINKAGE, CostModel, Recipe
 from decompose.printers import PrinterRoom
 from farm.config import PrinterSection
@@ -54,7 +54,7 @@ def decomposition_options(options: JobOptions) -> Options:
     quality = FARM_QUALITIES.get(options.quality)
     fits = quality is not None and quality.fits_first_layer
     return Options(
-        Engine(options.engine), fit_first_layer=fits, prove=False
+        options.engine, fit_first_layer=fits, prove=False
     )  # no proof of the bound, as the user is waiting
 
 

@@ -5,10 +5,11 @@ import tracemalloc
 
 import pytest
 
+from decompose.options import Engine
 from drivers.printers import PROFILES
 from farm.config import PrinterSection
 from farm.errors import ErrorCode, FarmError
-from farm.model import Engine, JobOptions
+from farm.model import JobOptions
 from farm.planning.inspection.own_gcode import FirmwareTime, inspect_gcode, is_gcode, plan_gcode
 from farm.planning.plan import DecomposeTask
 from make_gcode import marlin, square, ultigcode
@@ -144,7 +145,7 @@ def test_a_file_that_does_not_say_its_nozzle_needs_printers_of_one(inspect):
 
 
 def test_a_refusal_names_the_line(inspect):
-    with pytest.raises(FarmError, match=r"tower.gcode: line \d+: M500 changes what") as caught:
+    with pytest.raises(FarmError, match=r"tower.gcode: line \d+: M500 changes the printer's") as caught:
         inspect(marlin(body=["M500"]))
     assert caught.value.code is ErrorCode.GCODE
 
