@@ -1,4 +1,4 @@
-"""The conversation with one board over a serial wire.
+"""Link to one board over a serial line.
 
 Theory of operation (of the Ultimaker 2+: docs/explanation/ultimaker2-serial.md, sections 1, 3 and 7; all of
 it holds over a wire that loses and garbles bytes):

@@ -36,7 +36,7 @@ def exchange(
     Raises
     ------
     PortError
-        The port went away.
+        The port was disconnected.
     """
     now_s = time.monotonic()
     until_s = now_s + patience_s

@@ -67,7 +67,7 @@ def report(line: bytes) -> Report | None:
     """Parse an answer to M105; None if it is garbled."""
     values = _REPORT.search(line)
     if values is not None:
-        with suppress(ValueError):  # as "2.1.5" is
+        with suppress(ValueError):  # not a number, such as "2.1.5"
             return Report(*(float(value) for value in values.groups()))
     return None
 

@@ -84,7 +84,7 @@ class SerialPort:
         Raises
         ------
         PortError
-            The port went away.
+            The port was disconnected.
         """
         try:
             data = os.read(self._fd, _READ_BYTES)
@@ -102,7 +102,7 @@ class SerialPort:
         Raises
         ------
         PortError
-            The port went away.
+            The port was disconnected.
         """
         if self._unwritten:
             data = self._unwritten + data
@@ -127,7 +127,7 @@ class SerialPort:
         Raises
         ------
         PortError
-            The port went away.
+            The port was disconnected.
         """
         self._unwritten = b""
         until_s = time.monotonic() + DRAIN_S
@@ -153,7 +153,7 @@ class SerialPort:
         Raises
         ------
         PortError
-            The port went away.
+            The port was disconnected.
         """
         self._unwritten = b""
         try:

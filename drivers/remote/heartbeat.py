@@ -70,7 +70,7 @@ class Heartbeat:
         Parameters
         ----------
         now_s
-            Seconds of a steady clock.
+            Seconds of a monotonic clock.
         sample
             Samples the agent's process.
         """

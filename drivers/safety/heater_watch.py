@@ -101,7 +101,7 @@ class HeaterWatch:
         set_c
             Target that the farm has set for each heater.
         now_s
-            Time of the report, in seconds of a steady clock.
+            Time of the report, in seconds of a monotonic clock.
 
         Returns
         -------

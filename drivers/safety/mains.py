@@ -1,4 +1,4 @@
-"""Mains switch of a printer: a command of the fleet, run where heaters were not seen off."""
+"""Mains switch of a printer: a command of the fleet, run if heaters were not confirmed off."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ POLL_S = 0.05  # wall seconds between two checks for its end
 KILL_S = 1.0  # wall seconds for a killed process to end
 BY_HAND = "switch it off by hand"
 NO_COMMAND = f"it has no power_off_cmd: {BY_HAND}"
-_STDERR_BYTES, _MESSAGE_CHARACTERS = 4096, 200  # what is kept and shown of its stderr
+_STDERR_BYTES, _MESSAGE_CHARACTERS = 4096, 200  # parts of its stderr that are kept and shown
 
 
 class PowerOff:
@@ -57,7 +57,7 @@ class PowerOff:
             self._end(f"power_off_cmd could not be run ({error}): {BY_HAND}")
 
     def outcome(self) -> str | None:
-        """Return the outcome as a clause for people; None while the command runs."""
+        """Return the outcome as a user-facing clause; None while the command runs."""
         if self._outcome is not None:
             return self._outcome
         self._read_stderr()
@@ -89,7 +89,7 @@ class PowerOff:
 
 
 def cut_mains(command: str, printer: str, timeout_s: float = TIMEOUT_S) -> str:
-    """Run the command, wait for its end, and return the outcome as a clause for people. Never raises.
+    """Run the command, wait for its end, and return the outcome as a user-facing clause. Never raises.
 
     Parameters
     ----------
