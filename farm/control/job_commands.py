@@ -87,7 +87,7 @@ class JobCommands:
         return number, False
 
     def cancel(self, number: int, by: str) -> None:
-        """Cancel a job: nothing more of it is printed."""
+        """Cancel a job, so that nothing more of it is printed."""
         job = self._controller.books.job(number)
         if job.state.ended:
             again = f"; `farm reprint {number} PART` prints a part again" if job.parts else ""

@@ -31,7 +31,7 @@ class Notifier:
     farm
         The farm's name: the title of every message.
     file
-        The record of sent notices. Where there is none, earlier events are not sent.
+        The record of sent notices. If it is missing, earlier events are not sent.
 
     Raises
     ------

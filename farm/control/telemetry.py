@@ -79,7 +79,7 @@ def read_snapshot(
     Parameters
     ----------
     books
-        As committed.
+        The committed books.
     snapshot, before
         The agent's latest snapshot, and the one before; None if there was none.
     in_use
@@ -108,7 +108,7 @@ def owed_instructions(
     attempt, snapshot
         The open print, and its agent's latest snapshot.
     books
-        As committed.
+        The committed books.
     situation
         The current situation, with that printer if it is still enabled.
     """

@@ -172,7 +172,7 @@ def choose_printers_beside(
     Parameters
     ----------
     request, availability
-        As for `choose_printers`.
+        See `choose_printers`.
     priority
         The job's priority.
     promises

@@ -85,7 +85,7 @@ def plan_gcode(task: DecomposeTask, files: Path) -> Plan:
     Raises
     ------
     FarmError
-        As `inspect_gcode`.
+        See `inspect_gcode`.
     """
     order = sorted(
         task.printers,

@@ -121,7 +121,7 @@ def choose_reslice(
     free
         The printers that no other plate takes now.
     ends
-        The expected ends of the waiting plates, where they are at hand.
+        The expected ends of the waiting plates, if already computed.
     """
     best = _best_other(plate, free, situation)
     if best is None:
