@@ -18,7 +18,7 @@ def list_startup_events(
     Parameters
     ----------
     books, fleet
-        The loaded books.
+        The books and the fleet, as loaded.
     restored_s
         Time of the backup, if the database was damaged and restored from one.
     now_s
