@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import trimesh
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from slicing.plate import slice_plate
@@ -48,6 +48,7 @@ def test_every_part_of_some_layers_is_printed_to_its_height(share, case):
 
 
 @given(st.floats(1.0, HIGHEST_MM), cases)
+@example(156.94921875, (0.4, LayerHeights(0.3, 0.2)))  # the first layer changes by 4 % exactly
 def test_the_first_layer_changes_only_where_the_others_cannot_reach_the_height(height_mm, case):
     nozzle_mm, heights = case
     found = fitted(height_mm, nozzle_mm, heights)
@@ -55,7 +56,7 @@ def test_the_first_layer_changes_only_where_the_others_cannot_reach_the_height(h
     assert alone.first_mm == heights.first_mm
     if abs(printed_height_mm(height_mm, alone) - height_mm) <= EXACT_MM - 0.002:
         assert found == alone
-    elif abs(found.first_mm / heights.first_mm - 1) > 0.04:
+    elif abs(found.first_mm / heights.first_mm - 1) > 0.04 + 1e-9:
         first = round(1000 * heights.first_mm)
         low, high = int(np.ceil(0.96 * first)), int(1.04 * first)
         assert missed_um(height_mm, heights, range(low, high + 1)) > 17
