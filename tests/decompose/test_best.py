@@ -1,4 +1,4 @@
-"""What `best` tries, in which order, and what it keeps; the engines are played by a table of results."""
+"""Attempts of `best`, their order and its choice; a table of results replaces the engines."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def problem(cost: CostModel, printers: int = 20, **options: object) -> Problem:
 
 
 def yaws_deg(result: Decomposition) -> list[float]:
-    """How the model lay in each attempt."""
+    """Return the model's rotation in each attempt."""
     return [attempt.yaw_deg for attempt in result.attempts]
 
 

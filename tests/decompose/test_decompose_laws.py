@@ -1,4 +1,4 @@
-"""What holds of every result, told again without the project's own checks: random models, each engine."""
+"""Laws of every result, checked without the project's own checks: random models, each engine."""
 
 from __future__ import annotations
 

@@ -44,7 +44,7 @@ def bare(cut: Decomposition) -> Decomposition:
 
 
 def took_s(cut: Decomposition, slow: int, times: float = 1.2) -> np.ndarray:
-    """What the parts take where one is slower than its price."""
+    """Return the parts' sliced times, with one slower than its price."""
     seconds = np.array([part.price_s for part in cut.parts])
     seconds[slow] *= times
     return seconds

@@ -1,4 +1,4 @@
-"""How the engine and its settings are fetched: the script, among programs that stand in for those of apt."""
+"""Installation of CuraEngine and Cura's settings: the script, with stand-ins for the programs of apt."""
 
 import shutil
 import subprocess
@@ -44,7 +44,7 @@ exit 0
 
 
 def resources(folder, version):
-    """What is looked for in a resources folder."""
+    """Create the files by which a resources folder is recognised."""
     for name in ("definitions", "extruders", "variants", "quality", "materials"):
         (folder / name).mkdir(parents=True)
     text = f'{{"metadata": {{"setting_version": {NUMBERS[version]}}}}}\n'

@@ -1,4 +1,4 @@
-"""How what some tests talk to is fetched: the script, among programs that stand in for apt's and Python."""
+"""Installation of the peers of interop tests: the script, with stand-ins for apt and Python."""
 
 import shutil
 import subprocess

@@ -23,7 +23,7 @@ def literals(tree: ast.AST) -> Iterator[str]:
 
 
 def is_wrong(text: str) -> bool:
-    """Whether a literal, read as a pattern, backtracks less than Python 3.11.2 can."""
+    """Check if a literal, read as a pattern, uses syntax that is broken in Python 3.11.2."""
     if text in NO_PATTERN or WRONG.search(text) is None:
         return False
     try:

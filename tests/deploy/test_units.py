@@ -101,7 +101,7 @@ def test_under_systemd_an_agent_is_started_as_its_unit(tmp_path: Path, monkeypat
 
 
 def marks(event: dict[str, str]) -> dict[str, str]:
-    """What the udev rules give to a device, by the few operators that they use."""
+    """Evaluate the udev rules for a device, with the few operators that they use."""
     given: dict[str, str] = {}
     skip_to = ""
     for line in (DEPLOY / "udev" / "60-farm.rules").read_text().splitlines():

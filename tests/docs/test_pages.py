@@ -1,4 +1,4 @@
-"""What the pages tell a person to type: every command and option is one that the program has."""
+"""Commands on the pages: the program has each command and option."""
 
 import re
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""What the daemon says where it cannot begin; and its clock."""
+"""Messages of a daemon that cannot start, and its clock."""
 
 import asyncio
 import subprocess

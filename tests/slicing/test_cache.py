@@ -1,4 +1,4 @@
-"""What a cache of slices keeps where it holds too much."""
+"""Eviction from a full cache of slices."""
 
 import os
 

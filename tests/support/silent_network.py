@@ -16,7 +16,7 @@ _STEP_S = 0.05
 
 
 class SilentWay:
-    """What `cut` drops is sent again once it is mended, as TCP does; who has hung up is then heard of."""
+    """Bytes dropped by `cut` are sent again after the repair, as TCP does; closed ends are noticed then."""
 
     def __init__(self) -> None:
         self._silent = threading.Event()

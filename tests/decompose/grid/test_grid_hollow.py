@@ -1,4 +1,4 @@
-"""What is left out keeps its distance from the surface."""
+"""Cells left out of the print keep their distance from the surface."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What of a cell has to be printed: all that is near the surface, and little else."""
+"""Needed part of each cell: all that is near the surface, and little else."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def coarse(grid: Grid, cells: NeededCells) -> np.ndarray:
 )
 @settings(max_examples=60, deadline=None)
 def test_whatever_is_near_the_surface_is_needed(turn: Rotation, count: int, wall_mm: float) -> None:
-    """How deep a corner lies in a block is known without our code; it is convex: corners are enough."""
+    """The depth of a corner in a block is known in closed form; a block is convex, so corners are enough."""
     cost = CostModel.from_recipe(Recipe())
     triangles = block(turn)
     grid = grid_of(triangles, cost, count, wall_mm)

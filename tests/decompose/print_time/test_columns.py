@@ -64,7 +64,7 @@ def test_mass_grows_with_height(bench: Solid) -> None:
 
 
 def test_a_ball_needs_a_cone_of_support() -> None:
-    """What lies under a sphere's cap of 45 degrees, less the sphere: by the integral over the radius."""
+    """Compute the volume under a sphere's cap of 45 degrees, less the sphere, by integration."""
     mesh = trimesh.creation.icosphere(4, 20.0)
     mesh.apply_translation([0, 0, 20])
     found = seen(Solid.from_arrays(mesh.vertices, mesh.faces))

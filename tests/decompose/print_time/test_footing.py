@@ -1,4 +1,4 @@
-"""What touches the bed, and the brim for it."""
+"""Footing of a part on the bed, and its brim."""
 
 from __future__ import annotations
 

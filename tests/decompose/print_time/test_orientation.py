@@ -1,4 +1,4 @@
-"""How parts lie on the bed."""
+"""Orientation of parts on the bed."""
 
 from __future__ import annotations
 

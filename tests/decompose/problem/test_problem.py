@@ -1,4 +1,4 @@
-"""What every engine asks of its problem: when pieces end on these printers, and whether to prove a bound."""
+"""Problem as engines use it: end times of pieces on the printers, and proof of the bound."""
 
 from __future__ import annotations
 

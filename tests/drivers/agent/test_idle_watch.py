@@ -17,7 +17,7 @@ def test_a_move_and_fed_filament_are_seen_when_they_are_said_twice():
 
 
 def test_a_garbled_first_answer_is_no_move():
-    """What it stands at is believed only when it was said twice, and a move from there is seen."""
+    """A position counts once it was reported twice; a move from it is seen."""
     watch = IdleWatch()
     answers = [watch.judge_answer(text)[1] for text in (FED, HOME, HOME, HOME, AWAY, AWAY)]
     assert answers == [None, None, None, None, None, MOVED]

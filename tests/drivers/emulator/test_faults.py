@@ -1,4 +1,4 @@
-"""What a url may ask for, and the wire's own time."""
+"""Faults that a url may ask for, and the time of the wire."""
 
 from __future__ import annotations
 

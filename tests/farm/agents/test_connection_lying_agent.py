@@ -75,7 +75,7 @@ snapshots = st.fixed_dictionaries(
 
 
 def lines(said):
-    """What an agent says, as far as it can be read at all."""
+    """Snapshots of an agent that can be read at all."""
     for one in said:
         try:
             heard = read_line(json.dumps({"kind": "snapshot", **one}).encode())

@@ -236,7 +236,7 @@ class FakeClient:
 
 
 def told(tmp_path: Path, story, port: str = "/dev/null") -> tuple[FakeClient, RecordingListener]:  # type: ignore[no-untyped-def]
-    """What a link sends and hlistener while it is told a story."""
+    """Run a story on a connection; return its client and the listener."""
     listener = RecordingListener()
     section = PrinterSection(name="a", model=MODEL, port=port)
 

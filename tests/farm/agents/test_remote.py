@@ -43,7 +43,7 @@ TAIL = "G92 E0\nG1 F1500 E-6.5\nM104 S0\nM140 S0\nM107\nG91\nG1 F1500 E-13.5\nG9
 
 
 class RecordingListener:
-    """What a daemon hlistener."""
+    """Listener that keeps the last snapshot."""
 
     def __init__(self) -> None:
         self.last = AgentSnapshot(printer="a", link=Link.STARTING)
@@ -157,7 +157,7 @@ class Silence(SilentWay):
         super().__init__()
 
     def ended(self) -> int:
-        """How many bridges have noticed that nobody is there any more."""
+        """Count the bridges that have noticed a lost client."""
         return sum(bridge.poll() is not None for bridge in self.there)
 
 

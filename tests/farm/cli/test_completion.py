@@ -1,4 +1,4 @@
-"""What a shell offers after TAB."""
+"""Completion of a shell after TAB."""
 
 import os
 import socket

@@ -1,4 +1,4 @@
-"""What the `farm` command says of what is written wrongly: one line, and exit code 2."""
+"""Wrong usage of the `farm` command: one line, and exit code 2."""
 
 import pytest
 

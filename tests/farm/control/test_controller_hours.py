@@ -49,7 +49,7 @@ def farm(tmp_path):
 
 
 def word(farm, state=PrintState.PRINTING, **changes):
-    """What the agent of `a` says of its print."""
+    """Build a snapshot of the agent of `a` about its print."""
     attempt = farm.controller.books.open_print_on("a")
     facts = {"fault": None, "reason": None, "progress_s": 5.0, "print_time_s": 90.0, "extruded": True}
     facts |= {"started_s": FRIDAY, "ended_s": None, "ends_by_s": STOP, **changes}

@@ -21,7 +21,7 @@ PLATES = 3
 
 
 def check(world):
-    """What really happened against the books: of the daemon, and of the next one that reads them."""
+    """Compare the books with what happened, for the daemon and for the next one that reads them."""
     good = [plate for plate, _, verdict in world.made if verdict is Verdict.GOOD]
     assert sorted(good) == [f"1/0{i}" for i in range(1, PLATES + 1)]  # none lost, none twice
     books = world.controller.books

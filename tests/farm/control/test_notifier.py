@@ -21,7 +21,7 @@ PATIENCE_S = 60.0
 
 @pytest.fixture
 def server():
-    """What was posted to it, and its address."""
+    """Server that keeps what was posted to it, and its address."""
     posts = SimpleQueue()
 
     class Handler(BaseHTTPRequestHandler):

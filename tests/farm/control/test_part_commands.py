@@ -1,4 +1,4 @@
-"""What a person asks of prints, parts and printers, through the daemon's own rules."""
+"""Commands on prints, parts and printers, through the daemon's own rules."""
 
 from pathlib import Path
 

@@ -55,7 +55,7 @@ def test_what_was_rejected_is_news_again_and_its_temperatures_are_shown():
 
 
 def test_a_snapshot_is_compared_step_by_step():
-    """What an unknown print comes to depends on what the end of the known one made of the bed."""
+    """The outcome of an unknown print depends on the bed that the known one left."""
     other = SAID.model_copy(update={"print_id": "q", "state": PrintState.DONE, "ended_s": 50.0})
     ready = AgentSnapshot(printer="a", link=Link.READY, agent_pid=9, print=other)
     reading = read_snapshot(BOOKS, ready, BUSY, True, 60.0)

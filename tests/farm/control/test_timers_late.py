@@ -59,7 +59,7 @@ def test_what_a_stalled_loop_missed_is_made_up_once(begin):
 
 @pytest.mark.parametrize("step_h", [6.0, -6.0])
 def test_a_host_whose_clock_is_set_goes_on_at_once_and_keeps_the_new_hours(begin, step_h):
-    """What is due every second is late by the look that finds it at most; an alarm is the calendar's."""
+    """A periodic timer is late by one period at most; an alarm follows the calendar."""
     time = begin("2026-11-20 12:00")
     turns, alarms = [], []
     alarm_s = time.begun_s + 7 * HOUR_S

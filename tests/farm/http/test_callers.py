@@ -151,7 +151,7 @@ while said := way.recv(4096):
 
 
 async def post_as(app, *uids):
-    """What a real server on a socket that all users reach answers to each."""
+    """Return the answers of a real server, on a socket that all users reach, to each user."""
     listening = socket.socket(socket.AF_UNIX)
     listening.bind(b"\0farm-test-" + os.urandom(8))
     listening.listen()

@@ -1,4 +1,4 @@
-"""What people may send: one upload at a time, several, and none that the disk has no room for."""
+"""Uploads: one, several at once, and those refused for lack of disk space."""
 
 import asyncio
 import shutil

@@ -1,4 +1,4 @@
-"""What is booked of a sliced job. Real slices."""
+"""Records of a sliced job, from real slices."""
 
 import json
 from dataclasses import replace

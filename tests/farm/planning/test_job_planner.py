@@ -34,7 +34,7 @@ def state(tmp_path):
 
 
 def plan(state, job, factor=1.0):
-    """What the planner told of a job, and its plan for two printers with that factor."""
+    """Return the planner's events of a job, and its plan for two printers with that factor."""
     printers = [{"name": n, "model": MODEL, "port": f"sim://{MODEL}"} for n in "ab"]
     fleet = Fleet.model_validate({"printers": printers})
     told = []

@@ -1,4 +1,4 @@
-"""How long plates take, and whose work goes to whom."""
+"""Times of plates, and the assignment of loads to printers."""
 
 import pytest
 from hypothesis import given

@@ -1,4 +1,4 @@
-"""What the drivers say of a bed is what Cura's definitions say; the room of a model is smaller than it."""
+"""Beds of the drivers are those of Cura's definitions; the room of a part is smaller."""
 
 import pytest
 

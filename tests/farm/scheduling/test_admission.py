@@ -1,4 +1,4 @@
-"""Whether the job in front can begin, and with which printers."""
+"""Admission of the first job in the queue, and its printers."""
 
 from farm.model import Bed, Hold, HoldCode, Link
 from farm.scheduling import admission

@@ -1,4 +1,4 @@
-"""When what waits should end is foreseen when it may have changed, and not more often than it can be."""
+"""Cached forecast: made again if it may have changed, and not more often than allowed."""
 
 from farm.scheduling.forecast import ForecastCache
 from farm.scheduling.situation_builder import describe_plates

@@ -1,4 +1,4 @@
-"""What a person is shown of the books."""
+"""View of jobs."""
 
 import dataclasses
 import io

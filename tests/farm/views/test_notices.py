@@ -1,4 +1,4 @@
-"""What a person is told who is not there: each thing once, what was lost together as one."""
+"""Notices to an absent person: each event once, printers lost together as one."""
 
 from farm.errors import ErrorCode
 from farm.model import PrintState

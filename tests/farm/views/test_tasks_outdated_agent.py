@@ -1,4 +1,4 @@
-"""What a person is told of an idle printer whose agent is of an older version."""
+"""Task for an idle printer whose agent is of an older version."""
 
 from pathlib import Path
 

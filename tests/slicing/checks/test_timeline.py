@@ -1,4 +1,4 @@
-"""When each feature begins: by the slicer's own layer times, and against the firmware's planner."""
+"""Start times of features, by the slicer's layer times and against the firmware's planner."""
 
 import numpy as np
 import pytest

@@ -20,7 +20,7 @@ COUNTED = [";LAYER_COUNT:100", *marlin(square(layers=100))]
 
 
 def cura_settings():
-    """What Cura itself writes behind what its engine has written: JSON, escaped, in lines of 80."""
+    """Format the settings that Cura appends to the engine's G-code: escaped JSON, in lines of 80."""
     profile = "[general]\\nversion = 4\\nname = draft \\\\ fine\\n\\n[values]\\nadhesion_type = brim\\n"
     text = json.dumps({"global_quality": profile, "extruder_quality": [profile]})
     text = text.replace("\\", "\\\\").replace("\n", "\\n")

@@ -63,7 +63,7 @@ def test_the_first_layer_changes_only_where_the_others_cannot_reach_the_height(h
 
 
 def missed_um(height_mm, heights, firsts_um):
-    """How near the height some first layer of these and some layer within 4 % come."""
+    """Compute the least error in um over these first layers and all layer heights within 4 %."""
     other = round(1000 * heights.other_mm)
     layers = range(int(np.ceil(0.96 * other)), int(1.04 * other) + 1)
     tops = [(1000 * height_mm - first) % layer for first in firsts_um for layer in layers]

@@ -1,4 +1,4 @@
-"""What a person must not set, what is out of range, and what is said then."""
+"""Settings that are not allowed or out of range, and their messages."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""What Cura itself computes, recorded by `record_cura_settings.py`, against what is resolved here."""
+"""Resolved settings, compared with those that Cura computes (`record_cura_settings.py`)."""
 
 import gzip
 import json

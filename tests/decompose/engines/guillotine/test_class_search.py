@@ -24,7 +24,7 @@ OPTIONS = Options(Engine.GUILLOTINE, granularity=6, prove=False, fit_first_layer
 
 
 def ends_s(result: Decomposition, printers: Sequence[PrinterRoom]) -> dict[str, float]:
-    """When each part ends, by its printer."""
+    """Compute the end of each part from its printer."""
     factors = {printer.name: printer.time_factor for printer in printers}
     return {part.printer: part.price_s * factors[part.printer] for part in result.parts}
 

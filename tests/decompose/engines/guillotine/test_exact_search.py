@@ -1,4 +1,4 @@
-"""What the exact engine evens besides the best partition: others, of less work."""
+"""Partitions with less work that the exact search levels besides the best one."""
 
 from __future__ import annotations
 

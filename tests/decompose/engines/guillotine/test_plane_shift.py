@@ -91,7 +91,7 @@ def test_where_one_part_would_be_posed_worse_the_others_are_evened(
 
 
 class Rounds:
-    """How often planes are moved, from one pose of all parts to the next."""
+    """Count the rounds of plane shifts, from one set of poses to the next."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.begun = 0

@@ -1,4 +1,4 @@
-"""Which printers are taken to be equal."""
+"""Classes of equal printers."""
 
 from __future__ import annotations
 

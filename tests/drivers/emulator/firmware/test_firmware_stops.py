@@ -1,4 +1,4 @@
-"""How the firmware stops, dies and starts again."""
+"""Stop, kill and restart of the firmware."""
 
 from __future__ import annotations
 

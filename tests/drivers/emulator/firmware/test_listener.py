@@ -1,4 +1,4 @@
-"""How the firmware reads lines: numbers, checksums, traps, and faults on the way."""
+"""Lines as the firmware reads them: numbers, checksums, traps, and faults of the wire."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the emulator knows of its bed, its filament and a host that is too slow."""
+"""Bed and filament of the emulator, and a host that is too slow."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a person is told where the daemon says nothing, or nothing that can be understood."""
+"""Messages if the daemon does not answer, or not in a way that can be read."""
 
 import itertools
 import json

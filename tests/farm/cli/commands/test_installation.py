@@ -1,4 +1,4 @@
-"""What `farm discover` writes."""
+"""Output of `farm discover`."""
 
 from pathlib import Path
 

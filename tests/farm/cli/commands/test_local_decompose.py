@@ -1,4 +1,4 @@
-"""What `farm decompose` says of a result."""
+"""Output of `farm decompose`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a person writes for a job, a part or a printer."""
+"""Arguments that name a job, a part or a printer."""
 
 import pytest
 from typer.testing import CliRunner

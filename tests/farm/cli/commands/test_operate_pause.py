@@ -1,4 +1,4 @@
-"""What `farm resume` says beside that a print goes on."""
+"""Remarks of `farm resume` besides the resumed print."""
 
 import pytest
 from typer.testing import CliRunner

@@ -1,4 +1,4 @@
-"""What waits or failed is made otherwise where that is sooner, by a daemon that may die over it."""
+"""Waiting or failed plates are planned again if that is sooner, by a daemon that may die meanwhile."""
 
 import pytest
 
@@ -53,7 +53,7 @@ def fails(farm, printer, plate):
 
 
 def pieces(farm, plate, hours, printers):
-    """What comes of a cut: a piece of so many hours for each printer."""
+    """Return the result of a cut: one piece of so many hours for each printer."""
     old = farm.controller.books.plates[plate]
     (part,) = (farm.controller.books.parts[name] for name in old.parts)
     parts, plates = [], []

@@ -1,4 +1,4 @@
-"""When a part is made otherwise than planned: only where it is there sooner by the margin, and it can be."""
+"""Policy of replanning: only if the part ends sooner by the margin, and if it is possible."""
 
 from dataclasses import replace
 

@@ -139,7 +139,7 @@ def test_no_part_is_lost_and_none_is_printed_twice(taken):
 
 
 def _share(books, part, whole):
-    """How much of a planned part this one is; every cut makes halves."""
+    """Compute the share of a planned part; every cut makes halves."""
     if part == whole:
         return 1.0
     parent = books.parts[part].cut_from
