@@ -258,13 +258,17 @@ def wait_bed(machine: Machine, line: bytes, now_s: float) -> Work:
         yield now_s
 
 
-def temperatures(machine: Machine, now_s: float) -> bytes:
+def temperatures(machine: Machine, now_s: float, decimals: int = 1) -> bytes:
     """Format the answer to ``M105``, which begins with its ok."""
     nozzle, bed = machine.board.nozzle, machine.board.bed
-    return b"ok T:%.1f /%.1f B:%.1f /%.1f @:%d B@:%d\n" % (
+    return b"ok T:%.*f /%.*f B:%.*f /%.*f @:%d B@:%d\n" % (
+        decimals,
         nozzle.temperature_c(now_s),
+        decimals,
         nozzle.target_c,
+        decimals,
         machine.board.bed_c(now_s),
+        decimals,
         bed.target_c,
         nozzle.power(now_s),
         bed.power(now_s),
@@ -347,3 +351,34 @@ def allow_cold(machine: Machine, line: bytes, now_s: float) -> None:
 def _zero(number: float) -> float:
     """Turn a negative zero into 0."""
     return 0.0 if abs(number) < 0.005 else number
+
+
+SHARED_G: Mapping[int, Command] = {2: move_arc, 3: move_arc, 4: dwell, 28: home, 92: set_position}
+"""G codes that every Marlin here executes alike."""
+
+SHARED_M: Mapping[int, Command] = {
+    0: hang,
+    1: hang,
+    18: motors_off,
+    20: list_card,
+    21: init_card,
+    27: report_card,
+    82: extruder_mode,
+    83: extruder_mode,
+    84: motors_off,
+    85: dead_man,
+    92: set_limits,
+    104: set_nozzle,
+    109: wait_nozzle,
+    140: set_bed,
+    190: wait_bed,
+    201: set_limits,
+    203: set_limits,
+    204: set_limits,
+    205: set_limits,
+    220: set_feed_factor,
+    221: set_flow_factor,
+    302: allow_cold,
+    400: finish,
+}
+"""M codes that every Marlin here executes alike."""

@@ -7,30 +7,14 @@ read ahead. A fault ends in ``kill()``, after which only a reset helps.
 from __future__ import annotations
 
 import math
+from functools import partial
 
 from drivers.emulator.firmware.commands import (
+    SHARED_G,
+    SHARED_M,
     Commands,
     Work,
-    allow_cold,
-    dead_man,
-    dwell,
-    extruder_mode,
-    finish,
-    hang,
-    home,
-    init_card,
-    list_card,
-    motors_off,
-    move_arc,
-    report_card,
-    set_bed,
-    set_feed_factor,
-    set_flow_factor,
-    set_limits,
-    set_nozzle,
-    set_position,
-    wait_bed,
-    wait_nozzle,
+    temperatures,
 )
 from drivers.emulator.firmware.dialect import Dialect
 from drivers.emulator.firmware.machine import Machine, value
@@ -79,19 +63,6 @@ def settings(limits: Limits, levelled: int = 0) -> bytes:
     ).encode()
 
 
-def _report(machine: Machine, now_s: float) -> bytes:
-    """Format the answer to ``M105``, which begins with its ok."""
-    nozzle, bed = machine.board.nozzle, machine.board.bed
-    return b"ok T:%.2f /%.2f B:%.2f /%.2f @:%d B@:%d\n" % (
-        nozzle.temperature_c(now_s),
-        nozzle.target_c,
-        machine.board.bed_c(now_s),
-        bed.target_c,
-        nozzle.power(now_s),
-        bed.power(now_s),
-    )
-
-
 def _report_position(machine: Machine, line: bytes, now_s: float) -> None:
     """Answer ``M114``: the end of the planned moves, in mm and in steps."""
     x, y, z, e = (at + 0.0 if abs(at) >= 0.005 else 0.0 for at in machine.at)
@@ -135,42 +106,16 @@ MARLIN2 = Dialect(
     # Codes without effect here (fan, SD card, text) and unknown ones: plain ok.
     commands=Commands(
         g={
-            2: move_arc,
-            3: move_arc,
-            4: dwell,
-            28: home,
+            **SHARED_G,
             90: _set_mode,
             91: _set_mode,
-            92: set_position,
         },
         m={
-            0: hang,
-            1: hang,
-            18: motors_off,
-            20: list_card,
-            21: init_card,
-            27: report_card,
-            82: extruder_mode,
-            83: extruder_mode,
-            84: motors_off,
-            85: dead_man,
-            92: set_limits,
-            104: set_nozzle,
-            109: wait_nozzle,
+            **SHARED_M,
             112: _halt,
             113: _set_keep_alive,
             114: _report_position,
             115: _identify,
-            140: set_bed,
-            190: wait_bed,
-            201: set_limits,
-            203: set_limits,
-            204: set_limits,
-            205: set_limits,
-            220: set_feed_factor,
-            221: set_flow_factor,
-            302: allow_cold,
-            400: finish,
             410: _stop_moves,
             503: _report_settings,
         },
@@ -189,7 +134,7 @@ MARLIN2 = Dialect(
     },
     banner=banner,
     late_banner=b"echo:No media\n",
-    report=_report,
+    report=partial(temperatures, decimals=2),
     buffer_lines=4,
     line_ends=b"\n\r",
     comment_goes_on=False,
