@@ -1,0 +1,125 @@
+"""Board that keeps the firmware's rules of numbers and checksums, and a wire to it that loses and garbles."""
+
+import math
+import random
+import re
+from functools import reduce
+from operator import xor
+
+from drivers.errors import Fault
+from drivers.firmware import ULTIMAKER2
+from drivers.gcode import remove_frame
+from drivers.link import Link, Trouble
+
+BANNER = b"start\necho:Marlin 1.0.0\necho: Last Updated | Author: Vers:_3.3.0\necho:   M301 P10 I1 D70\n"
+
+
+class Firmware:
+    """Numbers, checksums, resends and oks; nothing of machines."""
+
+    def __init__(self) -> None:
+        self.last = 0
+        self.partial = b""
+        self.done: list[tuple[int, bytes]] = []  # numbered lines that were carried out
+        self.mute = False
+
+    def feed(self, data: bytes) -> bytes:
+        out = b""
+        *lines, self.partial = (self.partial + data).split(b"\n")
+        for line in lines:
+            out += self.line(line)
+        return b"" if self.mute else out
+
+    def line(self, line: bytes) -> bytes:
+        body = line
+        number = re.search(rb"N(-?\d+)", line)
+        star = line.find(b"*")
+        if number is not None:
+            n = int(number[1])
+            if n != self.last + 1 and b"M110" not in line:
+                return self.wrong(b"Line Number is not Last Line Number+1")
+            if star < 0:
+                return self.wrong(b"No Checksum with line number")
+            said = re.match(rb"\d*", line[star + 1 :])
+            if reduce(xor, line[:star], 0) != int((said and said[0]) or b"-1"):
+                return self.wrong(b"checksum mismatch")
+            self.last = n
+            body = remove_frame(line)
+        elif star >= 0:
+            return b"Error:No Line Number with checksum, Last Line: %d\n" % self.last
+        if not body.strip():
+            return b""
+        if number is not None and not body.startswith((b"M110", b"M105")):
+            self.done.append((self.last, body))
+        if body.startswith(b"M105"):
+            return b"ok T:200.0 /210.0 B:60.0 /60.0 @:0 B@:0\n"
+        if b"M119" in body:
+            return b"Reporting endstop status\nx_min: openy_max: openz_max: openok\n"
+        return b"ok\n"
+
+    def wrong(self, what: bytes) -> bytes:
+        self.partial = b""
+        return b"Error:%b, Last Line: %d\nResend: %d\nok\n" % (what, self.last, self.last + 1)
+
+
+class Wire:
+    """Bytes from end to end, each lost or changed with the given probability; in pieces of `piece` bytes."""
+
+    def __init__(self, lost: float, changed: float, piece: int, seed: int) -> None:
+        self.lost, self.changed, self.piece = lost, changed, piece
+        self.rng = random.Random(seed)
+
+    def carry(self, data: bytes) -> list[bytes]:
+        if self.lost or self.changed:
+            out = bytearray()
+            for byte in data:
+                roll = self.rng.random()
+                if roll < self.lost:
+                    continue
+                out.append(byte ^ (1 << self.rng.randrange(8)) if roll < self.lost + self.changed else byte)
+            data = bytes(out)
+        return [data[i : i + self.piece] for i in range(0, len(data), self.piece)]
+
+
+class Bench:
+    """A link and a board at the ends of a wire, with a clock of their own."""
+
+    def __init__(self, wire: Wire | None = None, floor_s: float = 0.0) -> None:
+        self.firmware = Firmware()
+        self.wire = wire or Wire(0.0, 0.0, 10_000, 0)
+        self.link = Link(ULTIMAKER2, floor_s)
+        self.now_s = 0.0
+        self.events: list[object] = []
+
+    def boot(self) -> "Bench":
+        self.link.opened(self.now_s)
+        self.events += self.link.receive(BANNER, self.now_s) or ()
+        return self
+
+    def run(self, until_s: float = 1e6) -> None:
+        """Until nothing happens any more, or the link has given up."""
+        for _ in range(20_000):
+            if self.now_s >= until_s:
+                return
+            if out := self.link.take():
+                for there in self.wire.carry(out):
+                    for back in self.wire.carry(self.firmware.feed(there)):
+                        self.events += self.link.receive(back, self.now_s) or ()
+                self.now_s += 0.01
+            elif self.link.deadline_s == math.inf:
+                return
+            else:
+                self.now_s = self.link.deadline_s
+                self.events += self.link.tick(self.now_s)
+        raise AssertionError(f"it does not end: {self.events[-5:]}")
+
+    def troubles(self) -> list[Fault]:
+        return [event.fault for event in self.events if isinstance(event, Trouble)]
+
+
+def lines(count: int) -> list[bytes]:
+    return [b"G1 X%d.%03d Y1 E%d" % (i % 200, i % 1000, i) for i in range(count)]
+
+
+def stream(bench: Bench, program: list[bytes]) -> None:
+    bench.link.stream(bench.now_s, lambda a, b: program[a:b], 0, len(program))
