@@ -7,10 +7,9 @@ from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
+from drivers.agent.emulator_bed import EmulatorBed
 from drivers.agent.idle_watch import CARD, IdleWatch
 from drivers.clock import Clock, wall_s
-from drivers.emulator.launch import control, read_status
-from drivers.emulator.status import EmulatorStatus
 from drivers.errors import AgentError, Fault, PortError, PortNotIdle
 from drivers.link import Event, Events, Link, Phase, Report, Said, Trouble, Up
 from drivers.ports import Port, identify_device, open_port
@@ -62,6 +61,8 @@ class Board:
         True if the printer was reconnected or seen cold: later findings are new ones.
     idle_watch
         Watch over the idle board.
+    emulator
+        Status and bed of the emulator, if there is one.
     changed
         True if anything changed other than the next line of a program.
     """
@@ -88,6 +89,7 @@ class Board:
         self.stuck_heater: str | None = None
         self.returned = False
         self.idle_watch = IdleWatch()
+        self.emulator = EmulatorBed(folder if self.simulated else None)
         self.changed = False
         self._url, self._folder, self._clock = url, folder, clock
         self._save, self._on_port_change = save, on_port_change
@@ -259,28 +261,6 @@ class Board:
         if self._port is not None:
             self._port.close()
             self._port = None
-
-    # --- emulator ---
-
-    def status(self) -> EmulatorStatus | None:
-        """Read the status of an emulator; None for a real printer."""
-        if not self.simulated:
-            return None
-        try:
-            return read_status(self._folder)
-        except PortError:
-            return None
-
-    def clear_bed(self) -> None:
-        """Clear the bed of an emulator.
-
-        Raises
-        ------
-        PortError
-            The emulator does not answer.
-        """
-        if self.simulated:
-            control(self._folder, "clear_bed")
 
     # --- events ---
 

@@ -76,7 +76,7 @@ class Recorder:
             ends_by_s=ends_by_s,
         )
         self._program = program
-        status = self.board.status()
+        status = self.board.emulator.status()
         self._starved_before_s = status.starved_s if status is not None else 0.0
         self.board.begin(Session(context))
 
@@ -158,7 +158,7 @@ class Recorder:
 
     def describe_print(self, saved: PrintSnapshot, context: SessionContext) -> PrintSnapshot:
         """Return the current state of the open print."""
-        status = self.board.status()
+        status = self.board.emulator.status()
         starved_s = saved.starved_s if status is None else status.starved_s - self._starved_before_s
         awaits_outcome = self._awaits_outcome(context)
         known: dict[str, object] = {

@@ -150,7 +150,7 @@ class RequestHandler:
         known, attention = self._journal.state.print, self._board.state.attention_reason
         if attention is not None and known is not None and known.fault == Fault.WRONG_PRINTER:
             self._journal.write(self._clock.now(), identity=None)  # a person has checked which printer it is
-        self._board.clear_bed()
+        self._board.emulator.clear()
         self._board.clear_attention()
         self._recorder.alarms.clear()
         if request.filament is not None:

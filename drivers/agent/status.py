@@ -56,7 +56,7 @@ def make_snapshot(start: StartFile, recorder: Recorder, now_s: float) -> Snapsho
         The farm's clock.
     """
     board, saved = recorder.board, recorder.journal.state
-    session, report, emulator = board.session, board.report, board.status()
+    session, report, emulator = board.session, board.report, board.emulator.status()
     link, reason = describe_link(board, recorder.journal_error)
     filament = saved.filament if session is None else session.context.filament
     if filament is Filament.UNKNOWN and session is None and emulator is not None:

@@ -11,7 +11,6 @@ from operator import xor
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from link_bench import BANNER, Bench, Wire, lines, stream
 
 from drivers.errors import Fault
 from drivers.firmware import ULTIMAKER2
@@ -19,6 +18,7 @@ from drivers.gcode import add_frame, checksum
 from drivers.link import Link, Phase, Report, Up, replies
 from drivers.link.link import ASK_S
 from drivers.link.recovery import ASKS, TRIES
+from link_bench import BANNER, Bench, Wire, lines, stream
 
 
 @given(st.binary(max_size=128))
