@@ -5,8 +5,6 @@ The rules are those of docs/explanation/ultimaker2-serial.md, section 1.
 
 import math
 import re
-from functools import reduce
-from operator import xor
 
 import pytest
 from hypothesis import given, settings
@@ -14,16 +12,11 @@ from hypothesis import strategies as st
 
 from drivers.errors import Fault
 from drivers.firmware import ULTIMAKER2
-from drivers.gcode import add_frame, checksum
+from drivers.gcode import add_frame
 from drivers.link import Link, Phase, Report, Up, replies
 from drivers.link.link import ASK_S
 from drivers.link.recovery import ASKS, TRIES
 from link_bench import BANNER, Bench, Wire, lines, stream
-
-
-@given(st.binary(max_size=128))
-def test_the_folded_checksum_is_the_xor_of_all_bytes(line: bytes):
-    assert checksum(line) == reduce(xor, line, 0)
 
 
 def test_frames_are_those_of_the_notes():
