@@ -65,6 +65,13 @@ class PlateStatus(_View):
     hold: Hold | None
 
 
+class RunView(_View):
+    """Interval in which a job was printed."""
+
+    started: str
+    ended: str | None  # null for the present one
+
+
 class JobView(_View):
     id: int
     name: str
@@ -88,6 +95,7 @@ class JobView(_View):
     lower_bound_s: float | None  # of the parallel printing time on these printers
     eta: str | None
     elapsed_s: float | None  # parallel printing time so far, or actual
+    runs: list[RunView]  # more than one if parts were printed again after it had ended
     serial_s: float | None
     speedup: float | None
     utilisation: float | None

@@ -7,7 +7,7 @@ seconds, lengths millimetres, temperatures degrees Celsius.
 from farm.model.agent import AgentPrint, AgentSnapshot, Link
 from farm.model.entity import FORMER_NAMES, Entity
 from farm.model.hold import Hold, HoldCode, ShortReel
-from farm.model.job import Job, JobOptions, JobState, OwnGcode, PlanProgress, PlanStep
+from farm.model.job import Job, JobOptions, JobState, OwnGcode, PlanProgress, PlanStep, Reopening
 from farm.model.plate import DEFAULT_PRINT_OPTIONS, Part, PartGeometry, PartPrintOptions, Plate
 from farm.model.print import Print, PrintState, Verdict
 from farm.model.printer import Bed, FilamentState, Outage, Printer, Reel
@@ -38,6 +38,7 @@ __all__ = [
     "PrintState",
     "Printer",
     "Reel",
+    "Reopening",
     "ShortReel",
     "Verdict",
 ]

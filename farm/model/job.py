@@ -56,6 +56,13 @@ class OwnGcode(Entity):
     max_mm: tuple[float, float, float]
 
 
+class Reopening(Entity):
+    """Return of a job that had ended to printing: a person asked for a part again, or found one bad."""
+
+    ended_s: float  # when it had ended
+    reopened_s: float
+
+
 class Job(Entity):
     id: int
     request_id: str  # of the submission: a repeated request submits nothing twice
@@ -87,6 +94,7 @@ class Job(Entity):
     restored: bool = False  # from a backup: more may have been printed than is recorded
     planned_s: float | None = None
     ended_s: float | None = None
+    reopenings: tuple[Reopening, ...] = ()
 
 
 class PlanStep(StrEnum):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from farm.errors import ErrorCode
-from farm.model import Bed, Job, JobState, Outage, Plate, Print
+from farm.model import Bed, Job, JobState, Outage, Plate, Print, Reopening
 from farm.state import events as ev
 from farm.state.books import Books, put, replace_fields
 from farm.state.outage import lost_together
@@ -35,7 +35,11 @@ def update_job_state(books: Books, number: int, at_s: float, reopen: bool = Fals
             error, reason, ended_s = ErrorCode.ATTEMPTS, _why_failed(books, job), at_s
     if state is job.state and state is not JobState.PRINTED:
         return books
-    return put(books, replace_fields(job, state=state, error=error, reason=reason, ended_s=ended_s))
+    reopenings = job.reopenings
+    if job.state.ended and not state.ended and job.ended_s is not None:
+        reopenings = (*reopenings, Reopening(ended_s=job.ended_s, reopened_s=at_s))
+    changes = {"error": error, "reason": reason, "ended_s": ended_s, "reopenings": reopenings}
+    return put(books, replace_fields(job, state=state, **changes))
 
 
 def _why_failed(books: Books, job: Job) -> str:

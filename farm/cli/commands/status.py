@@ -18,6 +18,7 @@ from farm.cli import completion
 from farm.cli.client import Client
 from farm.cli.display import (
     format_deviation,
+    format_runs,
     format_share,
     format_time,
     make_table,
@@ -173,6 +174,8 @@ def list_figures(view: api.JobView) -> list[tuple[str, str]]:
         ),
         ("filament", format_mass(view.grams) if view.grams is not None else "-"),
     ]
+    if len(view.runs) > 1:
+        rows.append(("printed in runs", f"{format_runs(view.runs)}; the time between them is not counted"))
     if view.price is not None:
         rows.append(("price of the filament", f"{view.price:.2f} {view.currency or ''}".strip()))
     return rows

@@ -3,7 +3,13 @@
 from __future__ import annotations
 
 from farm.cli.display.console import make_table, open_console, print_json, print_notice
-from farm.cli.display.format import format_deviation, format_filament, format_share, format_time
+from farm.cli.display.format import (
+    format_deviation,
+    format_filament,
+    format_runs,
+    format_share,
+    format_time,
+)
 from farm.cli.display.job_page import render_job, show_job, show_result, show_submitted
 from farm.cli.display.progress import ProgressLines, follow_job, retry_over_restart, show_upload
 from farm.cli.display.status_page import render_status
@@ -14,6 +20,7 @@ __all__ = [
     "follow_job",
     "format_deviation",
     "format_filament",
+    "format_runs",
     "format_share",
     "format_time",
     "make_table",

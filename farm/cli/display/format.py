@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from datetime import datetime
 
+from farm import api
 from farm.model import PlanProgress, PlanStep
 from farm.text import format_count
 
@@ -54,3 +56,10 @@ def _short(amount: float) -> str:
 def format_time(iso: str | None) -> str:
     """Format a time of day with its weekday; a dash if there is none."""
     return "-" if iso is None else datetime.fromisoformat(iso).strftime("%a %H:%M")
+
+
+def format_runs(runs: Sequence[api.RunView]) -> str:
+    """Format the intervals in which a job was printed."""
+    return ", ".join(
+        f"{format_time(run.started)} to {format_time(run.ended) if run.ended else 'now'}" for run in runs
+    )

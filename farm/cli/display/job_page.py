@@ -13,6 +13,7 @@ from farm.cli.display.format import (
     format_deviation,
     format_filament,
     format_planning,
+    format_runs,
     format_share,
     format_time,
 )
@@ -125,6 +126,8 @@ def _list_times(view: api.JobView) -> list[tuple[str, str]]:
         rows.append(
             (ended if view.state.ended else "printing for", format_duration(view.elapsed_s) + deviation)
         )
+    if len(view.runs) > 1:
+        rows.append(("printed in runs", format_runs(view.runs)))
     if view.eta and view.state == JobState.PRINTING:
         rows.append(("ends", format_time(view.eta)))
     if view.serial_s is not None:

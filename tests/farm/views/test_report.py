@@ -1,13 +1,17 @@
 """The report of a job: one page, its Gantt, what went wrong, its parts."""
 
+import io
 import re
 from datetime import datetime, timedelta
 from xml.etree import ElementTree
 
 import trimesh
+from rich.console import Console
 
 from example_night import night_books, view_context_of
+from farm import api
 from farm.cli.commands.status import draw_part, list_figures
+from farm.cli.display import render_job
 from farm.model import Verdict
 from farm.state import events as ev
 from farm.views import describe_job, list_history
@@ -80,6 +84,17 @@ def test_a_job_of_which_nothing_is_printed_has_a_page_too():
     view, rows, now = report_of(night_books(), parts=[], plates=[])
     text = render_page(view, rows, now, list_figures(view), {}, None)
     assert "Nothing has been printed yet" in text
+
+
+def test_report_and_job_page_name_the_runs_of_a_job_that_was_printed_again():
+    first = {"started": "2026-11-21T20:00:00+01:00", "ended": "2026-11-22T06:00:00+01:00"}
+    runs = [api.RunView(**first), api.RunView(started="2026-11-23T09:00:00+01:00", ended=None)]
+    view, _, _ = report_of(night_books(), runs=runs)
+    text = "Sat 20:00 to Sun 06:00, Mon 09:00 to now"
+    assert dict(list_figures(view))["printed in runs"] == f"{text}; the time between them is not counted"
+    console = Console(width=120, record=True, file=io.StringIO())
+    console.print(render_job(view))
+    assert text in console.export_text()
 
 
 def test_a_part_has_a_picture_and_own_g_code_has_none(tmp_path):

@@ -1,0 +1,157 @@
+"""Times of a job: parallel printing time, speed-up, utilisation. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from farm.model import Job, JobState, Plate, Print, PrintState
+from farm.state import Books, PlateState
+from farm.views.accounting import duration_s, is_wasted
+from farm.views.context import ViewContext
+
+_LEFT = (PlateState.WAITING, PlateState.PRINTING)
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """Interval in which a job was printed: from its first print command until nothing of it was left.
+
+    A job has more than one if parts were printed again after it had ended.
+
+    Attributes
+    ----------
+    started_s, ended_s
+        Seconds since the epoch; of an open run, it ends now.
+    printers
+        Printers that were used.
+    """
+
+    started_s: float
+    ended_s: float
+    printers: frozenset[str]
+    open: bool
+
+    @property
+    def length_s(self) -> float:
+        return max(0.0, self.ended_s - self.started_s)
+
+
+@dataclass(frozen=True, slots=True)
+class JobTimes:
+    """Times of a job, in seconds; None if they are not known.
+
+    Attributes
+    ----------
+    runs
+        Intervals in which it was printed.
+    elapsed_s
+        Parallel printing time so far, or actual: the length of all runs.
+    makespan_s
+        Parallel printing time: actual, or expected from present data.
+    end_s
+        Time at which it ended, or is expected to.
+    speedup
+        Ratio of the time on a single large printer to the makespan.
+    utilisation
+        Share of the runs for which the printers that each used made parts, without those wasted.
+    starved_share
+        Share of the printing time that simulated printers waited for the host.
+    """
+
+    runs: tuple[Run, ...]
+    elapsed_s: float | None
+    makespan_s: float | None
+    end_s: float | None
+    speedup: float | None
+    utilisation: float | None
+    starved_share: float | None
+
+
+def measure_times(context: ViewContext, job: Job) -> JobTimes:
+    """Measure the times of a job."""
+    plates, prints = list(context.books.plates_of(job)), context.books.prints_of_job(job)
+    runs = tuple(list_runs(job, prints, context.now_s))
+    printed = job.state in (JobState.PRINTED, JobState.DONE)
+    elapsed_s = sum(run.length_s for run in runs) if runs else None
+    remaining_s = None if job.state is not JobState.PRINTING else _remaining_s(context, plates)
+    makespan_s, end_s = None, job.ended_s if printed else None
+    if printed:
+        makespan_s = elapsed_s or job.expected_s
+    elif not job.state.ended:  # the time of a failed or cancelled job is meaningless
+        makespan_s = job.expected_s
+        if elapsed_s is not None:
+            makespan_s = elapsed_s + _left_s(context, plates, runs, remaining_s or 0.0) or job.expected_s
+        end_s = None if remaining_s is None else context.now_s + remaining_s
+    reached_s = sum(map(duration_s, prints))
+    return JobTimes(
+        runs=runs,
+        elapsed_s=elapsed_s,
+        makespan_s=makespan_s,
+        end_s=end_s,
+        speedup=job.serial_s / makespan_s if job.serial_s and makespan_s else None,
+        utilisation=_utilisation(context.books, job, plates, runs, makespan_s) if makespan_s else None,
+        starved_share=sum(p.starved_s for p in prints) / reached_s if reached_s else None,
+    )
+
+
+def list_runs(job: Job, prints: Sequence[Print], now_s: float) -> Iterator[Run]:
+    """Yield the intervals in which a job was printed, oldest first.
+
+    A run begins with its first print command. It ends when the job ends, and goes on while plates wait. A
+    print belongs to the run in which its printer was chosen.
+    """
+    since_s = float("-inf")
+    closed = [(each.ended_s, each.reopened_s) for each in job.reopenings]
+    for ended_s, until_s in [*closed, (job.ended_s, float("inf"))]:
+        own = [p for p in prints if since_s <= p.assigned_s < until_s]
+        started_s = [p.started_s for p in own if p.started_s is not None]
+        since_s = until_s
+        if not started_s:
+            continue
+        end_s = max(min(started_s), now_s if ended_s is None else ended_s)
+        printers = frozenset(p.printer for p in own if p.started_s is not None or not p.state.ended)
+        yield Run(min(started_s), end_s, printers, ended_s is None)
+
+
+def _utilisation(
+    books: Books, job: Job, plates: Sequence[Plate], runs: Sequence[Run], makespan_s: float
+) -> float | None:
+    """Return the printing time of a job's plates over that of the printers used in each run."""
+    left = [p for p in plates if books.plate_state(p) in _LEFT]
+    done = [p for p in books.prints_of_job(job) if p.state is PrintState.DONE and not is_wasted(p)]
+    busy_s = sum(map(duration_s, done)) + sum(plate.expected_s for plate in left)
+    over = [run for run in runs if not run.open]
+    available_s = sum(len(run.printers) * run.length_s for run in over)
+    if not job.state.ended:
+        present = frozenset().union(*(run.printers for run in runs if run.open))
+        planned = frozenset(p.printer for p in left if not p.prints)
+        used = present | planned or frozenset(p.printer for p in left)
+        available_s += len(used) * max(0.0, makespan_s - sum(run.length_s for run in over))
+    return busy_s / available_s if available_s else None
+
+
+def _left_s(context: ViewContext, plates: Sequence[Plate], runs: Sequence[Run], remaining_s: float) -> float:
+    """Estimate the time by which the runs still grow: a new one begins when its first print starts."""
+    if any(run.open for run in runs):
+        return remaining_s
+    waiting = (p for p in plates if context.books.plate_state(p) in _LEFT)
+    return min(remaining_s, sum(plate.expected_s for plate in waiting))
+
+
+def _remaining_s(context: ViewContext, plates: Sequence[Plate]) -> float:
+    """Estimate the time to the end of the last plate, at least 0.
+
+    A waiting plate ends according to the forecast, or as if it started now if there is no forecast.
+    """
+    return max((_plate_remaining_s(context, plate) for plate in plates), default=0.0)
+
+
+def _plate_remaining_s(context: ViewContext, plate: Plate) -> float:
+    state = context.books.plate_state(plate)
+    if state is PlateState.WAITING:
+        return max(0.0, context.ends_s.get(plate.id, context.now_s + plate.expected_s) - context.now_s)
+    if state is not PlateState.PRINTING:
+        return 0.0
+    attempt = context.books.prints[plate.prints[-1]]
+    return plate.expected_s if attempt.started_s is None else context.remaining_s(attempt)

@@ -1,0 +1,93 @@
+"""Figures of a job whose part is printed again a day after it was done: through the daemon's own rules."""
+
+import pytest
+
+from farm.model import AgentPrint, AgentSnapshot, FilamentState, JobOptions, JobState, Link, PrintState
+from farm.paths import StateFolder
+from farm.planning.plan import Plan
+from farm.views import describe_job, list_history
+from make_books import plan as planned
+from recording_controller import MODEL, Farm
+from simulated_fleet import Clock
+
+DAY_S = 86400.0
+
+
+class Night:
+    """A farm of two printers under a clock that the test moves."""
+
+    def __init__(self, folder):
+        self.clock = Clock()
+        self.farm = Farm(folder, clock=self.clock)
+        self.state = StateFolder(folder)
+        self.farm.ready("a", "b")
+        self.farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
+        event = planned(1, 2)
+        self.farm.controller.on_plan(1, Plan(event.parts, event.plates, (), 1.0, 500.0, 100.0, None))
+
+    def report(self, printer, state, began_s):
+        """Say by the agent of a printer how its print goes."""
+        attempt = self.farm.controller.books.open_print_on(printer)
+        ended = state.ended
+        said = AgentPrint(
+            print_id=attempt.id, state=state, fault=None, reason=None, progress_s=90.0, print_time_s=90.0,
+            extruded=True, started_s=began_s, ended_s=self.clock.now_s if ended else None,
+        )  # fmt: skip
+        link, filament = Link.READY if ended else Link.BUSY, FilamentState.PARKED
+        self.farm.controller.on_snapshot(
+            AgentSnapshot(printer=printer, link=link, agent_pid=9, filament=filament, print=said)
+        )
+
+    def finish(self, *printers):
+        """Let the prints of these printers run for 100 s from now on, and clear their beds."""
+        began_s = self.clock.now_s
+        for printer in printers:
+            self.report(printer, PrintState.PRINTING, began_s)
+        self.clock.now_s += 100.0
+        for printer in printers:
+            self.report(printer, PrintState.DONE, began_s)
+            self.farm.ready(printer)
+            self.farm.clear_bed(printer)
+
+    def job(self):
+        return describe_job(self.farm.view_context(self.state), self.farm.controller.books.job(1))
+
+
+def test_reprint_a_day_later_adds_the_time_of_its_print(tmp_path):
+    night = Night(tmp_path)
+    night.finish("a", "b")
+    first = night.job()
+    assert (first.state, first.elapsed_s, first.speedup, first.utilisation) == (
+        JobState.DONE,
+        100.0,
+        5.0,
+        1.0,
+    )
+
+    night.clock.now_s += DAY_S
+    night.farm.parts.reprint(1, "p01", "it fell", "ann")
+    asked = night.job()
+    assert (asked.state, asked.elapsed_s, asked.current_s, asked.speedup) == (
+        JobState.PRINTING,
+        100.0,
+        200.0,
+        2.5,
+    )
+    night.finish("a")
+
+    again = night.job()
+    assert (again.state, again.elapsed_s, again.current_s, again.speedup) == (
+        JobState.DONE,
+        200.0,
+        200.0,
+        2.5,
+    )
+    assert again.utilisation == pytest.approx(2 / 3)
+    assert again.runs[0].ended < again.runs[1].started
+    assert (again.wasted_s, again.good) == (100.0, 2)
+    rows = list_history(night.farm.view_context(night.state), job=1)
+    assert [(row.took_s, row.wasted) for row in rows] == [(100.0, True), (100.0, False), (100.0, False)]
+
+    night.farm.store.close()
+    night.farm = Farm(tmp_path, clock=night.clock)  # its books say the same after a restart
+    assert night.job() == again

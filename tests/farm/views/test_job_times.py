@@ -1,0 +1,116 @@
+"""Times of a job over its runs."""
+
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from farm.config import Fleet
+from farm.model import Verdict
+from farm.paths import StateFolder
+from farm.state import events as ev
+from farm.views import ViewContext
+from farm.views.job_times import list_runs, measure_times
+from make_books import ended, printing, run
+
+FLEET = Fleet.model_validate(
+    {"printers": [{"name": name, "model": "m", "port": f"/dev/{name}"} for name in "abc"]}
+)
+DAY_S = 86400.0
+
+
+def times(books, now_s):
+    context = ViewContext(FLEET, books, {}, StateFolder(Path("/state")), now_s)
+    return measure_times(context, books.job(1))
+
+
+def attempt(name, plate, printer, from_s, to_s):
+    """Events of a print that is done, and of its bed, which is cleared in the same moment."""
+    return (
+        ev.PlateAssigned(at_s=from_s, plate=plate, printer=printer, print_id=name),
+        ended(name, at_s=to_s, started_s=from_s),
+        ev.BedCleared(at_s=to_s, printer=printer, by="ann"),
+    )
+
+
+@pytest.fixture
+def done():
+    """Books of a job of two plates of 100 s, printed side by side."""
+    return run(printing(), *attempt("x", "1/01", "a", 0.0, 100.0), *attempt("y", "1/02", "b", 0.0, 100.0))[0]
+
+
+def test_time_between_the_end_of_a_job_and_a_reprint_is_not_counted(done):
+    first = times(done, DAY_S)
+    assert (first.elapsed_s, first.speedup, first.utilisation) == (100.0, 5.0, 1.0)
+    again = ev.ReprintRequested(at_s=DAY_S, plate="1/01", why="lost", by="ann")
+    books, _ = run(done, again, *attempt("z", "1/01", "c", DAY_S + 50.0, DAY_S + 150.0))
+    second = times(books, 3 * DAY_S)
+    assert [(each.started_s, each.ended_s) for each in second.runs] == [
+        (0.0, 100.0),
+        (DAY_S + 50.0, DAY_S + 150.0),
+    ]
+    assert (second.elapsed_s, second.makespan_s, second.speedup) == (200.0, 200.0, 2.5)
+    assert second.utilisation == pytest.approx(200.0 / 300.0)  # of two printers, then of one
+    assert second.end_s == DAY_S + 150.0
+
+
+def test_reprint_that_waits_for_a_printer_is_expected_to_take_its_own_time(done):
+    again = ev.ReprintRequested(at_s=DAY_S, plate="1/01", why="lost", by="ann")
+    waiting = times(run(done, again)[0], DAY_S + 5000.0)
+    assert (waiting.elapsed_s, waiting.makespan_s) == (100.0, 200.0)
+    assert waiting.end_s == DAY_S + 5100.0
+
+
+def test_wait_for_a_printer_within_a_run_is_counted():
+    books, _ = run(
+        printing(), *attempt("x", "1/01", "a", 0.0, 100.0), *attempt("y", "1/02", "a", 400.0, 500.0)
+    )
+    seen = times(books, DAY_S)
+    assert (len(seen.runs), seen.elapsed_s, seen.utilisation) == (1, 500.0, pytest.approx(0.4))
+
+
+def test_cancelled_reprint_leaves_the_figures_as_they_were(done):
+    before = times(done, DAY_S)
+    again = ev.ReprintRequested(at_s=DAY_S, plate="1/01", why="lost", by="ann")
+    cancelled, _ = run(done, again, ev.PlateCancelled(at_s=DAY_S + 9.0, plate="1/01", by="ann"))
+    after = times(cancelled, 2 * DAY_S)
+    assert (after.elapsed_s, after.speedup) == (before.elapsed_s, before.speedup)
+
+
+def test_part_found_bad_in_the_morning_begins_another_run():
+    bad = ev.BedCleared(at_s=9000.0, printer="a", by="ann", verdict=Verdict.BAD, why="warped")
+    books, _ = run(printing(1), *attempt("x", "1/01", "a", 0.0, 100.0)[:2], bad)
+    books, _ = run(books, *attempt("y", "1/01", "a", 9100.0, 9200.0))
+    assert [each.length_s for each in times(books, DAY_S).runs] == [100.0, 100.0]
+
+
+SPANS = st.lists(st.tuples(st.floats(0.0, 1e5), st.floats(1.0, 1e5)), min_size=1, max_size=6)
+
+
+@given(SPANS)
+def test_runs_are_disjoint_and_each_print_is_in_one(spans):
+    """One reprint after another, each a while after the job has ended."""
+    books, at_s = printing(1), 0.0
+    for number, (wait_s, took_s) in enumerate(spans):
+        at_s += 1.0 + wait_s
+        if number:
+            asked = ev.ReprintRequested(at_s=at_s, plate="1/01", why="", by="ann")
+            books, _ = run(books, asked)
+        books, _ = run(books, *attempt(f"x{number}", "1/01", "a", at_s, at_s + took_s))
+        at_s += took_s
+    job = books.job(1)
+    runs = list(list_runs(job, books.prints_of_job(job), at_s + DAY_S))
+    assert len(runs) == len(spans) == len(job.reopenings) + 1
+    assert all(one.ended_s <= following.started_s for one, following in pairwise(runs))
+    assert sum(one.length_s for one in runs) == pytest.approx(sum(took_s for _, took_s in spans))
+
+
+def test_job_of_older_books_has_one_run():
+    books, _ = run(printing(1), *attempt("x", "1/01", "a", 0.0, 100.0))
+    stored = books.job(1).model_dump()
+    del stored["reopenings"]
+    job = type(books.job(1)).model_validate(stored)
+    assert job.reopenings == ()
+    assert len(list(list_runs(job, books.prints_of_job(job), DAY_S))) == 1
