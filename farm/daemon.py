@@ -16,6 +16,7 @@ from typing import IO
 import uvicorn
 
 from drivers.clock import Clock
+from drivers.log_file import rotate_log
 from farm.agents import AgentManager
 from farm.compute import Workers
 from farm.config import Fleet
@@ -53,6 +54,8 @@ _WATCH_S = 0.5  # wall seconds; a dead agent's printer must be cold within 5
 _TICK_S = 1.0
 _NOTIFY_S = 2.0
 _DRY_RUNS_S = 5.0
+_LOG_S = 60.0
+_LOG_BYTES, _LOGS_KEPT = 10 * 2**20, 4
 _FOLLOW_S = 1.0  # wall seconds; a clock set back delays timers by at most this
 _ABORT_S = 150.0  # wall seconds within which every print can be stopped safely
 _GRACE_S = 3  # wall seconds for requests that are under way when the daemon ends
@@ -122,6 +125,7 @@ class Daemon:
         timers.every(_TICK_S, "tick", self._schedule)
         timers.every(_NOTIFY_S, "notify", self._notify)
         timers.every(_DRY_RUNS_S, "dry runs", lambda: dry_runs.cancel_abandoned(time.monotonic()))
+        timers.every(_LOG_S, "log", lambda: rotate_log(self._state.log, _LOG_BYTES, _LOGS_KEPT))
         timers.start()
         following = asyncio.get_running_loop().create_task(self._follow_clock())
         await NightlyBackup(

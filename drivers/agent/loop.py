@@ -17,15 +17,17 @@ from drivers.agent.spool import Spool
 from drivers.agent.status import describe_link, list_prints, make_snapshot
 from drivers.clock import wall_s
 from drivers.errors import DriverError, TooLate
+from drivers.log_file import rotate_log
 from drivers.messages import ListPrints, Reply, Request, Snapshot
 from drivers.printers import PROFILES
-from drivers.records import JOURNAL, Journal, StartFile
+from drivers.records import AGENT_LOG, JOURNAL, Journal, StartFile
 
 log = logging.getLogger(__name__)
 
 EMULATOR = "emulator"
 PUSH_S = 1.0  # wall seconds between snapshots while anything is warm or prints
 IDLE_PUSH_S = 5.0
+LOG_S = 60.0  # wall seconds between two looks at the size of the log
 WARM_C = 40.0
 
 
@@ -50,6 +52,9 @@ class Agent:
         profile = PROFILES[start.model]
         self._journal = Journal(folder / JOURNAL)
         spool = Spool(folder / "spool", profile)
+        left = self._journal.state.print
+        spool.keep_only(None if left is None else left.print_id)
+        self._journal.shorten()
         self._board = Board(
             start.port, profile, folder / EMULATOR, self._clock, self._save, self._on_port_change
         )
@@ -57,6 +62,7 @@ class Agent:
         self._requests = RequestHandler(start.printer, self._recorder, spool, self._clock)
         self._pushed: tuple[object, ...] = ()
         self._push_wall_s = 0.0
+        self._log_wall_s = 0.0
         self._server: Server | None = None
         self._signals = self._listen_to_signals()
 
@@ -94,11 +100,18 @@ class Agent:
             due = wall_s() >= wake_wall_s
             if due:
                 self._board.tick()
+                self._limit_log()
             if due or self._board.changed:  # else only a program line was sent: no deadline came nearer
                 self._board.changed = False
                 self._push()
                 alarms_wall_s = self._recorder.alarms.wake_wall_s()
                 wake_wall_s = min(self._board.wake_wall_s(), self._push_wall_s, alarms_wall_s)
+
+    def _limit_log(self) -> None:
+        """Rename the log if it is full; a look costs two microseconds."""
+        if wall_s() >= self._log_wall_s:
+            self._log_wall_s = wall_s() + LOG_S
+            rotate_log(self._folder / AGENT_LOG)
 
     def _save(self) -> None:
         self._recorder.record_changes()

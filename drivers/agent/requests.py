@@ -102,6 +102,7 @@ class RequestHandler:
                     raise AgentError(f"print {known.print_id} is still open: cancel it first")
                 self._journal.write(self._clock.now(), print=None)
                 self._spool.drop(request.print_id)
+                self._journal.shorten()
 
     def _start(self, request: StartPrint) -> None:
         self._spool.check(request.print_id)

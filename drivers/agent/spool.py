@@ -17,6 +17,7 @@ from drivers.gcode import LONGEST_LINE_BYTES, Program, read_program
 from drivers.printers import Profile
 
 _PRINT_ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,127}")
+_GCODE = ".gcode"
 _PART = ".part"
 
 
@@ -32,7 +33,7 @@ class Spool:
     def _path(self, print_id: str) -> Path:
         if _PRINT_ID.fullmatch(print_id) is None:
             raise AgentError(f"{print_id!r}: a print id has letters, digits, dot, dash and underscore only")
-        return self._folder / f"{print_id}.gcode"
+        return self._folder / f"{print_id}{_GCODE}"
 
     def check(self, print_id: str) -> None:
         """Check a print id. Raises AgentError if it is invalid."""
@@ -79,6 +80,7 @@ class Spool:
             The copy cannot be written.
         """
         path = self._path(print_id)
+        self.keep_only(print_id)
         digest = hashlib.sha256()
         refusal: BadGcode | None = None
 
@@ -107,6 +109,14 @@ class Spool:
             if source.is_file() and os.access(source, os.R_OK):
                 raise _unwritten(path, error) from error
             raise BadGcode(f"{source}: cannot be read ({error.strerror}); is its folder shared?") from error
+
+    def keep_only(self, print_id: str | None) -> None:
+        """Delete the files of all other prints: of an upload that was never started, of a dead agent."""
+        kept = set() if print_id is None else {self._path(print_id), self.part(print_id)}
+        for path in self._folder.iterdir():
+            if path not in kept and path.suffix in (_GCODE, _PART):
+                with suppress(OSError):
+                    path.unlink()
 
     def drop(self, print_id: str) -> None:
         """Delete the files of a print."""

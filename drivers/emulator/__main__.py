@@ -22,10 +22,11 @@ from drivers.emulator.faults import DUE, Faults, parse_faults
 from drivers.emulator.firmware import person
 from drivers.emulator.firmware.firmware import EmulatedFirmware
 from drivers.emulator.hardware.wire import Wire
-from drivers.emulator.launch import ALIVE_LOCK, CONTROL, TTY, Command, short_path
+from drivers.emulator.launch import ALIVE_LOCK, CONTROL, LOG, TTY, Command, short_path
 from drivers.emulator.port import Port
 from drivers.emulator.status import EmulatorStatus, write_status
 from drivers.errors import PortError
+from drivers.log_file import rotate_log
 from drivers.printers import PROFILES, Profile
 
 STATUS_S = 0.4  # wall seconds between two status writes; readers expect one every 0.5 s
@@ -142,6 +143,7 @@ class Emulator:
             write_status(self._folder, status)
         except OSError:
             self._on = self._folder.is_dir()  # on a full disk the last status stays
+        rotate_log(self._folder / LOG)
         self._shown = board.changes
         self._show_at = time.monotonic() + STATUS_S
 

@@ -1,10 +1,11 @@
-"""Files in an agent's folder: its journal and its start file."""
+"""Files in an agent's folder: its journal, its start file and its log."""
 
 from drivers.records.journal import ESTOPPED, JOURNAL, Journal, read_journal
 from drivers.records.journal_state import Alarm, BoardState, JournalState, Suspicion
-from drivers.records.start_file import StartFile
+from drivers.records.start_file import AGENT_LOG, StartFile
 
 __all__ = [
+    "AGENT_LOG",
     "ESTOPPED",
     "JOURNAL",
     "Alarm",

@@ -16,6 +16,8 @@ from drivers.records.journal_state import JournalState
 log = logging.getLogger(__name__)
 
 JOURNAL = "journal.jsonl"  # in an agent's folder
+MOST_BYTES = 2 * 2**20
+"""Size above which a journal is shortened; its recent prints take up to 0.8 MB."""
 ESTOPPED = "stopped by `farm estop`"  # reason for attention after an emergency stop
 
 
@@ -60,11 +62,7 @@ class Journal:
         self.state, self._length = read_journal(path)
         self._fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC, 0o600)
         os.ftruncate(self._fd, self._length)
-        folder = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
-        try:
-            os.fsync(folder)  # else a power cut may lose a new file with all its records
-        finally:
-            os.close(folder)
+        _sync_folder(path)  # else a power cut may lose a new file with all its records
 
     def write(self, at_s: float, **record: Any) -> None:
         """Write one record to the disk, and apply it to `state`.
@@ -88,3 +86,49 @@ class Journal:
             ) from error
         self._length += len(line)
         self.state.apply(record)
+
+    def shorten(self, most_bytes: int = MOST_BYTES) -> bool:
+        """Replace a long journal by the fewest records that restore its state; keep the old one once.
+
+        Called while nothing prints. After an error the old journal continues to be used.
+
+        Returns
+        -------
+        bool
+            True if it was replaced.
+        """
+        if self._length <= most_bytes:
+            return False
+        short, old = (self._path.with_name(self._path.name + suffix) for suffix in (".new", ".1"))
+        data = b"".join(json.dumps(record).encode() + b"\n" for record in self.state.records())
+        try:
+            short.unlink(missing_ok=True)
+            descriptor = os.open(short, os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC, 0o600)
+        except OSError as error:
+            log.warning("%s: is not shortened: %s", self._path, error)
+            return False
+        try:
+            if os.write(descriptor, data) < len(data):
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+            os.fsync(descriptor)
+            old.unlink(missing_ok=True)
+            os.link(self._path, old)
+            short.replace(self._path)
+        except OSError as error:
+            log.warning("%s: is not shortened: %s", self._path, error)
+            os.close(descriptor)
+            return False
+        os.close(self._fd)
+        self._fd, self._length = descriptor, len(data)
+        with suppress(OSError):
+            _sync_folder(self._path)
+        return True
+
+
+def _sync_folder(path: Path) -> None:
+    """Write the folder's entry of a file to the disk."""
+    folder = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    try:
+        os.fsync(folder)
+    finally:
+        os.close(folder)

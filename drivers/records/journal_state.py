@@ -6,6 +6,7 @@ Records keep the field names of the first version; renamed fields have an alias.
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -164,3 +165,16 @@ class JournalState:
         self.board = self.board.updated(record)
         if "identity" in record:
             self.identity = record["identity"]
+
+    def records(self) -> Iterator[dict[str, Any]]:
+        """Yield the fewest records that restore this state; of the ended prints, the recent ones."""
+        for ended in self.recent:
+            yield {"at_s": ended.ended_s, "print": ended.model_dump(mode="json")}
+        yield {
+            "at_s": None if self.print is None else self.print.ended_s,
+            "print": None if self.print is None else self.print.model_dump(mode="json"),
+            "filament": self.filament.value,
+            "alarm": None if self.alarm is None else self.alarm.record(),
+            **self.board.record(),
+            "identity": self.identity,
+        }

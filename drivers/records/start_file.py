@@ -11,6 +11,7 @@ from drivers.clock import Clock
 from drivers.errors import AgentError
 
 NAME = "start.json"
+AGENT_LOG = "agent.log"  # in an agent's folder, too
 
 
 @dataclass(frozen=True, slots=True)

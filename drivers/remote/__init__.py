@@ -3,10 +3,10 @@
 `bridge` is not imported here: it is the program that ssh runs on another host.
 """
 
+from drivers.records import AGENT_LOG
 from drivers.remote.client import AgentClient
 from drivers.remote.heartbeat import Heartbeat, sample_process
 from drivers.remote.process import (
-    AGENT_LOG,
     RETRY_S,
     agent_pid,
     agents_are_units,

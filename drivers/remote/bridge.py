@@ -21,9 +21,9 @@ from pathlib import Path
 
 from drivers.errors import AgentError, DriverError
 from drivers.messages import AGENT_SOCKET
+from drivers.records import AGENT_LOG
 from drivers.remote.heartbeat import Heartbeat, sample_process
 from drivers.remote.process import (
-    AGENT_LOG,
     RETRY_S,
     agent_pid,
     is_alive,

@@ -12,6 +12,7 @@ from pathlib import Path
 from pydantic import ValidationError
 
 from drivers.errors import AgentError, AgentTooOld, MessageError
+from drivers.log_file import rotate_log
 from drivers.messages import (
     AGENT_SOCKET,
     PROTOCOL,
@@ -21,7 +22,8 @@ from drivers.messages import (
     for_protocol,
     from_agent_adapter,
 )
-from drivers.remote.process import AGENT_LOG, RETRY_S
+from drivers.records import AGENT_LOG
+from drivers.remote.process import RETRY_S
 
 FIRST_MESSAGE_S = 45.0  # over ssh, to an agent that may have to be started
 _LINE_BYTES = 1024 * 1024
@@ -99,6 +101,7 @@ class AgentClient:
         """Start the command that copies bytes; the first message shows that the whole route works."""
         self._folder.mkdir(parents=True, exist_ok=True)
         try:
+            rotate_log(self._folder / AGENT_LOG)
             with (self._folder / AGENT_LOG).open("ab") as log:
                 self._carrier = await asyncio.create_subprocess_exec(
                     *words,

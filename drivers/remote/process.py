@@ -12,9 +12,8 @@ import drivers
 from drivers.clock import Clock
 from drivers.errors import AgentError
 from drivers.locks import AGENT_LOCK, held, holder, kill_holder
-from drivers.records import StartFile
+from drivers.records import AGENT_LOG, StartFile
 
-AGENT_LOG = "agent.log"  # in an agent's folder
 UNIT = "FARM_AGENT_UNIT"
 RETRY_S = 0.25  # between two attempts to connect to an agent that starts
 

@@ -76,3 +76,17 @@ def test_a_copy_that_is_written_over_is_not_printed(tmp_path: Path):
     (tmp_path / "spool" / "p-1.gcode").write_bytes(b"G29\n")
     with pytest.raises(Unreadable):
         program.lines(0, 1)
+
+
+def test_files_of_other_prints_do_not_pile_up(tmp_path: Path):
+    source = tmp_path / "a.gcode"
+    source.write_bytes(b"G28\n")
+    spool = Spool(tmp_path / "spool", ULTIMAKER2_PLUS)
+    sha256 = hashlib.sha256(b"G28\n").hexdigest()
+    printing = spool.take("p-1", source, sha256)
+    spool.put("p-2", 0, b"G28\n")  # an upload that was never started
+    spool.take("p-3", source, sha256)
+    assert [path.name for path in (tmp_path / "spool").iterdir()] == ["p-3.gcode"]
+    assert printing.lines(0, 1) == [b"G28"]
+    spool.keep_only(None)
+    assert not list((tmp_path / "spool").iterdir())

@@ -1,14 +1,17 @@
 """The agent's journal, also as older agents wrote it."""
 
+import errno
 import json
 import os
 from pathlib import Path
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from drivers import messages as m
 from drivers.errors import JournalError
-from drivers.records import Alarm, BoardState, Journal
+from drivers.records import Alarm, BoardState, Journal, JournalState
 
 
 def test_a_truncated_journal_is_read_to_its_last_whole_record(tmp_path: Path):
@@ -110,3 +113,70 @@ def test_an_alarm_is_written_and_read_under_its_first_names(tmp_path):
     Journal(path).write(2.0, alarm=cut.record())
     last = json.loads(path.read_text().splitlines()[-1])
     assert last["alarm"] == {"text": "hot", "at_s": 1.0, "asked": True, "said": "off", "over": False}
+
+
+_snapshots = st.builds(
+    m.PrintSnapshot,
+    print_id=st.integers(0, 30).map("p-{}".format),
+    phase=st.sampled_from(m.PrintPhase),
+    ended_s=st.none() | st.floats(0, 1e9),
+)
+_records = st.fixed_dictionaries(
+    {},
+    optional={
+        "print": st.none() | _snapshots.map(lambda snapshot: snapshot.model_dump(mode="json")),
+        "filament": st.sampled_from([filament.value for filament in m.Filament]),
+        "alarm": st.none() | st.just(Alarm(text="hot", at_s=4.0).record()),
+        "look": st.none() | st.just("smoke"),
+        "hot": st.booleans(),
+        "identity": st.none() | st.just("serial-7"),
+    },
+)
+
+
+@given(records=st.lists(_records, max_size=40))
+def test_a_shortened_journal_restores_the_same_state(records: list[dict[str, object]]):
+    before = JournalState()
+    for record in records:
+        before.apply(record)
+    after = JournalState()
+    for record in before.records():
+        after.apply(json.loads(json.dumps(record)))
+    assert after == before
+
+
+def test_a_long_journal_is_shortened_and_the_old_one_is_kept_once(tmp_path: Path):
+    path = tmp_path / "journal.jsonl"
+    journal = Journal(path)
+    for number in range(1, 1300):
+        ended = m.PrintSnapshot(print_id=f"p-{number}", phase=m.PrintPhase.DONE, ended_s=float(number))
+        journal.state.apply({"print": ended.model_dump(mode="json")})
+    journal.write(1300.0, print=None, filament="parked")
+    assert not journal.shorten()  # the file itself is short
+    assert journal.shorten(most_bytes=10)
+    journal.write(1301.0, filament="at_nozzle")
+    state = Journal(path).state
+    assert (len(state.recent), state.filament) == (1000, m.Filament.AT_NOZZLE)
+    assert state.recent[-1].print_id == "p-1299" and "p-1299" in state.ended
+    assert '"parked"' in (tmp_path / "journal.jsonl.1").read_text()
+    journal.shorten(most_bytes=10)
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["journal.jsonl", "journal.jsonl.1"]
+
+
+@pytest.mark.parametrize("broken", ["write", "fsync", "link", "replace"])
+def test_a_journal_that_cannot_be_shortened_continues(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, broken: str
+):
+    path = tmp_path / "journal.jsonl"
+    journal = Journal(path)
+    journal.write(1.0, filament="parked")
+
+    def fail(*_: object) -> int:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    with monkeypatch.context() as full:
+        full.setattr(*((Path, "replace") if broken == "replace" else (os, broken)), fail)
+        assert not journal.shorten(most_bytes=10)
+    journal.write(2.0, look="smoke")
+    state = Journal(path).state
+    assert (state.filament, state.board.attention_reason) == (m.Filament.PARKED, "smoke")

@@ -1,0 +1,69 @@
+"""Log files of processes that log to stdout and stderr: bounded, and no line is lost."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+MOST_BYTES = 2 * 2**20
+"""Size at which a log is renamed; an agent writes about 1 KB for a print."""
+KEPT = 3
+"""Number of renamed logs that are kept."""
+
+
+def rotate_log(path: Path, most_bytes: int = MOST_BYTES, kept: int = KEPT) -> bool:
+    """Rename a log that is full, and let stdout and stderr of this process continue in a new one.
+
+    Files are renamed, not copied, and descriptors are replaced in one step, so every line is in the old
+    file or in the new one. Another process that has the old file open continues to write there. If the disk
+    is full, nothing changes.
+
+    Parameters
+    ----------
+    path
+        The log. Renamed ones are `path.1`, the newest, to `path.KEPT`.
+    most_bytes
+        Size at which it is renamed.
+    kept
+        Number of renamed logs that are kept; at least 1.
+
+    Returns
+    -------
+    bool
+        True if the log was renamed.
+    """
+    try:
+        found = path.stat()
+        if found.st_size < most_bytes:
+            return False
+        fresh = path.with_name(f".{path.name}.new")
+        flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_APPEND | os.O_CLOEXEC
+        descriptor = os.open(fresh, flags, found.st_mode & 0o777)
+    except OSError:
+        return False
+    try:
+        for number in range(kept, 0, -1):
+            older = _numbered(path, number - 1)
+            if older.exists():
+                older.replace(_numbered(path, number))
+        fresh.replace(path)
+        for own in (1, 2):
+            if _is_open_as(own, found):
+                os.dup2(descriptor, own)
+    except OSError:
+        return False
+    finally:
+        os.close(descriptor)
+    return True
+
+
+def _numbered(path: Path, number: int) -> Path:
+    """Return the path of a renamed log; the log itself for 0."""
+    return path.with_name(f"{path.name}.{number}") if number else path
+
+
+def _is_open_as(descriptor: int, file: os.stat_result) -> bool:
+    try:
+        return os.path.samestat(os.fstat(descriptor), file)
+    except OSError:  # closed
+        return False

@@ -1,0 +1,70 @@
+"""Logs that are renamed at a limit of size while their process, and others, write to them."""
+
+import errno
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from drivers.log_file import rotate_log
+
+_WRITER = """
+import os, sys
+from pathlib import Path
+from drivers.log_file import rotate_log
+path = Path(sys.argv[1])
+for number in range(2000):
+    print(f"out {number}", flush=True)
+    os.write(2, f"err {number}\\n".encode())
+    rotate_log(path, 4000, kept=50)
+"""
+
+
+def test_no_line_of_a_process_is_lost_while_its_log_is_renamed(tmp_path: Path):
+    path = tmp_path / "agent.log"
+    with path.open("ab") as log:
+        subprocess.run([sys.executable, "-c", _WRITER, str(path)], stdout=log, stderr=log, check=True)
+    logs = sorted(tmp_path.glob("agent.log*"), key=lambda log: -int(log.suffix[1:]) if log != path else 0)
+    assert len(logs) > 5 and logs[-1] == path
+    lines = [line for log in logs for line in log.read_text().splitlines()]
+    assert lines == [f"{stream} {number}" for number in range(2000) for stream in ("out", "err")]
+
+
+def test_only_the_newest_logs_are_kept(tmp_path: Path):
+    path = tmp_path / "daemon.log"
+    for number in range(9):
+        path.write_text(f"{number}" * 100)
+        assert rotate_log(path, 100, kept=3)
+    found = {log.name: log.read_text()[:1] for log in tmp_path.iterdir()}
+    assert found == {"daemon.log": "", "daemon.log.1": "8", "daemon.log.2": "7", "daemon.log.3": "6"}
+
+
+def test_a_log_below_the_limit_or_missing_stays_as_it_is(tmp_path: Path):
+    path = tmp_path / "agent.log"
+    assert not rotate_log(path, 100)
+    path.write_text("short")
+    assert not rotate_log(path, 100)
+    assert [log.name for log in tmp_path.iterdir()] == ["agent.log"]
+
+
+def test_on_a_full_disk_the_log_stays(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    path = tmp_path / "agent.log"
+    path.write_text("x" * 100)
+
+    def fill(*_: object) -> int:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    with monkeypatch.context() as full:
+        full.setattr(os, "open", fill)
+        assert not rotate_log(path, 100)
+    assert path.read_text() == "x" * 100
+
+
+def test_the_renamed_log_keeps_its_mode(tmp_path: Path):
+    path = tmp_path / "daemon.log"
+    path.touch(mode=0o600)
+    path.write_text("x" * 100)
+    rotate_log(path, 100)
+    assert path.stat().st_mode & 0o777 == 0o600
