@@ -249,7 +249,7 @@ class Controller:
             spares=count_spares(self.books),
         ).without(held_back)
 
-    def _expected_situation(self) -> Situation:
+    def expected_situation(self) -> Situation:
         """Return the situation for the forecast, without plates that are paused."""
         codes = (HoldCode.PAUSED, HoldCode.STOPPED)
         return self._situation({n: hold for n, hold in self._held_back().items() if hold.code in codes})
@@ -391,7 +391,7 @@ class Controller:
             self.telemetry.snapshots,
             state,
             now_s,
-            ends_s=self._forecast_cache.ends_s(self.books, self._expected_situation, now_s),
+            ends_s=self._forecast_cache.ends_s(self.books, self.expected_situation, now_s),
             startup_over=not self.is_starting(),
             progress=self.progress,
             warning=failure or self._backup_failure,

@@ -7,23 +7,24 @@ from collections.abc import Iterable, Iterator
 from farm import api
 from farm.errors import Refused
 from farm.model import Plate
-from farm.scheduling import FleetPrinter, Situation, Slot, StartRules, describe_plates, forecast_prints
+from farm.scheduling import Situation, Slot, describe_plates, forecast_prints
 from farm.state import Books, PlateState
 from farm.views.context import ViewContext
 from farm.views.jobs import sum_prices
 
 
-def describe_timeline(
-    context: ViewContext, number: int, printers: Iterable[FleetPrinter], rules: StartRules
-) -> api.Timeline:
+def describe_timeline(context: ViewContext, number: int, situation: Situation) -> api.Timeline:
     """Describe times and printers of a job's plates: actual for printed ones, forecast for the others.
+
+    The forecast has the plates of all jobs, as that of `farm status`; the lower bound is of the job alone. For
+    a job that is held or paused, it is what follows if that ends now.
 
     Parameters
     ----------
     number
         The job.
-    printers, rules
-        The fleet and the hours, from the scheduler.
+    situation
+        The situation for a forecast, with the waiting plates of all jobs.
 
     Raises
     ------
@@ -37,10 +38,14 @@ def describe_timeline(
     if not job.plates:
         raise Refused(f"job {number} has no plan yet: it is {job.state}")
     plates = {plate.id: plate for plate in books.plates_of(job)}
-    waiting = [plate for plate in plates.values() if books.plate_state(plate) is PlateState.WAITING]
-    views = tuple(describe_plates(waiting, books))
-    expected = forecast_prints(Situation(views, tuple(printers), rules, context.now_s))
-    slots = [*_list_begun_slots(plates.values(), books), *expected.slots]
+    own = tuple(
+        describe_plates((p for p in plates.values() if books.plate_state(p) is PlateState.WAITING), books)
+    )
+    others = tuple(plate for plate in situation.waiting if plate.job != number)
+    forecast = forecast_prints(situation.with_waiting((*others, *own)), bounded=False)
+    bound_s = forecast_prints(situation.with_waiting(own)).lower_bound_s
+    expected = [slot for slot in forecast.slots if slot.plate in plates]
+    slots = [*_list_begun_slots(plates.values(), books), *expected]
     slots.sort(key=lambda slot: (slot.starts_s, slot.printer))
     begin_s = min((slot.starts_s for slot in slots), default=context.now_s)
     end_s = max((slot.ends_s for slot in slots), default=context.now_s)
@@ -48,10 +53,10 @@ def describe_timeline(
         job=job.id,
         plan=job.plan or "",
         slots=[_slot_view(slot, plates[slot.plate], context) for slot in slots],
-        left=list(expected.left),
+        left=[name for name in forecast.left if name in plates],
         notices=list(job.repairs),
         makespan_s=end_s - begin_s,
-        lower_bound_s=max(0.0, min(expected.lower_bound_s, end_s) - begin_s),
+        lower_bound_s=max(0.0, min(bound_s, end_s) - begin_s),
         grams=sum(plate.grams for plate in plates.values()),
         price=sum_prices(plates.values()),
         currency=context.fleet.fleet.currency,

@@ -63,8 +63,7 @@ def plan_for(number, state, plates=2):
 
 def night_of(farm, state, number):
     controller = farm.controller
-    context = controller.build_view_context(state)
-    return describe_timeline(context, number, controller.fleet_printers(), controller.rules)
+    return describe_timeline(controller.build_view_context(state), number, controller.expected_situation())
 
 
 def starts(farm):
@@ -288,6 +287,18 @@ def test_the_night_of_a_held_job_is_foreseen(farm, state):
     assert night.grams == pytest.approx(9.0)
     assert night.lower_bound_s <= night.makespan_s
     assert farm.controller.books.job(number).expected_s == pytest.approx(night.makespan_s)
+
+
+def test_timeline_of_a_job_waits_for_the_plates_of_jobs_before_it(farm, state):
+    first, second = submit(farm, hold=True), submit(farm, "s", hold=True)
+    for number in (first, second):
+        farm.controller.on_plan(number, plan_for(number, state, plates=4))
+    alone = night_of(farm, state, second)
+    asyncio.run(farm.jobs.approve(first, farm.controller.books.job(first).plan, state, "ann"))
+    beside = night_of(farm, state, second)
+    assert {slot.plate for slot in beside.slots} == {f"{second}/0{i}" for i in (1, 2, 3, 4)}
+    last = max(slot.ends for slot in night_of(farm, state, first).slots)
+    assert min(slot.starts for slot in alone.slots) < last <= min(slot.starts for slot in beside.slots)
 
 
 def test_a_person_is_told_what_to_approve_and_which_reel_is_too_short(farm, state, monkeypatch):
