@@ -13,7 +13,6 @@ from enum import Enum
 from pathlib import Path
 from typing import Any
 
-import typer.main
 import yaml
 from pydantic import BaseModel
 
@@ -21,6 +20,7 @@ from drivers.errors import Fault
 from drivers.printers import PROFILES
 from farm import api
 from farm.cli.client import StopReport
+from farm.cli.command_group import load_commands
 from farm.cli.main import app
 from farm.config import ComputeSection, FleetSection, PrinterSection, UploadsSection
 from farm.errors import EXIT_CODES, ErrorCode, ExitCode
@@ -101,7 +101,6 @@ def describe_value(schema: dict[str, Any]) -> str:
 
 def write_commands_page(_: dict[str, Any]) -> str:
     """Describe every command and its options, as `farm COMMAND --help` does."""
-    root: Any = typer.main.get_command(app)
     parts = [
         "# Commands",
         f"Every command but `decompose` and `slice` also takes {', '.join(f'`{o}`' for o in SHARED_OPTIONS)} "
@@ -110,7 +109,7 @@ def write_commands_page(_: dict[str, Any]) -> str:
         "folder is named, the socket lies in it.",
         "`farm --install-completion` makes the shell complete commands, printers, jobs and parts.",
     ]
-    for name, command in root.commands.items():
+    for name, command in load_commands(app).items():
         parts.append(f"## farm {name}\n{command.help}")
         rows = list(_options(command))
         if rows:

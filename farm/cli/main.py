@@ -4,17 +4,117 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable
 from typing import Annotated
 
 import typer
 
 import farm
-from farm.cli.commands import daemon, estop, installation, local, operate, status, submit
-from farm.cli.display import print_notice
+from farm.cli.command_group import CommandEntry, make_group
+from farm.cli.notices import print_notice
 from farm.errors import ExitCode, FarmError
 
+COMMANDS = {
+    "The farm": (
+        CommandEntry("up", "daemon.up", "Start the daemon, and an agent for each printer that has none."),
+        CommandEntry(
+            "down",
+            "daemon.down",
+            "Stop the daemon and the agents. While a printer prints, --wait or --now is needed.",
+        ),
+        CommandEntry(
+            "status",
+            "status.status",
+            "Show what you have to do now, the printers, the jobs, and why each waiting plate waits.",
+        ),
+        CommandEntry(
+            "doctor",
+            "installation.doctor",
+            "Check database, files, agents, ports, CuraEngine, clock and disks, and say what to do.",
+        ),
+        CommandEntry(
+            "daemon",
+            "daemon.daemon",
+            "Run the daemon in the foreground; `farm up` runs it in the background.",
+        ),
+    ),
+    "Jobs": (
+        CommandEntry(
+            "submit",
+            "submit.submit",
+            "Decompose a model for the free printers, slice the parts and print them.",
+        ),
+        CommandEntry("approve", "submit.approve", "Release a held job, to print exactly as planned."),
+        CommandEntry(
+            "pause",
+            "operate.pause",
+            "Pause prints, or all of a job: the head moves aside, the nozzle cools, the bed stays warm.",
+        ),
+        CommandEntry(
+            "resume",
+            "operate.resume",
+            "Resume what was paused; without a name, the whole farm after an outage.",
+        ),
+        CommandEntry(
+            "cancel",
+            "operate.cancel",
+            "Cancel a job or a part: prints end safely, and nothing of it is printed again.",
+        ),
+        CommandEntry("reprint", "operate.reprint", "Print a part again, at any time and whatever its state."),
+        CommandEntry(
+            "history",
+            "status.history",
+            "List the latest prints: duration, deviation from the plan, filament and outcome.",
+        ),
+        CommandEntry(
+            "report",
+            "status.report",
+            "Write an HTML page on a job: its figures, a Gantt chart, what failed and why, and its parts.",
+        ),
+    ),
+    "Printers": (
+        CommandEntry(
+            "cleared",
+            "operate.cleared",
+            "Confirm that beds are clear, printers inspected, and their printed parts good (or --bad).",
+        ),
+        CommandEntry("fail", "operate.fail", "End a failing print safely, and print its part again."),
+        CommandEntry(
+            "load",
+            "operate.load",
+            "Record a new reel or nozzle. No print starts with too little filament left.",
+        ),
+        CommandEntry(
+            "maintenance",
+            "operate.maintenance",
+            "Take a printer out of use after its current print, or put it back into use (--done).",
+        ),
+        CommandEntry(
+            "discover",
+            "installation.discover",
+            "List the plugged-in serial ports and their printers, without opening any of them.",
+        ),
+        CommandEntry(
+            "estop",
+            "estop.estop",
+            "Stop printers at once by resetting their boards, even if the daemon and the agents hang.",
+        ),
+    ),
+    "Without the daemon": (
+        CommandEntry(
+            "decompose",
+            "local.decompose",
+            "Cut a model into parts of about equal printing time, and write them to a folder.",
+        ),
+        CommandEntry(
+            "slice",
+            "local.slice_model",
+            "Slice a model as one plate for printing over USB, with all checks.",
+        ),
+    ),
+}
+"""Groups in the order in which `farm --help` lists them."""
 app = typer.Typer(
+    cls=make_group(COMMANDS),
     help="Turns a fleet of Ultimaker 2+ printers into one fast printer for large models.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
@@ -34,34 +134,6 @@ def common(
     ] = False,
 ) -> None:
     """Turns a fleet of Ultimaker 2+ printers into one fast printer for large models."""
-
-
-_COMMANDS: dict[str, tuple[Callable[..., None], ...]] = {
-    "The farm": (daemon.up, daemon.down, status.status, installation.doctor, daemon.daemon),
-    "Jobs": (
-        submit.submit,
-        submit.approve,
-        operate.pause,
-        operate.resume,
-        operate.cancel,
-        operate.reprint,
-        status.history,
-        status.report,
-    ),
-    "Printers": (
-        operate.cleared,
-        operate.fail,
-        operate.load,
-        operate.maintenance,
-        installation.discover,
-        estop.estop,
-    ),
-    "Without the daemon": (local.decompose, local.slice_model),
-}
-"""Groups in the order in which `farm --help` lists them."""
-for _group, _commands in _COMMANDS.items():
-    for _command in _commands:
-        app.command("slice" if _command is local.slice_model else None, rich_help_panel=_group)(_command)
 
 
 def main() -> None:

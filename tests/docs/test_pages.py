@@ -4,8 +4,8 @@ import re
 from pathlib import Path
 
 import pytest
-import typer.main
 
+from farm.cli.command_group import load_commands
 from farm.cli.main import app
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -16,7 +16,7 @@ PAGES = [
 ]
 COMMANDS = {
     name: {option for param in command.params for option in (*param.opts, *param.secondary_opts)} | {"--help"}
-    for name, command in typer.main.get_command(app).commands.items()
+    for name, command in load_commands(app).items()
 }
 TYPED = re.compile(r"(?:^\s*(?:\$ )?|`|\$ )farm (?!is down)([a-z][a-z-]*)((?: [^`\n]*)?)", re.MULTILINE)
 

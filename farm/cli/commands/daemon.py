@@ -14,7 +14,7 @@ import typer
 from drivers.printers import PROFILES
 from farm.cli import completion
 from farm.cli.client import Client
-from farm.cli.display import print_notice
+from farm.cli.notices import print_notice
 from farm.cli.options import with_places
 from farm.config import Fleet
 from farm.errors import DaemonUnreachable, FarmError

@@ -24,12 +24,12 @@ from farm.cli.display import (
     make_table,
     open_console,
     print_json,
-    print_notice,
     render_job,
     render_status,
     retry_over_restart,
     show_job,
 )
+from farm.cli.notices import print_notice
 from farm.cli.options import Job, Json, with_places
 from farm.errors import FarmError
 from farm.paths import Places

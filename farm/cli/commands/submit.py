@@ -17,13 +17,13 @@ from farm.cli.display import (
     follow_job,
     open_console,
     print_json,
-    print_notice,
     retry_over_restart,
     show_result,
     show_submitted,
     show_timeline,
     show_upload,
 )
+from farm.cli.notices import print_notice
 from farm.cli.options import Job, Json, LongestSide, Quality, Scale, parse_printer_count, with_places
 from farm.errors import ErrorCode, FarmError, Refused
 from farm.model import JobOptions, JobState

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from farm.cli.display.console import make_table, open_console, print_json, print_notice
+from farm.cli.display.console import make_table, open_console, print_json
 from farm.cli.display.format import (
     format_deviation,
     format_filament,
@@ -26,7 +26,6 @@ __all__ = [
     "make_table",
     "open_console",
     "print_json",
-    "print_notice",
     "render_job",
     "render_status",
     "retry_over_restart",

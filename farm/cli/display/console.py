@@ -39,8 +39,3 @@ def print_json(answer: BaseModel | dict[str, Any]) -> None:
         print(answer.model_dump_json(by_alias=True, indent=2))
     else:
         print(json.dumps(answer, indent=2))
-
-
-def print_notice(line: str) -> None:
-    """Print one line for a person on stderr."""
-    print(f"farm: {line}", file=sys.stderr)

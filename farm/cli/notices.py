@@ -1,0 +1,10 @@
+"""Notices of the CLI on stderr."""
+
+from __future__ import annotations
+
+import sys
+
+
+def print_notice(line: str) -> None:
+    """Print one line for a person on stderr."""
+    print(f"farm: {line}", file=sys.stderr)
