@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import typer
 
-from farm.api import Names
-from farm.cli.client import Client
 from farm.errors import FarmError
 from farm.paths import find_places
+
+if TYPE_CHECKING:
+    from farm.api import Names
 
 _TIMEOUT_S = 1.0  # the user is waiting at the prompt
 Words = list[tuple[str, str]]  # each with its description
@@ -31,6 +33,8 @@ def _make_completion(list_words: Callable[[Names, typer.Context], Iterable[tuple
 
 
 def _fetch_names(context: typer.Context) -> Names:
+    from farm.cli.client import Client  # slow to load, and only Tab needs it
+
     state, socket, fleet = (
         Path(path) if (path := context.params.get(name)) else None for name in ("state", "socket", "fleet")
     )

@@ -4,9 +4,11 @@ import asyncio
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 
+from farm.cli import commands
 from farm.daemon import Daemon, run
 from farm.errors import FarmError
 from farm.paths import Places, StateFolder
@@ -23,7 +25,10 @@ def test_a_state_folder_that_cannot_be_written_is_named_in_a_line(tmp_path, monk
         run(fleet(), Places(state, tmp_path / "farm.sock", tmp_path / "fleet.yaml"))
 
 
-@pytest.mark.parametrize("module", ["farm.daemon", "farm.planning.tasks", "farm.cli.main"])
+COMMANDS = [f"farm.cli.commands.{path.stem}" for path in Path(commands.__file__).parent.glob("[a-z]*.py")]
+
+
+@pytest.mark.parametrize("module", ["farm.daemon", "farm.planning.tasks", *COMMANDS])
 def test_what_only_workers_need_is_not_loaded_by_those_who_wait_for_nothing(module):
     """A restarted daemon, and every `farm status`, has to be up at once."""
     slow = ("numpy", "scipy", "trimesh", "numba", "sklearn", "matplotlib", "shapely", "manifold3d", "httpx")

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drivers.printers import PROFILES, firmware_of
-from drivers.records import StartFile
 from farm.cli import completion
 from farm.cli.client import Report, StopReport, find_estop_socket, request_stop, serve_request
 from farm.cli.display.console import print_json
@@ -24,6 +23,7 @@ from farm.paths import Places
 from farm.text import flatten_text
 
 if TYPE_CHECKING:
+    from drivers.records import StartFile
     from drivers.safety import Notify, StopResult, StopTarget
 
     Stop = Callable[[Notify], StopResult]
@@ -140,7 +140,8 @@ def find_targets(places: Places) -> tuple[dict[str, Stop], FleetFileError | None
 
     If `fleet.yaml` cannot be read, the printers of the state folder remain, with the error.
     """
-    from drivers.safety import StopTarget, list_targets  # slow to load
+    from drivers.records import StartFile  # slow to load
+    from drivers.safety import StopTarget, list_targets
 
     agents = list_targets(places.state.root / "agents")
     targets: dict[str, Stop] = {name: _stop_here(target) for name, target in agents.items()}

@@ -1,0 +1,70 @@
+"""Commands are imported when they are used: tests count what is loaded, as seconds depend on the host."""
+
+import inspect
+import json
+import os
+import subprocess
+import sys
+
+import pytest
+
+from farm.cli.command_group import load_commands
+from farm.cli.main import COMMANDS, app
+
+ENTRIES = {entry.name: entry for entries in COMMANDS.values() for entry in entries}
+SCRIPT = """
+import atexit, json, sys
+from farm.cli.main import main
+sys.argv = ["farm", *{words}]
+atexit.register(lambda: print(json.dumps(sorted(sys.modules)), file=sys.stderr))
+main()
+"""
+
+
+def modules_after(*words, **environment):
+    done = subprocess.run(
+        [sys.executable, "-c", SCRIPT.format(words=list(words))],
+        env={**os.environ, **environment},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    return set(json.loads(done.stderr.splitlines()[-1]))
+
+
+def commands_in(modules):
+    return {name.rpartition(".")[2] for name in modules if name.startswith("farm.cli.commands.")}
+
+
+@pytest.mark.parametrize("words", [("--help",), ("--version",), ("sumbit",)])
+def test_no_command_is_loaded_for_the_help_and_for_a_wrong_name(words):
+    modules = modules_after(*words)
+    assert commands_in(modules) == set()
+    assert not modules & {"yaml", "serial", "farm.api", "farm.model"}
+
+
+def test_no_command_is_loaded_to_complete_its_name():
+    complete = {"_FARM_COMPLETE": "complete_bash", "COMP_WORDS": "farm st", "COMP_CWORD": "1"}
+    modules = modules_after(**complete)
+    assert commands_in(modules) == set() and "farm.api" not in modules
+
+
+@pytest.mark.parametrize(
+    ("command", "module", "unused"),
+    [
+        ("status", "status", {"yaml", "serial", "drivers.records", "drivers.safety", "farm.fleet_file"}),
+        ("submit", "submit", {"yaml", "serial", "drivers.records", "drivers.safety", "farm.fleet_file"}),
+        ("estop", "estop", {"serial", "drivers.records", "drivers.safety"}),
+    ],
+)
+def test_a_command_loads_its_own_module_alone(command, module, unused):
+    modules = modules_after(command, "--help")
+    assert commands_in(modules) == {module}
+    assert not modules & unused
+
+
+@pytest.mark.parametrize("name", ENTRIES)
+def test_the_list_of_commands_says_what_the_command_itself_says(name):
+    command = load_commands(app)[name]
+    assert command.name == name
+    assert inspect.cleandoc(command.help).split("\n\n")[0].replace("\n", " ") == ENTRIES[name].help
