@@ -16,8 +16,8 @@ from farm.views.jobs import sum_prices
 def describe_timeline(context: ViewContext, number: int, situation: Situation) -> api.Timeline:
     """Describe times and printers of a job's plates: actual for printed ones, forecast for the others.
 
-    The forecast has the plates of all jobs, as that of `farm status`; the lower bound is of the job alone. For
-    a job that is held or paused, it is what follows if that ends now.
+    The forecast has the plates of all jobs, as that of `farm status`; the lower bound is of this job alone.
+    If the job is held or paused, it is what follows if that ends now.
 
     Parameters
     ----------
