@@ -82,6 +82,7 @@ class JobView(_View):
     exit_code: int
     hold: Hold | None
     progress: PlanProgress | None  # while it is planned
+    now: str  # of this view, on the farm's clock
     submitted: str
     submitted_by: str | None  # user name, from the socket's credentials
     options: JobOptions
@@ -213,6 +214,7 @@ class History(_View):
     model_config = ConfigDict(populate_by_name=True)
 
     schema_: int = Field(default=SCHEMA, alias="schema")
+    now: str
     prints: list[HistoryRow]  # oldest first
 
 
@@ -351,6 +353,7 @@ class Timeline(_View):
 
     schema_: int = Field(default=SCHEMA, alias="schema")
     job: int
+    now: str
     plan: str
     slots: list[SlotView]
     left: list[str]  # plates that no printer can take (material, reel or hours)

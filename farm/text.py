@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from datetime import datetime, timedelta
 
 from pydantic_core import ErrorDetails
 
@@ -16,6 +17,25 @@ def format_duration(seconds: float | None) -> str:
         return f"{whole} s"
     hours, minutes = divmod(round(seconds / 60), 60)
     return f"{hours}h{minutes:02d}" if hours else f"{minutes} min"
+
+
+_SAME_WEEK = timedelta(days=6)
+"""Distance up to which a weekday names one day; a day more, and today's name means next week's day."""
+_SAME_YEAR = timedelta(days=300)
+
+
+def format_moment(at: datetime, now: datetime) -> str:
+    """Format a time with its weekday; with its date if it is more than six days from now.
+
+    Parameters
+    ----------
+    at, now
+        The time, and that of the reader, with time zones. A time in another year has that too.
+    """
+    away = abs(at - now)
+    if away <= _SAME_WEEK:
+        return f"{at:%a %H:%M}"
+    return f"{at:%a %d %b %H:%M}" if away <= _SAME_YEAR else f"{at:%d %b %Y %H:%M}"
 
 
 def format_mass(grams: float) -> str:

@@ -50,7 +50,9 @@ def status_routes(services: Services) -> APIRouter:
         if printer is not None:
             controller.books.printer(printer)
         context = controller.build_view_context(services.state)
-        return api.History(prints=list_history(context, job, printer, last))
+        return api.History(
+            now=context.format_time(context.now_s) or "", prints=list_history(context, job, printer, last)
+        )
 
     @router.post("/down")
     async def shut_down(request: api.DownRequest, _: OperatorName) -> None:

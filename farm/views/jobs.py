@@ -35,6 +35,7 @@ def describe_job(context: ViewContext, job: Job) -> api.JobView:
         exit_code=int(_exit_code(job)),
         hold=context.job_hold(job),
         progress=context.progress.get(job.id) if job.state is JobState.PLANNING else None,
+        now=context.format_time(context.now_s) or "",
         submitted=context.format_time(job.submitted_s) or "",
         submitted_by=job.submitted_by,
         options=job.options,

@@ -51,6 +51,7 @@ def describe_timeline(context: ViewContext, number: int, situation: Situation) -
     end_s = max((slot.ends_s for slot in slots), default=context.now_s)
     return api.Timeline(
         job=job.id,
+        now=context.format_time(context.now_s) or "",
         plan=job.plan or "",
         slots=[_slot_view(slot, plates[slot.plate], context) for slot in slots],
         left=[name for name in forecast.left if name in plates],

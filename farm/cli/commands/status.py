@@ -17,17 +17,19 @@ from farm import api
 from farm.cli import completion
 from farm.cli.client import Client
 from farm.cli.display import (
+    Column,
     format_deviation,
     format_runs,
     format_share,
     format_time,
-    make_table,
+    lay_out_table,
     open_console,
     print_json,
     render_job,
     render_status,
     retry_over_restart,
     show_job,
+    terminal_width,
 )
 from farm.cli.notices import print_notice
 from farm.cli.options import Job, Json, with_places
@@ -38,6 +40,17 @@ from farm.text import format_count, format_duration, format_mass
 _REFRESH_S = 1.0
 _ALL = 100_000
 _PICTURE_PX = 220
+_HISTORY = (
+    Column("ENDED"),
+    Column("PRINTER"),
+    Column("PART"),
+    Column("MODEL", rank=2, least=10),
+    Column("DURATION", rank=3),
+    Column("VS PLAN", rank=4),
+    Column("USED", rank=5),
+    Column("BY", rank=6),
+    Column("OUTCOME", rank=1, least=16),
+)
 
 
 @with_places
@@ -57,22 +70,26 @@ def status(
     else:
         view = client.status()
         screen = open_console()
-        print_json(view) if json else screen.print(render_status(view, screen.width))
+        print_json(view) if json else screen.print(render_status(view, terminal_width(screen)))
 
 
 def _watch(client: Client, number: int | None) -> None:
-    """Refresh the page every second until Ctrl-C."""
+    """Refresh the page every second until Ctrl-C, which leaves the last one on the terminal."""
     screen = open_console()
 
-    def draw() -> RenderableType:
+    def draw(height: int | None) -> RenderableType:
         if number is not None:
-            return render_job(client.job(number).job)
-        return render_status(client.status(), screen.width)
+            return render_job(client.job(number).job, screen.width)
+        return render_status(client.status(), screen.width, height)
 
-    with Live(retry_over_restart(draw), console=screen, auto_refresh=False, screen=False) as live:
-        while True:
-            time.sleep(_REFRESH_S)
-            live.update(retry_over_restart(draw), refresh=True)
+    # The size is asked each time: a terminal may be resized.
+    try:
+        with Live(console=screen, auto_refresh=False, screen=True, vertical_overflow="crop") as live:
+            while True:
+                live.update(retry_over_restart(lambda: draw(screen.height)), refresh=True)
+                time.sleep(_REFRESH_S)
+    finally:
+        screen.print(retry_over_restart(lambda: draw(None)))
 
 
 @with_places
@@ -95,20 +112,19 @@ def history(
     if not past.prints:
         print("no print has ended")
         return
-    rows = make_table("ENDED", "PRINTER", "PART", "MODEL", "DURATION", "VS PLAN", "USED", "BY", "OUTCOME")
+    rows, now = [], past.now
     for row in past.prints:
         done = row.state == "done" and row.expected_s
         deviation = format_deviation(row.took_s / row.expected_s - 1) if done else ""
         why = row.why if row.verdict else row.reason or row.fault
         outcome = str(row.verdict or row.state) + (f": {why}" if why and row.wasted else "")
         used = f"{format_mass(row.grams)}{' wasted' if row.wasted and row.grams >= 0.5 else ''}"
+        ended, duration, by = format_time(row.ended, now), format_duration(row.took_s), row.submitted_by or ""
         name = row.name[:20]
-        duration, by = format_duration(row.took_s), row.submitted_by or ""
-        rows.add_row(
-            format_time(row.ended), row.printer, row.part, name, duration, deviation, used, by, outcome
-        )
+        rows.append((ended, row.printer, row.part, name, duration, deviation, used, by, outcome))
     screen = open_console()
-    screen.print(rows)
+    for line in lay_out_table(_HISTORY, rows, terminal_width(screen)):
+        screen.print(line)
     lost = [row for row in past.prints if row.wasted]
     screen.print(
         f"{format_count(len(past.prints), 'print')}, {len(lost)} of them wasted: "
@@ -158,7 +174,7 @@ def list_figures(view: api.JobView) -> list[tuple[str, str]]:
     rows = [
         (
             "submitted",
-            format_time(view.submitted) + (f" by {view.submitted_by}" if view.submitted_by else ""),
+            format_time(view.submitted, view.now) + (f" by {view.submitted_by}" if view.submitted_by else ""),
         ),
         ("plates printed", f"{view.printed} of {len(view.plates)}; good {view.good}"),
         ("parallel printing time, expected", format_duration(view.estimated_s)),
@@ -175,7 +191,9 @@ def list_figures(view: api.JobView) -> list[tuple[str, str]]:
         ("filament", format_mass(view.grams) if view.grams is not None else "-"),
     ]
     if len(view.runs) > 1:
-        rows.append(("printed in runs", f"{format_runs(view.runs)}; the time between them is not counted"))
+        rows.append(
+            ("printed in runs", f"{format_runs(view.runs, view.now)}; the time between them is not counted")
+        )
     if view.price is not None:
         rows.append(("price of the filament", f"{view.price:.2f} {view.currency or ''}".strip()))
     return rows

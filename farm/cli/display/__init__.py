@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
-from farm.cli.display.console import make_table, open_console, print_json
+from farm.cli.display.console import open_console, print_json, terminal_width
 from farm.cli.display.format import (
     format_deviation,
     format_filament,
     format_runs,
     format_share,
     format_time,
+    parse_time,
 )
 from farm.cli.display.job_page import render_job, show_job, show_result, show_submitted
 from farm.cli.display.progress import ProgressLines, follow_job, retry_over_restart, show_upload
 from farm.cli.display.status_page import render_status
+from farm.cli.display.table import Column, lay_out_table
 from farm.cli.display.timeline import show_timeline
 
 __all__ = [
+    "Column",
     "ProgressLines",
     "follow_job",
     "format_deviation",
@@ -23,8 +26,9 @@ __all__ = [
     "format_runs",
     "format_share",
     "format_time",
-    "make_table",
+    "lay_out_table",
     "open_console",
+    "parse_time",
     "print_json",
     "render_job",
     "render_status",
@@ -34,4 +38,5 @@ __all__ = [
     "show_submitted",
     "show_timeline",
     "show_upload",
+    "terminal_width",
 ]

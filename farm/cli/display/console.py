@@ -8,7 +8,6 @@ from typing import Any
 
 from pydantic import BaseModel
 from rich.console import Console
-from rich.table import Table
 
 HEADING = "bold"
 URGENT = "bold red"
@@ -25,12 +24,9 @@ def open_console(stderr: bool = False) -> Console:
     return Console(stderr=stderr, highlight=False, markup=False, soft_wrap=True, width=width)
 
 
-def make_table(*headings: str) -> Table:
-    """Make a table without lines between its columns."""
-    columns = Table(box=None, pad_edge=False, header_style=HEADING, padding=(0, 2, 0, 0))
-    for heading in headings:
-        columns.add_column(heading, no_wrap=True)
-    return columns
+def terminal_width(screen: Console) -> int | None:
+    """Return the columns of a terminal; None for a file or a pipe, where no line is broken."""
+    return screen.width if screen.is_terminal else None
 
 
 def print_json(answer: BaseModel | dict[str, Any]) -> None:

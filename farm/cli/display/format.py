@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import re
+from collections import Counter
+from collections.abc import Iterable, Sequence
 from datetime import datetime
 
 from farm import api
 from farm.model import PlanProgress, PlanStep
-from farm.text import format_count
+from farm.text import format_count, format_moment
 
 
 def format_deviation(share: float) -> str:
@@ -53,13 +55,46 @@ def _short(amount: float) -> str:
     return f"{amount:.{decimals}f}"
 
 
-def format_time(iso: str | None) -> str:
-    """Format a time of day with its weekday; a dash if there is none."""
-    return "-" if iso is None else datetime.fromisoformat(iso).strftime("%a %H:%M")
+def parse_time(iso: str) -> datetime:
+    """Parse a time of the daemon, which has a time zone."""
+    return datetime.fromisoformat(iso)
 
 
-def format_runs(runs: Sequence[api.RunView]) -> str:
+def format_time(iso: str | None, now: str) -> str:
+    """Format a time of day with its weekday, and its date if it is far from now; a dash if there is none."""
+    return "-" if iso is None else format_moment(parse_time(iso), parse_time(now))
+
+
+def format_runs(runs: Sequence[api.RunView], now: str) -> str:
     """Format the intervals in which a job was printed."""
     return ", ".join(
-        f"{format_time(run.started)} to {format_time(run.ended) if run.ended else 'now'}" for run in runs
+        f"{format_time(run.started, now)} to {format_time(run.ended, now) if run.ended else 'now'}"
+        for run in runs
     )
+
+
+def shorten_names(printers: Iterable[str]) -> str:
+    """List names with consecutive numbers as ranges: um2-01..12 um2x-01."""
+    runs: list[tuple[str, str, str]] = []  # common stem, first number, last number
+    for name in sorted(printers, key=lambda name: (name.rstrip("0123456789"), len(name), name)):
+        match = re.fullmatch(r"(.*?)(\d+)", name)
+        stem, digits = match.groups() if match else (name, "")
+        if digits and runs and runs[-1][0] == stem and int(digits) == int(runs[-1][2] or -2) + 1:
+            runs[-1] = (stem, runs[-1][1], digits)
+        else:
+            runs.append((stem, digits, digits))
+    return " ".join(stem + first + (f"..{last}" if last != first else "") for stem, first, last in runs)
+
+
+def count_names(names: Iterable[str]) -> str:
+    """List names, equal ones with their number: a.stl, b.stl (3)."""
+    counts = Counter(names)
+    return ", ".join(name + (f" ({count})" if count > 1 else "") for name, count in counts.items())
+
+
+def group_names(named: Iterable[tuple[str, str]]) -> dict[str, list[str]]:
+    """Group pairs of a sentence and a name by the sentence, in the order of the first of each."""
+    groups: dict[str, list[str]] = {}
+    for sentence, name in named:
+        groups.setdefault(sentence, []).append(name)
+    return groups

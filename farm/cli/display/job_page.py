@@ -7,7 +7,7 @@ from rich.table import Table
 from rich.text import Text
 
 from farm import api
-from farm.cli.display.console import ERROR, HEADING, WARNING, make_table, open_console
+from farm.cli.display.console import ERROR, HEADING, WARNING, open_console, terminal_width
 from farm.cli.display.format import (
     format_cached,
     format_deviation,
@@ -16,17 +16,31 @@ from farm.cli.display.format import (
     format_runs,
     format_share,
     format_time,
+    group_names,
+    shorten_names,
 )
+from farm.cli.display.table import Column, lay_out_table
 from farm.model import JobState, PrintState
 from farm.text import format_duration, format_mass
 
 _LEAST_STARVED_SHARE = 0.01
 """Share of waiting above which the times of simulated printers are not realistic."""
 
+_PART_COLUMNS = (
+    Column("PART"),
+    Column("PRINTER"),
+    Column("STATE"),
+    Column("EXPECTED", rank=2),
+    Column("STARTED", rank=3),
+    Column("ENDED"),
+    Column("FILAMENT", rank=1, least=6),
+)
+
 
 def show_job(view: api.JobView) -> None:
     """Print the page of a job."""
-    open_console().print(render_job(view))
+    screen = open_console()
+    screen.print(render_job(view, terminal_width(screen)))
 
 
 def show_submitted(view: api.JobView, wait: bool) -> None:
@@ -44,14 +58,23 @@ def show_submitted(view: api.JobView, wait: bool) -> None:
 def show_result(view: api.JobView) -> None:
     """Print the page of a job that has ended, and the next step."""
     screen = open_console()
-    screen.print(render_job(view))
+    screen.print(render_job(view, terminal_width(screen)))
     if view.state in (JobState.PRINTED, JobState.DONE):
         printers = " ".join(sorted({plate.printer for plate in view.plates}))
         screen.print(f"Next: remove the parts, then `farm cleared {printers}`.")
 
 
-def render_job(view: api.JobView) -> RenderableType:
-    """Lay out a job: changes to its model, figures, parts, failures, and what it waits for."""
+def render_job(view: api.JobView, width: int | None = None) -> RenderableType:
+    """Lay out a job: changes to its model, figures, parts, failures, and what it waits for.
+
+    Parameters
+    ----------
+    view
+        The job.
+    width
+        Columns of the terminal; None for as wide as the texts.
+    """
+    now = view.now
     rows: list[RenderableType] = [Text(f"Job {view.id}: {view.name}, {view.state}", style=HEADING)]
     if view.reason:
         rows.append(Text(f"  {view.reason}", style=ERROR))
@@ -66,14 +89,14 @@ def render_job(view: api.JobView) -> RenderableType:
         figures.add_row(name, figure)
     rows.append(figures)
     if view.parts:
-        rows.append(_make_parts_table(view))
+        rows += _lay_out_parts(view, width)
     if view.folder:
         rows.append(Text(f"files (STL and G-code of each part, a picture, a GLB): {view.folder}"))
     for one in view.prints:
         if one.fault or one.why:
             why = one.reason or one.why or one.fault
             rows.append(
-                Text(f"part {one.part} on {one.printer}, {format_time(one.ended)}: {why}", style=ERROR)
+                Text(f"part {one.part} on {one.printer}, {format_time(one.ended, now)}: {why}", style=ERROR)
             )
     rows += _list_holds(view)
     return Group(*rows)
@@ -93,7 +116,7 @@ def _list_figures(view: api.JobView) -> list[tuple[str, str]]:
     """List the figures of a job, each with its name."""
     rows: list[tuple[str, str]] = []
     if view.submitted_by is not None:
-        rows.append(("submitted", f"{format_time(view.submitted)} by {view.submitted_by}"))
+        rows.append(("submitted", f"{format_time(view.submitted, view.now)} by {view.submitted_by}"))
     if view.progress is not None:
         rows.append(("planning", format_planning(view.progress)))
     if view.plan is not None and view.state == JobState.HELD:
@@ -127,9 +150,9 @@ def _list_times(view: api.JobView) -> list[tuple[str, str]]:
             (ended if view.state.ended else "printing for", format_duration(view.elapsed_s) + deviation)
         )
     if len(view.runs) > 1:
-        rows.append(("printed in runs", format_runs(view.runs)))
+        rows.append(("printed in runs", format_runs(view.runs, view.now)))
     if view.eta and view.state == JobState.PRINTING:
-        rows.append(("ends", format_time(view.eta)))
+        rows.append(("ends", format_time(view.eta, view.now)))
     if view.serial_s is not None:
         rows.append(("single large printer", format_duration(view.serial_s)))
     if view.speedup is not None:
@@ -139,22 +162,24 @@ def _list_times(view: api.JobView) -> list[tuple[str, str]]:
     return rows
 
 
-def _make_parts_table(view: api.JobView) -> Table:
-    rows = make_table("PART", "PRINTER", "STATE", "EXPECTED", "STARTED", "ENDED", "FILAMENT")
+def _lay_out_parts(view: api.JobView, width: int | None) -> list[Text]:
+    rows, now = [], view.now
     plates = {plate.id: plate for plate in view.plates}
     for part in view.parts:
         plate = plates[part.plate]
         last = part.own_prints[-1] if part.own_prints else None
-        rows.add_row(
-            part.id,
-            plate.printer,
-            _format_part_state(part),
-            format_duration(plate.estimated_s),
-            format_time(last.started if last else None),
-            format_time(last.ended if last else None),
-            format_filament(plate.grams, plate.filament_mm, plate.price, view.currency),
+        rows.append(
+            (
+                part.id,
+                plate.printer,
+                _format_part_state(part),
+                format_duration(plate.estimated_s),
+                format_time(last.started if last else None, now),
+                format_time(last.ended if last else None, now),
+                format_filament(plate.grams, plate.filament_mm, plate.price, view.currency),
+            )
         )
-    return rows
+    return lay_out_table(_PART_COLUMNS, rows, width)
 
 
 def _format_part_state(part: api.PartView) -> str:
@@ -172,9 +197,8 @@ def _list_holds(view: api.JobView) -> list[RenderableType]:
     lines = []
     if view.hold is not None:
         lines.append(Text(f"job {view.id} waits: {view.hold.text}", style=WARNING))
-    lines += [
-        Text(f"plate {plate.id} waits: {plate.hold.text}", style=WARNING)
-        for plate in view.plates
-        if plate.hold is not None
-    ]
+    holds = ((plate.hold.text, plate.id) for plate in view.plates if plate.hold is not None)
+    for text, plates in group_names(holds).items():
+        waits = f"plate {plates[0]} waits" if len(plates) == 1 else f"plates {shorten_names(plates)} wait"
+        lines.append(Text(f"{waits}: {text}", style=WARNING))
     return list(lines)

@@ -14,7 +14,7 @@ from rich.progress import BarColumn, Progress, TextColumn
 from farm import api
 from farm.cli.client import Client
 from farm.cli.display.console import open_console
-from farm.cli.display.format import format_cached, format_filament, format_planning
+from farm.cli.display.format import format_cached, format_filament, format_planning, format_time
 from farm.errors import DaemonUnreachable
 from farm.model import JobState, PlanStep, PrintState
 from farm.text import format_count, format_duration
@@ -133,4 +133,7 @@ def _format_progress(view: api.JobView) -> tuple[float, str]:
     if view.state != JobState.PRINTING or not view.estimated_s:
         return (1.0 if view.state in (JobState.PRINTED, JobState.DONE) else 0.0), str(view.state)
     share = min(1.0, (view.elapsed_s or 0.0) / view.estimated_s)
-    return share, f"{view.printed}/{len(view.plates)} parts, ends {view.eta or '?'}"
+    return (
+        share,
+        f"{view.printed}/{len(view.plates)} parts, ends {format_time(view.eta, view.now)}",
+    )

@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterable
-from datetime import datetime, timedelta
+from collections.abc import Iterable, Iterator, Sequence
 
-from rich.console import Group, RenderableType
-from rich.table import Table
 from rich.text import Text
 
 from farm import api
-from farm.cli.display.console import ERROR, HEADING, NOTE, URGENT, make_table
-from farm.cli.display.format import format_deviation, format_planning, format_share, format_time
-from farm.model import Bed, HoldCode, JobState, Link, PrintState
+from farm.cli.display.blocks import Block, fit_blocks
+from farm.cli.display.console import ERROR, HEADING, NOTE, URGENT
+from farm.cli.display.format import (
+    count_names,
+    format_planning,
+    format_share,
+    format_time,
+    group_names,
+    parse_time,
+    shorten_names,
+)
+from farm.cli.display.printers_table import lay_out_printers, rank_urgency
+from farm.cli.display.table import wrap_text
+from farm.model import JobState
 from farm.text import format_count, format_duration, format_mass
 
 _INDENT = 9  # columns of DO NOW, NIGHT and JOB
@@ -25,45 +32,67 @@ _TASK_LABELS = {
     "reel": "filament",
     "approve": "approve",
 }
-_HEADINGS = ("PRINTER", "STATE", "PART", "ENDS", "VS PLAN", "FACTOR", "REEL", "NOZZLE", "BED", "ACTION")
-_STATES = {"look": "inspect"}
-"""States that the table words differently from `--json`."""
 _NAME_WIDTH = 32  # columns of a model's name
-_SAME_NIGHT = timedelta(hours=20)
-"""Age up to which a time is shown without its weekday."""
+_OTHER_LINES = 12  # of a short page beside its printers
+_PIPE_WIDTH = 200  # texts share a line up to here where the width does not matter
 
 
-def shorten_names(printers: Iterable[str]) -> str:
-    """List names with consecutive numbers as ranges: um2-01..12 um2x-01."""
-    runs: list[tuple[str, str, str]] = []  # common stem, first number, last number
-    for name in sorted(printers, key=lambda name: (name.rstrip("0123456789"), len(name), name)):
-        match = re.fullmatch(r"(.*?)(\d+)", name)
-        stem, digits = match.groups() if match else (name, "")
-        if digits and runs and runs[-1][0] == stem and int(digits) == int(runs[-1][2] or -2) + 1:
-            runs[-1] = (stem, runs[-1][1], digits)
-        else:
-            runs.append((stem, digits, digits))
-    return " ".join(stem + first + (f"..{last}" if last != first else "") for stem, first, last in runs)
+def render_status(view: api.Status, width: int | None = None, height: int | None = None) -> Text:
+    """Lay out the status page.
+
+    Parameters
+    ----------
+    view
+        The farm.
+    width
+        Columns of the terminal, which no line exceeds; None to break no sentence.
+    height
+        Lines of the terminal, which the page does not exceed; None for as many as it takes.
+    """
+    lines = fit_blocks(_list_blocks(view, width, None), None)
+    if height is not None and len(lines) > height:
+        lines = fit_blocks(_list_blocks(view, width, height), height)
+    return Text("\n").join(lines)
 
 
-def render_status(view: api.Status, width: int) -> RenderableType:
-    """Lay out the status page on lines of `width` columns, if the texts are short enough."""
-    now = Text(f"{view.fleet.name}: {format_time(view.fleet.now)}", style=HEADING)
-    if view.fleet.time_scale != 1:
-        now.append(f"  (simulated, {view.fleet.time_scale:g} times faster)", style=NOTE)
-    rows: list[RenderableType] = [now, *_list_task_lines(view.todo, width)]
-    if view.night is not None:
-        rows.append(_format_line("NIGHT", format_night(view.night)))
-    for job in view.jobs:
-        rows += _list_job_lines(job, width)
-    return Group(*rows, _make_printers_table(view.printers, datetime.fromisoformat(view.fleet.now)))
+def _list_blocks(view: api.Status, width: int | None, height: int | None) -> list[Block]:
+    """List the blocks of the page; for a `height`, with one line a job, and the printers with tasks first."""
+    now, brief = view.fleet.now, height is not None
+    live = [job for job in view.jobs if not _is_over(job)]
+    over = [job for job in view.jobs if _is_over(job)]
+    printers = view.printers
+    if height is not None and len(printers) > height - _OTHER_LINES:
+        printers = sorted(printers, key=rank_urgency)
+    headings, *table = lay_out_printers(printers, now, width)
+    each = 1 if brief else None  # lines of a job
+    live_lines = [line for lines in _list_live_lines(live, now, width) for line in lines[:each]]
+    over_lines = [line for job in over for line in _list_job_lines(job, now, width)[:each]]
+    night = [] if view.night is None else _fold_texts("NIGHT", [format_night(view.night)], "", width)
+    return [
+        Block(wrap_text(_format_title(view.fleet), width, _INDENT)),
+        Block(_list_task_lines(view.todo, width), rank=1, least=4),
+        Block(night, rank=4, least=1),
+        Block(live_lines, rank=3, noun="job" if brief else "line", least=4),
+        Block(_list_wait_lines(live, width), rank=5, least=2),
+        Block([headings], rank=2, least=1),
+        Block(table, rank=2, noun="printer" if len(table) == len(printers) else "line", least=8),
+        Block(over_lines, rank=6, noun="ended job" if brief else "line"),
+    ]
 
 
-def _format_line(head: str, text: str, style: str = HEADING) -> Text:
-    return Text.assemble((head.ljust(_INDENT), style), text)
+def _is_over(job: api.JobView) -> bool:
+    """Return whether nothing of a job is left to do; a printed one waits for verdicts."""
+    return JobState(job.state).ended and job.state != JobState.PRINTED
 
 
-def _list_task_lines(todo: list[api.Todo], width: int) -> list[Text]:
+def _format_title(fleet: api.FleetView) -> Text:
+    title = Text(f"{fleet.name}: {parse_time(fleet.now):%a %H:%M}", style=HEADING)
+    if fleet.time_scale != 1:
+        title.append(f"  (simulated, {fleet.time_scale:g} times faster)", style=NOTE)
+    return title
+
+
+def _list_task_lines(todo: list[api.Todo], width: int | None) -> list[Text]:
     """List all tasks of people, on as few lines as possible."""
     others = [item for item in todo if item.code not in _TASK_LABELS]
     tasks = [
@@ -76,19 +105,29 @@ def _list_task_lines(todo: list[api.Todo], width: int) -> list[Text]:
         briefs = [item.brief or item.text for item in todo if item.code == code]
         if briefs:
             tasks.append(f"{label}: {', '.join(briefs)}")
-    return _fold_texts("DO NOW", tasks or ["nothing"], _TASK_GAP, width, URGENT)
+    if not tasks:
+        return _fold_texts("DO NOW", ["nothing"], "", width)
+    return _fold_texts("DO NOW", tasks, _TASK_GAP, width, URGENT)
 
 
-def _fold_texts(head: str, texts: list[str], gap: str, width: int, style: str = HEADING) -> list[Text]:
-    """Put texts side by side on as few lines as possible."""
+def _fold_texts(
+    head: str, texts: Sequence[str], gap: str, width: int | None, style: str = HEADING, body: str = ""
+) -> list[Text]:
+    """Put texts side by side on as few lines as possible, and break those that are longer than a line."""
     lines: list[str] = []
     for text in texts:
-        if lines and _INDENT + len(lines[-1]) + len(gap) + len(text) <= width:
+        if lines and _INDENT + len(lines[-1]) + len(gap) + len(text) <= (width or _PIPE_WIDTH):
             lines[-1] += gap + text
         else:
             lines.append(text)
     heads = [head, *[""] * len(lines)]
-    return [_format_line(one, text.rstrip(), style) for one, text in zip(heads, lines, strict=False)]
+    return [
+        line
+        for one, text in zip(heads, lines, strict=False)
+        for line in wrap_text(
+            Text.assemble((one.ljust(_INDENT), style), (text.rstrip(), body)), width, _INDENT
+        )
+    ]
 
 
 def format_night(view: api.NightView) -> str:
@@ -104,25 +143,48 @@ def format_night(view: api.NightView) -> str:
     return f"{plates}{counts}; {format_mass(view.grams)}{waste}"
 
 
-def _list_job_lines(job: api.JobView, width: int) -> list[Text]:
-    first, *more = _list_job_facts(job)
+def _list_live_lines(jobs: Sequence[api.JobView], now: str, width: int | None) -> Iterator[list[Text]]:
+    """Yield the lines of each open job; queued jobs that wait for the same share theirs."""
+    waiting: dict[str, list[api.JobView]] = {}
+    for job in jobs:
+        if _waits_in_queue(job) and job.hold is not None:
+            waiting.setdefault(job.hold.text, []).append(job)
+    for job in jobs:
+        alike = waiting.get(job.hold.text, []) if _waits_in_queue(job) and job.hold is not None else []
+        if len(alike) < 2:
+            yield _list_job_lines(job, now, width)
+        elif job is alike[0]:
+            numbers = shorten_names(str(one.id) for one in alike)
+            names = count_names(one.name[:_NAME_WIDTH] for one in alike)
+            text = f"{numbers} ({names}): {_list_job_facts(job, now)[0]}"
+            yield _fold_texts("JOBS", [text], "", width)
+
+
+def _waits_in_queue(job: api.JobView) -> bool:
+    return job.progress is None and not job.parts and job.hold is not None
+
+
+def _list_job_lines(job: api.JobView, now: str, width: int | None) -> list[Text]:
+    first, *more = _list_job_facts(job, now)
     facts = [f"{job.name[:_NAME_WIDTH]}: {first}", *more]
     texts = [f"{fact};" for fact in facts[:-1]] + facts[-1:]
-    lines = _fold_texts(f"JOB {job.id}", texts, " ", width)
+    style, body = (NOTE, NOTE) if _is_over(job) else (HEADING, "")
+    lines = _fold_texts(f"JOB {job.id}", texts, " ", width, style, body)
     if job.reason and job.state in (JobState.FAILED, JobState.PRINTING):
-        lines.append(_format_line("", job.reason, ERROR))
-    waiting: dict[str, list[str]] = {}
-    for plate in job.plates:
-        if plate.hold is not None:
-            waiting.setdefault(plate.hold.text, []).append(plate.id)
-    for text, plates in waiting.items():
-        lines.append(
-            _format_line("", f"{shorten_names(plates)} {'waits' if len(plates) == 1 else 'wait'}: {text}")
-        )
+        lines += _fold_texts("", [job.reason], "", width, body=ERROR)
     return lines
 
 
-def _list_job_facts(job: api.JobView) -> list[str]:
+def _list_wait_lines(jobs: Iterable[api.JobView], width: int | None) -> list[Text]:
+    """List why plates wait, each sentence once with all plates that wait for it."""
+    holds = ((plate.hold.text, plate.id) for job in jobs for plate in job.plates if plate.hold is not None)
+    lines: list[Text] = []
+    for text, plates in group_names(holds).items():
+        lines += _fold_texts("" if lines else "WAIT", [f"{shorten_names(plates)}: {text}"], "", width)
+    return lines
+
+
+def _list_job_facts(job: api.JobView, now: str) -> list[str]:
     """List the progress and the figures of a job."""
     if job.progress is not None:
         return [format_planning(job.progress)]
@@ -138,10 +200,10 @@ def _list_job_facts(job: api.JobView) -> list[str]:
     if job.elapsed_s is not None and job.current_s is not None:
         parts[-1] += f", {'actual' if JobState(job.state).ended else 'now'} {format_duration(job.current_s)}"
     if job.state == JobState.PRINTING and job.eta:
-        parts[-1] += f" (ends {format_time(job.eta)})"
-    if job.speedup and job.utilisation:
-        single = f"single printer {format_duration(job.serial_s)}, speed-up {job.speedup:.1f}"
-        parts.append(f"{single}, utilisation {format_share(job.utilisation)}")
+        parts[-1] += f" (ends {format_time(job.eta, now)})"
+    if job.speedup and job.utilisation and len(job.plates) > 1:
+        parts.append(f"single printer {format_duration(job.serial_s)}")
+        parts.append(f"speed-up {job.speedup:.1f}, utilisation {format_share(job.utilisation)}")
     if job.wasted_s > 0:
         parts.append(f"wasted {format_duration(job.wasted_s)}, {format_mass(job.wasted_grams)}")
     if job.hold is not None:
@@ -149,76 +211,3 @@ def _list_job_facts(job: api.JobView) -> list[str]:
     if job.submitted_by:
         parts.append(f"by {job.submitted_by}")
     return parts
-
-
-def _make_printers_table(printers: list[api.PrinterView], now: datetime) -> Table:
-    rows = make_table(*_HEADINGS)
-    for printer in printers:
-        part, ends, deviation = "", "", ""
-        state, last = _STATES.get(printer.state, printer.state), printer.last
-        if printer.print is not None:
-            part = printer.print.plate
-            ends = f"in {format_duration(printer.print.remaining_s)} ({format_share(printer.print.progress)})"
-        elif last is not None and printer.bed != Bed.CLEAR:
-            part, ends = last.plate, f"at {_format_end(last.ended, now)}"
-            deviation = format_deviation(last.off) if last.off is not None else ""
-            if state == "idle":
-                state = "remove" if last.state == PrintState.DONE else "to clear"
-        rows.add_row(
-            printer.name,
-            state,
-            part,
-            ends,
-            deviation,
-            f"{printer.time_factor:.2f}",
-            _format_reel(printer.reel),
-            _format_nozzle(printer),
-            _format_degrees(printer.bed_c, printer.targets.bed_c),
-            _format_action(printer),
-        )
-    return rows
-
-
-def _format_end(iso: str | None, now: datetime) -> str:
-    """Format a time of day, with the weekday if it may be from an earlier day."""
-    if iso is None or now - datetime.fromisoformat(iso) > _SAME_NIGHT:
-        return format_time(iso)
-    return datetime.fromisoformat(iso).strftime("%H:%M")
-
-
-def _format_reel(reel: api.Reel) -> str:
-    words = [reel.material.removeprefix("generic_").upper(), reel.colour or ""]
-    if reel.grams is not None:
-        words.append(f"{reel.grams:.0f}g")
-    return " ".join(filter(None, words))
-
-
-def _format_action(printer: api.PrinterView) -> str:
-    """Name what the user must do before the printer prints again."""
-    if printer.state == PrintState.PAUSED:
-        return "resume"
-    if printer.print is not None or printer.hold is None:
-        return ""
-    if printer.state == Link.ABSENT:
-        return "connect"
-    if printer.maintenance is not None:
-        return f"maintenance --done ({printer.maintenance})"
-    words = {
-        HoldCode.NEEDS_INSPECTION: "inspect, then clear",
-        HoldCode.BED_NOT_CLEAR: "clear",
-        HoldCode.FILAMENT_UNKNOWN: "clear with --filament",
-        HoldCode.PRINTER_ABSENT: "wait (connecting)",
-    }
-    return words.get(printer.hold.code, "")
-
-
-def _format_nozzle(printer: api.PrinterView) -> str:
-    """Show the nozzle's size in mm, and its temperature while it is heated."""
-    heat = _format_degrees(printer.nozzle_c, printer.targets.nozzle_c) if printer.targets.nozzle_c else ""
-    return f"{printer.reel.nozzle_mm:g} {heat}".rstrip()
-
-
-def _format_degrees(now_c: float | None, target_c: float | None) -> str:
-    if now_c is None:
-        return "-"
-    return f"{now_c:.0f}" + (f"/{target_c:.0f}" if target_c else "") + "C"

@@ -2,41 +2,53 @@
 
 from __future__ import annotations
 
-from datetime import datetime
-
 from rich.console import Group, RenderableType
 from rich.text import Text
 
 from farm import api
-from farm.cli.display.console import ERROR, make_table, open_console
-from farm.cli.display.format import format_time
+from farm.cli.display.console import ERROR, open_console, terminal_width
+from farm.cli.display.format import format_time, parse_time
+from farm.cli.display.table import Column, lay_out_table
 from farm.text import format_count, format_duration
 
-_WIDTH = 64  # characters of a row of the chart
+_WIDTH = 79  # of the chart
+_LEAST_WIDTH = 20  # of its bars
+_COLUMNS = (
+    Column("PARTS"),
+    Column("PRINTER"),
+    Column("STARTS"),
+    Column("ENDS"),
+    Column("DURATION", rank=1),
+    Column("GRAMS", rank=2),
+    Column("PRICE", rank=3),
+)
 
 
 def show_timeline(view: api.Timeline) -> None:
     """Print the timeline of a job."""
-    open_console().print(render_timeline(view))
+    screen = open_console()
+    screen.print(render_timeline(view, terminal_width(screen)))
 
 
-def render_timeline(view: api.Timeline) -> RenderableType:
+def render_timeline(view: api.Timeline, width: int | None = None) -> RenderableType:
     """Lay out the times, grams and prices of the plates, and the bar chart."""
-    times = make_table("PARTS", "PRINTER", "STARTS", "ENDS", "DURATION", "GRAMS", "PRICE")
+    now, times = view.now, []
     for slot in view.slots:
-        duration_s = (_parse_time(slot.ends) - _parse_time(slot.starts)).total_seconds()
-        times.add_row(
-            " ".join(slot.parts),
-            slot.printer,
-            format_time(slot.starts),
-            format_time(slot.ends),
-            format_duration(duration_s),
-            f"{slot.grams:.0f}",
-            _format_price(slot.price, view.currency),
+        duration_s = (parse_time(slot.ends) - parse_time(slot.starts)).total_seconds()
+        times.append(
+            (
+                " ".join(slot.parts),
+                slot.printer,
+                format_time(slot.starts, now),
+                format_time(slot.ends, now),
+                format_duration(duration_s),
+                f"{slot.grams:.0f}",
+                _format_price(slot.price, view.currency),
+            )
         )
     price = f", {_format_price(view.price, view.currency)}" if view.price is not None else ""
-    rows: list[RenderableType] = [*map(Text, view.notices), times, Text()]
-    rows += [Text(line) for line in draw_gantt(view.slots)]
+    rows: list[RenderableType] = [*map(Text, view.notices), *lay_out_table(_COLUMNS, times, width), Text()]
+    rows += [Text(line) for line in draw_gantt(view.slots, now, min(_WIDTH, width or _WIDTH))]
     rows.append(Text())
     rows.append(
         Text(
@@ -49,19 +61,30 @@ def render_timeline(view: api.Timeline) -> RenderableType:
     return Group(*rows)
 
 
-def draw_gantt(slots: list[api.SlotView], width: int = _WIDTH) -> list[str]:
-    """Draw a row for each printer with a bar for each plate, and a time axis below."""
+def draw_gantt(slots: list[api.SlotView], now: str, columns: int = _WIDTH) -> list[str]:
+    """Draw a row for each printer with a bar for each plate, and a time axis below.
+
+    Parameters
+    ----------
+    slots
+        The plates.
+    now
+        The reader's time.
+    columns
+        Width of the chart with the printers' names.
+    """
     if not slots:
         return []
-    begin = min(_parse_time(slot.starts) for slot in slots)
-    whole_s = max((_parse_time(slot.ends) - begin).total_seconds() for slot in slots) or 1.0
+    begin = min(parse_time(slot.starts) for slot in slots)
+    whole_s = max((parse_time(slot.ends) - begin).total_seconds() for slot in slots) or 1.0
     name_width = max(len(slot.printer) for slot in slots)
+    width = max(_LEAST_WIDTH, columns - name_width - 2)
     lines = []
     for printer in sorted({slot.printer for slot in slots}):
         cells = [" "] * width
         for slot in (one for one in slots if one.printer == printer):
             first, last = (
-                round((_parse_time(iso) - begin).total_seconds() / whole_s * width)
+                round((parse_time(iso) - begin).total_seconds() / whole_s * width)
                 for iso in (slot.starts, slot.ends)
             )
             first = min(first, width - 1)
@@ -70,14 +93,10 @@ def draw_gantt(slots: list[api.SlotView], width: int = _WIDTH) -> list[str]:
                 bar = f"[{bar[1:-1]}]"
             cells[first : first + len(bar)] = bar[: max(1, last - first)]
         lines.append(f"{printer:<{name_width}}  {''.join(cells).rstrip()}")
-    ends = format_time(max(slots, key=lambda slot: _parse_time(slot.ends)).ends)
-    starts = format_time(begin.isoformat())
+    ends = format_time(max(slots, key=lambda slot: parse_time(slot.ends)).ends, now)
+    starts = format_time(begin.isoformat(), now)
     lines.append(f"{'':<{name_width}}  {starts}{ends:>{width - len(starts)}}")
     return lines
-
-
-def _parse_time(iso: str) -> datetime:
-    return datetime.fromisoformat(iso)
 
 
 def _format_price(price: float | None, currency: str | None) -> str:

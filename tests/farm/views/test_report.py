@@ -89,7 +89,7 @@ def test_a_job_of_which_nothing_is_printed_has_a_page_too():
 def test_report_and_job_page_name_the_runs_of_a_job_that_was_printed_again():
     first = {"started": "2026-11-21T20:00:00+01:00", "ended": "2026-11-22T06:00:00+01:00"}
     runs = [api.RunView(**first), api.RunView(started="2026-11-23T09:00:00+01:00", ended=None)]
-    view, _, _ = report_of(night_books(), runs=runs)
+    view, _, _ = report_of(night_books(), runs=runs, now="2026-11-23T10:00:00+01:00")
     text = "Sat 20:00 to Sun 06:00, Mon 09:00 to now"
     assert dict(list_figures(view))["printed in runs"] == f"{text}; the time between them is not counted"
     console = Console(width=120, record=True, file=io.StringIO())

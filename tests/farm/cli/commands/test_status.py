@@ -15,7 +15,7 @@ class Daemon:
         pass
 
     def history(self, job: int | None, printer: str | None, last: int) -> api.History:
-        return api.History(prints=[])
+        return api.History(now="2026-11-22T07:00:00+00:00", prints=[])
 
 
 @pytest.mark.parametrize(("options", "shown"), [([], "no print has ended\n"), (["--json"], '"prints": []')])

@@ -31,8 +31,9 @@ def test_filament_has_a_price_where_one_is_known():
 
 
 def test_moments():
-    assert format_time(None) == "-"
-    assert format_time("2026-11-21T07:05:09+00:00") == "Sat 07:05"
+    now = "2026-11-22T07:00:00+00:00"
+    assert format_time(None, now) == "-"
+    assert format_time("2026-11-21T07:05:09+00:00", now) == "Sat 07:05"
 
 
 def test_how_far_a_plan_is():

@@ -20,6 +20,7 @@ def slot(number, printer, starts, ends):
     )
 
 
+NOW = "2026-11-21T09:00:00+00:00"
 SLOTS = [
     slot(1, "um2-01", "10:00", "12:00"),
     slot(2, "um2-02", "10:00", "11:00"),
@@ -28,7 +29,7 @@ SLOTS = [
 
 
 def test_each_printer_has_a_line_of_time():
-    assert draw_gantt(SLOTS, width=32) == [
+    assert draw_gantt(SLOTS, NOW, columns=40) == [
         "um2-01  [------01------]",
         "um2-02  [--02--]                [--03--]",
         "        Sat 10:00              Sat 14:00",
@@ -36,16 +37,16 @@ def test_each_printer_has_a_line_of_time():
 
 
 def test_a_short_plate_in_a_long_night_is_still_seen():
-    lines = draw_gantt([slot(1, "a", "00:00", "00:01"), slot(2, "b", "00:00", "23:59")], width=20)
+    lines = draw_gantt([slot(1, "a", "00:00", "00:01"), slot(2, "b", "00:00", "23:59")], NOW, columns=23)
     assert lines[0].startswith("a  ") and lines[0].strip() != "a"
     assert len(lines[1]) == len("b  ") + 20
-    assert draw_gantt([]) == []
+    assert draw_gantt([], NOW) == []
 
 
 def test_the_night_says_what_it_takes():
     facts = {"plan": "x", "left": ["4/04"], "notices": ["Scaled."]}
     facts |= {"makespan_s": 14400, "lower_bound_s": 7200, "currency": "GBP"}
-    view = api.Timeline(job=4, slots=SLOTS, grams=90.0, price=2.7, **facts)
+    view = api.Timeline(job=4, now=NOW, slots=SLOTS, grams=90.0, price=2.7, **facts)
     console = Console(record=True, width=120, file=io.StringIO())
     console.print(render_timeline(view))
     text = console.export_text()

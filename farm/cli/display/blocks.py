@@ -1,0 +1,55 @@
+"""Blocks of lines that fit into the height of a terminal: the least important are shortened first."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from rich.text import Text
+
+from farm.cli.display.console import NOTE
+from farm.text import format_count
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """Lines that belong together.
+
+    Attributes
+    ----------
+    lines
+        The lines, the most important first.
+    rank
+        The highest rank is shortened first; 0 last.
+    noun
+        Name of what a line shows, to count those that are left out.
+    least
+        Number of lines that it keeps until every block is as short as it may be.
+    """
+
+    lines: Sequence[Text]
+    rank: int = 0
+    noun: str = "line"
+    least: int = 0
+
+
+def fit_blocks(blocks: Sequence[Block], height: int | None) -> list[Text]:
+    """Return the lines of all blocks in their order, at most `height`, with a count of what is left out."""
+    kept = [len(block.lines) for block in blocks]
+    by_rank = sorted(range(len(blocks)), key=lambda i: blocks[i].rank, reverse=True)
+    if height is not None:
+        for least in ([block.least for block in blocks], [0] * len(blocks)):
+            for i in by_rank:
+                excess = max(0, sum(kept) - height)
+                kept[i] = max(min(kept[i], least[i]), kept[i] - excess)
+    lines = []
+    for block, number in zip(blocks, kept, strict=True):
+        lines += list(block.lines) if number == len(block.lines) else _shorten(block, number)
+    return lines
+
+
+def _shorten(block: Block, number: int) -> list[Text]:
+    if number == 0:
+        return []
+    rest = format_count(len(block.lines) - number + 1, f"more {block.noun}")
+    return [*block.lines[: number - 1], Text(f"... {rest}", style=NOTE)]

@@ -1,0 +1,113 @@
+"""Table of the printers on the status page."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from datetime import timedelta
+
+from rich.text import Text
+
+from farm import api
+from farm.cli.display.format import format_deviation, format_share, format_time, parse_time
+from farm.cli.display.table import Column, lay_out_table
+from farm.model import Bed, HoldCode, Link, PrintState
+from farm.text import format_duration
+
+_COLUMNS = (
+    Column("PRINTER"),
+    Column("STATE"),
+    Column("PART"),
+    Column("ENDS"),
+    Column("VS PLAN", rank=3),
+    Column("FACTOR", rank=6),
+    Column("REEL", rank=2, least=9),
+    Column("NOZZLE", rank=4),
+    Column("BED", rank=5),
+    Column("ACTION", rank=1, least=12),
+)
+_STATES = {"look": "inspect"}
+"""States that the table words differently from `--json`."""
+_SAME_NIGHT = timedelta(hours=20)
+"""Age up to which a time is shown without its weekday."""
+
+
+def lay_out_printers(printers: Sequence[api.PrinterView], now: str, width: int | None) -> list[Text]:
+    """Lay out the table, with the headings on its first line."""
+    return lay_out_table(_COLUMNS, [_list_cells(printer, now) for printer in printers], width)
+
+
+def rank_urgency(printer: api.PrinterView) -> float:
+    """Rank a printer by when somebody is needed at it: those that need an action first, idle ones last."""
+    if _format_action(printer):
+        return -1.0
+    return printer.print.remaining_s if printer.print is not None else float("inf")
+
+
+def _list_cells(printer: api.PrinterView, now: str) -> tuple[str, ...]:
+    part, ends, deviation = "", "", ""
+    state, last = _STATES.get(printer.state, printer.state), printer.last
+    if printer.print is not None:
+        part = printer.print.plate
+        ends = f"in {format_duration(printer.print.remaining_s)} ({format_share(printer.print.progress)})"
+    elif last is not None and printer.bed != Bed.CLEAR:
+        part, ends = last.plate, f"at {_format_end(last.ended, now)}"
+        deviation = format_deviation(last.off) if last.off is not None else ""
+        if state == "idle":
+            state = "remove" if last.state == PrintState.DONE else "to clear"
+    return (
+        printer.name,
+        state,
+        part,
+        ends,
+        deviation,
+        f"{printer.time_factor:.2f}",
+        _format_reel(printer.reel),
+        _format_nozzle(printer),
+        _format_degrees(printer.bed_c, printer.targets.bed_c),
+        _format_action(printer),
+    )
+
+
+def _format_end(iso: str | None, now: str) -> str:
+    """Format a time of day, with the weekday if it may be from an earlier day."""
+    if iso is None or parse_time(now) - parse_time(iso) > _SAME_NIGHT:
+        return format_time(iso, now)
+    return parse_time(iso).strftime("%H:%M")
+
+
+def _format_reel(reel: api.Reel) -> str:
+    words = [reel.material.removeprefix("generic_").upper(), reel.colour or ""]
+    if reel.grams is not None:
+        words.append(f"{reel.grams:.0f}g")
+    return " ".join(filter(None, words))
+
+
+def _format_action(printer: api.PrinterView) -> str:
+    """Name what the user must do before the printer prints again."""
+    if printer.state == PrintState.PAUSED:
+        return "resume"
+    if printer.print is not None or printer.hold is None:
+        return ""
+    if printer.state == Link.ABSENT:
+        return "connect"
+    if printer.maintenance is not None:
+        return f"maintenance --done ({printer.maintenance})"
+    words = {
+        HoldCode.NEEDS_INSPECTION: "inspect, then clear",
+        HoldCode.BED_NOT_CLEAR: "clear",
+        HoldCode.FILAMENT_UNKNOWN: "clear with --filament",
+        HoldCode.PRINTER_ABSENT: "wait (connecting)",
+    }
+    return words.get(printer.hold.code, "")
+
+
+def _format_nozzle(printer: api.PrinterView) -> str:
+    """Show the nozzle's size in mm, and its temperature while it is heated."""
+    heat = _format_degrees(printer.nozzle_c, printer.targets.nozzle_c) if printer.targets.nozzle_c else ""
+    return f"{printer.reel.nozzle_mm:g} {heat}".rstrip()
+
+
+def _format_degrees(now_c: float | None, target_c: float | None) -> str:
+    if now_c is None:
+        return "-"
+    return f"{now_c:.0f}" + (f"/{target_c:.0f}" if target_c else "") + "C"

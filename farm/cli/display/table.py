@@ -1,0 +1,132 @@
+"""Tables that fit into the width of a terminal: the important columns stay whole, others are left out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from rich.cells import cell_len
+from rich.console import Console
+from rich.text import Text
+
+from farm.cli.display.console import HEADING
+
+_GAP = 2  # spaces between two columns
+_INDENT = 2  # of the further lines of a row that needs several
+_CONSOLE = Console(width=80)  # `Text.wrap` asks for one; nothing is printed on it
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """One column of a table.
+
+    Attributes
+    ----------
+    heading
+        Its first line.
+    rank
+        0 for a column that is always shown whole; of the others, the highest rank is left out first.
+    least
+        Width to which its texts may be shortened; None if they may not be.
+    """
+
+    heading: str
+    rank: int = 0
+    least: int | None = None
+
+
+def lay_out_table(columns: Sequence[Column], rows: Sequence[Sequence[str]], width: int | None) -> list[Text]:
+    """Lay out a table on lines of at most `width` terminal columns, the headings first.
+
+    Where the columns of rank 0 alone are too wide, each row takes several lines.
+
+    Parameters
+    ----------
+    columns
+        The columns, from left to right.
+    rows
+        The cells of each row, one for each column.
+    width
+        Width of the terminal; None for as wide as the texts.
+    """
+    full = [
+        max(cell_len(text) for text in (column.heading, *(row[i] for row in rows)))
+        for i, column in enumerate(columns)
+    ]
+    empty = [not any(row[i] for row in rows) for i in range(len(columns))]
+    widths = full if width is None else _fit_widths(columns, full, empty, width)
+    headings = [column.heading for column in columns]
+    styles = [HEADING, *[""] * len(rows)]
+    if widths is None:
+        first = [i for i, column in enumerate(columns) if column.rank == 0]
+        return [
+            line
+            for row, style in zip((headings, *rows), styles, strict=True)
+            for line in _stack_row([row[i] for i in first], width or 1, style)
+        ]
+    return [_join_row(row, widths, style) for row, style in zip((headings, *rows), styles, strict=True)]
+
+
+def wrap_text(text: Text, width: int | None, indent: int) -> list[Text]:
+    """Break a text into lines of at most `width` columns at its spaces; further lines are indented."""
+    if width is None or text.cell_len <= width:
+        return [text]
+    first, *rest = _wrap(text, width)
+    if not rest:
+        return [first]
+    left = text[len(first.plain) :]
+    left = left[len(left.plain) - len(left.plain.lstrip()) :]
+    below = _wrap(left, max(1, width - indent))
+    return [first, *(Text.assemble(" " * min(indent, width - 1), line) for line in below)]
+
+
+def _wrap(text: Text, width: int) -> list[Text]:
+    lines = list(text.wrap(_CONSOLE, width, overflow="fold"))
+    for line in lines:
+        line.rstrip()
+    return lines
+
+
+def _fit_widths(
+    columns: Sequence[Column], full: Sequence[int], empty: Sequence[bool], width: int
+) -> list[int] | None:
+    """Choose the width of each column, 0 to leave it out; None if those of rank 0 are too wide."""
+    least = [
+        natural if c.least is None else min(natural, c.least)
+        for c, natural in zip(columns, full, strict=True)
+    ]
+    shown = [i for i, _ in enumerate(columns)]
+    order = sorted(shown, key=lambda i: (empty[i], columns[i].rank), reverse=True)
+
+    def spare(widths: Sequence[int]) -> int:
+        return width - sum(widths[i] for i in shown) - _GAP * (len(shown) - 1)
+
+    leave_out = [i for i in order if columns[i].rank > 0]
+    while spare(full if any(empty[i] for i in leave_out) else least) < 0:
+        if not leave_out:
+            return None
+        shown.remove(leave_out.pop(0))
+    chosen = [least[i] if i in shown else 0 for i, _ in enumerate(columns)]
+    left = spare(chosen)
+    for i in sorted(shown, key=lambda i: columns[i].rank):
+        added = min(left, full[i] - chosen[i])
+        chosen[i] += added
+        left -= added
+    return chosen
+
+
+def _join_row(cells: Sequence[str], widths: Sequence[int], style: str) -> Text:
+    """Put the cells of a row side by side, each as wide as its column."""
+    row = Text(style=style)
+    for cell, width in zip(cells, widths, strict=True):
+        if width:
+            text = Text(cell)
+            text.truncate(width, overflow="ellipsis", pad=True)
+            row.append_text(text).append(" " * _GAP)
+    row.rstrip()
+    return row
+
+
+def _stack_row(cells: Sequence[str], width: int, style: str) -> list[Text]:
+    """Break a row into lines: as many cells on a line as there is room for."""
+    return wrap_text(Text((" " * _GAP).join(filter(None, cells)), style=style), width, _INDENT)

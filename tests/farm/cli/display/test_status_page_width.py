@@ -1,0 +1,165 @@
+"""The status page on terminals of several sizes."""
+
+from datetime import UTC, datetime, timedelta
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from rich.cells import cell_len
+
+from example_night import night_books, status_of
+from farm import api
+from farm.cli.display.status_page import render_status
+from farm.model import Bed, Hold, HoldCode, PrintState, Verdict
+
+NOW = datetime(2026, 11, 22, 7, 0, tzinfo=UTC)
+VIEW = status_of(night_books())
+SIZES = pytest.mark.parametrize("width", [60, 80, 100, 120])
+WAITING = Hold(code=HoldCode.PRINTER_BUSY, text="um2-01 is printing until Mon 04:00; " + "word " * 20)
+
+WORDS = st.text("abcdefg hij", min_size=1, max_size=60).map(str.strip).filter(bool)
+NAMES = st.from_regex(r"[A-Za-z0-9][A-Za-z0-9._-]{0,40}", fullmatch=True)
+TIMES = st.integers(-2000, 0).map(lambda hours: (NOW + timedelta(hours=hours)).isoformat())
+
+
+def progress(plate, remaining_s, share):
+    return api.PrintProgress.model_construct(plate=plate, remaining_s=remaining_s, progress=share)
+
+
+PRINTS = st.builds(progress, st.sampled_from(["1/01", "12/03b"]), st.floats(0, 4e5), st.floats(0, 1))
+LAST = st.builds(
+    api.LastPrint,
+    plate=st.just("123/45"),
+    state=st.sampled_from([PrintState.DONE, PrintState.FAILED]),
+    ended=TIMES,
+    off=st.none() | st.floats(-1, 9),
+    verdict=st.none(),
+)
+
+
+@st.composite
+def printers(draw):
+    name = draw(NAMES)
+    return VIEW.printers[0].model_copy(
+        update={
+            "name": name,
+            "state": draw(
+                st.sampled_from(["idle", "printing", "maintenance", "preparing", "look", "absent"])
+            ),
+            "bed": draw(st.sampled_from(list(Bed))),
+            "reel": api.Reel(
+                material=draw(st.sampled_from(["generic_pla", "generic_cpe_plus", "ultimaker_abs_black"])),
+                colour=draw(st.none() | WORDS),
+                grams=draw(st.none() | st.floats(0, 2000)),
+                nozzle_mm=0.4,
+            ),
+            "nozzle_c": draw(st.none() | st.floats(20, 260)),
+            "targets": api.Targets(nozzle_c=draw(st.none() | st.just(210.0)), bed_c=60.0),
+            "print": draw(st.none() | PRINTS),
+            "last": draw(st.none() | LAST),
+            "maintenance": draw(st.none() | WORDS),
+            "hold": draw(st.none() | st.just(WAITING)),
+        }
+    )
+
+
+FLEETS = st.lists(printers(), min_size=1, max_size=30, unique_by=lambda printer: printer.name)
+
+
+def view_of(fleet, **values):
+    house = VIEW.fleet.model_copy(update={"now": NOW.isoformat()})
+    return VIEW.model_copy(update={"printers": fleet, "fleet": house, **values})
+
+
+def lines_of(view, width=None, height=None):
+    return render_status(view, width, height).plain.splitlines()
+
+
+def waiting(number, **values):
+    values = {"state": "queued", "parts": [], "plates": [], "hold": WAITING, "progress": None, **values}
+    return VIEW.jobs[0].model_copy(update={"id": number, "name": "box.stl", **values})
+
+
+@SIZES
+@settings(max_examples=30)
+@given(fleet=FLEETS)
+def test_no_line_is_wider_than_the_terminal_and_no_printer_is_lost(width, fleet):
+    view = view_of(fleet)
+    lines = lines_of(view, width)
+    assert all(cell_len(line) <= width for line in lines)
+    rows = iter(lines)
+    assert any(line.startswith("PRINTER") for line in rows)
+    for printer in fleet:
+        # The rows are in the order of the fleet, each with its name whole.
+        assert any(line.startswith(printer.name) for line in rows)
+
+
+@SIZES
+@settings(max_examples=20)
+@given(fleet=FLEETS, height=st.integers(4, 40))
+def test_a_page_that_is_watched_fits_into_the_terminal(width, fleet, height):
+    jobs = [VIEW.jobs[0], *(waiting(i) for i in range(2, 30))]
+    lines = lines_of(view_of(fleet, jobs=jobs), width, height)
+    assert len(lines) <= height
+    assert all(cell_len(line) <= width for line in lines)
+
+
+@SIZES
+def test_what_prints_is_whole_in_every_width(width):
+    long = {"state": "printing", "print": progress("12/03", 44_000, 0.55), "nozzle_c": 200.0}
+    fleet = [
+        p.model_copy(update={"targets": api.Targets(nozzle_c=200, bed_c=60), **long}) for p in VIEW.printers
+    ]
+    rows = [line for line in lines_of(view_of(fleet), width) if line.startswith("um2-")]
+    for number, row in enumerate(rows, 1):
+        assert row.startswith(f"um2-0{number}   printing  12/03  in 12h13 (55 %)")
+
+
+def test_ended_jobs_stand_below_the_printers():
+    over = VIEW.jobs[0].model_copy(update={"id": 1, "state": "cancelled", "name": "old.stl"})
+    lines = lines_of(view_of(VIEW.printers, jobs=[over, waiting(2)]), 80)
+    places = [
+        next(i for i, line in enumerate(lines) if line.startswith(head))
+        for head in ("JOB 2", "PRINTER", "JOB 1")
+    ]
+    assert places == sorted(places)
+
+
+def test_jobs_that_wait_for_the_same_are_one_sentence():
+    page = "\n".join(lines_of(view_of([], jobs=[waiting(i) for i in range(3, 8)])))
+    assert page.count(WAITING.text.strip()) == 1
+    assert "JOBS     3..7 (box.stl (5)): queued, waits: um2-01 is printing" in page
+
+
+def test_plates_of_several_jobs_that_wait_for_the_same_are_one_sentence():
+    parts = VIEW.jobs[0].parts
+    held = [
+        waiting(
+            number,
+            state="printing",
+            hold=None,
+            parts=parts,
+            plates=[
+                p.model_copy(update={"id": f"{number}/0{i}", "hold": WAITING})
+                for i, p in enumerate(VIEW.jobs[0].plates, 1)
+            ],
+        )
+        for number in (3, 4)
+    ]
+    page = "\n".join(lines_of(view_of([], jobs=held)))
+    assert page.count(WAITING.text.strip()) == 1
+    assert "WAIT     3/01..05 4/01..05: um2-01 is printing" in page
+
+
+def test_nothing_to_do_is_not_urgent():
+    line = render_status(view_of([], todo=[])).split("\n")[1]
+    assert line.plain == "DO NOW   nothing"
+    assert not any("red" in str(span.style) for span in line.spans)
+
+
+def test_a_print_that_ended_last_month_has_its_date():
+    last = api.LastPrint(
+        plate="1/01", state=PrintState.DONE, ended="2026-10-30T06:00:00+00:00", off=None, verdict=Verdict.GOOD
+    )
+    old = VIEW.printers[0].model_copy(update={"last": last, "bed": Bed.UNKNOWN})
+    assert lines_of(view_of([old]), 80)[-1].startswith("um2-01   remove  1/01  at Fri 30 Oct 06:00")
