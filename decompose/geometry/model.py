@@ -22,9 +22,10 @@ from decompose.errors import (
     ModelTiny,
     ModelUnreadable,
 )
-from decompose.geometry.file_limits import check_limits
+from decompose.geometry.file_limits import check_limits, most_triangles
 from decompose.geometry.repair import Report, close_surface
 from decompose.geometry.solid import Solid
+from decompose.geometry.step import read_step
 from decompose.geometry.stl import (
     COUNT_BYTES,
     FACE_BYTES,
@@ -33,8 +34,9 @@ from decompose.geometry.stl import (
     is_binary_stl,
     stored_face_count,
 )
+from decompose.geometry.threemf import read_3mf
 
-SUFFIXES = (".stl", ".obj", ".ply", ".off")
+SUFFIXES = (".stl", ".obj", ".ply", ".off", ".3mf", ".step", ".stp")
 TINY_MM = 5.0  # longest side below which the unit is probably not the mm
 SMALLEST_MM = 0.1  # thinner than the line of any nozzle
 LARGEST_MM = 1e6  # further from the origin double precision is too coarse for cuts
@@ -86,7 +88,7 @@ def load_model(
     Parameters
     ----------
     path
-        STL (ASCII or binary), OBJ, PLY or OFF.
+        STL (ASCII or binary), OBJ, PLY, OFF, 3MF or STEP; these two give their unit, and are read in mm.
     scale
         Factor from the file's numbers to mm; 1 by default.
     longest_side_mm
@@ -164,27 +166,48 @@ def _read(
         why = getattr(error, "strerror", None) or error
         raise ModelUnreadable(f"{where}: cannot be read ({why}); check the path") from error
     if suffix not in SUFFIXES:
-        known = ", ".join(s[1:].upper() for s in SUFFIXES)
+        known = ", ".join(s[1:].upper() for s in SUFFIXES if s != ".stp")
         raise ModelUnreadable(f"{name}: not a known kind of model; export it as one of {known}")
     if not data:
         raise ModelEmpty(f"{name}: the file is empty; export the model again")
-    notes = []
-    if suffix == ".stl" and is_binary_stl(data):
-        if len(data) < 84:
-            raise ModelUnreadable(f"{name}: {len(data)} bytes are not an STL; export the model again")
-        promised, present = header_face_count(data), stored_face_count(data)
-        if promised > present:
-            raise ModelUnreadable(
-                f"{name}: its header promises {promised} triangles, the file holds {int(present)}: "
-                "not an STL or only a part of one; copy or export it again"
-            )
-        if promised < present:  # some programs put colours or their name there
-            whole = HEADER_BYTES + COUNT_BYTES + promised * FACE_BYTES
-            notes.append(f"Left out {len(data) - whole} bytes behind the last triangle.")
-            data = data[:whole]
-    if suffix == ".stl" and not is_binary_stl(data) and b"endsolid" not in data[-1000:].lower():
-        raise ModelUnreadable(f"{name}: breaks off before its end; copy or export it again")
+    most = None if memory_bytes is None else most_triangles(memory_bytes)
+    match suffix:
+        case ".3mf":
+            return read_3mf(name, data, most)
+        case ".step" | ".stp":
+            return read_step(name, data, most), ()
+        case ".stl":
+            data, notes = _check_stl(name, data)
+        case _:
+            notes = ()
     check_limits(name, data, suffix, memory_bytes)
+    return _load_triangles(name, data, suffix), notes
+
+
+def _check_stl(name: str, data: bytes) -> tuple[bytes, tuple[str, ...]]:
+    """Refuse a part of an STL; return a whole one without bytes behind its triangles, and its notices."""
+    if not is_binary_stl(data):
+        if b"endsolid" not in data[-1000:].lower():
+            raise ModelUnreadable(f"{name}: breaks off before its end; copy or export it again")
+        return data, ()
+    if len(data) < HEADER_BYTES + COUNT_BYTES:
+        raise ModelUnreadable(f"{name}: {len(data)} bytes are not an STL; export the model again")
+    promised, present = header_face_count(data), stored_face_count(data)
+    if promised > present:
+        raise ModelUnreadable(
+            f"{name}: its header promises {promised} triangles, the file holds {int(present)}: "
+            "not an STL or only a part of one; copy or export it again"
+        )
+    if promised == present:
+        return data, ()
+    whole = (
+        HEADER_BYTES + COUNT_BYTES + promised * FACE_BYTES
+    )  # some programs put colours or their name there
+    return data[:whole], (f"Left out {len(data) - whole} bytes behind the last triangle.",)
+
+
+def _load_triangles(name: str, data: bytes, suffix: str) -> Floats:
+    """Parse the triangles (m, 3, 3) of a file with trimesh."""
     logging.getLogger("trimesh").setLevel(logging.CRITICAL)  # its errors are raised as ModelUnreadable
     try:
         with np.errstate(all="ignore"):  # normals of hostile files; coordinates are checked by the caller
@@ -199,7 +222,7 @@ def _read(
         ) from error
     if triangles.size == 0:
         raise ModelEmpty(f"{name}: holds no triangles; export the model again")
-    return triangles.reshape(-1, 3, 3), tuple(notes)
+    return triangles.reshape(-1, 3, 3)
 
 
 def _factor(name: str, longest: float, scale: float | None, longest_side_mm: float | None) -> float:

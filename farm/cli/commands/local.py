@@ -21,7 +21,7 @@ from farm.text import format_count, format_duration
 
 
 def decompose(
-    model: Annotated[Path, typer.Argument(help="STL, OBJ, PLY or OFF.")],
+    model: Annotated[Path, typer.Argument(help="STL, 3MF, STEP, OBJ, PLY or OFF.")],
     out: Annotated[Path, typer.Option(help="The folder for the parts.")],
     printers: Annotated[
         str, typer.Option(help="The number of printers, or auto: the number that saves most time.")
@@ -130,7 +130,7 @@ def summarise_decomposition(report: dict[str, Any], printers: int, out: Path) ->
 
 
 def slice_model(
-    model: Annotated[Path, typer.Argument(help="STL, OBJ, PLY or OFF in mm; it is not turned.")],
+    model: Annotated[Path, typer.Argument(help="STL, 3MF, STEP, OBJ, PLY or OFF; it is not turned.")],
     out: Annotated[Path, typer.Option("-o", "--out", help="The G-code file.")],
     printer_model: Annotated[str, typer.Option(help="Cura's definition id.")] = "ultimaker2_plus",
     quality: Quality = "glue",

@@ -35,7 +35,7 @@ _POLL_S = 0.5
 @with_places
 def submit(
     places: Places,
-    model: Annotated[Path, typer.Argument(help="STL, OBJ, PLY or OFF; or G-code, printed as one part.")],
+    model: Annotated[Path, typer.Argument(help="STL, 3MF, STEP, OBJ, PLY or OFF; or own G-code.")],
     printers: Annotated[str, typer.Option(help="The number of printers to use, or auto.")] = "auto",
     longest_side: LongestSide = None,
     scale: Scale = None,

@@ -1,0 +1,108 @@
+"""STEP: the surface of its solids as triangles in mm, by OpenCASCADE (the package cascadio, an extra).
+
+OpenCASCADE runs in a process of its own: it prints on stdout, and may crash on a damaged file.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import trimesh
+
+from decompose.arrays import Floats
+from decompose.errors import ModelEmpty, ModelTooDetailed, ModelUnreadable
+
+CHORD_MM = 0.01  # greatest distance between a curved face and its triangles
+CHORD_RAD = 0.2  # greatest angle between neighbouring triangles of a curved face
+LONGEST_S = 300.0
+MOST_GLB_BYTES = 2**31
+
+_BEGIN, _END = b"ISO-10303-21;", b"END-ISO-10303-21;"
+_EDGE_BYTES = 1024  # within which these stand
+_MM = 1000.0  # GLB is in metres
+_FACE_BYTES = 120  # of a GLB, at most: three corners with normals, and their numbers
+_GLB_HEAD_BYTES = 2**20
+_CONVERT = """
+import ctypes, resource, signal, sys
+ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # ends with the process that asked for it
+resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[5]), int(sys.argv[5])))
+resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+import cascadio
+sys.exit(cascadio.step_to_glb(sys.argv[1], sys.argv[2], float(sys.argv[3]), float(sys.argv[4])))
+"""
+
+
+def read_step(name: str, data: bytes, most_triangles: int | None = None) -> Floats:
+    """Read the solids of a STEP file, in the unit that it gives.
+
+    Parameters
+    ----------
+    name
+        Name of the file, for messages.
+    data
+        Content of the file.
+    most_triangles
+        Number of triangles that fit the memory; None for any.
+
+    Returns
+    -------
+    ndarray
+        (m, 3, 3) in mm, within `CHORD_MM` of its surface.
+
+    Raises
+    ------
+    ModelUnreadable, ModelEmpty, ModelTooDetailed
+    """
+    if _BEGIN not in data[:_EDGE_BYTES] or _END not in data[-_EDGE_BYTES:]:
+        raise ModelUnreadable(f"{name}: not a STEP file or only a part of one; copy or export it again")
+    if importlib.util.find_spec("cascadio") is None:
+        raise ModelUnreadable(
+            f"{name}: STEP needs the package cascadio: `pip install 'farm[step]'`, or export it as 3MF or STL"
+        )
+    with tempfile.TemporaryDirectory(prefix="farm-step-") as folder:
+        glb = _convert(name, data, Path(folder))
+        most_bytes = _GLB_HEAD_BYTES + _FACE_BYTES * (most_triangles or MOST_GLB_BYTES)
+        if glb.stat().st_size > most_bytes:
+            raise ModelTooDetailed(f"{name}: has more triangles than the memory suffices for: simplify it")
+        with np.errstate(all="ignore"):  # coordinates are checked by the caller
+            loaded: Any = trimesh.load(glb, process=False, force="mesh")
+            triangles = np.array(loaded.triangles, dtype=np.float64) * _MM
+    if triangles.size == 0:
+        raise ModelEmpty(f"{name}: holds no surface; export the solid again")
+    if most_triangles is not None and len(triangles) > most_triangles:
+        raise ModelTooDetailed(
+            f"{name}: has {len(triangles) / 1e6:.1f} million triangles, and the memory suffices for "
+            f"{most_triangles / 1e6:.1f} million: simplify it"
+        )
+    return triangles
+
+
+def _convert(name: str, data: bytes, folder: Path) -> Path:
+    """Convert a STEP file to a GLB in a folder. Raises ModelUnreadable if that fails."""
+    step, glb = folder / "model.step", folder / "model.glb"
+    step.write_bytes(data)
+    values = (str(step), str(glb), str(CHORD_MM), str(CHORD_RAD), str(MOST_GLB_BYTES))
+    try:
+        done = subprocess.run(
+            [sys.executable, "-c", _CONVERT, *values],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            cwd=folder,
+            timeout=LONGEST_S,
+            check=False,
+        )
+    except subprocess.TimeoutExpired:
+        raise ModelUnreadable(
+            f"{name}: OpenCASCADE has not read it within {LONGEST_S:g} s; export a simpler one, or STL"
+        ) from None
+    if done.returncode or not glb.is_file():
+        how = "crashed on" if done.returncode < 0 else "cannot read"
+        raise ModelUnreadable(f"{name}: OpenCASCADE {how} it; export it again, or as 3MF or STL")
+    return glb

@@ -1,0 +1,199 @@
+"""Triangles of a 3MF file, as its build places its objects."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from decompose.arrays import Floats
+from decompose.errors import ModelEmpty, ModelTooDetailed, ModelUnreadable
+from decompose.geometry.threemf.model_part import (
+    UNITS_MM,
+    ModelPart,
+    ObjectRecord,
+    Reference,
+    read_model_part,
+)
+from decompose.geometry.threemf.package import Package, resolve_path
+
+DEEPEST = 64  # components in components
+MOST_INSTANCES = 10_000
+MOST_TRIANGLES = 20_000_000  # where no memory limit is given
+
+_SOLID = "model"  # the only type of object that is printed; others are supports and surfaces
+
+
+def read_3mf(name: str, data: bytes, most_triangles: int | None = None) -> tuple[Floats, tuple[str, ...]]:
+    """Read the objects that the build of a 3MF file places.
+
+    Parameters
+    ----------
+    name
+        Name of the file, for messages.
+    data
+        Content of the file.
+    most_triangles
+        Number of triangles that fit the memory; None for `MOST_TRIANGLES`.
+
+    Returns
+    -------
+    triangles, notes
+        (m, 3, 3) in mm, and sentences on what was read and left out.
+
+    Raises
+    ------
+    ModelUnreadable, ModelEmpty, ModelTooDetailed
+    """
+    package = Package(name, data)
+    build = _Build(name, package, most_triangles or MOST_TRIANGLES)
+    root = resolve_path(package.find_model())
+    part = build.part(root)
+    if not part.items:
+        raise ModelEmpty(f"{name}: its build places no object; place one and export it again")
+    unit = build.unit
+    size = build.measure(root, part.items)
+    if size.triangles > build.most_triangles:
+        raise ModelTooDetailed(
+            f"{name}: has {size.triangles / 1e6:.1f} million triangles, and the memory suffices for "
+            f"{build.most_triangles / 1e6:.1f} million: simplify its mesh"
+        )
+    if size.instances > MOST_INSTANCES:
+        raise ModelTooDetailed(f"{name}: places more than {MOST_INSTANCES} objects; export fewer")
+    if not size.triangles:
+        raise ModelEmpty(f"{name}: its build places no triangles; export the model again")
+    with np.errstate(over="ignore", invalid="ignore"):  # checked by the caller
+        placed = list(build.place(root, part.items, np.vstack((np.eye(3), np.zeros(3)))))
+        triangles = np.concatenate(placed) * UNITS_MM[unit]
+    return triangles, tuple(_notes(build, part, len(placed), unit))
+
+
+def _notes(build: _Build, root: ModelPart, instances: int, unit: str) -> Iterator[str]:
+    if instances > 1:
+        yield f"Read {instances} objects as one model, placed as in the file."
+    if unit != "millimeter":
+        yield f"Converted from the unit {unit}."
+    if root.unprinted_items:
+        yield f"Left out {root.unprinted_items} of its objects, marked as not to be printed."
+    if build.other_kinds:
+        yield f"Left out objects of the type {', '.join(sorted(build.other_kinds))}."
+    unplaced = build.count_unplaced()
+    if unplaced:
+        yield f"Left out {unplaced} of its objects, which its build does not place."
+    if build.package.has_modifiers():
+        yield (
+            "Warning: a slicer marked volumes of it as modifiers, negative or supports; they are read as "
+            "solid: remove them, or export STL."
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class _Size:
+    """Number of triangles of an object and its components, and of the meshes placed for them."""
+
+    triangles: int = 0
+    instances: int = 0
+
+
+@dataclass(slots=True)
+class _Build:
+    """Objects of all parts of a package, read when they are first needed."""
+
+    name: str
+    package: Package
+    most_triangles: int
+    unit: str = ""
+    other_kinds: set[str] = field(default_factory=set)
+    _parts: dict[str, ModelPart] = field(default_factory=dict)
+    _sizes: dict[tuple[str, str], _Size | None] = field(default_factory=dict)  # None: being measured
+
+    def part(self, path: str) -> ModelPart:
+        """Return a model part, with the unit of the first."""
+        if path not in self._parts:
+            part = read_model_part(self.name, path, self.package.unpack(path), self.most_triangles)
+            unit = part.unit or self.unit or "millimeter"
+            if unit not in UNITS_MM or (self.unit and unit != self.unit):
+                raise ModelUnreadable(
+                    f"{self.name}: its unit {unit[:20]} is not known, or not the same in all parts; "
+                    "export it in millimetres"
+                )
+            self.unit = unit
+            self._parts[path] = part
+        return self._parts[path]
+
+    def measure(self, path: str, references: list[Reference], depth: int = 0) -> _Size:
+        """Count what references place, before anything is placed."""
+        if depth > DEEPEST:
+            raise ModelUnreadable(f"{self.name}: nests objects more than {DEEPEST} deep; export it again")
+        sizes = [self._measure_object(*self._find(path, reference), depth) for reference in references]
+        return _Size(sum(size.triangles for size in sizes), sum(size.instances for size in sizes))
+
+    def _measure_object(self, key: tuple[str, str], found: ObjectRecord, depth: int) -> _Size:
+        if key in self._sizes:
+            known = self._sizes[key]
+            if known is None:
+                raise ModelUnreadable(
+                    f"{self.name}: its object {key[1][:20]} contains itself; export it again"
+                )
+            return known
+        self._sizes[key] = None
+        if found.kind != _SOLID:
+            self.other_kinds.add(found.kind[:20])
+            size = _Size()
+        else:
+            inner = self.measure(key[0], found.components, depth + 1)
+            own = 1 if found.face_count else 0
+            size = _Size(inner.triangles + found.face_count, inner.instances + own)
+        self._sizes[key] = size
+        return size
+
+    def _find(self, path: str, reference: Reference) -> tuple[tuple[str, str], ObjectRecord]:
+        """Find the object of a reference in a part, and its place among all."""
+        target = resolve_path(reference.path) if reference.path else path
+        found = self.part(target).objects.get(reference.object_id)
+        if found is None:
+            raise ModelUnreadable(
+                f"{self.name}: its object {reference.object_id[:20]} is missing; export it again"
+            )
+        return (target, reference.object_id), found
+
+    def place(self, path: str, references: list[Reference], outer: Floats) -> Iterator[Floats]:
+        """Yield the triangles (m, 3, 3) of each mesh that references place, in the unit of the file.
+
+        Parameters
+        ----------
+        path
+            Part of the references.
+        outer
+            (4, 3), the transform of the object that they belong to.
+        """
+        for reference in references:
+            key, found = self._find(path, reference)
+            if not (self._sizes[key] or _Size()).triangles:
+                continue
+            inner = reference.transform
+            transform = np.vstack((inner[:3] @ outer[:3], inner[3] @ outer[:3] + outer[3]))
+            if found.face_count:
+                yield self._transform_mesh(found, transform)
+            yield from self.place(key[0], found.components, transform)
+
+    def _transform_mesh(self, found: ObjectRecord, transform: Floats) -> Floats:
+        try:
+            triangles = found.triangles()
+        except IndexError:
+            raise ModelUnreadable(
+                f"{self.name}: a triangle has a corner that is not in its list; export it again"
+            ) from None
+        triangles = triangles @ transform[:3] + transform[3]
+        # A mirrored object would be inside out.
+        mirrored = np.linalg.det(transform[:3]) < 0
+        return np.asarray(triangles[:, ::-1] if mirrored else triangles)
+
+    def count_unplaced(self) -> int:
+        """Count the solid objects with a mesh that nothing places."""
+        return sum(
+            found.kind == _SOLID and found.face_count > 0 and (path, number) not in self._sizes
+            for path, part in self._parts.items()
+            for number, found in part.objects.items()
+        )

@@ -1,0 +1,223 @@
+"""One model part of a 3MF package: its objects and build items, read as a stream.
+
+Source: 3MF core specification 1.3, chapters 3 to 5; production extension 1.1.2 for paths.
+"""
+
+from __future__ import annotations
+
+import math
+from array import array
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from decompose.arrays import Floats, Ints
+from decompose.errors import ModelTooDetailed, ModelUnreadable
+from decompose.geometry.threemf.package import make_parser, parse_chunks
+
+MOST_OTHER_TAGS = 1_000_000  # such as colours
+UNITS_MM = {
+    "micron": 0.001,
+    "millimeter": 1.0,
+    "centimeter": 10.0,
+    "inch": 25.4,
+    "foot": 304.8,
+    "meter": 1000.0,
+}
+
+_SCHEMA = "http://schemas.microsoft.com/3dmanufacturing/"
+_CORE = (f"{_SCHEMA}core/2015/02", f"{_SCHEMA}2013/01/3dmodel")
+_PRODUCTION = f"{_SCHEMA}production/2015/06"
+_PLAIN_EXTENSIONS = (_PRODUCTION, f"{_SCHEMA}material/2015/02", f"{_SCHEMA}trianglesets/2021/07")
+"""Extensions without effect on the shape, and the one that is read."""
+_IDENTITY = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Reference:
+    """Object placed by the build or by another object.
+
+    Attributes
+    ----------
+    object_id
+        Number of the object in its part.
+    transform
+        (4, 3): a point (x, y, z, 1) times this is the placed point.
+    path
+        Its part; empty for the part of the reference.
+    """
+
+    object_id: str
+    transform: Floats
+    path: str = ""
+
+
+@dataclass(slots=True)
+class ObjectRecord:
+    """Object of a part: a mesh, or components."""
+
+    kind: str
+    vertices: array[float] = field(default_factory=lambda: array("d"))
+    faces: array[int] = field(default_factory=lambda: array("q"))
+    components: list[Reference] = field(default_factory=list)
+
+    @property
+    def face_count(self) -> int:
+        return len(self.faces) // 3
+
+    def triangles(self) -> Floats:
+        """Return the triangles of its mesh, (m, 3, 3). Raises IndexError for a corner that is not there."""
+        vertices = np.frombuffer(self.vertices, dtype=np.float64).reshape(-1, 3)
+        faces: Ints = np.frombuffer(self.faces, dtype=np.int64).reshape(-1, 3)
+        if faces.size and faces.min() < 0:
+            raise IndexError("negative")
+        return np.asarray(vertices[faces])
+
+
+@dataclass(slots=True)
+class ModelPart:
+    """Content of a model part; `unit` is None where it is not given."""
+
+    unit: str | None = None
+    objects: dict[str, ObjectRecord] = field(default_factory=dict)
+    items: list[Reference] = field(default_factory=list)
+    unprinted_items: int = 0
+
+
+def read_model_part(name: str, part: str, chunks: Iterator[bytes], most_triangles: int) -> ModelPart:
+    """Read a model part.
+
+    Parameters
+    ----------
+    name, part
+        Names of the file and of the part, for messages.
+    chunks
+        The part's bytes.
+    most_triangles
+        Number of triangles, and of a third of the corners, above which reading stops.
+
+    Raises
+    ------
+    ModelUnreadable, ModelTooDetailed
+    """
+    reader = _Reader(name, most_triangles)
+    parser = make_parser(name)
+    parser.StartElementHandler = reader.start
+    parser.EndElementHandler = reader.end
+    parser.StartNamespaceDeclHandler = reader.declare_namespace
+    try:
+        parse_chunks(parser, name, part, chunks)
+    except (KeyError, ValueError, OverflowError) as error:
+        what = f"has no {error}" if isinstance(error, KeyError) else str(error)
+        raise ModelUnreadable(
+            f"{name}: line {parser.CurrentLineNumber} of its model {what[:80]}; export it again"
+        ) from error
+    if not reader.is_model:
+        raise ModelUnreadable(f"{name}: its part {part[:80]} is not a 3MF model; export it again")
+    return reader.part
+
+
+class _Reader:
+    """Receiver of the tags of a model part."""
+
+    def __init__(self, name: str, most_triangles: int) -> None:
+        self.part = ModelPart()
+        self.is_model = False
+        self._name, self._most_triangles = name, most_triangles
+        self._namespaces: dict[str, str] = {}
+        self._object = ObjectRecord("")
+        self._in_object = False
+        self._other_tags = self._triangles = 0
+        self._handlers = {
+            f"{core} {tag}": handler
+            for core in _CORE
+            for tag, handler in (
+                ("vertex", self._add_vertex),
+                ("triangle", self._add_triangle),
+                ("object", self._begin_object),
+                ("component", self._add_component),
+                ("item", self._add_item),
+                ("model", self._begin_model),
+            )
+        }
+        self._object_tags = {f"{core} object" for core in _CORE}
+
+    def declare_namespace(self, prefix: str | None, uri: str) -> None:
+        self._namespaces[prefix or ""] = uri
+
+    def start(self, tag: str, attributes: dict[str, str]) -> None:
+        handler = self._handlers.get(tag)
+        if handler is not None:
+            handler(attributes)
+            return
+        self._other_tags += 1
+        if self._other_tags > MOST_OTHER_TAGS:
+            raise ModelUnreadable(
+                f"{self._name}: has over {MOST_OTHER_TAGS} tags beside its mesh; export it without colours"
+            )
+
+    def end(self, tag: str) -> None:
+        if tag in self._object_tags:
+            self._in_object = False
+
+    def _begin_model(self, attributes: Mapping[str, str]) -> None:
+        self.is_model = True
+        self.part.unit = attributes.get("unit")
+        for prefix in attributes.get("requiredextensions", "").split():
+            uri = self._namespaces.get(prefix, prefix)
+            if uri not in _PLAIN_EXTENSIONS:
+                raise ModelUnreadable(
+                    f"{self._name}: needs the 3MF extension {uri.removeprefix(_SCHEMA)[:60]}, which is not "
+                    "read; export it as plain triangles, or as STL"
+                )
+
+    def _begin_object(self, attributes: Mapping[str, str]) -> None:
+        self._object = ObjectRecord(attributes.get("type", "model"))
+        self._in_object = True
+        number = attributes["id"]
+        if number in self.part.objects:
+            raise ValueError(f"repeats the object {number[:20]}")
+        self.part.objects[number] = self._object
+
+    def _add_vertex(self, attributes: Mapping[str, str]) -> None:
+        vertices = self._object.vertices
+        vertices.append(float(attributes["x"]))
+        vertices.append(float(attributes["y"]))
+        vertices.append(float(attributes["z"]))
+        if len(vertices) > 9 * self._most_triangles:
+            self._refuse_size()
+
+    def _add_triangle(self, attributes: Mapping[str, str]) -> None:
+        faces = self._object.faces
+        faces.append(int(attributes["v1"]))
+        faces.append(int(attributes["v2"]))
+        faces.append(int(attributes["v3"]))
+        self._triangles += 1
+        if self._triangles > self._most_triangles:
+            self._refuse_size()
+
+    def _refuse_size(self) -> None:
+        raise ModelTooDetailed(
+            f"{self._name}: has more than {self._most_triangles / 1e6:.1f} million triangles, for which the "
+            "memory does not suffice: simplify its mesh"
+        )
+
+    def _add_component(self, attributes: Mapping[str, str]) -> None:
+        if self._in_object:
+            self._object.components.append(_reference(attributes))
+
+    def _add_item(self, attributes: Mapping[str, str]) -> None:
+        if attributes.get("printable", "1") in ("0", "false"):  # as slicers write it
+            self.part.unprinted_items += 1
+        else:
+            self.part.items.append(_reference(attributes))
+
+
+def _reference(attributes: Mapping[str, str]) -> Reference:
+    text = attributes.get("transform")
+    numbers = _IDENTITY if text is None else tuple(map(float, text.split()))
+    if len(numbers) != 12 or not all(map(math.isfinite, numbers)):
+        raise ValueError("has a transform that is not 12 numbers")
+    path = attributes.get(f"{_PRODUCTION} path", "")
+    return Reference(attributes["objectid"], np.array(numbers).reshape(4, 3), path)

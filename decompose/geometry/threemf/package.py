@@ -1,0 +1,165 @@
+"""The ZIP package of a 3MF file. Nothing of it is written to disk.
+
+Source: Open Packaging Conventions (ECMA-376 part 2), as the 3MF core specification uses them.
+"""
+
+from __future__ import annotations
+
+import io
+import posixpath
+import re
+import zipfile
+import zlib
+from collections.abc import Iterator
+from xml.parsers import expat
+
+from decompose.errors import ModelUnreadable
+
+MOST_ENTRIES = 10_000
+ANY_RATIO_BYTES = 64 * 2**20  # unpacked, up to which a part may be packed to any ratio
+MOST_RATIO = 100  # unpacked to packed bytes; XML of meshes has 4 to 40
+MOST_BYTES = 2 * 2**30  # unpacked, of all parts that are read
+LONGEST_RELATIONS_BYTES = 2**20
+CHUNK_BYTES = 2**18
+
+_ENTRY = b"PK\x01\x02"
+_RELATIONS = "_rels/.rels"
+_MODEL_TYPE = "http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel"
+_RELATION = "http://schemas.openxmlformats.org/package/2006/relationships Relationship"
+_SETTINGS = ("metadata/model_settings.config", "metadata/slic3r_pe_model.config")
+_MODIFIER = re.compile(
+    rb'subtype="(?!normal_part)\w+"|key="modifier"\s+value="1"|key="volume_type"\s+value="(?!ModelPart)\w+"'
+)
+
+
+class Package:
+    """Parts of a 3MF file by name.
+
+    Parameters
+    ----------
+    name
+        Name of the file, for messages.
+    data
+        Its content.
+
+    Raises
+    ------
+    ModelUnreadable
+        If it is not a ZIP package, or has too many entries.
+    """
+
+    def __init__(self, name: str, data: bytes) -> None:
+        self._name = name
+        self._unpacked_bytes = 0
+        if data.count(_ENTRY) > MOST_ENTRIES:
+            raise ModelUnreadable(f"{name}: has more than {MOST_ENTRIES} entries; export it again")
+        try:
+            self._zip = zipfile.ZipFile(io.BytesIO(data))
+        except (zipfile.BadZipFile, ValueError, NotImplementedError, EOFError) as error:
+            raise ModelUnreadable(
+                f"{name}: not a 3MF or only a part of one ({error}); copy or export it again"
+            ) from error
+        self._entries = {_key(entry.filename): entry for entry in self._zip.infolist()}
+
+    def find_model(self) -> str:
+        """Find the name of the part that holds the model, by the package's relations."""
+        targets: list[str] = []
+
+        def add_target(tag: str, attributes: dict[str, str]) -> None:
+            if tag == _RELATION and attributes.get("Type") == _MODEL_TYPE:
+                targets.append(attributes.get("Target", ""))
+
+        parser = make_parser(self._name)
+        parser.StartElementHandler = add_target
+        parse_chunks(parser, self._name, _RELATIONS, self.unpack(_RELATIONS, LONGEST_RELATIONS_BYTES))
+        if not targets:
+            raise ModelUnreadable(f"{self._name}: its relations name no 3D model; export it again")
+        return targets[0]
+
+    def unpack(self, part: str, most_bytes: int = MOST_BYTES) -> Iterator[bytes]:
+        """Yield the bytes of a part in chunks.
+
+        Raises
+        ------
+        ModelUnreadable
+            If the part is missing, damaged, encrypted, or unpacks to too many bytes.
+        """
+        entry = self._entries.get(_key(part))
+        if entry is None:
+            raise ModelUnreadable(f"{self._name}: its part {_quote(part)} is missing; export it again")
+        size, packed = entry.file_size, max(1, entry.compress_size)
+        self._unpacked_bytes += size
+        if (
+            size > most_bytes
+            or self._unpacked_bytes > MOST_BYTES
+            or (size > ANY_RATIO_BYTES and size > packed * MOST_RATIO)
+        ):
+            raise ModelUnreadable(
+                f"{self._name}: its part {_quote(part)} unpacks from {packed / 1e6:.1f} MB to "
+                f"{size / 1e6:.0f} MB, which no model does; export it again"
+            )
+        if entry.flag_bits & 1:
+            raise ModelUnreadable(f"{self._name}: is encrypted; export it without a password")
+        if entry.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+            raise ModelUnreadable(f"{self._name}: is packed in a way that 3MF does not know; export it again")
+        try:
+            with self._zip.open(entry) as stream:
+                while chunk := stream.read(CHUNK_BYTES):
+                    yield chunk
+        except (zipfile.BadZipFile, zlib.error, EOFError, OSError, ValueError, NotImplementedError) as error:
+            raise ModelUnreadable(
+                f"{self._name}: its part {_quote(part)} is damaged ({error}); copy or export it again"
+            ) from error
+
+    def has_modifiers(self) -> bool:
+        """Tell whether a slicer has marked some volumes as not to be printed as they are."""
+        return any(
+            _MODIFIER.search(b"".join(self.unpack(part)))
+            for part in _SETTINGS
+            if part in self._entries and self._entries[part].file_size <= LONGEST_RELATIONS_BYTES
+        )
+
+
+def resolve_path(path: str) -> str:
+    """Resolve a reference to a part of the package to the part's name."""
+    return posixpath.normpath("/" + path.replace("\\", "/")).lstrip("/")
+
+
+def _key(name: str) -> str:
+    return resolve_path(name).lower()  # names of parts are equal regardless of case
+
+
+def _quote(part: str) -> str:
+    return "".join(c if c.isprintable() else "?" for c in part[:80])
+
+
+def make_parser(name: str) -> expat.XMLParserType:
+    """Make an XML parser, with namespace and tag in one word, that refuses document types and entities."""
+    parser = expat.ParserCreate(namespace_separator=" ")
+
+    def refuse(*_: object) -> None:
+        raise ModelUnreadable(
+            f"{name}: defines a document type or entities, which 3MF forbids; export it again"
+        )
+
+    parser.StartDoctypeDeclHandler = refuse
+    return parser
+
+
+LONGEST_TAG_BYTES = 2**20
+
+
+def parse_chunks(parser: expat.XMLParserType, name: str, part: str, chunks: Iterator[bytes]) -> None:
+    """Feed a part to a parser. Raises ModelUnreadable where it is not XML."""
+    fed = 0
+    try:
+        for chunk in chunks:
+            parser.Parse(chunk, False)
+            fed += len(chunk)
+            if fed - max(0, parser.CurrentByteIndex) > LONGEST_TAG_BYTES + CHUNK_BYTES:
+                raise ModelUnreadable(f"{name}: has a tag of more than 1 MB; export it again")
+        parser.Parse(b"", True)
+    except expat.ExpatError as error:
+        raise ModelUnreadable(
+            f"{name}: its part {_quote(part)} is not XML ({error}); copy or export it again"
+        ) from error

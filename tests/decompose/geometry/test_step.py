@@ -1,0 +1,69 @@
+"""STEP: boxes in mm and inches, and files that OpenCASCADE does not read."""
+
+from __future__ import annotations
+
+import importlib.util
+import subprocess
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from decompose.errors import ModelEmpty, ModelTooDetailed, ModelUnreadable
+from decompose.geometry import load_model, step
+from decompose.geometry.step import read_step
+from make_step import step_text
+
+
+@pytest.mark.parametrize("unit_mm", [1.0, 25.4])
+@pytest.mark.parametrize("suffix", ["step", "stp", "STEP"])
+def test_a_step_file_is_a_solid_in_mm(tmp_path: Path, unit_mm: float, suffix: str) -> None:
+    pytest.importorskip("cascadio")
+    path = tmp_path / f"box.{suffix}"
+    path.write_text(step_text((10, 20, 30), unit_mm))
+    model = load_model(path)
+    np.testing.assert_allclose(model.extents_mm, [10, 20, 30], atol=1e-4)
+    assert model.solid.volume_mm3 == pytest.approx(6000, rel=1e-5)
+
+
+def test_reading_prints_nothing(capfd: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("cascadio")
+    read_step("box.step", step_text((10, 20, 30)).encode())
+    with pytest.raises(ModelUnreadable):
+        read_step("box.step", b"ISO-10303-21;\nHEADER;\njunk\nEND-ISO-10303-21;\n")
+    assert capfd.readouterr() == ("", "")
+
+
+def test_what_is_no_step_is_refused() -> None:
+    pytest.importorskip("cascadio")
+    whole = step_text((10, 20, 30)).encode()
+    for data in (b"junk", whole[: len(whole) // 2], whole.replace(b"CLOSED_SHELL", b"CLOSED_SHELF")):
+        with pytest.raises((ModelUnreadable, ModelEmpty), match=r"box\.step: "):
+            read_step("box.step", data)
+    with pytest.raises(ModelTooDetailed):
+        read_step("box.step", whole, most_triangles=11)
+
+
+def test_without_cascadio_the_message_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(importlib.util, "find_spec", lambda _: None)
+    with pytest.raises(ModelUnreadable, match=r"pip install 'farm\[step\]'"):
+        read_step("box.step", step_text((10, 20, 30)).encode())
+
+
+@pytest.mark.parametrize(("code", "words"), [(-11, "crashed on it"), (0, "cannot read it")])
+def test_a_crash_of_opencascade_is_a_sentence(monkeypatch: pytest.MonkeyPatch, code: int, words: str) -> None:
+    monkeypatch.setattr(importlib.util, "find_spec", lambda _: object())
+    monkeypatch.setattr(step.subprocess, "run", lambda *_, **__: SimpleNamespace(returncode=code))
+    with pytest.raises(ModelUnreadable, match=words):
+        read_step("box.step", step_text((10, 20, 30)).encode())
+
+
+def test_a_step_file_without_end_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    def run(*_: object, timeout: float, **__: object) -> None:
+        raise subprocess.TimeoutExpired("step", timeout)
+
+    monkeypatch.setattr(importlib.util, "find_spec", lambda _: object())
+    monkeypatch.setattr(step.subprocess, "run", run)
+    with pytest.raises(ModelUnreadable, match="within 300 s"):
+        read_step("box.step", step_text((10, 20, 30)).encode())

@@ -1,0 +1,264 @@
+"""3MF: units, build items, components, other parts, and files that no honest program writes."""
+
+from __future__ import annotations
+
+import io
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from decompose.errors import DecomposeError, ModelEmpty, ModelTooDetailed, ModelUnreadable
+from decompose.geometry import load_model
+from decompose.geometry.threemf import model_part, package, read_3mf
+from make_3mf import components_xml, mesh_xml, model_xml, object_xml, package_bytes
+
+BOX = mesh_xml(trimesh.creation.box((10, 20, 30)))
+OTHER = "3D/Objects/other.model"
+
+
+def bounds(data: bytes) -> list[list[float]]:
+    triangles, _ = read_3mf("a.3mf", data)
+    return [triangles.min(axis=(0, 1)).tolist(), triangles.max(axis=(0, 1)).tolist()]
+
+
+def volume(data: bytes) -> float:
+    triangles, _ = read_3mf("a.3mf", data)
+    return float(np.linalg.det(triangles).sum() / 6)
+
+
+def refused(data: bytes, kind: type[DecomposeError] = ModelUnreadable) -> str:
+    with pytest.raises(kind) as caught:
+        read_3mf("a.3mf", data)
+    text = str(caught.value)
+    assert text.startswith("a.3mf: ") and len(text) < 250 and "\n" not in text
+    return text
+
+
+@pytest.mark.parametrize(("unit", "factor"), [(None, 1.0), *model_part.UNITS_MM.items()])
+def test_the_unit_of_the_file_is_converted_to_mm(unit: str | None, factor: float) -> None:
+    data = package_bytes(model_xml([object_xml(1, BOX)], ['objectid="1"'], unit))
+    triangles, notes = read_3mf("a.3mf", data)
+    np.testing.assert_allclose(np.ptp(triangles, axis=(0, 1)), np.array([10, 20, 30]) * factor)
+    assert any(f"unit {unit}" in note for note in notes) is (factor != 1.0)
+
+
+def test_build_items_place_objects_and_what_they_do_not_place_is_left_out() -> None:
+    items = ['objectid="1" transform="1 0 0 0 1 0 0 0 1 100 0 5"', 'objectid="1"']
+    data = package_bytes(model_xml([object_xml(1, BOX), object_xml(2, BOX)], items))
+    assert bounds(data) == [[-5, -10, -15], [105, 10, 20]]
+    _, notes = read_3mf("a.3mf", data)
+    assert notes == (
+        "Read 2 objects as one model, placed as in the file.",
+        "Left out 1 of its objects, which its build does not place.",
+    )
+
+
+def test_a_point_is_a_row_that_is_multiplied_from_the_left() -> None:
+    """As the specification has it: x and y exchanged by the matrix 0 1 0 -1 0 0 0 0 1."""
+    items = ['objectid="1" transform="0 1 0 -1 0 0 0 0 1 0 0 0"']
+    triangles, _ = read_3mf("a.3mf", package_bytes(model_xml([object_xml(1, BOX)], items)))
+    np.testing.assert_allclose(np.ptp(triangles, axis=(0, 1)), [20, 10, 30])
+    box = trimesh.creation.box((10, 20, 30))
+    np.testing.assert_allclose(
+        triangles, box.triangles @ np.array([[0, 1, 0], [-1, 0, 0], [0, 0, 1]], dtype=float)
+    )
+
+
+def test_components_of_components_are_placed_by_all_their_transforms() -> None:
+    inner = components_xml('objectid="1" transform="1 0 0 0 1 0 0 0 1 0 0 7"')
+    outer = components_xml('objectid="2" transform="2 0 0 0 2 0 0 0 2 0 0 0"', 'objectid="1"')
+    objects = [object_xml(1, BOX), object_xml(2, inner), object_xml(3, outer)]
+    data = package_bytes(model_xml(objects, ['objectid="3" transform="1 0 0 0 1 0 0 0 1 1 0 0"']))
+    assert bounds(data) == [[-9, -20, -16], [11, 20, 44]]  # the inner box: (z + 7) * 2, then x + 1
+
+
+def test_a_mirrored_object_is_not_inside_out() -> None:
+    items = ['objectid="1" transform="-1 0 0 0 1 0 0 0 1 0 0 0"']
+    assert volume(package_bytes(model_xml([object_xml(1, BOX)], items))) == pytest.approx(6000)
+
+
+def test_objects_of_other_parts_keep_their_own_numbers() -> None:
+    """Slicers write each object into a part of its own, and begin each with the same number."""
+    small = mesh_xml(trimesh.creation.box((2, 2, 2)))
+    components = components_xml(f'p:path="/{OTHER}" objectid="1" transform="1 0 0 0 1 0 0 0 1 50 0 0"')
+    root = model_xml([object_xml(1, BOX), object_xml(2, components)], ['objectid="1"', 'objectid="2"'])
+    data = package_bytes(root, {OTHER: model_xml([object_xml(1, small)], [])})
+    assert bounds(data) == [[-5, -10, -15], [51, 10, 15]]
+
+
+def test_supports_and_unprinted_items_are_left_out() -> None:
+    objects = [object_xml(1, BOX), object_xml(2, BOX, "support"), object_xml(3, BOX)]
+    items = ['objectid="1"', 'objectid="2"', 'objectid="3" printable="0"']
+    triangles, notes = read_3mf("a.3mf", package_bytes(model_xml(objects, items)))
+    assert len(triangles) == 12
+    assert len(notes) == 3 and "type support" in notes[1]
+
+
+@pytest.mark.parametrize(
+    "settings_text",
+    [
+        '<part id="2" subtype="negative_part"/>',
+        '<metadata type="volume" key="volume_type" value="ParameterModifier"/>',
+    ],
+)
+def test_modifiers_of_a_slicer_are_warned_of(settings_text: str) -> None:
+    model = model_xml([object_xml(1, BOX)], ['objectid="1"'])
+    plain = {"Metadata/model_settings.config": '<part id="1" subtype="normal_part"/>'}
+    marked = {"Metadata/model_settings.config": settings_text}
+    assert read_3mf("a.3mf", package_bytes(model, plain))[1] == ()
+    assert "modifiers" in read_3mf("a.3mf", package_bytes(model, marked))[1][0]
+
+
+def test_a_file_of_another_program_is_the_same_solid(tmp_path: Path) -> None:
+    """A whole way through the reader of models, with a scale beside the unit."""
+    path = tmp_path / "ball.3mf"
+    ball = mesh_xml(trimesh.creation.icosphere(2, 1.0))
+    path.write_bytes(package_bytes(model_xml([object_xml(1, ball)], ['objectid="1"'], "inch")))
+    model = load_model(path, scale=2.0)
+    assert model.extents_mm.max() == pytest.approx(2 * 2 * 25.4)
+    assert model.repairs == ("Converted from the unit inch.",)
+    assert model.scale == 2.0
+
+
+@given(
+    st.lists(st.floats(-3, 3), min_size=9, max_size=9).filter(
+        lambda m: abs(np.linalg.det(np.reshape(m, (3, 3)))) > 0.1
+    ),
+    st.lists(st.floats(-100, 100), min_size=3, max_size=3),
+)
+@settings(max_examples=50, deadline=None)
+def test_any_transform_scales_the_volume_by_its_determinant(matrix: list[float], move: list[float]) -> None:
+    transform = " ".join(map(repr, [*matrix, *move]))
+    data = package_bytes(model_xml([object_xml(1, BOX)], [f'objectid="1" transform="{transform}"']))
+    assert volume(data) == pytest.approx(6000 * abs(np.linalg.det(np.reshape(matrix, (3, 3)))))
+
+
+# -- hostile files ------------------------------------------------------------------------------------
+
+
+def test_what_is_no_package_is_refused() -> None:
+    refused(b"junk" * 100)
+    whole = package_bytes(model_xml([object_xml(1, BOX)], ['objectid="1"']))
+    for cut in range(0, len(whole), 97):
+        refused(whole[:cut] or b"x")
+
+
+def test_missing_parts_and_objects_are_named() -> None:
+    model = model_xml([object_xml(1, BOX)], ['objectid="1"'])
+    assert "_rels/.rels is missing" in refused(package_bytes(model, relations=None))
+    assert "3D/3dmodel.model is missing" in refused(package_bytes(None))
+    assert "name no 3D model" in refused(package_bytes(model, relations="<Relationships/>"))
+    assert "object 7 is missing" in refused(package_bytes(model_xml([], ['objectid="7"'])))
+    lost = components_xml(f'p:path="/{OTHER}" objectid="1"')
+    assert "other.model is missing" in refused(
+        package_bytes(model_xml([object_xml(1, lost)], ['objectid="1"']))
+    )
+    refused(package_bytes(model_xml([object_xml(1, BOX)], [])), ModelEmpty)
+
+
+def test_a_path_never_leaves_the_package(tmp_path: Path) -> None:
+    secret = tmp_path / "secret.model"
+    secret.write_text(model_xml([object_xml(1, BOX)], ['objectid="1"']))
+    for path in (str(secret), f"/../../../../../../..{secret}", f"file://{secret}", "..\\..\\secret.model"):
+        components = components_xml(f'p:path="{path}" objectid="1"')
+        refused(package_bytes(model_xml([object_xml(1, components)], ['objectid="1"'])))
+
+
+def test_entities_and_document_types_are_refused() -> None:
+    bomb = '<!DOCTYPE m [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;&a;&a;&a;&a;">]>'
+    outside = '<!DOCTYPE m [<!ENTITY x SYSTEM "file:///etc/passwd">]>'
+    for head in (bomb, outside, '<!DOCTYPE m SYSTEM "http://127.0.0.1:1/x.dtd">'):
+        model = model_xml([object_xml(1, BOX)], ['objectid="1"'], head=head)
+        assert "document type" in refused(package_bytes(model))
+
+
+def test_objects_that_contain_themselves_are_refused() -> None:
+    loop = [object_xml(1, components_xml('objectid="2"')), object_xml(2, components_xml('objectid="1"'))]
+    assert "contains itself" in refused(package_bytes(model_xml(loop, ['objectid="1"'])))
+    deep = [object_xml(n, components_xml(f'objectid="{n + 1}"')) for n in range(1, 5000)]
+    assert "deep" in refused(package_bytes(model_xml([*deep, object_xml(5000, BOX)], ['objectid="1"'])))
+
+
+def test_components_that_multiply_are_counted_before_they_are_placed() -> None:
+    """Twenty levels of ten components each: ten to the twentieth boxes, or as many empty objects."""
+    for leaf, kind in ((BOX, ModelTooDetailed), (BOX.partition("<triangles>")[0] + "</mesh>", ModelEmpty)):
+        levels = [object_xml(n, components_xml(*[f'objectid="{n - 1}"'] * 10)) for n in range(2, 22)]
+        refused(package_bytes(model_xml([object_xml(1, leaf), *levels], ['objectid="21"'])), kind)
+    many = model_xml([object_xml(1, BOX)], ['objectid="1"'] * 10_001)
+    assert "10000 objects" in refused(package_bytes(many), ModelTooDetailed)
+
+
+def test_a_package_that_unpacks_to_gigabytes_is_refused_unread(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(package, "ANY_RATIO_BYTES", 2**16)
+    blank = model_xml([object_xml(1, BOX)], ['objectid="1"']).replace("<build>", " " * 2**22 + "<build>")
+    assert "unpacks from" in refused(package_bytes(blank))
+    assert "entries" in refused(package_bytes(blank) + package._ENTRY * 20_000)
+
+
+def test_an_entry_that_hides_its_size_ends_at_the_size_it_gives() -> None:
+    data = bytearray(package_bytes(model_xml([object_xml(1, BOX)], ['objectid="1"'])))
+    at = data.rindex(b"PK\x01\x02")
+    data[at + 24 : at + 28] = (100).to_bytes(4, "little")
+    refused(bytes(data))
+
+
+def test_packing_that_3mf_does_not_know_is_refused() -> None:
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w", zipfile.ZIP_LZMA) as packed:
+        packed.writestr("_rels/.rels", "<a/>")
+    assert "packed in a way" in refused(file.getvalue())
+
+
+def test_tags_without_end_and_tags_without_number_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    model = model_xml([object_xml(1, BOX)], ['objectid="1"'])
+    long = model.replace("<build>", f'<metadata name="{"a" * 2**22}"/><build>')
+    assert "tag of more than" in refused(package_bytes(long))
+    monkeypatch.setattr(model_part, "MOST_OTHER_TAGS", 1000)
+    assert "tags beside" in refused(package_bytes(model.replace("<build>", "<a/>" * 1001 + "<build>")))
+
+
+@pytest.mark.parametrize(
+    ("was", "becomes"),
+    [
+        ('<vertex x="', '<vertex w="'),
+        ('<vertex x="-5.0', '<vertex x="five'),
+        ('v1="1"', 'v1="-1"'),
+        ('v1="1"', 'v1="8"'),
+        ('v1="1"', f'v1="{10**30}"'),
+        ('objectid="1"', 'transform="1 0 0"'),
+        ('objectid="1"', 'objectid="1" transform="1 0 0 0 1 0 0 0 1 0 0 nan"'),
+        ("</resources>", object_xml(1, BOX) + "</resources>"),
+        ("<model ", '<model unit="furlong" '),
+        ("<model ", '<model requiredextensions="b" xmlns:b="http://x/beamlattice/2017/02" '),
+        ("<model ", "<mo del "),
+        ("http://schemas.microsoft.com/3dmanufacturing/core", "http://elsewhere"),
+    ],
+)
+def test_a_broken_model_is_refused_in_a_sentence(was: str, becomes: str) -> None:
+    model = model_xml([object_xml(1, BOX)], ['objectid="1"'])
+    assert was in model
+    refused(package_bytes(model.replace(was, becomes, 1)))
+
+
+def test_more_triangles_than_fit_the_memory_are_refused_while_they_are_read() -> None:
+    data = package_bytes(model_xml([object_xml(1, BOX)], ['objectid="1"']))
+    with pytest.raises(ModelTooDetailed):
+        read_3mf("a.3mf", data, 11)
+
+
+@given(st.data())
+@settings(max_examples=150, deadline=None)
+def test_no_flipped_byte_is_anything_but_a_sentence(data: st.DataObject) -> None:
+    whole = package_bytes(model_xml([object_xml(1, BOX)], ['objectid="1"']))
+    at = data.draw(st.integers(0, len(whole) - 1))
+    broken = bytearray(whole)
+    broken[at] ^= data.draw(st.integers(1, 255))
+    try:
+        read_3mf("a.3mf", bytes(broken))
+    except DecomposeError as error:
+        assert str(error).startswith("a.3mf: ")

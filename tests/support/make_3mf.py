@@ -1,0 +1,51 @@
+"""3MF files for tests, written by hand."""
+
+import io
+import zipfile
+
+CORE = "http://schemas.microsoft.com/3dmanufacturing/core/2015/02"
+PRODUCTION = "http://schemas.microsoft.com/3dmanufacturing/production/2015/06"
+RELATIONS = (
+    '<Relationships xmlns="http://schemas.openxmlformats.org/package/2006/relationships">'
+    '<Relationship Id="r0" Target="/3D/3dmodel.model" '
+    'Type="http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel"/></Relationships>'
+)
+
+
+def mesh_xml(mesh):
+    """A mesh as the XML of a 3MF object."""
+    vertices = "".join(f'<vertex x="{x}" y="{y}" z="{z}"/>' for x, y, z in mesh.vertices)
+    faces = "".join(f'<triangle v1="{a}" v2="{b}" v3="{c}"/>' for a, b, c in mesh.faces)
+    return f"<mesh><vertices>{vertices}</vertices><triangles>{faces}</triangles></mesh>"
+
+
+def object_xml(number, content, kind="model"):
+    return f'<object id="{number}" type="{kind}">{content}</object>'
+
+
+def components_xml(*references):
+    """Components: each the attributes of one."""
+    return f"<components>{''.join(f'<component {one}/>' for one in references)}</components>"
+
+
+def model_xml(objects, items, unit=None, head=""):
+    """A model part: the XML of its objects, and the attributes of each build item."""
+    unit = f' unit="{unit}"' if unit else ""
+    build = "".join(f"<item {item}/>" for item in items)
+    return (
+        f'<?xml version="1.0" encoding="UTF-8"?>{head}<model{unit} xml:lang="en-US" xmlns="{CORE}" '
+        f'xmlns:p="{PRODUCTION}"><resources>{"".join(objects)}</resources><build>{build}</build></model>'
+    )
+
+
+def package_bytes(model, parts=None, relations=RELATIONS):
+    """A 3MF file of the XML of its model, and of other parts by name."""
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as package:
+        if relations is not None:
+            package.writestr("_rels/.rels", relations)
+        if model is not None:
+            package.writestr("3D/3dmodel.model", model)
+        for name, content in (parts or {}).items():
+            package.writestr(name, content)
+    return file.getvalue()
