@@ -15,11 +15,15 @@ from decompose.geometry import load_model, step
 from decompose.geometry.step import read_step
 from make_step import step_text
 
+needs_cascadio = pytest.mark.skipif(
+    importlib.util.find_spec("cascadio") is None, reason="the extra `step` is not installed"
+)
 
+
+@needs_cascadio
 @pytest.mark.parametrize("unit_mm", [1.0, 25.4])
 @pytest.mark.parametrize("suffix", ["step", "stp", "STEP"])
 def test_a_step_file_is_a_solid_in_mm(tmp_path: Path, unit_mm: float, suffix: str) -> None:
-    pytest.importorskip("cascadio")
     path = tmp_path / f"box.{suffix}"
     path.write_text(step_text((10, 20, 30), unit_mm))
     model = load_model(path)
@@ -27,16 +31,16 @@ def test_a_step_file_is_a_solid_in_mm(tmp_path: Path, unit_mm: float, suffix: st
     assert model.solid.volume_mm3 == pytest.approx(6000, rel=1e-5)
 
 
+@needs_cascadio
 def test_reading_prints_nothing(capfd: pytest.CaptureFixture[str]) -> None:
-    pytest.importorskip("cascadio")
     read_step("box.step", step_text((10, 20, 30)).encode())
     with pytest.raises(ModelUnreadable):
         read_step("box.step", b"ISO-10303-21;\nHEADER;\njunk\nEND-ISO-10303-21;\n")
     assert capfd.readouterr() == ("", "")
 
 
+@needs_cascadio
 def test_what_is_no_step_is_refused() -> None:
-    pytest.importorskip("cascadio")
     whole = step_text((10, 20, 30)).encode()
     for data in (b"junk", whole[: len(whole) // 2], whole.replace(b"CLOSED_SHELL", b"CLOSED_SHELF")):
         with pytest.raises((ModelUnreadable, ModelEmpty), match=r"box\.step: "):
