@@ -8,10 +8,12 @@ from __future__ import annotations
 import argparse
 import asyncio
 import json
+import os
 import statistics
 import tempfile
 import time
 from pathlib import Path
+from typing import Any
 
 import httpx
 
@@ -19,7 +21,7 @@ from drivers.clock import Clock
 from farm.compute import Workers
 from farm.config import Fleet
 from farm.control import Controller, DryRuns
-from farm.http import Services, make_app
+from farm.http import Person, Services, make_app
 from farm.model import (
     AgentPrint,
     AgentSnapshot,
@@ -128,7 +130,12 @@ async def measure(printers: int, jobs: int, times: int, folder: Path) -> dict[st
         Services(controller, StateFolder(folder), folder / "fleet.yaml", workers, down), DryRuns(controller)
     )
     took_s, cpu_s = [], []
-    async with httpx.AsyncClient(transport=httpx.ASGITransport(app), base_url="http://farm") as client:
+    person = Person(os.getuid(), os.getgid())
+
+    async def as_person(scope: Any, receive: Any, send: Any) -> None:
+        await app({**scope, "state": {"person": person}}, receive, send)
+
+    async with httpx.AsyncClient(transport=httpx.ASGITransport(as_person), base_url="http://farm") as client:
         for _ in range(times + 1):
             start, cpu = time.perf_counter(), time.process_time()
             answer = await client.get("/status")

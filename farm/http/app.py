@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from fastapi import FastAPI, Request, Response
+from fastapi import Depends, FastAPI, Request, Response
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
 
@@ -11,6 +11,7 @@ from farm import api
 from farm.control import DryRuns, JobCommands, PartCommands, PrinterCommands
 from farm.errors import ErrorCode, ExitCode, FarmError, NoSuchThing, Refused
 from farm.http.body_limit import LARGEST_BODY_BYTES, TOO_LARGE, BodyLimit
+from farm.http.callers import identify_caller
 from farm.http.job_routes import job_routes, part_routes
 from farm.http.printer_routes import printer_routes
 from farm.http.services import Services
@@ -22,8 +23,13 @@ _STATUS = {ErrorCode.NO_SUCH_THING: 404, ErrorCode.REFUSED: 409, ErrorCode.FAILE
 
 
 def make_app(services: Services, dry_runs: DryRuns) -> FastAPI:
-    """Make the application with all routes; each request about a job keeps its dry run alive."""
-    app = FastAPI(title="farm", version=farm.__version__)
+    """Make the application with all routes; each request about a job keeps its dry run alive.
+
+    It serves the Unix socket alone: a request whose caller the kernel has not identified is refused.
+    """
+    app = FastAPI(
+        title="farm", version=farm.__version__, openapi_url=None, dependencies=[Depends(identify_caller)]
+    )
     app.state.controller = services.controller
     printers = PrinterCommands(services.controller)
     parts = PartCommands(services.controller, printers)

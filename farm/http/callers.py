@@ -81,14 +81,23 @@ class PeerProtocol(H11Protocol):
         return self._waiting_since_s if waits else None
 
 
-def _person(request: Request) -> Person | None:
-    return getattr(request.state, "person", None)
+def identify_caller(request: Request) -> Person:
+    """Return the caller, whom the kernel has identified.
+
+    Raises
+    ------
+    Refused
+        If nobody is known, as on any transport but the Unix socket.
+    """
+    person: Person | None = getattr(request.state, "person", None)
+    if person is None:
+        raise Refused("nobody is known as the sender of this request: use the daemon's Unix socket")
+    return person
 
 
 def caller_name(request: Request) -> str:
-    """Return the name of the caller."""
-    person = _person(request)
-    return "a person" if person is None else person.name
+    """Return the name of the caller. Raises Refused if nobody is known."""
+    return identify_caller(request).name
 
 
 def operator_name(request: Request) -> str:
@@ -97,13 +106,10 @@ def operator_name(request: Request) -> str:
     Root and the daemon's user are always operators: they could change the database anyway.
     """
     group: str | None = request.app.state.controller.fleet.fleet.operators
-    person = _person(request)
-    if group is None or (person is not None and person.uid in (0, os.getuid())):
-        return caller_name(request)
-    if person is None or not person.belongs_to(group):
-        name = caller_name(request)
-        raise Refused(f"{name} is not an operator: only members of the group {group} may do this")
-    return person.name
+    person = identify_caller(request)
+    if group is None or person.uid in (0, os.getuid()) or person.belongs_to(group):
+        return person.name
+    raise Refused(f"{person.name} is not an operator: only members of the group {group} may do this")
 
 
 def check_operators(group: str | None) -> None:

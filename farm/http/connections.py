@@ -8,11 +8,13 @@ request is closed.
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import logging
 import math
 import resource
+import signal
 import socket
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from typing import Protocol, cast
 
 import uvicorn
@@ -27,6 +29,7 @@ _EACH_PRINTER, _EACH_WORKER, _EACH_CONNECTION = 3, 3, 2  # descriptors; an uploa
 _SWEEP_S = 1.0
 _WAIT_S = 0.1
 _LOG_EVERY_S = 60.0
+_ENDING_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
 class WaitingConnection(Protocol):
@@ -100,6 +103,22 @@ class BoundedServer(uvicorn.Server):
         self._limit = limit
         self._tasks: list[asyncio.Task[None]] = []
         self._rate_limited_log = RateLimitedLog()
+
+    @contextlib.contextmanager
+    def capture_signals(self) -> Iterator[None]:  # type: ignore[override]
+        """End the server at SIGINT and SIGTERM, and let the code after it run.
+
+        uvicorn raises the signal again once the server has ended, which would end the process before it has
+        closed its agents, workers and database.
+        """
+        loop = asyncio.get_running_loop()
+        for number in _ENDING_SIGNALS:
+            loop.add_signal_handler(number, self.handle_exit, number, None)
+        try:
+            yield
+        finally:
+            for number in _ENDING_SIGNALS:
+                loop.remove_signal_handler(number)
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         await super().startup(sockets=[])

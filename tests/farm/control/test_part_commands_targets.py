@@ -4,6 +4,7 @@ import asyncio
 
 import httpx
 import pytest
+from http_caller import DAEMON_USER, called_by
 
 from farm.cli.commands.operate import find_target_path
 from farm.control import DryRuns
@@ -42,7 +43,7 @@ def farm(tmp_path):
 
     def ask(target, verb):
         async def call():
-            transport = httpx.ASGITransport(app)
+            transport = httpx.ASGITransport(called_by(DAEMON_USER, app))
             async with httpx.AsyncClient(transport=transport, base_url="http://farm") as client:
                 return await client.post(f"{find_target_path(target)}/{verb}")
 

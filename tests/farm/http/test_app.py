@@ -7,6 +7,7 @@ import shutil
 import httpx
 import pytest
 import trimesh
+from http_caller import DAEMON_USER, called_by
 
 from drivers.clock import Clock
 from farm.config import Fleet
@@ -56,7 +57,7 @@ def daemon(tmp_path):
 
 def ask(app, method, path, **more):
     async def call():
-        transport = httpx.ASGITransport(app, raise_app_exceptions=False)
+        transport = httpx.ASGITransport(called_by(DAEMON_USER, app), raise_app_exceptions=False)
         async with httpx.AsyncClient(transport=transport, base_url="http://farm") as client:
             return await client.request(method, path, **more)
 

@@ -11,6 +11,7 @@ import sys
 import httpx
 import pytest
 import uvicorn
+from http_caller import called_by
 
 from drivers.clock import Clock
 from farm.config import Fleet
@@ -59,11 +60,8 @@ def make(folder, **fleet):
 
 
 def ask(app, person, method, path, **more):
-    async def as_them(scope, receive, send):
-        await app({**scope, "state": {} if person is None else {"person": person}}, receive, send)
-
     async def call():
-        transport = httpx.ASGITransport(as_them)
+        transport = httpx.ASGITransport(called_by(person, app))
         async with httpx.AsyncClient(transport=transport, base_url="http://farm") as client:
             return await client.request(method, path, **more)
 
@@ -81,12 +79,25 @@ LIMITED = (
 
 
 @pytest.mark.parametrize(("path", "body"), LIMITED)
-@pytest.mark.parametrize("person", [STRANGER, None])
-def test_what_lets_printers_go_on_is_kept_for_operators(tmp_path, person, path, body):
+def test_what_lets_printers_go_on_is_kept_for_operators(tmp_path, path, body):
     app = make(tmp_path, operators=NO_GROUP)
-    answer = ask(app, person, "POST", path, json=body)
+    answer = ask(app, STRANGER, "POST", path, json=body)
     assert (answer.status_code, answer.json()["exit_code"]) == (409, 5)
     assert "is not an operator: only members of the group no-such-group-here may" in answer.json()["error"]
+
+
+@pytest.mark.parametrize("group", [None, NO_GROUP])
+def test_a_request_without_a_caller_is_refused_on_every_route(tmp_path, group):
+    app = make(tmp_path, operators=group)
+    values = {"number": "1", "name": "a", "part": "p01", "request_id": "r" * 8}
+    routes = [
+        (verb, path.format(**values)) for path, verbs in app.openapi()["paths"].items() for verb in verbs
+    ]
+    assert len(routes) > 20
+    for method, path in routes:
+        answer = ask(app, None, method, path, json={})
+        assert answer.status_code == 409, (method, path, answer.text)
+        assert "nobody is known as the sender" in answer.json()["error"], (method, path)
 
 
 @pytest.mark.parametrize("group", [None, OURS])
@@ -106,7 +117,7 @@ def test_what_stops_a_print_is_for_everybody_and_a_job_has_its_submitters_name(t
     app = make(tmp_path, operators=NO_GROUP)
     params = {"request_id": "r" * 8, "name": "box.stl", "size": 1}
     assert ask(app, STRANGER, "POST", "/jobs", params=params, content=b"x").status_code == 200
-    job = ask(app, None, "GET", "/jobs/1").json()["job"]
+    job = ask(app, STRANGER, "GET", "/jobs/1").json()["job"]
     assert job["submitted_by"] == "uid 54321"
     assert ask(app, STRANGER, "POST", "/jobs/1/pause").status_code == 200
     answer = ask(app, STRANGER, "POST", "/jobs/1/cancel").json()["job"]

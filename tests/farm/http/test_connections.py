@@ -7,6 +7,8 @@ import logging
 import os
 import signal
 import socket
+import subprocess
+import sys
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
 
@@ -203,6 +205,44 @@ def test_no_error_ends_accepting_and_each_is_logged(tmp_path, monkeypatch, caplo
     said = " ".join(record.getMessage() for record in caplog.records)
     for words in ("no socket", "no room", "no protocol"):
         assert words in said
+
+
+ENDING = """
+import asyncio, sys, uvicorn
+from farm.http import BoundedServer, PeerProtocol, listen
+
+async def app(scope, receive, send):
+    await send({"type": "http.response.start", "status": 204, "headers": []})
+    await send({"type": "http.response.body"})
+
+async def serve(path):
+    config = uvicorn.Config(app, http=PeerProtocol, log_config=None, lifespan="off")
+    listening = listen(path, "no-such-group-here")
+    print("listening", flush=True)
+    try:
+        await BoundedServer(config, 4).serve(sockets=[listening])
+        print("served", flush=True)
+    finally:
+        print("closed", flush=True)
+
+from pathlib import Path
+asyncio.run(serve(Path(sys.argv[1])))
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_code_after_the_server_runs_when_a_signal_ends_it(tmp_path, number):
+    command = [sys.executable, "-c", ENDING, str(tmp_path / "farm.sock")]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout.readline() == "listening\n"
+        with socket.socket(socket.AF_UNIX) as client:
+            client.settimeout(60.0)
+            client.connect(str(tmp_path / "farm.sock"))
+            client.send(WHOLE)
+            assert client.recv(100).startswith(b"HTTP/1.1 204")  # so the server has begun
+        process.send_signal(number)
+        output, _ = process.communicate(timeout=30)
+    assert (process.returncode, output) == (0, "served\nclosed\n")
 
 
 @pytest.mark.system

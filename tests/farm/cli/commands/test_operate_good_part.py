@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import httpx
 import pytest
+from http_caller import DAEMON_USER, called_by
 from typer.testing import CliRunner
 
 from farm.cli.client import daemon_client
@@ -43,7 +44,7 @@ def farm(tmp_path, monkeypatch):
 
         def request(self, method, target, content, headers):
             async def call():
-                transport = httpx.ASGITransport(daemon)
+                transport = httpx.ASGITransport(called_by(DAEMON_USER, daemon))
                 async with httpx.AsyncClient(transport=transport, base_url="http://farm") as way:
                     return await way.request(method, target, content=content or b"", headers=headers)
 
