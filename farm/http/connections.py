@@ -105,7 +105,7 @@ class BoundedServer(uvicorn.Server):
         self._rate_limited_log = RateLimitedLog()
 
     @contextlib.contextmanager
-    def capture_signals(self) -> Iterator[None]:  # type: ignore[override]
+    def capture_signals(self) -> Iterator[None]:
         """End the server at SIGINT and SIGTERM, and let the code after it run.
 
         uvicorn raises the signal again once the server has ended, which would end the process before it has

@@ -320,5 +320,5 @@ def test_what_a_person_asks_of_prints_reaches_the_commands(daemon):
     for path in ("/jobs/1/parts/p9/reprint", "/jobs/1/parts/p9/cancel", "/jobs/7/pause", "/printers/z/fail"):
         assert ask(daemon, "POST", path, json=said).status_code == 404, path
     assert ask(daemon, "POST", "/jobs/1/parts/p9/pause").status_code == 404
-    assert ask(daemon, "GET", "/history").json() == {"schema": 1, "prints": []}
+    assert ask(daemon, "GET", "/history").json()["prints"] == []
     assert ask(daemon, "GET", "/history?job=7").status_code == 404
