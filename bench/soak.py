@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from drivers.emulator.faults import Faults
 from drivers.emulator.firmware.firmware import EmulatedFirmware
 from drivers.firmware import ULTIMAKER2
-from drivers.link import Link, Phase, Trouble
+from drivers.link import Link, LinkFault, Phase
 from drivers.printers import PROFILES
 
 MODEL = "ultimaker2_plus"
@@ -74,7 +74,7 @@ def soak(lines: int, damage: float, seed: int = 0) -> Outcome:
             now_s += 0.002
         back = firmware.feed(out, now_s)
         events = [*((back and link.receive(back, now_s)) or ()), *link.tick(now_s)]
-        fault = next((event.fault for event in events if isinstance(event, Trouble)), None)
+        fault = next((event.fault for event in events if isinstance(event, LinkFault)), None)
         if not up and link.phase is Phase.LIVE:
             up = True
             link.send(now_s, *HEAD)

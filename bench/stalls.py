@@ -23,7 +23,7 @@ from drivers.emulator.faults import Faults
 from drivers.emulator.firmware.firmware import EmulatedFirmware
 from drivers.firmware import ULTIMAKER2
 from drivers.gcode import remove_frame
-from drivers.link import Link, Phase, Trouble
+from drivers.link import Link, LinkFault, Phase
 from drivers.printers import PROFILES
 
 MODEL = "ultimaker2_plus"
@@ -205,15 +205,15 @@ class Recorder(EmulatedFirmware):
 
     @property
     def last(self) -> int:
-        return self._last_n
+        return self._last_number
 
-    def _quick_move(self) -> bool:
+    def _read_plain_move(self) -> bool:
         return False
 
     def _accept(self, line: bytes) -> None:
-        before = self._last_n
+        before = self._last_number
         super()._accept(line)
-        if self._last_n != before and (body := remove_frame(line)) != b"M105":
+        if self._last_number != before and (body := remove_frame(line)) != b"M105":
             self.taken.append(body)
 
 
@@ -288,7 +288,7 @@ def run(kind: Kind, faults: int, seed: int) -> Outcome:
         back.put(tamperer.back(answer) if answer else answer, now_s)
         data = back.take(now_s)
         events = [*((data and link.receive(data, now_s)) or ()), *link.tick(now_s)]
-        fault = next((event.fault for event in events if isinstance(event, Trouble)), None)
+        fault = next((event.fault for event in events if isinstance(event, LinkFault)), None)
         if not up and link.phase is Phase.LIVE:
             up = True
             link.send(now_s, *HEAD)

@@ -14,7 +14,7 @@ from drivers.agent import CARD, IdleWatch
 from drivers.clock import Clock
 from drivers.errors import AgentError, DriverError, PortError
 from drivers.firmware import Firmware
-from drivers.link import Link, Report, Said, Up
+from drivers.link import Connected, Link, OtherLine, Report
 from drivers.link.dialogue import exchange
 from drivers.locks import AGENT_LOCK, hold
 from drivers.ports import Device, Port, identify_device, list_devices, open_port
@@ -182,12 +182,12 @@ def _verify_idle(port: Port, url: str, firmware: Firmware, answer_s: float) -> N
     """Verify that a printer is idle: if opening the port did not reset the board, it may be printing."""
     link, idle = Link(firmware), IdleWatch()
     for now_s, event in exchange(port, link, answer_s):
-        if isinstance(event, Up):
+        if isinstance(event, Connected):
             if event.restarted:
                 return
             link.send(now_s, b"M27")
             link.poll_soon(now_s + 0.5)
-        elif isinstance(event, Said):
+        elif isinstance(event, OtherLine):
             idle.judge_answer(event.text)
         elif isinstance(event, Report):
             if idle.card or not event.off:
@@ -201,14 +201,14 @@ def _await_restart(port: Port, url: str, firmware: Firmware, answer_s: float) ->
     """Wait until the board restarts; return its banner, or its identity if the banner lacks the model."""
     link, words = Link(firmware), b""
     for now_s, event in exchange(port, link, answer_s):
-        if isinstance(event, Up):
+        if isinstance(event, Connected):
             if not event.restarted:
                 break
             if firmware.version is not None:
                 return event.banner
             link.send(now_s, firmware.identity_query)
             link.poll_soon(now_s + 0.5)
-        elif isinstance(event, Said):
+        elif isinstance(event, OtherLine):
             words += event.text + b"\n"
         elif isinstance(event, Report):
             return words

@@ -11,7 +11,7 @@ from drivers.agent.emulator_bed import EmulatorBed
 from drivers.agent.idle_watch import CARD, IdleWatch
 from drivers.clock import Clock, wall_s
 from drivers.errors import AgentError, Fault, PortError, PortNotIdle
-from drivers.link import Event, Events, Link, Phase, Report, Said, Trouble, Up
+from drivers.link import Connected, Event, Events, Link, LinkFault, OtherLine, Phase, Report
 from drivers.ports import Port, identify_device, open_port
 from drivers.printers import Profile
 from drivers.records import BoardState
@@ -272,7 +272,7 @@ class Board:
             self._advance(self.session, events, now_s)
         self._save()
         out = self.link.take()
-        if self._port is not None and (out or self._port.unwritten):
+        if self._port is not None and (out or self._port.write_pending):
             try:
                 self._port.write(out)
             except PortError as error:
@@ -290,10 +290,10 @@ class Board:
             self.report = event
             if self.session is None:
                 self._on_idle_report(event, now_s)
-        elif isinstance(event, Up):
+        elif isinstance(event, Connected):
             log.info("the board answers%s", " after a reset" if event.restarted else "")
             self._on_up(event)
-        elif isinstance(event, Said):
+        elif isinstance(event, OtherLine):
             understood, cause = (
                 self.idle_watch.judge_answer(event.text) if self.session is None else (False, None)
             )
@@ -308,7 +308,7 @@ class Board:
             if self.session is None:
                 self._on_idle_trouble(event, now_s)
 
-    def _on_up(self, up: Up) -> None:
+    def _on_up(self, up: Connected) -> None:
         """Record whether the last pulse of DTR has reset the board."""
         self.idle_watch.reset()
         if up.restarted and (self._pulses_left or self.session is not None):
@@ -334,7 +334,7 @@ class Board:
             firmware = self._firmware
             self.link.send(now_s, *(firmware.heaters_off if self.state.hot else firmware.idle_queries))
 
-    def _on_idle_trouble(self, trouble: Trouble, now_s: float) -> None:
+    def _on_idle_trouble(self, trouble: LinkFault, now_s: float) -> None:
         if trouble.fault is Fault.REBOOT:
             self._mark_bed_unknown("its board was reset, but not by the farm")
             self.link.restarted(now_s)

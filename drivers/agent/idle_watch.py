@@ -8,7 +8,7 @@ from __future__ import annotations
 import re
 
 from drivers.errors import Fault
-from drivers.link.replies import Report, Trouble
+from drivers.link.replies import LinkFault, Report
 
 CARD = "it prints from its SD card"
 MOVED = "somebody moved it at the printer"
@@ -74,12 +74,12 @@ class IdleWatch:
             return True, MOVED if moved else None
         return True, None
 
-    def judge_report(self, report: Report) -> tuple[str | None, Trouble | None]:
+    def judge_report(self, report: Report) -> tuple[str | None, LinkFault | None]:
         """Judge a report.
 
         Returns
         -------
-        (str | None, Trouble | None)
+        (str | None, LinkFault | None)
             An event not caused by the farm; a heater that is stuck on.
         """
         heated = report.nozzle_target_c > 0 or report.bed_target_c > 0
@@ -99,7 +99,7 @@ class IdleWatch:
         if self._hot < 3:
             return None, None
         which, at_c = ("nozzle", now_c[0]) if risen[0] else ("bed", now_c[1])
-        return None, Trouble(Fault.HEATER_STUCK_ON, f"the {which} is off and gets hotter: {at_c:g} C")
+        return None, LinkFault(Fault.HEATER_STUCK_ON, f"the {which} is off and gets hotter: {at_c:g} C")
 
 
 def _may_be_garbled(answer: bytes, text: bytes) -> bool:

@@ -63,7 +63,7 @@ class Spool:
                     raise AgentError(f"{part}: a piece at {at} does not follow {file.tell()} bytes")
                 file.write(data)
         except OSError as error:
-            raise _unwritten(part, error) from error
+            raise _write_error(part, error) from error
 
     def part(self, print_id: str) -> Path:
         """Return the path of an uploaded file."""
@@ -107,7 +107,7 @@ class Spool:
             with suppress(OSError):
                 path.unlink()  # half a file is useless, and the disk may be full
             if source.is_file() and os.access(source, os.R_OK):
-                raise _unwritten(path, error) from error
+                raise _write_error(path, error) from error
             raise BadGcode(f"{source}: cannot be read ({error.strerror}); is its folder shared?") from error
 
     def keep_only(self, print_id: str | None) -> None:
@@ -139,5 +139,5 @@ class _Copy:
         return os.pread(self._fd, end - start, start)
 
 
-def _unwritten(path: Path, error: OSError) -> AgentError:
+def _write_error(path: Path, error: OSError) -> AgentError:
     return AgentError(f"{path}: cannot be written ({error.strerror}); make room on its disk")

@@ -193,7 +193,7 @@ class Emulator:
                 if request["fault"] not in DUE:
                     return {"error": f"no fault {request['fault']!r}; use one of {', '.join(DUE)}"}
                 self._firmware.feed(b"", now_s)
-                self._firmware.break_down(request["fault"], now_s)
+                self._firmware.trigger_fault(request["fault"], now_s)
             case Command.UNPLUG:
                 self._pieces.clear()
                 self._port.unplug()

@@ -63,13 +63,13 @@ class Firmware:
     keep_alive
         Beginning of a line that is said once a second as long as a command is carried out; None where none
         is.
-    troubles
+    fault_texts
         Texts that mark a line as a fault, in order: the first match counts.
     stop_moves
         Command that empties the queue of moves, so that the head stops.
     halt
         Command that switches everything off until the board is reset; None if there is no such command.
-    tells_motion
+    reports_executed_steps
         The answer to `position_query` counts executed steps, not planned ones.
     wait_moves, motors_off, heaters_off, fan_off
         Commands.
@@ -105,10 +105,10 @@ class Firmware:
     acknowledges_read_moves: bool
     ok_details: re.Pattern[bytes] | None
     keep_alive: bytes | None
-    troubles: tuple[tuple[bytes, Fault], ...]
+    fault_texts: tuple[tuple[bytes, Fault], ...]
     stop_moves: bytes
     halt: bytes | None
-    tells_motion: bool
+    reports_executed_steps: bool
     wait_moves: bytes
     motors_off: bytes
     heaters_off: tuple[bytes, ...]

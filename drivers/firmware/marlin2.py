@@ -39,7 +39,7 @@ MARLIN2 = Firmware(
     acknowledges_read_moves=False,  # ``GcodeSuite::process_parsed_command`` ends with its ok
     ok_details=re.compile(rb"(?: N(\d{1,9}))? P\d{1,3} B\d{1,3}"),  # ``ADVANCED_OK``
     keep_alive=b"echo:busy:",  # ``GcodeSuite::host_keepalive``
-    troubles=(
+    fault_texts=(
         (b"MAXTEMP", Fault.MAXTEMP),
         (b"MINTEMP", Fault.MINTEMP),
         (b"Thermal Runaway", Fault.THERMAL_RUNAWAY),
@@ -57,7 +57,7 @@ MARLIN2 = Firmware(
     ),
     stop_moves=b"M410",  # M401 lowers a probe here
     halt=b"M112",
-    tells_motion=False,  # ``report_current_position_projected``: the planned position
+    reports_executed_steps=False,  # ``report_current_position_projected``: the planned position
     wait_moves=b"M400",
     motors_off=b"M84",
     heaters_off=(b"M104 S0", b"M140 S0"),

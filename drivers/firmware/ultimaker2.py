@@ -33,7 +33,7 @@ ULTIMAKER2 = Firmware(
     acknowledges_read_moves=True,
     ok_details=None,
     keep_alive=None,
-    troubles=(
+    fault_texts=(
         (b"MAXTEMP", Fault.MAXTEMP),
         (b"MINTEMP", Fault.MINTEMP),
         (b"kill() called", Fault.KILL),
@@ -45,7 +45,7 @@ ULTIMAKER2 = Firmware(
     ),
     stop_moves=b"M401",
     halt=None,
-    tells_motion=True,
+    reports_executed_steps=True,
     wait_moves=b"M400",
     motors_off=b"M84",
     heaters_off=(b"M104 S0", b"M140 S0"),

@@ -10,7 +10,7 @@ it holds over a wire that loses and garbles bytes):
    doubled ok puts the link at most a few lines early or late, until the firmware refuses one.
 4. When in doubt, the link queries the board: a line with a checksum and no number
    (`Firmware.last_line_query`) is answered with the number of the last accepted line. It has no other
-   effect and no ok. The query is sent after `ASK_S` of silence, after an unreadable line and after each
+   effect and no ok. The query is sent after `SILENCE_S` of silence, after an unreadable line and after each
    refusal; its leading newline ends a line that lost its own. The answer covers everything sent before the
    query: a missing line is sent again; a move that arrived has lost its ok. Until the answer, oks after a
    refusal are ignored.
@@ -30,6 +30,6 @@ effect only after all of its lines have arrived: its ok belongs to no line.
 from drivers.link.link import Link
 from drivers.link.opening import Phase
 from drivers.link.outbox import Source
-from drivers.link.replies import Event, Events, Report, Said, Trouble, Up
+from drivers.link.replies import Connected, Event, Events, LinkFault, OtherLine, Report
 
-__all__ = ["Event", "Events", "Link", "Phase", "Report", "Said", "Source", "Trouble", "Up"]
+__all__ = ["Connected", "Event", "Events", "Link", "LinkFault", "OtherLine", "Phase", "Report", "Source"]

@@ -7,13 +7,13 @@ import math
 from drivers.errors import Fault
 from drivers.firmware import Firmware
 from drivers.link import replies
-from drivers.link.opening import Heard, Opening, Phase
+from drivers.link.opening import Opening, OpeningLine, Phase
 from drivers.link.outbox import Outbox, Source
-from drivers.link.recovery import ASKS, NOISE_LINES, NOISE_REPAIRS, Action, Place, Recovery
-from drivers.link.replies import Event, Events, Said, Trouble, Up
+from drivers.link.recovery import MOST_QUERIES, NOISE_LINES, NOISE_REPAIRS, Action, Place, Recovery
+from drivers.link.replies import Connected, Event, Events, LinkFault, OtherLine
 
 SILENT = "the board does not answer"
-ASK_S = 0.3  # of silence; doubled with each question
+SILENCE_S = 0.3  # until the first query; doubled with each query
 KEEP_ALIVE_S = 1.4  # the same for a firmware that sends a busy message every second while it works
 HINT_S = 0.05  # after something that could not be read and may have been an ok
 _LONGEST_ANSWER = 512
@@ -38,7 +38,7 @@ class Link:
         self._firmware = firmware
         self._floor_s = floor_s
         patient = firmware.keep_alive is not None
-        self._ask_s = max(KEEP_ALIVE_S, floor_s / 4) if patient else max(ASK_S, floor_s / 8)
+        self._silence_s = max(KEEP_ALIVE_S, floor_s / 4) if patient else max(SILENCE_S, floor_s / 8)
         self.poll_every_s = math.inf
         self.ignore_faults = False  # faults that the firmware reports: a stopped board still answers M105
         self._reset()
@@ -51,7 +51,7 @@ class Link:
         self._due_s = math.inf  # time-out of the line in flight, or of the phase
         self._poll_s = math.inf
         self._waiting = False  # for the ok of the line at the cursor
-        self._calm = True  # no query and no refusal since the line in flight was sent
+        self._in_order = True  # no query and no refusal since the line in flight was sent
         self._refused = False  # oks are ignored until the board reports its last line
         self._answer: int | None = None  # a reported last line, until the rest of its answer has arrived
         self._answer_s = math.inf  # time at which it is complete
@@ -91,12 +91,12 @@ class Link:
         if self._outbox.streaming:
             raise ValueError("a program is being streamed: halt it first")
         self._outbox.queue(commands)
-        self._go(now_s)
+        self._send_next(now_s)
 
     def stream(self, now_s: float, source: Source, start: int, stop: int) -> None:
         """Send lines `start` to `stop` of a program after the queued commands."""
         self._outbox.stream(source, start, stop)
-        self._go(now_s)
+        self._send_next(now_s)
 
     def halt(self) -> None:
         """Drop all unsent lines; the line in flight stays."""
@@ -105,7 +105,7 @@ class Link:
     def poll(self, now_s: float) -> None:
         """Request a temperature report as soon as no line is in flight."""
         self._poll_s = now_s
-        self._go(now_s)
+        self._send_next(now_s)
 
     def poll_soon(self, at_s: float) -> None:
         """Request a temperature report at `at_s` at the latest."""
@@ -143,138 +143,144 @@ class Link:
         Returns None if the only effect is that the next line of the program is to be written.
         """
         # Fast path: an ok to a line of a program while the next line is already encoded.
-        if data == b"ok\n" and self._waiting and not self._partial and now_s < self._poll_s and self._calm:
+        if (
+            data == b"ok\n"
+            and self._waiting
+            and not self._partial
+            and now_s < self._poll_s
+            and self._in_order
+        ):
             line = self._outbox.take_encoded()
             if line is not None:
                 self._out = line
                 self._recovery.sent_s = now_s
-                self._due_s = now_s + self._ask_s
+                self._due_s = now_s + self._silence_s
                 return None
-        *heard, self._partial = (self._partial + data).split(b"\n")
+        *lines, self._partial = (self._partial + data).split(b"\n")
         if len(self._partial) > _LONGEST_ANSWER:
             self._partial = b""
         events: list[Event] = []
-        for words in heard:
-            self._hear(words, now_s, events)
+        for line in lines:
+            self._handle_line(line, now_s, events)
         return events
 
-    def _hear(self, line: bytes, now_s: float, events: list[Event]) -> None:
+    def _handle_line(self, line: bytes, now_s: float, events: list[Event]) -> None:
         if self.phase in (Phase.OPENING, Phase.BANNER):
-            self._hear_boot(line, now_s, events)
+            self._handle_boot_line(line, now_s, events)
         elif self.phase is not Phase.LIVE:
             pass  # closed, or dead: ignore
         elif line.endswith(b"start"):  # a reset may put noise in front of it
             self._give_up(Fault.REBOOT, "the board restarted by itself", events)
         else:
-            for words in replies.words(line, self._firmware):
+            for answer in replies.split_answers(line, self._firmware):
                 if self.phase is Phase.LIVE:
-                    self._hear_words(words, now_s, events)
+                    self._handle_answer(answer, now_s, events)
 
-    def _hear_words(self, words: bytes, now_s: float, events: list[Event]) -> None:
-        if (number := replies.acknowledged(words, self._firmware)) is not None:
-            if not self._asked and self._answer is None and number in (-1, self._outbox.number):
-                self._hear_ok(now_s)
-        elif words.startswith(b"ok"):
-            self._hear_report(words, now_s, events)
-        elif (number := replies.wanted(words)) is not None:
+    def _handle_answer(self, answer: bytes, now_s: float, events: list[Event]) -> None:
+        if (number := replies.parse_ok(answer, self._firmware)) is not None:
+            if not self._poll_in_flight and self._answer is None and number in (-1, self._outbox.number):
+                self._handle_ok(now_s)
+        elif answer.startswith(b"ok"):
+            self._handle_report(answer, now_s, events)
+        elif (number := replies.parse_resend(answer)) is not None:
             if self._answer is None:
-                self._hear_refusal(number, now_s)
-        elif (number := replies.last_line(words, self._firmware)) is not None:
+                self._handle_refusal(number, now_s)
+        elif (number := replies.parse_last_line(answer, self._firmware)) is not None:
             if self._firmware.last_line_resends:
-                self._answer, self._answer_s, self._calm = number, now_s + self._hint_s, False
+                self._answer, self._answer_s, self._in_order = number, now_s + self._hint_s, False
             else:
-                self._hear_last_line(number, now_s, events)
-        elif replies.refused(words):
-            self._hear_refusal(-1, now_s)  # its Resend follows, unless it was lost
-        elif (trouble := replies.trouble(words, self._firmware)) is not None:
-            self._give_up(trouble.fault, trouble.text, events)
-        elif (alive := self._firmware.keep_alive) is not None and words.startswith(alive):
-            self._hear_at_work(now_s, events)
-        elif words:
-            events.append(Said(words))
-            if not words.startswith((b"echo:", b"Error:", b"T:")):
-                self._hurry(now_s)
+                self._handle_last_line(number, now_s, events)
+        elif replies.is_refusal(answer):
+            self._handle_refusal(-1, now_s)  # its Resend follows, unless it was lost
+        elif (found := replies.parse_fault(answer, self._firmware)) is not None:
+            self._give_up(found.fault, found.text, events)
+        elif (alive := self._firmware.keep_alive) is not None and answer.startswith(alive):
+            self._handle_busy(now_s, events)
+        elif answer:
+            events.append(OtherLine(answer))
+            if not answer.startswith((b"echo:", b"Error:", b"T:")):
+                self._schedule_query(now_s)
 
-    def _hear_boot(self, line: bytes, now_s: float, events: list[Event]) -> None:
-        heard = self._opening.hear(line)
-        if heard is Heard.START:
+    def _handle_boot_line(self, line: bytes, now_s: float, events: list[Event]) -> None:
+        sign = self._opening.classify(line)
+        if sign is OpeningLine.START:
             self.phase = Phase.BANNER
             self._due_s = now_s + self._opening.quiet_s
-        elif heard is Heard.REFUSAL:
+        elif sign is OpeningLine.REFUSAL:
             self._due_s = now_s
-        elif heard is Heard.READY:
-            self._greet(now_s, events)
+        elif sign is OpeningLine.READY:
+            self._go_live(now_s, events)
 
-    def _greet(self, now_s: float, events: list[Event]) -> None:
+    def _go_live(self, now_s: float, events: list[Event]) -> None:
         self.phase = Phase.LIVE
         self._refused = self._opening.refused
         self._poll_s = now_s + self.poll_every_s
         self._outbox.begin()
-        events.append(Up(self._opening.restarted, self._opening.banner))
-        self._go(now_s)
+        events.append(Connected(self._opening.restarted, self._opening.banner))
+        self._send_next(now_s)
 
-    def _hear_report(self, line: bytes, now_s: float, events: list[Event]) -> None:
-        if (report := replies.report(line)) is not None:
+    def _handle_report(self, line: bytes, now_s: float, events: list[Event]) -> None:
+        if (report := replies.parse_report(line)) is not None:
             events.append(report)  # else it is garbled; the next one follows soon
-        if self._asked:
-            self._hear_ok(now_s)
+        if self._poll_in_flight:
+            self._handle_ok(now_s)
 
     @property
-    def _asked(self) -> bool:
+    def _poll_in_flight(self) -> bool:
         """True while an M105 is in flight."""
         return self._waiting and self._outbox.polls
 
-    def _hear_ok(self, now_s: float) -> None:
+    def _handle_ok(self, now_s: float) -> None:
         if self._waiting and not self._refused:
-            self._land(now_s)
+            self._accept_line(now_s)
 
-    def _land(self, now_s: float) -> None:
+    def _accept_line(self, now_s: float) -> None:
         """Note that the line in flight was accepted, and stop waiting for it."""
         self._waiting = self._refused = False
-        self._calm = True
-        self._go(now_s)
+        self._in_order = True
+        self._send_next(now_s)
 
-    def _hear_refusal(self, wanted: int, now_s: float) -> None:
+    def _handle_refusal(self, wanted: int, now_s: float) -> None:
         """Handle a refused line; anything sent after it may be lost."""
         if self._outbox.number < 0:
             return
         self._waiting = self._refused = True
-        self._calm = False
+        self._in_order = False
         if self._recovery.refuse(wanted):
-            self._hurry(now_s)
+            self._schedule_query(now_s)
         else:
-            self._ask(now_s)
+            self._query(now_s)
 
-    def _hear_at_work(self, now_s: float, events: list[Event]) -> None:
+    def _handle_busy(self, now_s: float, events: list[Event]) -> None:
         """Handle a busy message: the board executes a long command, so a query is useless."""
         if not self._waiting:
             return
         if now_s - self._recovery.sent_s > max(self._outbox.patience_s, 5 * self._floor_s):
             self._give_up(Fault.NO_ANSWER, "the board is busy with one command for too long", events)
         else:
-            self._recovery.at_work_s = now_s
-            self._due_s = max(self._due_s, now_s + self._ask_s)
+            self._recovery.busy_s = now_s
+            self._due_s = max(self._due_s, now_s + self._silence_s)
 
-    def _hear_last_line(self, last: int, now_s: float, events: list[Event]) -> None:
+    def _handle_last_line(self, last: int, now_s: float, events: list[Event]) -> None:
         """Handle an answer to a query, or the refusal of a line that lost its number."""
         action = self._recovery.match_answer(last, self._place, self._waiting)
         if self._firmware.last_line_resends:
-            self._recovery.forget_questions()
+            self._recovery.forget_queries()
         if action is None:
-            self._settle(last, now_s, events)
-        elif action is Action.TAKE_FOR_REFUSAL:
-            self._hear_refusal(-1, now_s)
-        elif action is Action.ASK_SOON:
-            self._hurry(now_s)
+            self._apply_answer(last, now_s, events)
+        elif action is Action.TREAT_AS_REFUSAL:
+            self._handle_refusal(-1, now_s)
+        elif action is Action.QUERY_SOON:
+            self._schedule_query(now_s)
 
-    def _settle(self, last: int, now_s: float, events: list[Event]) -> None:
+    def _apply_answer(self, last: int, now_s: float, events: list[Event]) -> None:
         """Act on the answer that `last` is the last accepted line, given after all sent lines had arrived."""
         outbox = self._outbox
         held = outbox.holds(last + 1)
-        confirmations = self._recovery.count_needed(self._firmware, outbox.moves, self._ask_s)
+        confirmations = self._recovery.count_needed(self._firmware, outbox.moves, self._silence_s)
         action, line = self._recovery.settle(last, self._place, confirmations, held)
-        if action is Action.ASK_AGAIN:
-            self._ask(now_s)
+        if action is Action.QUERY_AGAIN:
+            self._query(now_s)
             return
         if action is Action.GIVE_UP_NOISY:
             self._give_up(Fault.NOISY_LINE, "the board reports another last line each time", events)
@@ -282,19 +288,19 @@ class Link:
         self._refused = False
         match action:
             case Action.WAIT if self._firmware.keep_alive is not None:
-                self._due_s = self._recovery.alive_s + self._ask_s
+                self._due_s = self._recovery.alive_s + self._silence_s
             case Action.WAIT:
-                self._hurry(now_s)
+                self._schedule_query(now_s)
             case Action.ACCEPT:
-                if self._repaired(events):
-                    self._land(now_s)
+                if self._count_repair(events):
+                    self._accept_line(now_s)
             case Action.ACCEPT_UP_TO:
                 outbox.rewind_to(line)
-                self._land(now_s)
+                self._accept_line(now_s)
             case Action.REPEAT:
                 self.repeated += 1
-                if self._repaired(events):
-                    self._launch(outbox.rewind_to(line), now_s)
+                if self._count_repair(events):
+                    self._transmit(outbox.rewind_to(line), now_s)
             case _:
                 self._give_up(Fault.REBOOT, "the board has lost its line count: it was reset", events)
 
@@ -311,45 +317,45 @@ class Link:
         events: list[Event] = []
         if self._answer is not None:
             last, self._answer = self._answer, None
-            self._hear_last_line(last, now_s, events)
+            self._handle_last_line(last, now_s, events)
         elif self.phase is Phase.BANNER:
-            self._greet(now_s, events)
+            self._go_live(now_s, events)
         elif self._waiting:
-            self._press(now_s, events)
+            self._query_again(now_s, events)
         elif self.phase is Phase.OPENING:
-            if (question := self._opening.ask()) is None:
+            if (query := self._opening.next_query()) is None:
                 self._give_up(Fault.NO_ANSWER, SILENT, events)
             else:
-                self._out += question
+                self._out += query
                 self._due_s = now_s + self._opening.answer_s
         else:
-            self._go(now_s)
+            self._send_next(now_s)
         return events
 
-    def _press(self, now_s: float, events: list[Event]) -> None:
+    def _query_again(self, now_s: float, events: list[Event]) -> None:
         """Query again, or give up, after too long without a readable answer."""
-        if self._recovery.asks >= ASKS:
+        if self._recovery.queries >= MOST_QUERIES:
             self._give_up(Fault.NO_ANSWER, SILENT, events)
         elif (
-            self._recovery.wanted >= 0 and self._recovery.asks >= 2
+            self._recovery.wanted >= 0 and self._recovery.queries >= 2
         ):  # it answers no queries: believe its Resend
-            self._settle(self._recovery.wanted - 1, now_s, events)
+            self._apply_answer(self._recovery.wanted - 1, now_s, events)
         else:
-            self._ask(now_s)
+            self._query(now_s)
 
-    def _ask(self, now_s: float) -> None:
+    def _query(self, now_s: float) -> None:
         """Query the number of the last line that the board accepted."""
-        self._calm = False
-        self._recovery.ask(self._place, now_s)
+        self._in_order = False
+        self._recovery.note_query(self._place, now_s)
         self._out += self._firmware.last_line_query
-        wait_s = self._ask_s * 2**self._recovery.asks
-        if self._recovery.asks == ASKS:
-            wait_s = max(self._outbox.patience_s, 5 * self._floor_s) - (wait_s - self._ask_s)
+        wait_s = self._silence_s * 2**self._recovery.queries
+        if self._recovery.queries == MOST_QUERIES:
+            wait_s = max(self._outbox.patience_s, 5 * self._floor_s) - (wait_s - self._silence_s)
         self._due_s = now_s + wait_s
 
-    def _hurry(self, now_s: float) -> None:
+    def _schedule_query(self, now_s: float) -> None:
         """Schedule a query soon, if a line is in flight and the board has room for a query."""
-        if self._waiting and self._recovery.asks < ASKS:
+        if self._waiting and self._recovery.queries < MOST_QUERIES:
             self._due_s = min(self._due_s, now_s + self._hint_s)
 
     @property
@@ -359,7 +365,7 @@ class Link:
 
     # --- sending ---
 
-    def _go(self, now_s: float) -> None:
+    def _send_next(self, now_s: float) -> None:
         """Send the next line if none is in flight."""
         if self._waiting or self.phase is not Phase.LIVE:
             return
@@ -368,15 +374,15 @@ class Link:
             self._poll_s = now_s + self.poll_every_s
         line = self._outbox.take_next()
         if line is not None:
-            self._launch(line, now_s)
+            self._transmit(line, now_s)
 
-    def _launch(self, line: bytes, now_s: float) -> None:
-        self._waiting = self._calm = True
+    def _transmit(self, line: bytes, now_s: float) -> None:
+        self._waiting = self._in_order = True
         self._recovery.launch(now_s)
         self._out += line
-        self._due_s = now_s + self._ask_s
+        self._due_s = now_s + self._silence_s
 
-    def _repaired(self, events: list[Event]) -> bool:
+    def _count_repair(self, events: list[Event]) -> bool:
         """Count a resent line; return False if there are too many and the link gives up."""
         if not self._recovery.count_repair(self._outbox.number):
             text = f"{NOISE_REPAIRS} of {NOISE_LINES} lines resent"
@@ -386,7 +392,7 @@ class Link:
     def _give_up(self, fault: Fault, text: str, events: list[Event]) -> None:
         if self.phase is Phase.DEAD:
             return
-        events.append(Trouble(fault, text))
+        events.append(LinkFault(fault, text))
         if self.ignore_faults and fault not in (Fault.NO_ANSWER, Fault.REBOOT, Fault.NOISY_LINE):
             return
         self.halt()

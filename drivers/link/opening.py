@@ -22,7 +22,7 @@ class Phase(StrEnum):
     DEAD = "dead"  # after a fault: sends nothing, ignores everything
 
 
-class Heard(Enum):
+class OpeningLine(Enum):
     """Meaning of a line while the port opens."""
 
     NOTHING = 0
@@ -73,28 +73,28 @@ class Opening:
         """Seconds to wait for the answer to a query."""
         return max(START_S if self._unconfirmed else START_S / 2, self._floor_s)
 
-    def hear(self, line: bytes) -> Heard:
+    def classify(self, line: bytes) -> OpeningLine:
         """Classify a line from the board."""
         if line.endswith(b"start"):  # a reset may put noise in front of it
             self.restarted, self.banner = True, b""
-            return Heard.START
+            return OpeningLine.START
         if self.restarted:
             self.banner += line + b"\n"
             end = self._firmware.banner_end
             if end is None:
-                return Heard.START  # the banner continues
-            return Heard.READY if end in line else Heard.NOTHING
+                return OpeningLine.START  # the banner continues
+            return OpeningLine.READY if end in line else OpeningLine.NOTHING
         if self._unconfirmed and b"Resend" in line:
             self.refused = True
-            return Heard.REFUSAL
+            return OpeningLine.REFUSAL
         answers = line.startswith(b"ok T:" if self._unconfirmed else b"ok") and self._tries > 0
-        return Heard.READY if answers else Heard.NOTHING
+        return OpeningLine.READY if answers else OpeningLine.NOTHING
 
-    def ask(self) -> bytes | None:
+    def next_query(self) -> bytes | None:
         """Return the next query to a board that did not restart; None after the last one."""
         self._tries += 1
         if self._tries > TRIES:
             return None
-        again = self._unconfirmed if self.refused or self._tries > 1 else b""
+        commands = self._unconfirmed if self.refused or self._tries > 1 else b""
         self.refused = False
-        return again + self._firmware.report_query + b"\n"
+        return commands + self._firmware.report_query + b"\n"

@@ -49,7 +49,7 @@ class Outbox:
         self._careful = 0  # lines up to this number may be slow, an M105 or resent: no fast path
         self._queue: deque[bytes] = deque()
         self._source: Source | None = None
-        self._source_at = self._source_stop = 0  # next line of the program to encode
+        self._source_next = self._source_stop = 0  # next line of the program to encode
         self._source_number = 1  # line number of the first streamed line,
         self._source_start = 0  # and its index in the program
 
@@ -88,7 +88,7 @@ class Outbox:
     @property
     def streaming(self) -> bool:
         """True if lines of a program are still to be encoded."""
-        return self._source is not None and self._source_at < self._source_stop
+        return self._source is not None and self._source_next < self._source_stop
 
     @property
     def polls(self) -> bool:
@@ -119,7 +119,7 @@ class Outbox:
 
     def stream(self, source: Source, start: int, stop: int) -> None:
         """Stream lines `start` to `stop` of a program after the queued commands."""
-        self._source, self._source_start, self._source_at, self._source_stop = source, start, start, stop
+        self._source, self._source_start, self._source_next, self._source_stop = source, start, start, stop
         self._source_number = self._base + len(self._frames) + len(self._queue)
 
     def halt(self) -> None:
@@ -192,12 +192,12 @@ class Outbox:
             commands = [*self._queue]
             self._queue.clear()
         elif self._source is not None:
-            stop = min(self._source_at + _BLOCK_LINES, self._source_stop)
-            commands = self._source(self._source_at, stop)
-            self._source_at = stop
+            stop = min(self._source_next + _BLOCK_LINES, self._source_stop)
+            commands = self._source(self._source_next, stop)
+            self._source_next = stop
         for command in commands:
             if command.startswith(_MOVES):
-                self._expect_slow(number, command)
+                self._note_slow_move(number, command)
             elif (waiting_s := self._firmware.waiting_s.get(command.split(b" ", 1)[0])) is not None:
                 self._patience[number] = waiting_s
                 self._careful = number
@@ -206,7 +206,7 @@ class Outbox:
             self._frames.append(add_frame(number, command))
             number += 1
 
-    def _expect_slow(self, number: int, move: bytes) -> None:
+    def _note_slow_move(self, number: int, move: bytes) -> None:
         """Note a move whose feedrate may make it longer than `LINE_S`; its length is unknown here."""
         if (found := _FEEDRATE.search(move)) is not None and float(found[1]) > 0.0:
             self._feedrate_mm_min = float(found[1])

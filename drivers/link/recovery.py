@@ -1,6 +1,6 @@
 """Recovery of a link that does not know the last line that the board accepted. Pure.
 
-The link sends queries (`Recovery.ask`) and passes on the answers; a `Verdict` is the action to take.
+The link sends queries (`Recovery.note_query`) and passes on the answers; a `Verdict` is the action to take.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from drivers.firmware import Firmware
 CONFIRMATIONS = 3  # the board executes a line between two answers, and buffers two at most
 NOISE_REPAIRS, NOISE_LINES = 10, 200  # 5 %
 TRIES = 4
-ASKS = 4  # more may not fit into the board's receive buffer behind a line
+MOST_QUERIES = 4  # more may not fit into the board's receive buffer behind a line
 
 
 class Place(NamedTuple):
@@ -42,10 +42,10 @@ class Place(NamedTuple):
 class Action(Enum):
     """Action of a link after an answer."""
 
-    TAKE_FOR_REFUSAL = "no query was sent: a line lost its number"
+    TREAT_AS_REFUSAL = "no query was sent: a line lost its number"
     IGNORE = "the query and its line are out of date"
-    ASK_SOON = "the query is out of date, its line is not"
-    ASK_AGAIN = "the answer needs to be confirmed"
+    QUERY_SOON = "the query is out of date, its line is not"
+    QUERY_AGAIN = "the answer needs to be confirmed"
     GIVE_UP_NOISY = "each answer is a different one"
     GIVE_UP_REBOOT = "the board has lost its count"
     WAIT = "the line was accepted, and is queued or lost its ok"
@@ -66,34 +66,34 @@ class Recovery:
 
     Attributes
     ----------
-    asks
+    queries
         Number of queries since the last readable answer.
     confirmations
         Number of answers by which the line in flight, which is not a move, was accepted.
     wanted
         Number in the last Resend since then; negative if there was none.
-    sent_s, at_work_s
+    sent_s, busy_s
         Time at which the line in flight was sent, and time of the last busy message.
     """
 
     def __init__(self) -> None:
-        self.asks = self.confirmations = 0
+        self.queries = self.confirmations = 0
         self.wanted = -1
-        self.sent_s = self.at_work_s = self._asked_s = -math.inf
-        self._questions: deque[Place] = deque(maxlen=2 * ASKS)  # not answered yet
-        self._unbelieved = -1  # a last line that was reported once,
+        self.sent_s = self.busy_s = self._queried_s = -math.inf
+        self._unanswered: deque[Place] = deque(maxlen=2 * MOST_QUERIES)  # not answered yet
+        self._unconfirmed_line = -1  # a last line that was reported once,
         self._contradictions = 0  # and how often that number changed
         self._repairs: deque[int] = deque(maxlen=NOISE_REPAIRS)
 
     def launch(self, now_s: float) -> None:
         """Reset the state for a line that was just sent."""
-        self.asks = self.confirmations = 0
+        self.queries = self.confirmations = 0
         self.sent_s = now_s
 
     @property
     def alive_s(self) -> float:
         """Time of the last sign of progress: the line in flight was sent, or a busy message arrived."""
-        return max(self.sent_s, self.at_work_s)
+        return max(self.sent_s, self.busy_s)
 
     def count_needed(self, firmware: Firmware, moves: bool, patience_s: float) -> float:
         """Compute how many answers are needed before the ok of an accepted line is taken for lost.
@@ -108,39 +108,39 @@ class Recovery:
             Seconds within which a working board sends a busy message.
         """
         if firmware.keep_alive is not None:
-            return 1 if self._asked_s >= self.alive_s + patience_s else math.inf
+            return 1 if self._queried_s >= self.alive_s + patience_s else math.inf
         return 1 if firmware.acknowledges_read_moves and moves else CONFIRMATIONS
 
-    def ask(self, place: Place, now_s: float) -> None:
+    def note_query(self, place: Place, now_s: float) -> None:
         """Note that a query was sent."""
-        self._asked_s = now_s
-        self.asks += 1
-        self._questions.append(place)
+        self._queried_s = now_s
+        self.queries += 1
+        self._unanswered.append(place)
 
     def refuse(self, wanted: int) -> bool:
         """Note a refusal (negative: it names no line); return True if no query has to be sent at once."""
-        asked = wanted < 0 or bool(self._questions)
+        queried = wanted < 0 or bool(self._unanswered)
         if wanted >= 0:
             self.wanted = wanted
-            self._questions.clear()  # a refusal empties the board's receive buffer
-            self.asks = min(self.asks, 1)
-        return asked
+            self._unanswered.clear()  # a refusal empties the board's receive buffer
+            self.queries = min(self.queries, 1)
+        return queried
 
     def match_answer(self, last: int, place: Place, waiting: bool) -> Action | None:
         """Match an answer to its query; None if that was sent from the current place: `settle` it."""
-        questions = self._questions
-        while questions and 0 < questions[0].top < last:
-            questions.popleft()  # its answer was lost
-        if not questions:
-            return Action.TAKE_FOR_REFUSAL
-        question = questions.popleft()
-        if question == place and waiting:
+        unanswered = self._unanswered
+        while unanswered and 0 < unanswered[0].top < last:
+            unanswered.popleft()  # its answer was lost
+        if not unanswered:
+            return Action.TREAT_AS_REFUSAL
+        query = unanswered.popleft()
+        if query == place and waiting:
             return None
-        return Action.ASK_SOON if question.number == place.number else Action.IGNORE
+        return Action.QUERY_SOON if query.number == place.number else Action.IGNORE
 
-    def forget_questions(self) -> None:
+    def forget_queries(self) -> None:
         """Drop the unanswered queries: they were lost."""
-        self._questions.clear()
+        self._unanswered.clear()
 
     def settle(self, last: int, place: Place, confirmations: float, held: bool) -> Verdict:
         """Decide on the answer that `last` is the last accepted line, given after all sent lines had arrived.
@@ -155,12 +155,12 @@ class Recovery:
             Line `last` + 1 can be sent again.
         """
         number, top = place.number, place.top
-        self.asks = 0
-        if number > 0 and last not in (number - 1, number, self._unbelieved):
-            self._unbelieved = last
+        self.queries = 0
+        if number > 0 and last not in (number - 1, number, self._unconfirmed_line):
+            self._unconfirmed_line = last
             self._contradictions += 1
-            return Verdict(Action.GIVE_UP_NOISY if self._contradictions > TRIES else Action.ASK_AGAIN)
-        self._unbelieved = self.wanted = -1
+            return Verdict(Action.GIVE_UP_NOISY if self._contradictions > TRIES else Action.QUERY_AGAIN)
+        self._unconfirmed_line = self.wanted = -1
         self._contradictions = 0
         if last == number:
             self.confirmations += 1

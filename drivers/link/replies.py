@@ -22,7 +22,7 @@ _CARD_OK = b"echo:SD card ok"
 
 
 @dataclass(frozen=True, slots=True)
-class Up:
+class Connected:
     """The board answers. `restarted`: it sent ``start`` first, followed by `banner`."""
 
     restarted: bool
@@ -45,25 +45,25 @@ class Report:
 
 
 @dataclass(frozen=True, slots=True)
-class Said:
+class OtherLine:
     """A line that is neither an answer of the protocol nor a fault."""
 
     text: bytes
 
 
 @dataclass(frozen=True, slots=True)
-class Trouble:
+class LinkFault:
     """A fault that stopped the link. `text` is the board's message, or says what is missing."""
 
     fault: Fault
     text: str
 
 
-Event = Up | Report | Said | Trouble
+Event = Connected | Report | OtherLine | LinkFault
 Events = Sequence[Event]
 
 
-def report(line: bytes) -> Report | None:
+def parse_report(line: bytes) -> Report | None:
     """Parse an answer to M105; None if it is garbled."""
     values = _REPORT.search(line)
     if values is not None:
@@ -72,24 +72,24 @@ def report(line: bytes) -> Report | None:
     return None
 
 
-def wanted(line: bytes) -> int | None:
+def parse_resend(line: bytes) -> int | None:
     """Parse the number in a ``Resend``."""
     found = _RESEND.search(line)
     return None if found is None else int(found[1])
 
 
-def last_line(line: bytes, firmware: Firmware) -> int | None:
+def parse_last_line(line: bytes, firmware: Firmware) -> int | None:
     """Parse the number of the last accepted line in an answer to `Firmware.last_line_query`."""
     found = _LAST_LINE.search(line) if line.startswith(firmware.last_line_answer) else None
     return None if found is None else int(found[1])
 
 
-def refused(line: bytes) -> bool:
+def is_refusal(line: bytes) -> bool:
     """Return True if this message explains a refusal; a ``Resend`` follows."""
     return line.startswith(b"Error:") and b"Last Line" in line
 
 
-def acknowledged(words: bytes, firmware: Firmware) -> int | None:
+def parse_ok(words: bytes, firmware: Firmware) -> int | None:
     """Parse the line number in an ok; negative if it has none; None if this is not an ok."""
     if words == b"ok":
         return -1
@@ -97,9 +97,9 @@ def acknowledged(words: bytes, firmware: Firmware) -> int | None:
     return None if found is None or not words.startswith(b"ok") else int(found[1] or -1)
 
 
-def words(line: bytes, firmware: Firmware) -> list[bytes]:
+def split_answers(line: bytes, firmware: Firmware) -> list[bytes]:
     """Split a line into its answers: several if a newline was lost, or missing as after M119."""
-    if acknowledged(line, firmware) is not None:
+    if parse_ok(line, firmware) is not None:
         return [line]
     found: list[bytes] = []
     for part in _BEGINNINGS.split(line):
@@ -112,7 +112,7 @@ def words(line: bytes, firmware: Firmware) -> list[bytes]:
     return found
 
 
-def trouble(line: bytes, firmware: Firmware) -> Trouble | None:
+def parse_fault(line: bytes, firmware: Firmware) -> LinkFault | None:
     """Parse a fault that a line reports; None if it reports none."""
-    fault = next((fault for mark, fault in firmware.troubles if mark in line), None)
-    return None if fault is None else Trouble(fault, line.decode("ascii", "replace").strip())
+    fault = next((fault for mark, fault in firmware.fault_texts if mark in line), None)
+    return None if fault is None else LinkFault(fault, line.decode("ascii", "replace").strip())

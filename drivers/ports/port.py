@@ -30,7 +30,7 @@ class Port(Protocol):
     def write_now(self, data: bytes) -> None: ...
 
     @property
-    def unwritten(self) -> bool: ...
+    def write_pending(self) -> bool: ...
 
     def reset(self) -> None: ...
 
@@ -92,7 +92,7 @@ class NetPort:
         self._remote.write_now(data)
 
     @property
-    def unwritten(self) -> bool:
+    def write_pending(self) -> bool:
         return False
 
     def reset(self) -> None:

@@ -50,7 +50,7 @@ class SerialPort:
     def __init__(self, path: Path, baud_rate: int, *, shared: bool = False) -> None:
         self.path, self._baud_rate = path, baud_rate
         self._exclusive = not shared
-        self._unwritten = b""
+        self._pending = b""
         self._open()
 
     def _open(self) -> None:
@@ -104,20 +104,20 @@ class SerialPort:
         PortError
             The port was disconnected.
         """
-        if self._unwritten:
-            data = self._unwritten + data
+        if self._pending:
+            data = self._pending + data
         try:
             written = os.write(self._fd, data)
         except BlockingIOError:
             written = 0
         except OSError as error:
             raise PortError(f"{self.path}: went away ({error}); check its cable and power") from error
-        self._unwritten = data[written:]
+        self._pending = data[written:]
 
     @property
-    def unwritten(self) -> bool:
+    def write_pending(self) -> bool:
         """True while bytes wait for the next call of `write`."""
-        return bool(self._unwritten)
+        return bool(self._pending)
 
     def write_now(self, data: bytes) -> None:
         """Send bytes in place of all unsent ones, and wait until they are transmitted.
@@ -129,16 +129,16 @@ class SerialPort:
         PortError
             The port was disconnected.
         """
-        self._unwritten = b""
+        self._pending = b""
         until_s = time.monotonic() + DRAIN_S
         try:
             termios.tcflush(self._fd, termios.TCOFLUSH)
             self.write(data)
-            while self._unwritten or self._queued():
+            while self._pending or self._queued():
                 if time.monotonic() > until_s:
                     return
                 time.sleep(_DRAIN_POLL_S)
-                if self._unwritten:
+                if self._pending:
                     self.write(b"")
         except (OSError, termios.error) as error:
             raise PortError(f"{self.path}: went away ({error}); check its cable and power") from error
@@ -155,7 +155,7 @@ class SerialPort:
         PortError
             The port was disconnected.
         """
-        self._unwritten = b""
+        self._pending = b""
         try:
             if os.ttyname(self._fd).startswith(_PTY):
                 self.close()

@@ -26,7 +26,7 @@ from drivers.emulator.launch import alive as emulator_alive
 from drivers.errors import AgentError, DriverError, PortError
 from drivers.firmware import Firmware
 from drivers.gcode import HeaterName
-from drivers.link import Event, Link, Report, Said, Up
+from drivers.link import Connected, Event, Link, OtherLine, Report
 from drivers.link.dialogue import exchange
 from drivers.locks import AGENT_LOCK, hold, kill_holder
 from drivers.ports import NET, NetPort, Port, SerialPort
@@ -215,7 +215,7 @@ class _Board:
         self._link = Link(firmware)
         self._link.ignore_faults = True
         self._link.poll_every_s = _ASK_S
-        self._up: Up | None = None
+        self._up: Connected | None = None
         self._report: Report | None = None
         self._position: bytes | None = None
         self._waited = False  # True once all moves were waited for
@@ -253,7 +253,7 @@ class _Board:
         return self._confirm_cooling(how)
 
     def _on_event(self, now_s: float, event: Event) -> None:
-        if isinstance(event, Up):
+        if isinstance(event, Connected):
             self._up = event
             if event.restarted:
                 self.still = True
@@ -264,7 +264,7 @@ class _Board:
             self._report = event
             if not self.still and self._link.drained:
                 self._look_for_motion(now_s)
-        elif isinstance(event, Said) and (found := _COUNT.search(event.text)) is not None:
+        elif isinstance(event, OtherLine) and (found := _COUNT.search(event.text)) is not None:
             if found[1] == self._position and not self.still:
                 self.still = True
                 self._link.send(now_s, self._firmware.motors_off)
@@ -272,7 +272,7 @@ class _Board:
 
     def _look_for_motion(self, now_s: float) -> None:
         """Query the position of the head, unless the firmware does not report motion: then wait for moves."""
-        if self._firmware.tells_motion:
+        if self._firmware.reports_executed_steps:
             self._link.send(now_s, self._firmware.position_query)
         elif self._waited:
             self.still = True

@@ -16,7 +16,7 @@ from collections.abc import Callable
 
 from drivers.errors import Fault, Unreadable
 from drivers.gcode import read_position
-from drivers.link import Event, Events, Report, Said, Trouble, Up
+from drivers.link import Connected, Event, Events, LinkFault, OtherLine, Report
 from drivers.link import Phase as LinkPhase
 from drivers.messages import PrintPhase
 from drivers.session.context import Ended, Script, SessionContext, Wait
@@ -155,12 +155,12 @@ def _notice(context: SessionContext, event: Event) -> Ended | None:
     if isinstance(event, Report):
         context.report, context.report_s = event, context.now_s
         return watch_heaters(context, event)
-    if isinstance(event, Up):
+    if isinstance(event, Connected):
         context.greeting = event
-    elif isinstance(event, Said):
+    elif isinstance(event, OtherLine):
         context.answer += event.text + b"\n"
         context.position = read_position(event.text) or context.position
-    elif isinstance(event, Trouble):
+    elif isinstance(event, LinkFault):
         if event.fault is Fault.MAXTEMP:
             suspect(context, event.text)
         if not context.link.ignore_faults or context.link.phase is LinkPhase.DEAD:

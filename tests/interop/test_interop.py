@@ -20,7 +20,7 @@ from drivers.emulator.launch import Command, control, launch, read_status
 from drivers.errors import Fault, PortError
 from drivers.firmware import MARLIN2, ULTIMAKER2, Firmware
 from drivers.gcode import read_program
-from drivers.link import Link, Phase, Trouble
+from drivers.link import Link, LinkFault, Phase
 from drivers.messages import Filament, PrintPhase
 from drivers.ports import SerialPort
 from drivers.printers import PROFILES
@@ -38,11 +38,11 @@ pytestmark = [
 
 
 @contextmanager
-def octoprint(folder: Path, *faults: str, firmware: Firmware = ULTIMAKER2) -> Iterator[SerialPort]:
+def octoprint(folder: Path, *injected: str, firmware: Firmware = ULTIMAKER2) -> Iterator[SerialPort]:
     """A virtual printer's port, opened; each fault is NAME@LINE."""
     name = "marlin2" if firmware is MARLIN2 else "ultimaker2"
     peer = subprocess.Popen(
-        [PYTHON, HERE / "octoprint_peer.py", folder, name, *faults],
+        [PYTHON, HERE / "octoprint_peer.py", folder, name, *injected],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         text=True,
@@ -62,17 +62,17 @@ def octoprint(folder: Path, *faults: str, firmware: Firmware = ULTIMAKER2) -> It
 
 
 def stream(
-    folder: Path, program: list[bytes], *faults: str, firmware: Firmware = ULTIMAKER2
+    folder: Path, program: list[bytes], *injected: str, firmware: Firmware = ULTIMAKER2
 ) -> tuple[Link, list[Fault]]:
     """Print to a virtual printer until the end, or until the link gives up."""
     clock = Clock(SCALE, time.time())
     link, up = Link(firmware, 2.0 * SCALE), False
-    troubles: list[Fault] = []
+    faults: list[Fault] = []
     link.poll_every_s = 10.0
-    with octoprint(folder, *faults, firmware=firmware) as port:
+    with octoprint(folder, *injected, firmware=firmware) as port:
         until_s = time.monotonic() + PATIENCE_S
         link.opened(clock.now())
-        while not troubles and not (up and link.drained):
+        while not faults and not (up and link.drained):
             assert time.monotonic() < until_s, f"it does not end: {link.streamed} lines"
             wait_s = max(0.0, min(clock.wall_seconds(link.deadline_s - clock.now()), 1.0))
             try:
@@ -82,12 +82,12 @@ def stream(
                 return link, [Fault.PORT_LOST]
             now_s = clock.now()
             events = [*((data and link.receive(data, now_s)) or ()), *link.tick(now_s)]
-            troubles += [event.fault for event in events if isinstance(event, Trouble)]
+            faults += [event.fault for event in events if isinstance(event, LinkFault)]
             if not up and link.phase is Phase.LIVE:
                 up = True
                 link.stream(now_s, lambda a, b: program[a:b], 0, len(program))
             port.write(link.take())
-    return link, troubles
+    return link, faults
 
 
 def spiral(count: int) -> list[bytes]:
@@ -105,7 +105,7 @@ def done(folder: Path) -> list[bytes]:
 def test_we_print_to_octoprint_s_virtual_printer_to_the_end_with_its_faults_on(tmp_path: Path):
     """Its default simulated errors (lines 100 to 115), and its debug commands that a host has to stand."""
     program = spiral(600)
-    link, troubles = stream(
+    link, faults = stream(
         tmp_path,
         program,
         "dont_answer@150",
@@ -119,7 +119,7 @@ def test_we_print_to_octoprint_s_virtual_printer_to_the_end_with_its_faults_on(t
         "send // action:nothing@395",
         "resend_ratio 2@420",
     )
-    assert troubles == []
+    assert faults == []
     assert link.streamed == len(program)
     printed = done(tmp_path)
     assert printed == [line for line in program if line in set(printed)]
@@ -131,7 +131,7 @@ def test_we_print_to_octoprint_s_virtual_printer_to_the_end_with_its_faults_on(t
 def test_we_print_to_it_as_marlin_2_with_its_faults_on(tmp_path: Path):
     """Its oks name their lines, it says when it is busy, and answers our question as Marlin 2 does."""
     program = spiral(600)
-    link, troubles = stream(
+    link, faults = stream(
         tmp_path,
         program,
         "dont_answer@150",
@@ -142,7 +142,7 @@ def test_we_print_to_it_as_marlin_2_with_its_faults_on(tmp_path: Path):
         "resend_ratio 2@420",
         firmware=MARLIN2,
     )
-    assert troubles == []
+    assert faults == []
     assert link.streamed == len(program)
     printed = done(tmp_path)
     assert printed == [line for line in program if line in set(printed)]
@@ -195,8 +195,8 @@ def test_a_session_prints_a_part_to_it_as_an_ender_3(tmp_path: Path):
 )
 def test_what_cannot_be_stood_ends_in_a_named_fault(tmp_path: Path, trigger: str, fault: Fault):
     program = spiral(200)
-    _, troubles = stream(tmp_path, program, f"{trigger}@60")
-    assert troubles == [fault]
+    _, faults = stream(tmp_path, program, f"{trigger}@60")
+    assert faults == [fault]
     assert program[: len(done(tmp_path))] == done(tmp_path)
 
 

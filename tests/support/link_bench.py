@@ -9,7 +9,7 @@ from operator import xor
 from drivers.errors import Fault
 from drivers.firmware import ULTIMAKER2
 from drivers.gcode import remove_frame
-from drivers.link import Link, Trouble
+from drivers.link import Link, LinkFault
 
 BANNER = b"start\necho:Marlin 1.0.0\necho: Last Updated | Author: Vers:_3.3.0\necho:   M301 P10 I1 D70\n"
 
@@ -113,8 +113,8 @@ class Bench:
                 self.events += self.link.tick(self.now_s)
         raise AssertionError(f"it does not end: {self.events[-5:]}")
 
-    def troubles(self) -> list[Fault]:
-        return [event.fault for event in self.events if isinstance(event, Trouble)]
+    def faults(self) -> list[Fault]:
+        return [event.fault for event in self.events if isinstance(event, LinkFault)]
 
 
 def lines(count: int) -> list[bytes]:

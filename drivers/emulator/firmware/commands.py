@@ -71,7 +71,7 @@ def dwell(machine: Machine, line: bytes, now_s: float) -> Work:
     begin_s = max(now_s, machine.planner.idle_since_s)
     pause_s = (value(line, b"P") or 0.0) / 1000.0
     seconds = value(line, b"S")
-    machine.heard_s = begin_s
+    machine.last_command_s = begin_s
     yield begin_s + max(0.0, seconds if seconds is not None else pause_s)
 
 
@@ -82,28 +82,28 @@ def home(machine: Machine, line: bytes, now_s: float) -> Work:
     axes = named if any(named) else [True, True, True]
     home = machine.board.profile.home_mm
     x, y, z, e = machine.planner.target
-    here = [x, y, z]
-    way_s = [abs(h - p) / v for h, p, v in zip(home, here, HOME_MM_S, strict=True)]
-    took_s = 0.0
+    position = [x, y, z]
+    travel_s = [abs(h - p) / v for h, p, v in zip(home, position, HOME_MM_S, strict=True)]
+    duration_s = 0.0
     if axes[0] or axes[1]:
-        took_s += max(t for t, axis in zip(way_s[:2], axes[:2], strict=True) if axis) + BUMP_S[0]
+        duration_s += max(t for t, axis in zip(travel_s[:2], axes[:2], strict=True) if axis) + BUMP_S[0]
     if axes[2]:
-        took_s += way_s[2] + BUMP_S[1]
-    yield begin_s + took_s
+        duration_s += travel_s[2] + BUMP_S[1]
+    yield begin_s + duration_s
     faults = machine.board.faults
     if faults.no_endstop and axes[faults.no_endstop - 1]:
-        machine.stop(machine.words.no_endstop, begin_s + took_s)
+        machine.stop(machine.fault_messages.no_endstop, begin_s + duration_s)
         return
     if faults.stuck_endstop and axes[2]:
-        machine.stop(machine.words.stuck_endstop, begin_s + took_s)
+        machine.stop(machine.fault_messages.stuck_endstop, begin_s + duration_s)
         return
     for i in range(3):
         if axes[i]:
-            here[i] = machine.at[i] = home[i]
+            position[i] = machine.at[i] = home[i]
             machine.shift[i] = 0.0
             machine.homed_axes[i] = True
     machine.homed = all(machine.homed_axes)
-    machine.planner.place((here[0], here[1], here[2], e), begin_s + took_s)
+    machine.planner.place((position[0], position[1], position[2], e), begin_s + duration_s)
     machine.board.changes += 1
 
 
@@ -127,8 +127,8 @@ def move_arc(machine: Machine, line: bytes, now_s: float) -> None:
     else:
         turn = turn + 2 * math.pi if turn <= 0 else turn
     radius_mm = math.hypot(i, j)
-    way_mm = math.hypot(turn * radius_mm, goal[2] - start[2])
-    chords = max(1, min(ARC_MOST_CHORDS, int(way_mm / ARC_SEGMENT_MM)))
+    distance_mm = math.hypot(turn * radius_mm, goal[2] - start[2])
+    chords = max(1, min(ARC_MOST_CHORDS, int(distance_mm / ARC_SEGMENT_MM)))
     first = math.atan2(-j, -i)
     modes, machine.relative, machine.relative_e = (machine.relative, machine.relative_e), False, False
     for k in range(1, chords):
@@ -151,9 +151,9 @@ def retract(machine: Machine, line: bytes, now_s: float) -> None:
         return
     machine.retracted_mm = RETRACT_MM if back else 0.0
     x, y, z, _ = machine.at
-    way_mm = -RETRACT_MM if back else RETRACT_MM
-    machine.shift[3] += way_mm  # the host's coordinates stay the same
-    machine.queue(x, y, z, way_mm, RETRACT_MM_S, now_s)
+    distance_mm = -RETRACT_MM if back else RETRACT_MM
+    machine.shift[3] += distance_mm  # the host's coordinates stay the same
+    machine.queue(x, y, z, distance_mm, RETRACT_MM_S, now_s)
 
 
 def absolute(machine: Machine, line: bytes, now_s: float) -> None:
@@ -218,23 +218,23 @@ def wait_nozzle(machine: Machine, line: bytes, now_s: float) -> Work:
     nozzle = machine.board.nozzle
     set_nozzle(machine, line, now_s)
     heating = nozzle.temperature_c(now_s) < nozzle.target_c
-    report_s, there_s = now_s + REPORT_S, math.inf
+    report_s, arrival_s = now_s + REPORT_S, math.inf
     while True:
         is_c, target_c = nozzle.temperature_c(now_s), nozzle.target_c
-        if there_s == math.inf:
+        if arrival_s == math.inf:
             arrived = is_c >= target_c - WINDOW_C if heating else is_c <= target_c + WINDOW_C
             if arrived:
-                there_s = now_s
+                arrival_s = now_s
         elif target_c > 0.0 and abs(is_c - target_c) > HYSTERESIS_C:
-            there_s = now_s
-        if now_s >= there_s + RESIDENCY_S:
+            arrival_s = now_s
+        if now_s >= arrival_s + RESIDENCY_S:
             break
         if now_s >= report_s:
-            left = b"?" if there_s == math.inf else b"%d" % int(there_s + RESIDENCY_S - now_s)
+            left = b"?" if arrival_s == math.inf else b"%d" % int(arrival_s + RESIDENCY_S - now_s)
             machine.say(b"T:%.1f E:0 W:%b\n" % (is_c, left))
             report_s = now_s + REPORT_S
-        if there_s < math.inf:
-            next_s = there_s + RESIDENCY_S
+        if arrival_s < math.inf:
+            next_s = arrival_s + RESIDENCY_S
         elif heating:
             next_s = now_s + nozzle.seconds_to(target_c - WINDOW_C, now_s)
         else:
@@ -276,10 +276,10 @@ def temperatures(machine: Machine, now_s: float, decimals: int = 1) -> bytes:
 
 
 def report_position(machine: Machine, line: bytes, now_s: float) -> None:
-    here = [a - b for a, b in zip(machine.planner.position(now_s), machine.shift, strict=True)]
+    position = [a - b for a, b in zip(machine.planner.position(now_s), machine.shift, strict=True)]
     machine.say(
         b"X:%.2fY:%.2fZ:%.2fE:%.2f Count X: %.2fY:%.2fZ:%.2f\n"
-        % (*map(_zero, machine.at), *map(_zero, here[:3]))
+        % (*map(_zero, machine.at), *map(_zero, position[:3]))
     )
 
 
@@ -292,7 +292,7 @@ def report_endstops(machine: Machine, line: bytes, now_s: float) -> None:
 
 
 def report_card(machine: Machine, line: bytes, now_s: float) -> None:
-    at = machine.sd_at(now_s)
+    at = machine.sd_progress(now_s)
     machine.say(b"SD printing byte %d/%d\n" % at if at is not None else b"Not SD printing\nCard error:1\n")
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from drivers.emulator.firmware.commands import Commands
 from drivers.emulator.firmware.machine import Machine
 from drivers.emulator.firmware.planner import Limits
-from drivers.emulator.firmware.wording import Words
+from drivers.emulator.firmware.wording import FaultMessages
 from drivers.printers import Profile
 
 
@@ -18,8 +18,8 @@ class Dialect:
 
     Attributes
     ----------
-    commands, words
-        See `Commands` and `Words`.
+    commands, fault_messages
+        See `Commands` and `FaultMessages`.
     urgent
         Commands, by M number, that are executed as soon as they are read without a line number.
     banner
@@ -32,7 +32,7 @@ class Dialect:
         Number of lines read ahead, including the one being executed.
     line_ends
         Characters that end a line.
-    comment_goes_on
+    comment_spans_lines
         True if a comment also swallows the next line.
     checksum_needs_number
         True if a line with a checksum and no line number is refused.
@@ -52,14 +52,14 @@ class Dialect:
     """
 
     commands: Commands
-    words: Words
+    fault_messages: FaultMessages
     urgent: Mapping[int, Callable[[Machine, float], None]]
     banner: Callable[[Profile, Limits, int], bytes]
     late_banner: bytes
     report: Callable[[Machine, float], bytes]
     buffer_lines: int
     line_ends: bytes
-    comment_goes_on: bool
+    comment_spans_lines: bool
     checksum_needs_number: bool
     reads_while_busy: bool
     acknowledges_read_moves: bool

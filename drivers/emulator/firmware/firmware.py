@@ -54,10 +54,10 @@ class EmulatedFirmware(Listener):
         self._due: dict[int, list[str]] = {}
         for name, line in faults.due.items():
             self._due.setdefault(line, []).append(name)
-        self._asleep_s = -math.inf
-        self._past = (0, 0.0, 0.0)  # moves, time of moves and starvation before the last reset
+        self._asleep_until_s = -math.inf
+        self._before_reset = (0, 0.0, 0.0)  # moves, time of moves and starvation before the last reset
         self._time_s = now_s
-        self.machine = Machine(self.board, self._say, self.stop, self.dialect.words, now_s)
+        self.machine = Machine(self.board, self._say, self.stop, self.dialect.fault_messages, now_s)
         self.reset(now_s)
 
     # --- interface ---
@@ -66,8 +66,8 @@ class EmulatedFirmware(Listener):
         """Reset the board: motors and heaters go off, the state is lost, ``start`` is sent after `boot_s`."""
         old = self.machine
         old.power_down(now_s)
-        moves, moving_s, starved_s = self._past
-        self._past = (
+        moves, moving_s, starved_s = self._before_reset
+        self._before_reset = (
             moves + old.planner.moves,
             moving_s + old.planner.busy_s,
             starved_s + old.starved_s,
@@ -75,17 +75,17 @@ class EmulatedFirmware(Listener):
         self.resets += 1
         self.board.changes += 1
         self.phase = Phase.BOOTLOADER
-        self.machine = Machine(self.board, self._say, self.stop, self.dialect.words, now_s)
-        self._deafen()
+        self.machine = Machine(self.board, self._say, self.stop, self.dialect.fault_messages, now_s)
+        self._drop_input()
         self._running: Work | None = None
         self._resume_s = math.inf
-        self._stopped_n = 0
-        self._asleep_s = -math.inf
+        self._stopped_number = 0
+        self._asleep_until_s = -math.inf
         start_s = now_s + boot_s
         self._schedule: deque[tuple[float, Callable[[float], None]]] = deque(
             (
                 (start_s, self._start),
-                (start_s + BANNER_S + FIRST_COMMAND_S, self._run),
+                (start_s + BANNER_S + FIRST_COMMAND_S, self._run_commands),
                 (start_s + SD_FAIL_S, lambda _: self._say(self.dialect.late_banner)),
             )
         )
@@ -94,16 +94,16 @@ class EmulatedFirmware(Listener):
     def feed(self, data: bytes, now_s: float) -> bytes:
         """Process bytes from the host (perhaps none) up to `now_s`, and return the bytes for the host."""
         if self.noise is not None and data:
-            data = self.noise.carry_in(data)
+            data = self.noise.carry_to_board(data)
         machine = self.machine
         if data and machine.dead_man_s < math.inf and self._running is None and not machine.waiting:
             # Their arrival time within the last wait is unknown: assume the earliest.
-            machine.heard_s = max(machine.heard_s, now_s - machine.dead_man_s + 1e-3)
-        self._pass(now_s)
+            machine.last_command_s = max(machine.last_command_s, now_s - machine.dead_man_s + 1e-3)
+        self._advance(now_s)
         if data and self.phase in (Phase.RUNNING, Phase.BOOTING):
             if not self._busy():
                 self._time_s = now_s
-            self._take(data, now_s)
+            self._store(data, now_s)
         if not self._out:
             return b""
         out = b"".join(self._out)
@@ -120,13 +120,13 @@ class EmulatedFirmware(Listener):
         """
         due_s = self._alarm_s()
         if self.phase is Phase.RUNNING:
-            if self._asleep_s > self._time_s:
-                return min(due_s, self._asleep_s)
+            if self._asleep_until_s > self._time_s:
+                return min(due_s, self._asleep_until_s)
             if self.machine.waiting:
                 planner = self.machine.planner
                 room_s = planner.free_s()
                 if slack_s > 0.0:
-                    room_s = min(room_s + slack_s, planner.roomy_s())
+                    room_s = min(room_s + slack_s, planner.refill_s())
                 return min(due_s, room_s)
             if self._running is not None:
                 return min(due_s, self._resume_s)
@@ -135,17 +135,17 @@ class EmulatedFirmware(Listener):
     @property
     def moves(self) -> int:
         """Number of moves queued since power on."""
-        return self._past[0] + self.machine.planner.moves
+        return self._before_reset[0] + self.machine.planner.moves
 
     @property
     def printing_s(self) -> float:
         """Total duration of the finished moves since power on, in seconds."""
-        return self._past[1] + self.machine.planner.busy_s
+        return self._before_reset[1] + self.machine.planner.busy_s
 
     @property
     def starved_s(self) -> float:
         """Seconds of a print in which the planner was empty for lack of lines, less the time on the wire."""
-        return self._past[2] + self.machine.starved_s
+        return self._before_reset[2] + self.machine.starved_s
 
     # --- time ---
 
@@ -159,38 +159,38 @@ class EmulatedFirmware(Listener):
             machine = self.machine
             due_s = min(due_s, machine.trip_s, self.dialect.inactive_since_s(machine) + machine.dead_man_s)
             if self.dialect.keep_alive and self._busy():
-                due_s = min(due_s, self._at_work_s)
+                due_s = min(due_s, self._busy_message_s)
         return due_s
 
-    def _pass(self, now_s: float) -> None:
+    def _advance(self, now_s: float) -> None:
         """Advance the state up to `now_s`."""
         while (at_s := self._alarm_s()) <= now_s:
-            self._work(at_s)
+            self._run_main_loop(at_s)
             if self._alarm_s() > at_s:
                 continue  # a command that ended meanwhile postponed it
             if self._schedule and self._schedule[0][0] <= at_s:
                 self._schedule.popleft()[1](at_s)
-            elif self._at_work_s <= at_s and self.dialect.keep_alive and self._busy():
+            elif self._busy_message_s <= at_s and self.dialect.keep_alive and self._busy():
                 self._say(self.dialect.keep_alive)
-                self._at_work_s += self.machine.keep_alive_s
+                self._busy_message_s += self.machine.keep_alive_s
             elif self.machine.trip_s <= at_s:
-                self.stop(self.machine.trip_words, at_s)
+                self.stop(self.machine.trip_message, at_s)
             else:
                 self.kill(at_s)
-        self._work(now_s)
+        self._run_main_loop(now_s)
 
-    def _work(self, now_s: float) -> None:
+    def _run_main_loop(self, now_s: float) -> None:
         """Run the main loop up to `now_s`."""
         machine = self.machine
         planner = machine.planner
         while self.phase is Phase.RUNNING:
-            if self._asleep_s > now_s:
+            if self._asleep_until_s > now_s:
                 break
-            self._time_s = max(self._time_s, self._asleep_s)
+            self._time_s = max(self._time_s, self._asleep_until_s)
             if self._receiver.ring and self.dialect.reads_while_busy and self._busy():
                 self._get_command()
-            if self._owes_ok and not machine.waiting:
-                self._owes_ok = False
+            if self._ok_pending and not machine.waiting:
+                self._ok_pending = False
                 self._acknowledge()
             if machine.waiting:
                 free_s = planner.free_s()
@@ -199,17 +199,17 @@ class EmulatedFirmware(Listener):
                 self._time_s = max(self._time_s, free_s)
                 planner.advance(self._time_s)
                 machine.release(self._time_s)
-                machine.heard_s = self._time_s
+                machine.last_command_s = self._time_s
                 continue
             if self._running is not None:
                 if self._resume_s > now_s:
                     break
                 self._time_s = max(self._time_s, self._resume_s)
                 planner.advance(self._time_s)
-                self._go_on()
+                self._continue_command()
                 continue
             if self._receiver.ring:
-                if not self._buffer and self._quick_move():
+                if not self._buffer and self._read_plain_move():
                     continue
                 if len(self._buffer) < self.dialect.buffer_lines - 1:
                     self._get_command()
@@ -222,14 +222,14 @@ class EmulatedFirmware(Listener):
         if not machine.waiting:
             planner.advance(now_s)
 
-    def _take(self, data: bytes, now_s: float) -> None:
+    def _store(self, data: bytes, now_s: float) -> None:
         """Store bytes in the ring buffer; those that do not fit are lost."""
         while data:
             left = self._receiver.put(data)
             if len(left) == len(data):
                 return
             data = left
-            self._work(now_s)
+            self._run_main_loop(now_s)
 
     # --- lines ---
 
@@ -238,14 +238,14 @@ class EmulatedFirmware(Listener):
         machine, now_s = self.machine, self._time_s
         number = value(line, b"N")
         self._number = self._number if number is None else int(number)
-        self._at_work_s = now_s + machine.keep_alive_s
+        self._busy_message_s = now_s + machine.keep_alive_s
         code = value(line, b"G")
         if code is not None and 0 <= int(code) <= 3 and not machine.stopped:
             if int(code) < 2:
                 machine.move(line, now_s)
             else:
                 execute(self.dialect.commands, machine, line, now_s)
-            machine.heard_s = now_s
+            machine.last_command_s = now_s
             if not self.dialect.acknowledges_read_moves:
                 self._end_move(self._number)
             return
@@ -258,7 +258,7 @@ class EmulatedFirmware(Listener):
             return
         if m_code == 999:
             machine.stopped = False
-            self._last_n = self._stopped_n
+            self._last_number = self._stopped_number
             self._request_resend()
         self._running = execute(self.dialect.commands, machine, line, now_s)
         if self.phase is not Phase.RUNNING:
@@ -268,9 +268,9 @@ class EmulatedFirmware(Listener):
             self._ok()
         else:
             self._resume_s = now_s
-            self._go_on()
+            self._continue_command()
 
-    def _go_on(self) -> None:
+    def _continue_command(self) -> None:
         """Execute the next step of the current command."""
         assert self._running is not None
         resume_s = next(self._running, None)
@@ -287,25 +287,25 @@ class EmulatedFirmware(Listener):
         limits, levelled = self.machine.limits, self._faults.levelled
         self._say(wording.START + self.dialect.banner(self.board.profile, limits, levelled))
 
-    def _run(self, now_s: float) -> None:
+    def _run_commands(self, now_s: float) -> None:
         self.phase = Phase.RUNNING
-        self._time_s = self.machine.heard_s = now_s
+        self._time_s = self.machine.last_command_s = now_s
 
-    def stop(self, words: bytes, now_s: float) -> None:
+    def stop(self, message: bytes, now_s: float) -> None:
         """Execute ``Stop()``: heaters off, moves refused until ``M999``; or halt, if `Dialect.halts`."""
         machine = self.machine
         if self.dialect.halts:
-            if words:
-                self._error(words)
+            if message:
+                self._error(message)
             self.kill(now_s)
             return
         machine.trip_s = math.inf
         self.board.heaters_off(now_s)
-        if words:
-            self._error(words)
+        if message:
+            self._error(message)
         if not machine.stopped:
             machine.stopped = True
-            self._stopped_n = self._last_n
+            self._stopped_number = self._last_number
             self._error(b"Error:" + wording.STOPPED)
 
     def kill(self, now_s: float) -> None:
@@ -314,17 +314,17 @@ class EmulatedFirmware(Listener):
         self._error(wording.KILLED)
         self.phase = Phase.HALTED
         self._running = None
-        self._schedule = deque(() if self.dialect.halts else ((now_s + WATCHDOG_S, self._bite),))
+        self._schedule = deque(() if self.dialect.halts else ((now_s + WATCHDOG_S, self._reset_by_watchdog),))
 
-    def _bite(self, now_s: float) -> None:
+    def _reset_by_watchdog(self, now_s: float) -> None:
         self.reset(now_s, boot_s=0.0)
 
-    def _break_down(self) -> None:
+    def _trigger_due_faults(self) -> None:
         """Trigger the faults that are due at this line."""
         for name in self._due.get(self.lines, ()):
-            self.break_down(name, self._time_s)
+            self.trigger_fault(name, self._time_s)
 
-    def break_down(self, name: str, now_s: float) -> None:
+    def trigger_fault(self, name: str, now_s: float) -> None:
         """Trigger one of the faults that count lines, by the name of its field in `Faults`."""
         board = self.board
         match name:
@@ -333,9 +333,9 @@ class EmulatedFirmware(Listener):
             case "silent_after":
                 self.phase = Phase.MUTE  # until a reset; the heaters stay on
             case "sleep_after":
-                self._asleep_s = now_s + SLEEP_S  # and then continue
+                self._asleep_until_s = now_s + SLEEP_S  # and then continue
             case "stuck_after":
-                self._stuck_n = self._last_n + 1  # requests the next line forever
+                self._stuck_number = self._last_number + 1  # requests the next line forever
             case "kill_after":
                 self.kill(now_s)
             case "zero_after":
@@ -343,16 +343,16 @@ class EmulatedFirmware(Listener):
             case "nozzle_dies_after" | "nozzle_burns_after":
                 board.nozzle.temperature_c(now_s)
                 board.nozzle.dead, board.nozzle.burns = "dies" in name, "burns" in name
-                self.machine.foresee(now_s)
+                self.machine.predict_trip(now_s)
             case "bed_dies_after" | "bed_burns_after":
                 board.bed.temperature_c(now_s)
                 board.bed.dead, board.bed.burns = "dies" in name, "burns" in name
             case "stop_after":
-                self.stop(self.dialect.words.nozzle_maxtemp, now_s)
+                self.stop(self.dialect.fault_messages.nozzle_maxtemp, now_s)
             case "nozzle_short_after":
-                self.stop(self.dialect.words.nozzle_mintemp, now_s)
+                self.stop(self.dialect.fault_messages.nozzle_mintemp, now_s)
             case "bed_open_after":
-                self.stop(self.dialect.words.bed_maxtemp, now_s)
+                self.stop(self.dialect.fault_messages.bed_maxtemp, now_s)
             case "bed_short_after":
                 board.bed_shorted = True
                 board.set_bed(board.bed.target_c, now_s)

@@ -61,17 +61,17 @@ class Listener(ABC):
         self._dice = Dice(faults, rng)
         self._out: list[bytes] = []
         self._time_s = 0.0
-        self._deafen()
+        self._drop_input()
 
-    def _deafen(self) -> None:
+    def _drop_input(self) -> None:
         """Drop all received input, at a reset."""
-        self._receiver = Receiver(self.dialect.line_ends, self.dialect.comment_goes_on)
+        self._receiver = Receiver(self.dialect.line_ends, self.dialect.comment_spans_lines)
         self._number = 0  # number of the line being executed
-        self._owes_ok = False  # a move waits for room before its ok
-        self._at_work_s = math.inf  # time of the next busy message
+        self._ok_pending = False  # a move waits for room before its ok
+        self._busy_message_s = math.inf  # time of the next busy message
         self._buffer: deque[bytes] = deque()
-        self._last_n = 0
-        self._stuck_n = -1  # the line that is requested forever
+        self._last_number = 0
+        self._stuck_number = -1  # the line that is requested forever
         if self.noise is not None:
             self.noise.forget()
 
@@ -80,12 +80,12 @@ class Listener(ABC):
         """True while a command is executed."""
 
     @abstractmethod
-    def _break_down(self) -> None:
+    def _trigger_due_faults(self) -> None:
         """Trigger the faults that are due after an accepted line."""
 
     # --- lines ---
 
-    def _quick_move(self) -> bool:
+    def _read_plain_move(self) -> bool:
         """Read a well-formed numbered move as the slow path would; return False if that has to be taken."""
         receiver = self._receiver
         found = receiver.move()
@@ -94,16 +94,16 @@ class Listener(ABC):
         n, f, x, y, z, e, check = found.groups()
         machine = self.machine
         if (
-            int(n) != self._last_n + 1
+            int(n) != self._last_number + 1
             or machine.stopped
             or checksum(receiver.ring[: found.start(7) - 1]) != int(check)
         ):
             return False
         receiver.ring = receiver.ring[found.end() :]
-        self._last_n += 1
+        self._last_number += 1
         self.lines += 1
         if self.noise is not None:
-            self.noise.accepted(self._last_n, found[0])
+            self.noise.accepted(self._last_number, found[0])
         if self.dialect.acknowledges_read_moves:
             self._out.append(wording.OK)
         machine.planner.advance(self._time_s)
@@ -115,24 +115,24 @@ class Listener(ABC):
             None if e is None else float(e),
             self._time_s,
         )
-        machine.heard_s = self._time_s
+        machine.last_command_s = self._time_s
         if not self.dialect.acknowledges_read_moves:
-            self._end_move(self._last_n)
+            self._end_move(self._last_number)
         return True
 
     def _end_move(self, number: int) -> None:
         """Finish a move, and acknowledge it as soon as it is in the planner."""
         self._number = number
-        self._at_work_s = self._time_s + self.machine.keep_alive_s
+        self._busy_message_s = self._time_s + self.machine.keep_alive_s
         if self.machine.waiting:
-            self._owes_ok = True
+            self._ok_pending = True
         else:
             self._acknowledge()
 
     def _get_command(self) -> None:
         """Fill the line buffer from the ring buffer."""
-        most = self.dialect.buffer_lines - (self.dialect.reads_while_busy and self._busy())
-        while len(self._buffer) < most and self.phase is Phase.RUNNING:
+        capacity = self.dialect.buffer_lines - (self.dialect.reads_while_busy and self._busy())
+        while len(self._buffer) < capacity and self.phase is Phase.RUNNING:
             line = self._receiver.line()
             if line is None:
                 return
@@ -149,7 +149,7 @@ class Listener(ABC):
         if b"N" in line:
             found = _WHOLE.match(line, line.find(b"N") + 1)
             n = int(found[1]) if found else 0
-            if n != self._last_n + 1 and b"M110" not in line:
+            if n != self._last_number + 1 and b"M110" not in line:
                 self._refuse(wording.LINE_NUMBER)
                 return
             if star < 0:
@@ -158,15 +158,15 @@ class Listener(ABC):
             if int(value(line, b"*") or 0.0) != checksum(line[:star]):
                 self._refuse(wording.CHECKSUM)
                 return
-            if (n == self._stuck_n or self._dice.refuses()) and b"M110" not in line:
+            if (n == self._stuck_number or self._dice.refuses()) and b"M110" not in line:
                 self._refuse(wording.CHECKSUM)
                 return
-            self._last_n = n
+            self._last_number = n
             if self.noise is not None:
                 self.noise.accepted(n, line)
         elif star >= 0 and self.dialect.checksum_needs_number:
-            said = wording.line_error(wording.NO_LINE_NUMBER, self._last_n)
-            (self._error if _COMMAND.search(line) else self._say)(said)  # without a command it is a query
+            answer = wording.line_error(wording.NO_LINE_NUMBER, self._last_number)
+            (self._error if _COMMAND.search(line) else self._say)(answer)  # without a command it is a query
             return
         elif (urgent := self.dialect.urgent.get(int(value(line, b"M") or 0))) is not None:
             urgent(self.machine, self._time_s)
@@ -180,17 +180,17 @@ class Listener(ABC):
         self._buffer.append(line)
         self.lines += 1
         if self._faults.on_lines:
-            self._break_down()
+            self._trigger_due_faults()
 
     def _refuse(self, why: bytes) -> None:
-        self._error(wording.line_error(why, self._last_n))
+        self._error(wording.line_error(why, self._last_number))
         self._request_resend()
 
     def _request_resend(self) -> None:
         self._receiver.flush()
-        self._say(b"Resend: %d\n" % (self._last_n + 1))
+        self._say(b"Resend: %d\n" % (self._last_number + 1))
         if not self._faults.mute_resend:
-            self.machine.heard_s = max(self.machine.heard_s, self._time_s)
+            self.machine.last_command_s = max(self.machine.last_command_s, self._time_s)
             self._say(self._dice.ok(wording.OK))
 
     # --- messages ---
@@ -200,7 +200,7 @@ class Listener(ABC):
 
     def _ok(self) -> None:
         """Acknowledge a finished command (``ClearToSend``)."""
-        self.machine.heard_s = max(self.machine.heard_s, self._time_s)
+        self.machine.last_command_s = max(self.machine.last_command_s, self._time_s)
         self._acknowledge()
 
     def _acknowledge(self) -> None:

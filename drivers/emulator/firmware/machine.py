@@ -12,7 +12,7 @@ from collections.abc import Callable
 
 from drivers.emulator.firmware import wording
 from drivers.emulator.firmware.planner import CAPACITY, Limits, Planner, Point
-from drivers.emulator.firmware.wording import Words
+from drivers.emulator.firmware.wording import FaultMessages
 from drivers.emulator.hardware.board import EmulatedBoard
 
 KEEP_ALIVE_S = 2.0
@@ -34,10 +34,10 @@ def value(line: bytes, letter: bytes) -> float | None:
     return float(found[1]) if found else 0.0
 
 
-def positive(line: bytes, letter: bytes, otherwise: float) -> float:
-    """Parse a number as `value` does; return `otherwise` unless it is above 0."""
+def positive(line: bytes, letter: bytes, default: float) -> float:
+    """Parse a number as `value` does; return `default` unless it is above 0."""
     number = value(line, letter)
-    return number if number is not None and number > 0.0 else otherwise
+    return number if number is not None and number > 0.0 else default
 
 
 class Machine:
@@ -51,7 +51,7 @@ class Machine:
         Called with the bytes for the host.
     stop
         Called with a message and the time if the firmware stops itself (``Stop()``).
-    words
+    fault_messages
         Messages for faults.
     now_s
         Time of the reset; all times are on that clock.
@@ -62,11 +62,11 @@ class Machine:
         board: EmulatedBoard,
         say: Callable[[bytes], None],
         stop: Callable[[bytes, float], None],
-        words: Words,
+        fault_messages: FaultMessages,
         now_s: float,
     ) -> None:
         self.board = board
-        self.words = words
+        self.fault_messages = fault_messages
         self.limits = Limits.of(board.profile)
         x, y, z = board.head_mm
         self.planner = Planner(self.limits, (x, y, z, board.filament_mm), board.fed, board.faults.slowdown)
@@ -76,11 +76,11 @@ class Machine:
         self.stopped = False
         self.starved_s = 0.0
         self.trip_s = math.inf  # time at which a heater makes the firmware stop, and the message
-        self.trip_words = b""
+        self.trip_message = b""
         self.dead_man_s = math.inf  # M85: longest allowed silence of the host
         self.keep_alive_s = KEEP_ALIVE_S  # between two busy messages
         self.armed_s = now_s  # time of the M85
-        self.heard_s = now_s  # time at which the last command was finished
+        self.last_command_s = now_s  # time at which the last command was finished
         self.say = say
         self.stop = stop
         self._sd: tuple[int, float] | None = None  # SD print: size of the file and start time
@@ -140,9 +140,9 @@ class Machine:
         """Queue a move to the position already in `at`; `de` is its extrusion in mm."""
         planner, shift = self.planner, self.shift
         if de:
-            made = self._allowed(de, now_s)
-            if made != de:
-                shift[3] += made - de  # counted for the host, but not extruded
+            extruded_mm = self._limit_extrusion(de, now_s)
+            if extruded_mm != de:
+                shift[3] += extruded_mm - de  # counted for the host, but not extruded
         target = (x + shift[0], y + shift[1], z + shift[2], self.at[3] + shift[3])
         if self.waiting or len(planner) >= CAPACITY:
             self.waiting.append((target, rate_mm_s))
@@ -160,10 +160,10 @@ class Machine:
 
     def _note_starvation(self, now_s: float) -> None:
         if self.streaming:
-            since_s = max(self.planner.idle_since_s, self.heard_s)
+            since_s = max(self.planner.idle_since_s, self.last_command_s)
             self.starved_s += max(0.0, now_s - since_s - WIRE_S)
 
-    def _allowed(self, de: float, now_s: float) -> float:
+    def _limit_extrusion(self, de: float, now_s: float) -> float:
         """Return the extrusion that the firmware allows: 0 if the nozzle is too cold or the move too long."""
         nozzle = self.board.nozzle
         if nozzle.temperature_c(now_s) < self.extrude_min_c:
@@ -177,15 +177,15 @@ class Machine:
     def quick_stop(self, now_s: float) -> None:
         """Stop at once, drop all queued moves, and update the position (``M401``)."""
         self.waiting.clear()
-        here = self.planner.stop(now_s)
+        position = self.planner.stop(now_s)
         self.streaming = False
-        self.at = [true - shift for true, shift in zip(here, self.shift, strict=True)]
+        self.at = [true - shift for true, shift in zip(position, self.shift, strict=True)]
 
-    def sd_began(self, file_bytes: int, now_s: float) -> None:
+    def start_sd_print(self, file_bytes: int, now_s: float) -> None:
         """Start to print a file on the SD card."""
         self._sd = file_bytes, now_s
 
-    def sd_at(self, now_s: float) -> tuple[int, int] | None:
+    def sd_progress(self, now_s: float) -> tuple[int, int] | None:
         """Return the printed bytes and the size of the file on the SD card; None if none is printed."""
         if self._sd is None:
             return None
@@ -208,17 +208,17 @@ class Machine:
         self.board.set_nozzle(target_c, now_s)
         if target_c <= 0.0:
             self.streaming = False
-        self.foresee(now_s)
+        self.predict_trip(now_s)
 
-    def foresee(self, now_s: float) -> None:
+    def predict_trip(self, now_s: float) -> None:
         """Predict the time at which the nozzle will trigger a temperature fault."""
         nozzle = self.board.nozzle
         self.trip_s = math.inf
         if nozzle.dead and nozzle.target_c >= nozzle.temperature_c(now_s):
-            self.trip_s, self.trip_words = now_s + DEAD_HEATER_S, self.words.dead_heater
+            self.trip_s, self.trip_message = now_s + DEAD_HEATER_S, self.fault_messages.dead_heater
         elif nozzle.burns or nozzle.target_c > NOZZLE_MAX_C:
             self.trip_s = now_s + nozzle.seconds_to(NOZZLE_MAX_C, now_s)
-            self.trip_words = self.words.nozzle_maxtemp
+            self.trip_message = self.fault_messages.nozzle_maxtemp
 
     def heat_bed(self, target_c: float, now_s: float) -> None:
         self.board.set_bed(target_c, now_s)

@@ -19,7 +19,7 @@ from drivers.emulator.firmware.commands import (
 from drivers.emulator.firmware.dialect import Dialect
 from drivers.emulator.firmware.machine import Machine, value
 from drivers.emulator.firmware.planner import Limits
-from drivers.emulator.firmware.wording import Words
+from drivers.emulator.firmware.wording import FaultMessages
 from drivers.printers import Profile
 
 CLEANING_S = 1.0  # ``Planner::quick_stop``: drops moves within this time
@@ -120,7 +120,7 @@ MARLIN2 = Dialect(
             503: _report_settings,
         },
     ),
-    words=Words(
+    fault_messages=FaultMessages(
         nozzle_maxtemp=b"Error:MAXTEMP triggered, system stopped! Heater_ID: 0\n",
         nozzle_mintemp=b"Error:MINTEMP triggered, system stopped! Heater_ID: 0\n",
         bed_maxtemp=b"Error:MAXTEMP triggered, system stopped! Heater_ID: bed\n",
@@ -137,7 +137,7 @@ MARLIN2 = Dialect(
     report=partial(temperatures, decimals=2),
     buffer_lines=4,
     line_ends=b"\n\r",
-    comment_goes_on=False,
+    comment_spans_lines=False,
     checksum_needs_number=False,
     reads_while_busy=True,
     acknowledges_read_moves=False,

@@ -30,5 +30,5 @@ def print_sd(firmware: EmulatedFirmware, now_s: float) -> None:
     """Print from the SD card: heat, move, and report the progress in M27."""
     set_nozzle(firmware, SD_NOZZLE_C, now_s)
     set_bed(firmware, SD_BED_C, now_s)
-    firmware.machine.sd_began(SD_FILE_BYTES, now_s)
+    firmware.machine.start_sd_print(SD_FILE_BYTES, now_s)
     firmware.machine.linear(9000.0, 100.0, 100.0, 20.0, None, now_s)

@@ -126,7 +126,7 @@ class Planner:
             else:
                 self.idle_since_s = self._end_s
 
-    def roomy_s(self) -> float:
+    def refill_s(self) -> float:
         """Return a time at which the full queue still holds three quarters of its moves."""
         return self._end_s + sum([block.mm / block.v for block in self._blocks[1 : CAPACITY // 4]])
 
@@ -154,8 +154,8 @@ class Planner:
         per_s = feedrate_mm_s / mm
         queued = len(self._blocks)
         if self._slowdown and 1 < queued < CAPACITY // 2 and per_s > 1.0 / SHORT_S:
-            took_s = 1.0 / per_s
-            per_s = 1.0 / (took_s + 2.0 * (SHORT_S - took_s) / queued)
+            duration_s = 1.0 / per_s
+            per_s = 1.0 / (duration_s + 2.0 * (SHORT_S - duration_s) / queued)
         if dz or feedrate_mm_s > 200.0 or abs(de) > mm * 0.1:
             for d, most in zip((dx, dy, dz, de), limits.feedrate_mm_s, strict=True):
                 if abs(d) * per_s > most:

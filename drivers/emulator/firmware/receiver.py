@@ -23,12 +23,12 @@ _SPECIAL = re.compile(rb"[\r:;]")
 class Receiver:
     """Ring buffer and incomplete line; see `Dialect` for the parameters."""
 
-    __slots__ = ("_comment", "_goes_on", "_line_ends", "_partial", "ring")
+    __slots__ = ("_comment", "_comment_spans_lines", "_line_ends", "_partial", "ring")
 
-    def __init__(self, line_ends: bytes, comment_goes_on: bool) -> None:
+    def __init__(self, line_ends: bytes, comment_spans_lines: bool) -> None:
         self.ring = b""
         self._line_ends = line_ends
-        self._goes_on = comment_goes_on
+        self._comment_spans_lines = comment_spans_lines
         self._partial = b""
         self._comment = False
 
@@ -66,7 +66,7 @@ class Receiver:
                 line, self._partial = self._partial, b""
                 if not self._comment:
                     return line
-                if not self._goes_on:
+                if not self._comment_spans_lines:
                     self._comment = False
                     return line
             elif char == b";":

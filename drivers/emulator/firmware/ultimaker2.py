@@ -18,7 +18,7 @@ from drivers.emulator.firmware.commands import (
 from drivers.emulator.firmware.dialect import Dialect
 from drivers.emulator.firmware.machine import Machine
 from drivers.emulator.firmware.planner import Limits
-from drivers.emulator.firmware.wording import Words
+from drivers.emulator.firmware.wording import FaultMessages
 from drivers.printers import Profile
 
 IDENTITY = (
@@ -93,7 +93,7 @@ ULTIMAKER2 = Dialect(
             601: park,
         },
     ),
-    words=Words(
+    fault_messages=FaultMessages(
         nozzle_maxtemp=b"Error:0\n: Extruder switched off. MAXTEMP triggered !\n",
         nozzle_mintemp=b"Error:0\n: Extruder switched off. MINTEMP triggered !\n",
         bed_maxtemp=b"Error:Temperature heated bed switched off. MAXTEMP triggered !!\n",
@@ -107,12 +107,12 @@ ULTIMAKER2 = Dialect(
     report=temperatures,
     buffer_lines=8,
     line_ends=b"\n\r:",
-    comment_goes_on=True,
+    comment_spans_lines=True,
     checksum_needs_number=True,
     reads_while_busy=False,
     acknowledges_read_moves=True,
     advanced_ok=False,
     keep_alive=b"",
-    inactive_since_s=lambda machine: machine.heard_s,
+    inactive_since_s=lambda machine: machine.last_command_s,
     halts=False,
 )

@@ -20,7 +20,7 @@ NO_LINE_NUMBER = b"No Line Number with checksum"
 
 
 @dataclass(frozen=True, slots=True)
-class Words:
+class FaultMessages:
     """Messages of a firmware for faults."""
 
     nozzle_maxtemp: bytes

@@ -28,11 +28,11 @@ class Noise:
         self._share = faults.noise, faults.lost, faults.doubled
         self._rate = sum(self._share)
         self._scale = math.log1p(-self._rate) if 0.0 < self._rate < 1.0 else -math.inf
-        self._gap = self._draw()  # bytes until the next damaged one
+        self._gap = self._draw_gap()  # bytes until the next damaged one
         self._sent: dict[bytes, bytes] = {}  # the last lines as sent, by number
         self._unfinished = b""
 
-    def _draw(self) -> int:
+    def _draw_gap(self) -> int:
         return int(math.log(1.0 - self._rng.random()) / self._scale)
 
     def carry(self, data: bytes) -> bytes:
@@ -47,12 +47,12 @@ class Noise:
             at += self._gap
             out += self._damage(data[at])
             at += 1
-            self._gap = self._draw()
+            self._gap = self._draw_gap()
         out += data[at:]
         self._gap -= len(data) - at
         return bytes(out)
 
-    def carry_in(self, data: bytes) -> bytes:
+    def carry_to_board(self, data: bytes) -> bytes:
         """Return bytes from the host as the board receives them."""
         *lines, self._unfinished = (self._unfinished + data).split(b"\n")
         for line in lines:

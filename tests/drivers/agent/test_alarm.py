@@ -13,7 +13,7 @@ from drivers.agent.board import Board
 from drivers.agent.recorder import Recorder
 from drivers.clock import Clock
 from drivers.errors import Fault, JournalError
-from drivers.link.replies import Report, Trouble
+from drivers.link.replies import LinkFault, Report
 from drivers.messages import Filament, PrintPhase, PrintSnapshot
 from drivers.records import JOURNAL, Alarm, Journal, StartFile, read_journal
 from drivers.safety import NO_COMMAND
@@ -100,7 +100,7 @@ def test_maxtemp_on_an_idle_board_cuts_the_mains(tmp_path: Path, mark: Path):
     """Its link is dead then: no report would tell that it gets hotter."""
     agent = Agent(tmp_path, relay(mark))
     agent.report(21.0)
-    agent.board._on_idle_trouble(Trouble(Fault.MAXTEMP, "MAXTEMP triggered"), 0.0)
+    agent.board._on_idle_trouble(LinkFault(Fault.MAXTEMP, "MAXTEMP triggered"), 0.0)
     agent.report(21.0)
     agent.settled()
     assert runs(mark) == 1
@@ -219,7 +219,7 @@ def test_at_the_end_of_a_print_the_mains_are_cut_once_and_its_reason_is_short(
     tmp_path: Path, mark: Path, heater: str, command: bool
 ):
     agent, rig = printing(tmp_path, relay(mark) if command else None)
-    rig.firmware.break_down(f"{heater}_burns_after", rig.now_s)
+    rig.firmware.trigger_fault(f"{heater}_burns_after", rig.now_s)
     go_on(agent, rig, lambda: agent.alarm is not None)
     assert rig.session.context.phase is PrintPhase.ENDING  # while it still ends, people are told
     told = read_journal(tmp_path / JOURNAL)[0].alarm
@@ -239,7 +239,7 @@ def test_at_the_end_of_a_print_the_mains_are_cut_once_and_its_reason_is_short(
 def test_the_end_of_a_print_waits_for_the_outcome_of_the_command(tmp_path: Path, mark: Path):
     os.mkfifo(tmp_path / "gate")
     agent, rig = printing(tmp_path, relay(mark, f"read go < {tmp_path}/gate; echo no >&2; exit 1"))
-    rig.firmware.break_down("nozzle_burns_after", rig.now_s)
+    rig.firmware.trigger_fault("nozzle_burns_after", rig.now_s)
     go_on(agent, rig, lambda: rig.session.context.ended)
     agent.recorder.record_changes()
     assert agent.board.session is not None and agent.journal.state.print is not None
@@ -252,7 +252,7 @@ def test_the_end_of_a_print_waits_for_the_outcome_of_the_command(tmp_path: Path,
 
 def test_a_heater_that_is_seen_to_cool_ends_the_alarm(tmp_path: Path, mark: Path):
     agent, rig = printing(tmp_path, relay(mark))
-    rig.firmware.break_down("nozzle_burns_after", rig.now_s)
+    rig.firmware.trigger_fault("nozzle_burns_after", rig.now_s)
     go_on(agent, rig, lambda: agent.alarm is not None)
     rig.firmware.board.nozzle.temperature_c(rig.now_s)
     rig.firmware.board.nozzle.burns = False
@@ -263,7 +263,7 @@ def test_a_heater_that_is_seen_to_cool_ends_the_alarm(tmp_path: Path, mark: Path
 
 def test_a_cancelled_print_with_a_heater_stuck_on_needs_attention(tmp_path: Path, mark: Path):
     agent, rig = printing(tmp_path, relay(mark))
-    rig.firmware.break_down("nozzle_burns_after", rig.now_s)
+    rig.firmware.trigger_fault("nozzle_burns_after", rig.now_s)
     rig.session.cancel("no more", rig.now_s)
     go_on(agent, rig, lambda: agent.board.session is None)
     assert runs(mark) == 1

@@ -225,7 +225,7 @@ def test_the_last_word_to_a_board_that_nothing_resets_goes_out_over_a_full_wire(
     port = board._port
     assert port is not None
     try:
-        while not port.unwritten:
+        while not port.write_pending:
             port.write(b"G1 X1 Y1\n" * 100)
         board.switch_off()
         # What the board has not taken yet goes for the next word: how many it hears is up to its own pace.

@@ -31,8 +31,8 @@ class Ear(EmulatedFirmware):
 
     def take(self, number: int, data: bytes) -> list[bytes]:
         """Return the lines that are carried out of `data`, where line `number` is the next."""
-        self._deafen()
-        self._last_n = number - 1
+        self._drop_input()
+        self._last_number = number - 1
         self._receiver.put(data)
         self._get_command()
         return [line for line in self._buffer if any(letter in line for letter in b"GMT")]

@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 from drivers.errors import Fault
 from drivers.firmware import ULTIMAKER2
 from drivers.gcode import add_frame
-from drivers.link import Link, Phase, Report, Up, replies
-from drivers.link.link import ASK_S
-from drivers.link.recovery import ASKS, TRIES
+from drivers.link import Connected, Link, Phase, Report, replies
+from drivers.link.link import SILENCE_S
+from drivers.link.recovery import MOST_QUERIES, TRIES
 from link_bench import BANNER, Bench, Wire, lines, stream
 
 
@@ -33,7 +33,7 @@ def test_over_a_clean_wire_every_line_is_carried_out_once_and_nothing_is_repeate
     assert bench.firmware.done == list(enumerate(program, 1))
     assert bench.link.streamed == count
     assert bench.link.repeated == 0
-    assert not bench.troubles()
+    assert not bench.faults()
 
 
 def test_a_line_that_is_sent_again_is_counted_once():
@@ -68,7 +68,7 @@ def test_over_a_lossy_wire_lines_are_carried_out_once_in_order_or_the_link_ends_
     numbers = [number for number, _ in bench.firmware.done]
     assert numbers == list(range(1, len(numbers) + 1))
     if bench.link.phase is Phase.DEAD:
-        assert set(bench.troubles()) <= {Fault.NO_ANSWER, Fault.NOISY_LINE, Fault.REBOOT}
+        assert set(bench.faults()) <= {Fault.NO_ANSWER, Fault.NOISY_LINE, Fault.REBOOT}
     else:
         # Three barriers: what is believed of the last of them by mistake is no line of the print.
         assert len(numbers) >= count
@@ -103,7 +103,7 @@ def test_a_number_without_end_is_noise(answer: bytes):
 def test_after_the_banner_the_link_sets_the_line_number_and_says_that_it_is_up():
     bench = Bench().boot()
     assert bench.link.take() == b"N0 M110*35\n"
-    assert [(e.restarted, b"Vers:_3.3.0" in e.banner) for e in bench.events if isinstance(e, Up)] == [
+    assert [(e.restarted, b"Vers:_3.3.0" in e.banner) for e in bench.events if isinstance(e, Connected)] == [
         (True, True)
     ]
 
@@ -112,7 +112,7 @@ def test_a_board_that_does_not_restart_is_asked_and_said_to_be_up():
     bench = Bench()
     bench.link.opened(0.0)
     bench.run()
-    assert [e.restarted for e in bench.events if isinstance(e, Up)] == [False]
+    assert [e.restarted for e in bench.events if isinstance(e, Connected)] == [False]
 
 
 def test_a_silent_board_ends_in_no_answer_and_nothing_more_is_sent():
@@ -121,7 +121,7 @@ def test_a_silent_board_ends_in_no_answer_and_nothing_more_is_sent():
     bench.firmware.mute = True
     bench.link.send(bench.now_s, b"G1 X1")
     bench.run()
-    assert bench.troubles() == [Fault.NO_ANSWER]
+    assert bench.faults() == [Fault.NO_ANSWER]
     assert bench.link.take() == b""
     assert bench.link.deadline_s == math.inf
 
@@ -151,7 +151,7 @@ def test_patience_is_short_again_after_an_ordinary_ok():
     bench.now_s = bench.link.deadline_s
     for _ in range(2):
         bench.link.receive(b"ok\n", bench.now_s)
-        assert bench.link.deadline_s == pytest.approx(bench.now_s + ASK_S)
+        assert bench.link.deadline_s == pytest.approx(bench.now_s + SILENCE_S)
 
 
 def test_a_question_with_a_flipped_bit_commands_nothing():
@@ -170,7 +170,7 @@ def silence_s(bench: Bench, *commands: bytes) -> float:
     began_s = bench.now_s
     bench.link.send(began_s, *commands)
     bench.run()
-    assert bench.troubles() == [Fault.NO_ANSWER]
+    assert bench.faults() == [Fault.NO_ANSWER]
     return bench.now_s - began_s
 
 
@@ -199,7 +199,7 @@ def test_questions_behind_a_line_fit_into_the_ring_of_the_board():
         sent += bench.link.take()
         bench.now_s = bench.link.deadline_s
         bench.link.tick(bench.now_s)
-    assert sent.count(ULTIMAKER2.last_line_query) == ASKS
+    assert sent.count(ULTIMAKER2.last_line_query) == MOST_QUERIES
     assert len(sent) + len(b"234567") <= 126  # more is lost without a word
 
 
@@ -220,12 +220,12 @@ def test_questions_behind_a_line_fit_into_the_ring_of_the_board():
     ],
 )
 def test_answers_that_lost_a_newline_are_told_apart(line: bytes, words: list[bytes]):
-    assert replies.words(line, ULTIMAKER2) == words
+    assert replies.split_answers(line, ULTIMAKER2) == words
 
 
 @given(st.binary(max_size=100))
 def test_telling_answers_apart_loses_no_byte(line: bytes):
-    assert b"".join(replies.words(line, ULTIMAKER2)) == line
+    assert b"".join(replies.split_answers(line, ULTIMAKER2)) == line
 
 
 def test_the_ok_that_is_glued_to_the_end_stops_counts():
@@ -271,7 +271,7 @@ def test_troubles_of_the_firmware_stop_the_stream_at_once(said: bytes, fault: Fa
     bench.run(until_s=0.1)
     bench.link.take()
     bench.events += bench.link.receive(said, bench.now_s) or ()
-    assert bench.troubles() == [fault]
+    assert bench.faults() == [fault]
     bench.link.receive(b"ok\n", bench.now_s)
     assert bench.link.take() == b""
 
@@ -283,7 +283,7 @@ def test_a_board_that_lost_its_count_is_not_obeyed():
     bench.firmware.last = 0  # it was reset, and its `start` was lost
     done = len(bench.firmware.done)
     bench.run()
-    assert bench.troubles() == [Fault.REBOOT]
+    assert bench.faults() == [Fault.REBOOT]
     assert len(bench.firmware.done) == done
     assert bench.now_s < 1.0 + (TRIES + 1) * 60.0
 
@@ -350,10 +350,10 @@ def test_a_last_line_from_far_back_is_believed_when_the_board_says_it_twice():
     for resend in (5, 6, 6):
         bench.events += bench.link.receive(b"Resend: %d\n" % resend, bench.now_s) or ()
     for last in (5, 6, 6):
-        assert bench.link.phase is Phase.LIVE and bench.troubles() == []
+        assert bench.link.phase is Phase.LIVE and bench.faults() == []
         said = b"Error:No Line Number with checksum, Last Line: %d\n" % last
         bench.events += bench.link.receive(said, bench.now_s) or ()
-    assert bench.troubles() == [Fault.REBOOT]
+    assert bench.faults() == [Fault.REBOOT]
     assert bench.link.phase is Phase.DEAD
 
 
@@ -366,7 +366,7 @@ def test_a_board_that_says_another_last_line_each_time_is_given_up():
         assert bench.link.phase is Phase.LIVE
         said = b"Error:No Line Number with checksum, Last Line: %d\n" % last
         bench.events += bench.link.receive(said, bench.now_s) or ()
-    assert bench.troubles() == [Fault.NOISY_LINE]
+    assert bench.faults() == [Fault.NOISY_LINE]
 
 
 def test_a_garbled_resend_from_far_back_costs_nothing():
@@ -376,4 +376,4 @@ def test_a_garbled_resend_from_far_back_costs_nothing():
     bench.events += bench.link.receive(b"Resend: 5\n", bench.now_s) or ()
     bench.run()
     assert [text for _, text in bench.firmware.done] == program
-    assert bench.troubles() == []
+    assert bench.faults() == []

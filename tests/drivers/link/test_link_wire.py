@@ -15,7 +15,7 @@ from drivers.emulator.hardware.noise import Noise
 from drivers.errors import Fault
 from drivers.firmware import ULTIMAKER2
 from drivers.gcode import remove_frame
-from drivers.link import Link, Phase, Trouble
+from drivers.link import Link, LinkFault, Phase
 from drivers.printers import PROFILES
 
 NAMED = {Fault.NO_ANSWER, Fault.NOISY_LINE, Fault.REBOOT}
@@ -28,14 +28,14 @@ class Recorder(EmulatedFirmware):
         self.taken: list[tuple[int, bytes]] = []
         super().__init__(PROFILES["ultimaker2_plus"], faults, random.Random(seed), 0.0)
 
-    def _quick_move(self) -> bool:
+    def _read_plain_move(self) -> bool:
         return False
 
     def _accept(self, line: bytes) -> None:
-        before = self._last_n
+        before = self._last_number
         super()._accept(line)
-        if self._last_n != before:
-            self.taken.append((self._last_n, remove_frame(line)))
+        if self._last_number != before:
+            self.taken.append((self._last_number, remove_frame(line)))
 
 
 class Wire:
@@ -68,7 +68,7 @@ def printed(
     rng = random.Random(seed)
     firmware, link = Recorder(faults, seed), Link(ULTIMAKER2)
     there, back = Wire(piece, late_s, rng), Wire(piece, late_s, rng)
-    now_s, up, troubles = 0.0, False, []
+    now_s, up, fault_texts = 0.0, False, []
     link.opened(now_s)
     for _ in range(100_000):
         there.put(link.take(), now_s)
@@ -76,12 +76,12 @@ def printed(
         now_s = max(now_s, min(due_s, now_s + 1000.0)) + 1e-4
         back.put(firmware.feed(there.take(now_s), now_s), now_s)
         events = [*(link.receive(back.take(now_s), now_s) or ()), *link.tick(now_s)]
-        troubles += [event.fault for event in events if isinstance(event, Trouble)]
+        fault_texts += [event.fault for event in events if isinstance(event, LinkFault)]
         if not up and link.phase is Phase.LIVE:
             up = True
             link.stream(now_s, lambda a, b: program[a:b], 0, len(program))
-        elif (up and link.drained) or troubles:
-            return firmware, link, troubles
+        elif (up and link.drained) or fault_texts:
+            return firmware, link, fault_texts
     raise AssertionError("it does not end")
 
 
@@ -100,15 +100,15 @@ def test_every_line_is_carried_out_once_in_order_and_unaltered_or_the_link_ends_
 ):
     path = [b"G1 X%d.%02d Y%d E%d" % (i % 200, i % 97, i % 190, i) for i in range(1, count)]
     program = [b"M302 S0", *path, *[b"M400"] * 3]
-    firmware, link, troubles = printed(
+    firmware, link, fault_texts = printed(
         program, Faults(noise=noise, lost=lost, doubled=doubled), piece, late_s, seed
     )
     numbers = [number for number, _ in firmware.taken]
     assert numbers == list(range(1, len(numbers) + 1))
     other = sum(body != line for (_, body), line in zip(firmware.taken, program, strict=False))
     assert other == (firmware.noise.altered if firmware.noise is not None else 0)
-    if troubles:
-        assert set(troubles) <= NAMED
+    if fault_texts:
+        assert set(fault_texts) <= NAMED
     else:
         assert len(numbers) >= count
         assert link.streamed == len(program)

@@ -8,7 +8,7 @@ from drivers.gcode.frame import LINE_BYTES
 from drivers.link import Link, Phase
 from drivers.link.opening import START_S
 from drivers.link.outbox import HISTORY_LINES, LINE_S, QUEUED_LINES, REACH_MM, Outbox
-from drivers.link.recovery import ASKS, TRIES, Place, Recovery
+from drivers.link.recovery import MOST_QUERIES, TRIES, Place, Recovery
 from drivers.link.replies import Report
 
 SLOW, SLOWER, FAST = b"G1 F60 X10", b"G1 F30 X10", b"G1 F6000 X10"
@@ -66,7 +66,7 @@ def test_a_plain_ok_is_no_answer_to_a_poll_though_the_next_line_is_encoded():
 
 
 def test_all_questions_fit_into_the_boards_ring_behind_the_longest_line():
-    assert LINE_BYTES + 1 + ASKS * len(ULTIMAKER2.last_line_query) <= RING_BYTES
+    assert LINE_BYTES + 1 + MOST_QUERIES * len(ULTIMAKER2.last_line_query) <= RING_BYTES
 
 
 def test_a_board_that_is_silent_is_given_up_after_its_start_and_four_questions():
@@ -96,13 +96,13 @@ def test_a_resend_is_believed_after_two_questions_without_an_answer():
 
 def test_a_refusal_without_a_number_leaves_the_questions_open():
     recovery, place = Recovery(), Place(5, 0, 5, 0)
-    recovery.ask(place, 0.0)
-    recovery.ask(place, 0.0)
+    recovery.note_query(place, 0.0)
+    recovery.note_query(place, 0.0)
     assert recovery.refuse(-1)
-    assert (recovery.asks, recovery.wanted) == (2, -1)
+    assert (recovery.queries, recovery.wanted) == (2, -1)
     assert recovery.match_answer(5, place, True) is None
     recovery.refuse(6)
-    assert (recovery.asks, recovery.wanted) == (1, 6)
+    assert (recovery.queries, recovery.wanted) == (1, 6)
 
 
 @pytest.mark.parametrize(("nozzle_c", "bed_c", "off"), [(0, 0, True), (1, 0, False), (0, 1, False)])

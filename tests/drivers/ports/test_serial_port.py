@@ -100,10 +100,10 @@ def test_what_cannot_wait_goes_out_before_all_that_was_not_sent(ends: tuple[int,
     master, path = ends
     port = SerialPort(path, ULTIMAKER2.baud_rate)
     try:
-        while not port.unwritten:
+        while not port.write_pending:
             port.write(b"G1 X1 Y1\n" * 100)
         port.write_now(b"\nM104 S0\n")
-        assert not port.unwritten
+        assert not port.write_pending
         assert everything(master).endswith(b"\nM104 S0\n")
     finally:
         port.close()

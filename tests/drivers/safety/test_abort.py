@@ -15,7 +15,7 @@ from drivers.clock import Clock
 from drivers.emulator.faults import Faults
 from drivers.emulator.firmware.receiver import RING_BYTES
 from drivers.firmware import MARLIN2, ULTIMAKER2
-from drivers.link import Event, Link, Up
+from drivers.link import Connected, Event, Link
 from drivers.ports import Port, SerialPort
 from drivers.printers.ultimaker2_plus import ULTIMAKER2_PLUS
 from drivers.safety import StopTarget, send_abort_until_accepted, stop_printer
@@ -79,7 +79,7 @@ def test_a_truncated_line_before_the_abort_costs_one_more_move_at_most(cut_off: 
     link.opened(host.now_s, ULTIMAKER2.abort_unnumbered)
     events = exchange(host, link, 2.1 * MOVE_S)
     assert ended(host)
-    [up] = [event for event in events if isinstance(event, Up)]
+    [up] = [event for event in events if isinstance(event, Connected)]
     assert not up.restarted
 
 
@@ -103,7 +103,7 @@ def test_on_marlin_2_moves_end_at_once_and_heat_a_second_later():
     assert ended(host)
     link = Link(MARLIN2)
     link.opened(host.now_s, MARLIN2.abort_unnumbered)
-    [up] = [event for event in exchange(host, link, 5.0) if isinstance(event, Up)]
+    [up] = [event for event in exchange(host, link, 5.0) if isinstance(event, Connected)]
     assert not up.restarted
     link.send(host.now_s, *MARLIN2.abort, MARLIN2.wait_moves)
     exchange(host, link, 5.0)
@@ -117,7 +117,7 @@ def test_a_restarting_board_loses_the_abort_and_is_seen_to_restart():
     link = Link(ULTIMAKER2)
     link.opened(host.now_s, ULTIMAKER2.abort_unnumbered)
     events = exchange(host, link, 5.0)
-    assert [event.restarted for event in events if isinstance(event, Up)] == [True]
+    assert [event.restarted for event in events if isinstance(event, Connected)] == [True]
     assert ended(host) and link.drained
 
 

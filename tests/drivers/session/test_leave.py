@@ -57,13 +57,13 @@ def somebody_turns_the_knob(rig: Rig) -> None:
 
 
 def the_board_goes_mute_and_it_is_cancelled(rig: Rig) -> None:
-    rig.firmware.break_down("silent_after", rig.now_s)
+    rig.firmware.trigger_fault("silent_after", rig.now_s)
     cancelled(rig)
 
 
 def it_happens(name: str) -> Way:
     def way(rig: Rig) -> None:
-        rig.firmware.break_down(name, rig.now_s)
+        rig.firmware.trigger_fault(name, rig.now_s)
 
     way.__name__ = name
     return way

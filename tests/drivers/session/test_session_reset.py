@@ -8,8 +8,8 @@ import pytest
 from drivers.emulator.faults import Faults
 from drivers.emulator.firmware.listener import Phase
 from drivers.errors import Fault
+from drivers.link import LinkFault
 from drivers.link import Phase as LinkPhase
-from drivers.link import Trouble
 from drivers.messages import Filament, PrintPhase
 from drivers.session import Pace, Session, SessionContext
 from print_rig import PLUS, Rig, assert_ended_off, gcode
@@ -170,7 +170,7 @@ def test_a_board_that_complains_after_its_reset_is_asked_on():
     rig.run(until=lambda: not rig.session.context.wants_reset and rig.link.phase is LinkPhase.LIVE)
     resets = rig.firmware.resets
     events = rig.link.receive(b"Error:0\n: Extruder switched off. MINTEMP triggered !\n", rig.now_s)
-    assert [event.fault for event in events or () if isinstance(event, Trouble)] == [Fault.MINTEMP]
+    assert [event.fault for event in events or () if isinstance(event, LinkFault)] == [Fault.MINTEMP]
     rig.session.advance(events or (), rig.now_s)
     assert_ended_off(rig.run(), PrintPhase.FAILED, Fault.NO_ANSWER)
     assert rig.firmware.resets == resets

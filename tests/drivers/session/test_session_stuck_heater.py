@@ -21,7 +21,7 @@ NOZZLE, BED = HeaterName.NOZZLE, HeaterName.BED
 def burning(heater: HeaterName) -> Rig:
     """A print whose heater gets full power from now on."""
     rig = Rig(text=gcode(4000)).printing(300)
-    rig.firmware.break_down(f"{heater}_burns_after", rig.now_s)
+    rig.firmware.trigger_fault(f"{heater}_burns_after", rig.now_s)
     return rig
 
 
@@ -55,7 +55,7 @@ def test_what_the_board_does_meanwhile_does_not_put_it_off(heater: HeaterName, w
     rig = burning(heater)
     found_s = found(rig)
     rig.run(until=lambda: rig.now_s >= found_s + after_s)
-    rig.firmware.break_down(what, rig.now_s)
+    rig.firmware.trigger_fault(what, rig.now_s)
     assert asked(rig) - found_s <= LIMIT_S
 
 
@@ -89,7 +89,7 @@ def test_a_nozzle_that_burns_after_a_cancel_or_in_a_pause_is_found_soon():
 def test_a_nozzle_that_burns_at_the_end_of_the_file_is_found_soon(lines_before_the_end: int):
     rig = Rig(text=gcode(50))
     rig.printing(rig.program.count - lines_before_the_end)
-    rig.firmware.break_down("nozzle_burns_after", rig.now_s)
+    rig.firmware.trigger_fault("nozzle_burns_after", rig.now_s)
     rig.run(until=lambda: rig.session.context.phase is PrintPhase.ENDING)
     begun_s = rig.now_s
     assert asked(rig) - begun_s <= LIMIT_S
@@ -101,7 +101,7 @@ def test_a_nozzle_that_burns_at_the_end_of_the_file_is_found_soon(lines_before_t
 def test_a_nozzle_that_burns_while_the_bed_is_heated_is_found_before_it_is_hot():
     rig = Rig()
     rig.run(until=lambda: rig.session.context.phase is PrintPhase.HEATING)
-    rig.firmware.break_down("nozzle_burns_after", rig.now_s)
+    rig.firmware.trigger_fault("nozzle_burns_after", rig.now_s)
     asked(rig)
     assert rig.firmware.board.nozzle.temperature_c(rig.now_s) < 80.0
 

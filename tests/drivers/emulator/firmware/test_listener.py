@@ -121,7 +121,7 @@ def test_flipped_bytes_are_refused_and_asked_for_again() -> None:
         if not said or said[0] != "ok":
             continue  # nothing, or an error: the line has to be sent again
         done += 1
-    assert host.firmware._last_n == 200
+    assert host.firmware._last_number == 200
     assert 230 < tries < 400 and host.firmware.errors == tries - 200
 
 
