@@ -22,6 +22,7 @@ def format_duration(seconds: float | None) -> str:
 _SAME_WEEK = timedelta(days=6)
 """Distance up to which a weekday names one day; a day more, and today's name means next week's day."""
 _SAME_YEAR = timedelta(days=300)
+_SAME_NIGHT = timedelta(hours=20)
 
 
 def format_moment(at: datetime, now: datetime) -> str:
@@ -36,6 +37,11 @@ def format_moment(at: datetime, now: datetime) -> str:
     if away <= _SAME_WEEK:
         return f"{at:%a %H:%M}"
     return f"{at:%a %d %b %H:%M}" if away <= _SAME_YEAR else f"{at:%d %b %Y %H:%M}"
+
+
+def format_recent(at: datetime, now: datetime) -> str:
+    """Format a time of the last hours without its weekday, and any other as `format_moment` does."""
+    return f"{at:%H:%M}" if timedelta() <= now - at <= _SAME_NIGHT else format_moment(at, now)
 
 
 def format_mass(grams: float) -> str:

@@ -38,7 +38,7 @@ def build_planned_event(
             situation.with_printers(tuple(printers))
         ).ends_s  # in the present state of the printers: beds may not be clear
         if ends_s > job.done_by_s:
-            deadline, ends = rules.format_moment(job.done_by_s), rules.format_moment(ends_s)
+            deadline, ends = (rules.format_moment(at_s, now_s) for at_s in (job.done_by_s, ends_s))
             notices = (*notices, f"It was to be printed by {deadline}; the earliest possible is {ends}.")
     beside = len({slot.printer for slot in expected.slots}) == len(plan.plates)
     at_once = expected.left or (beside and rules.max_heating is None)

@@ -310,7 +310,7 @@ def _own_hold(job: Job, situation: Situation) -> Hold | None:
     if job.paused:
         return Hold(code=HoldCode.PAUSED, text=f"it is paused: `farm resume {job.id}`")
     if job.not_before_s is not None and situation.now_s < job.not_before_s and not job.options.hold:
-        text = f"it starts {situation.rules.format_moment(job.not_before_s)}"
+        text = f"it starts {situation.rules.format_moment(job.not_before_s, situation.now_s)}"
         return Hold(code=HoldCode.START_TIME, text=text)
     return None
 

@@ -250,7 +250,9 @@ class HoldReasons:
             for n in busy
             if (end := self._situation.fleet[n].free_s) is not None and end > self._situation.now_s
         ]
-        until = f" until {self._situation.rules.format_moment(min(ends))}" if ends else ""
+        until = (
+            f" until {self._situation.rules.format_moment(min(ends), self._situation.now_s)}" if ends else ""
+        )
         text = f"{join_names(busy)} {'is' if len(busy) == 1 else 'are'} printing{until}"
         full = [n for n, hold in obstacles.items() if hold.code is HoldCode.BED_NOT_CLEAR]
         if full:

@@ -12,7 +12,7 @@ from farm.config import FleetSection
 from farm.model import Hold, HoldCode, ShortReel
 from farm.scheduling.hours import Hours
 from farm.scheduling.matching import FleetPrinter, WaitingPlate
-from farm.text import format_duration
+from farm.text import format_duration, format_moment
 
 LATE = 1.05
 """Factor by which a print may take longer than expected."""
@@ -99,9 +99,10 @@ class StartRules:
     def zone(self) -> tzinfo:
         return self.attended.zone
 
-    def format_moment(self, at_s: float) -> str:
-        """Format a time for users, like `Fri 22:00`."""
-        return datetime.fromtimestamp(at_s, self.zone).strftime("%a %H:%M")
+    def format_moment(self, at_s: float, now_s: float) -> str:
+        """Format a time for users, like `Fri 22:00`; with its date if it is more than six days from now."""
+        at, now = (datetime.fromtimestamp(moment_s, self.zone) for moment_s in (at_s, now_s))
+        return format_moment(at, now)
 
     def find_start(self, plate: WaitingPlate, printer: FleetPrinter, from_s: float) -> Start:
         """Find the earliest time from `from_s` on at which hours let a plate start on a printer.
@@ -111,9 +112,12 @@ class StartRules:
         at_s, reason = from_s, None
         if plate.not_before_s is not None and plate.not_before_s > at_s:
             at_s = plate.not_before_s
-            reason = Hold(code=HoldCode.START_TIME, text=f"its job starts {self.format_moment(at_s)}")
+            reason = Hold(code=HoldCode.START_TIME, text=f"its job starts {self.format_moment(at_s, from_s)}")
         while at_s < from_s + _FARTHEST_S:
-            for moved in (self._after_quiet_hours(plate, at_s), self._attended_start(plate, printer, at_s)):
+            for moved in (
+                self._after_quiet_hours(plate, at_s, from_s),
+                self._attended_start(plate, printer, at_s, from_s),
+            ):
                 if moved is not None:
                     break
             else:
@@ -137,20 +141,21 @@ class StartRules:
             first_layers_attended=self.first_layers_attended,
         )
 
-    def _after_quiet_hours(self, plate: WaitingPlate, at_s: float) -> Start | None:
+    def _after_quiet_hours(self, plate: WaitingPlate, at_s: float, now_s: float) -> Start | None:
         """Return the end of the quiet hours that a print at `at_s` would reach; else None."""
         quiet = self.quiet.span(at_s) or self.quiet.following(at_s)
         if quiet is None or at_s + plate.expected_s * LATE <= quiet[0]:
             return None
         takes = format_duration(plate.expected_s)
-        text = f"it takes {takes}, quiet hours are from {self.format_moment(quiet[0])}"
+        text = f"it takes {takes}, quiet hours are from {self.format_moment(quiet[0], now_s)}"
         if quiet[1] == float("inf"):
             return Start(None, Hold(code=HoldCode.QUIET_HOURS, text="fleet.yaml has quiet hours all week"))
-        return Start(
-            quiet[1], Hold(code=HoldCode.QUIET_HOURS, text=f"{text} to {self.format_moment(quiet[1])}")
-        )
+        until = self.format_moment(quiet[1], now_s)
+        return Start(quiet[1], Hold(code=HoldCode.QUIET_HOURS, text=f"{text} to {until}"))
 
-    def _attended_start(self, plate: WaitingPlate, printer: FleetPrinter, at_s: float) -> Start | None:
+    def _attended_start(
+        self, plate: WaitingPlate, printer: FleetPrinter, at_s: float, now_s: float
+    ) -> Start | None:
         """Return the next attended hours if the present ones are too short for a print; else None."""
         needed_s = self._needed_attendance_s(plate, printer)
         if needed_s is None:
@@ -165,7 +170,7 @@ class StartRules:
         if then is None:
             text = f"{rule}, and fleet.yaml has none (`attended`)"
             return Start(None, Hold(code=HoldCode.UNATTENDED, text=text))
-        text = f"{rule}: from {self.format_moment(then[0])}"
+        text = f"{rule}: from {self.format_moment(then[0], now_s)}"
         return Start(then[0], Hold(code=HoldCode.UNATTENDED, text=text))
 
     def _needed_attendance_s(self, plate: WaitingPlate, printer: FleetPrinter) -> float | None:
@@ -219,7 +224,7 @@ class StartRules:
         if ends_by_s is None or now_s < ends_by_s:
             return None
         then = self.attended.following(now_s)
-        later = "" if then is None else f": from {self.format_moment(then[0])}"
+        later = "" if then is None else f": from {self.format_moment(then[0], now_s)}"
         return f"{printer.name} prints only in attended hours ({printer.why_attended}){later}"
 
     def evening_s(self, now_s: float) -> float | None:
@@ -242,7 +247,8 @@ class StartRules:
             while span is not None and span[1] - FIRST_LAYER_S <= now_s:
                 span = self.attended.following(span[1])
             span = span or self.attended.following(now_s)
-            example = "" if span is None else f", like --at '{self.format_moment(span[1] - FIRST_LAYER_S)}'"
+            before = None if span is None else datetime.fromtimestamp(span[1] - FIRST_LAYER_S, self.zone)
+            example = "" if before is None else f", like --at '{before:%a %H:%M}'"
             raise ValueError(
                 "--overnight starts when nobody is there, but fleet.yaml requires attended first layers "
                 f"(`first_layers_attended`): give --at a time before attended hours end{example}"

@@ -21,7 +21,7 @@ from farm.model import (
     PrintState,
 )
 from farm.state import Books, part_name, possibly_whole_print, stopped_print
-from farm.text import format_count, format_mass
+from farm.text import format_count, format_mass, format_moment, format_recent
 from farm.views.context import ViewContext
 
 _ORDER = {
@@ -113,7 +113,11 @@ def _list_printer_tasks(context: ViewContext, section: PrinterSection, lost: boo
         ask = _ask_whole(context, name)
         since = ""
         if attention is not None and entry.attention_since_s is not None:
-            since = f" ({datetime.fromtimestamp(entry.attention_since_s, context.fleet.zone):%H:%M})"
+            at, now = (
+                datetime.fromtimestamp(moment_s, context.fleet.zone)
+                for moment_s in (entry.attention_since_s, context.now_s)
+            )
+            since = f" ({format_recent(at, now)})"
         text = f"inspect {name}: {reason}; then `farm cleared {name}`{ask}"
         yield api.Todo(code="look", printers=[name], text=text, brief=f"{name}: {reason}{since}{ask}")
     elif attempt is not None:
@@ -174,19 +178,21 @@ def list_deadlines(
     if reported is None or attempt.state is PrintState.ENDING:
         return []
 
-    def format_moment(at_s: float) -> str:
-        return datetime.fromtimestamp(at_s, zone).strftime("%a %H:%M")
+    def describe_moment(at_s: float) -> str:
+        return format_moment(datetime.fromtimestamp(at_s, zone), datetime.fromtimestamp(now_s, zone))
 
     name, found = attempt.printer, []
     hours_s = math.inf if reported.ends_by_s is None else reported.ends_by_s
     waits = attempt.state is PrintState.PAUSED and attempt.pause_requested  # not parking, not resumed
     if waits and reported.pause_ends_s is not None:
-        by = format_moment(min(reported.pause_ends_s, hours_s))
+        by = describe_moment(min(reported.pause_ends_s, hours_s))
         text = f"resume {name} by {by}, or its print will be ended: `farm resume {name}`"
         found.append(api.Todo(code="resume", printers=[name], text=text))
     end_s = now_s + remaining_s
     if end_s > hours_s:
-        what = f"{name} needs until {format_moment(end_s)}, but its print ends at {format_moment(hours_s)}"
+        what = (
+            f"{name} needs until {describe_moment(end_s)}, but its print ends at {describe_moment(hours_s)}"
+        )
         text = (
             f"{what}, when the attended hours end: if somebody stays, extend `attended` in "
             "fleet.yaml and restart the daemon"

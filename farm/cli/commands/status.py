@@ -24,6 +24,7 @@ from farm.cli.display import (
     format_time,
     lay_out_table,
     open_console,
+    parse_time,
     print_json,
     render_job,
     render_status,
@@ -174,7 +175,8 @@ def list_figures(view: api.JobView) -> list[tuple[str, str]]:
     rows = [
         (
             "submitted",
-            format_time(view.submitted, view.now) + (f" by {view.submitted_by}" if view.submitted_by else ""),
+            f"{parse_time(view.submitted):%a %d %b %Y %H:%M}"
+            + (f" by {view.submitted_by}" if view.submitted_by else ""),
         ),
         ("plates printed", f"{view.printed} of {len(view.plates)}; good {view.good}"),
         ("parallel printing time, expected", format_duration(view.estimated_s)),

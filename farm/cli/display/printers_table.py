@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from datetime import timedelta
 
 from rich.text import Text
 
 from farm import api
-from farm.cli.display.format import format_deviation, format_share, format_time, parse_time
+from farm.cli.display.format import format_deviation, format_share, parse_time
 from farm.cli.display.table import Column, lay_out_table
 from farm.model import Bed, HoldCode, Link, PrintState
-from farm.text import format_duration
+from farm.text import format_duration, format_recent
 
 _COLUMNS = (
     Column("PRINTER"),
@@ -27,8 +26,6 @@ _COLUMNS = (
 )
 _STATES = {"look": "inspect"}
 """States that the table words differently from `--json`."""
-_SAME_NIGHT = timedelta(hours=20)
-"""Age up to which a time is shown without its weekday."""
 
 
 def lay_out_printers(printers: Sequence[api.PrinterView], now: str, width: int | None) -> list[Text]:
@@ -50,7 +47,8 @@ def _list_cells(printer: api.PrinterView, now: str) -> tuple[str, ...]:
         part = printer.print.plate
         ends = f"in {format_duration(printer.print.remaining_s)} ({format_share(printer.print.progress)})"
     elif last is not None and printer.bed != Bed.CLEAR:
-        part, ends = last.plate, f"at {_format_end(last.ended, now)}"
+        ended = "-" if last.ended is None else format_recent(parse_time(last.ended), parse_time(now))
+        part, ends = last.plate, f"at {ended}"
         deviation = format_deviation(last.off) if last.off is not None else ""
         if state == "idle":
             state = "remove" if last.state == PrintState.DONE else "to clear"
@@ -66,13 +64,6 @@ def _list_cells(printer: api.PrinterView, now: str) -> tuple[str, ...]:
         _format_degrees(printer.bed_c, printer.targets.bed_c),
         _format_action(printer),
     )
-
-
-def _format_end(iso: str | None, now: str) -> str:
-    """Format a time of day, with the weekday if it may be from an earlier day."""
-    if iso is None or parse_time(now) - parse_time(iso) > _SAME_NIGHT:
-        return format_time(iso, now)
-    return parse_time(iso).strftime("%H:%M")
 
 
 def _format_reel(reel: api.Reel) -> str:

@@ -102,12 +102,27 @@ def _list_task_lines(todo: list[api.Todo], width: int | None) -> list[Text]:
         for item in sorted(others, key=lambda item: item.code == "clear")
     ]
     for code, label in _TASK_LABELS.items():
-        briefs = [item.brief or item.text for item in todo if item.code == code]
-        if briefs:
-            tasks.append(f"{label}: {', '.join(briefs)}")
+        briefs = _list_briefs(item for item in todo if item.code == code)
+        together = f"{label}: {', '.join(briefs)}"
+        fits = _INDENT + len(together) <= (width or _PIPE_WIDTH)
+        tasks += [together] if briefs and fits else [f"{label}: {brief}" for brief in briefs]
     if not tasks:
         return _fold_texts("DO NOW", ["nothing"], "", width)
     return _fold_texts("DO NOW", tasks, _TASK_GAP, width, URGENT)
+
+
+def _list_briefs(items: Iterable[api.Todo]) -> list[str]:
+    """List tasks in a few words; printers with the same trouble, such as five without a hub, are one task."""
+    alike: dict[str, list[tuple[str, str]]] = {}  # by the text without the printer's name
+    briefs: list[str] = []
+    for item in items:
+        brief, name = item.brief or item.text, "".join(item.printers[:1])
+        if name and brief.startswith(f"{name}: "):
+            trouble = brief.removeprefix(f"{name}: ")
+            alike.setdefault(trouble.replace(name, "*"), []).append((name, trouble))
+        else:
+            briefs.append(brief)
+    return [f"{shorten_names(name for name, _ in each)}: {each[0][1]}" for each in alike.values()] + briefs
 
 
 def _fold_texts(

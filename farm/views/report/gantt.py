@@ -8,6 +8,7 @@ from datetime import datetime, timedelta
 
 from farm import api
 from farm.model import PrintState, Verdict
+from farm.text import format_moment
 
 _WIDTH, _ROW, _LEFT, _RIGHT, _TOP = (
     1000,
@@ -153,7 +154,7 @@ def lay_out_gantt(bars: Sequence[Bar]) -> Gantt | None:
     used = {bar.kind for bar in bars}
     return Gantt(
         height=_TOP + _ROW * len(rows) + 4,
-        marks=tuple(Mark(x(at), f"{at:%a %H:%M}") for at in _list_marks(first, last, span_s)),
+        marks=tuple(Mark(x(at), format_moment(at, first)) for at in _list_marks(first, last, span_s)),
         rows=rows,
         key=tuple((kind, colour) for kind, colour in COLOURS.items() if kind in used),
     )

@@ -87,7 +87,7 @@ def _list_failures(job: api.JobView) -> list[tuple[str, ...]]:
         (
             attempt.part,
             attempt.printer,
-            datetime.fromisoformat(ended).strftime("%a %H:%M") if ended else "",
+            datetime.fromisoformat(ended).strftime("%a %d %b %H:%M") if ended else "",
             outcome,
             attempt.reason or attempt.why or attempt.fault or "",
         )

@@ -73,7 +73,8 @@ def test_the_page_is_one_file_that_says_what_failed_and_escapes_names():
     assert not re.search(r"(src|href)=\"(?!data:)", text)
     assert text.count("data:image/png;base64,") == 2
     assert (
-        "<td>1/p04</td><td>um2-04</td><td>Thu 00:00</td><td>failed</td><td>it does not get warm</td>" in text
+        "<td>1/p04</td><td>um2-04</td><td>Thu 01 Jan 00:00</td><td>failed</td><td>it does not get warm</td>"
+        in text
     )
     assert "plates printed</td><td>3 of 5; good 0" in text
     assert text.count("<br>102 s, expected 100 s") == 3  # those that are printed

@@ -163,3 +163,20 @@ def test_a_print_that_ended_last_month_has_its_date():
     )
     old = VIEW.printers[0].model_copy(update={"last": last, "bed": Bed.UNKNOWN})
     assert lines_of(view_of([old]), 80)[-1].startswith("um2-01   remove  1/01  at Fri 30 Oct 06:00")
+
+
+def trouble(printer, text):
+    return api.Todo(code="connect", printers=[printer], text="", brief=f"{printer}: {text}")
+
+
+def test_printers_with_the_same_trouble_are_one_task():
+    todo = [trouble(name, f"/run/{name}/tty: no such file") for name in ("um2-01", "um2-02", "um2x-01")]
+    lines = lines_of(view_of([], todo=[*todo, trouble("um2-05", "no answer")]), 80)
+    assert lines[1] == "DO NOW   connect: um2-01..02 um2x-01: /run/um2-01/tty: no such file"
+    assert lines[2] == "         connect: um2-05: no answer"
+
+
+def test_long_tasks_have_a_line_each():
+    todo = [trouble(name, f"no answer {i} " + "word " * 9) for i, name in enumerate(("um2-01", "um2-02"))]
+    starts = [line.split()[:2] for line in lines_of(view_of([], todo=todo), 80) if "connect" in line]
+    assert [line[-1] for line in starts] == ["NOW", "um2-02:"]
