@@ -15,9 +15,9 @@ from pydantic import Base64Bytes, BaseModel, ConfigDict, Field, TypeAdapter
 
 AGENT_SOCKET = "agent.sock"  # in an agent's folder
 
-PROTOCOL = 2
-"""Version of the protocol, increased when a request or a field is added. Each snapshot has the version of its
-agent; the first agents sent none, and have version 1."""
+PROTOCOL = 3
+"""Version of the protocol, increased when a request or a field is added, or has another meaning. Each
+snapshot has the version of its agent; the first agents sent none, and have version 1."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,6 +132,7 @@ class PrintSnapshot(PrintReadings, _Said):
 class Snapshot(_Said):
     """State of an agent and its printer. Times are on the farm's clock."""
 
+    filament_watched: ClassVar[int] = 3  # protocol version of `filament` in its present meaning
     kind: Literal["snapshot"] = "snapshot"
     protocol: int = 1  # of the agent
     printer: str
@@ -144,7 +145,7 @@ class Snapshot(_Said):
     nozzle: Heater | None = None
     bed: Heater | None = None
     heaters_off: bool = False  # a report has shown both targets 0 since the last heating command
-    filament: Filament = Filament.UNKNOWN
+    filament: Filament = Filament.UNKNOWN  # since version 3 also if it may have been moved meanwhile
     bed_clear: bool | None = None  # from an emulator only
     starved_s: float = 0.0  # emulator only: farm seconds spent waiting for the host
     board_resets: int = 0  # resets since the agent's start that it did not cause

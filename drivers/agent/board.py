@@ -147,6 +147,8 @@ class Board:
                 or (device and device == self.state.opened)
             ):
                 raise PortNotIdle(MAY_PRINT)
+            if device is None or device != self.state.opened:
+                self.idle_watch.filament.note_reset()
             self._port = open_port(self._url, self._folder, self._clock, self._firmware.baud_rate)
             self.state.opened = device
         except PortError as error:
@@ -311,6 +313,8 @@ class Board:
     def _on_up(self, up: Connected) -> None:
         """Record whether the last pulse of DTR has reset the board."""
         self.idle_watch.reset()
+        if up.restarted:
+            self.idle_watch.filament.note_reset()
         if up.restarted and (self._pulses_left or self.session is not None):
             self.state.reset_verified, self.state.reset_failed = self._url, None
         elif self._pulses_left > 1:
@@ -362,6 +366,7 @@ class Board:
     def _reset(self) -> None:
         assert self._port is not None
         self._on_port_change(None)
+        self.idle_watch.filament.note_reset()
         if self._is_responsible:
             send_abort(self._port, self._firmware)  # a failed reset is noticed only later
         try:
@@ -373,6 +378,7 @@ class Board:
 
     def _mark_bed_unknown(self, reason: str) -> None:
         """Record that bed and filament are unknown; the first reason is kept."""
+        self.idle_watch.filament.lose()
         if self.state.bed_unknown_reason is None:
             log.warning("bed and filament are unknown: %s", reason)
             self.state.bed_unknown_reason = reason

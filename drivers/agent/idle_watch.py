@@ -20,11 +20,55 @@ _POSITION = re.compile(rb"X:-?[\d.]+ ?Y:-?[\d.]+ ?Z:-?[\d.]+ ?E:-?[\d.]+ Count")
 _CARD = (b"SD printing byte", b"Not SD printing", b"Card error:")
 
 
+class FilamentWatch:
+    """Judges whether the filament is where the journal says.
+
+    An agent that is started again compares the position at which the printer rests with the one that its
+    predecessor saw there after a print. A board that was reset in between reports another one.
+
+    Parameters
+    ----------
+    certain
+        True if nothing can have moved the filament since it was recorded.
+    rest
+        The answer to the position query that the predecessor saw; None if none counts.
+    """
+
+    def __init__(self, certain: bool = False, rest: str | None = None) -> None:
+        self.certain, self.rest = certain, rest
+        self._printed = False  # since the last reset: else the position says nothing
+
+    def confirm(self) -> None:
+        """Trust the journal from now on: a print begins, or a person said where the filament is."""
+        self.certain, self.rest = True, None
+
+    def note_print(self) -> None:
+        """Let the position count at which the printer rests after this print."""
+        self._printed = True
+
+    def note_reset(self) -> None:
+        """Let no position count before the next print: after a reset all positions are alike."""
+        self._printed, self.rest = False, None
+
+    def lose(self) -> None:
+        """Doubt the journal: somebody used the printer."""
+        self.certain, self.rest = False, None
+
+    def judge_position(self, answer: bytes) -> None:
+        """Judge the position at which an idle printer was seen twice."""
+        position = answer.decode("ascii", "replace")
+        if not self.certain:
+            self.certain = self._printed = position == self.rest
+        self.rest = position if self.certain and self._printed else None
+
+
 class IdleWatch:
     """Checks of the answers of an idle board, from one reset or print to the next.
 
     Attributes
     ----------
+    filament
+        Judgement on the position of the filament.
     card
         True while the printer prints from its SD card.
     cold
@@ -33,6 +77,7 @@ class IdleWatch:
 
     def __init__(self) -> None:
         self.card = False
+        self.filament = FilamentWatch()
         self.reset()
 
     def reset(self) -> None:
@@ -71,6 +116,7 @@ class IdleWatch:
         else:
             moved = self._position is not None or not _may_be_garbled(self._first or text, text)
             self._position, self._asked_again = text, None
+            self.filament.judge_position(text)
             return True, MOVED if moved else None
         return True, None
 

@@ -142,6 +142,7 @@ class Agent:
             describe_link(self._board, self._recorder.journal_error),
             self._board.resets,
             self._board.state.bed_unknown_reason,
+            self._board.idle_watch.filament.certain,
             self._recorder.alarms.message,
             report is None,
             saved.print.print_id if saved.print is not None else None,

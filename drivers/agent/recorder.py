@@ -6,6 +6,7 @@ import logging
 
 from drivers.agent.alarm import Alarms
 from drivers.agent.board import UNWATCHED, Board
+from drivers.agent.idle_watch import FilamentWatch
 from drivers.clock import Clock
 from drivers.errors import Fault, JournalError
 from drivers.gcode import Program
@@ -52,6 +53,8 @@ class Recorder:
         self._program: Program | None = None
         self._starved_before_s = 0.0
         board.state = journal.state.board.model_copy()
+        watched = board.simulated and board.state.bed_unknown_reason is None
+        board.idle_watch.filament = FilamentWatch(watched, board.state.rest)
         if board.state.bed_unknown_reason is None and not board.simulated:
             board.state.bed_unknown_reason = UNWATCHED
 
@@ -76,6 +79,7 @@ class Recorder:
             ends_by_s=ends_by_s,
         )
         self._program = program
+        self.board.idle_watch.filament.confirm()
         status = self.board.emulator.status()
         self._starved_before_s = status.starved_s if status is not None else 0.0
         self.board.begin(Session(context))
@@ -118,6 +122,7 @@ class Recorder:
     def _write(self) -> None:
         session, saved_state, now_s = self.board.session, self.journal.state, self._clock.now()
         state, alarm = self.board.state, self.alarms.alarm
+        state.rest = self.board.idle_watch.filament.rest
         if alarm != saved_state.alarm or state != saved_state.board:
             known = None if alarm is None else alarm.record()
             self.journal.write(now_s, **state.record(), alarm=known)
@@ -126,6 +131,8 @@ class Recorder:
         context, saved = session.context, saved_state.print
         if self._awaits_outcome(context):
             return
+        if context.phase is PrintPhase.PRINTING:
+            self.board.idle_watch.filament.note_print()
         changed = (context.phase, context.extruded) != (saved.phase, saved.extruded)
         if not changed and context.filament is saved_state.filament:
             return

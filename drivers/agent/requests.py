@@ -156,6 +156,7 @@ class RequestHandler:
         self._recorder.alarms.clear()
         if request.filament is not None:
             self._journal.write(self._clock.now(), filament=request.filament.value)
+            self._board.idle_watch.filament.confirm()
         self._recorder.record_changes()
 
     def _shut_down(self, request: Shutdown) -> None:

@@ -58,9 +58,12 @@ def make_snapshot(start: StartFile, recorder: Recorder, now_s: float) -> Snapsho
     board, saved = recorder.board, recorder.journal.state
     session, report, emulator = board.session, board.report, board.emulator.status()
     link, reason = describe_link(board, recorder.journal_error)
-    filament = saved.filament if session is None else session.context.filament
-    if filament is Filament.UNKNOWN and session is None and emulator is not None:
-        filament = _read_filament(emulator.filament_end_mm, board.profile.parked_mm)
+    if session is not None:
+        filament = session.context.filament
+    else:
+        filament = saved.filament if board.idle_watch.filament.certain else Filament.UNKNOWN
+        if filament is Filament.UNKNOWN and emulator is not None and board.state.bed_unknown_reason is None:
+            filament = _read_filament(emulator.filament_end_mm, board.profile.parked_mm)
     off = report is not None and report.off
     return Snapshot(
         protocol=PROTOCOL,

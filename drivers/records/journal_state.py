@@ -86,6 +86,8 @@ class BoardState(BaseModel):
         Event at the printer not caused by the farm, until a person has cleared the bed.
     hot
         True if a heater may still be on because of the farm.
+    rest
+        Answer to the position query at which the idle printer rests since its last print; None if unknown.
     opened
         The device opened last (`identify_device`).
     reset_verified
@@ -99,6 +101,7 @@ class BoardState(BaseModel):
     attention_reason: str | None = Field(default=None, alias="look")
     bed_unknown_reason: str | None = Field(default=None, alias="doubt")
     hot: bool = False
+    rest: str | None = None
     opened: str | None = None
     reset_verified: str | None = None
     reset_failed: str | None = Field(default=None, alias="reset_refuted")

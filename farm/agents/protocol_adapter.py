@@ -141,11 +141,13 @@ def to_trusted_snapshot(
     """
     snapshot = to_farm_snapshot(report, clock)
     outdated = report.protocol < m.StartPrint.needed and report.print is None
+    stale = report.protocol < m.Snapshot.filament_watched and report.bed_unknown_reason is not None
     return AgentSnapshot(
         **{
             **dict(snapshot),
             "printer": printer,
             "bed_clear": snapshot.bed_clear if simulated else None,
+            "filament": FilamentState.UNKNOWN if stale else snapshot.filament,
             "bed_unknown_reason": None if bed_cleared else snapshot.bed_unknown_reason,
             "alarm": None if bed_cleared else snapshot.alarm,
             "link": Link.FAULT if outdated else snapshot.link,

@@ -252,7 +252,7 @@ class ReelLoaded(Event):
 
 
 class BedReported(Event):
-    """An emulator reported its bed and filament, which are used if unknown in the books."""
+    """An emulator reported its bed, or an agent its filament; they are used if unknown in the books."""
 
     printer: str
     bed: Bed

@@ -150,11 +150,16 @@ def observe_idle_printer(printer: Printer, snapshot: AgentSnapshot, now_s: float
     """Derive bed and filament of an idle printer from its snapshot.
 
     An agent reports an external event (a reset, a lost port, a heater switched on by hand) until a person
-    has cleared the bed. An emulator reports its bed if the books do not know it.
+    has cleared the bed. If it was only started again and nothing has moved since, it knows the filament. An
+    emulator reports its bed if the books do not know it.
     """
     if snapshot.bed_unknown_reason is not None:
         if printer.bed is not Bed.UNKNOWN or printer.attention_reason is None:
             yield ev.BedBecameUnknown(at_s=now_s, printer=printer.name, reason=snapshot.bed_unknown_reason)
+        elif printer.filament is FilamentState.UNKNOWN is not snapshot.filament:
+            yield ev.BedReported(
+                at_s=now_s, printer=printer.name, bed=Bed.UNKNOWN, filament=snapshot.filament
+            )
     elif snapshot.link is Link.READY and snapshot.bed_clear is not None:
         unknown = printer.bed is Bed.UNKNOWN or printer.filament is FilamentState.UNKNOWN
         if unknown and printer.attention_reason is None:

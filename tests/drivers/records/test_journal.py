@@ -83,6 +83,7 @@ def test_the_board_state_is_written_whole_under_its_first_names(tmp_path):
         "look": "smoke",
         "doubt": "moved",
         "hot": True,
+        "rest": None,
         "opened": None,
         "reset_verified": "/dev/a",
         "reset_refuted": None,

@@ -5,7 +5,7 @@ import pytest
 from drivers import messages as m
 from drivers.clock import Clock
 from farm.agents.protocol_adapter import to_trusted_snapshot
-from farm.model import Link
+from farm.model import FilamentState, Link
 
 CLOCK = Clock(1.0, 0.0)
 
@@ -36,6 +36,13 @@ def test_only_an_emulator_sees_its_bed():
 
 def test_an_agent_speaks_for_its_own_printer_alone():
     assert trusted(snapshot(printer="b")).printer == "a"
+
+
+def test_agent_of_an_older_version_does_not_doubt_its_filament_so_the_farm_does():
+    facts = {"filament": "parked", "doubt": "the board was reset"}
+    assert trusted(snapshot(**facts)).filament is FilamentState.PARKED
+    assert trusted(snapshot(**facts, protocol=2)).filament is FilamentState.UNKNOWN
+    assert trusted(snapshot(filament="parked", protocol=2)).filament is FilamentState.PARKED
 
 
 def test_an_idle_agent_of_an_older_version_gets_no_prints():

@@ -22,7 +22,7 @@ def test_what_happened_at_a_printer_makes_bed_and_filament_unknown_until_a_perso
         printer="a",
         link=Link.READY,
         bed_clear=True,
-        filament=FilamentState.PARKED,
+        filament=FilamentState.UNKNOWN,
         bed_unknown_reason="its board was reset, but not by the farm",
     )
     books, _ = run(printing(), *observe_idle_printer(printing().printers["a"], said, 5.0))
@@ -34,6 +34,26 @@ def test_what_happened_at_a_printer_makes_bed_and_filament_unknown_until_a_perso
     assert (
         list(observe_idle_printer(printer, said.model_copy(update={"bed_unknown_reason": None}), 7.0)) == []
     )
+
+
+def test_agent_that_was_started_again_knows_the_filament_but_not_the_bed():
+    said = AgentSnapshot(
+        printer="a",
+        link=Link.READY,
+        filament=FilamentState.UNKNOWN,
+        bed_unknown_reason="it was not watched before its agent was started",
+    )
+    known = said.model_copy(update={"filament": FilamentState.PARKED})
+    books = printing()
+    for at_s, snapshot in enumerate((said, known, known, known)):
+        books, _ = run(books, *observe_idle_printer(books.printers["a"], snapshot, float(at_s)))
+    printer = books.printers["a"]
+    assert (printer.bed, printer.filament) == (Bed.UNKNOWN, FilamentState.PARKED)
+    assert "not watched" in printer.attention_reason
+    assert list(observe_idle_printer(printer, known, 9.0)) == []
+    cleared, _ = run(books, ev.BedCleared(at_s=10.0, printer="a", by="ann"))
+    printer = cleared.printers["a"]  # nobody had to say where the filament is
+    assert (printer.bed, printer.filament) == (Bed.CLEAR, FilamentState.PARKED)
 
 
 def test_an_emulator_is_asked_only_where_the_books_do_not_know():

@@ -1,0 +1,127 @@
+"""Filament that a print has parked, over agents that end and start again."""
+
+import asyncio
+import os
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+import pytest
+
+from agent_with_emulator import DEADLINE_S, MODEL, Printer, gcode, run
+from drivers import messages as m
+from drivers.agent.idle_watch import FilamentWatch
+from drivers.emulator.launch import Command, control, launch
+from drivers.records import JOURNAL
+
+REST = b"X:0.00 Y:224.50 Z:205.00 E:-20.00 Count X:0.00 Y:224.50 Z:205.00"
+OTHER = REST.replace(b"E:-20.00", b"E:80.00")
+
+
+@asynccontextmanager
+async def printed(folder: Path) -> AsyncIterator[Printer]:
+    """Let a printer on a port, which does not tell its bed, print one file, and end its agent."""
+    emulator = folder / "emulator"
+    one = Printer(folder / "agent", str(emulator / "tty"))
+    launch(f"sim://{MODEL}", emulator, one.clock)
+    dtr = None
+    try:
+        one.spawn()
+        await one.connect()
+        await one.until(lambda s: s.link is m.LinkState.FAULT)
+        cleared = m.BedCleared(id=0, filament=m.Filament.PARKED)
+        assert (await one.client.request(cleared)).error is None
+        await one.ready()
+        assert (await one.start(gcode(10))).error is None
+        await one.phase(m.PrintPhase.DONE)
+        await one.until(lambda s: s.link is m.LinkState.READY and s.filament is m.Filament.PARKED)
+        assert (await one.client.request(m.ForgetPrint(id=0, print_id="p-1"))).error is None
+        await _await_rest(one, '"X:')
+        dtr = os.open(emulator / "tty", os.O_RDWR | os.O_NOCTTY)  # stays up while no agent has the port
+        await _end(one)
+        yield one
+    finally:
+        await one.close()
+        control(emulator, Command.POWER_OFF)
+        if dtr is not None:
+            os.close(dtr)
+
+
+async def _await_rest(one: Printer, record: str) -> None:
+    """Wait until the last line of the agent's journal has this position of rest."""
+    async with asyncio.timeout(DEADLINE_S):
+        while f'"rest": {record}' not in (one.folder / JOURNAL).read_text().splitlines()[-1]:
+            await asyncio.sleep(0.02)
+
+
+async def _end(one: Printer) -> None:
+    assert (await one.client.request(m.Shutdown(id=0))).error is None
+    assert one.process is not None
+    await asyncio.to_thread(one.process.wait, 30.0)
+    await one.client.close()
+
+
+async def _start_again(one: Printer) -> m.Snapshot:
+    one.client = type(one.client)(one.folder)
+    one.spawn()
+    await one.connect()
+    return await one.until(lambda s: s.nozzle is not None)
+
+
+@pytest.mark.system
+def test_filament_is_still_parked_for_an_agent_that_is_started_again(tmp_path: Path) -> None:
+    async def story() -> None:
+        async with printed(tmp_path) as one:
+            for _ in range(2):
+                first = await _start_again(one)
+                assert first.bed_unknown_reason is not None
+                known = await one.until(lambda s: s.filament is not m.Filament.UNKNOWN)
+                assert known.filament is m.Filament.PARKED
+                assert known.bed_unknown_reason is not None  # a person looks at the bed all the same
+                await _end(one)
+
+    run(story())
+
+
+@pytest.mark.system
+@pytest.mark.parametrize("deed", [{"command": "move", "z_mm": 50.0}, {"command": "reset"}], ids=str)
+def test_filament_is_unknown_if_the_printer_was_used_while_no_agent_watched(
+    tmp_path: Path, deed: dict[str, object]
+) -> None:
+    async def story() -> None:
+        async with printed(tmp_path) as one:
+            await asyncio.to_thread(control, tmp_path / "emulator", **deed)
+            await _start_again(one)
+            await _await_rest(one, "null")
+            assert one.last is not None and one.last.filament is m.Filament.UNKNOWN
+            cleared = m.BedCleared(id=0, filament=m.Filament.AT_NOZZLE)
+            assert (await one.client.request(cleared)).error is None
+            await one.until(lambda s: s.filament is m.Filament.AT_NOZZLE)
+
+    run(story())
+
+
+def test_position_counts_only_after_a_print_and_until_a_reset() -> None:
+    watch = FilamentWatch()
+    watch.confirm()
+    watch.judge_position(REST)
+    assert watch.certain and watch.rest is None  # a board that has just started reports the same each time
+    watch.note_print()
+    watch.judge_position(REST)
+    assert watch.rest == REST.decode()
+    watch.note_reset()
+    assert watch.certain and watch.rest is None
+    watch.judge_position(REST)
+    assert watch.rest is None
+
+
+@pytest.mark.parametrize(("seen", "certain"), [(REST, True), (OTHER, False)])
+def test_next_agent_knows_the_filament_if_the_printer_rests_where_it_was(seen: bytes, certain: bool) -> None:
+    watch = FilamentWatch(rest=REST.decode())
+    assert not watch.certain
+    watch.judge_position(seen)
+    assert (watch.certain, watch.rest) == (certain, REST.decode() if certain else None)
+    watch.judge_position(REST)
+    assert watch.certain is certain  # once in doubt, a person has to say it
+    watch.lose()
+    assert (watch.certain, watch.rest) == (False, None)
