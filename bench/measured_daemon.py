@@ -62,7 +62,7 @@ def make_plan(number: int, count: int, printers: list[str], rng: random.Random) 
                 id=name, job=number, parts=(part,), gcode="g.gcode", sha256="0" * 64, sliced_s=sliced_s,
                 expected_s=sliced_s + 300.0, grams=90.0, filament_mm=11000.0, layers=500,
                 min_mm=(-40.0, -40.0, 0.2), max_mm=top, material="generic_pla", nozzle_mm=0.4,
-                kin=PROFILES["ultimaker2_plus"].kin, printer=printers[rng.randrange(len(printers))],
+                family=PROFILES["ultimaker2_plus"].family, printer=printers[rng.randrange(len(printers))],
             )
         )  # fmt: skip
     return ev.JobPlanned(

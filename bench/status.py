@@ -118,7 +118,7 @@ async def measure(printers: int, jobs: int, times: int, folder: Path) -> dict[st
     now_s = clock.now()
     entities = [entity for number in range(1, jobs + 1) for entity in make_job(number, jobs, names, now_s)]
     beds = [Printer(name=name, bed=Bed.NOT_CLEAR, filament=FilamentState.PARKED) for name in names]
-    controller.books = Books.of([*entities, *beds])
+    controller.books = Books.from_entities([*entities, *beds])
     for name in names:
         controller.telemetry.snapshots[name] = make_snapshot(name, controller.books)
 

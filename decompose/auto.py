@@ -84,11 +84,11 @@ def decompose_auto(
     """
     validate_problem(model, tuple(printers), options)
     points = build_curve(Problem(model, tuple(printers), cost, options, executor))
-    wanted = goal.choose(points).printers if points else len(printers)
+    printer_count = goal.choose(points).printers if points else len(printers)
     try:
-        result = decompose_model(model, printers[:wanted], options, cost, executor)
+        result = decompose_model(model, printers[:printer_count], options, cost, executor)
     except NoFit:
-        if wanted == len(printers):
+        if printer_count == len(printers):
             raise
         result = decompose_model(model, printers, options, cost, executor)
     return replace(result, curve=points)
@@ -105,13 +105,15 @@ def build_curve(problem: Problem) -> tuple[CurvePoint, ...]:
     grid = gridded.build_grid(problem.model)
     shared = problem.price_boxes(grid)
     classes = classify_printers(printers, MAX_SUMS / len(shared.seconds))
-    own = [next(i for i, each in enumerate(classes) if printer in each.printers) for printer in printers]
-    fleets = np.cumsum(np.eye(len(classes), dtype=np.int64)[own], axis=0)
+    class_indices = [
+        next(i for i, each in enumerate(classes) if printer in each.printers) for printer in printers
+    ]
+    fleets = np.cumsum(np.eye(len(classes), dtype=np.int64)[class_indices], axis=0)
     points = makespan_curve(class_tables(problem, grid, shared, classes), fleets, problem.executor)
-    taken_s = [classes[i].time_factor for i in own]
+    piece_times_s = [classes[i].time_factor for i in class_indices]
     real_s = [printer.time_factor for printer in printers]
     return tuple(
-        replace(p, makespan_s=p.makespan_s * _mean(real_s[: p.printers]) / _mean(taken_s[: p.printers]))
+        replace(p, makespan_s=p.makespan_s * _mean(real_s[: p.printers]) / _mean(piece_times_s[: p.printers]))
         for p in points
     )
 

@@ -23,7 +23,7 @@ BEST_ENGINES = (Engine.GUILLOTINE, Engine.PARALLELOBOX)
 OTHER_GRIDS = (1.1, 0.95, 0.9)  # cells along a side, relative to the first grid
 OTHER_YAWS_DEG = (45.0, 15.0, 75.0, 30.0, 60.0)  # about z: a quarter turn is the same grid again
 WORTH_TURNING = 0.01  # share of the makespan: cuts along a model's own sides are easier to glue
-NEAR = 0.03  # least possible gain, as a share of the makespan, for which another grid is tried
+MIN_GAIN = 0.03  # least possible gain, as a share of the makespan, for which another grid is tried
 
 
 def find_best(problem: Problem, by_engine: Callable[[Problem], Decomposition]) -> Decomposition:
@@ -60,7 +60,7 @@ class _Trials:
 
     problem: Problem
     by_engine: Callable[[Problem], Decomposition]
-    left_s: float
+    remaining_s: float
     best: Decomposition | None = None
     yaw_deg: float = 0.0
     attempts: list[Attempt] = field(default_factory=list)
@@ -76,11 +76,11 @@ class _Trials:
 
     def try_engine(self, engine: Engine, cells: str | int, yaw_deg: float = 0.0) -> None:
         """Add an engine's attempt, unless the budget is spent."""
-        if self.attempts and self.left_s <= 0.0:
+        if self.attempts and self.remaining_s <= 0.0:
             why = "not begun: the budget was spent"
             self.attempts.append(Attempt(engine, cells, yaw_deg, finished=False, reason=why))
             return
-        began_s, effort, makespan_s, reason = perf_counter(), Effort(self.left_s), None, ""
+        started_s, effort, makespan_s, reason = perf_counter(), Effort(self.remaining_s), None, ""
         best_known_s = math.inf if self.best is None or self.best.faults else self.best.makespan_s
         options = replace(self.problem.options, engine=engine, granularity=cells)
         trial = replace(
@@ -97,13 +97,13 @@ class _Trials:
                 self.best, self.yaw_deg = found, yaw_deg
         except (NoFit, GeometryError) as error:
             self.failure = self.failure or error
-            late = effort.cut_short and isinstance(error, NoFit)
-            reason = "nothing was found before the budget was spent" if late else str(error)
-        took_s, finished = perf_counter() - began_s, not effort.cut_short
+            out_of_budget = effort.cut_short and isinstance(error, NoFit)
+            reason = "nothing was found before the budget was spent" if out_of_budget else str(error)
+        elapsed_s, finished = perf_counter() - started_s, not effort.cut_short
         self.attempts.append(
-            Attempt(engine, cells, yaw_deg, makespan_s, took_s, effort.spent_s, finished, reason)
+            Attempt(engine, cells, yaw_deg, makespan_s, elapsed_s, effort.spent_s, finished, reason)
         )
-        self.left_s -= effort.spent_s
+        self.remaining_s -= effort.spent_s
 
     def _is_better(self, found: Decomposition, yaw_deg: float) -> bool:
         if self.best is None:
@@ -120,7 +120,7 @@ class _Trials:
         for share in OTHER_GRIDS:
             cells = min(FINEST, round(share * first))
             shape = cell_counts(extents_mm, cells)
-            if self.best is not None and self.best.possible_gain(problem.printers) < NEAR:
+            if self.best is not None and self.best.possible_gain(problem.printers) < MIN_GAIN:
                 break
             if shape not in shapes:
                 shapes.add(shape)

@@ -109,7 +109,7 @@ def commission(url: str, folder: Path | None, firmware: Firmware, answer_s: floa
         try:
             _verify_idle(port, url, firmware, answer_s)
             port.reset()
-            words = _await_restart(port, url, firmware, answer_s)
+            identity = _await_restart(port, url, firmware, answer_s)
         finally:
             port.close()
         if folder is not None:
@@ -118,7 +118,7 @@ def commission(url: str, folder: Path | None, firmware: Firmware, answer_s: floa
     finally:
         if lock is not None:
             os.close(lock)
-    return find_model(words)
+    return find_model(identity)
 
 
 def commission_by_agent(folder: Path) -> None:
@@ -142,22 +142,22 @@ async def _ask_agent(folder: Path) -> None:
             raise AgentError(reply.error or "its agent is of another version: restart it")
         if reply.snapshot.link is not m.LinkState.CONNECTING:
             raise AgentError(reply.snapshot.reason or "its board was not reset")
-        tried = False  # snapshots from before the reply are old
+        is_current = False  # snapshots from before the reply are old
         async with asyncio.timeout(_AGENT_S):
-            async for said in client.snapshots():
-                if said.link is m.LinkState.CONNECTING:
-                    tried = True
-                elif tried and said.reset_verified:
+            async for snapshot in client.snapshots():
+                if snapshot.link is m.LinkState.CONNECTING:
+                    is_current = True
+                elif is_current and snapshot.reset_verified:
                     return
-                elif tried:
-                    raise AgentError(said.reason or "it does not answer")
+                elif is_current:
+                    raise AgentError(snapshot.reason or "it does not answer")
     except TimeoutError as error:
         raise AgentError(f"its board did not answer in {_AGENT_S:g} s") from error
     finally:
         await client.close()
 
 
-def find_model(words: bytes) -> str:
+def find_model(identity: bytes) -> str:
     """Return the printer model with this banner or answer to the identity query.
 
     Raises
@@ -168,13 +168,13 @@ def find_model(words: bytes) -> str:
     for profile in PROFILES.values():
         firmware = profile.firmware
         if firmware.version is None:
-            known = firmware.identity_word in words and profile.machine_word in words
+            matches = firmware.identity_word in identity and profile.machine_word in identity
         else:
-            known = firmware.read_suffix(words) == profile.banner_suffix
-        if known:
+            matches = firmware.read_suffix(identity) == profile.banner_suffix
+        if matches:
             return profile.model
     marks = (b"Vers:", b"MACHINE_TYPE:")
-    version = next((line for line in words.split(b"\n") if any(mark in line for mark in marks)), b"")
+    version = next((line for line in identity.split(b"\n") if any(mark in line for mark in marks)), b"")
     raise DriverError(f"the board restarted, but its firmware version is unknown: {version!r}")
 
 
@@ -191,15 +191,15 @@ def _verify_idle(port: Port, url: str, firmware: Firmware, answer_s: float) -> N
             idle.judge_answer(event.text)
         elif isinstance(event, Report):
             if idle.card or not event.off:
-                why = CARD if idle.card else "a heater is on"
-                raise PortError(f"{url}: its printer is not idle: {why}; wait until it is")
+                cause = CARD if idle.card else "a heater is on"
+                raise PortError(f"{url}: its printer is not idle: {cause}; wait until it is")
             return
     raise PortError(f"{url}: its printer does not report that it is idle; switch it off and on")
 
 
 def _await_restart(port: Port, url: str, firmware: Firmware, answer_s: float) -> bytes:
     """Wait until the board restarts; return its banner, or its identity if the banner lacks the model."""
-    link, words = Link(firmware), b""
+    link, identity = Link(firmware), b""
     for now_s, event in exchange(port, link, answer_s):
         if isinstance(event, Connected):
             if not event.restarted:
@@ -209,9 +209,9 @@ def _await_restart(port: Port, url: str, firmware: Firmware, answer_s: float) ->
             link.send(now_s, firmware.identity_query)
             link.poll_soon(now_s + 0.5)
         elif isinstance(event, OtherLine):
-            words += event.text + b"\n"
+            identity += event.text + b"\n"
         elif isinstance(event, Report):
-            return words
+            return identity
     raise PortError(
         f"{url}: no `start` after a pulse of DTR: check its cable; "
         "a printer that the farm cannot stop prints only while somebody is there"

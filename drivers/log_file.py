@@ -47,9 +47,9 @@ def rotate_log(path: Path, most_bytes: int = MOST_BYTES, kept: int = KEPT) -> bo
             if older.exists():
                 older.replace(_numbered(path, number))
         fresh.replace(path)
-        for own in (1, 2):
-            if _is_open_as(own, found):
-                os.dup2(descriptor, own)
+        for stream in (1, 2):
+            if _is_open_as(stream, found):
+                os.dup2(descriptor, stream)
     except OSError:
         return False
     finally:

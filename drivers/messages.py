@@ -37,7 +37,7 @@ class _Request(_Message):
     since: ClassVar[int] = 1  # protocol version that added the request
 
 
-class _Said(_Message):
+class _AgentMessage(_Message):
     """Message of an agent, whose version may differ from the reader's: upgrades do not end prints."""
 
     model_config = ConfigDict(
@@ -86,7 +86,7 @@ class PrintPhase(StrEnum):
         return self in (PrintPhase.DONE, PrintPhase.FAILED, PrintPhase.CANCELLED)
 
 
-class Heater(_Said):
+class Heater(_AgentMessage):
     """Last reported temperatures of a heater, in degrees Celsius."""
 
     now_c: float
@@ -108,7 +108,7 @@ class PrintReadings(BaseModel):
         return {name: getattr(self, name) for name in PrintReadings.model_fields}
 
 
-class PrintSnapshot(PrintReadings, _Said):
+class PrintSnapshot(PrintReadings, _AgentMessage):
     """The open print, or the last ended one that the daemon has not yet stored."""
 
     print_id: str
@@ -129,7 +129,7 @@ class PrintSnapshot(PrintReadings, _Said):
     sha256: str | None = None  # of its file; None from an older agent
 
 
-class Snapshot(_Said):
+class Snapshot(_AgentMessage):
     """State of an agent and its printer. Times are on the farm's clock."""
 
     filament_watched: ClassVar[int] = 3  # protocol version of `filament` in its present meaning
@@ -283,7 +283,7 @@ Request = (
 )
 
 
-class Reply(_Said):
+class Reply(_AgentMessage):
     """Reply to one request; `error` is a sentence if the request was refused."""
 
     kind: Literal["reply"] = "reply"

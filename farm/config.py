@@ -178,12 +178,12 @@ class Fleet(_Section):
         for number, printer in enumerate(self.printers):
             place = ("printers", number)
             if printer.name in names:
-                twice = f"two printers are named {printer.name}: each needs a name of its own"
-                raise FieldError(twice, *place, "name")
+                problem = f"two printers are named {printer.name}: each needs a name of its own"
+                raise FieldError(problem, *place, "name")
             names.add(printer.name)
             if not printer.unattended and not self.fleet.attended:
-                nobody = f"{printer.name} has `unattended: false`: this needs `attended` hours under `fleet`"
-                raise FieldError(nobody, *place, "unattended")
+                problem = f"{printer.name} has `unattended: false`: this needs `attended` hours under `fleet`"
+                raise FieldError(problem, *place, "unattended")
             if printer.simulated:
                 continue
             here = printer.host is None and printer.port.startswith("/")

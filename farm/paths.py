@@ -156,18 +156,18 @@ def _make_private_folder(name: str) -> Path:
         If the folder exists and belongs to another user, or others can write to it.
     """
     folder = Path(tempfile.gettempdir()) / name
-    how = "remove it, or name a shorter --socket"
+    advice = "remove it, or name a shorter --socket"
     try:
         folder.mkdir(mode=0o700, exist_ok=True)
         found = folder.lstat()
     except OSError as error:
-        raise Refused(f"{folder} cannot be used for the farm's socket ({error}): {how}") from error
+        raise Refused(f"{folder} cannot be used for the farm's socket ({error}): {advice}") from error
     if not stat.S_ISDIR(found.st_mode):
-        raise Refused(f"{folder} is no folder, so the farm's socket cannot be trusted there: {how}")
+        raise Refused(f"{folder} is no folder, so the farm's socket cannot be trusted there: {advice}")
     if found.st_uid != os.getuid():
-        raise Refused(f"{folder} belongs to another user, who could answer for the farm: {how}")
+        raise Refused(f"{folder} belongs to another user, who could answer for the farm: {advice}")
     if found.st_mode & 0o077:
-        raise Refused(f"{folder} is open to other users (mode {found.st_mode & 0o777:o}): {how}")
+        raise Refused(f"{folder} is open to other users (mode {found.st_mode & 0o777:o}): {advice}")
     return folder
 
 

@@ -33,10 +33,10 @@ def format_moment(at: datetime, now: datetime) -> str:
     at, now
         The time, and that of the reader, with time zones. A time in another year has that too.
     """
-    away = abs(at - now)
-    if away <= _SAME_WEEK:
+    distance = abs(at - now)
+    if distance <= _SAME_WEEK:
         return f"{at:%a %H:%M}"
-    return f"{at:%a %d %b %H:%M}" if away <= _SAME_YEAR else f"{at:%d %b %Y %H:%M}"
+    return f"{at:%a %d %b %H:%M}" if distance <= _SAME_YEAR else f"{at:%d %b %Y %H:%M}"
 
 
 def format_recent(at: datetime, now: datetime) -> str:

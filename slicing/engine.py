@@ -171,13 +171,13 @@ def _read_log(process: subprocess.Popen[bytes], timeout_s: float, progress: Prog
                 running = ended not in ready  # the rest of its log is in the pipe then
                 if running and time.monotonic() >= deadline_s:
                     raise EngineTimeout(f"CuraEngine did not finish within {timeout_s:g} s; {_SMALLER}")
-                said = _read(pipe)
-                if said == b"" and pipe in ready:
+                message = _read(pipe)
+                if message == b"" and pipe in ready:
                     selector.unregister(pipe)  # it closed its streams, and still runs
-                log += said
+                log += message
                 if len(log) > 4 * _LOG_BYTES:
                     del log[_LOG_BYTES:-_LOG_BYTES]
-                if progress is not None and (found := _PROGRESS.findall(said)):
+                if progress is not None and (found := _PROGRESS.findall(message)):
                     progress(min(1.0, float(found[-1])))
         finally:
             os.close(ended)
@@ -195,8 +195,8 @@ def _read(pipe: int) -> bytes:
 def _engine_error(code: int, log: str, memory_bytes: int) -> EngineFailed:
     """Build the error for an exit code and a log; a signal is a negative code."""
     lines = log.splitlines()
-    said = next((line.strip() for line in reversed(lines) if "ERROR" in line or "xception" in line), None)
-    said = said or (lines[-1].strip() if lines else "its log is empty")
+    message = next((line.strip() for line in reversed(lines) if "ERROR" in line or "xception" in line), None)
+    message = message or (lines[-1].strip() if lines else "its log is empty")
     name = "" if code > 0 else signal.Signals(-code).name
     if "bad_alloc" in log or "memory exhausted" in log:
         return EngineOutOfMemory(f"CuraEngine needs more than {memory_bytes / 2**30:.1f} GB; {_SMALLER}")
@@ -208,15 +208,15 @@ def _engine_error(code: int, log: str, memory_bytes: int) -> EngineFailed:
     if code == -signal.SIGXFSZ:
         return EngineCrashed(f"CuraEngine wrote more than {OUTPUT_BYTES / 2**30:.0f} GB; {_SMALLER}")
     if code < 0:
-        return EngineCrashed(f"CuraEngine crashed ({name}): {said}; repair the mesh, or {_SMALLER}")
-    if _UNKNOWN in said:
+        return EngineCrashed(f"CuraEngine crashed ({name}): {message}; repair the mesh, or {_SMALLER}")
+    if _UNKNOWN in message:
         return EngineOutOfMemory(
-            f"CuraEngine gave up twice ({said}), as it does where {memory_bytes / 2**30:.1f} GB of memory "
+            f"CuraEngine gave up twice ({message}), as it does where {memory_bytes / 2**30:.1f} GB of memory "
             f"are not enough, or with a model many metres long; {_SMALLER}"
         )
-    if "no value given" in said:
-        said += "; it needs the settings files of its own version: set FARM_CURA_RESOURCES"
-    return EngineFailed(f"CuraEngine failed (exit code {code}): {said}")
+    if "no value given" in message:
+        message += "; it needs the settings files of its own version: set FARM_CURA_RESOURCES"
+    return EngineFailed(f"CuraEngine failed (exit code {code}): {message}")
 
 
 def _limit_child(memory_bytes: int, parent: int) -> None:
@@ -242,10 +242,12 @@ def _limit_child(memory_bytes: int, parent: int) -> None:
 def engine_version(engine: Path) -> str:
     """Read the program's version, like ``Cura_SteamEngine version 4.13.0``; raises EngineMissing."""
     try:
-        shown = subprocess.run([str(engine), "help"], capture_output=True, text=True, timeout=30, check=False)
+        output = subprocess.run(
+            [str(engine), "help"], capture_output=True, text=True, timeout=30, check=False
+        )
     except (OSError, subprocess.TimeoutExpired) as error:
         raise EngineMissing(f"{engine} cannot be run: {error}; set FARM_CURA_ENGINE") from error
-    lines = [line.strip() for line in (shown.stdout + shown.stderr).splitlines()]
+    lines = [line.strip() for line in (output.stdout + output.stderr).splitlines()]
     named = next((line for line in lines if "version" in line), None)
     if named is None:
         raise EngineMissing(f"{engine} does not print its version: not CuraEngine; set FARM_CURA_ENGINE")

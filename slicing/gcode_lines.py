@@ -87,8 +87,8 @@ def parse_plain_move(raw: bytes) -> Words | None:
     if _PLAIN_MOVE.match(raw) is None:
         return None
     parts = raw.decode("ascii").split()
-    given: Words = {part[0]: float(part[1:]) for part in parts[1:]}
-    return given if len(given) == len(parts) - 1 else None
+    words: Words = {part[0]: float(part[1:]) for part in parts[1:]}
+    return words if len(words) == len(parts) - 1 else None
 
 
 def parse_words(rest: str, number: int) -> Words:
@@ -115,7 +115,7 @@ def parse_words(rest: str, number: int) -> Words:
         if letter in found:
             raise GcodeRefused(f"line {number}: {letter} appears twice in {quote_text(rest)}: take one out")
         value = float(digits)
-        if abs(value) > _most(letter):
+        if abs(value) > _limit(letter):
             raise GcodeRefused(
                 f"line {number}: {letter}{digits} is out of any printer's range: is the file damaged?"
             )
@@ -132,7 +132,7 @@ def quote_text(text: str) -> str:
     return repr(text if len(text) <= 40 else text[:39] + "…")
 
 
-def _most(letter: str) -> float:
+def _limit(letter: str) -> float:
     """Return the greatest number that a word with this letter may have."""
     if letter in "XYZIJ":
         return MAX_MM

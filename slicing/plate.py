@@ -97,7 +97,7 @@ def slice_plate(request: PlateRequest, progress: Progress | None = None) -> Plat
         lowest_mm = float(corners[..., 2].min())
         if abs(lowest_mm) > _ON_BED_MM:
             raise SliceRejected(Rule.HEIGHT, f"the model starts at Z {lowest_mm:.2f} mm; put it on the bed")
-        stored = StoredSlice.of(request.cache, request.engine, request.settings, model)
+        stored = StoredSlice.locate(request.cache, request.engine, request.settings, model)
         kept = stored.read()
         sliced = kept or _slice(request, corners, progress)
         if kept is None:
@@ -117,12 +117,12 @@ def _slice(request: PlateRequest, corners: Floats, progress: Progress | None) ->
     check_versions(request.engine, request.settings.extruder)
     first: SliceRejected | None = None
     with tempfile.TemporaryDirectory(prefix="farm-wider-") as folder:
-        ways = [
+        variants = [
             partial(_widen, request, corners, share, offset_mm, Path(folder)) for share, offset_mm in _RETRIES
         ]
-        for way in (*ways, partial(_add_wave, request, corners, Path(folder))):
+        for variant in (*variants, partial(_add_wave, request, corners, Path(folder))):
             try:
-                return _slice_once(way(), corners, progress)
+                return _slice_once(variant(), corners, progress)
             except SliceRejected as rejected:
                 first = first or rejected
                 if rejected.rule not in _RETRIED:

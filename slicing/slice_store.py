@@ -37,7 +37,7 @@ class StoredSlice:
     key: str
 
     @classmethod
-    def of(cls, cache: Path | None, engine: Path, settings: EngineSettings, model: bytes) -> StoredSlice:
+    def locate(cls, cache: Path | None, engine: Path, settings: EngineSettings, model: bytes) -> StoredSlice:
         """Name the entry of a model (an STL's bytes) for these settings; it is empty without a folder."""
         if cache is None:
             return cls(None, "")

@@ -21,7 +21,7 @@ from decompose.jit import jit
 Tables = tuple[npt.NDArray[np.float32], npt.NDArray[np.int32], npt.NDArray[np.int16]]
 
 RESTARTS, STEPS = 60, 100  # most restarts, and steps between them
-SURE = 1e-4  # share by which the fewest boxes exceed the printers when the search stops
+TOLERANCE = 1e-4  # share by which the fewest boxes exceed the printers when the search stops
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,7 +98,7 @@ def _largest(tables: Tables, limit_s: float, shape: Shape, found: npt.NDArray[np
 
 
 @jit
-def _hold(cells: Floats, corners: Ints, sums: Floats, held: Floats) -> None:
+def _sum_in_boxes(cells: Floats, corners: Ints, sums: Floats, in_box: Floats) -> None:
     """Sum the values of cells in each box, by a summed-area table.
 
     Parameters
@@ -109,7 +109,7 @@ def _hold(cells: Floats, corners: Ints, sums: Floats, held: Floats) -> None:
         (k, 8) of `_corners`.
     sums
         (nx + 1, ny + 1, nz + 1) workspace, its first layers 0: the summed-area table.
-    held
+    in_box
         (k,) filled in.
     """
     nx, ny, nz = cells.shape
@@ -124,12 +124,12 @@ def _hold(cells: Floats, corners: Ints, sums: Floats, held: Floats) -> None:
     s = sums.ravel()
     for k in range(len(corners)):
         c = corners[k]
-        more = s[c[0]] + s[c[1]] + s[c[2]] + s[c[3]]
-        held[k] = more - s[c[4]] - s[c[5]] - s[c[6]] - s[c[7]]
+        added = s[c[0]] + s[c[1]] + s[c[2]] + s[c[3]]
+        in_box[k] = added - s[c[4]] - s[c[5]] - s[c[6]] - s[c[7]]
 
 
 @jit
-def _cover(shares: Floats, corners: Ints, steps: Floats, covered: Floats) -> None:
+def _sum_over_cells(shares: Floats, corners: Ints, steps: Floats, covered: Floats) -> None:
     """Sum, for each cell, the shares of the boxes that cover it.
 
     Parameters
@@ -180,7 +180,7 @@ class _Programme(NamedTuple):
         (k,) float64 number of pieces of each box.
     content
         (k,) float64 number of needed cells in each box.
-    crowd
+    overlap
         (nx, ny, nz) float64 number of boxes over each cell.
     """
 
@@ -188,7 +188,7 @@ class _Programme(NamedTuple):
     corners: Ints
     pieces: Floats
     content: Floats
-    crowd: Floats
+    overlap: Floats
 
 
 class _Iterate(NamedTuple):
@@ -204,65 +204,65 @@ class _Workspace(NamedTuple):
     Attributes
     ----------
     sums, steps
-        (nx + 1, ny + 1, nz + 1), see `_hold` and `_cover`.
-    held
+        (nx + 1, ny + 1, nz + 1), see `_sum_in_boxes` and `_sum_over_cells`.
+    in_box
         (k,) weight that each box holds.
     covered
         (nx, ny, nz) sum of the shares over each cell.
-    ahead
+    extrapolated
         (k,) shares extrapolated by one step.
     """
 
     sums: Floats
     steps: Floats
-    held: Floats
+    in_box: Floats
     covered: Floats
-    ahead: Floats
+    extrapolated: Floats
 
 
 @jit
-def _step(p: _Programme, work: _Workspace, balance: float, current: _Iterate, mean: _Iterate) -> None:
+def _advance(p: _Programme, work: _Workspace, balance: float, current: _Iterate, mean: _Iterate) -> None:
     """Make one step of the method, and add the new iterate to the mean; both are changed in place.
 
     balance: ratio of the steps in shares to those in weights.
     """
     shares, weights = current.shares, current.weights
-    _hold(weights, p.corners, work.sums, work.held)
+    _sum_in_boxes(weights, p.corners, work.sums, work.in_box)
     for k in range(len(shares)):
-        share = max(0.0, shares[k] + balance / p.content[k] * (work.held[k] - p.pieces[k]))
-        work.ahead[k] = 2.0 * share - shares[k]
+        share = max(0.0, shares[k] + balance / p.content[k] * (work.in_box[k] - p.pieces[k]))
+        work.extrapolated[k] = 2.0 * share - shares[k]
         shares[k] = share
         mean.shares[k] += share / STEPS
-    _cover(work.ahead, p.corners, work.steps, work.covered)
+    _sum_over_cells(work.extrapolated, p.corners, work.steps, work.covered)
     nx, ny, nz = p.needed.shape
     for x in range(nx):
         for y in range(ny):
             for z in range(nz):
                 if p.needed[x, y, z]:
-                    step = (1.0 - work.covered[x, y, z]) / (p.crowd[x, y, z] * balance)
+                    step = (1.0 - work.covered[x, y, z]) / (p.overlap[x, y, z] * balance)
                     weights[x, y, z] = max(0.0, weights[x, y, z] + step)
                     mean.weights[x, y, z] += weights[x, y, z] / STEPS
 
 
 @jit
-def _scales(p: _Programme, work: _Workspace, at: _Iterate) -> tuple[float, float]:
+def _feasibility_divisors(p: _Programme, work: _Workspace, at: _Iterate) -> tuple[float, float]:
     """Find the divisors that make an iterate feasible: its weights by the first, its shares by the second.
 
     The first is the greatest weight per piece in any box, the second the least sum of shares over a needed
     cell.
     """
-    _hold(at.weights, p.corners, work.sums, work.held)
-    _cover(at.shares, p.corners, work.steps, work.covered)
-    most_held, least_covered = 1e-12, np.inf
+    _sum_in_boxes(at.weights, p.corners, work.sums, work.in_box)
+    _sum_over_cells(at.shares, p.corners, work.steps, work.covered)
+    heaviest_box, least_covered_cell = 1e-12, np.inf
     for k in range(len(p.pieces)):
-        most_held = max(most_held, work.held[k] / p.pieces[k])
+        heaviest_box = max(heaviest_box, work.in_box[k] / p.pieces[k])
     nx, ny, nz = p.needed.shape
     for x in range(nx):
         for y in range(ny):
             for z in range(nz):
                 if p.needed[x, y, z]:
-                    least_covered = min(least_covered, work.covered[x, y, z])
-    return most_held, max(least_covered, 1e-12)
+                    least_covered_cell = min(least_covered_cell, work.covered[x, y, z])
+    return heaviest_box, max(least_covered_cell, 1e-12)
 
 
 @jit
@@ -273,36 +273,39 @@ def _search(p: _Programme, work: _Workspace, printers: int, current: _Iterate) -
     it is known whether more pieces than printers are needed.
     """
     best_weights, best_shares = current.weights.copy(), current.shares.copy()
-    most, least = 0.0, np.inf  # sums of these: the bounds on the fewest boxes
+    lower, upper = 0.0, np.inf  # sums of these: the bounds on the fewest boxes
     balance = 0.05 * len(p.pieces) / p.needed.sum()
     for _ in range(RESTARTS):
         old = _Iterate(current.shares.copy(), current.weights.copy())
         mean = _Iterate(np.zeros(len(p.pieces)), np.zeros(p.needed.shape))
         for _ in range(STEPS):
-            _step(p, work, balance, current, mean)
-        closest, following = np.inf, mean
-        for each in (_Iterate(current.shares.copy(), current.weights.copy()), mean):
-            most_held, least_covered = _scales(p, work, each)
-            low, high = each.weights.sum() / most_held, (each.shares * p.pieces).sum() / least_covered
-            if low > most:
-                most, best_weights = low, each.weights / most_held
-            if high < least:
-                least, best_shares = high, each.shares / least_covered
+            _advance(p, work, balance, current, mean)
+        closest, restart = np.inf, mean
+        for iterate in (_Iterate(current.shares.copy(), current.weights.copy()), mean):
+            heaviest_box, least_covered_cell = _feasibility_divisors(p, work, iterate)
+            low, high = (
+                iterate.weights.sum() / heaviest_box,
+                (iterate.shares * p.pieces).sum() / least_covered_cell,
+            )
+            if low > lower:
+                lower, best_weights = low, iterate.weights / heaviest_box
+            if high < upper:
+                upper, best_shares = high, iterate.shares / least_covered_cell
             if high - low < closest:
-                closest, following = high - low, each
-        if most > printers * (1.0 + SURE) or least <= printers or least - most < SURE * most:
+                closest, restart = high - low, iterate
+        if lower > printers * (1.0 + TOLERANCE) or upper <= printers or upper - lower < TOLERANCE * lower:
             break
-        by_shares = ((following.shares - old.shares) ** 2 * p.content).sum()
-        by_weights = ((following.weights - old.weights) ** 2 * p.crowd).sum()
+        by_shares = ((restart.shares - old.shares) ** 2 * p.content).sum()
+        by_weights = ((restart.weights - old.weights) ** 2 * p.overlap).sum()
         if by_shares > 0.0 and by_weights > 0.0:
             balance = np.sqrt(balance * np.sqrt(by_shares / by_weights))
-        current.shares[:], current.weights[:] = following.shares, following.weights
+        current.shares[:], current.weights[:] = restart.shares, restart.weights
     return _Iterate(best_shares, best_weights)
 
 
 @jit
 def _solve(
-    needed: Bools, corners: Ints, pieces: Floats, crowd: Floats, printers: int, weights: Floats
+    needed: Bools, corners: Ints, pieces: Floats, overlap: Floats, printers: int, weights: Floats
 ) -> _Iterate:
     """Find good feasible weights and shares of a `_Programme`.
 
@@ -315,7 +318,7 @@ def _solve(
     weights
         (nx, ny, nz) float64 to begin with; changed.
     """
-    programme = _Programme(needed, corners, pieces, np.zeros(len(pieces)), crowd)
+    programme = _Programme(needed, corners, pieces, np.zeros(len(pieces)), overlap)
     nx, ny, nz = needed.shape
     work = _Workspace(
         np.zeros((nx + 1, ny + 1, nz + 1)),
@@ -324,7 +327,7 @@ def _solve(
         np.zeros((nx, ny, nz)),
         np.zeros(len(pieces)),
     )
-    _hold(needed.astype(np.float64), corners, work.sums, programme.content)
+    _sum_in_boxes(needed.astype(np.float64), corners, work.sums, programme.content)
     shares = np.full(len(pieces), weights.sum() / pieces.sum())
     return _search(programme, work, printers, _Iterate(shares, weights))
 
@@ -354,14 +357,16 @@ def cover_cells(boxes: BoxTables, needed: Bools, limit_s: float, printers: int, 
     tables = (boxes.seconds, boxes.trimmed, boxes.pieces)
     found = found[: _largest(tables, limit_s, boxes.shape, found)].copy()
     corners = _corners(found.astype(np.int64), boxes.shape)
-    crowd = np.zeros(needed.shape)
-    _cover(np.ones(len(found)), corners, np.zeros([n + 1 for n in boxes.shape]), crowd)
-    alone = needed & (crowd < 0.5)
-    if alone.any():
-        return Covering((alone.cumsum().reshape(alone.shape) == 1) * alone * 1.0, found, np.zeros(len(found)))
+    overlap = np.zeros(needed.shape)
+    _sum_over_cells(np.ones(len(found)), corners, np.zeros([n + 1 for n in boxes.shape]), overlap)
+    uncovered = needed & (overlap < 0.5)
+    if uncovered.any():
+        return Covering(
+            (uncovered.cumsum().reshape(uncovered.shape) == 1) * uncovered * 1.0, found, np.zeros(len(found))
+        )
     at = [box_index((a, b, c, d, e, f), boxes.shape) for a, b, c, d, e, f in found.tolist()]
     pieces = boxes.pieces[at].astype(np.float64)
-    best = _solve(needed, corners, pieces, crowd, printers, weights.copy())
+    best = _solve(needed, corners, pieces, overlap, printers, weights.copy())
     return Covering(best.weights, found, best.shares)
 
 
@@ -373,6 +378,6 @@ def _corners(boxes: Ints, shape: tuple[int, int, int]) -> Ints:
     def at(x: Ints, y: Ints, z: Ints) -> Ints:
         return (x * (ny + 1) + y) * (nz + 1) + z
 
-    more = at(x1, y1, z1), at(x0, y0, z1), at(x0, y1, z0), at(x1, y0, z0)
-    less = at(x0, y1, z1), at(x1, y0, z1), at(x1, y1, z0), at(x0, y0, z0)
-    return np.ascontiguousarray(np.stack([*more, *less], axis=1))
+    added = at(x1, y1, z1), at(x0, y0, z1), at(x0, y1, z0), at(x1, y0, z0)
+    subtracted = at(x0, y1, z1), at(x1, y0, z1), at(x1, y1, z0), at(x0, y0, z0)
+    return np.ascontiguousarray(np.stack([*added, *subtracted], axis=1))

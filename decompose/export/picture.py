@@ -31,7 +31,7 @@ GOLDEN = (np.sqrt(5.0) - 1.0) / 2.0
 
 @jit
 def _rasterise(
-    triangles: Floats, colours: Floats, owner: Ints, image: Floats, depth: Floats, seen: Ints
+    triangles: Floats, colours: Floats, owner: Ints, image: Floats, depth: Floats, visible: Ints
 ) -> None:
     """Draw triangles (m, 3, 3) in pixels, z towards the eye, each in one colour (m, 3).
 
@@ -59,7 +59,7 @@ def _rasterise(
                 if z > depth[y, x]:
                     depth[y, x] = z
                     image[y, x] = colours[t]
-                    seen[y, x] = owner[t]
+                    visible[y, x] = owner[t]
 
 
 def part_colours(count: int) -> Floats:
@@ -88,8 +88,8 @@ def draw_assembly(parts: Sequence[Part], path: Path, longest_px: int = 1100) -> 
     shapes, colours, owner = [], [], []
     for i, (part, base) in enumerate(zip(parts, part_colours(len(parts)), strict=True)):
         vertices, faces = part.solid.arrays()
-        away = EXPLODE * (part.solid.bounds_mm.mean(axis=0) - middle)
-        triangles = ((vertices + away - middle) @ frame.T)[faces]
+        offset_mm = EXPLODE * (part.solid.bounds_mm.mean(axis=0) - middle)
+        triangles = ((vertices + offset_mm - middle) @ frame.T)[faces]
         normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
         length = np.linalg.norm(normal, axis=1, keepdims=True)
         normal = np.divide(normal, length, out=np.zeros_like(normal), where=length > 0.0)
@@ -104,38 +104,38 @@ def draw_assembly(parts: Sequence[Part], path: Path, longest_px: int = 1100) -> 
     size = np.ceil((greatest - least + 2.0 * margin) * scale / OVERSAMPLE).astype(int) * OVERSAMPLE
     image = np.ones((size[1], size[0], 3))
     depth = np.full((size[1], size[0]), -np.inf)
-    seen = np.zeros((size[1], size[0]), dtype=np.int64)
+    visible = np.zeros((size[1], size[0]), dtype=np.int64)
     placed = (triangles - least + margin) * scale
-    _rasterise(placed, np.concatenate(colours), np.concatenate(owner), image, depth, seen)
+    _rasterise(placed, np.concatenate(colours), np.concatenate(owner), image, depth, visible)
     _outline(image, depth, step=0.012 * float(np.ptp(triangles[:, :, 2])) * scale)
     picture = image.reshape(size[1] // OVERSAMPLE, OVERSAMPLE, size[0] // OVERSAMPLE, OVERSAMPLE, 3)
-    _write(picture.mean(axis=(1, 3)), seen[::OVERSAMPLE, ::OVERSAMPLE], [p.id for p in parts], path)
+    _write(picture.mean(axis=(1, 3)), visible[::OVERSAMPLE, ::OVERSAMPLE], [p.id for p in parts], path)
 
 
-def _write(picture: Floats, seen: Ints, names: Sequence[str], path: Path) -> None:
+def _write(picture: Floats, visible: Ints, names: Sequence[str], path: Path) -> None:
     """Write the picture (h, w, 3), first row at the bottom, with each part's name where it is seen most."""
-    height, width = seen.shape
+    height, width = visible.shape
     figure = Figure(figsize=(width / DPI, height / DPI), dpi=DPI)
     FigureCanvasAgg(figure)
     axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
     axes.set_axis_off()
     axes.imshow(picture, origin="lower", interpolation="none", aspect="auto")
     outline = [withStroke(linewidth=2.5, foreground="white")]
-    behind = []
-    for number, (name, window) in enumerate(zip(names, find_objects(seen, len(names)), strict=True), 1):
+    hidden = []
+    for number, (name, window) in enumerate(zip(names, find_objects(visible, len(names)), strict=True), 1):
         label = name.lstrip("p").lstrip("0") or name
         if window is None:
-            behind.append(label)
+            hidden.append(label)
             continue
-        room = distance_transform_edt(np.pad(seen[window] == number, 1))
+        room = distance_transform_edt(np.pad(visible[window] == number, 1))
         row, column = np.unravel_index(int(room.argmax()), room.shape)
         points = float(np.clip(room.max() * 72.0 / DPI, SMALLEST_LABEL_PT, LABEL_PT))
         axes.text(
             window[1].start + column - 1, window[0].start + row - 1, label,
             ha="center", va="center", fontsize=points, weight="bold", path_effects=outline,
         )  # fmt: skip
-    if behind:
-        lines = fill(f"behind: {', '.join(behind)}", max(20, int(width / LABEL_PX)))
+    if hidden:
+        lines = fill(f"behind: {', '.join(hidden)}", max(20, int(width / LABEL_PX)))
         axes.text(0.01, 0.01, lines, transform=axes.transAxes, fontsize=LABEL_PT, path_effects=outline)
     figure.savefig(path)
 

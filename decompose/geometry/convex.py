@@ -107,9 +107,9 @@ def smallest_rectangle(outline: Floats) -> float:
         a, b = outline[i], outline[(i + 1) % len(outline)]
         side = np.hypot(b[0] - a[0], b[1] - a[1])
         ux, uy = (b[0] - a[0]) / side, (b[1] - a[1]) / side
-        along = outline[:, 0] * ux + outline[:, 1] * uy
+        along_edge = outline[:, 0] * ux + outline[:, 1] * uy
         across = outline[:, 1] * ux - outline[:, 0] * uy
-        u, v = along.max() - along.min(), across.max() - across.min()
+        u, v = along_edge.max() - along_edge.min(), across.max() - across.min()
         if u * v < best - 1e-6:  # of rectangles of equal size, the first
             best = u * v
             angle = np.arctan2(uy, ux) if u >= v else np.arctan2(ux, -uy)

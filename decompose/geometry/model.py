@@ -101,12 +101,12 @@ def load_model(
     ModelUnreadable, ModelEmpty, ModelNotFinite, ModelFlat, ModelTiny, ModelHuge, ModelNotSolid
         Approximately in the order of the checks.
     """
-    where = _one_line(str(path) if name is None else name)
+    source = _one_line(str(path) if name is None else name)
     suffix = Path(path.name if name is None else name).suffix.lower()
     name = _one_line(path.name if name is None else name)
     _check_size_options(scale, longest_side_mm)
     report("reading")
-    triangles, notes = _read(path, where, name, suffix, memory_bytes)
+    triangles, notes = _read(path, source, name, suffix, memory_bytes)
     longest, reach = _measure_triangles(name, triangles)
     factor = _factor(name, longest, scale, longest_side_mm)
     if longest * factor < SMALLEST_MM:
@@ -135,9 +135,9 @@ def _measure_triangles(name: str, triangles: Floats) -> tuple[float, float]:
     Refuses triangles that are not finite, empty or flat.
     """
     if not np.isfinite(triangles).all():
-        bad = int((~np.isfinite(triangles)).any(axis=(1, 2)).sum())
+        bad_triangles = int((~np.isfinite(triangles)).any(axis=(1, 2)).sum())
         raise ModelNotFinite(
-            f"{name}: {bad} of {len(triangles)} triangles have a coordinate that is not a number"
+            f"{name}: {bad_triangles} of {len(triangles)} triangles have a coordinate that is not a number"
         )
     reach = float(np.abs(triangles).max())
     unit = triangles / (reach or 1.0)  # its squares neither overflow nor vanish
@@ -157,17 +157,17 @@ def _one_line(text: str) -> str:
 
 
 def _read(
-    path: Path, where: str, name: str, suffix: str, memory_bytes: int | None
+    path: Path, source: str, name: str, suffix: str, memory_bytes: int | None
 ) -> tuple[Floats, tuple[str, ...]]:
     """Read the triangles (m, 3, 3) of a file; also its notices, a sentence each."""
     try:
         data = path.read_bytes()
     except (OSError, ValueError) as error:  # a path with a zero byte is a ValueError
-        why = getattr(error, "strerror", None) or error
-        raise ModelUnreadable(f"{where}: cannot be read ({why}); check the path") from error
+        reason = getattr(error, "strerror", None) or error
+        raise ModelUnreadable(f"{source}: cannot be read ({reason}); check the path") from error
     if suffix not in SUFFIXES:
-        known = ", ".join(s[1:].upper() for s in SUFFIXES if s != ".stp")
-        raise ModelUnreadable(f"{name}: not a known kind of model; export it as one of {known}")
+        formats = ", ".join(s[1:].upper() for s in SUFFIXES if s != ".stp")
+        raise ModelUnreadable(f"{name}: not a known kind of model; export it as one of {formats}")
     if not data:
         raise ModelEmpty(f"{name}: the file is empty; export the model again")
     most = None if memory_bytes is None else most_triangles(memory_bytes)
@@ -200,10 +200,9 @@ def _check_stl(name: str, data: bytes) -> tuple[bytes, tuple[str, ...]]:
         )
     if promised == present:
         return data, ()
-    whole = (
-        HEADER_BYTES + COUNT_BYTES + promised * FACE_BYTES
-    )  # some programs put colours or their name there
-    return data[:whole], (f"Left out {len(data) - whole} bytes behind the last triangle.",)
+    # Some programs put colours or their name behind the last triangle.
+    stl_bytes = HEADER_BYTES + COUNT_BYTES + promised * FACE_BYTES
+    return data[:stl_bytes], (f"Left out {len(data) - stl_bytes} bytes behind the last triangle.",)
 
 
 def _load_triangles(name: str, data: bytes, suffix: str) -> Floats:
@@ -214,11 +213,13 @@ def _load_triangles(name: str, data: bytes, suffix: str) -> Floats:
             loaded: Any = trimesh.load(io.BytesIO(data), file_type=suffix[1:], process=False, force="mesh")
             triangles = np.array(loaded.triangles, dtype=np.float64)
     except Exception as error:  # on hostile bytes a reader may raise anything
-        why = _one_line(str(error).strip().splitlines()[0][:80]) if str(error).strip() else "no reason given"
+        reason = (
+            _one_line(str(error).strip().splitlines()[0][:80]) if str(error).strip() else "no reason given"
+        )
         if isinstance(error, ImportError):  # the reader looks for a package that guesses encodings
-            why = "its text is not UTF-8"
+            reason = "its text is not UTF-8"
         raise ModelUnreadable(
-            f"{name}: cannot be read as {suffix[1:].upper()} ({why}); export it again"
+            f"{name}: cannot be read as {suffix[1:].upper()} ({reason}); export it again"
         ) from error
     if triangles.size == 0:
         raise ModelEmpty(f"{name}: holds no triangles; export the model again")

@@ -59,25 +59,25 @@ def close_surface(name: str, triangles: Floats, report: Report = lambda _: None)
     after, is_changed = _close_bodies(before, report)
     if not after:
         raise ModelNotSolid(f"{name}: {len(before)} loose surfaces, none of them a solid; export a solid")
-    said: list[str] = []
+    messages: list[str] = []
     if len(after) > 1:
         report(f"joining {len(after)} bodies")
-    solid = _join(name, after, said)
+    solid = _join(name, after, messages)
     edges = np.sort(mesh.edges, axis=1)
     counts = np.unique(edges, axis=0, return_counts=True)[1]
-    lone, shared = int((counts == 1).sum()), int((counts > 2).sum())
+    single_edges, shared = int((counts == 1).sum()), int((counts > 2).sum())
     if is_changed:
         report("comparing the repaired surface")
         new = _refuse_if_changed(name, mesh, solid)
         repairs.append(
-            f"Closed an open mesh ({lone} open edges, {shared} shared by more than two triangles): "
+            f"Closed an open mesh ({single_edges} open edges, {shared} shared by more than two triangles): "
             f"{100.0 * new:.2g} % of the surface is new."
         )
     elif shared:
         repairs.append(f"Separated bodies that touch ({shared} edges shared by more than two triangles).")
     if any(b.is_watertight and not b.is_winding_consistent for b in before):
         repairs.append("Turned triangles that faced the wrong way.")
-    return solid, repairs + said
+    return solid, repairs + messages
 
 
 def _weld(triangles: Floats) -> tuple[Any, list[str]]:
@@ -89,10 +89,10 @@ def _weld(triangles: Floats) -> tuple[Any, list[str]]:
     mesh: Any = trimesh.Trimesh(triangles.reshape(-1, 3), soup, process=False)
     mesh.merge_vertices(digits_vertex=None)
     faces = _distinct(mesh.faces)
-    said = []
+    messages = []
     if len(faces) < len(triangles):
         dropped = len(triangles) - len(faces)
-        said.append(f"Dropped {dropped} triangles that had collapsed or were given twice.")
+        messages.append(f"Dropped {dropped} triangles that had collapsed or were given twice.")
     open_edges = _open_edges(faces)
     if open_edges:
         tree = cKDTree(mesh.vertices)
@@ -104,9 +104,9 @@ def _weld(triangles: Floats) -> tuple[Any, list[str]]:
             welded = _distinct(first[mesh.faces])
             if _open_edges(welded) < open_edges / 2:
                 faces = welded
-                said.append(f"Joined vertices within {share * size:.1g} mm of each other.")
+                messages.append(f"Joined vertices within {share * size:.1g} mm of each other.")
                 break
-    return trimesh.Trimesh(mesh.vertices, faces, process=False), said
+    return trimesh.Trimesh(mesh.vertices, faces, process=False), messages
 
 
 def _distinct(faces: Any) -> Any:
@@ -147,12 +147,12 @@ def _close_bodies(bodies: list[Any], report: Report) -> tuple[list[Any], bool]:
     Flat holes are capped. Others are closed by MeshFix, one body after the other (all at once would drop all
     but the largest), unless it takes away some of the surface: then they are capped too.
     """
-    whole: list[Any] = []
+    closed_bodies: list[Any] = []
     rimmed: list[Any] = []
     is_changed = False
     for number, body in enumerate(bodies, 1):
         if body.is_watertight and body.is_winding_consistent:
-            whole.append(body)
+            closed_bodies.append(body)
             continue
         report(f"repairing body {number} of {len(bodies)}" if len(bodies) > 1 else "repairing")
         parts = _shells(body)
@@ -160,21 +160,21 @@ def _close_bodies(bodies: list[Any], report: Report) -> tuple[list[Any], bool]:
             is_flat(part.vertices[rim]) for part in parts for rim in find_rims(part.faces)
         ):
             fixed = _mesh_fix(body)
-            if fixed is not None and (parts is None or not _far(body, fixed).mean() > LOST_SHARE):
-                whole.append(fixed)
+            if fixed is not None and (parts is None or not _is_far(body, fixed).mean() > LOST_SHARE):
+                closed_bodies.append(fixed)
                 is_changed = True
                 continue
             is_changed = is_changed or parts is None  # it cannot be closed, and is left out
         for part in parts or []:
-            (whole if part.is_watertight else rimmed).append(part)
+            (closed_bodies if part.is_watertight else rimmed).append(part)
     if rimmed:
         joined: Any = trimesh.util.concatenate(rimmed)
         faces = np.concatenate([joined.faces, cap_holes(joined.vertices, joined.faces)])
-        whole += [
+        closed_bodies += [
             trimesh.Trimesh(*shell, process=False) for shell in split_shells(joined.vertices, faces) or []
         ]
-    thick = [b for b in whole if abs(_volume_mm3(b)) > THIN_SHARE * b.area**1.5]
-    return thick, is_changed or bool(rimmed) or len(thick) < len(whole)
+    thick = [b for b in closed_bodies if abs(_volume_mm3(b)) > THIN_SHARE * b.area**1.5]
+    return thick, is_changed or bool(rimmed) or len(thick) < len(closed_bodies)
 
 
 def _volume_mm3(body: Any) -> float:
@@ -208,11 +208,11 @@ def _refuse_if_changed(name: str, before: Any, solid: Solid) -> float:
     """Measure the share of new surface; refuse a repair that changes so much that it invents a model."""
     after: Any = trimesh.Trimesh(*solid.arrays(), process=False)
     probes = _probes(before, PROBES)
-    away = probes[_far(before, after)]
+    far_probes = probes[_is_far(before, after)]
     lost = 0.0
-    if len(away):
-        lost = float((~_inside(away, np.asarray(after.triangles))).sum()) / len(probes)
-    new = float(_far(after, before).mean())
+    if len(far_probes):
+        lost = float((~_inside(far_probes, np.asarray(after.triangles))).sum()) / len(probes)
+    new = float(_is_far(after, before).mean())
     if new > NEW_SHARE:
         raise ModelNotSolid(
             f"{name}: not closed, and closing it would invent {100 * new:.0f} % of its surface (limit "
@@ -231,7 +231,7 @@ def _probes(mesh: Any, count: int) -> Floats:
     return np.asarray(trimesh.sample.sample_surface(mesh, count, seed=0)[0])
 
 
-def _far(mesh: Any, other: Any) -> Bools:
+def _is_far(mesh: Any, other: Any) -> Bools:
     """Find which points (PROBES,) on a mesh are further from another mesh than a repair may move it."""
     geometry: Any = trimesh.triangles  # untyped
     samples, triangle = trimesh.sample.sample_surface(other, SAMPLES, seed=0)
@@ -240,8 +240,8 @@ def _far(mesh: Any, other: Any) -> Bools:
     least = np.full(len(probes), np.inf)
     for k in range(NEIGHBOURS):
         corners = np.asarray(other.triangles)[triangle[near[:, k]]]
-        foot = geometry.closest_point(corners, probes)
-        least = np.minimum(least, np.linalg.norm(foot - probes, axis=1))
+        nearest_point = geometry.closest_point(corners, probes)
+        least = np.minimum(least, np.linalg.norm(nearest_point - probes, axis=1))
     return np.asarray(least > NEAR_SHARE * np.ptp(mesh.bounds, axis=0).max())
 
 
@@ -264,11 +264,11 @@ def _triangles_above(points: Floats, triangles: Floats) -> Ints:
         x, y, z = points[i]
         for t in range(len(triangles)):
             a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
-            whole = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
-            if whole == 0.0:
+            area2 = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+            if area2 == 0.0:
                 continue
-            u = ((b[0] - x) * (c[1] - y) - (b[1] - y) * (c[0] - x)) / whole
-            v = ((c[0] - x) * (a[1] - y) - (c[1] - y) * (a[0] - x)) / whole
+            u = ((b[0] - x) * (c[1] - y) - (b[1] - y) * (c[0] - x)) / area2
+            v = ((c[0] - x) * (a[1] - y) - (c[1] - y) * (a[0] - x)) / area2
             if u >= 0.0 and v >= 0.0 and u + v <= 1.0 and u * a[2] + v * b[2] + (1.0 - u - v) * c[2] > z:
                 above[i] += 1
     return above

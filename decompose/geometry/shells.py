@@ -35,11 +35,11 @@ def orient_faces(faces: Ints) -> Ints | None:
     label = label_components(2 * m, rows, columns)  # face f as it is, and turned: f + m
     if (label[:m] == label[m:]).any():
         return None
-    kept = np.bincount(label[:m], minlength=label.max() + 1)
-    turn = kept[label[:m]] < kept[label[m:]]
-    tie = (kept[label[:m]] == kept[label[m:]]) & (label[:m] > label[m:])
+    keep_count = np.bincount(label[:m], minlength=label.max() + 1)
+    flip = keep_count[label[:m]] < keep_count[label[m:]]
+    tie = (keep_count[label[:m]] == keep_count[label[m:]]) & (label[:m] > label[m:])
     turned = faces.copy()
-    turned[turn | tie] = turned[turn | tie][:, ::-1]
+    turned[flip | tie] = turned[flip | tie][:, ::-1]
     return turned
 
 
@@ -87,8 +87,8 @@ def find_rims(faces: Ints) -> list[Ints]:
     """Find the rims of the holes of a shell, as vertices in the order of a face that fills them."""
     tail, head, _ = _half_edges(faces)
     order, starts, counts = _by_edge(tail, head)
-    lone = order[starts[counts == 1]]
-    after = dict(zip(head[lone].tolist(), tail[lone].tolist(), strict=True))
+    single_starts = order[starts[counts == 1]]
+    after = dict(zip(head[single_starts].tolist(), tail[single_starts].tolist(), strict=True))
     found = []
     while after:
         start, at = after.popitem()
@@ -214,7 +214,7 @@ def _around_edge(
     order = np.lexsort((begins, angle))
     if not begins[order[0]]:
         order = np.roll(order, -1)
-    turns = begins[order]
-    if len(order) % 2 or not turns[::2].all() or turns[1::2].any():
+    next_starts = begins[order]
+    if len(order) % 2 or not next_starts[::2].all() or next_starts[1::2].any():
         return None
     return np.asarray(around[order].reshape(-1, 2))

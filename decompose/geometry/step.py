@@ -89,7 +89,7 @@ def _convert(name: str, data: bytes, folder: Path) -> Path:
     step.write_bytes(data)
     values = (str(step), str(glb), str(CHORD_MM), str(CHORD_RAD), str(MOST_GLB_BYTES))
     try:
-        done = subprocess.run(
+        process = subprocess.run(
             [sys.executable, "-c", _CONVERT, *values],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
@@ -102,7 +102,7 @@ def _convert(name: str, data: bytes, folder: Path) -> Path:
         raise ModelUnreadable(
             f"{name}: OpenCASCADE has not read it within {LONGEST_S:g} s; export a simpler one, or STL"
         ) from None
-    if done.returncode or not glb.is_file():
-        how = "crashed on" if done.returncode < 0 else "cannot read"
-        raise ModelUnreadable(f"{name}: OpenCASCADE {how} it; export it again, or as 3MF or STL")
+    if process.returncode or not glb.is_file():
+        problem = "crashed on" if process.returncode < 0 else "cannot read"
+        raise ModelUnreadable(f"{name}: OpenCASCADE {problem} it; export it again, or as 3MF or STL")
     return glb

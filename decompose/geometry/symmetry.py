@@ -58,7 +58,7 @@ class _Cloud:
         least = error_mm
         for cone in CONES_RAD:
             near = _unit(normal + cone * self.rng.standard_normal((samples, 3)))
-            errors = [self.error_mm(each) for each in near]
+            errors = [self.error_mm(mirror) for mirror in near]
             if min(errors) < least:
                 normal, least = near[int(np.argmin(errors))], min(errors)
         axis = np.eye(3)[int(np.abs(normal).argmax())]
@@ -107,7 +107,7 @@ def draw_mirrors(vertices: Floats, rng: np.random.Generator, most: int) -> list[
     """
     cloud = _Cloud(vertices, rng, FEW_MIRRORED)
     ranked = sorted((cloud.error_mm(n), tuple(n)) for n in cloud.draw_normals())
-    return [cloud.mirror(np.array(normal), error) for error, normal in _apart(ranked, most)]
+    return [cloud.mirror(np.array(normal), error) for error, normal in _pick_distinct(ranked, most)]
 
 
 def find_good_mirrors(
@@ -127,8 +127,8 @@ def find_good_mirrors(
     cloud = _Cloud(vertices, rng, FEW_MIRRORED)
     normals = np.vstack([cloud.principal(), cloud.draw_normals()])
     ranked = sorted((cloud.error_mm(n), tuple(n)) for n in normals)
-    found = [cloud.refine(np.array(n), error, samples) for error, n in _apart(ranked, most)]
-    refined = _apart(sorted((error, tuple(normal)) for normal, error in found), most)
+    found = [cloud.refine(np.array(n), error, samples) for error, n in _pick_distinct(ranked, most)]
+    refined = _pick_distinct(sorted((error, tuple(normal)) for normal, error in found), most)
     worst = tolerance * _diagonal_mm(vertices)
     return [cloud.mirror(np.array(normal), error) for error, normal in refined if error <= worst]
 
@@ -136,7 +136,7 @@ def find_good_mirrors(
 Scored = tuple[float, tuple[float, ...]]  # the error in mm, and the normal
 
 
-def _apart(ranked: list[Scored], most: int) -> list[Scored]:
+def _pick_distinct(ranked: list[Scored], most: int) -> list[Scored]:
     """Select the first planes whose normals differ from each other, whichever way they point."""
     kept: list[Scored] = []
     for error, normal in ranked:

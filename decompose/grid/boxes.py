@@ -73,11 +73,11 @@ def _clear_ends(ends: Floats) -> None:
 
 
 @jit
-def _widen_ends(ends: Floats, more: Floats) -> None:
+def _widen_ends(ends: Floats, added: Floats) -> None:
     """Widen ends (12,) so that they hold others (12,) too."""
     for k in range(3):
-        ends[k], ends[k + 3] = min(ends[k], more[k]), max(ends[k + 3], more[k + 3])
-        ends[k + 6], ends[k + 9] = min(ends[k + 6], more[k + 6]), max(ends[k + 9], more[k + 9])
+        ends[k], ends[k + 3] = min(ends[k], added[k]), max(ends[k + 3], added[k + 3])
+        ends[k + 6], ends[k + 9] = min(ends[k + 6], added[k + 6]), max(ends[k + 9], added[k + 9])
 
 
 @jit
@@ -88,17 +88,17 @@ def _cell_ends(needed: Bools, extents: Floats) -> Floats:
     extents: (nx, ny, nz, 6) of `Grid`.
     """
     nx, ny, nz = needed.shape
-    own = np.zeros((nx, ny, nz, 6))
+    cell_bounds = np.zeros((nx, ny, nz, 6))
     for x in range(nx):
         for y in range(ny):
             for z in range(nz):
                 for k in range(6):
-                    own[x, y, z, k] = 1e9 if k < 3 else -1e9
+                    cell_bounds[x, y, z, k] = 1e9 if k < 3 else -1e9
                 if needed[x, y, z]:
-                    own[x, y, z, 0], own[x, y, z, 3] = x, x + 1
-                    own[x, y, z, 1], own[x, y, z, 4] = y, y + 1
-                    own[x, y, z, 2], own[x, y, z, 5] = z, z + 1
-    return np.concatenate((extents, own), axis=3)
+                    cell_bounds[x, y, z, 0], cell_bounds[x, y, z, 3] = x, x + 1
+                    cell_bounds[x, y, z, 1], cell_bounds[x, y, z, 4] = y, y + 1
+                    cell_bounds[x, y, z, 2], cell_bounds[x, y, z, 5] = z, z + 1
+    return np.concatenate((extents, cell_bounds), axis=3)
 
 
 @jit
@@ -134,10 +134,10 @@ def _least_price(prices: Prices, rooms: Floats, sums: Floats, ends_mm: Floats, a
             continue
         flat = areas[2 * up] + areas[2 * up + 1]
         lateral, skin = sums[LATERAL + up] + cut - flat, sums[SKIN + up] + flat
-        for over in range(2):  # as it is, and turned over
-            pose = 2 * up + over
+        for turned_over in range(2):  # as it is, and turned over
+            pose = 2 * up + turned_over
             column = sums[MOMENT + pose] - sums[OVERHANG + pose] * ends_mm[up]
-            if over == 1:
+            if turned_over == 1:
                 column = sums[OVERHANG + pose] * ends_mm[up + 3] - sums[MOMENT + pose]
             features = (sums[VOLUME], lateral, skin, sums[SLOPE + up], column)
             best = min(best, price(prices, features, (width, depth, height)))
@@ -184,12 +184,12 @@ def _clear(total: Contents) -> None:
 
 
 @jit
-def _add(total: Contents, more: Contents) -> None:
+def _add(total: Contents, contents: Contents) -> None:
     """Add contents to others, cell by cell."""
     for i in range(len(total.ends)):
         for k in range(total.sums.shape[1]):
-            total.sums[i, k] += more.sums[i, k]
-        _widen_ends(total.ends[i], more.ends[i])
+            total.sums[i, k] += contents.sums[i, k]
+        _widen_ends(total.ends[i], contents.ends[i])
 
 
 @jit

@@ -41,7 +41,7 @@ def refine_cells(
     needed = fine.cells != Cell.EXTERNAL
     if not keep_interior:
         boundary = fine.cells == Cell.BOUNDARY
-        needed = boundary | needed & _near(fine.surface[boundary], fine.planes, min_wall_mm)
+        needed = boundary | needed & _is_near(fine.surface[boundary], fine.planes, min_wall_mm)
     coarse = grid.needed
     for axis in range(3):
         coarse = coarse.repeat(times, axis=axis)
@@ -54,7 +54,7 @@ def _finer(planes: Floats, times: int) -> Floats:
     return np.append((planes[:-1, None] + np.diff(planes)[:, None] * shares).ravel(), planes[-1])
 
 
-def _near(extents: Floats, planes: tuple[Floats, Floats, Floats], distance_mm: float) -> Bools:
+def _is_near(extents: Floats, planes: tuple[Floats, Floats, Floats], distance_mm: float) -> Bools:
     """Find the cells (nx, ny, nz) nearer to any of the boxes (b, 6) than a distance, along the axes."""
     ends = np.zeros([len(p) for p in planes], dtype=np.int64)
     first = [np.searchsorted(p, extents[:, a] - distance_mm, side="right") - 1 for a, p in enumerate(planes)]

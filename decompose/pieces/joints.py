@@ -115,7 +115,7 @@ def find_faults(
     touching
         Joints of `find_joints`, where they are known already.
     """
-    found = [Fault(i, what) for i, piece in enumerate(pieces) if (what := _sliver(piece))]
+    found = [Fault(i, reason) for i, piece in enumerate(pieces) if (reason := _sliver(piece))]
     touching = find_joints(pieces) if touching is None else touching
     return found + _loose([p.solid.volume_mm3 for p in pieces], touching, min_glue_mm2)
 
@@ -123,16 +123,18 @@ def find_faults(
 def _loose(volumes_mm3: Sequence[float], touching: Sequence[Joint], min_glue_mm2: float) -> list[Fault]:
     """Find, for each group that only weak joints hold to its body, the smallest piece with such a joint."""
     body = _groups(len(volumes_mm3), touching)
-    held = _groups(len(volumes_mm3), [j for j in touching if j.holds(min_glue_mm2)])
-    weight = np.bincount(held, weights=volumes_mm3)
-    heaviest = {int(b): max(np.unique(held[body == b]), key=lambda g: weight[g]) for b in np.unique(body)}
+    components = _groups(len(volumes_mm3), [j for j in touching if j.holds(min_glue_mm2)])
+    weight = np.bincount(components, weights=volumes_mm3)
+    heaviest = {
+        int(b): max(np.unique(components[body == b]), key=lambda g: weight[g]) for b in np.unique(body)
+    }
     weak: dict[int, tuple[float, int, Joint]] = {}
     for joint in touching:
         for piece in (joint.a, joint.b):
-            group = int(held[piece])
-            if held[joint.a] != held[joint.b] and group != heaviest[int(body[piece])]:
-                mine = (volumes_mm3[piece], piece, joint)
-                weak[group] = min(weak.get(group, mine), mine, key=lambda found: found[:2])
+            group = int(components[piece])
+            if components[joint.a] != components[joint.b] and group != heaviest[int(body[piece])]:
+                candidate = (volumes_mm3[piece], piece, joint)
+                weak[group] = min(weak.get(group, candidate), candidate, key=lambda found: found[:2])
     return [Fault(piece, joint.weakness(min_glue_mm2)) for _, piece, joint in weak.values()]
 
 
@@ -167,15 +169,15 @@ def _cut_sides(solid: Solid, planes: Floats) -> dict[tuple[float, ...], shapely.
         flat = faces[on[faces].all(axis=1)]
         if not len(flat):
             continue
-        turn = -1.0 if plane[int(np.abs(plane[:3]).argmax())] < 0.0 else 1.0
-        name = np.round(turn * plane, SAME_DIGITS) + 0.0
+        sign = -1.0 if plane[int(np.abs(plane[:3]).argmax())] < 0.0 else 1.0
+        name = np.round(sign * plane, SAME_DIGITS) + 0.0
         side = np.cross(np.eye(3)[int(np.abs(name[:3]).argmin())], name[:3])
         frame = np.stack([side, np.cross(name[:3], side)]) / np.linalg.norm(side)
         corners = np.round((vertices @ frame.T)[flat], SAME_DIGITS)  # a value next to 0 has no inverse
         rings = shapely.polygons(np.concatenate([corners, corners[:, :1]], axis=1))
-        whole = shapely.union_all(rings[shapely.area(rings) > 0.0])
-        if whole.area > 0.0:
-            found[tuple(float(v) for v in name)] = whole
+        section = shapely.union_all(rings[shapely.area(rings) > 0.0])
+        if section.area > 0.0:
+            found[tuple(float(v) for v in name)] = section
     return found
 
 

@@ -219,18 +219,18 @@ def _towers(runs: Runs, supports: Floats, carried: float, step: float) -> tuple[
             begins, edge = True, False
             for i in range(max(0, column // ny - 1), min(nx, column // ny + 2)):
                 for j in range(max(0, column % ny - 1), min(ny, column % ny + 2)):
-                    beside = i * ny + j
+                    neighbour = i * ny + j
                     if supports[i, j] > 0.0:
                         begins = False
-                    for m in range(start[beside], start[beside] + counts[beside]):
+                    for m in range(start[neighbour], start[neighbour] + counts[neighbour]):
                         if ends[m, 1] < reached:
                             continue
-                        far = abs(i - column // ny) + abs(j - column % ny) == 2
+                        diagonal = abs(i - column // ny) + abs(j - column % ny) == 2
                         lower = bottom - ends[m, 0]
-                        least = carried * (1.4142135623730951 if far else 1.0)
+                        least = carried * (1.4142135623730951 if diagonal else 1.0)
                         if lower > least:
                             begins = False
-                        elif lower > LEVEL_MM or (lower > -LEVEL_MM and beside < column):
+                        elif lower > LEVEL_MM or (lower > -LEVEL_MM and neighbour < column):
                             edge = True
             if begins and edge:
                 sides += 2.0 * step * air

@@ -91,8 +91,8 @@ class Footing:
         longer = math.sqrt(REFERENCE_SHRINKAGE / max(shrinkage, 1e-4))
         begins, all_of_it = (longer * length_mm for length_mm in WARPS_MM)
         warp = widest_mm * (self.length_mm - begins) / (all_of_it - begins)
-        beside = widest_mm if lean_mm < 0.0 else 0.0
-        needed = max(lever, contact, beside, warp if self.sharp_corners else warp / 2.0)
+        offset_mm = widest_mm if lean_mm < 0.0 else 0.0
+        needed = max(lever, contact, offset_mm, warp if self.sharp_corners else warp / 2.0)
         return 0.0 if needed < MIN_BRIM_MM else math.floor(10.0 * min(needed, widest_mm)) / 10.0
 
     def expansion_mm(self, joined: bool) -> float:
@@ -107,14 +107,16 @@ def _first_layer(triangles: Floats) -> tuple[float, float, Floats]:
     order = np.argsort(low[:, :, 2], axis=1)[:, :, None]
     corners = np.take_along_axis(low, order, axis=1)
     z = corners[:, :, 2]
-    one = z[:, 1] >= FIRST_LAYER_MM  # with one corner in the layer, with two
-    two = ~one & (z[:, 2] >= FIRST_LAYER_MM)
+    one_in_layer = z[:, 1] >= FIRST_LAYER_MM  # with one corner in the layer, with two
+    two = ~one_in_layer & (z[:, 2] >= FIRST_LAYER_MM)
     share = np.ones(len(low))
-    share[one] = _corner_share(z[one])
+    share[one_in_layer] = _corner_share(z[one_in_layer])
     share[two] = 1.0 - _corner_share(z[two][:, ::-1])
     ends = np.concatenate(
         [
-            np.stack([_crossing(corners[one], 0, 1), _crossing(corners[one], 0, 2)], axis=1),
+            np.stack(
+                [_crossing(corners[one_in_layer], 0, 1), _crossing(corners[one_in_layer], 0, 2)], axis=1
+            ),
             np.stack([_crossing(corners[two], 0, 2), _crossing(corners[two], 1, 2)], axis=1),
         ]
     )

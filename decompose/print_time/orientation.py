@@ -25,7 +25,7 @@ from decompose.print_time.pose_prices import POSE_ROTATIONS, pose_features
 from decompose.printers import PrinterRoom
 
 HULL_FACETS, FLAT_FACES = 24, 12  # candidates of each kind, the largest first
-APART_DEG = 2.0  # directions closer than this are one candidate
+DISTINCT_DEG = 2.0  # directions closer than this are one candidate
 MAX_MEASURED = 24  # candidates that are measured, in the order of their prices
 FEW_COLUMNS = 1_500  # for an estimate
 SURE_SHARE = 0.8  # of an estimated support that is surely needed
@@ -87,8 +87,8 @@ def find_best_pose(
 def _support_s(vertices: Floats, faces: Ints, hull: Floats, rotation: Floats, cost: CostModel) -> float:
     """Estimate the time of the support in a pose by few columns, without its islands."""
     triangles = (vertices @ rotation.T - (hull @ rotation.T).min(axis=0))[faces]
-    seen = measure_columns(triangles, np.zeros(len(faces), np.bool_), cost.overhang_cos, FEW_COLUMNS)
-    return cost.support_price_s(seen.support_mm3, seen.support_side_mm2, seen.towers_mm)
+    columns = measure_columns(triangles, np.zeros(len(faces), np.bool_), cost.overhang_cos, FEW_COLUMNS)
+    return cost.support_price_s(columns.support_mm3, columns.support_side_mm2, columns.towers_mm)
 
 
 def candidate_directions(vertices: Floats, faces: Ints) -> Floats:
@@ -103,30 +103,30 @@ def candidate_directions(vertices: Floats, faces: Ints) -> Floats:
     except QhullError:
         facets = np.zeros((0, 3))
     for normals, most in ((facets, HULL_FACETS), (areas, FLAT_FACES)):
-        found = _apart(found, -_flats(normals), most, math.cos(math.radians(APART_DEG)))
+        found = _add_distinct(found, -_flats(normals), most, math.cos(math.radians(DISTINCT_DEG)))
     return found
 
 
 @jit
-def _apart(found: Floats, more: Floats, most: int, near_cos: float) -> Floats:
-    """Append to directions (k, 3) those of `more` (m, 3) that are near none of them; float64 unit vectors."""
-    all_of_them = np.zeros((len(found) + most, 3))
+def _add_distinct(found: Floats, candidates: Floats, most: int, near_cos: float) -> Floats:
+    """Append up to `most` candidates (m, 3) to the directions (k, 3) that they are not near; float64."""
+    directions = np.zeros((len(found) + most, 3))
     count = len(found)
-    all_of_them[:count] = found
-    for i in range(len(more)):
-        if count == len(all_of_them):
+    directions[:count] = found
+    for i in range(len(candidates)):
+        if count == len(directions):
             break
-        apart = True
+        distinct = True
         for k in range(count):
             cos = 0.0
             for axis in range(3):
-                cos += all_of_them[k, axis] * more[i, axis]
+                cos += directions[k, axis] * candidates[i, axis]
             if cos >= near_cos:
-                apart = False
-        if apart:
-            all_of_them[count] = more[i]
+                distinct = False
+        if distinct:
+            directions[count] = candidates[i]
             count += 1
-    return all_of_them[:count].copy()
+    return directions[:count].copy()
 
 
 def _flats(areas: Floats) -> Floats:

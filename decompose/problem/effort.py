@@ -67,7 +67,7 @@ class Effort:
         """Work done, in seconds of one core of a usual machine."""
         return sum(price * self.done[work] for work, price in WORK_NS.items()) / 1e9
 
-    def book(self, work: Work, units: int) -> None:
+    def record(self, work: Work, units: int) -> None:
         """Record work that is started."""
         self.done[work] += units
 

@@ -68,10 +68,12 @@ def connected_pieces(piece: Piece) -> list[Piece]:
     return [Piece(solid, piece.planes, piece.boxes_mm) for solid in found]
 
 
-def refuse_misfits(engine: str, pieces: Sequence[Piece], problem: Problem, would_do: int | None) -> None:
+def refuse_misfits(
+    engine: str, pieces: Sequence[Piece], problem: Problem, sufficient_printers: int | None
+) -> None:
     """Raise `NoFit` where a piece fits no printer in any pose, or the pieces are more than the printers.
 
-    `would_do`: number of printers that would be enough, None if unknown.
+    `sufficient_printers`: number of printers that would be enough, None if unknown.
     """
     printers = len(problem.printers)
     large = [p for p in pieces if count_parts(p.solid, problem.rooms) > 1]
@@ -85,5 +87,5 @@ def refuse_misfits(engine: str, pieces: Sequence[Piece], problem: Problem, would
         raise NoFit(
             f"{engine} makes {len(pieces)} parts, each on a printer of its own, and there are {printers}: "
             f"free more printers, or take --engine guillotine",
-            would_do,
+            sufficient_printers,
         )

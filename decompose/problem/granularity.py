@@ -13,7 +13,7 @@ FINEST = 60  # that a person may ask for
 CELLS_PER_PART = 400  # with fewer, one layer of cells is too large a share of a part
 
 
-def choose_granularity(wanted: str | int, printers: int, rooms_long: float = 1.0) -> int:
+def choose_granularity(granularity: str | int, printers: int, rooms_long: float = 1.0) -> int:
     """Choose the cube root of the number of cells from a name, a number, or ``auto``.
 
     `rooms_long` is the model's longest side over the narrowest side of a part's room: on ``auto`` a cell is
@@ -21,7 +21,7 @@ def choose_granularity(wanted: str | int, printers: int, rooms_long: float = 1.0
 
     Parameters
     ----------
-    wanted
+    granularity
         A name of `grid.GRANULARITY`, a number, or ``auto``.
     printers
         Number of printers.
@@ -33,19 +33,19 @@ def choose_granularity(wanted: str | int, printers: int, rooms_long: float = 1.0
     DecomposeError
         It is none of these.
     """
-    if wanted == "auto":
+    if granularity == "auto":
         finer = math.ceil(math.pow(CELLS_PER_PART * printers, 1.0 / 3.0))
         for_room = min(FINEST_FOR_ROOM, math.ceil(2.0 * rooms_long))
         return max(AUTO_GRANULARITY, finer, for_room)
-    if wanted in GRANULARITY:
-        return GRANULARITY[str(wanted)]
+    if granularity in GRANULARITY:
+        return GRANULARITY[str(granularity)]
     try:
-        number = int(wanted)
+        number = int(granularity)
     except ValueError:
         number = 0
     if not 1 <= number <= FINEST:
-        known = ", ".join(GRANULARITY)
+        allowed = ", ".join(GRANULARITY)
         raise DecomposeError(
-            f"--granularity {wanted}: give auto, one of {known}, or a number from 1 to {FINEST}"
+            f"--granularity {granularity}: give auto, one of {allowed}, or a number from 1 to {FINEST}"
         )
     return number

@@ -112,7 +112,7 @@ class Problem:
         """Build the grid over a model in the frame that it is cut in; see `grid.build_grid`."""
         options, cost = self.options, self.cost
         vertices, faces = model.solid.arrays()
-        self.effort.book(Work.FACE_GRIDDED, len(faces))
+        self.effort.record(Work.FACE_GRIDDED, len(faces))
         overhang_cos = cost.overhang_cos if overhang_cos is None else overhang_cos
         rules = GridRules(options.min_wall_mm, options.interior is Interior.KEEP, overhang_cos, cost.skin_cos)
         return build_grid(vertices[faces], self.granularity(model), rules, plane_at)
@@ -120,7 +120,7 @@ class Problem:
     def price_boxes(self, grid: Grid, rooms: Sequence[PrinterRoom] = ()) -> BoxTables:
         """Price every box of a grid; it fits where it fits these rooms, by default those of all printers."""
         boxes = price_boxes(grid, list(rooms or self.rooms), self.cost)
-        self.effort.book(Work.BOX_PRICED, len(boxes.seconds))
+        self.effort.record(Work.BOX_PRICED, len(boxes.seconds))
         return boxes
 
     def grid_figures(
@@ -136,7 +136,7 @@ class Problem:
         needed_mm3 = float(grid.sums[grid.needed][:, VOLUME].sum())
         bound_s = surface_bound_s(self.model.solid.area_mm2, needed_mm3, printers, self.cost)
         if self.needs_proof(pieces):
-            self.effort.book(Work.BOX_PROVEN, len(boxes.seconds))
+            self.effort.record(Work.BOX_PROVEN, len(boxes.seconds))
             bound_s = max(bound_s, makespan_bound(boxes, grid.needed, printers, times_s[0]).seconds)
         factors = sorted(printer.time_factor for printer in self.printers)
         ends_s = max(time_s * factor for time_s, factor in zip(times_s, factors, strict=False))
@@ -182,8 +182,8 @@ class Problem:
         """Find the pose of each piece, once for a solid and its rooms, in parallel with an executor."""
         run = map if self.executor is None else self.executor.map
         new = {self._posing(piece): piece for piece in pieces if self._posing(piece) not in self._posed}
-        self.effort.book(Work.PIECE_POSED, len(new))
-        self.effort.book(Work.FACE_POSED, sum(piece.solid.faces for piece in new.values()))
+        self.effort.record(Work.PIECE_POSED, len(new))
+        self.effort.record(Work.FACE_POSED, sum(piece.solid.faces for piece in new.values()))
         self._posed.update(zip(new, run(self.find_pose, new.values()), strict=True))
         return [self._posed[self._posing(piece)] for piece in pieces]
 

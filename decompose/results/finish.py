@@ -136,11 +136,11 @@ def _restore_frame(part: Part, rotation: Floats) -> Part:
     """Move a part to the frame of the original model; `rotation` (3, 3) led to the frame of the cut."""
     if (rotation == np.eye(3)).all():
         return part
-    back = np.eye(4)
-    back[:3, :3] = rotation.T
+    to_frame = np.eye(4)
+    to_frame[:3, :3] = rotation.T
     return replace(
         part,
         solid=part.solid.rotate(rotation.T),
-        to_model=back @ part.to_model,
+        to_model=to_frame @ part.to_model,
         planes=rotate_planes(part.planes, rotation.T),
     )

@@ -77,7 +77,7 @@ class Board:
         on_port_change: Callable[[int | None], None],
     ) -> None:
         self.simulated = url.startswith("sim://")
-        self.pace = Pace.of(clock)
+        self.pace = Pace.from_clock(clock)
         self.profile, self._firmware = profile, profile.firmware
         self.link = Link(self._firmware, self.pace.floor_s)
         self.session: Session | None = None
@@ -182,9 +182,9 @@ class Board:
         """End the open print safely."""
         self._with_session(lambda session, now_s: session.cancel(reason, now_s))
 
-    def pause(self, wanted: bool) -> None:
+    def pause(self, paused: bool) -> None:
         """Pause or resume the open print."""
-        self._with_session(lambda session, now_s: (session.pause if wanted else session.resume)(now_s))
+        self._with_session(lambda session, now_s: (session.pause if paused else session.resume)(now_s))
 
     def end_by(self, at_s: float | None) -> None:
         """Set the time at which the open print is ended safely; None for no limit."""
@@ -294,14 +294,14 @@ class Board:
                 self._on_idle_report(event, now_s)
         elif isinstance(event, Connected):
             log.info("the board answers%s", " after a reset" if event.restarted else "")
-            self._on_up(event)
+            self._on_connected(event)
         elif isinstance(event, OtherLine):
-            understood, cause = (
+            is_known, cause = (
                 self.idle_watch.judge_answer(event.text) if self.session is None else (False, None)
             )
             if cause is not None:
                 self._mark_bed_unknown(cause)
-            if not understood:
+            if not is_known:
                 log.info("board: %s", event.text.decode("ascii", "replace"))
         else:
             log.warning("board: %s (%s)", event.text, event.fault)
@@ -310,7 +310,7 @@ class Board:
             if self.session is None:
                 self._on_idle_trouble(event, now_s)
 
-    def _on_up(self, up: Connected) -> None:
+    def _on_connected(self, up: Connected) -> None:
         """Record whether the last pulse of DTR has reset the board."""
         self.idle_watch.reset()
         if up.restarted:

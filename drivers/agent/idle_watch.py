@@ -85,7 +85,7 @@ class IdleWatch:
         self.card = False
         self._position: bytes | None = None
         self._first: bytes | None = None  # the answer before there is a position
-        self._asked_again: bytes | None = None  # last answer that differs from the known position
+        self._unconfirmed: bytes | None = None  # last answer that differs from the known position
         self._heated = False
         self._coolest_c = [float("inf"), float("inf")]
         self._hot = 0  # number of consecutive reports with a heater stuck on
@@ -109,13 +109,13 @@ class IdleWatch:
         if _POSITION.match(text) is None:
             return False, None
         if text == self._position:
-            self._asked_again = None
-        elif text != self._asked_again:
+            self._unconfirmed = None
+        elif text != self._unconfirmed:
             self._first = self._first or text
-            self._asked_again = text  # a garbled digit may be the cause, in the first answer as well
+            self._unconfirmed = text  # a garbled digit may be the cause, in the first answer as well
         else:
             moved = self._position is not None or not _may_be_garbled(self._first or text, text)
-            self._position, self._asked_again = text, None
+            self._position, self._unconfirmed = text, None
             self.filament.judge_position(text)
             return True, MOVED if moved else None
         return True, None
@@ -131,23 +131,23 @@ class IdleWatch:
         heated = report.nozzle_target_c > 0 or report.bed_target_c > 0
         cold = not heated and max(report.nozzle_c, report.bed_c) < COLD_C
         self._cold = self._cold + 1 if cold else 0
-        twice, self._heated = heated and self._heated, heated
+        seen_twice, self._heated = heated and self._heated, heated
         if heated:
             self._coolest_c = [float("inf"), float("inf")]
             self._hot = 0
-            return (HEATED if twice else None), None
+            return (HEATED if seen_twice else None), None
         now_c = (report.nozzle_c, report.bed_c)
         self._coolest_c = [min(old_c, new_c) for old_c, new_c in zip(self._coolest_c, now_c, strict=True)]
-        risen = [
+        is_rising = [
             new_c > max(WARM_C, old_c + RISE_C) for old_c, new_c in zip(self._coolest_c, now_c, strict=True)
         ]
-        self._hot = self._hot + 1 if any(risen) else 0
+        self._hot = self._hot + 1 if any(is_rising) else 0
         if self._hot < 3:
             return None, None
-        which, at_c = ("nozzle", now_c[0]) if risen[0] else ("bed", now_c[1])
-        return None, LinkFault(Fault.HEATER_STUCK_ON, f"the {which} is off and gets hotter: {at_c:g} C")
+        heater, at_c = ("nozzle", now_c[0]) if is_rising[0] else ("bed", now_c[1])
+        return None, LinkFault(Fault.HEATER_STUCK_ON, f"the {heater} is off and gets hotter: {at_c:g} C")
 
 
 def _may_be_garbled(answer: bytes, text: bytes) -> bool:
     """Return True if an answer differs from `text` in one byte at most: a move of an axis changes more."""
-    return len(answer) == len(text) and sum(one != other for one, other in zip(answer, text, strict=True)) < 2
+    return len(answer) == len(text) and sum(a != b for a, b in zip(answer, text, strict=True)) < 2

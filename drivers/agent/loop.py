@@ -128,8 +128,8 @@ class Agent:
             self._requests.handle(request)
         except (DriverError, OSError) as error:
             log.warning("%s refused: %s", request.do, error)
-            late = isinstance(error, TooLate)
-            return Reply(id=request.id, error=str(error), late=late, snapshot=self._snapshot())
+            is_late = isinstance(error, TooLate)
+            return Reply(id=request.id, error=str(error), late=is_late, snapshot=self._snapshot())
         prints = list_prints(self._recorder, request.since_s) if isinstance(request, ListPrints) else ()
         return Reply(id=request.id, snapshot=self._snapshot(), prints=prints)
 
@@ -170,14 +170,14 @@ class Agent:
 
     def _listen_to_signals(self) -> tuple[socket.socket, socket.socket]:
         """Let SIGTERM and SIGINT wake the loop through a socket, to handle them between two steps."""
-        ours, theirs = socket.socketpair()
-        for end in (ours, theirs):
+        read_end, write_end = socket.socketpair()
+        for end in (read_end, write_end):
             end.setblocking(False)
-        signal.set_wakeup_fd(theirs.fileno(), warn_on_full_buffer=False)
+        signal.set_wakeup_fd(write_end.fileno(), warn_on_full_buffer=False)
         for number in (signal.SIGTERM, signal.SIGINT):
             signal.signal(number, lambda *_: None)
-        self._selector.register(ours, selectors.EVENT_READ, self._on_signal)
-        return ours, theirs
+        self._selector.register(read_end, selectors.EVENT_READ, self._on_signal)
+        return read_end, write_end
 
     def _on_signal(self, _: int) -> None:
         """End after the open print on SIGTERM; on SIGINT end the print safely first."""

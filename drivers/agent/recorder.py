@@ -72,7 +72,7 @@ class Recorder:
             pace=self.board.pace,
             now_s=now_s,
             identity=saved_state.identity,
-            left_by=left,
+            previous_fault=left,
             suspicion=self.alarms.suspicion,
             extruded=extruded,
             board_resets=not self.board.reset_failed,
@@ -89,7 +89,7 @@ class Recorder:
 
         A full disk does not stop a print: every step tries again, and no print counts as ended before that.
         """
-        self._update_alarm()
+        self._readingsalarm()
         try:
             self._write()
         except JournalError as error:
@@ -100,15 +100,15 @@ class Recorder:
             self.journal_error = None
         self.alarms.run_command()
 
-    def _update_alarm(self) -> None:
+    def _readingsalarm(self) -> None:
         session, board, alarms, now_s = self.board.session, self.board, self.alarms, self._clock.now()
         if board.returned:
             board.returned = False
             alarms.mark_over()
         if session is not None:
             alarms.take_from_session(session, now_s)
-        elif (news := alarms.take_from_idle(board.stuck_heater, now_s)) is not None:
-            board.state.attention_reason = _join(board.state.attention_reason, f"{news}: switch it off")
+        elif (stuck := alarms.take_from_idle(board.stuck_heater, now_s)) is not None:
+            board.state.attention_reason = _join(board.state.attention_reason, f"{stuck}: switch it off")
         board.stuck_heater = None
         outcome = alarms.outcome()
         if outcome is None:
@@ -124,8 +124,8 @@ class Recorder:
         state, alarm = self.board.state, self.alarms.alarm
         state.rest = self.board.idle_watch.filament.rest
         if alarm != saved_state.alarm or state != saved_state.board:
-            known = None if alarm is None else alarm.record()
-            self.journal.write(now_s, **state.record(), alarm=known)
+            alarm_record = None if alarm is None else alarm.record()
+            self.journal.write(now_s, **state.record(), alarm=alarm_record)
         if session is None or saved_state.print is None:
             return
         context, saved = session.context, saved_state.print
@@ -168,7 +168,7 @@ class Recorder:
         status = self.board.emulator.status()
         starved_s = saved.starved_s if status is None else status.starved_s - self._starved_before_s
         awaits_outcome = self._awaits_outcome(context)
-        known: dict[str, object] = {
+        readings: dict[str, object] = {
             "phase": PrintPhase.ENDING if awaits_outcome else context.phase,
             "fault": context.fault,
             "reason": context.reason,
@@ -179,15 +179,15 @@ class Recorder:
             "starved_s": max(0.0, starved_s),
         }
         if self._program is not None:
-            known["line"] = context.streamed
+            readings["line"] = context.streamed
             mark = self._program.progress_at(context.streamed)
-            known["progress_s"] = mark.seconds
-            known["layers"] = self._program.layers
+            readings["progress_s"] = mark.seconds
+            readings["layers"] = self._program.layers
             if mark.layer is not None:
-                known |= {"layer": mark.layer + 1, "z_mm": mark.z_mm, "feature": mark.feature}
-            known["started_s"] = context.started_s
-        return saved.model_copy(update=known)
+                readings |= {"layer": mark.layer + 1, "z_mm": mark.z_mm, "feature": mark.feature}
+            readings["started_s"] = context.started_s
+        return saved.model_copy(update=readings)
 
 
-def _join(text: str | None, more: str) -> str:
-    return more if text is None else f"{text}; {more}"
+def _join(text: str | None, addition: str) -> str:
+    return addition if text is None else f"{text}; {addition}"

@@ -77,9 +77,9 @@ class RequestHandler:
             case Upload():
                 self._spool.put(request.print_id, request.at, request.data)
             case CancelPrint() | EndPrintBy() | PausePrint() | ResumePrint() | ForgetPrint():
-                known = self._journal.state.print
-                if known is not None and known.print_id == request.print_id:
-                    self._change_print(request, known)
+                snapshot = self._journal.state.print
+                if snapshot is not None and snapshot.print_id == request.print_id:
+                    self._change_print(request, snapshot)
             case BedCleared():
                 self._clear_bed(request)
             case Commission():
@@ -88,7 +88,9 @@ class RequestHandler:
                 self._shut_down(request)
 
     def _change_print(
-        self, request: CancelPrint | EndPrintBy | PausePrint | ResumePrint | ForgetPrint, known: PrintSnapshot
+        self,
+        request: CancelPrint | EndPrintBy | PausePrint | ResumePrint | ForgetPrint,
+        snapshot: PrintSnapshot,
     ) -> None:
         match request:
             case CancelPrint():
@@ -98,8 +100,8 @@ class RequestHandler:
             case PausePrint() | ResumePrint():
                 self._board.pause(isinstance(request, PausePrint))
             case ForgetPrint():
-                if not known.phase.ended:
-                    raise AgentError(f"print {known.print_id} is still open: cancel it first")
+                if not snapshot.phase.ended:
+                    raise AgentError(f"print {snapshot.print_id} is still open: cancel it first")
                 self._journal.write(self._clock.now(), print=None)
                 self._spool.drop(request.print_id)
                 self._journal.shorten()
@@ -148,8 +150,8 @@ class RequestHandler:
     def _clear_bed(self, request: BedCleared) -> None:
         if self._board.session is not None:
             raise AgentError(f"{self._printer} prints: clear its bed after the print")
-        known, attention = self._journal.state.print, self._board.state.attention_reason
-        if attention is not None and known is not None and known.fault == Fault.WRONG_PRINTER:
+        snapshot, attention = self._journal.state.print, self._board.state.attention_reason
+        if attention is not None and snapshot is not None and snapshot.fault == Fault.WRONG_PRINTER:
             self._journal.write(self._clock.now(), identity=None)  # a person has checked which printer it is
         self._board.emulator.clear()
         self._board.clear_attention()

@@ -27,11 +27,11 @@ _BACKLOG_BYTES = 1024 * 1024  # a client that reads too slowly is dropped; it ca
 
 
 class _Client:
-    __slots__ = ("asked_s", "incoming", "outgoing", "partial_since_s", "socket")
+    __slots__ = ("incoming", "outgoing", "partial_since_s", "requested_s", "socket")
 
     def __init__(self, connection: socket.socket) -> None:
         self.socket = connection
-        self.asked_s = -math.inf  # time of its last request
+        self.requested_s = -math.inf  # time of its last request
         self.partial_since_s = math.inf  # arrival time of an incomplete request
         self.incoming = b""
         self.outgoing = b""
@@ -99,13 +99,13 @@ class Server:
         self._listen(False)
         self._listener.close()
 
-    def _listen(self, wanted: bool) -> None:
+    def _listen(self, accepting: bool) -> None:
         """Start or stop accepting new clients."""
-        if wanted and not self._listening:
+        if accepting and not self._listening:
             self._selector.register(self._listener, selectors.EVENT_READ, self._accept)
-        elif self._listening and not wanted:
+        elif self._listening and not accepting:
             self._selector.unregister(self._listener)
-        self._listening = wanted
+        self._listening = accepting
 
     def _accept(self, _: int) -> None:
         now_s = wall_s()
@@ -121,7 +121,7 @@ class Server:
                 log.warning("cannot accept a client: %s", error)
             return
         if len(self._clients) >= _MAX_CLIENTS:  # a live client that is dropped will reconnect
-            self._drop(min(self._clients, key=lambda client: client.asked_s))
+            self._drop(min(self._clients, key=lambda client: client.requested_s))
         connection.setblocking(False)
         client = _Client(connection)
         self._clients[client] = None
@@ -151,7 +151,7 @@ class Server:
         if client.incoming:
             client.partial_since_s = min(client.partial_since_s, now_s)
         if lines:
-            client.asked_s = now_s
+            client.requested_s = now_s
         for line in lines:
             try:
                 request = request_adapter.validate_json(line)
@@ -175,10 +175,10 @@ class Server:
         if len(client.outgoing) > _BACKLOG_BYTES:
             self._drop(client)
             return
-        wanted = selectors.EVENT_READ | (selectors.EVENT_WRITE if client.outgoing else 0)
+        accepting = selectors.EVENT_READ | (selectors.EVENT_WRITE if client.outgoing else 0)
         key = self._selector.get_key(client.socket)
-        if key.events != wanted:
-            self._selector.modify(client.socket, wanted, key.data)
+        if key.events != accepting:
+            self._selector.modify(client.socket, accepting, key.data)
 
     def _drop(self, client: _Client) -> None:
         if client in self._clients:

@@ -11,7 +11,7 @@ from pathlib import Path
 log = logging.getLogger(__name__)
 
 _SYSTEMD = Path("/run/systemd/system")  # exists where systemd runs the host
-_WORDS = ("systemd-inhibit", "--what=shutdown:sleep", "--mode=block", "--who=farm")
+_COMMAND = ("systemd-inhibit", "--what=shutdown:sleep", "--mode=block", "--who=farm")
 
 
 class Inhibitor:
@@ -23,18 +23,18 @@ class Inhibitor:
         The printer's name, shown to people who shut the host down.
     simulated
         True for a simulated printer, which takes no lock.
-    words
+    command
         Command that holds the lock while the command after it runs.
     """
 
-    def __init__(self, printer: str, *, simulated: bool, words: Sequence[str] | None = None) -> None:
-        wanted = words is not None or (_SYSTEMD.is_dir() and not simulated)
-        self._words = (*(words or _WORDS), f"--why={printer} prints", "cat") if wanted else None
+    def __init__(self, printer: str, *, simulated: bool, command: Sequence[str] | None = None) -> None:
+        enabled = command is not None or (_SYSTEMD.is_dir() and not simulated)
+        self._command = (*(command or _COMMAND), f"--why={printer} prints", "cat") if enabled else None
         self._child: subprocess.Popen[bytes] | None = None
 
-    def hold(self, wanted: bool) -> None:
+    def hold(self, enabled: bool) -> None:
         """Take or release the lock. If the host refuses it, that is logged, and the print continues."""
-        if self._words is None or wanted == (self._child is not None):
+        if self._command is None or enabled == (self._child is not None):
             return
         if self._child is not None:
             assert self._child.stdin is not None
@@ -48,7 +48,7 @@ class Inhibitor:
             self._child = None
             return
         try:
-            self._child = subprocess.Popen(self._words, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL)
+            self._child = subprocess.Popen(self._command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL)
         except OSError as error:
             log.warning("the host may shut down during this print: %s", error)
-            self._words = None
+            self._command = None

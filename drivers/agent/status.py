@@ -90,18 +90,18 @@ def make_snapshot(start: StartFile, recorder: Recorder, now_s: float) -> Snapsho
 
 def describe_print(recorder: Recorder) -> PrintSnapshot | None:
     """Return the current state of the open print, or the last one that was not forgotten."""
-    known, session = recorder.journal.state.print, recorder.board.session
-    if known is None or session is None:
-        return known
-    return recorder.describe_print(known, session.context)
+    current, session = recorder.journal.state.print, recorder.board.session
+    if current is None or session is None:
+        return current
+    return recorder.describe_print(current, session.context)
 
 
 def list_prints(recorder: Recorder, since_s: float) -> tuple[PrintSnapshot, ...]:
     """List all prints not ended at `since_s` of the farm's clock, the open one last."""
-    saved, known = recorder.journal.state, describe_print(recorder)
-    prints = [one for one in saved.recent if one.ended_s is None or one.ended_s >= since_s]
-    if known is not None and known.print_id not in saved.ended:
-        prints.append(known)
+    saved, current = recorder.journal.state, describe_print(recorder)
+    prints = [each for each in saved.recent if each.ended_s is None or each.ended_s >= since_s]
+    if current is not None and current.print_id not in saved.ended:
+        prints.append(current)
     return tuple(prints)
 
 

@@ -139,10 +139,10 @@ class Moves:
         """Compute `retracted_mm` for a stop in a buffered move; at the last line if no move passes there."""
         nearest_mm, found_mm = NEAR_MM, self.retracted_mm
         for before, after, retracted_mm in self._moves:
-            away_mm = _distance(stopped_at, before, after)
-            if away_mm < nearest_mm:
+            distance_mm = _distance(stopped_at, before, after)
+            if distance_mm < nearest_mm:
                 fed_mm = stopped_at[3] - before[3]
-                nearest_mm = away_mm
+                nearest_mm = distance_mm
                 found_mm = retracted_mm if math.isnan(fed_mm) else max(0.0, retracted_mm - fed_mm)
         return found_mm
 
@@ -164,12 +164,12 @@ def _shifted(point: list[float], axis: int, by_mm: float) -> list[float]:
 
 def _distance(point: Point, start: Point, end: Point) -> float:
     """Compute the distance from a point to a line segment, over the axes that are known."""
-    known = [
+    coordinates = [
         (p, b if math.isnan(a) else a, b)
         for p, a, b in zip(point, start, end, strict=True)
         if not math.isnan(b)
     ]
-    long2 = sum((b - a) ** 2 for _, a, b in known)
-    along = sum((p - a) * (b - a) for p, a, b in known) / long2 if long2 else 0.0
-    along = min(max(along, 0.0), 1.0)
-    return math.sqrt(sum((p - a - along * (b - a)) ** 2 for p, a, b in known))
+    long2 = sum((b - a) ** 2 for _, a, b in coordinates)
+    share = sum((p - a) * (b - a) for p, a, b in coordinates) / long2 if long2 else 0.0
+    share = min(max(share, 0.0), 1.0)
+    return math.sqrt(sum((p - a - share * (b - a)) ** 2 for p, a, b in coordinates))

@@ -39,12 +39,12 @@ def exchange(
         The port was disconnected.
     """
     now_s = time.monotonic()
-    until_s = now_s + patience_s
+    deadline_s = now_s + patience_s
     if opened:
         link.opened(now_s, unconfirmed)
-    while now_s < until_s and link.phase is not Phase.DEAD:
+    while now_s < deadline_s and link.phase is not Phase.DEAD:
         port.write(link.take())
-        wait_s = min(until_s, link.deadline_s) - now_s
+        wait_s = min(deadline_s, link.deadline_s) - now_s
         select.select([port.fileno()], [], [], max(0.0, wait_s))
         data, now_s = port.read(), time.monotonic()
         for event in (*(link.receive(data, now_s) or ()), *link.tick(now_s)):

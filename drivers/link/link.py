@@ -276,9 +276,9 @@ class Link:
     def _apply_answer(self, last: int, now_s: float, events: list[Event]) -> None:
         """Act on the answer that `last` is the last accepted line, given after all sent lines had arrived."""
         outbox = self._outbox
-        held = outbox.holds(last + 1)
+        resendable = outbox.holds(last + 1)
         confirmations = self._recovery.count_needed(self._firmware, outbox.moves, self._silence_s)
-        action, line = self._recovery.settle(last, self._place, confirmations, held)
+        action, line = self._recovery.settle(last, self._place, confirmations, resendable)
         if action is Action.QUERY_AGAIN:
             self._query(now_s)
             return

@@ -140,7 +140,7 @@ class Outbox:
         """Insert an M105 before the lines encoded ahead, which get new numbers."""
         sent = self._cursor + 1
         number = self._base + sent
-        ahead = self._frames[sent:]
+        encoded = self._frames[sent:]
         del self._frames[sent:]
         self._frames.append(add_frame(number, self._firmware.report_query))
         self._polls = {n for n in self._polls if n >= self._base}
@@ -148,7 +148,7 @@ class Outbox:
         self._patience = {n + (n >= number): s for n, s in self._patience.items()}
         if self._source_number + self._source_stop - self._source_start > number:
             self._source_number += 1  # the rest of the program follows
-        for at, old in enumerate(ahead, number + 1):
+        for at, old in enumerate(encoded, number + 1):
             self._frames.append(add_frame(at, remove_frame(old)))
         self._careful = max(self._careful + 1, self._base + sent)
 
@@ -156,10 +156,10 @@ class Outbox:
 
     def take_encoded(self) -> bytes | None:
         """Return the next line if it is an ordinary, already encoded one; None: call `take_next`."""
-        ahead = self._cursor + 1
-        if ahead < len(self._frames) and self._base + self._cursor > self._careful:
-            self._cursor = ahead
-            return self._frames[ahead]
+        encoded = self._cursor + 1
+        if encoded < len(self._frames) and self._base + self._cursor > self._careful:
+            self._cursor = encoded
+            return self._frames[encoded]
         return None
 
     def take_next(self) -> bytes | None:
@@ -211,11 +211,11 @@ class Outbox:
         if (found := _FEEDRATE.search(move)) is not None and float(found[1]) > 0.0:
             self._feedrate_mm_min = float(found[1])
         if move.startswith(_ARCS):
-            takes_s = 60.0 * ARC_REACH_MM / self._feedrate_mm_min
+            duration_s = 60.0 * ARC_REACH_MM / self._feedrate_mm_min
         elif self._feedrate_mm_min * LINE_S >= 60.0 * REACH_MM or not _TRAVELS(move):
             return
         else:
-            takes_s = 60.0 * REACH_MM / self._feedrate_mm_min
-        if takes_s > LINE_S:
-            self._slow_s = max(takes_s, self._slow_s if number <= self._slow_until else 0.0)
+            duration_s = 60.0 * REACH_MM / self._feedrate_mm_min
+        if duration_s > LINE_S:
+            self._slow_s = max(duration_s, self._slow_s if number <= self._slow_until else 0.0)
             self._slow_until = number + QUEUED_LINES

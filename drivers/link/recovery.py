@@ -142,7 +142,7 @@ class Recovery:
         """Drop the unanswered queries: they were lost."""
         self._unanswered.clear()
 
-    def settle(self, last: int, place: Place, confirmations: float, held: bool) -> Verdict:
+    def settle(self, last: int, place: Place, confirmations: float, resendable: bool) -> Verdict:
         """Decide on the answer that `last` is the last accepted line, given after all sent lines had arrived.
 
         Parameters
@@ -151,7 +151,7 @@ class Recovery:
             The answer, and the current place of the link.
         confirmations
             Number of answers after which the ok of an accepted line is taken for lost.
-        held
+        resendable
             Line `last` + 1 can be sent again.
         """
         number, top = place.number, place.top
@@ -169,7 +169,7 @@ class Recovery:
             return Verdict(Action.REPEAT, 0)  # the M110 that restarts the count was lost
         if number < last <= top:
             return Verdict(Action.ACCEPT_UP_TO, last)
-        if last > top or last < 0 or not held:
+        if last > top or last < 0 or not resendable:
             return Verdict(Action.GIVE_UP_REBOOT)
         return Verdict(Action.REPEAT, last + 1)
 

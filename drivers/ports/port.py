@@ -59,9 +59,9 @@ class NetPort:
     def __init__(self, url: str, baud_rate: int) -> None:
         self._url = url
         self._remote = RemotePort(url, baud_rate)
-        self._ours, self._theirs = socket.socketpair()
-        self._ours.setblocking(False)
-        threading.Thread(target=self._forward, args=(self._remote, self._theirs), daemon=True).start()
+        self._local_end, self._remote_end = socket.socketpair()
+        self._local_end.setblocking(False)
+        threading.Thread(target=self._forward, args=(self._remote, self._remote_end), daemon=True).start()
 
     @staticmethod
     def _forward(remote: RemotePort, to: socket.socket) -> None:
@@ -70,12 +70,12 @@ class NetPort:
                 to.sendall(remote.read_some())
 
     def fileno(self) -> int:
-        return self._ours.fileno()
+        return self._local_end.fileno()
 
     def read(self) -> bytes:
         """Read the bytes received so far, perhaps none. Raises PortError if the port was disconnected."""
         try:
-            data = self._ours.recv(_BYTES)
+            data = self._local_end.recv(_BYTES)
         except BlockingIOError:
             return b""
         if not data:
@@ -100,14 +100,14 @@ class NetPort:
         self._remote.set_dtr(up=False)
         time.sleep(DTR_PULSE_S)
         with suppress(BlockingIOError):
-            while self._ours.recv(_BYTES):
+            while self._local_end.recv(_BYTES):
                 pass
         self._remote.set_dtr(up=True)  # the board may send `start` before this is acknowledged
 
     def close(self) -> None:
         """Close the port."""
         self._remote.close()
-        self._ours.close()
+        self._local_end.close()
 
 
 def open_port(url: str, folder: Path, clock: Clock, baud_rate: int) -> Port:

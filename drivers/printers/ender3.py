@@ -12,7 +12,7 @@ from drivers.printers.profile import HeaterModel, Profile, Rect
 
 ENDER3 = Profile(
     model="creality_ender3",
-    kin="creality_ender3",
+    family="creality_ender3",
     title="Creality Ender-3",
     slicer_names=r"\b(creality )?ender[\s_-]*3\s*\Z",
     firmware=MARLIN2,

@@ -84,7 +84,7 @@ class Profile:
         Cura's definition id.
     slicer_names
         Pattern of the names that slicers use for it, in lower case.
-    kin
+    family
         Model with the same feeder and hot end, whose G-code also suits this one except for the height.
     bed_mm, height_mm
         The build volume.
@@ -130,7 +130,7 @@ class Profile:
     """
 
     model: str
-    kin: str
+    family: str
     title: str
     slicer_names: str
     firmware: Firmware

@@ -14,7 +14,7 @@ from drivers.printers.ultimaker2_plus import ULTIMAKER2_PLUS
 ULTIMAKER2 = replace(
     ULTIMAKER2_PLUS,
     model="ultimaker2",
-    kin="ultimaker2",
+    family="ultimaker2",
     title="Ultimaker 2",
     clips=(
         Rect(-115.0, 102.5, -82.0, 112.5),

@@ -13,7 +13,7 @@ from drivers.printers.ultimaker2_plus import ULTIMAKER2_PLUS
 ULTIMAKER2_GO = replace(
     ULTIMAKER2_PLUS,
     model="ultimaker2_go",
-    kin="ultimaker2_go",
+    family="ultimaker2_go",
     title="Ultimaker 2 Go",
     bed_mm=(120.0, 120.0),
     height_mm=115.0,

@@ -7,7 +7,7 @@ from drivers.printers.profile import HeaterModel, Profile, Rect
 
 ULTIMAKER2_PLUS = Profile(
     model="ultimaker2_plus",
-    kin="ultimaker2_plus",
+    family="ultimaker2_plus",
     title="Ultimaker 2+",
     slicer_names=r"\b(um|ultimaker)[\s_-]*2[\s_-]*(e|extended)?[\s_-]*(\+|plus)\s*\Z",
     firmware=FIRMWARE,

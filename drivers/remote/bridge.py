@@ -87,7 +87,7 @@ def serve(request: BridgeRequest, folder: Path) -> None:
 
 
 def _connect(folder: Path) -> socket.socket:
-    until_s = time.monotonic() + _CONNECT_S
+    deadline_s = time.monotonic() + _CONNECT_S
     while True:
         agent = socket.socket(socket.AF_UNIX)
         try:
@@ -98,7 +98,7 @@ def _connect(folder: Path) -> socket.socket:
                 os.close(descriptor)
         except OSError as error:
             agent.close()
-            if time.monotonic() > until_s:
+            if time.monotonic() > deadline_s:
                 raise AgentError(f"{folder}: no agent answers; see {folder / AGENT_LOG}") from error
             time.sleep(RETRY_S)
         else:

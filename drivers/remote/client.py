@@ -86,25 +86,25 @@ class AgentClient:
             await self._connect_by_route(*self._route)
             return
         loop = asyncio.get_running_loop()
-        until_s = loop.time() + timeout_s
+        deadline_s = loop.time() + timeout_s
         while True:
             try:
                 reader, self._writer = await self._open()
                 break
             except OSError as error:
-                if loop.time() + RETRY_S > until_s:
+                if loop.time() + RETRY_S > deadline_s:
                     raise AgentError(f"{self._folder}: no agent answers ({error}); is it running?") from error
                 await asyncio.sleep(RETRY_S)
         self._listen(reader)
 
-    async def _connect_by_route(self, words: Sequence[str], first_line: bytes) -> None:
+    async def _connect_by_route(self, command: Sequence[str], first_line: bytes) -> None:
         """Start the command that copies bytes; the first message shows that the whole route works."""
         self._folder.mkdir(parents=True, exist_ok=True)
         try:
             rotate_log(self._folder / AGENT_LOG)
             with (self._folder / AGENT_LOG).open("ab") as log:
                 self._carrier = await asyncio.create_subprocess_exec(
-                    *words,
+                    *command,
                     stdin=asyncio.subprocess.PIPE,
                     stdout=asyncio.subprocess.PIPE,
                     stderr=log,
@@ -116,15 +116,15 @@ class AgentClient:
             self._writer.write(first_line)
             first = await asyncio.wait_for(reader.readline(), FIRST_MESSAGE_S)
         except (OSError, ValueError, TimeoutError) as error:
-            raise AgentError(f"{words[0]}: no connection to the agent ({error or 'time-out'})") from error
+            raise AgentError(f"{command[0]}: no connection to the agent ({error or 'time-out'})") from error
         if not first:
             raise AgentError(f"no connection to the agent: {_last_line(self._folder / AGENT_LOG)}")
         self._listen(reader)
         with suppress(MessageError):
-            said = read_line(first)
-            if isinstance(said, Snapshot):
-                self._protocol = said.protocol
-                self._snapshots.put_nowait(said)
+            hello = read_line(first)
+            if isinstance(hello, Snapshot):
+                self._protocol = hello.protocol
+                self._snapshots.put_nowait(hello)
 
     def _listen(self, reader: asyncio.StreamReader) -> None:
         self._snapshots = asyncio.Queue()
@@ -195,14 +195,14 @@ class AgentClient:
         try:
             while line := await reader.readline():
                 self._on_message()
-                said = read_line(line)
-                if isinstance(said, Snapshot):
-                    self._protocol = said.protocol
-                    queue.put_nowait(said)
+                hello = read_line(line)
+                if isinstance(hello, Snapshot):
+                    self._protocol = hello.protocol
+                    queue.put_nowait(hello)
                     continue
-                waiting = self._waiting.get(said.id)
+                waiting = self._waiting.get(hello.id)
                 if waiting is not None and not waiting.done():
-                    waiting.set_result(said)
+                    waiting.set_result(hello)
         except (OSError, ValueError, MessageError) as error:
             reason = str(error)
         finally:

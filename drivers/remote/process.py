@@ -47,14 +47,14 @@ def spawn_agent(
     """
     start = StartFile(printer, model, port, clock.scale, clock.anchor_s, power_off_cmd)
     unit = os.environ.get(UNIT)
-    words = [sys.executable, "-m", "drivers.agent", "--folder", str(folder.absolute())]
+    command = [sys.executable, "-m", "drivers.agent", "--folder", str(folder.absolute())]
     if unit:
-        words = ["systemctl", "start", unit.replace("%i", printer)]
+        command = ["systemctl", "start", unit.replace("%i", printer)]
     try:
         start.write(folder)
         with _open_log(folder) as log:
             return subprocess.Popen(
-                words,
+                command,
                 cwd=Path(drivers.__file__).parents[1],
                 stdin=subprocess.DEVNULL,
                 stdout=log,

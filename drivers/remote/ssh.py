@@ -84,15 +84,15 @@ def stop_over_ssh(
     """
     request, stderr = BridgeRequest(BridgeTask.STOP, farm, start), ""
     try:
-        done = subprocess.run(
+        process = subprocess.run(
             ssh_command(host, command),
             input=request.line(),
             capture_output=True,
             timeout=timeout_s,
             check=False,
         )
-        stderr = done.stderr.decode(errors="replace").strip()
-        return StopResult(**json.loads(done.stdout))
+        stderr = process.stderr.decode(errors="replace").strip()
+        return StopResult(**json.loads(process.stdout))
     except subprocess.TimeoutExpired:
         reason = "does not answer"
     except (OSError, ValueError, TypeError) as error:

@@ -22,7 +22,7 @@ from drivers.firmware import Firmware
 from drivers.ports import Port
 
 TRIES = 3
-_ANSWER_S, _LOOK_S = 0.5, 0.05  # wall seconds
+_ANSWER_S, _READ_S = 0.5, 0.05  # wall seconds
 
 
 def send_abort(port: Port, firmware: Firmware) -> None:
@@ -38,11 +38,11 @@ def send_abort_until_accepted(port: Port, firmware: Firmware) -> None:
     """
     for _ in range(TRIES):
         send_abort(port, firmware)
-        heard = b""
+        answer = b""
         with suppress(PortError):
-            until_s = time.monotonic() + _ANSWER_S
-            while b"Resend" not in heard and time.monotonic() < until_s:
-                time.sleep(_LOOK_S)
-                heard += port.read()
-        if b"Resend" not in heard:
+            deadline_s = time.monotonic() + _ANSWER_S
+            while b"Resend" not in answer and time.monotonic() < deadline_s:
+                time.sleep(_READ_S)
+                answer += port.read()
+        if b"Resend" not in answer:
             return

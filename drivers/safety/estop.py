@@ -175,12 +175,12 @@ def _reset(target: StopTarget, show_s: float, notify: Notify) -> StopResult:
             with suppress(PortError):  # the abort sequence may have been enough; that is checked below
                 port.reset()
         cut_s = time.time()
-        text, seen = board.confirm_off(show_s)
+        text, off_seen = board.confirm_off(show_s)
     except PortError as error:
-        text, seen = f"{error}; switch it off", False
+        text, off_seen = f"{error}; switch it off", False
     finally:
         port.close()
-    return StopResult(name, cut_s, seen, f"{text}; {board.motion}", board.still)
+    return StopResult(name, cut_s, off_seen, f"{text}; {board.motion}", board.still)
 
 
 def _open(target: StopTarget) -> Port | None:
@@ -218,7 +218,7 @@ class _Board:
         self._up: Connected | None = None
         self._report: Report | None = None
         self._position: bytes | None = None
-        self._waited = False  # True once all moves were waited for
+        self._moves_waited_for = False  # True once all moves were waited for
 
     @property
     def motion(self) -> str:
@@ -247,10 +247,10 @@ class _Board:
         if not report.off:
             heats = f"nozzle {report.nozzle_target_c:g} C, bed {report.bed_target_c:g} C"
             return f"still shows targets ({heats}): switch it off", False
-        how = "its board was reset" if up.restarted else "by command: its board was not reset"
+        method = "its board was reset" if up.restarted else "by command: its board was not reset"
         with suppress(OSError):  # the message may have no reader; the printer is still watched
-            self._notify(f"shows both targets 0 ({how}), {self.motion}; it is watched until it cools")
-        return self._confirm_cooling(how)
+            self._notify(f"shows both targets 0 ({method}), {self.motion}; it is watched until it cools")
+        return self._confirm_cooling(method)
 
     def _on_event(self, now_s: float, event: Event) -> None:
         if isinstance(event, Connected):
@@ -263,25 +263,25 @@ class _Board:
         elif isinstance(event, Report):
             self._report = event
             if not self.still and self._link.drained:
-                self._look_for_motion(now_s)
+                self._check_motion(now_s)
         elif isinstance(event, OtherLine) and (found := _COUNT.search(event.text)) is not None:
             if found[1] == self._position and not self.still:
                 self.still = True
                 self._link.send(now_s, self._firmware.motors_off)
             self._position = found[1]
 
-    def _look_for_motion(self, now_s: float) -> None:
+    def _check_motion(self, now_s: float) -> None:
         """Query the position of the head, unless the firmware does not report motion: then wait for moves."""
         if self._firmware.reports_executed_steps:
             self._link.send(now_s, self._firmware.position_query)
-        elif self._waited:
+        elif self._moves_waited_for:
             self.still = True
             self._link.send(now_s, self._firmware.motors_off)
         else:
-            self._waited = True
+            self._moves_waited_for = True
             self._link.send(now_s, self._firmware.wait_moves)
 
-    def _confirm_cooling(self, how: str) -> tuple[str, bool]:
+    def _confirm_cooling(self, method: str) -> tuple[str, bool]:
         watch, report = HeaterWatch(0.0), self._report
         assert report is not None
         for now_s, event in exchange(self._port, self._link, _COOL_S, opened=False):
@@ -293,6 +293,6 @@ class _Board:
                     break
                 if watch.cools:
                     now = f"nozzle {event.nozzle_c:g} C, bed {event.bed_c:g} C"
-                    return f"heaters seen off and cooling ({how}; {now})", True
+                    return f"heaters seen off and cooling ({method}; {now})", True
         now = f"nozzle {report.nozzle_c:g} C, bed {report.bed_c:g} C"
         return f"shows targets 0, but was not seen to cool ({now}): switch it off", False

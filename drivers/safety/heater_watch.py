@@ -17,10 +17,10 @@ from drivers.errors import Fault
 from drivers.gcode import HeaterName
 from drivers.link import Report
 
-NEARER_C = 1.0  # least progress within `HeaterRule.stall_s`
+PROGRESS_C = 1.0  # least progress within `HeaterRule.stall_s`
 GAP_S = 15.0
 RISES_C, RISES_S = 10.0, 10.0  # rise after so long without power; [assumed] larger than any overshoot
-BROKEN_C = 0.0  # below any room temperature: a shorted bed sensor, which the firmware does not report
+SENSOR_BROKEN_C = 0.0  # below any room temperature: a shorted bed sensor, which the firmware does not report
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +32,7 @@ class HeaterRule:
     band_c
         Distance from the target at which it counts as reached.
     stall_s
-        Until then it must come `NEARER_C` nearer within this time.
+        Until then it must come `PROGRESS_C` nearer within this time.
     hold_c, away_s
         Afterwards it must not be further away than `hold_c` for `away_s`.
     cold_c
@@ -151,10 +151,10 @@ class _Heater:
         """Set the target to compare with."""
         self.cools = False
         self._set_c = set_c
-        self._arrived = False
+        self._reached = False
         self._since_s = math.nan  # time of the first report since then
-        self._nearest_c, self._nearer_s = math.inf, math.nan
-        self._away_s = math.inf  # time since which it is away from the target
+        self._least_distance_c, self._progress_s = math.inf, math.nan
+        self._off_target_since_s = math.inf  # time since which it is away from the target
         self._hottest_c = -math.inf  # since it was switched off
         self._coolest_c = math.inf  # since it was seen to cool
 
@@ -172,42 +172,42 @@ class _Heater:
             return None
         now_c = self.now_c
         rises = self._rise.check(now_c, max(target_c, set_c), now_s)
-        if now_c <= BROKEN_C:
+        if now_c <= SENSOR_BROKEN_C:
             self.cools = False
             return self._finding(Fault.MINTEMP, f"reads {now_c:g} C: its sensor is broken")
         if set_c == 0.0:
             if rises:
                 self.cools = False
                 from_c = self._rise.coolest_c
-                return self._stuck_on(f"is off, and gets hotter: from {from_c:g} to {now_c:g} C")
-            return self._off(now_c, now_s)
+                return self._stuck_on_finding(f"is off, and gets hotter: from {from_c:g} to {now_c:g} C")
+            return self._check_off(now_c, now_s)
         if abs(now_c - set_c) <= self._rule.band_c:
-            self._arrived = True
-        return self._hold(now_c, now_s) if self._arrived else self._approach(now_c, now_s)
+            self._reached = True
+        return self._check_hold(now_c, now_s) if self._reached else self._check_approach(now_c, now_s)
 
-    def _approach(self, now_c: float, now_s: float) -> Finding | None:
-        away_c = abs(now_c - self._set_c)
-        if away_c < self._nearest_c - NEARER_C:
-            self._nearest_c, self._nearer_s = away_c, now_s
-        elif now_s - self._nearer_s > max(self._rule.stall_s, self._patience_s):
+    def _check_approach(self, now_c: float, now_s: float) -> Finding | None:
+        distance_c = abs(now_c - self._set_c)
+        if distance_c < self._least_distance_c - PROGRESS_C:
+            self._least_distance_c, self._progress_s = distance_c, now_s
+        elif now_s - self._progress_s > max(self._rule.stall_s, self._patience_s):
             if now_c > self._set_c:
                 return self._finding(Fault.HEATER_STUCK_ON, f"stays at {now_c:g} C, above {self._set_c:g}")
             reached = f"got to {now_c:g} of {self._set_c:g} C and no further"
             return self._finding(Fault.HEATER_TIMEOUT, reached)
         return None
 
-    def _hold(self, now_c: float, now_s: float) -> Finding | None:
+    def _check_hold(self, now_c: float, now_s: float) -> Finding | None:
         if abs(now_c - self._set_c) <= self._rule.hold_c:
-            self._away_s = math.inf
+            self._off_target_since_s = math.inf
             return None
-        self._away_s = min(self._away_s, now_s)
-        if now_s - self._away_s <= max(self._rule.away_s, self._patience_s):
+        self._off_target_since_s = min(self._off_target_since_s, now_s)
+        if now_s - self._off_target_since_s <= max(self._rule.away_s, self._patience_s):
             return None
         if now_c > self._set_c:
             return self._finding(Fault.HEATER_STUCK_ON, f"went up to {now_c:g} C, above {self._set_c:g}")
         return self._finding(Fault.THERMAL_RUNAWAY, f"fell from {self._set_c:g} to {now_c:g} C")
 
-    def _off(self, now_c: float, now_s: float) -> Finding | None:
+    def _check_off(self, now_c: float, now_s: float) -> Finding | None:
         rule = self._rule
         if self.cools:
             self._coolest_c = max(rule.cold_c, min(self._coolest_c, now_c))
@@ -218,14 +218,14 @@ class _Heater:
         else:
             self._hottest_c = max(self._hottest_c, now_c)
             if now_s - self._since_s > max(rule.falls_s, self._patience_s):
-                return self._stuck_on(f"is off, and does not cool from {now_c:g} C")
+                return self._stuck_on_finding(f"is off, and does not cool from {now_c:g} C")
         return None
 
-    def _stuck_on(self, what: str) -> Finding:
-        return replace(self._finding(Fault.HEATER_STUCK_ON, what), off=True)
+    def _stuck_on_finding(self, detail: str) -> Finding:
+        return replace(self._finding(Fault.HEATER_STUCK_ON, detail), off=True)
 
-    def _finding(self, fault: Fault, what: str) -> Finding:
-        return Finding(fault, f"the {self._name} {what}")
+    def _finding(self, fault: Fault, detail: str) -> Finding:
+        return Finding(fault, f"the {self._name} {detail}")
 
 
 class _RiseDetector:

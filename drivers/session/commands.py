@@ -6,7 +6,7 @@ from collections.abc import Generator
 
 from drivers.errors import Fault
 from drivers.link import Phase as LinkPhase
-from drivers.session.context import Answer, Ended, Script, SessionContext, Wait
+from drivers.session.context import Answer, PrintEnded, Script, SessionContext, Wait
 
 SEND_S = 180.0
 RESET_S = 30.0  # for a port that disappeared to return
@@ -29,7 +29,7 @@ def connect(context: SessionContext) -> Script:
         context.wants_reset = True
         link.poll_every_s = context.pace.heating_s
         if not (yield context.wait(lambda: not context.wants_reset, RESET_S)):
-            raise Ended(Fault.PORT_LOST, "the port is missing")
+            raise PrintEnded(Fault.PORT_LOST, "the port is missing")
         yield context.wait(lambda: context.greeting is not None or link.phase is LinkPhase.DEAD, GREETING_S)
         greeting = context.greeting
         if greeting is not None and greeting.restarted:
@@ -40,27 +40,27 @@ def connect(context: SessionContext) -> Script:
         if greeting is not None and not context.board_resets:
             yield from send(context, *context.firmware.as_new)
             return
-    raise Ended(Fault.NO_ANSWER, "the board did not restart when its port was opened")
+    raise PrintEnded(Fault.NO_ANSWER, "the board did not restart when its port was opened")
 
 
 def send(context: SessionContext, *commands: bytes, limit_s: float = SEND_S) -> Answer:
     """Send commands and wait until the last of them was executed."""
     context.link.send(context.now_s, *commands)
-    context.fed_s = context.now_s
+    context.last_command_s = context.now_s
     return (yield context.wait(lambda: context.link.drained, limit_s))
 
 
-def ask(context: SessionContext, question: bytes) -> Generator[Wait, bool, bytes]:
+def query(context: SessionContext, command: bytes) -> Generator[Wait, bool, bytes]:
     """Send a query, and return the answer."""
     context.answer = b""
-    yield from send(context, question)
+    yield from send(context, command)
     return context.answer
 
 
 def await_report(context: SessionContext, by_s: float) -> Answer:
     """Wait for the next temperature report."""
-    seen = context.report
-    return (yield Wait(lambda: context.report is not seen, by_s))
+    last = context.report
+    return (yield Wait(lambda: context.report is not last, by_s))
 
 
 def arm_dead_man(context: SessionContext, seconds: float) -> Script:

@@ -37,7 +37,7 @@ class Pace:
     idle_s: float = 5.0
 
     @classmethod
-    def of(cls, clock: Clock) -> Pace:
+    def from_clock(cls, clock: Clock) -> Pace:
         """Compute the pace: at least 2 wall seconds; 10 reports a wall second heating, 2 printing, 1 idle."""
         scale = clock.scale
         return cls(
@@ -48,7 +48,7 @@ class Pace:
         )
 
 
-class Ended(Exception):
+class PrintEnded(Exception):
     """Raised to leave a print early: by a fault, or by a cancel if `fault` is None."""
 
     def __init__(self, fault: Fault | None, reason: str) -> None:
@@ -90,7 +90,7 @@ class SessionContext:
         The farm's clock at the last `Session.advance`.
     identity
         Identity of this printer in its banner; None until it was first seen.
-    left_by
+    previous_fault
         Without a program: the fault that ended the last agent's print.
     board_resets
         True if a reset of the port restarts the board. Otherwise commands restore its defaults, and it cannot
@@ -110,7 +110,7 @@ class SessionContext:
         Start and end of the session.
     wants_reset
         True if the caller has to reset the port; `Session.port_was_reset` clears it.
-    wants_power_off, power_off_asked_s
+    wants_power_off, power_off_requested_s
         True if the caller has to cut the printer's mains, if possible, because heaters were not confirmed
         off; the time of the request. Never cleared, so that each session requests it once.
     heaters_off, targets_off_s
@@ -120,13 +120,13 @@ class SessionContext:
         The board's banner, or first answer, since the last reset.
     report, report_s
         The last temperatures, and the time of that report.
-    watch, odd_reports
+    watch, unexpected_reports
         The heater watch; number of consecutive reports with targets that the session did not set.
     position
         Position in the last answer to M114.
     answer
         Output of the board since the last query.
-    dead_man_s, fed_s
+    dead_man_s, last_command_s
         Time after which the firmware's dead-man ends all heat without a command; time of the last command.
     heated_lines
         Number of lines up to the last heating line that the session executed itself.
@@ -146,7 +146,7 @@ class SessionContext:
     pace: Pace
     now_s: float
     identity: str | None = None
-    left_by: Fault = Fault.AGENT_DIED
+    previous_fault: Fault = Fault.AGENT_DIED
     suspicion: Suspicion | None = None
     extruded: bool = False
     board_resets: bool = True
@@ -158,18 +158,18 @@ class SessionContext:
     ended_s: float | None = field(default=None, init=False)
     wants_reset: bool = field(default=False, init=False)
     wants_power_off: bool = field(default=False, init=False)
-    power_off_asked_s: float = field(default=math.inf, init=False)
+    power_off_requested_s: float = field(default=math.inf, init=False)
     heaters_off: bool = field(default=False, init=False)
     targets_off_s: float | None = field(default=None, init=False)
     greeting: Connected | None = field(default=None, init=False)
     report: Report | None = field(default=None, init=False)
     report_s: float = field(init=False)
     watch: HeaterWatch = field(init=False)
-    odd_reports: int = field(default=0, init=False)
+    unexpected_reports: int = field(default=0, init=False)
     position: Point | None = field(default=None, init=False)
     answer: bytes = field(default=b"", init=False)
     dead_man_s: float = field(default=0.0, init=False)
-    fed_s: float = field(init=False)
+    last_command_s: float = field(init=False)
     heated_lines: int = field(default=0, init=False)
     final_lines: int | None = field(default=None, init=False)
     pause_wanted: bool = field(default=False, init=False)
@@ -178,7 +178,7 @@ class SessionContext:
     unreadable: Unreadable | None = field(default=None, init=False)
 
     def __post_init__(self) -> None:
-        self.started_s = self.report_s = self.fed_s = self.now_s
+        self.started_s = self.report_s = self.last_command_s = self.now_s
         self.watch = HeaterWatch(2 * self.pace.floor_s)
 
     @property
@@ -214,9 +214,9 @@ class SessionContext:
         """Time at which a print without a report is ended."""
         return self.report_s + max(BLIND_S, 5 * self.pace.floor_s)
 
-    def wait(self, met: Callable[[], bool], limit_s: float) -> Wait:
+    def wait(self, condition: Callable[[], bool], limit_s: float) -> Wait:
         """Make a wait of at most `limit_s`, or of the shortest time-out if that is longer."""
-        return Wait(met, self.by_s(limit_s))
+        return Wait(condition, self.by_s(limit_s))
 
     def by_s(self, limit_s: float) -> float:
         """Compute the end of a time limit, which is never below the shortest time-out."""
@@ -225,4 +225,4 @@ class SessionContext:
     def ask_power_off(self) -> None:
         """Request, once, that the caller cuts the mains."""
         if not self.wants_power_off:
-            self.wants_power_off, self.power_off_asked_s = True, self.now_s
+            self.wants_power_off, self.power_off_requested_s = True, self.now_s

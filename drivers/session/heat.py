@@ -14,7 +14,7 @@ from drivers.link import Report
 from drivers.messages import PrintPhase
 from drivers.records import Suspicion
 from drivers.session.commands import arm_dead_man, await_report, send
-from drivers.session.context import Answer, Ended, Script, SessionContext
+from drivers.session.context import Answer, PrintEnded, Script, SessionContext
 
 OFF_S = 120.0  # longer than the heater watch waits for a heater to cool
 OFF_WITHOUT_MAINS_S = 60.0  # after the request to cut the mains: a reset does not help then
@@ -26,7 +26,7 @@ EXTRUDE_MARGIN_C = 5.0  # above the temperature below which the firmware refuses
 FEED_S = 300.0  # between commands while heating: M105 does not feed the dead-man
 SUSPECT_S = 25.0  # for a heater that may be stuck on to show that it cools
 LEFT_S = 15.0  # for a board to restart and report temperatures, if the agent died after the finding
-ODD_REPORTS = 3  # one may be garbled
+UNEXPECTED_REPORTS = 3  # one may be garbled
 
 _SETS = {HeaterName.NOZZLE: b"M104 S%g", HeaterName.BED: b"M140 S%g"}
 _HEATED = (PrintPhase.HEATING, PrintPhase.PRINTING, PrintPhase.PAUSED)
@@ -42,37 +42,37 @@ def set_target(context: SessionContext, heater: HeaterName, target_c: float) -> 
     yield from send(context, _SETS[heater] % target_c)
 
 
-def heat(context: SessionContext, wanted: Heat) -> Script:
+def heat(context: SessionContext, target: Heat) -> Script:
     """Heat as M109 and M190 do, in steps that can be aborted; the heater watch detects faults."""
-    yield from set_target(context, wanted.heater, wanted.target_c)
-    if wanted.target_c == 0:
+    yield from set_target(context, target.heater, target.target_c)
+    if target.target_c == 0:
         return
     context.link.poll_every_s = context.pace.heating_s
-    limit_s = context.now_s + HEAT_LIMIT_S[wanted.heater]
-    held_s = math.inf
+    limit_s = context.now_s + HEAT_LIMIT_S[target.heater]
+    reached_s = math.inf
     while True:
         context.link.poll_soon(context.now_s + context.pace.heating_s)
         if not (yield from await_report(context, context.report_by_s)):
-            what = f"the board answers, but reports no temperature of the {wanted.heater}"
-            raise Ended(Fault.NO_ANSWER, what)
-        now_c = context.watch.now_c(wanted.heater)
-        away_c = wanted.target_c - now_c
-        if wanted.heater is HeaterName.BED and away_c <= BED_BAND_C:
+            text = f"the board answers, but reports no temperature of the {target.heater}"
+            raise PrintEnded(Fault.NO_ANSWER, text)
+        now_c = context.watch.now_c(target.heater)
+        missing_c = target.target_c - now_c
+        if target.heater is HeaterName.BED and missing_c <= BED_BAND_C:
             return
-        if wanted.heater is HeaterName.NOZZLE and abs(away_c) <= NOZZLE_BAND_C:
-            held_s = min(held_s, context.now_s)
-            if context.now_s - held_s >= NOZZLE_HOLD_S:
+        if target.heater is HeaterName.NOZZLE and abs(missing_c) <= NOZZLE_BAND_C:
+            reached_s = min(reached_s, context.now_s)
+            if context.now_s - reached_s >= NOZZLE_HOLD_S:
                 return
             continue
-        held_s = math.inf
+        reached_s = math.inf
         if context.now_s > limit_s:
-            late = f"the {wanted.heater} reached only {now_c:g} of {wanted.target_c:g} C in time"
-            raise Ended(Fault.HEATER_TIMEOUT, late)
-        if context.now_s - context.fed_s > FEED_S:
+            text = f"the {target.heater} reached only {now_c:g} of {target.target_c:g} C in time"
+            raise PrintEnded(Fault.HEATER_TIMEOUT, text)
+        if context.now_s - context.last_command_s > FEED_S:
             yield from arm_dead_man(context, context.dead_man_s)
 
 
-def show_off(context: SessionContext) -> Answer:
+def confirm_off(context: SessionContext) -> Answer:
     """Poll until a report shows both targets 0 and every warm heater was seen to cool."""
     limit_s = context.by_s(OFF_S)
     context.targets_off_s = None
@@ -81,9 +81,9 @@ def show_off(context: SessionContext) -> Answer:
     context.link.poll(context.now_s)
     least_s = context.by_s(OFF_LEAST_S)
     while context.now_s < limit_s:
-        limit_s = min(limit_s, max(least_s, context.power_off_asked_s + OFF_WITHOUT_MAINS_S))
-        heard = yield from await_report(context, limit_s)
-        if not heard or context.report is None or not context.report.off:
+        limit_s = min(limit_s, max(least_s, context.power_off_requested_s + OFF_WITHOUT_MAINS_S))
+        received = yield from await_report(context, limit_s)
+        if not received or context.report is None or not context.report.off:
             continue
         if context.targets_off_s is None:
             context.targets_off_s = context.now_s
@@ -93,20 +93,20 @@ def show_off(context: SessionContext) -> Answer:
     return False
 
 
-def see_targets(context: SessionContext) -> Script:
+def verify_targets(context: SessionContext) -> Script:
     """Check the targets before the file cools down: a stopped board acknowledges all moves at once."""
     while True:
         context.link.poll(context.now_s)
         if not (yield from await_report(context, context.report_by_s)):
-            raise Ended(Fault.NO_ANSWER, "the board reports no temperatures at the end of the print")
-        if not context.odd_reports:  # else poll again, until there are enough of them
+            raise PrintEnded(Fault.NO_ANSWER, "the board reports no temperatures at the end of the print")
+        if not context.unexpected_reports:  # else poll again, until there are enough of them
             return
 
 
 # --- at each report ---
 
 
-def watch_heaters(context: SessionContext, report: Report) -> Ended | None:
+def watch_heaters(context: SessionContext, report: Report) -> PrintEnded | None:
     """Judge a report; return what ends the print, or None."""
     set_c = _set_c(context)
     finding = context.watch.judge(report, set_c, context.now_s)
@@ -119,7 +119,7 @@ def watch_heaters(context: SessionContext, report: Report) -> Ended | None:
             context.ask_power_off()
     elif context.watch.cools and not context.wants_power_off:
         context.suspicion = None
-    found = None if finding is None else Ended(finding.fault, finding.text)
+    found = None if finding is None else PrintEnded(finding.fault, finding.text)
     if ending:
         return found if context.reason is None else None  # else the print is ending already
     return _watch_targets(context, report, set_c) or found
@@ -136,8 +136,9 @@ def power_off_due_s(context: SessionContext) -> float:
     if context.suspicion is None or context.wants_power_off or context.ended:
         return math.inf
     patience_s = 2 * context.pace.floor_s
-    found_s, begun_s = context.suspicion.since_s, context.started_s  # it may be from the previous session
-    return max(found_s + max(SUSPECT_S, patience_s), begun_s + max(LEFT_S, patience_s))
+    # The suspicion may be from the previous session.
+    suspected_s, started_s = context.suspicion.since_s, context.started_s
+    return max(suspected_s + max(SUSPECT_S, patience_s), started_s + max(LEFT_S, patience_s))
 
 
 def _set_c(context: SessionContext) -> dict[HeaterName, float]:
@@ -151,14 +152,16 @@ def _set_c(context: SessionContext) -> dict[HeaterName, float]:
     return set_c
 
 
-def _watch_targets(context: SessionContext, report: Report, set_c: dict[HeaterName, float]) -> Ended | None:
+def _watch_targets(
+    context: SessionContext, report: Report, set_c: dict[HeaterName, float]
+) -> PrintEnded | None:
     """Detect a changed target: Tinker firmware, or a person at the knob, may set one."""
     nozzle_c, bed_c = set_c[HeaterName.NOZZLE], set_c[HeaterName.BED]
-    same = abs(report.nozzle_target_c - nozzle_c) <= 1 and abs(report.bed_target_c - bed_c) <= 1
-    context.odd_reports = 0 if same else context.odd_reports + 1
-    if context.odd_reports < ODD_REPORTS:
-        if not same:  # soon, but not before the lines in flight that may set it
+    as_set = abs(report.nozzle_target_c - nozzle_c) <= 1 and abs(report.bed_target_c - bed_c) <= 1
+    context.unexpected_reports = 0 if as_set else context.unexpected_reports + 1
+    if context.unexpected_reports < UNEXPECTED_REPORTS:
+        if not as_set:  # soon, but not before the lines in flight that may set it
             context.link.poll_soon(context.now_s + context.pace.heating_s)
         return None
     found = f"nozzle {report.nozzle_target_c:g} and bed {report.bed_target_c:g} C"
-    return Ended(Fault.TARGET_CHANGED, f"somebody set {found}, not {nozzle_c:g} and {bed_c:g}")
+    return PrintEnded(Fault.TARGET_CHANGED, f"somebody set {found}, not {nozzle_c:g} and {bed_c:g}")

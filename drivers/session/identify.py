@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from drivers.errors import Fault
 from drivers.firmware import Identity
-from drivers.session.commands import TRIES, ask, connect, send
-from drivers.session.context import Ended, Script, SessionContext
+from drivers.session.commands import TRIES, connect, query, send
+from drivers.session.context import PrintEnded, Script, SessionContext
 
 HOME_SLACK_MM = 30.0  # M206 shifts the Z coordinate of the home position
 
@@ -16,33 +16,33 @@ def identify(context: SessionContext) -> Script:
     A banner has no checksum: one that is unreadable or does not match is requested again.
     """
     firmware, profile = context.firmware, context.profile
-    wrong = ""
+    problem = ""
     for _ in range(TRIES):
         yield from connect(context)
         assert context.greeting is not None
         found = firmware.read_identity(context.greeting.banner)
         if not context.greeting.restarted or firmware.version is None:
             # the home height identifies an Extended; other models answer `identity_query`
-            offset = firmware.read_offset((yield from ask(context, firmware.settings_query)))
+            offset = firmware.read_offset((yield from query(context, firmware.settings_query)))
             found = None if offset is None else Identity(profile.banner_suffix, offset)
         if found is None:
-            says = "banner does not say" if firmware.version is not None else "settings do not say"
-            wrong = f"its {says} which printer it is"
+            source = "banner does not say" if firmware.version is not None else "settings do not say"
+            problem = f"its {source} which printer it is"
         elif found.suffix != profile.banner_suffix:
-            wrong = f"not the board of an {profile.title}"
+            problem = f"not the board of an {profile.title}"
         elif context.identity is not None and found.offset != context.identity:
             offsets = f"home offset {found.offset}, not {context.identity}"
-            wrong = f"another printer, or levelled again: {offsets}"
+            problem = f"another printer, or levelled again: {offsets}"
         else:
-            answer = yield from ask(context, firmware.identity_query)
+            answer = yield from query(context, firmware.identity_query)
             if firmware.identity_word not in answer:
-                wrong = f"M115 reports another firmware than {firmware.title}"
+                problem = f"M115 reports another firmware than {firmware.title}"
             elif profile.machine_word not in answer:
-                wrong = f"M115 reports another machine than the {profile.title}"
+                problem = f"M115 reports another machine than the {profile.title}"
             else:
                 context.identity = found.offset
                 return
-    raise Ended(Fault.WRONG_PRINTER, wrong)
+    raise PrintEnded(Fault.WRONG_PRINTER, problem)
 
 
 def check_height(context: SessionContext, home: bytes) -> Script:
@@ -56,7 +56,7 @@ def check_height(context: SessionContext, home: bytes) -> Script:
     yield from send(context, context.firmware.position_query)
     home_mm = context.profile.home_mm[2]
     if context.position is not None and abs(context.position[2] - home_mm) > HOME_SLACK_MM:
-        raise Ended(
+        raise PrintEnded(
             Fault.WRONG_PRINTER,
             f"its bed homes at {context.position[2]:g} mm, not near {home_mm:g}: "
             f"not an {context.profile.title}",

@@ -8,9 +8,9 @@ from drivers.errors import Fault
 from drivers.link import Phase as LinkPhase
 from drivers.messages import Filament
 from drivers.session.commands import TRIES, arm_dead_man, connect, send
-from drivers.session.context import Answer, Ended, Script, SessionContext
-from drivers.session.heat import extrudes, show_off
-from drivers.session.park import LIFT_MM, back_mm, lift_mm, park
+from drivers.session.context import Answer, PrintEnded, Script, SessionContext
+from drivers.session.heat import confirm_off, extrudes
+from drivers.session.park import LIFT_MM, lift_mm, measure_retracted_mm, park
 
 STOP_S = 30.0  # the stop waits for the current move
 BARRIERS = 3  # a garbled answer may fake one of them, but not three
@@ -32,7 +32,7 @@ def make_safe(context: SessionContext) -> Script:
         try:
             if (yield from _abort(context, homed)):
                 return
-        except Ended:
+        except PrintEnded:
             pass  # it stopped responding meanwhile
     yield from _cut(context, homed)
 
@@ -52,13 +52,13 @@ def _abort(context: SessionContext, homed: bool) -> Answer:
         yield from send(context, firmware.position_query)
         if context.filament is Filament.AT_NOZZLE and context.program is not None:
             hot = context.report is not None and extrudes(context, context.report.nozzle_c)
-            yield from park(context, back_mm(context.program, done, context.position), hot)
+            yield from park(context, measure_retracted_mm(context.program, done, context.position), hot)
         z_mm = math.nan if context.position is None else context.position[2]
         up_mm = LIFT_MM if math.isnan(z_mm) else lift_mm(context, z_mm, done)
-        away = (b"G91", b"G1 F1200 Z%.3f" % up_mm, b"G90", b"G28 X0 Y0", firmware.motors_off)
-        if not (yield from send(context, *away, *(firmware.wait_moves,) * BARRIERS)):
+        park_commands = (b"G91", b"G1 F1200 Z%.3f" % up_mm, b"G90", b"G28 X0 Y0", firmware.motors_off)
+        if not (yield from send(context, *park_commands, *(firmware.wait_moves,) * BARRIERS)):
             return False
-    if not (yield from show_off(context)):
+    if not (yield from confirm_off(context)):
         return False
     yield from arm_dead_man(context, 0.0)
     return True
@@ -75,7 +75,7 @@ def _cut(context: SessionContext, homed: bool) -> Script:
             try:
                 if (yield from _reset_and_show_off(context, homed)):
                     return
-            except Ended as ended:
+            except PrintEnded as ended:
                 if ended.fault is Fault.PORT_LOST:
                     break
             if context.wants_power_off:
@@ -93,7 +93,7 @@ def _reset_and_show_off(context: SessionContext, homed: bool) -> Answer:
     restarted = context.greeting is None or context.greeting.restarted
     if not restarted:
         yield from send(context, firmware.motors_off)  # its move queue is empty: it stands still
-    if not (yield from show_off(context)):
+    if not (yield from confirm_off(context)):
         return False
     if not restarted:
         yield from arm_dead_man(context, 0.0)

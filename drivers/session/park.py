@@ -12,7 +12,7 @@ from drivers.errors import Fault, Unreadable
 from drivers.gcode import Heat, HeaterName, Moves, Point, Program, measure_retraction
 from drivers.messages import Filament, PrintPhase
 from drivers.session.commands import PAUSE_DEAD_MAN_S, PRINT_DEAD_MAN_S, arm_dead_man, send
-from drivers.session.context import Ended, Script, SessionContext
+from drivers.session.context import PrintEnded, Script, SessionContext
 from drivers.session.heat import extrudes, heat, set_target
 
 PARKED_SLACK_MM = 0.25
@@ -46,10 +46,10 @@ def park(context: SessionContext, back_mm: float, hot: bool) -> Script:
         context.filament = Filament.UNKNOWN
 
 
-def back_mm(program: Program, done: int, stood: Point | None = None) -> float:
+def measure_retracted_mm(program: Program, done: int, stopped_at: Point | None = None) -> float:
     """Compute the retraction of the filament; NaN if the file can no longer be read."""
     try:
-        return measure_retraction(program, done, stood)
+        return measure_retraction(program, done, stopped_at)
     except Unreadable:
         return math.nan
 
@@ -81,15 +81,15 @@ def pause(context: SessionContext, program: Program, done: int) -> Script:
     context.position = None
     stopped = yield from send(context, firmware.wait_moves, firmware.position_query, limit_s=math.inf)
     if not stopped or context.position is None:
-        raise Ended(Fault.NO_ANSWER, "the board does not report the position of the head")
+        raise PrintEnded(Fault.NO_ANSWER, "the board does not report the position of the head")
     moves = Moves(program, done)
     at = [
         reported if math.isnan(exact) else exact
         for exact, reported in zip(moves.at, context.position, strict=True)
     ]
     yield from park(context, moves.retracted_mm, hot=True)
-    over = b"G1 F1200 Z%.3f" % (at[2] + lift_mm(context, at[2], done))
-    yield from send(context, b"G90", over, b"G1 F9000 X%g Y%g" % context.profile.aside_mm, b"M104 S0")
+    lift = b"G1 F1200 Z%.3f" % (at[2] + lift_mm(context, at[2], done))
+    yield from send(context, b"G90", lift, b"G1 F9000 X%g Y%g" % context.profile.aside_mm, b"M104 S0")
     context.nozzle_paused = True
     yield from arm_dead_man(context, PAUSE_DEAD_MAN_S)
     yield from _await_resume(context)
@@ -99,12 +99,14 @@ def pause(context: SessionContext, program: Program, done: int) -> Script:
     context.nozzle_paused = False
     yield from heat(context, Heat(done, HeaterName.NOZZLE, target_c, waits=True))
     context.filament = Filament.UNKNOWN
-    yield from send(context, *_way_back(moves, at, context.profile.parked_mm), firmware.wait_moves)
+    yield from send(
+        context, *_list_return_commands(moves, at, context.profile.parked_mm), firmware.wait_moves
+    )
     context.filament = Filament.AT_NOZZLE
     context.phase = PrintPhase.PRINTING
 
 
-def _way_back(moves: Moves, at: Point, parked_mm: float) -> list[bytes]:
+def _list_return_commands(moves: Moves, at: Point, parked_mm: float) -> list[bytes]:
     """List the commands that push the filament, return to the part and restore the file's settings."""
     x, y, z, e = at
     push_mm = parked_mm - moves.retracted_mm
@@ -125,7 +127,7 @@ def _await_resume(context: SessionContext) -> Script:
     context.link.poll_every_s = context.pace.printing_s
     while context.pause_wanted:
         if context.now_s >= context.pause_ends_s:
-            raise Ended(Fault.PAUSE_TIMEOUT, f"nobody resumed it within {PAUSE_LIMIT_S / 3600:g} h")
+            raise PrintEnded(Fault.PAUSE_TIMEOUT, f"nobody resumed it within {PAUSE_LIMIT_S / 3600:g} h")
         yield context.wait(lambda: not context.pause_wanted, PAUSE_FEED_S)
         if context.pause_wanted:
             yield from arm_dead_man(context, context.dead_man_s)

@@ -19,7 +19,7 @@ from drivers.gcode import read_position
 from drivers.link import Connected, Event, Events, LinkFault, OtherLine, Report
 from drivers.link import Phase as LinkPhase
 from drivers.messages import PrintPhase
-from drivers.session.context import Ended, Script, SessionContext, Wait
+from drivers.session.context import PrintEnded, Script, SessionContext, Wait
 from drivers.session.heat import power_off_due_s, suspect, watch_heaters
 from drivers.session.identify import identify
 from drivers.session.leave import make_safe
@@ -57,11 +57,11 @@ class Session:
         """Process the events of the link, and run the script as far as possible."""
         context = self.context
         context.now_s = now_s
-        ended: Ended | None = None
+        ended: PrintEnded | None = None
         for event in events:
             ended = ended or _notice(context, event)
         if now_s >= self._last_moment_s():
-            ended = ended or Ended(Fault.HOURS_ENDED, NOBODY_THERE)
+            ended = ended or PrintEnded(Fault.HOURS_ENDED, NOBODY_THERE)
         if ended is not None:
             self._leave(ended)
         if now_s >= power_off_due_s(context):
@@ -97,14 +97,14 @@ class Session:
         """End the print safely; no effect if it is ending already."""
         self.context.now_s = now_s
         if self.context.phase is not PrintPhase.ENDING and not self.context.ended:
-            self._leave(Ended(None, reason))
+            self._leave(PrintEnded(None, reason))
             self.advance((), now_s)
 
     def fail(self, fault: Fault, reason: str, now_s: float) -> None:
         """End the print by a fault that the caller found, such as a lost port."""
         self.context.now_s = now_s
         if not self.context.ended:
-            self._leave(Ended(fault, reason))
+            self._leave(PrintEnded(fault, reason))
             self.advance((), now_s)
 
     def add_reason(self, text: str) -> None:
@@ -129,7 +129,7 @@ class Session:
             context.link.poll_every_s = context.pace.idle_s
             context.link.poll(context.now_s)
 
-    def _leave(self, ended: Ended) -> None:
+    def _leave(self, ended: PrintEnded) -> None:
         self._step(lambda: self._script.throw(ended))
 
 
@@ -138,11 +138,11 @@ def _run(context: SessionContext) -> Script:
     outcome = PrintPhase.DONE
     try:
         if context.program is None:
-            raise Ended(context.left_by, _LEFT[context.left_by])
+            raise PrintEnded(context.previous_fault, _LEFT[context.previous_fault])
         yield from identify(context)
         yield from print_program(context, context.program)
-    except (Ended, Unreadable) as why:
-        ended = why if isinstance(why, Ended) else Ended(Fault.BAD_FILE, str(why))
+    except (PrintEnded, Unreadable) as why:
+        ended = why if isinstance(why, PrintEnded) else PrintEnded(Fault.BAD_FILE, str(why))
         context.fault, context.reason = ended.fault, ended.reason
         outcome = PrintPhase.CANCELLED if ended.fault is None else PrintPhase.FAILED
         context.phase = PrintPhase.ENDING
@@ -150,7 +150,7 @@ def _run(context: SessionContext) -> Script:
     context.phase = outcome
 
 
-def _notice(context: SessionContext, event: Event) -> Ended | None:
+def _notice(context: SessionContext, event: Event) -> PrintEnded | None:
     """Process an event of the link; return what ends the print, or None."""
     if isinstance(event, Report):
         context.report, context.report_s = event, context.now_s
@@ -164,5 +164,5 @@ def _notice(context: SessionContext, event: Event) -> Ended | None:
         if event.fault is Fault.MAXTEMP:
             suspect(context, event.text)
         if not context.link.ignore_faults or context.link.phase is LinkPhase.DEAD:
-            return Ended(event.fault, event.text)
+            return PrintEnded(event.fault, event.text)
     return None

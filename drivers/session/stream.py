@@ -8,11 +8,11 @@ from drivers.errors import Fault, Unreadable
 from drivers.gcode import Heat, HeaterName, Program
 from drivers.messages import Filament, PrintPhase
 from drivers.session.commands import HEAT_DEAD_MAN_S, PRINT_DEAD_MAN_S, arm_dead_man, send
-from drivers.session.context import Ended, Script, SessionContext, Wait
-from drivers.session.heat import extrudes, heat, see_targets, show_off
+from drivers.session.context import PrintEnded, Script, SessionContext, Wait
+from drivers.session.heat import confirm_off, extrudes, heat, verify_targets
 from drivers.session.identify import check_height
 from drivers.session.leave import BARRIERS
-from drivers.session.park import back_mm, park, pausable, pause, unpark
+from drivers.session.park import measure_retracted_mm, park, pausable, pause, unpark
 
 
 def print_program(context: SessionContext, program: Program) -> Script:
@@ -22,15 +22,15 @@ def print_program(context: SessionContext, program: Program) -> Script:
     yield from arm_dead_man(context, HEAT_DEAD_MAN_S)
     cools = next((h.line for h in program.heats if _cools(h, program.extrusion_line)), program.count)
     at = 0
-    for stop, wanted in _stops(program, cools):
+    for stop, heat_command in _stops(program, cools):
         yield from _stream(context, program, at, stop)
         at = stop
         if stop == program.home_line + 1:
             yield from check_height(context, program.lines(program.home_line, stop)[0])
-        if wanted is not None:
+        if heat_command is not None:
             context.heated_lines = at = stop + 1
-            yield from heat(context, wanted)
-            hot = wanted.heater is HeaterName.NOZZLE and extrudes(context, wanted.target_c)
+            yield from heat(context, heat_command)
+            hot = heat_command.heater is HeaterName.NOZZLE and extrudes(context, heat_command.target_c)
             if hot and context.filament is Filament.PARKED:
                 yield from unpark(context)
         elif stop == program.extrusion_line < program.count:
@@ -38,7 +38,7 @@ def print_program(context: SessionContext, program: Program) -> Script:
             context.phase = PrintPhase.PRINTING
             yield from arm_dead_man(context, PRINT_DEAD_MAN_S)
         if stop == cools and context.phase is PrintPhase.PRINTING:
-            yield from see_targets(context)
+            yield from verify_targets(context)
     yield from _finish(context, program)
 
 
@@ -46,13 +46,15 @@ def _stops(program: Program, cools: int) -> list[tuple[int, Heat | None]]:
     """List the lines before which the stream stops, each with the heating that replaces it."""
     lines = (program.home_line + 1, program.extrusion_line, program.count)
     stops: dict[int, Heat | None] = dict.fromkeys(lines)
-    stops |= {wanted.line: wanted for wanted in program.heats if wanted.waits}
+    stops |= {heat_command.line: heat_command for heat_command in program.heats if heat_command.waits}
     stops.setdefault(cools, None)
     return sorted(((line, stops[line]) for line in stops if line <= program.count), key=lambda s: s[0])
 
 
-def _cools(wanted: Heat, after: int) -> bool:
-    return wanted.heater is HeaterName.NOZZLE and wanted.target_c == 0 and wanted.line > after
+def _cools(heat_command: Heat, after: int) -> bool:
+    return (
+        heat_command.heater is HeaterName.NOZZLE and heat_command.target_c == 0 and heat_command.line > after
+    )
 
 
 def _stream(context: SessionContext, program: Program, start: int, stop: int) -> Script:
@@ -69,8 +71,8 @@ def _stream(context: SessionContext, program: Program, start: int, stop: int) ->
         return []
 
     def sent_or_paused() -> bool:
-        wanted = context.pause_wanted and pausable(context)
-        return link.drained or context.unreadable is not None or wanted
+        heat_command = context.pause_wanted and pausable(context)
+        return link.drained or context.unreadable is not None or heat_command
 
     while start < stop:
         link.poll_every_s = context.pace.printing_s
@@ -78,7 +80,7 @@ def _stream(context: SessionContext, program: Program, start: int, stop: int) ->
         context.report_s = context.now_s
         while not (yield Wait(sent_or_paused, context.blind_by_s)):
             if context.now_s >= context.blind_by_s:
-                raise Ended(Fault.NO_ANSWER, "the board prints, but reports no temperatures")
+                raise PrintEnded(Fault.NO_ANSWER, "the board prints, but reports no temperatures")
         if context.unreadable is not None:
             raise context.unreadable
         if link.drained:
@@ -99,9 +101,9 @@ def _finish(context: SessionContext, program: Program) -> Script:
     yield from send(context, *off, limit_s=math.inf)
     if context.filament is Filament.AT_NOZZLE:
         # as far back as the end code left it; the nozzle cools already
-        yield from park(context, back_mm(program, program.count), hot=False)
-    if not (yield from show_off(context)):
+        yield from park(context, measure_retracted_mm(program, program.count), hot=False)
+    if not (yield from confirm_off(context)):
         if context.report is not None and context.report.off:
-            raise Ended(Fault.HEATER_STUCK_ON, "a heater was not seen to cool at the end of the print")
-        raise Ended(Fault.NO_ANSWER, "heaters were not shown off at the end of the print")
+            raise PrintEnded(Fault.HEATER_STUCK_ON, "a heater was not seen to cool at the end of the print")
+        raise PrintEnded(Fault.NO_ANSWER, "heaters were not shown off at the end of the print")
     yield from arm_dead_man(context, 0.0)

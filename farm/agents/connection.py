@@ -129,8 +129,8 @@ class AgentConnection:
             self._kill_if_hung()
             return
         if self._section is None:
-            gone = "it was removed from fleet.yaml, and its agent has ended"
-            self._report(AgentSnapshot(printer=self._name, link=Link.ABSENT, reason=gone))
+            reason = "it was removed from fleet.yaml, and its agent has ended"
+            self._report(AgentSnapshot(printer=self._name, link=Link.ABSENT, reason=reason))
             return
         now = time.monotonic()
         if len(self._starts) == self._starts.maxlen and now - self._starts[0] < 60.0:
@@ -202,7 +202,7 @@ class AgentConnection:
         except AgentTooOld:
             return report
         latest = reply.snapshot or report
-        prints = [to_farm_print(one, self._ahead_s) for one in reply.prints]
+        prints = [to_farm_print(each, self._ahead_s) for each in reply.prints]
         self._listener.on_journal(self._trusted(latest), prints)
         return latest
 
@@ -272,16 +272,16 @@ class AgentConnection:
 
     async def _upload(self, print_id: str, gcode: Path) -> None:
         """Send a file to an agent on another host. Raises DriverError."""
-        at, more = 0, True
+        at, unfinished = 0, True
         try:
             with gcode.open("rb") as file:
-                while more:
+                while unfinished:
                     piece = await asyncio.to_thread(file.read, _PIECE_BYTES)
                     sent = m.Upload(id=0, print_id=print_id, at=at, data=base64.b64encode(piece))
                     reply = await self._client.request(sent)
                     if reply.error:
                         raise AgentError(reply.error)
-                    at, more = at + len(piece), bool(piece)
+                    at, unfinished = at + len(piece), bool(piece)
         except OSError as error:
             raise AgentError(f"{gcode}: cannot be read ({error})") from error
 

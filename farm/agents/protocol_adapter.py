@@ -35,9 +35,9 @@ def clock_offset_s(report: m.Snapshot, clock: Clock) -> float:
     """
     if not report.now_s:
         return 0.0
-    late_s = clock.now() - clock.ahead_s - report.now_s
-    apart = abs(clock.wall_seconds(late_s)) > _CLOCKS_APART_S
-    return clock.ahead_s + (late_s if apart else 0.0)
+    offset_s = clock.now() - clock.ahead_s - report.now_s
+    differs = abs(clock.wall_seconds(offset_s)) > _CLOCKS_APART_S
+    return clock.ahead_s + (offset_s if differs else 0.0)
 
 
 def request_for(instruction: ev.AnyInstruction, books: Books, files: Path) -> m.Request | None:

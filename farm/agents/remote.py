@@ -42,19 +42,19 @@ def without_starting(route: Route | None) -> Route | None:
 
 def load_route(folder: Path, section: PrinterSection | None, farm: str, clock: Clock) -> Route | None:
     """Return the route to a printer's agent: the stored one if the printer was removed from the fleet."""
-    kept = folder / ROUTE_FILE
+    route_file = folder / ROUTE_FILE
     if section is None:
         try:
-            words, line = json.loads(kept.read_text())
-            return list(map(str, words)), str(line).encode()
+            command, line = json.loads(route_file.read_text())
+            return list(map(str, command)), str(line).encode()
         except (OSError, ValueError, TypeError):
             return None
     route = _route_to(section, farm, clock)
     if route is None:
-        kept.unlink(missing_ok=True)
+        route_file.unlink(missing_ok=True)
     else:
         folder.mkdir(parents=True, exist_ok=True)
-        kept.write_text(json.dumps((route[0], route[1].decode())))
+        route_file.write_text(json.dumps((route[0], route[1].decode())))
     return route
 
 

@@ -21,7 +21,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 REQUEST_S = 2.0  # wall seconds in which the one line of a request must arrive
-MOST, MOST_EACH = 64, 8  # simultaneous requests: of all users, and of one
+MAX_TOTAL, MAX_PER_USER = 64, 8  # simultaneous requests: of all users, and of one
 LONGEST = 1 << 16  # bytes of a request
 _WAIT_S = 0.2
 _PAUSE_S = 1.0  # between attempts to accept, after an error such as no free descriptor
@@ -100,7 +100,7 @@ class EstopServer:
         one.setblocking(False)
         uid = self._uid_of(one)
         busy = [pending.uid for pending in self._pending.values()] + [uid for uid, _ in self._running]
-        if len(busy) >= MOST or busy.count(uid) >= MOST_EACH:
+        if len(busy) >= MAX_TOTAL or busy.count(uid) >= MAX_PER_USER:
             with one, suppress(OSError):
                 one.send(json.dumps(_FULL).encode() + b"\n")
             return

@@ -216,7 +216,7 @@ class Workers:
         self._alive.discard(worker)
         self._replace()
         # A dying engine may write after its folder was removed: remove every unused folder.
-        kept = {one.folder for one in self._alive}
+        kept = {worker.folder for worker in self._alive}
         for left in self._scratch.iterdir():
             if left not in kept:
                 shutil.rmtree(left, ignore_errors=True)

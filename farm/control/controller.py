@@ -92,7 +92,7 @@ class Controller:
         self.telemetry = Telemetry()
         self.progress: dict[int, PlanProgress] = {}
         self.stopping = False
-        self.rules = StartRules.of(fleet.fleet)
+        self.rules = StartRules.from_config(fleet.fleet)
         self.books = replace(store.load(), outage_window_s=outage_window_s(clock.scale))
         self.fleet = fleet_with_reels(fleet, self.books.printers)
         self._configured_fleet = fleet
@@ -209,8 +209,8 @@ class Controller:
             situation = situation.with_printers(self.fleet_printers())
         yield from self._replanning.reslice_waiting(self.books, situation)
         yield from self._admit_jobs(situation)
-        others_s = (self._startup_end_s, self._replanning.next_search_s)
-        self._next_change_s = find_next_change_s(situation, self.books, held_back, others_s)
+        other_times_s = (self._startup_end_s, self._replanning.next_search_s)
+        self._next_change_s = find_next_change_s(situation, self.books, held_back, other_times_s)
         if assignments:  # a start changes which printers are kept: the next tick looks again
             self._next_change_s = now_s
 
@@ -260,7 +260,9 @@ class Controller:
         for attempt in [each for each in attempts if each is not None]:
             snapshot = self.telemetry.snapshots.get(attempt.printer)
             if snapshot is not None:
-                yield from owed_instructions(attempt, snapshot, self.books, self._moment(attempt.printer))
+                yield from owed_instructions(
+                    attempt, snapshot, self.books, self._situation_of(attempt.printer)
+                )
 
     # -- agents -----------------------------------------------------------------------------------------
 
@@ -364,9 +366,9 @@ class Controller:
     def print_limits(self, print_id: str) -> PrintLimits:
         """Return the time limits of a print from the attended and quiet hours."""
         attempt = self.books.prints[print_id]
-        return find_print_limits(attempt, self.books, self._moment(attempt.printer))
+        return find_print_limits(attempt, self.books, self._situation_of(attempt.printer))
 
-    def _moment(self, name: str) -> Situation:
+    def _situation_of(self, name: str) -> Situation:
         """Return the situation of one printer, if it is enabled, without waiting plates."""
         printer = self.fleet_printer(name)
         return Situation((), () if printer is None else (printer,), self.rules, self.clock.now())

@@ -52,14 +52,14 @@ class Notifier:
 
     def notify(self, books: Books, now_s: float) -> None:
         """Send the notices that are due according to the committed books. Returns at once."""
-        news = list_due_notices(books, now_s, self._since_s, self._sent)
-        if not news:
+        notices = list_due_notices(books, now_s, self._since_s, self._sent)
+        if not notices:
             return
         self._since_s = max(self._since_s, now_s - _KEPT_S)
         self._sent = {key: at_s for key, at_s in self._sent.items() if at_s >= self._since_s}
-        self._sent |= {one.key: one.at_s for one in news}
+        self._sent |= {notice.key: notice.at_s for notice in notices}
         self._save_record()  # before sending: a lost notice is better than a duplicate
-        self._queue.put("\n".join(one.text for one in news))
+        self._queue.put("\n".join(notice.text for notice in notices))
 
     def clock_set(self, by_s: float) -> None:
         """Shift the start of the record with a clock that went back: later events are still sent."""
@@ -106,9 +106,9 @@ def _address(number: int, url: SecretStr) -> Any:
 
 def _load_record(file: Path, now_s: float) -> tuple[float, dict[str, float]]:
     try:
-        kept = json.loads(file.read_text())
-        return min(float(kept["since_s"]), now_s), {
-            str(key): float(at_s) for key, at_s in kept["told"].items()
+        stored = json.loads(file.read_text())
+        return min(float(stored["since_s"]), now_s), {
+            str(key): float(at_s) for key, at_s in stored["told"].items()
         }
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return now_s, {}

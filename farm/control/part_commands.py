@@ -81,13 +81,13 @@ class PartCommands:
         for name in entry.parts:
             if parse_part_number(name) == parse_part_number(part):
                 return books.plates[books.parts[name].plate]
-        for whole in books.parts.values():
-            if whole.job == job and parse_part_number(whole.id) == parse_part_number(part):
-                names = books.plates[whole.plate].replaced_by
+        for cut_part in books.parts.values():
+            if cut_part.job == job and parse_part_number(cut_part.id) == parse_part_number(part):
+                names = books.plates[cut_part.plate].replaced_by
                 pieces = " ".join(name for plate in names for name in books.plates[plate].parts)
-                raise Refused(f"part {whole.id} failed and was cut into smaller parts: give {pieces}")
-        known = " ".join(name.rpartition("/")[2] for name in entry.parts) or "none yet"
-        raise NoSuchThing(f"job {job} has no part {part}; its parts are {known}")
+                raise Refused(f"part {cut_part.id} failed and was cut into smaller parts: give {pieces}")
+        part_names = " ".join(name.rpartition("/")[2] for name in entry.parts) or "none yet"
+        raise NoSuchThing(f"job {job} has no part {part}; its parts are {part_names}")
 
     def _printer_of(self, plate: Plate) -> str | None:
         """Return the printer that prints a plate now."""

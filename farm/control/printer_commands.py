@@ -45,14 +45,14 @@ class PrinterCommands:
     def refuse_unattended(self, printers: Iterable[str]) -> None:
         """Raise Refused if one of the printers may not print now because nobody is present."""
         now_s = self._controller.clock.now()
-        known = [p for name in printers if (p := self._controller.fleet_printer(name)) is not None]
-        away = [
+        fleet_printers = [p for name in printers if (p := self._controller.fleet_printer(name)) is not None]
+        reasons = [
             why
-            for printer in known
+            for printer in fleet_printers
             if (why := self._controller.rules.unattended_reason(printer, now_s)) is not None
         ]
-        if away:
-            raise Refused("; ".join(away))
+        if reasons:
+            raise Refused("; ".join(reasons))
 
     def clear_bed(self, printer: str, request: api.ClearedRequest, by: str) -> api.Cleared:
         """Record that a person cleared a bed, with the verdict on its part.

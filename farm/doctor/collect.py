@@ -63,7 +63,7 @@ def collect_facts(places: Places, daemon_version: str | None, daemon_error: str 
     """
     fleet, fleet_error = _read_fleet(places.fleet)
     books = _read_books(places.state)
-    here = [s for s in fleet.printers if s.enabled and s.host is None] if fleet is not None else []
+    local_printers = [s for s in fleet.printers if s.enabled and s.host is None] if fleet is not None else []
     return Facts(
         version=farm.__version__,
         fleet_path=str(places.fleet),
@@ -76,8 +76,10 @@ def collect_facts(places: Places, daemon_version: str | None, daemon_error: str 
         fleet=fleet,
         fleet_error=fleet_error,
         files=_check_files(books.books, places.state) if books.books is not None else FileFacts(),
-        agents=tuple(_ask_agent(section.name, places.state.agent(section.name)) for section in here),
-        ports=tuple(_check_port(section) for section in here if section.port.startswith("/")),
+        agents=tuple(
+            _ask_agent(section.name, places.state.agent(section.name)) for section in local_printers
+        ),
+        ports=tuple(_check_port(section) for section in local_printers if section.port.startswith("/")),
         rooms=tuple(_measure_rooms(places.state)),
         shared_memory=_measure_room(_SHARED_MEMORY),
     )
@@ -243,8 +245,8 @@ def _measure_rooms(state: StateFolder) -> Iterator[RoomFacts]:
     folder = state.root
     while not folder.exists() and folder != folder.parent:
         folder = folder.parent  # `farm up` creates it there
-    for one in dict.fromkeys((folder, Path(tempfile.gettempdir()))):
-        yield _measure_room(one)
+    for path in dict.fromkeys((folder, Path(tempfile.gettempdir()))):
+        yield _measure_room(path)
 
 
 def _measure_room(folder: Path) -> RoomFacts:

@@ -11,6 +11,7 @@ FORMER_NAMES = {
     "disconnected_at_s": "lost_s",
     "expected_s": "estimated_s",
     "fail_reason": "fail_asked",
+    "family": "kin",
     "pause_requested": "pause_asked",
     "sliced_s": "print_time_s",
     "uncertain": "doubted",

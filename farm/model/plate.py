@@ -82,7 +82,7 @@ class Plate(Entity):
     max_mm: tuple[float, float, float]
     material: str
     nozzle_mm: float
-    kin: str | None = None  # `Profile.kin`: the printer family that it was sliced for; None: any
+    family: str | None = None  # `Profile.family`: the printer family that it was sliced for; None: any
     printer: str  # chosen by the plan
     time_factor: float = 1.0  # of that printer when it was planned; included in `expected_s`
     cached: bool = False  # its slice came from the cache

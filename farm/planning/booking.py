@@ -69,7 +69,7 @@ def book_plate(names: PlateNames, sliced: SlicedPart, time_factor: float, files:
         max_mm=result.max_mm,
         material=section.material,
         nozzle_mm=section.nozzle_mm,
-        kin=PROFILES[section.model].kin,
+        family=PROFILES[section.model].family,
         printer=section.name,
         time_factor=time_factor,
         cached=result.cached,

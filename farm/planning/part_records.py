@@ -39,7 +39,7 @@ class DecomposedPart:
     print_options: PartPrintOptions = DEFAULT_PRINT_OPTIONS
 
     @staticmethod
-    def of(part: DecompositionPart, folder: Path) -> DecomposedPart:
+    def from_part(part: DecompositionPart, folder: Path) -> DecomposedPart:
         """Describe a part of a decomposition that was written into a folder."""
         low, high = part.solid.bounds_mm
         return DecomposedPart(

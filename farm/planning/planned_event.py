@@ -40,8 +40,8 @@ def build_planned_event(
         if ends_s > job.done_by_s:
             deadline, ends = (rules.format_moment(at_s, now_s) for at_s in (job.done_by_s, ends_s))
             notices = (*notices, f"It was to be printed by {deadline}; the earliest possible is {ends}.")
-    beside = len({slot.printer for slot in expected.slots}) == len(plan.plates)
-    at_once = expected.left or (beside and rules.max_heating is None)
+    is_parallel = len({slot.printer for slot in expected.slots}) == len(plan.plates)
+    at_once = expected.left or (is_parallel and rules.max_heating is None)
     return ev.JobPlanned(
         at_s=now_s,
         job=job.id,

@@ -30,9 +30,9 @@ def matching_printers(printers: Sequence[PrinterSection], options: JobOptions) -
     ]
     if not matching:
         have = sorted({f"{s.material} {s.colour}" if s.colour else s.material for s in enabled})
-        wanted = " ".join(filter(None, (options.material, options.colour))) or "a printer"
+        description = " ".join(filter(None, (options.material, options.colour))) or "a printer"
         raise Refused(
-            f"no printer of the fleet has {wanted}; there is {', '.join(have) or 'no printer at all'}"
+            f"no printer of the fleet has {description}; there is {', '.join(have) or 'no printer at all'}"
         )
     return matching
 

@@ -131,20 +131,20 @@ def choose_printers(request: JobRequest, availability: Availability) -> Begin | 
         busy = [hold for hold in obstacles if hold.code is HoldCode.PRINTER_BUSY]
         full = [p.name for p in matching if (h := p.obstacle()) and h.code is HoldCode.BED_NOT_CLEAR]
         if busy and full:
-            sooner = f"`farm cleared {full[0]}` would let it start now, if that bed is clear"
-            return Hold(code=HoldCode.PRINTER_BUSY, text=f"{busy[0].text}; {sooner}")
+            advice = f"`farm cleared {full[0]}` would let it start now, if that bed is clear"
+            return Hold(code=HoldCode.PRINTER_BUSY, text=f"{busy[0].text}; {advice}")
         return (busy or obstacles)[0]
-    given = min(max(1, len(idle) - request.spares), request.printers or len(idle))
+    granted = min(max(1, len(idle) - request.spares), request.printers or len(idle))
     ceiling = min(max(1, len(coming) - request.spares), request.printers or len(coming))
     least = request.least_parts
-    if least > given:
+    if least > granted:
         if least <= ceiling:
-            text = f"it needs {least} printers at the same time, {given} of {ceiling} are idle and clear"
+            text = f"it needs {least} printers at the same time, {granted} of {ceiling} are idle and clear"
             return Hold(code=HoldCode.TOO_FEW_PRINTERS, text=text)
-        return Begin(tuple(p.name for p in idle[:given]), rounds=-(-least // given))
+        return Begin(tuple(p.name for p in idle[:granted]), rounds=-(-least // granted))
     # The largest first: two requested printers are the best two.
     idle.sort(key=lambda p: (-p.capabilities.height_mm, p.name))
-    return Begin(tuple(sorted(p.name for p in idle[:given])))
+    return Begin(tuple(sorted(p.name for p in idle[:granted])))
 
 
 def _kept_hold(kept: Mapping[str, str]) -> Hold:
@@ -153,8 +153,8 @@ def _kept_hold(kept: Mapping[str, str]) -> Hold:
     for name, purpose in kept.items():
         names.setdefault(purpose, []).append(name)
     text = "; ".join(
-        f"{' '.join(those)} {'is' if len(those) == 1 else 'are'} kept for {purpose}"
-        for purpose, those in names.items()
+        f"{' '.join(kept_names)} {'is' if len(kept_names) == 1 else 'are'} kept for {purpose}"
+        for purpose, kept_names in names.items()
     )
     return Hold(code=HoldCode.PRINTER_BUSY, text=text)
 

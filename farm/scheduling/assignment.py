@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from farm.model import Hold
 from farm.scheduling.holds import HoldReasons
 from farm.scheduling.matching import WaitingPlate
-from farm.scheduling.plate_matching import FleetOrder, Moment, match_plates, queue_of
+from farm.scheduling.plate_matching import FleetOrder, MatchingInputs, match_plates, queue_of
 from farm.scheduling.situation import Situation
 
 
@@ -79,10 +79,10 @@ def _match(situation: Situation) -> dict[str, WaitingPlate]:
     """Match free printers with waiting plates; return the plate of each printer that gets one."""
     if not situation.free or not situation.waiting:
         return {}
-    moment = Moment(
+    inputs = MatchingInputs(
         fleet=situation.fleet,
         free=[printer.name for printer in situation.free],
-        order=FleetOrder.of(situation.free),
+        order=FleetOrder.from_printers(situation.free),
         planned=situation.planned,
         kept=situation.kept,
         places={plate.job: plate.places for plate in situation.waiting if plate.places is not None},
@@ -90,4 +90,4 @@ def _match(situation: Situation) -> dict[str, WaitingPlate]:
         rules=situation.rules,
         now_s=situation.now_s,
     )
-    return match_plates(queue_of(situation.by_priority), moment)
+    return match_plates(queue_of(situation.by_priority), inputs)

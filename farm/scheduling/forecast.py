@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 from farm.model import Bed, FilamentState, HoldCode, Link
 from farm.scheduling.matching import Capabilities, FleetPrinter, WaitingPlate
-from farm.scheduling.plate_matching import FleetOrder, Moment, match_plates, queue_of
+from farm.scheduling.plate_matching import FleetOrder, MatchingInputs, match_plates, queue_of
 from farm.scheduling.situation import Situation
 from farm.scheduling.spares import spare_printers
 from farm.scheduling.start_rules import StartRules, short_of_filament
@@ -101,7 +101,7 @@ class _Simulation:
         self._rules, self._now_s, self._spares = situation.rules, situation.now_s, dict(situation.spares)
         self._left = Counter(plate.job for plate in situation.waiting)  # prints by job, with running ones
         self._fleet = {printer.name: as_idle(printer) for printer in coming}
-        self._order = FleetOrder.of(self._fleet.values())
+        self._order = FleetOrder.from_printers(self._fleet.values())
         self._planned = Counter(plate.planned for plate in situation.waiting)
         self._places = {p.job: p.places for p in situation.waiting if p.places is not None}
         self._heating = 0
@@ -184,26 +184,26 @@ class _Simulation:
         if not free or not starts:
             return False
         planned = self._planned.keys()
-        moment = Moment(
+        inputs = MatchingInputs(
             fleet=self._fleet,
             free=free,
             order=self._order,
             planned=planned,
-            kept=self._kept(planned),
+            kept=self._kept_spares(planned),
             places=self._places,
             starts=starts,
             rules=self._rules,
             now_s=self._now_s,
         )
         queue = {turn: plates.values() for turn, plates in self.queue.items()}
-        taken = match_plates(queue, moment)
+        taken = match_plates(queue, inputs)
         for name, plate in taken.items():
             self._start(plate, name)
         if len(taken) < starts:
             self._stuck |= free - taken.keys()
         return bool(taken)
 
-    def _kept(self, planned: Collection[str]) -> frozenset[str]:
+    def _kept_spares(self, planned: Collection[str]) -> frozenset[str]:
         if not self._spares or self._rules.is_attended(self._now_s):
             return frozenset()
         most = max(self._spares.values())
@@ -268,9 +268,9 @@ def _fitting(
     return {
         plate.id: [
             printer
-            for kind, own in kinds.items()
+            for kind, kind_plates in kinds.items()
             if plate.requirements.matches(kind)
-            for printer in own
+            for printer in kind_plates
             if short_of_filament(plate, printer, printer.grams) is None
         ]
         for plate in plates
@@ -302,7 +302,7 @@ def _lower_bound_s(
         names = frozenset(p.name for p in can[plate.id])
         work_s[names] = work_s.get(names, 0.0) + min(seconds_on(plate, p) for p in can[plate.id])
     for names in work_s:
-        total_s = sum(seconds for some, seconds in work_s.items() if some <= names)
+        total_s = sum(seconds for subset, seconds in work_s.items() if subset <= names)
         bound_s = max(bound_s, _filled_s(total_s, sorted(ready_s[name] for name in names)))
     return bound_s
 
@@ -319,8 +319,8 @@ def _filled_s(work_s: float, ready: Sequence[float]) -> float:
     raise AssertionError("the last machine takes the remaining work")
 
 
-_KEPT_S = 60.0  # farm seconds for which a forecast of unchanged books is kept
-_APART_S = 5.0  # wall seconds; 2,000 plates on 200 printers with hours take nearly one
+_MAX_AGE_S = 60.0  # farm seconds for which a forecast of unchanged books is kept
+_MIN_INTERVAL_S = 5.0  # wall seconds; 2,000 plates on 200 printers with hours take nearly one
 
 
 class ForecastCache:
@@ -333,7 +333,7 @@ class ForecastCache:
     """
 
     def __init__(self, scale: float) -> None:
-        self._apart_s = _APART_S * scale
+        self._min_interval_s = _MIN_INTERVAL_S * scale
         self._books: Books | None = None
         self._at_s = float("-inf")
         self._ends_s: Mapping[str, float] = {}
@@ -345,7 +345,7 @@ class ForecastCache:
     def ends_s(self, books: Books, situation: Callable[[], Situation], now_s: float) -> Mapping[str, float]:
         """Return the end of each waiting plate that a printer can take, in seconds since the epoch."""
         old_s = now_s - self._at_s
-        if old_s > self._apart_s and (books is not self._books or old_s > _KEPT_S):
+        if old_s > self._min_interval_s and (books is not self._books or old_s > _MAX_AGE_S):
             slots = forecast_prints(situation(), bounded=False).slots
             self._books, self._at_s = books, now_s
             self._ends_s = {slot.plate: slot.ends_s for slot in slots}

@@ -58,9 +58,9 @@ def find_plate_holds(
     if any(job.restored for job in printing):
         used = (section.name for section in printers if section.enabled)
         unreported = " ".join(name for name in used if _has_not_reported(books, name))
-    everything = books.outage is not None
+    all_held = books.outage is not None
     for job in printing:
-        if not (everything or (unreported and job.restored) or may_hold(books, job)):
+        if not (all_held or (unreported and job.restored) or may_hold(books, job)):
             continue
         for plate in books.plates_of(job):
             hold = _find_hold(books, job, plate, unreported if job.restored else "", now_s)
@@ -189,8 +189,8 @@ class HoldReasons:
             )
         names = self._matching[lacking]
         if not names:
-            asked = plate.requirements.describe() or "no requirements"
-            return Hold(code=HoldCode.NO_SUCH_PRINTER, text=f"no printer of the fleet matches: {asked}")
+            required = plate.requirements.describe() or "no requirements"
+            return Hold(code=HoldCode.NO_SUCH_PRINTER, text=f"no printer of the fleet matches: {required}")
         needs = plate.requirements.describe(lacking) if lacking else ""
         hold = self._among(plate, names)
         return hold.model_copy(update={"text": f"needs {needs}: {hold.text}"}) if needs else hold
@@ -207,7 +207,7 @@ class HoldReasons:
             return Hold(code=busy.code, text=f"{busy.text}; {short.text}", reel=short.reel) if short else busy
         planned = self._obstacles.get(plate.planned) if plate.planned in names else None
         first = next((hold for n in names if (hold := self._obstacles[n]) is not None), None)
-        return planned or short or first or _given_away()
+        return planned or short or first or _all_taken_hold()
 
     def _idle_among(self, names: tuple[str, ...]) -> tuple[str, ...]:
         if names not in self._idle_of:
@@ -244,7 +244,7 @@ class HoldReasons:
         obstacles = {n: hold for n in names if (hold := self._obstacles[n]) is not None}
         busy = [n for n, hold in obstacles.items() if hold.code is HoldCode.PRINTER_BUSY]
         if not busy:
-            return _given_away() if any(n in self._given for n in names) else None
+            return _all_taken_hold() if any(n in self._given for n in names) else None
         ends = [
             end
             for n in busy
@@ -260,7 +260,7 @@ class HoldReasons:
         return Hold(code=HoldCode.PRINTER_BUSY, text=text)
 
 
-def _given_away() -> Hold:
+def _all_taken_hold() -> Hold:
     return Hold(code=HoldCode.PRINTER_BUSY, text="every matching printer got another plate")
 
 

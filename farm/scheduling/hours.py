@@ -114,8 +114,8 @@ def _next(now: datetime, day: str | None, hour: int, minute: int) -> datetime:
     for _ in range(9):
         second = then.replace(fold=1)  # an hour later if it occurs twice, earlier if it is skipped
         if day is None or DAYS[then.weekday()] == day:
-            for moment in (then, second) if second.timestamp() > then.timestamp() else (then,):
-                if moment.timestamp() > now.timestamp():
-                    return moment
+            for candidate in (then, second) if second.timestamp() > then.timestamp() else (then,):
+                if candidate.timestamp() > now.timestamp():
+                    return candidate
         then += timedelta(days=1)
     raise AssertionError("a week has every day")

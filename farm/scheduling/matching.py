@@ -22,7 +22,7 @@ class Capabilities:
     ----------
     room
         Boxes; one of them must contain all extrusion of a plate.
-    kin
+    family
         Printer family, whose members accept the same G-code; None: any.
     """
 
@@ -30,7 +30,7 @@ class Capabilities:
     material: str
     colour: str | None
     nozzle_mm: float
-    kin: str | None = None
+    family: str | None = None
 
     @property
     def height_mm(self) -> float:
@@ -118,37 +118,37 @@ class Requirements:
     colour: str | None
     nozzle_mm: float | None
     box: Box | None = None  # extent of its plate; unknown before it is planned
-    kin: str | None = None  # printer family that it was sliced for; None: any
+    family: str | None = None  # printer family that it was sliced for; None: any
 
     def matches(self, kind: Capabilities) -> bool:
         return (
             self.material in (None, kind.material)
             and self.colour in (None, kind.colour)
             and self.nozzle_mm in (None, kind.nozzle_mm)
-            and self.kin in (None, kind.kin)
+            and self.family in (None, kind.family)
             and (self.box is None or kind.holds(self.box))
         )
 
     def describe(self, lacking: tuple[Capabilities, ...] = ()) -> str:
         """List the requirements as text; with `lacking`, only those that one of these does not meet."""
-        asked = []
+        texts = []
         for value, key in ((self.material, "material"), (self.colour, "colour")):
             if value and (not lacking or any(getattr(kind, key) != value for kind in lacking)):
-                asked.append(value)
+                texts.append(value)
         if self.nozzle_mm and (not lacking or any(kind.nozzle_mm != self.nozzle_mm for kind in lacking)):
-            asked.append(f"nozzle {self.nozzle_mm} mm")
-        if self.kin and (not lacking or any(kind.kin != self.kin for kind in lacking)):
-            asked.append(f"an {self.kin}, which it was sliced for")
+            texts.append(f"nozzle {self.nozzle_mm} mm")
+        if self.family and (not lacking or any(kind.family != self.family for kind in lacking)):
+            texts.append(f"an {self.family}, which it was sliced for")
         if self.box is not None:
             x0, y0, x1, y1, height = self.box
             width = f"{x1 - x0:.0f} mm of width, {y1 - y0:.0f} mm of depth"
             low = any(height > kind.height_mm + SLACK_MM for kind in lacking)
             narrow = any(not kind.holds((x0, y0, x1, y1, 0.0)) for kind in lacking)
             if not lacking:
-                asked.append(f"{width} and {height:.0f} mm of height")
+                texts.append(f"{width} and {height:.0f} mm of height")
             else:
-                asked += [f"{height:.0f} mm of height"] * low + [width] * narrow
-        return ", ".join(asked)
+                texts += [f"{height:.0f} mm of height"] * low + [width] * narrow
+        return ", ".join(texts)
 
 
 @dataclass(frozen=True)

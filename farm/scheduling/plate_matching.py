@@ -31,7 +31,7 @@ class FleetOrder:
     kind: Mapping[str, int]
 
     @classmethod
-    def of(cls, printers: Iterable[FleetPrinter]) -> FleetOrder:
+    def from_printers(cls, printers: Iterable[FleetPrinter]) -> FleetOrder:
         """Create the order of these printers."""
         ordered = sorted(printers, key=lambda p: (p.capabilities.height_mm, p.name))
         numbers: dict[tuple[Capabilities, bool], int] = {}
@@ -42,7 +42,7 @@ class FleetOrder:
 
 
 @dataclass(frozen=True, slots=True)
-class Moment:
+class MatchingInputs:
     """Input of the matching: state of the printers and limits at one time.
 
     Attributes
@@ -84,15 +84,15 @@ def queue_of(plates: Iterable[WaitingPlate]) -> dict[Turn, list[WaitingPlate]]:
     return queue
 
 
-def match_plates(queue: Queue, moment: Moment) -> dict[str, WaitingPlate]:
+def match_plates(queue: Queue, inputs: MatchingInputs) -> dict[str, WaitingPlate]:
     """Match free printers with waiting plates; return the plate of each printer that gets one.
 
     See `farm.scheduling.assignment.assign_plates` for the order and the choice.
     """
-    matching = _Matching(moment)
-    most = min(moment.starts, len(moment.free))
-    places = dict(moment.places)
-    again: list[WaitingPlate] = []
+    matching = _Matching(inputs)
+    most = min(inputs.starts, len(inputs.free))
+    places = dict(inputs.places)
+    unplaced: list[WaitingPlate] = []
     for (_, job), plates in queue.items():
         for plate in plates:
             if len(matching.taken) >= most:
@@ -105,8 +105,8 @@ def match_plates(queue: Queue, moment: Moment) -> dict[str, WaitingPlate]:
                 if job in places:
                     places[job] -= 1
             elif plate.failed_on:
-                again.append(plate)
-    for plate in again:
+                unplaced.append(plate)
+    for plate in unplaced:
         if len(matching.taken) >= most:
             break
         if places.get(plate.job) != 0 and matching.place_again(plate) and plate.job in places:
@@ -124,26 +124,26 @@ class _Kind:
     window: StartWindow
 
     @classmethod
-    def of(cls, names: list[str], moment: Moment) -> _Kind:
+    def from_printers(cls, names: list[str], inputs: MatchingInputs) -> _Kind:
         """Describe free printers of one kind."""
-        first = moment.fleet[names[0]]
-        grams = max(_grams(moment.fleet[name]) for name in names)
-        window = moment.rules.start_window(first.unattended, moment.now_s)
+        first = inputs.fleet[names[0]]
+        grams = max(_grams(inputs.fleet[name]) for name in names)
+        window = inputs.rules.start_window(first.unattended, inputs.now_s)
         return cls(first.capabilities, names, grams, window)
 
 
 class _Matching:
     """A bipartite matching of plates and free printers that grows by augmenting paths."""
 
-    def __init__(self, moment: Moment) -> None:
+    def __init__(self, inputs: MatchingInputs) -> None:
         self.taken: dict[str, WaitingPlate] = {}
-        self._moment = moment
-        self._rank, kind = moment.order.rank, moment.order.kind
+        self._inputs = inputs
+        self._rank, kind = inputs.order.rank, inputs.order.kind
         self._known: dict[str, list[str]] = {}
         kinds: dict[int, list[str]] = {}
-        for name in moment.free:
+        for name in inputs.free:
             kinds.setdefault(kind[name], []).append(name)
-        self._kinds = [_Kind.of(names, moment) for names in kinds.values()]
+        self._kinds = [_Kind.from_printers(names, inputs) for names in kinds.values()]
 
     def may_place(self, plate: WaitingPlate) -> bool:
         """Tell whether some free printer is of a kind that can take a plate now."""
@@ -164,16 +164,16 @@ class _Matching:
                 return True
         return False
 
-    def _augment(self, plate: WaitingPlate, seen: set[str]) -> bool:
-        choices = [name for name in self._choices(plate) if name not in seen]
+    def _augment(self, plate: WaitingPlate, visited: set[str]) -> bool:
+        choices = [name for name in self._choices(plate) if name not in visited]
         for name in choices:
             if name not in self.taken:
                 self.taken[name] = plate
                 return True
         for name in choices:
-            if name not in seen:
-                seen.add(name)
-                if self._augment(self.taken[name], seen):
+            if name not in visited:
+                visited.add(name)
+                if self._augment(self.taken[name], visited):
                     self.taken[name] = plate
                     return True
         return False
@@ -181,7 +181,7 @@ class _Matching:
     def _choices(self, plate: WaitingPlate) -> list[str]:
         """Return the printers that can take a plate now, the best first."""
         if plate.id not in self._known:
-            planned, rank = self._moment.planned, self._rank
+            planned, rank = self._inputs.planned, self._rank
             names = self._able(plate)
             if plate.failed_on:
                 fresh = [name for name in names if name not in plate.failed_on]
@@ -192,12 +192,12 @@ class _Matching:
 
     def _failed_everywhere(self, plate: WaitingPlate) -> bool:
         """Return whether a plate failed on every printer that matches."""
-        others = (p for p in self._moment.fleet.values() if p.name not in plate.failed_on)
+        others = (p for p in self._inputs.fleet.values() if p.name not in plate.failed_on)
         return not any(plate.requirements.matches(p.capabilities) for p in others)
 
     def _able(self, plate: WaitingPlate) -> list[str]:
         """Return the free printers that can take a plate now, the lowest first."""
-        moment, grams = self._moment, needed_grams(plate)
+        inputs, grams = self._inputs, needed_grams(plate)
         found: list[str] = []
         for kind in self._kinds:
             if (
@@ -205,12 +205,12 @@ class _Matching:
                 and kind.window.allows(plate)
                 and plate.requirements.matches(kind.capabilities)
             ):
-                found += [n for n in kind.names if grams <= _grams(moment.fleet[n]) and self._may(plate, n)]
+                found += [n for n in kind.names if grams <= _grams(inputs.fleet[n]) and self._may(plate, n)]
         found.sort(key=self._rank.__getitem__)
         return found
 
     def _may(self, plate: WaitingPlate, name: str) -> bool:
-        return name not in self._moment.kept or takes_spare(plate, self._moment.fleet)
+        return name not in self._inputs.kept or takes_spare(plate, self._inputs.fleet)
 
 
 def _grams(printer: FleetPrinter) -> float:

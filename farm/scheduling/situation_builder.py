@@ -36,7 +36,11 @@ def _describe_printer(
     return FleetPrinter(
         name=section.name,
         capabilities=Capabilities(
-            rooms(section), section.material, section.colour, section.nozzle_mm, PROFILES[section.model].kin
+            rooms(section),
+            section.material,
+            section.colour,
+            section.nozzle_mm,
+            PROFILES[section.model].family,
         ),
         bed=entry.bed,
         filament=entry.filament,
@@ -47,7 +51,7 @@ def _describe_printer(
         heating=attempt is not None and attempt.state in (PrintState.ASSIGNED, PrintState.HEATING),
         free_s=None if attempt is None else _expected_end_s(books, attempt, entry.time_factor),
         job=None if attempt is None else attempt.job,
-        heats_until_s=None if attempt is None else _begun_s(attempt) + books.plates[attempt.plate].prelude_s,
+        heats_until_s=None if attempt is None else _start_s(attempt) + books.plates[attempt.plate].prelude_s,
         grams=_free_grams(books, entry, attempt),
         reel_uncertain=entry.reel is not None and entry.reel.uncertain,
         time_factor=entry.time_factor,
@@ -73,13 +77,13 @@ def _free_grams(books: Books, entry: Printer, attempt: Print | None) -> float | 
     return max(0.0, entry.reel.grams - books.plates[attempt.plate].grams)
 
 
-def _begun_s(attempt: Print) -> float:
+def _start_s(attempt: Print) -> float:
     return attempt.started_s if attempt.started_s is not None else attempt.assigned_s
 
 
 def _expected_end_s(books: Books, attempt: Print, factor: float) -> float:
     """Return the expected end of a print, rounded up to whole minutes."""
-    return math.ceil((_begun_s(attempt) + books.plates[attempt.plate].expected_on(factor)) / 60) * 60.0
+    return math.ceil((_start_s(attempt) + books.plates[attempt.plate].expected_on(factor)) / 60) * 60.0
 
 
 class SituationBuilder:
@@ -173,7 +177,7 @@ def describe_plates(plates: Iterable[Plate], books: Books) -> Iterator[WaitingPl
                 material=plate.material,
                 colour=job.options.colour,
                 nozzle_mm=plate.nozzle_mm,
-                kin=plate.kin,
+                family=plate.family,
                 box=(*plate.min_mm[:2], *plate.max_mm),
             ),
             planned=plate.printer,

@@ -86,7 +86,7 @@ class StartRules:
     max_heating: int | None = None
 
     @staticmethod
-    def of(section: FleetSection) -> StartRules:
+    def from_config(section: FleetSection) -> StartRules:
         zone = ZoneInfo(section.timezone)
         return StartRules(
             attended=Hours(section.attended, zone),
@@ -146,8 +146,8 @@ class StartRules:
         quiet = self.quiet.span(at_s) or self.quiet.following(at_s)
         if quiet is None or at_s + plate.expected_s * LATE <= quiet[0]:
             return None
-        takes = format_duration(plate.expected_s)
-        text = f"it takes {takes}, quiet hours are from {self.format_moment(quiet[0], now_s)}"
+        duration = format_duration(plate.expected_s)
+        text = f"it takes {duration}, quiet hours are from {self.format_moment(quiet[0], now_s)}"
         if quiet[1] == float("inf"):
             return Start(None, Hold(code=HoldCode.QUIET_HOURS, text="fleet.yaml has quiet hours all week"))
         until = self.format_moment(quiet[1], now_s)
@@ -166,12 +166,12 @@ class StartRules:
         span = self.attended.span(at_s)
         if span is not None and at_s + needed_s <= span[1]:
             return None
-        then = self.attended.following(at_s)
-        if then is None:
+        next_span = self.attended.following(at_s)
+        if next_span is None:
             text = f"{rule}, and fleet.yaml has none (`attended`)"
             return Start(None, Hold(code=HoldCode.UNATTENDED, text=text))
-        text = f"{rule}: from {self.format_moment(then[0], now_s)}"
-        return Start(then[0], Hold(code=HoldCode.UNATTENDED, text=text))
+        text = f"{rule}: from {self.format_moment(next_span[0], now_s)}"
+        return Start(next_span[0], Hold(code=HoldCode.UNATTENDED, text=text))
 
     def _needed_attendance_s(self, plate: WaitingPlate, printer: FleetPrinter) -> float | None:
         """Return for how many seconds from its start a print needs a person; None if it needs none."""
@@ -223,9 +223,9 @@ class StartRules:
         ends_by_s = self.ends_by_s(printer, now_s)
         if ends_by_s is None or now_s < ends_by_s:
             return None
-        then = self.attended.following(now_s)
-        later = "" if then is None else f": from {self.format_moment(then[0], now_s)}"
-        return f"{printer.name} prints only in attended hours ({printer.why_attended}){later}"
+        next_span = self.attended.following(now_s)
+        hint = "" if next_span is None else f": from {self.format_moment(next_span[0], now_s)}"
+        return f"{printer.name} prints only in attended hours ({printer.why_attended}){hint}"
 
     def evening_s(self, now_s: float) -> float | None:
         """Return the start of the night: the end of the attended hours; None if it has started.
@@ -263,8 +263,8 @@ class StartRules:
         """Return when the bed of an ended print can be clear, which needs a person to be present."""
         if not self.attended.windows or self.attended.span(ended_s) is not None:
             return ended_s + clearing_s
-        then = self.attended.following(ended_s)
-        return (then[0] if then is not None else ended_s) + clearing_s
+        next_span = self.attended.following(ended_s)
+        return (next_span[0] if next_span is not None else ended_s) + clearing_s
 
 
 def needed_grams(plate: WaitingPlate) -> float:

@@ -44,7 +44,7 @@ class Books:
     _revisions: Mapping[int, object] = field(default_factory=dict, compare=False)  # by job
 
     @classmethod
-    def of(cls, entities: Iterable[Entity]) -> Books:
+    def from_entities(cls, entities: Iterable[Entity]) -> Books:
         """Create books from entities."""
         return put(cls(), *entities)
 

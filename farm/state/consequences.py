@@ -43,12 +43,12 @@ def update_job_state(books: Books, number: int, at_s: float, reopen: bool = Fals
 
 
 def _why_failed(books: Books, job: Job) -> str:
-    lost = [p for p in books.plates_of(job) if books.plate_state(p) is PlateState.OUT_OF_ATTEMPTS]
-    failed = charged_failures(lost[0], books.prints_of(lost[0]))
-    more = f" (and {len(lost) - 1} more plates)" if len(lost) > 1 else ""
+    out_of_attempts = [p for p in books.plates_of(job) if books.plate_state(p) is PlateState.OUT_OF_ATTEMPTS]
+    failed = charged_failures(out_of_attempts[0], books.prints_of(out_of_attempts[0]))
+    others = f" (and {len(out_of_attempts) - 1} more plates)" if len(out_of_attempts) > 1 else ""
     return (
-        f"plate {lost[0].id} failed {len(failed)} times, last on {failed[-1].printer}: "
-        f"{failed[-1].reason or failed[-1].fault}{more}"
+        f"plate {out_of_attempts[0].id} failed {len(failed)} times, last on {failed[-1].printer}: "
+        f"{failed[-1].reason or failed[-1].fault}{others}"
     )
 
 
@@ -94,16 +94,16 @@ def end_job(books: Books, number: int, state: JobState, at_s: float, error: Erro
 def mark_printer_lost(books: Books, name: str, disconnected_at_s: float, at_s: float) -> Books:
     """Record the loss of a printer; several at once are an outage, whose failures do not count."""
     books = put(books, replace_fields(books.printer(name), disconnected_at_s=disconnected_at_s))
-    together = lost_together(name, books.printers.values(), books.outage_window_s)
-    if len(together) < 2:
+    lost_names = lost_together(name, books.printers.values(), books.outage_window_s)
+    if len(lost_names) < 2:
         return books
     outage = books.outage or Outage(id=len(books.outages) + 1, at_s=disconnected_at_s, printers=())
-    books = put(books, replace_fields(outage, printers=tuple(sorted({*outage.printers, *together}))))
+    books = put(books, replace_fields(outage, printers=tuple(sorted({*outage.printers, *lost_names}))))
     jobs = set()
     for attempt in list(books.prints.values()):
         printer = books.printers.get(attempt.printer)
         if (
-            attempt.printer in together
+            attempt.printer in lost_names
             and printer is not None
             and attempt.ended_s == printer.disconnected_at_s
         ):

@@ -36,15 +36,15 @@ def lost_together(name: str, printers: Iterable[Printer], window_s: float = WIND
     tuple of str
         Their names in order, with this one.
     """
-    when = {
+    lost_at_s = {
         printer.name: printer.disconnected_at_s
         for printer in printers
         if printer.disconnected_at_s is not None
     }
     group, todo = {name}, [name]
     while todo:
-        at_s = when[todo.pop()]
-        near = {other for other, s in when.items() if abs(s - at_s) <= window_s} - group
-        group |= near
-        todo += near
+        at_s = lost_at_s[todo.pop()]
+        neighbours = {other for other, s in lost_at_s.items() if abs(s - at_s) <= window_s} - group
+        group |= neighbours
+        todo += neighbours
     return tuple(sorted(group))

@@ -139,11 +139,11 @@ def pending_instructions(
         yield ev.SendStart(print_id=attempt.id, printer=attempt.printer)
 
 
-def _is_same_moment(one_s: float | None, other_s: float | None) -> bool:
+def _is_same_moment(first_s: float | None, second_s: float | None) -> bool:
     """Return whether two times are equal, within the difference of two hosts' clocks."""
-    if one_s is None or other_s is None:
-        return one_s is other_s
-    return abs(one_s - other_s) <= CLOCKS_APART_S
+    if first_s is None or second_s is None:
+        return first_s is second_s
+    return abs(first_s - second_s) <= CLOCKS_APART_S
 
 
 def observe_idle_printer(printer: Printer, snapshot: AgentSnapshot, now_s: float) -> Iterator[ev.AnyEvent]:
@@ -174,27 +174,27 @@ def detect_alarm(printer: Printer, snapshot: AgentSnapshot, now_s: float) -> Ite
 
 
 def handle_unknown_print(
-    printer: Printer, known: Print | None, snapshot: AgentSnapshot, now_s: float
+    printer: Printer, open_print: Print | None, snapshot: AgentSnapshot, now_s: float
 ) -> Iterator[ev.AnyEvent | ev.AnyInstruction]:
     """Derive the events and instructions for a print of an agent that is not open in the books.
 
     Parameters
     ----------
-    known
+    open_print
         The print in the books, if it has ended; None if it is missing, as after a restore.
     """
     report = snapshot.print
     if report is None:
         return
     name = printer.name
-    if known is not None and report.extruded and not known.extruded and printer.bed is Bed.CLEAR:
+    if open_print is not None and report.extruded and not open_print.extruded and printer.bed is Bed.CLEAR:
         reason = "it started a print that the farm had withdrawn: check whether its bed is clear"
         yield ev.BedBecameUnknown(at_s=now_s, printer=name, reason=reason)
-    if known is not None and not report.state.ended:
+    if open_print is not None and not report.state.ended:
         reason = "the farm has recorded this print as ended"
         yield ev.SendCancel(print_id=report.print_id, printer=name, reason=reason)
         return
-    if known is None and printer.bed is not Bed.UNKNOWN:
+    if open_print is None and printer.bed is not Bed.UNKNOWN:
         reason = "it made a print that is not in the database: check whether its bed is clear"
         yield ev.BedBecameUnknown(at_s=now_s, printer=name, reason=reason)
     if report.state.ended:
@@ -224,9 +224,9 @@ def import_agent_journal(
             books, _ = apply(event, books)
             yield event
 
-    left = books.open_print_on(name)
-    if left is not None and left.id not in {report.print_id for report in prints}:
-        yield from applied(reconcile_print(left, snapshot.model_copy(update={"print": None}), now_s))
+    open_print = books.open_print_on(name)
+    if open_print is not None and open_print.id not in {report.print_id for report in prints}:
+        yield from applied(reconcile_print(open_print, snapshot.model_copy(update={"print": None}), now_s))
     for report in prints:
         attempt = books.prints.get(report.print_id)
         if attempt is None or attempt.printer != name:
@@ -253,14 +253,14 @@ def find_plate(books: Books, printer: str, report: AgentPrint) -> Plate | None:
     """
     if report.sha256 is None or report.started_s is None:
         return None
-    alike = [
+    candidates = [
         plate
         for job in books.jobs.values()
         if job.planned_s is not None and job.planned_s <= report.started_s + CLOCKS_APART_S
         for plate in books.plates_of(job)
         if plate.sha256 == report.sha256 and (_waits(books, plate) or _waited(books, plate))
     ]
-    return min(alike, key=lambda p: (not _waits(books, p), p.printer != printer), default=None)
+    return min(candidates, key=lambda p: (not _waits(books, p), p.printer != printer), default=None)
 
 
 def _waits(books: Books, plate: Plate) -> bool:
@@ -269,5 +269,5 @@ def _waits(books: Books, plate: Plate) -> bool:
 
 def _waited(books: Books, plate: Plate) -> bool:
     """Return whether a plate may wait again: no agent has confirmed its open prints since the restore."""
-    still = [attempt.restored for attempt in books.prints_of(plate) if not attempt.state.ended]
-    return books.plate_state(plate) is PlateState.PRINTING and all(still)
+    restored = [attempt.restored for attempt in books.prints_of(plate) if not attempt.state.ended]
+    return books.plate_state(plate) is PlateState.PRINTING and all(restored)

@@ -42,7 +42,7 @@ def possibly_whole_print(books: Books, printer: str) -> Print | None:
     soonest_s = _SOONEST * plate.sliced_s * books.printer(printer).time_factor
     if attempt.ended_s - attempt.started_s < soonest_s:
         return None
-    wanted = any(books.plate_state(one) in _WANTED for one in attempted_plates(books, attempt))
+    wanted = any(books.plate_state(plate) in _WANTED for plate in attempted_plates(books, attempt))
     return attempt if wanted else None
 
 
@@ -66,7 +66,7 @@ def book_part_whole(books: Books, print_id: str, by: str, at_s: float) -> Result
     attempt = books.prints[print_id]
     plate, printer = books.plates[attempt.plate], books.printer(attempt.printer)
     failure = attempt.reason or attempt.fault or "it failed"
-    whole = replace_fields(
+    usable_part = replace_fields(
         attempt,
         state=PrintState.DONE,
         fault=None,
@@ -78,5 +78,5 @@ def book_part_whole(books: Books, print_id: str, by: str, at_s: float) -> Result
     reel = subtract_grams(printer.reel, plate.grams - attempt.grams)
     not_begun = [p for p in _reprints(books, attempt) if p.state is PrintState.ASSIGNED]
     stopped = [request_cancel(p, f"{part_name(books, attempt)} was confirmed good") for p in not_begun]
-    books = put(books, whole, replace_fields(printer, reel=reel), *(p for p, _ in stopped))
+    books = put(books, usable_part, replace_fields(printer, reel=reel), *(p for p, _ in stopped))
     return update_job_state(books, attempt.job, at_s), tuple(stop for _, stop in stopped)

@@ -27,9 +27,9 @@ def validate_books(books: Books) -> list[str]:
     list of str
         A sentence for each contradiction, the entity first; empty if there is none.
     """
-    broken = list(_missing_entries(books))
-    if broken:  # the other checks need all entities
-        return broken
+    missing = list(_missing_entries(books))
+    if missing:  # the other checks need all entities
+        return missing
     checks = (_jobs, _plates, _prints, _printers, _outages)
     return [problem for check in checks for problem in check(books)]
 
@@ -49,8 +49,8 @@ def _missing_entries(books: Books) -> Iterator[str]:
         yield from _missing(f"print {attempt.id}: its printer", (attempt.printer,), books.printers)
 
 
-def _missing(whose: str, names: Iterable[object], known: Container[object]) -> Iterator[str]:
-    yield from (f"{whose} {name} does not exist" for name in names if name not in known)
+def _missing(owner: str, names: Iterable[object], entities: Container[object]) -> Iterator[str]:
+    yield from (f"{owner} {name} does not exist" for name in names if name not in entities)
 
 
 def _jobs(books: Books) -> Iterator[str]:

@@ -121,13 +121,13 @@ def _utilisation(
     left = [p for p in plates if books.plate_state(p) in _LEFT]
     done = [p for p in books.prints_of_job(job) if p.state is PrintState.DONE and not is_wasted(p)]
     busy_s = sum(map(duration_s, done)) + sum(plate.expected_s for plate in left)
-    over = [run for run in runs if not run.open]
-    available_s = sum(len(run.printers) * run.length_s for run in over)
+    ended = [run for run in runs if not run.open]
+    available_s = sum(len(run.printers) * run.length_s for run in ended)
     if not job.state.ended:
         present = frozenset().union(*(run.printers for run in runs if run.open))
         planned = frozenset(p.printer for p in left if not p.prints)
         used = present | planned or frozenset(p.printer for p in left)
-        available_s += len(used) * max(0.0, makespan_s - sum(run.length_s for run in over))
+        available_s += len(used) * max(0.0, makespan_s - sum(run.length_s for run in ended))
     return busy_s / available_s if available_s else None
 
 

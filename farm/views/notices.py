@@ -48,7 +48,7 @@ def list_due_notices(books: Books, now_s: float, since_s: float, sent: Collectio
     wait_s = books.outage_window_s  # in both directions: the clock may have been set back
     due = (n for n in found if n.urgent or abs(now_s - n.at_s) >= wait_s)
     new = (n for n in due if since_s <= n.at_s and n.key not in sent)
-    return sorted(new, key=lambda one: (one.at_s, one.key))
+    return sorted(new, key=lambda notice: (notice.at_s, notice.key))
 
 
 def _list_alarms(books: Books) -> Iterator[Notice]:
@@ -62,16 +62,16 @@ def _list_jobs(books: Books) -> Iterator[Notice]:
     for job in books.jobs.values():
         if job.ended_s is None or job.options.dry_run:
             continue
-        what = f"job {job.id} ({job.name})"
+        title = f"job {job.id} ({job.name})"
         if job.state in (JobState.PRINTED, JobState.DONE):
             prints = (attempt for plate in books.plates_of(job) for attempt in books.prints_of(plate))
-            begun_s = min((p.started_s for p in prints if p.started_s is not None), default=job.ended_s)
+            start_s = min((p.started_s for p in prints if p.started_s is not None), default=job.ended_s)
             parts = "1 part" if len(job.parts) == 1 else f"{len(job.parts)} parts"
-            text = f"{what} is printed: {parts} in {format_duration(job.ended_s - begun_s)}"
+            text = f"{title} is printed: {parts} in {format_duration(job.ended_s - start_s)}"
             yield Notice(f"job {job.id} printed {job.ended_s:.0f}", job.ended_s, text)
         elif job.state is JobState.FAILED:
             yield Notice(
-                f"job {job.id} failed {job.ended_s:.0f}", job.ended_s, f"{what} failed: {job.reason}"
+                f"job {job.id} failed {job.ended_s:.0f}", job.ended_s, f"{title} failed: {job.reason}"
             )
 
 

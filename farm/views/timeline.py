@@ -45,7 +45,7 @@ def describe_timeline(context: ViewContext, number: int, situation: Situation) -
     forecast = forecast_prints(situation.with_waiting((*others, *own)), bounded=False)
     bound_s = forecast_prints(situation.with_waiting(own)).lower_bound_s
     expected = [slot for slot in forecast.slots if slot.plate in plates]
-    slots = [*_list_begun_slots(plates.values(), books), *expected]
+    slots = [*_list_started_slots(plates.values(), books), *expected]
     slots.sort(key=lambda slot: (slot.starts_s, slot.printer))
     begin_s = min((slot.starts_s for slot in slots), default=context.now_s)
     end_s = max((slot.ends_s for slot in slots), default=context.now_s)
@@ -64,14 +64,14 @@ def describe_timeline(context: ViewContext, number: int, situation: Situation) -
     )
 
 
-def _list_begun_slots(plates: Iterable[Plate], books: Books) -> Iterator[Slot]:
+def _list_started_slots(plates: Iterable[Plate], books: Books) -> Iterator[Slot]:
     """List the prints that have started, an open one up to its expected end."""
     for plate in plates:
         for attempt in books.prints_of(plate):
             factor = books.printer(attempt.printer).time_factor
-            begun_s = attempt.started_s if attempt.started_s is not None else attempt.assigned_s
-            ends_s = attempt.ended_s if attempt.ended_s is not None else begun_s + plate.expected_on(factor)
-            yield Slot(plate.id, attempt.printer, begun_s, ends_s)
+            start_s = attempt.started_s if attempt.started_s is not None else attempt.assigned_s
+            ends_s = attempt.ended_s if attempt.ended_s is not None else start_s + plate.expected_on(factor)
+            yield Slot(plate.id, attempt.printer, start_s, ends_s)
 
 
 def _slot_view(slot: Slot, plate: Plate, context: ViewContext) -> api.SlotView:

@@ -105,7 +105,7 @@ def check_outline(
         layout = replace(layout, offset_0_mm=layout.offset_mm)
     if np.linalg.det(corners).sum() < 0:  # inside out, which the engine accepts
         corners = corners[:, ::-1]
-    walls = Walls.of(path, layout, centre_mm, filament_mm2)
+    walls = Walls.from_toolpath(path, layout, centre_mm, filament_mm2)
     z_mm = _section_heights_mm(corners, walls, layout, removed)
     differ, off_mm2 = _find_differing_layers(corners, z_mm, walls, layout)
     if not len(differ):
@@ -134,10 +134,10 @@ def _find_differing_layers(
     _check_areas(model, printed, walls, layout)
     off_mm2 = np.abs(printed.area_mm2 - model.area_mm2)
     slack_mm2 = SLACK_MM2 + (SLACK_MM + layout.slack_mm) * model.length_mm
-    away_mm3 = np.abs(printed.moment_mm3 - model.moment_mm3).max(axis=1)
+    offset_mm3 = np.abs(printed.moment_mm3 - model.moment_mm3).max(axis=1)
     reach_mm = np.abs(corners[..., :2]).max() + TIP_MM
     differ = np.flatnonzero(
-        (off_mm2 > slack_mm2) | (away_mm3 > slack_mm2 * reach_mm + TOLERANCE_MM * model.area_mm2)
+        (off_mm2 > slack_mm2) | (offset_mm3 > slack_mm2 * reach_mm + TOLERANCE_MM * model.area_mm2)
     )
     return differ, off_mm2[differ]
 
@@ -173,9 +173,9 @@ def _sample(found: npt.NDArray[np.intp], off_mm2: Floats) -> npt.NDArray[np.intp
     """Choose at most `EXACT_LAYERS` of the layers: the worst, and others in even steps."""
     if len(found) <= EXACT_LAYERS:
         return found
-    worst = found[np.argsort(off_mm2)[-EXACT_LAYERS // 4 :]]
-    even = found[np.linspace(0, len(found) - 1, EXACT_LAYERS - len(worst)).astype(int)]
-    return np.unique(np.concatenate((worst, even)))
+    candidates = found[np.argsort(off_mm2)[-EXACT_LAYERS // 4 :]]
+    even = found[np.linspace(0, len(found) - 1, EXACT_LAYERS - len(candidates)).astype(int)]
+    return np.unique(np.concatenate((candidates, even)))
 
 
 class _Sections:
@@ -206,8 +206,8 @@ def _winding(start: Floats, end: Floats, x: float, y: float) -> int:
     """Compute the winding number of segments about a point, counter-clockwise."""
     rises = (start[:, 1] <= y) & (end[:, 1] > y)
     falls = (start[:, 1] > y) & (end[:, 1] <= y)
-    way = end - start
-    left = way[:, 0] * (y - start[:, 1]) - (x - start[:, 0]) * way[:, 1] > 0
+    direction = end - start
+    left = direction[:, 0] * (y - start[:, 1]) - (x - start[:, 0]) * direction[:, 1] > 0
     return int((rises & left).sum() - (falls & ~left).sum())
 
 
@@ -225,17 +225,18 @@ def _compare(
             Rule.OUTLINE,
             f"{where} prints {extra.area:.1f} mm2 outside of the model at {_at(extra)}; repair the mesh",
         )
-    sure = near[0].intersection(near[1])
-    missing = sure.difference(printed.buffer(tolerance_mm))
+    certain = near[0].intersection(near[1])
+    missing = certain.difference(printed.buffer(tolerance_mm))
     if missing.area > _SPECK_MM2:
         missing = missing.difference(walls.filling(layer, missing.bounds).buffer(tolerance_mm))
     two_lines_mm = float(layout.reach_mm(np.array([layer], np.int32))[0]) + 0.03
-    thick = sure.buffer(-two_lines_mm).buffer(two_lines_mm)
-    gone = _worst(missing.intersection(thick))
-    if gone is not None:
+    thick = certain.buffer(-two_lines_mm).buffer(two_lines_mm)
+    lost_area = _worst(missing.intersection(thick))
+    if lost_area is not None:
         raise SliceRejected(
             Rule.OUTLINE,
-            f"{where} leaves out {gone.area:.1f} mm2 of the model at {_at(gone)}; repair the mesh there",
+            f"{where} leaves out {lost_area.area:.1f} mm2 of the model at {_at(lost_area)}; repair the mesh "
+            "there",
         )
     beyond = printed.buffer(TIP_MM)
     return [

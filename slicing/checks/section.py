@@ -75,15 +75,15 @@ def cut_sections(corners: Floats, z_mm: Floats) -> Iterator[tuple[npt.NDArray[np
     heights = corners[..., 2]
     first = np.searchsorted(z_mm, heights.min(axis=1), "left")
     count = np.searchsorted(z_mm, heights.max(axis=1), "left") - first
-    hit = np.flatnonzero(count)
-    ends = np.cumsum(count[hit])
+    crossed = np.flatnonzero(count)
+    ends = np.cumsum(count[crossed])
     begin = 0
-    while begin < len(hit):
+    while begin < len(crossed):
         done = ends[begin - 1] if begin else 0
         stop = max(begin + 1, int(np.searchsorted(ends, done + _CHUNK)))
-        which = hit[begin:stop]
-        times = count[which]
-        triangle = np.repeat(which, times)
+        triangles = crossed[begin:stop]
+        times = count[triangles]
+        triangle = np.repeat(triangles, times)
         within = np.arange(len(triangle)) - np.repeat(np.cumsum(times) - times, times)
         plane = first[triangle] + within
         yield plane, *_segments(corners[triangle], z_mm[plane])
@@ -94,9 +94,9 @@ def _segments(corners: Floats, z_mm: Floats) -> tuple[Floats, Floats]:
     """Cut each triangle (m, 3, 3) at its plane, with corners on both sides: start and end (m, 2) in mm."""
     above = corners[..., 2] > z_mm[:, None]
     alone_above = above.sum(axis=1) == 1
-    alone = np.where(alone_above, above.argmax(axis=1), above.argmin(axis=1))
+    lone_corner = np.where(alone_above, above.argmax(axis=1), above.argmin(axis=1))
     rows = np.arange(len(corners))
-    tip, following, previous = (corners[rows, (alone + turn) % 3] for turn in range(3))
+    tip, following, previous = (corners[rows, (lone_corner + turn) % 3] for turn in range(3))
     left, right = _crossing(tip, following, z_mm), _crossing(tip, previous, z_mm)
     up = alone_above[:, None]
     return np.where(up, left, right), np.where(up, right, left)

@@ -135,15 +135,15 @@ def _split_file(gcode: bytes) -> tuple[bytes, int, list[Note], list[Command]]:
             continue
         try:
             code, rest, _ = split_line(line, number)
-            given = parse_words(rest, number)
+            words = parse_words(rest, number)
         except GcodeRefused as error:
             raise SliceRejected(Rule.FLAVOUR, str(error)) from error
         if code in ("G0", "G1"):
-            plain = "".join(f" {letter}{value:.9f}" for letter, value in given.items() if letter in "XYZEF")
+            plain = "".join(f" {letter}{value:.9f}" for letter, value in words.items() if letter in "XYZEF")
             blocks.append(b"G%b\n" % plain.encode())
             moves += 1
         elif code:
-            commands.append(Command(moves, code, given))
+            commands.append(Command(moves, code, words))
     return b"".join(blocks), moves, notes, commands
 
 
@@ -158,8 +158,8 @@ def _columns(text: bytes, moves: int) -> dict[int, Floats]:
     columns: dict[int, Floats] = {}
     for letter in b"XYZEF":
         column = np.full(moves, np.nan)
-        here = letters == letter
-        column[row[here]] = numbers[here]
+        is_letter = letters == letter
+        column[row[is_letter]] = numbers[is_letter]
         columns[letter] = column
     return columns
 
@@ -176,7 +176,7 @@ def _positions(columns: dict[int, Floats], commands: Iterable[Command]) -> tuple
     """Find the points (n, 4) where each move begins and ends, by the modes that commands set."""
     moves = len(columns[ord("X")])
     before, after = np.empty((moves, 4)), np.empty((moves, 4))
-    here = [0.0] * 4
+    position = [0.0] * 4
     relative = relative_e = False
     done = 0
 
@@ -187,12 +187,12 @@ def _positions(columns: dict[int, Floats], commands: Iterable[Command]) -> tuple
         for axis, letter in enumerate(_AXES):
             named = columns[letter][done:stop]
             if relative or (relative_e and axis == 3):
-                after[done:stop, axis] = here[axis] + np.cumsum(np.nan_to_num(named))
+                after[done:stop, axis] = position[axis] + np.cumsum(np.nan_to_num(named))
             else:
-                after[done:stop, axis] = _filled(named, here[axis])
-            before[done, axis] = here[axis]
+                after[done:stop, axis] = _filled(named, position[axis])
+            before[done, axis] = position[axis]
             before[done + 1 : stop, axis] = after[done : stop - 1, axis]
-            here[axis] = float(after[stop - 1, axis])
+            position[axis] = float(after[stop - 1, axis])
         done = stop
 
     for command in commands:
@@ -207,7 +207,7 @@ def _positions(columns: dict[int, Floats], commands: Iterable[Command]) -> tuple
             case "G92":
                 for axis, letter in enumerate("XYZE"):
                     number = command.words.get(letter)
-                    here[axis] = here[axis] if number is None else number
+                    position[axis] = position[axis] if number is None else number
     go_to(moves)
     return before, after
 

@@ -101,16 +101,16 @@ class Walls:
     inner: Floats  # (k, 5) those of the inner walls: start, end, layer
 
     @classmethod
-    def of(
+    def from_toolpath(
         cls, path: Toolpath, layout: WallLayout, centre_mm: tuple[float, float], filament_mm2: float
     ) -> Walls:
         """Pick the walls out of a toolpath, with the parameters of `check_outline`."""
         pushed_mm = path.pushed_mm
-        way_mm = np.hypot(*(path.after[:, :2] - path.before[:, :2]).T)
-        prints = (pushed_mm > 0) & (way_mm > 0) & (path.layer >= 0)
+        length_mm = np.hypot(*(path.after[:, :2] - path.before[:, :2]).T)
+        prints = (pushed_mm > 0) & (length_mm > 0) & (path.layer >= 0)
         height_mm = np.where(path.layer == 0, layout.layer_height_0_mm, layout.layer_height_mm)
-        half_mm = np.zeros(len(way_mm))
-        half_mm[prints] = (pushed_mm * filament_mm2)[prints] / (way_mm * height_mm)[prints] / 2
+        half_mm = np.zeros(len(length_mm))
+        half_mm[prints] = (pushed_mm * filament_mm2)[prints] / (length_mm * height_mm)[prints] / 2
         half_mm = np.minimum(half_mm, layout.width_mm)  # a wider line is a blob, which covers no more
         at = np.flatnonzero(prints & path.is_feature("WALL-OUTER"))
         start, end = path.before[at, :2] - centre_mm, path.after[at, :2] - centre_mm
@@ -118,21 +118,21 @@ class Walls:
         bridges, run, closed = _runs(start, end, layer)
         order = np.argsort(np.concatenate((np.arange(len(at)), bridges)), kind="stable")
 
-        def bridged(own: npt.NDArray[Any], between: npt.NDArray[Any]) -> npt.NDArray[Any]:
-            return np.asarray(np.concatenate((own, between))[order])
+        def bridged(is_inner: npt.NDArray[Any], between: npt.NDArray[Any]) -> npt.NDArray[Any]:
+            return np.asarray(np.concatenate((is_inner, between))[order])
 
         start, end = bridged(start, end[bridges]), bridged(end, np.roll(start, -1, axis=0)[bridges])
         half = bridged(half_mm[at], half_mm[at][bridges])
         layer, run = bridged(layer, layer[bridges]), bridged(run, run[bridges])
         closed = closed[run]
-        own = np.zeros(len(way_mm), bool)
+        is_inner = np.zeros(len(length_mm), bool)
         for name in ("WALL-INNER", "SKIN", "FILL"):
-            own |= path.is_feature(name)
-        own &= prints
-        ends = (path.before[own, :2] - centre_mm, path.after[own, :2] - centre_mm)
-        others = np.column_stack((*ends, path.layer[own], half_mm[own])).astype(np.float64)
+            is_inner |= path.is_feature(name)
+        is_inner &= prints
+        ends = (path.before[is_inner, :2] - centre_mm, path.after[is_inner, :2] - centre_mm)
+        others = np.column_stack((*ends, path.layer[is_inner], half_mm[is_inner])).astype(np.float64)
         reach_mm = np.where(closed, layout.reach_mm(layer), half)
-        inner = others[path.is_feature("WALL-INNER")[own]][:, :5]
+        inner = others[path.is_feature("WALL-INNER")[is_inner]][:, :5]
         return cls(start, end, layer, run, closed, 2 * half, reach_mm, others, inner)
 
     def rings(self, count: int) -> Rings:
@@ -160,7 +160,9 @@ class Walls:
         """
         start, end, layer = self.inner[:, :2], self.inner[:, 2:4], self.inner[:, 4].astype(np.int32)
         bridges, run, closed = _runs(start, end, layer)
-        broken = np.bincount(layer, ~closed[run], count) + np.bincount(layer[bridges], minlength=count) > 0
+        open_lines = (
+            np.bincount(layer, ~closed[run], count) + np.bincount(layer[bridges], minlength=count) > 0
+        )
         inner = measure_rings(iter([(layer.astype(np.intp), start, end)]), count)
         ring = self.closed
         outer = measure_rings(
@@ -170,7 +172,7 @@ class Walls:
         for number in range(1, layout.inner_walls + 1):
             further_mm = number * layout.step_mm
             must_mm2 += np.maximum(0.0, np.abs(outer.area_mm2) - further_mm * outer.length_mm)
-        return np.where(broken, 0.0, must_mm2 - np.abs(inner.area_mm2))
+        return np.where(open_lines, 0.0, must_mm2 - np.abs(inner.area_mm2))
 
     def _corners_mm2(self) -> Floats:
         """Compute the area (n,) of the band outside of a ring at the corner after each move."""
@@ -179,10 +181,10 @@ class Walls:
         following = np.arange(1, len(self.run) + 1)
         heads = np.flatnonzero(np.diff(self.run, prepend=-1))
         following[np.append(heads[1:], len(self.run)) - 1] = heads
-        way = self.end - self.start
-        after = way[following]
-        cross = way[:, 0] * after[:, 1] - way[:, 1] * after[:, 0]
-        scale = np.hypot(*way.T) * np.hypot(*after.T) + (way * after).sum(axis=1)
+        direction = self.end - self.start
+        after = direction[following]
+        cross = direction[:, 0] * after[:, 1] - direction[:, 1] * after[:, 0]
+        scale = np.hypot(*direction.T) * np.hypot(*after.T) + (direction * after).sum(axis=1)
         half_turn = np.clip(cross / np.maximum(scale, 1e-9), -2.0, 2.0)  # tangent of half the angle
         return np.where(self.closed, self.half_mm**2 * half_turn, 0.0)
 
@@ -191,29 +193,31 @@ class Walls:
 
         A ring is the edge of an area, or by itself a wall of one line: that has the model on neither side.
         """
-        here = np.flatnonzero(self.layer == layer)
-        line = ~self.closed[here]
+        indices = np.flatnonzero(self.layer == layer)
+        line = ~self.closed[indices]
         inside: Geometry = shapely.Polygon()
-        for run in np.unique(self.run[here][~line]):
-            of_run = self.run[here] == run
-            points = np.vstack((self.start[here[of_run][:1]], self.end[here[of_run]]))
-            if self._alone(here[of_run], model):
+        for run in np.unique(self.run[indices][~line]):
+            of_run = self.run[indices] == run
+            points = np.vstack((self.start[indices[of_run][:1]], self.end[indices[of_run]]))
+            if self._is_single(indices[of_run], model):
                 line |= of_run
             elif len(points) > 3:
                 # Rings do not cross each other: one within another is a hole.
                 inside = inside.symmetric_difference(shapely.make_valid(shapely.Polygon(points)))
-        reach_mm = float(self.half_mm[here][~line].max(initial=0.0))
-        strokes = _strokes(self.start[here[line]], self.end[here[line]], self.width_mm[here[line]] / 2)
+        reach_mm = float(self.half_mm[indices][~line].max(initial=0.0))
+        strokes = _strokes(
+            self.start[indices[line]], self.end[indices[line]], self.width_mm[indices[line]] / 2
+        )
         return shapely.union_all([inside.buffer(reach_mm, join_style="mitre"), strokes])
 
-    def _alone(self, ring: npt.NDArray[np.intp], model: Geometry) -> bool:
+    def _is_single(self, ring: npt.NDArray[np.intp], model: Geometry) -> bool:
         """Check whether no part of the model lies beside a line."""
-        way = self.end[ring] - self.start[ring]
-        aside = np.column_stack((-way[:, 1], way[:, 0])) / np.hypot(*way.T)[:, None]
-        aside *= (self.width_mm[ring] / 2 + TOLERANCE_MM)[:, None]
+        direction = self.end[ring] - self.start[ring]
+        normal = np.column_stack((-direction[:, 1], direction[:, 0])) / np.hypot(*direction.T)[:, None]
+        normal *= (self.width_mm[ring] / 2 + TOLERANCE_MM)[:, None]
         middle = (self.start[ring] + self.end[ring]) / 2
-        beside = [shapely.contains_xy(model, *(middle + side * aside).T) for side in (-1.0, 1.0)]
-        return float(np.mean(beside[0] | beside[1])) < 0.5
+        on_model = [shapely.contains_xy(model, *(middle + side * normal).T) for side in (-1.0, 1.0)]
+        return float(np.mean(on_model[0] | on_model[1])) < 0.5
 
     def filling(self, layer: int, bounds: tuple[float, float, float, float]) -> Geometry:
         """Build the area of the other lines in a layer that come near a rectangle (x0, y0, x1, y1)."""

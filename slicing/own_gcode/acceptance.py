@@ -168,8 +168,8 @@ def _notices(ulticode: bool, left_out: dict[str, str]) -> tuple[str, ...]:
     if ulticode:
         lines.append("Converted from UltiGCode; temperatures are those of the printer's material.")
     if left_out:
-        what = ", ".join(f"{code} ({left_out[code]})" for code in sorted(left_out))
-        lines.append(f"Left out, for the printer has its own: {what}.")
+        left_out_codes = ", ".join(f"{code} ({left_out[code]})" for code in sorted(left_out))
+        lines.append(f"Left out, for the printer has its own: {left_out_codes}.")
     return tuple(lines)
 
 

@@ -37,17 +37,17 @@ class Extent:
         self.lines = 0
         self._pushes = self._primes = 0  # all pushes, and those that feed more than was drawn back
         self._primed_mm = self._jumped_mm = 0.0
-        self._went: list[Corner] = []  # since the last line that was printed
+        self._moves: list[Corner] = []  # since the last line that was printed
         self._fed_mm = 0.0
         self._flat_z = self._step_mm = 0.0
         self._path_on_step_mm: defaultdict[float, float] = defaultdict(float)
 
-    def go(self, target: Corner, fed_mm: float) -> None:
+    def record_move(self, target: Corner, fed_mm: float) -> None:
         """Record a move, which counts once something is printed after it."""
-        self._went.append(target)
+        self._moves.append(target)
         self._fed_mm += max(0.0, fed_mm)
 
-    def push(self, fed_mm: float) -> None:
+    def record_prime(self, fed_mm: float) -> None:
         """Record that retracted filament is pushed back at standstill, and `fed_mm` more."""
         self._pushes += 1
         if fed_mm > MOST_PRIMED_MM:
@@ -64,11 +64,11 @@ class Extent:
         """
         return self._jumped_mm + (self._primed_mm if 2 * self._primes < self._pushes else 0.0)
 
-    def rises(self, old: Corner, target: Corner) -> bool:
+    def is_higher(self, old: Corner, target: Corner) -> bool:
         """Check whether a printed line lies higher than all before it, but is not the first."""
         return self.path_mm > 0 and old[2] == target[2] > self._flat_z + 0.01
 
-    def print(self, old: Corner, target: Corner) -> None:
+    def record_line(self, old: Corner, target: Corner) -> None:
         """Record that the last move printed a line."""
         z, path_mm = target[2], math.dist(old, target)
         if old[2] == z != self._flat_z:
@@ -79,11 +79,11 @@ class Extent:
         self.lines += 1
         self.filament_mm += self._fed_mm
         self._fed_mm = 0.0
-        for point in self._went:
+        for point in self._moves:
             _stretch(self.reach_low, self.reach_high, point)
             if point[2] < CLIPS_MM:
                 _stretch(self.low, self.high, point[:2])
-        self._went.clear()
+        self._moves.clear()
         _stretch(self.low, self.high, old)
         _stretch(self.low, self.high, target)
 

@@ -62,7 +62,7 @@ class Head:
         self._objections = objections
         self._marks_layers = marks_layers
         self._most_fed = most_fed
-        self._arrived = False
+        self._at_start = False
         self._retracted_mm = 0.0
         self._retracted_in = 0  # line
 
@@ -80,7 +80,7 @@ class Head:
         if self._retracted_mm:
             self._writer.move((*self._code.ready_mm, -self._retracted_mm, retraction_mm_s))
 
-    def go(self, target: Point, pushed_mm: float, speed_mm_s: float, factor: float) -> bool:
+    def move(self, target: Point, pushed_mm: float, speed_mm_s: float, factor: float) -> bool:
         """Make one straight move.
 
         Parameters
@@ -103,7 +103,7 @@ class Head:
         if not self._objections.printing:
             return False
         self._check_feed(pushed_mm, speed_mm_s * factor)
-        if not self._arrive(old, target, pushed_mm, speed_mm_s):
+        if not self._approach_start(old, target, pushed_mm, speed_mm_s):
             return False
         x, y, z = target
         self._check_above_bed(z)
@@ -117,8 +117,8 @@ class Head:
         fed_mm = pushed_mm - retracted_mm
         self._check_jump(old, target, fed_mm)
         if pushed_mm > 0 and old == target:
-            self.extent.push(fed_mm)
-        self.extent.go(target, fed_mm)
+            self.extent.record_prime(fed_mm)
+        self.extent.record_move(target, fed_mm)
         prints = fed_mm > 0 and target != old
         if prints:
             self._print(old, target)
@@ -150,9 +150,9 @@ class Head:
                     "missing before it, or E starts again from 0 and the file needs G92 E0"
                 )
 
-    def _arrive(self, old: Point, target: Point, pushed_mm: float, speed_mm_s: float) -> bool:
+    def _approach_start(self, old: Point, target: Point, pushed_mm: float, speed_mm_s: float) -> bool:
         """Move from above to the place where the file first pushes filament; False before that."""
-        if self._arrived:
+        if self._at_start:
             return True
         x, y, z = old
         ready_mm = self._code.ready_mm
@@ -168,7 +168,7 @@ class Head:
         self._check_above_bed(z)
         self._writer.move((x, y, ready_mm[2], 0.0, TRAVEL_MM_S))
         self._writer.move((x, y, z, 0.0, LOWER_MM_S))
-        self._arrived = True
+        self._at_start = True
         return True
 
     def _check_above_bed(self, z: float) -> None:
@@ -196,9 +196,9 @@ class Head:
                 f"prints at Z {z:g} beside what is {highest:g} mm high, which the head would hit in a pause: "
                 "print all objects at once (Cura: Print Sequence; PrusaSlicer: Complete individual objects)"
             )
-        if not self._marks_layers and self.extent.rises(old, target):
+        if not self._marks_layers and self.extent.is_higher(old, target):
             self._writer.layer(target[2])
-        self.extent.print(old, target)
+        self.extent.record_line(old, target)
         self._clearance.add(old, target)
         self._objections.record_printed_line()
         self._writer.commit()

@@ -77,7 +77,7 @@ class Interpreter:
         self._speed_mm_s = _FIRST_MM_S
         self._speed_factor = self._flow_factor = 1.0
         self._retracted = False  # by G10
-        self._waited_s = self._waiting_s = 0.0  # in total, and since the last printed line
+        self._total_dwell_s = self._waiting_s = 0.0  # in total, and since the last printed line
         self._fan: bytes = _NO_FAN
 
     def run_line(self, raw: bytes, number: int) -> None:
@@ -151,62 +151,62 @@ class Interpreter:
         if not self._survey.marks_layers:
             self._writer.layer()
 
-    def _run_command(self, code: str, given: Words) -> None:
+    def _run_command(self, code: str, words: Words) -> None:
         match code:
             case "G0" | "G1":
-                self._move(given)
+                self._move(words)
             case "G2" | "G3":
-                self._arc(code == "G2", given)
+                self._arc(code == "G2", words)
             case "G4":
-                self._dwell(given)
+                self._dwell(words)
             case "G10" | "G11":
-                self._retract(code, given)
+                self._retract(code, words)
             case "G90" | "G91":
                 self._relative = code == "G91"
             case "G92":
-                self._reset_e(given)
+                self._reset_e(words)
             case "M82" | "M83":
                 self._relative_e = code == "M83"
             case "M104" | "M109" | "M140" | "M190":
-                self._heat(code, given)
+                self._heat(code, words)
             case "M106" | "M107":
-                self._set_fan(code, given)
+                self._set_fan(code, words)
             case "M220":
-                self._speed_factor = self._factor(code, given, 0.1, 5.0)
+                self._speed_factor = self._factor(code, words, 0.1, 5.0)
             case "M221":
-                self._flow_factor = self._factor(code, given, 0.1, 3.0)
+                self._flow_factor = self._factor(code, words, 0.1, 3.0)
 
-    def _move(self, given: Words) -> None:
-        self._set_speed(given)
-        self._go(self._target(given), self._pushed_mm(given))
+    def _move(self, words: Words) -> None:
+        self._set_speed(words)
+        self._move_to(self._target(words), self._pushed_mm(words))
 
-    def _go(self, target: list[float], pushed_mm: float, speed_mm_s: float | None = None) -> None:
-        if self.head.go(target, pushed_mm, speed_mm_s or self._speed_mm_s, self._speed_factor):
+    def _move_to(self, target: list[float], pushed_mm: float, speed_mm_s: float | None = None) -> None:
+        if self.head.move(target, pushed_mm, speed_mm_s or self._speed_mm_s, self._speed_factor):
             self._waiting_s = 0.0
 
-    def _target(self, given: Words) -> list[float]:
+    def _target(self, words: Words) -> list[float]:
         return [
-            here if (value := given.get(axis)) is None else value + (here if self._relative else 0.0)
-            for axis, here in zip("XYZ", self.head.at, strict=True)
+            current if (value := words.get(axis)) is None else value + (current if self._relative else 0.0)
+            for axis, current in zip("XYZ", self.head.at, strict=True)
         ]
 
-    def _pushed_mm(self, given: Words) -> float:
+    def _pushed_mm(self, words: Words) -> float:
         """Compute the filament that a move feeds, in mm; in G91 E is relative too, in this firmware."""
-        e = given.get("E")
+        e = words.get("E")
         if e is None:
             return 0.0
         pushed = e if self._relative or self._relative_e else e - self._e
         self._e += pushed
         return pushed * self._mm_per_e * self._flow_factor
 
-    def _arc(self, clockwise: bool, given: Words) -> None:
-        self._set_speed(given)
+    def _arc(self, clockwise: bool, words: Words) -> None:
+        self._set_speed(words)
         x, y, z = self.head.at
-        i, j = given.get("I", 0.0), given.get("J", 0.0)
-        if "R" in given or not (i or j):
+        i, j = words.get("I", 0.0), words.get("J", 0.0)
+        if "R" in words or not (i or j):
             self._objections.refuse("an arc needs I and J: switch arc fitting off in your slicer")
-        end = self._target(given)
-        pushed_mm, done = self._pushed_mm(given), 0.0
+        end = self._target(words)
+        pushed_mm, done_share = self._pushed_mm(words), 0.0
         if math.isnan(x + y + end[0] + end[1]):
             self.head.at = end
             self._objections.add("an arc starts at an unknown place: the file has not set X and Y before")
@@ -215,48 +215,48 @@ class Interpreter:
         if arc.length_mm > MOST_ARC_MM or abs(arc.end_radius_mm - arc.radius_mm) > ARC_TOLERANCE_MM:
             self._objections.refuse("no printer can make this arc: is the file damaged?")
         for (to_x, to_y), share in arc.points():
-            self._go([to_x, to_y, z + (end[2] - z) * share], pushed_mm * (share - done))
-            done = share
+            self._move_to([to_x, to_y, z + (end[2] - z) * share], pushed_mm * (share - done_share))
+            done_share = share
 
-    def _dwell(self, given: Words) -> None:
-        seconds = given.get("S", given.get("P", 0.0) / 1000)
+    def _dwell(self, words: Words) -> None:
+        seconds = words.get("S", words.get("P", 0.0) / 1000)
         if self._printing and seconds > 0:
-            self._waited_s += seconds
+            self._total_dwell_s += seconds
             self._waiting_s += seconds
             if self._waiting_s > MOST_DWELL_S:
                 self._objections.add(f"G4 waits {self._waiting_s:g} s in one place: at most {MOST_DWELL_S:g}")
-            elif self._waited_s > MOST_PAUSES_S:
+            elif self._total_dwell_s > MOST_PAUSES_S:
                 self._objections.add(
-                    f"G4 waits {self._waited_s:g} s in all so far: at most {MOST_PAUSES_S:g}"
+                    f"G4 waits {self._total_dwell_s:g} s in all so far: at most {MOST_PAUSES_S:g}"
                 )
             else:
                 self._writer.dwell(seconds)
 
-    def _retract(self, code: str, given: Words) -> None:
-        if given.keys() - {"S"}:
-            self._objections.add(f"{code} with {' '.join(given)} is not a retraction: take it out")
+    def _retract(self, code: str, words: Words) -> None:
+        if words.keys() - {"S"}:
+            self._objections.add(f"{code} with {' '.join(words)} is not a retraction: take it out")
         elif self._retracted != (code == "G10"):
             self._retracted = not self._retracted
             length_mm = self._printer.retraction_mm
             pushed_mm = -length_mm if self._retracted else length_mm
-            self._go(self.head.at, pushed_mm, self._printer.retraction_mm_s)
+            self._move_to(self.head.at, pushed_mm, self._printer.retraction_mm_s)
 
-    def _reset_e(self, given: Words) -> None:
-        if given.keys() == {"E"}:
-            self._e = given["E"]
+    def _reset_e(self, words: Words) -> None:
+        if words.keys() == {"E"}:
+            self._e = words["E"]
         else:
             self._objections.reject("G92 may reset E, and nothing else: take it out of your slicer's scripts")
 
-    def _heat(self, code: str, given: Words) -> None:
-        if not given.keys() & {"S", "R"}:
+    def _heat(self, code: str, words: Words) -> None:
+        if not words.keys() & {"S", "R"}:
             self._objections.refuse(f"{code} gives no temperature: write it after S")
-        target_c = float(round(given["S" if "S" in given else "R"]))
+        target_c = float(round(words["S" if "S" in words else "R"]))
         nozzle = code in ("M104", "M109")
         limits = self._printer.limits
         most_c = limits.max_nozzle_c if nozzle else limits.max_bed_c
-        if given.get("T") and target_c == 0 and self._printing:
+        if words.get("T") and target_c == 0 and self._printing:
             self._objections.add_end(f"{code} is for another extruder, and there is one")
-        elif given.get("T"):
+        elif words.get("T"):
             self._objections.reject(
                 f"{code} is for another extruder, and there is one: slice for a single extruder"
             )
@@ -277,23 +277,23 @@ class Interpreter:
         else:
             self._writer.line(b"%b S%d" % (code.encode(), target_c))
 
-    def _set_fan(self, code: str, given: Words) -> None:
-        if given.get("P"):
+    def _set_fan(self, code: str, words: Words) -> None:
+        if words.get("P"):
             return  # a fan that this printer does not have
-        power = given.get("S", 255.0)
+        power = words.get("S", 255.0)
         power = 0.0 if code == "M107" else min(255.0, max(0.0, power))
         self._fan = b"M106 S%d" % round(power) if power else _NO_FAN
         if self._printing:
             self._writer.line(self._fan)
 
-    def _factor(self, code: str, given: Words, least: float, most: float) -> float:
-        factor = given.get("S", 0.0) / 100
+    def _factor(self, code: str, words: Words, least: float, most: float) -> float:
+        factor = words.get("S", 0.0) / 100
         if not least <= factor <= most:
             self._objections.refuse(f"{code} needs S{100 * least:g} to S{100 * most:g}")
         return factor
 
-    def _set_speed(self, given: Words) -> None:
-        per_minute = given.get("F", 0.0)
+    def _set_speed(self, words: Words) -> None:
+        per_minute = words.get("F", 0.0)
         if per_minute > 0:  # the firmware, too, keeps its feedrate at F0
             self._speed_mm_s = per_minute / 60
 

@@ -91,7 +91,7 @@ def check_machine(
     GcodeRefused
         Where it does not fit, or nothing shows that it does.
     """
-    name, why, title = machine.name, None, target.printer.title
+    name, reason, title = machine.name, None, target.printer.title
     if name is not None and re.search(target.printer.slicer_names, name.lower()):
         name = None
     usual = _USUAL[0] < section_ratio < _USUAL[1]
@@ -104,14 +104,14 @@ def check_machine(
         )
     if machine.start is not None:
         number, code = machine.start
-        why = f"line {number}: {code} {FOREIGN_START[code]}"
+        reason = f"line {number}: {code} {FOREIGN_START[code]}"
     elif machine.bed_corner not in (None, "0x0"):
-        why = f"its bed begins at {quote_text(machine.bed_corner or '')}"
+        reason = f"its bed begins at {quote_text(machine.bed_corner or '')}"
     elif machine.filament_mm is None and not usual:
         filament = f"filament of {target.filament_mm:.4g} mm"
-        why = f"its lines have {section_ratio:.1f} times the usual section, with {filament}"
-    if why is not None:
-        raise GcodeRefused(f"it was sliced for {quote_text(name)} ({why}): slice it for the {title}")
+        reason = f"its lines have {section_ratio:.1f} times the usual section, with {filament}"
+    if reason is not None:
+        raise GcodeRefused(f"it was sliced for {quote_text(name)} ({reason}): slice it for the {title}")
     return (
         f"Warning: it was sliced for {quote_text(name)}. What it prints fits the {title}, by its size, its "
         "filament and its start; speeds and temperatures are that machine's.",

@@ -88,7 +88,7 @@ def survey_lines(lines: Iterable[bytes], filament_mm: float) -> Survey:
     for number, raw in enumerate(lines, 1):
         scan.read(raw, number)
     ulticode = _is_ulticode(scan.facts, filament_mm)
-    if not scan.layer and (ulticode or not (scan.waited and scan.homed)):
+    if not scan.layer and (ulticode or not (scan.waits and scan.homed)):
         raise GcodeRefused(
             "the start of its print cannot be found: let your slicer write ;LAYER:0 where a layer begins "
             "(as layer change G-code), or have a start script that homes (G28) and heats the nozzle (M109)"
@@ -132,7 +132,7 @@ class _Scan:
 
     def __init__(self) -> None:
         self.facts: dict[str, bytes] = {}
-        self.layer = self.waited = self.homed = self.ready = self.prints = self.number = 0
+        self.layer = self.waits = self.homed = self.ready = self.prints = self.number = 0
         self.last = b"\n"
         self.completeness = Completeness()
         self.start: tuple[int, str] | None = None
@@ -149,8 +149,8 @@ class _Scan:
             self._read_comment(comment)
         if not code or command_rules.is_needless(code, rest):
             return
-        if (why := command_rules.find_refusal(code)) is not None:
-            raise GcodeRefused(f"line {number}: {code} {why}")
+        if (reason := command_rules.find_refusal(code)) is not None:
+            raise GcodeRefused(f"line {number}: {code} {reason}")
         if code in ("G0", "G1", "G2", "G3"):
             if "E" in rest and ("X" in rest or "Y" in rest):
                 self.prints = number
@@ -172,7 +172,7 @@ class _Scan:
         if self.start is None and code in FOREIGN_START:
             self.start = (self.number, code)
         if code == "M109":
-            self.waited = self.number
+            self.waits = self.number
         if code == "G28":
             self.homed = self.number
         if code in ("M109", "M190", "G28"):

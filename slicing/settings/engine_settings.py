@@ -98,10 +98,10 @@ def shrinkage_scale(resolver: Resolver, kind: str) -> tuple[float, float]:
         Kind of material, like PLA; empty for none of the farm's factors.
     """
     known = resolver.keys(Scope.GLOBAL)
-    both, xy, z = (
+    uniform, xy, z = (
         float(resolver.value(Scope.GLOBAL, key)) / 100 if key in known else None for key in SHRINKAGE
     )
-    scale = (xy or both or 1.0, z or both or 1.0)
+    scale = (xy or uniform or 1.0, z or uniform or 1.0)
     return shrinkage_factors(kind) if scale == NO_SHRINKAGE else scale
 
 

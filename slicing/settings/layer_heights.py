@@ -53,20 +53,20 @@ def printed_height_mm(height_mm: float, heights: LayerHeights) -> float:
     return (first + above * other) / 1000
 
 
-def fit_heights(height_mm: float, wanted: LayerHeights, *, most_first_mm: float) -> LayerHeights:
+def fit_heights(height_mm: float, nominal: LayerHeights, *, most_first_mm: float) -> LayerHeights:
     """Find the layer heights nearest to the wanted ones with which a part is printed to its height.
 
     Parameters
     ----------
     height_mm
         Height of the part.
-    wanted
+    nominal
         Heights of the quality. Layers differ from them by 4 % at most, the first one by the least of
         `SPREADS_0` that is enough.
     most_first_mm
         Greatest height of the first layer; 0 to leave it as it is.
     """
-    first, other = _um(wanted.first_mm), _um(wanted.other_mm)
+    first, other = _um(nominal.first_mm), _um(nominal.other_mm)
     height, tolerance = 1000 * height_mm, 1000 * EXACT_MM - _SLACK_UM
     step = _floor(other * _SPREAD)
 
@@ -77,18 +77,18 @@ def fit_heights(height_mm: float, wanted: LayerHeights, *, most_first_mm: float)
             for count in (above, above + 1):
                 exact = height - count * layer  # height of the first layer without an error
                 near = round(min(max(first, exact - tolerance), exact + tolerance))
-                chosen = min(max(near, low), high)
-                missed = max(0.0, abs(chosen - exact) - tolerance - 0.5)
-                change = abs(layer - other) / other + _WEIGHT_0 * abs(chosen - first) / first
-                yield missed, change, chosen, layer
+                first_um = min(max(near, low), high)
+                missed = max(0.0, abs(first_um - exact) - tolerance - 0.5)
+                change = abs(layer - other) / other + _WEIGHT_0 * abs(first_um - first) / first
+                yield missed, change, first_um, layer
 
     for spread in SPREADS_0 if most_first_mm > 0 else SPREADS_0[:1]:
         low = math.ceil(first * (1 - spread))
         high = max(low, min(_floor(first * (1 + spread)), _um(most_first_mm)))
-        missed, _, chosen, layer = min(candidates(low, high))
+        missed, _, first_um, layer = min(candidates(low, high))
         if missed == 0:
             break
-    return LayerHeights(chosen / 1000, layer / 1000)
+    return LayerHeights(first_um / 1000, layer / 1000)
 
 
 def _um(mm: float) -> int:

@@ -87,7 +87,7 @@ def find_reserved_reason(key: str) -> str | None:
     """Give the reason why a person must not set a key; None where one may."""
     if "_extruder_nr" in key:
         return _ONE_EXTRUDER
-    starts = (why for start, why in _RESERVED_STARTS.items() if key.startswith(start))
+    starts = (reason for start, reason in _RESERVED_STARTS.items() if key.startswith(start))
     return _RESERVED.get(key) or next(starts, None)
 
 
@@ -136,8 +136,8 @@ def _check_value(resolver: Resolver, printer: PrinterModel, scope: Scope, key: s
         return
     if isinstance(value, bool | str) or not isinstance(value, int | float):
         return
-    farms, curas = _farm_bounds(resolver, printer, key), resolver.bounds(scope, key)
-    for (least, greatest), is_farm_limit in ((farms, True), (curas, False)):
+    farm_bounds, cura_bounds = _farm_bounds(resolver, printer, key), resolver.bounds(scope, key)
+    for (least, greatest), is_farm_limit in ((farm_bounds, True), (cura_bounds, False)):
         low, high = (-inf if least is None else least), (inf if greatest is None else greatest)
         if not low <= value <= high:
             ends = (("at least", low), ("at most", high))

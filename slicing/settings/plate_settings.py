@@ -87,7 +87,7 @@ def resolve_settings(
     ResourcesMissing, DefinitionError
         Where Cura's files are not as expected.
     """
-    lookup = _RequestKey.of(request)
+    lookup = _RequestKey.from_request(request)
     quality = FARM_QUALITIES.get(request.quality)
     every = _resolve(resources, lookup, ANY_PART, None)
     heights = None
@@ -121,7 +121,7 @@ class _RequestKey:
     supported: bool
 
     @classmethod
-    def of(cls, request: SettingsRequest) -> _RequestKey:
+    def from_request(cls, request: SettingsRequest) -> _RequestKey:
         overrides = tuple(sorted((key, str(raw)) for key, raw in request.overrides.items()))
         return cls(
             printer=request.printer,
@@ -167,9 +167,9 @@ def _refusal(found: Violation, lookup: _RequestKey) -> str:
     cause = "" if found.key in chosen else f" follows from {', '.join(chosen)} and"
     if chosen:
         return f"{found.key}={value}{cause} is out of range; {found.allowed}"
-    where = f"{lookup.quality} with {lookup.material}"
+    source = f"{lookup.quality} with {lookup.material}"
     return (
-        f"{found.key}={value}, from {where}, is out of range; {found.allowed}: take another material or "
+        f"{found.key}={value}, from {source}, is out of range; {found.allowed}: take another material or "
         f"quality (only `farm slice` can set another value, with --set {found.key}=VALUE)"
     )
 
@@ -188,9 +188,9 @@ def _resolver(
     resolver = Resolver(stacks.machine.settings, stacks.machine.extruder, layers)
     for key, raw in lookup.overrides:
         setting = resolver.setting(key)
-        why = find_reserved_reason(key)
-        if why is not None:
-            raise BadSetting(f"{key}: {why}")
+        reason = find_reserved_reason(key)
+        if reason is not None:
+            raise BadSetting(f"{key}: {reason}")
         user[key] = parse_value(setting, raw)
     return resolver
 

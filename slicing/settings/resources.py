@@ -20,7 +20,7 @@ from slicing.settings.material import material_kind
 FOLDERS = ("definitions", "extruders", "variants", "quality", "materials")
 _ANY_MACHINE = "fdmprinter"
 """Definition whose qualities are for all machines that have none of their own, with any material."""
-_HOW = "run 'make install', or set {}"
+_ADVICE = "run 'make install', or set {}"
 _CHECKOUT = Path(__file__).resolve().parents[2]
 
 
@@ -29,8 +29,8 @@ def find_engine(environ: Mapping[str, str] = os.environ) -> Path:
     named = environ.get("FARM_CURA_ENGINE")
     found = shutil.which(named or "CuraEngine", path=environ.get("PATH"))
     if found is None:
-        what = f"FARM_CURA_ENGINE={named} cannot be run" if named else "there is no CuraEngine on PATH"
-        raise EngineMissing(f"{what}: {_HOW.format('FARM_CURA_ENGINE to the program')}")
+        problem = f"FARM_CURA_ENGINE={named} cannot be run" if named else "there is no CuraEngine on PATH"
+        raise EngineMissing(f"{problem}: {_ADVICE.format('FARM_CURA_ENGINE to the program')}")
     return Path(found)
 
 
@@ -49,9 +49,9 @@ def find_resources(environ: Mapping[str, str] = os.environ) -> Resources:
     for place in places:
         if all((place / folder).is_dir() for folder in FOLDERS):
             return Resources(place)
-    what = f"FARM_CURA_RESOURCES={named} lacks" if named else "Cura's files are missing:"
+    problem = f"FARM_CURA_RESOURCES={named} lacks" if named else "Cura's files are missing:"
     raise ResourcesMissing(
-        f"{what} the folders {', '.join(FOLDERS)}: {_HOW.format('FARM_CURA_RESOURCES to their folder')}"
+        f"{problem} the folders {', '.join(FOLDERS)}: {_ADVICE.format('FARM_CURA_RESOURCES to their folder')}"
     )
 
 
@@ -109,9 +109,9 @@ def _read_json(path: Path) -> dict[str, Any]:
     try:
         parsed = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
-        raise ResourcesMissing(f"{path}: {error}: {_HOW.format('FARM_CURA_RESOURCES')}") from error
+        raise ResourcesMissing(f"{path}: {error}: {_ADVICE.format('FARM_CURA_RESOURCES')}") from error
     if not isinstance(parsed, dict):
-        raise ResourcesMissing(f"{path} is not a definition: {_HOW.format('FARM_CURA_RESOURCES')}")
+        raise ResourcesMissing(f"{path} is not a definition: {_ADVICE.format('FARM_CURA_RESOURCES')}")
     return parsed
 
 
@@ -160,9 +160,9 @@ def _machine(root: Path, model: str) -> Machine:
 def _profiles(root: Path, kind: str, definition: str) -> tuple[Profile, ...]:
     # Qualities have a folder for each machine, or maker and machine; variants share one.
     folder, pattern = root / kind, f"{definition}_*.inst.cfg"
-    for own in (folder / definition, folder / definition.replace("_", "/", 1)):
-        if own.is_dir():
-            folder, pattern = own, "*.inst.cfg"
+    for path in (folder / definition, folder / definition.replace("_", "/", 1)):
+        if path.is_dir():
+            folder, pattern = path, "*.inst.cfg"
             break
     if definition == _ANY_MACHINE:
         pattern = "*.inst.cfg"  # beside the folders

@@ -51,13 +51,13 @@ def find_stacks(
     machine = resources.machine(printer_model)
     hotend, variant = _variant(machine, nozzle_mm, resources)
     chosen = _material(machine, hotend, material, resources)
-    shared, own = _qualities(machine, hotend, material, chosen.kind, quality, resources)
+    shared, quality_profile = _qualities(machine, hotend, material, chosen.kind, quality, resources)
 
     def layer(values: Mapping[str, str]) -> Layer:
         return {key: _written(machine, key, text) for key, text in values.items() if _known(machine, key)}
 
     extruder = {
-        Place.QUALITY: layer(own.values),
+        Place.QUALITY: layer(quality_profile.values),
         Place.MATERIAL: layer(chosen.values),
         Place.VARIANT: layer(variant),
     }
@@ -85,15 +85,17 @@ def _variant(machine: Machine, nozzle_mm: float, resources: Resources) -> tuple[
     """Find the nozzle's name and values; without profiles for nozzles, those of the definition."""
     if machine.has_variants:
         profiles = resources.profiles("variants", machine.model)
-        have = {p.metadata["name"]: p.values for p in profiles if p.metadata.get("hardware_type") == "nozzle"}
+        available = {
+            p.metadata["name"]: p.values for p in profiles if p.metadata.get("hardware_type") == "nozzle"
+        }
     else:
-        have = {f"{machine.nozzle_mm:g} mm": {}}
+        available = {f"{machine.nozzle_mm:g} mm": {}}
     size = f"{nozzle_mm:g}"
-    hotend = next((name for name in have if name in (f"{size} mm", f"{size}mm Nozzle")), None)
+    hotend = next((name for name in available if name in (f"{size} mm", f"{size}mm Nozzle")), None)
     if hotend is None:
-        known = ", ".join(sorted(have)) or "none"
+        known = ", ".join(sorted(available)) or "none"
         raise BadSetting(f"nozzle {size} mm: the {machine.name} has no such nozzle; it has {known}")
-    return hotend, have[hotend]
+    return hotend, available[hotend]
 
 
 def _material(machine: Machine, hotend: str, name: str, resources: Resources) -> Material:
@@ -117,23 +119,22 @@ def _qualities(
     """Find the global profile and the extruder's; a brand's material may use those of its kind."""
     profiles = resources.profiles("quality", machine.quality_definition)
     shared = {p.metadata["quality_type"]: p for p in profiles if p.metadata.get("global_quality") == "True"}
-    own = shared
+    candidates = shared
     if machine.has_materials:
         fitting = [p for p in profiles if p.metadata.get("variant") == hotend]
         chosen = [p for p in fitting if p.metadata.get("material") == material]
         chosen = chosen or [p for p in fitting if _is_kind(p.metadata.get("material"), kind, resources)]
-        own = {p.metadata["quality_type"]: p for p in chosen}
-    have = sorted(own.keys() & shared.keys())
+        candidates = {p.metadata["quality_type"]: p for p in chosen}
+    available = sorted(candidates.keys() & shared.keys())
     bases = FARM_QUALITIES[quality].bases if quality in FARM_QUALITIES else (quality,)
-    base = next((base for base in bases if base in have), None)
+    base = next((base for base in bases if base in available), None)
     if base is None:
-        have += [name for name, one in FARM_QUALITIES.items() if {*one.bases} & {*have}]
-        where = f"{material} and a nozzle of {hotend} on the {machine.name}"
-        offer = f"there is {', '.join(have)}" if have else "take another material or nozzle"
-        raise BadSetting(
-            f"quality {quality}: there is none for {where}{suggest_names(quality, have) or f'; {offer}'}"
-        )
-    return shared[base], own[base]
+        available += [name for name, one in FARM_QUALITIES.items() if {*one.bases} & {*available}]
+        context = f"{material} and a nozzle of {hotend} on the {machine.name}"
+        offer = f"there is {', '.join(available)}" if available else "take another material or nozzle"
+        advice = suggest_names(quality, available) or f"; {offer}"
+        raise BadSetting(f"quality {quality}: there is none for {context}{advice}")
+    return shared[base], candidates[base]
 
 
 def _is_kind(material: str | None, kind: str, resources: Resources) -> bool:

@@ -45,7 +45,7 @@ class Engines:
 
     def __call__(self, problem: Problem) -> Decomposition:
         self.asked.append(problem)
-        problem.effort.book(Work.SUM, round(1e9 / WORK_NS[Work.SUM]))  # a second
+        problem.effort.record(Work.SUM, round(1e9 / WORK_NS[Work.SUM]))  # a second
         if math.isinf(makespan_s := self.ends_s(problem.options)):
             raise NoFit(f"nothing at {problem.options.granularity}")
         engine = problem.options.engine
@@ -219,7 +219,7 @@ def test_a_broken_rule_is_told_even_where_the_budget_was_spent(
     def late(asked: Problem) -> Decomposition:
         if asked.options.engine is Engine.GUILLOTINE:
             return engines(asked)
-        asked.effort.book(Work.SUM, round(1e12))
+        asked.effort.record(Work.SUM, round(1e12))
         assert asked.effort.is_spent()
         raise error
 

@@ -159,7 +159,7 @@ def test_a_session_prints_a_part_to_it_as_an_ender_3(tmp_path: Path):
     clock = Clock(SCALE, time.time())
     link = Link(MARLIN2, 2.0 * SCALE)
     program = read_program(io.BytesIO(text + b"\n"), profile)
-    context = SessionContext(link, program, profile, Filament.PARKED, Pace.of(clock), clock.now())
+    context = SessionContext(link, program, profile, Filament.PARKED, Pace.from_clock(clock), clock.now())
     session = Session(context)
     with octoprint(tmp_path, firmware=MARLIN2) as port:
         link.opened(clock.now())

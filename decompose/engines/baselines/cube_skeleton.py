@@ -76,7 +76,7 @@ def cut_by_cube_skeleton(problem: Problem) -> Partition:
         other = _cut(problem, grid, hollow_model(model.solid, grid, cube), cube)
         found = min(other, found, key=lambda own: (len(own) > len(problem.printers), problem.makespan_s(own)))
     problem.on_stage("cut")
-    refuse_misfits("cube-skeleton", found, problem, would_do=len(found))
+    refuse_misfits("cube-skeleton", found, problem, sufficient_printers=len(found))
     return Partition(found, model, np.eye(3))
 
 
@@ -99,9 +99,9 @@ def _skeleton(cubes: list[Block], grid: Grid, problem: Problem) -> list[Piece]:
     return found
 
 
-def _regions(whole: Piece, cube: Block | None, grid: Grid) -> list[Piece]:
+def _regions(piece: Piece, cube: Block | None, grid: Grid) -> list[Piece]:
     """Split a piece by the planes of a cube's sides; each region may be in several pieces."""
-    parts = [whole]
+    parts = [piece]
     if cube is None:
         return parts
     for axis in range(3):

@@ -15,7 +15,7 @@ Block = tuple[int, int, int, int, int, int]  # x0, y0, z0, x1, y1, z1 in cells, 
 
 REACH = 2.0  # greatest growth of a cube on each side, as a multiple of a cell's longest side
 CLOSE_MM = 0.2  # accuracy of the cube's size
-SURE_MM = 0.01  # margin above the least wall, since distances are rounded
+MARGIN_MM = 0.01  # margin above the least wall, since distances are rounded
 ROUNDS = 2  # rounds of growth in every direction
 
 
@@ -108,8 +108,8 @@ def largest_cube(cells: Bools) -> Block | None:
     ends = np.argwhere(edge == edge.max())
     size = int(edge.max())
     middle = np.argwhere(cells).mean(axis=0) + 0.5
-    away = np.round(np.linalg.norm(ends - size / 2.0 - middle, axis=1), 6)
-    x, y, z = ends[int(np.argmin(away))].tolist()
+    distances = np.round(np.linalg.norm(ends - size / 2.0 - middle, axis=1), 6)
+    x, y, z = ends[int(np.argmin(distances))].tolist()
     return x - size, y - size, z - size, x, y, z
 
 
@@ -120,29 +120,31 @@ def refine_cube(solid: Solid, cube_mm: Floats, cell_mm: float, wall_mm: float) -
     rounds, after which hardly any larger cube that contains it keeps the wall; by `REACH` cells at most. The
     given cube has to keep the wall.
     """
-    reach_mm, wall_mm = REACH * cell_mm, max(wall_mm, CLOSE_MM) + SURE_MM
+    reach_mm, wall_mm = REACH * cell_mm, max(wall_mm, CLOSE_MM) + MARGIN_MM
     middle, half = cube_mm.mean(axis=0), np.ptp(cube_mm, axis=0).min() / 2.0
     least, most = cube_mm[0] - reach_mm, cube_mm[1] + reach_mm
     far_mm = wall_mm + CLOSE_MM
     outside = Solid.box(least - far_mm, most + far_mm).subtract(solid)
     cube = np.array([middle - half, middle + half])
-    ways: Floats = np.array([(0.5, 0.5, 0.5), *np.ndindex(2, 2, 2)])  # share of growth on the lower sides
+    directions: Floats = np.array(
+        [(0.5, 0.5, 0.5), *np.ndindex(2, 2, 2)]
+    )  # share of growth on the lower sides
 
-    def grow(way: Floats, by_mm: float) -> Floats:
-        return np.array([cube[0] - way * by_mm, cube[1] + (1.0 - way) * by_mm])
+    def grow(direction: Floats, by_mm: float) -> Floats:
+        return np.array([cube[0] - direction * by_mm, cube[1] + (1.0 - direction) * by_mm])
 
     def keeps_wall(box: Floats) -> bool:
         return outside.is_empty or outside.gap_mm(Solid.box(*box), wall_mm) >= wall_mm
 
     for _ in range(ROUNDS):
         before_mm = float(cube[1, 0] - cube[0, 0])
-        for way in ways:
-            share, room = np.array([way, 1.0 - way]), np.array([cube[0] - least, most - cube[1]])
+        for direction in directions:
+            share, room = np.array([direction, 1.0 - direction]), np.array([cube[0] - least, most - cube[1]])
             low, high = 0.0, float((room[share > 0.0] / share[share > 0.0]).min())
             while high - low > CLOSE_MM:
                 by_mm = (low + high) / 2.0
-                low, high = (by_mm, high) if keeps_wall(grow(way, by_mm)) else (low, by_mm)
-            cube = grow(way, low)
+                low, high = (by_mm, high) if keeps_wall(grow(direction, by_mm)) else (low, by_mm)
+            cube = grow(direction, low)
         if cube[1, 0] - cube[0, 0] < before_mm + CLOSE_MM:
             break
     return cube

@@ -73,7 +73,7 @@ class _Form(ABC):
     def cut_on(self, parts: list[_Part]) -> list[_Part]:
         """Cut the parts further, while there are printers."""
 
-    def whole(self) -> _Part:
+    def uncut_part(self) -> _Part:
         return self.part(Piece(self.problem.model.solid, np.zeros((0, 4)), np.zeros((0, 2, 3))))
 
 
@@ -87,18 +87,20 @@ def cut_by_symmetry(problem: Problem) -> Partition:
     """
     form = _PublishedForm(problem) if problem.options.faithful else _CorrectedForm(problem)
     printers = len(problem.printers)
-    whole = form.whole()
-    if whole.needs > printers:
+    uncut_part = form.uncut_part()
+    if uncut_part.needs > printers:
         raise NoFit(
-            f"the printers' rooms need at least {whole.needs} parts, and there are {printers} printers",
-            whole.needs,
+            f"the printers' rooms need at least {uncut_part.needs} parts, and there are {printers} printers",
+            uncut_part.needs,
         )
-    parts = list(_best_leaves(form, whole, printers, LOOK_AHEAD)[printers][1])
+    parts = list(_best_leaves(form, uncut_part, printers, LOOK_AHEAD)[printers][1])
     problem.on_stage("tree")
     parts = form.cut_on(parts)
     problem.on_stage("greedy")
     pieces = tuple(piece for part in parts for piece in connected_pieces(part.piece))
-    refuse_misfits("symmetry", pieces, problem, would_do=None)  # with more printers it makes more parts
+    refuse_misfits(
+        "symmetry", pieces, problem, sufficient_printers=None
+    )  # with more printers it makes more parts
     return Partition(pieces, problem.model, np.eye(3))
 
 
@@ -108,20 +110,20 @@ def _best_leaves(form: _Form, part: _Part, printers: int, depth: int) -> list[Le
     if depth == 0 or printers < 2:
         return best
     for children in form.cuts(part):
-        together: list[Leaves] = [(0.0, ())] * (printers + 1)
+        combined: list[Leaves] = [(0.0, ())] * (printers + 1)
         for child in children:
-            below = _best_leaves(form, child, printers, depth - 1)
-            together = [_join_leaves(together, below, k) for k in range(printers + 1)]
+            child_leaves = _best_leaves(form, child, printers, depth - 1)
+            combined = [_join_leaves(combined, child_leaves, k) for k in range(printers + 1)]
         best = [
             min(a, b, key=lambda found: (found[0], len(found[1])))
-            for a, b in zip(best, together, strict=True)
+            for a, b in zip(best, combined, strict=True)
         ]
     return best
 
 
-def _join_leaves(some: list[Leaves], others: list[Leaves], printers: int) -> Leaves:
+def _join_leaves(first: list[Leaves], second: list[Leaves], printers: int) -> Leaves:
     """Find the best leaves of two sides together for a number of printers."""
-    shares = [(some[k], others[printers - k]) for k in range(printers + 1)]
+    shares = [(first[k], second[printers - k]) for k in range(printers + 1)]
     a, b = min(shares, key=lambda both: (max(both[0][0], both[1][0]), len(both[0][1]) + len(both[1][1])))
     return (max(a[0], b[0]), a[1] + b[1]) if max(a[0], b[0]) < math.inf else NO_LEAVES
 
@@ -133,7 +135,7 @@ def _halves(piece: Piece, normal: Floats, at_mm: float) -> list[Piece]:
     return [Piece(side, planes, piece.boxes_mm) for side in sides if not side.is_empty]
 
 
-def _needs(parts: list[_Part]) -> int:
+def _sum_needs(parts: list[_Part]) -> int:
     return sum(part.needs for part in parts)
 
 
@@ -143,8 +145,8 @@ class _PublishedForm(_Form):
     def part(self, piece: Piece) -> _Part:
         return _Part(piece, piece.solid.volume_mm3)
 
-    def mirrors(self, part: _Part, most: int) -> list[Mirror]:
-        return draw_mirrors(part.piece.solid.arrays()[0], self.rng, most)
+    def mirrors(self, part: _Part, limit: int) -> list[Mirror]:
+        return draw_mirrors(part.piece.solid.arrays()[0], self.rng, limit)
 
     def cuts(self, part: _Part) -> Iterator[list[_Part]]:
         for mirror in self.mirrors(part, DRAWN_PLANES):
@@ -155,8 +157,8 @@ class _PublishedForm(_Form):
     def halves(self, part: _Part, mirror: Mirror) -> list[_Part]:
         """Cut a part into two halves, connected or not; none where one of them is too small."""
         found = [self.part(piece) for piece in _halves(part.piece, mirror.normal, mirror.offset_mm)]
-        whole = len(found) == 2 and all(half.price >= MIN_SHARE * self.mean_mm3 for half in found)
-        return found if whole else []
+        is_even = len(found) == 2 and all(half.price >= MIN_SHARE * self.mean_mm3 for half in found)
+        return found if is_even else []
 
     def cut_on(self, parts: list[_Part]) -> list[_Part]:
         divided = True
@@ -191,9 +193,9 @@ class _CorrectedForm(_Form):
         least, fewest = max(2, part.needs), None
         for at_mm in places_mm:
             for children in self.pieces(part.piece, normal, at_mm):
-                if fewest is None or _needs(children) < _needs(fewest):
+                if fewest is None or _sum_needs(children) < _sum_needs(fewest):
                     fewest = children
-            if fewest is not None and _needs(fewest) <= least:
+            if fewest is not None and _sum_needs(fewest) <= least:
                 break
         if fewest is not None:
             yield fewest
@@ -203,8 +205,8 @@ class _CorrectedForm(_Form):
         at_mm = place_clear_of_faces(piece.solid, normal, at_mm)
         found = [p for half in _halves(piece, normal, at_mm) for p in connected_pieces(half)]
         least_mm3 = CRUMB_SHARE * min(self.mean_mm3, piece.solid.volume_mm3)
-        if len(found) > 1 and all(each.solid.volume_mm3 >= least_mm3 for each in found):
-            yield [self.part(each) for each in found]
+        if len(found) > 1 and all(fragment.solid.volume_mm3 >= least_mm3 for fragment in found):
+            yield [self.part(fragment) for fragment in found]
 
     def across(self, solid: Solid) -> tuple[Floats, list[float]]:
         """Find planes across the longest side, or the one that exceeds the room most: normal and places.
@@ -220,12 +222,12 @@ class _CorrectedForm(_Form):
     def cut_on(self, parts: list[_Part]) -> list[_Part]:
         while True:
             worst = max(parts, key=lambda part: (part.needs > 1, part.price))
-            others = [part for part in parts if part is not worst]
-            free = len(self.problem.printers) - _needs(others)
+            kept = [part for part in parts if part is not worst]
+            free = len(self.problem.printers) - _sum_needs(kept)
             for children in self.cuts(worst):
                 dearer = worst.needs == 1 and max(child.price for child in children) >= worst.price
-                if _needs(children) <= free and not dearer:
-                    parts = others + children
+                if _sum_needs(children) <= free and not dearer:
+                    parts = kept + children
                     break
             else:
                 return parts

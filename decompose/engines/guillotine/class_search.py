@@ -140,7 +140,7 @@ class _ClassSearch(ExactSearch):
         count = sum(own.count for own in self.classes)
         solver = Partitioner(best)
         least_s = solver.find_least_makespan(count, self.least_s, close_s, at_most_s)
-        self.problem.effort.book(Work.SUM, solver.sums)
+        self.problem.effort.record(Work.SUM, solver.sums)
         if least_s is not None:
             self.least_s = max(self.least_s, least_s - close_s)
         return least_s is not None
@@ -149,10 +149,10 @@ class _ClassSearch(ExactSearch):
         for table in self.tables:
             table.seconds[at] = math.inf
 
-    def _assign_by_tables(self, chosen: Sequence[Box]) -> Cut:
+    def _assign_by_tables(self, boxes: Sequence[Box]) -> Cut:
         """Give each piece of boxes the printer that is best by the tables."""
-        cut = {box: self.cut[box] for box in chosen}
-        takers = assign_bottleneck(self._seconds(chosen))
+        cut = {box: self.cut[box] for box in boxes}
+        takers = assign_bottleneck(self._seconds(boxes))
         assert takers is not None  # the search found a way
         printers = [printer for own in self.classes for printer in own.printers]
         return _set_printers(cut, [printers[i] for i in takers])
@@ -174,9 +174,9 @@ class _ClassSearch(ExactSearch):
             at = box_index(box, self.boxes.shape)
             for piece, pose in zip(pieces, self.problem.find_poses(list(pieces)), strict=True):
                 seconds = math.inf if pose is None else pose.price_s
-                mine = next(own for own in self.classes if piece.printer in own.printers)
+                printer_class = next(own for own in self.classes if piece.printer in own.printers)
                 for own, table in zip(self.classes, self.tables, strict=True):
-                    if own.boxes == mine.boxes:
+                    if own.boxes == printer_class.boxes:
                         table.seconds[at] = max(float(table.seconds[at]), seconds * own.time_factor)
 
     def grid_figures(self, grid: Grid, cut: Cut, least_s: float, pieces: Sequence[Piece]) -> GridFigures:
@@ -199,7 +199,7 @@ class _ClassSearch(ExactSearch):
                 seconds=quickest * np.min([boxes.seconds for boxes in each], axis=0),
                 pieces=np.max([boxes.pieces for boxes in each], axis=0),
             )
-            problem.effort.book(Work.BOX_PROVEN, len(best.seconds))
+            problem.effort.record(Work.BOX_PROVEN, len(best.seconds))
             proven = makespan_bound(best, grid.needed, len(problem.printers), makespan_s)
             least_s = max(least_s, proven.seconds)
         return GridFigures(makespan_s, least_s, grid.shape)
@@ -228,21 +228,21 @@ def _too_few_error(problem: Problem, grid: Grid, shared: BoxTables) -> NoFit | N
     total, more = min(found, default=(0, []))
     if total == 0:
         return None
-    wanted = [
+    requests = [
         f"{count} more with room for {size_text(np.max(each.boxes, axis=0))} mm"
         for count, each in zip(more, classes, strict=True)
         if count
     ]
     printers = len(problem.printers)
-    return NoFit.of_too_few(problem.model.extents_mm, printers + total, printers, " and ".join(wanted))
+    return NoFit.of_too_few(problem.model.extents_mm, printers + total, printers, " and ".join(requests))
 
 
-def _grow_counts(own: Sequence[int], which: int, most_sums: float) -> list[int]:
+def _grow_counts(own: Sequence[int], grown_class: int, most_sums: float) -> list[int]:
     """Raise the count of one class as far as the search allows; return the counts of all but the first."""
     counts = list(own[1:])
     for _ in range(MAX_MORE):
         larger = list(counts)
-        larger[which - 1] += 1
+        larger[grown_class - 1] += 1
         if count_sums([max(larger), *larger]) > most_sums:
             break
         counts = larger

@@ -50,21 +50,23 @@ class _Narrowing:
         solver = Partitioner(self._boxes, self._others)
         solver.solve(limit_s)
         states, fewest = solver.class_shares()
-        beside = {tuple(state): int(least) for state, least in zip(states.tolist(), fewest, strict=True)}
-        enough = np.array([own >= beside[tuple(others)] for own, *others in self._fleets.tolist()])
-        ends_s = solver.longest_s() if enough.any() and not self._others else limit_s
-        return limit_s, enough, ends_s
+        fewest_by_state = {
+            tuple(state): int(least) for state, least in zip(states.tolist(), fewest, strict=True)
+        }
+        feasible = np.array([own >= fewest_by_state[tuple(others)] for own, *others in self._fleets.tolist()])
+        ends_s = solver.longest_s() if feasible.any() and not self._others else limit_s
+        return limit_s, feasible, ends_s
 
-    def learn(self, limit_s: float, enough: Bools, ends_s: float) -> None:
+    def learn(self, limit_s: float, feasible: Bools, ends_s: float) -> None:
         """Narrow the bounds of every number by the result of a solve."""
-        self.reached_s[enough] = np.minimum(self.reached_s[enough], ends_s)
-        self.refuted_s[~enough] = np.maximum(self.refuted_s[~enough], limit_s)
+        self.reached_s[feasible] = np.minimum(self.reached_s[feasible], ends_s)
+        self.refuted_s[~feasible] = np.maximum(self.refuted_s[~feasible], limit_s)
 
     def next_limits(self) -> list[float]:
         """Choose the next limits to solve for, in the widest gaps; none where all are narrow."""
-        known = np.isfinite(self.reached_s)
+        reached = np.isfinite(self.reached_s)
         gaps: dict[tuple[float, float], float] = {}
-        for low, high in zip(self.refuted_s[known].tolist(), self.reached_s[known].tolist(), strict=True):
+        for low, high in zip(self.refuted_s[reached].tolist(), self.reached_s[reached].tolist(), strict=True):
             if high - low > CLOSE * high:
                 gaps[low, high] = (high - low) / high
         widest = sorted(gaps, key=lambda gap: (-gaps[gap], gap))[:AT_ONCE]
@@ -124,7 +126,7 @@ def find_fewest_in_time(points: Sequence[CurvePoint], within_s: float) -> CurveP
     within_s
         Seconds from the first print command to the end of the last part.
     """
-    enough = [point for point in points if point.makespan_s <= within_s]
-    if enough:
-        return min(enough, key=lambda point: point.printers)
+    feasible = [point for point in points if point.makespan_s <= within_s]
+    if feasible:
+        return min(feasible, key=lambda point: point.printers)
     return min(points, key=lambda point: (point.makespan_s, point.printers))

@@ -27,7 +27,7 @@ MAX_REJECTIONS = 40  # choices given up for a sliver or a weak joint
 WORTH = 1.01  # a true makespan of more than this share of the tables' is worth another round
 LOOSER = (0.1, 0.25, 0.4)  # of the way to the least makespan of one printer less
 LOOSEST = 1.06  # of the least makespan, where there is none for one printer less
-NEAR = 1.03  # of the makespan to beat: a result that ends later is not improved further
+CLOSE_RATIO = 1.03  # of the makespan to beat: a result that ends later is not improved further
 
 
 def cut_for_uniform_printers(problem: Problem) -> Partition:
@@ -43,7 +43,7 @@ def cut_for_uniform_printers(problem: Problem) -> Partition:
     chosen = engine.run()
     problem.on_stage("search")
     pieces = tuple(shift_planes(problem, grid, chosen))
-    near = problem.thorough and problem.makespan_s(pieces) < NEAR * problem.best_known_s
+    near = problem.thorough and problem.makespan_s(pieces) < CLOSE_RATIO * problem.best_known_s
     if near and not problem.effort.is_spent():
         for looser in engine.looser_partitions(list(chosen)):
             pieces = min(pieces, tuple(shift_planes(problem, grid, looser)), key=problem.makespan_s)
@@ -126,11 +126,11 @@ class ExactSearch:
         least_s, fewer_s = own._solve(printers), own._solve(printers - 1)
         if least_s is None:
             return
-        seen = {frozenset(best)}
+        tried = {frozenset(best)}
         for share in LOOSER:
             chosen = own._solve_within(least_s + share * ((fewer_s or LOOSEST * least_s) - least_s))
-            if chosen and frozenset(chosen) not in seen:
-                seen.add(frozenset(chosen))
+            if chosen and frozenset(chosen) not in tried:
+                tried.add(frozenset(chosen))
                 yield {box: self.cut[box] for box in chosen}
 
     def _solve_within(self, limit_s: float) -> list[Box]:
@@ -139,7 +139,7 @@ class ExactSearch:
         for _ in range(MAX_ROUNDS):
             before = self.solver.sums
             parts = self.solver.solve(limit_s, ties=self.solver.can_break_ties)
-            self.problem.effort.book(Work.SUM, self.solver.sums - before)
+            self.problem.effort.record(Work.SUM, self.solver.sums - before)
             if parts > len(self.problem.printers) or len(self.rejections) > MAX_REJECTIONS:
                 break
             chosen = self.solver.chosen_boxes()
@@ -155,7 +155,7 @@ class ExactSearch:
         """Find the least makespan by the tables (`Partitioner.find_least_makespan`), and record the work."""
         before = self.solver.sums
         found = self.solver.find_least_makespan(printers, self.least_s, *limits_s)
-        self.problem.effort.book(Work.SUM, self.solver.sums - before)
+        self.problem.effort.record(Work.SUM, self.solver.sums - before)
         return found
 
     def _improve(self, best: list[Box]) -> list[Box]:
@@ -175,15 +175,15 @@ class ExactSearch:
 
     def _correct_piece_counts(self, chosen: list[Box]) -> bool:
         """Put true counts of pieces into the table; return whether a box has more than before."""
-        more = False
+        improved = False
         for box in chosen:
             if box not in self.cut:
-                self.problem.effort.book(Work.FACE_CUT, self.problem.model.solid.faces)
+                self.problem.effort.record(Work.FACE_CUT, self.problem.model.solid.faces)
                 self.cut[box] = cut_cells(self.problem.model.solid, self.grid, box)
             at = box_index(box, self.boxes.shape)
-            more = more or len(self.cut[box]) > int(self.boxes.pieces[at])
+            improved = improved or len(self.cut[box]) > int(self.boxes.pieces[at])
             self.boxes.pieces[at] = len(self.cut[box])
-        return more
+        return improved
 
     def _forbid_faulty(self, chosen: list[Box]) -> bool:
         """Exclude boxes with a piece that is bad to glue from the table; return whether there was one."""

@@ -159,7 +159,7 @@ def _fewest_in_pinwheel(
         p_axis, q_axis = (axis + 1) % 3, (axis + 2) % 3
         p, q = sizes[p_axis], sizes[q_axis]
         sp, sq = strides[p_axis], strides[q_axis]
-        whole = interval(0, sizes[axis], sizes[axis]) * strides[axis]
+        full_index = interval(0, sizes[axis], sizes[axis]) * strides[axis]
         for p1 in range(1, p - 1):
             for p2 in range(p1 + 1, p):
                 for q1 in range(1, q - 1):
@@ -167,17 +167,17 @@ def _fewest_in_pinwheel(
                         low, high = interval(0, q1, q) * sq, interval(q2, q, q) * sq
                         lower, upper = interval(0, q2, q) * sq, interval(q1, q, q) * sq
                         middle = interval(p1, p2, p) * sp + interval(q1, q2, q) * sq
-                        centre = np.int64(counts[whole + middle])
-                        n = centre + counts[whole + interval(0, p2, p) * sp + low]
-                        n += counts[whole + interval(p2, p, p) * sp + lower]
-                        n += counts[whole + interval(p1, p, p) * sp + high]
-                        n += counts[whole + interval(0, p1, p) * sp + upper]
+                        centre = np.int64(counts[full_index + middle])
+                        n = centre + counts[full_index + interval(0, p2, p) * sp + low]
+                        n += counts[full_index + interval(p2, p, p) * sp + lower]
+                        n += counts[full_index + interval(p1, p, p) * sp + high]
+                        n += counts[full_index + interval(0, p1, p) * sp + upper]
                         if n < best[0]:
                             best = (n, axis, 0, p1, p2, q1, q2)
-                        n = centre + counts[whole + interval(p1, p, p) * sp + low]
-                        n += counts[whole + interval(0, p1, p) * sp + lower]
-                        n += counts[whole + interval(0, p2, p) * sp + high]
-                        n += counts[whole + interval(p2, p, p) * sp + upper]
+                        n = centre + counts[full_index + interval(p1, p, p) * sp + low]
+                        n += counts[full_index + interval(0, p1, p) * sp + lower]
+                        n += counts[full_index + interval(0, p2, p) * sp + high]
+                        n += counts[full_index + interval(p2, p, p) * sp + upper]
                         if n < best[0]:
                             best = (n, axis, 1, p1, p2, q1, q2)
     return best
@@ -211,8 +211,8 @@ class Window:
         Boxes of the partition that are cut again, and all the rest.
     """
 
-    def __init__(self, boxes: BoxTables, mine: Iterable[Box], others: Iterable[Box]) -> None:
-        own = np.array(sorted(mine))
+    def __init__(self, boxes: BoxTables, boxes_inside: Iterable[Box], others: Iterable[Box]) -> None:
+        own = np.array(sorted(boxes_inside))
         self._lo, hi = own[:, :3].min(axis=0), own[:, 3:].max(axis=0)
         nx, ny, nz = (hi - self._lo).tolist()
         self.shape = (nx, ny, nz)
@@ -221,10 +221,12 @@ class Window:
         for cell in np.argwhere(covered):
             x, y, z = (self._lo + cell).tolist()
             covered[tuple(cell)] = boxes.trimmed[box_index((x, y, z, x + 1, y + 1, z + 1), boxes.shape)] >= 0
-        rest = np.array(list(others)).reshape(-1, 6)
-        rest = rest[(rest[:, :3] < hi).all(axis=1) & (rest[:, 3:] > self._lo).all(axis=1)]
-        strange = self._mark_cells(rest).astype(np.int64)
-        sums = np.pad(strange, ((1, 0),) * 3).cumsum(axis=0).cumsum(axis=1).cumsum(axis=2)
+        boxes_outside = np.array(list(others)).reshape(-1, 6)
+        boxes_outside = boxes_outside[
+            (boxes_outside[:, :3] < hi).all(axis=1) & (boxes_outside[:, 3:] > self._lo).all(axis=1)
+        ]
+        foreign = self._mark_cells(boxes_outside).astype(np.int64)
+        sums = np.pad(foreign, ((1, 0),) * 3).cumsum(axis=0).cumsum(axis=1).cumsum(axis=2)
         total = int(np.prod([n * (n + 1) // 2 for n in self.shape]))
         seconds = np.full(total, np.inf, np.float32)
         trimmed = np.full(total, -1, np.int32)
@@ -322,8 +324,8 @@ def improve_locally(
         times = [_seconds(boxes, box) for box in group]
         window = Window(boxes, group, others)
         found = window.solve(_pieces(boxes, group) + spare, WORTH * max(times), 0.5 * float(np.mean(times)))
-        effort.book(Work.BOX_PRICED, window.boxes)
-        effort.book(Work.SUM, window.sums)
+        effort.record(Work.BOX_PRICED, window.boxes)
+        effort.record(Work.SUM, window.sums)
         if found is None:
             failed.add(group)
         else:
@@ -355,9 +357,9 @@ def _groups(boxes: BoxTables, parts: list[Box]) -> Iterator[frozenset[Box]]:
         about = [i for i in np.flatnonzero(gap <= 0).tolist() if i != centre and seconds[i] < seconds[centre]]
         about = sorted(about, key=lambda i: seconds[i])[:MAX_ABOUT]
         found = []
-        for more in range(MAX_TOGETHER):
-            for rest in combinations(about, more):
-                group = [int(centre), *rest]
+        for extra in range(MAX_TOGETHER):
+            for boxes_outside in combinations(about, extra):
+                group = [int(centre), *boxes_outside]
                 sides = ends[group, 3:].max(axis=0) - ends[group, :3].min(axis=0)
                 if np.prod(sides * (sides + 1) // 2) <= MAX_BOXES:
                     found.append((float(seconds[group].mean()), sorted(parts[i] for i in group)))

@@ -52,14 +52,14 @@ def fill_out_boxes(chosen: Sequence[Box], empty: Bools) -> list[Box]:
             lo = np.maximum(boxes[i, across], boxes[j, across])
             if (np.minimum(boxes[i, [a + 3 for a in across]], boxes[j, [a + 3 for a in across]]) <= lo).any():
                 continue
-            for mine, other in ((i, j), (j, i)):
+            for box, other in ((i, j), (j, i)):
                 for side in (*across, *(a + 3 for a in across)):
-                    better = min if side < 3 else max
-                    grown = boxes[mine].copy()
-                    grown[side] = better(boxes[mine, side], boxes[other, side])
-                    more = np.prod(grown[3:] - grown[:3]) - np.prod(boxes[mine, 3:] - boxes[mine, :3])
-                    if more > 0 and free[_cells(grown)].sum() == more:
-                        boxes[mine] = grown
+                    extend = min if side < 3 else max
+                    grown = boxes[box].copy()
+                    grown[side] = extend(boxes[box, side], boxes[other, side])
+                    gained_cells = np.prod(grown[3:] - grown[:3]) - np.prod(boxes[box, 3:] - boxes[box, :3])
+                    if gained_cells > 0 and free[_cells(grown)].sum() == gained_cells:
+                        boxes[box] = grown
                         free[_cells(grown)] = False
     return [(a, b, c, d, e, f) for a, b, c, d, e, f in boxes.tolist()]
 
@@ -85,11 +85,11 @@ def group_faces(boxes_mm: Floats) -> Ints:
         for i, j in np.argwhere(on & (overlap[:, :, across] > SAME_MM).all(axis=2)):
             groups.join(_face(i, 1, axis), _face(j, 0, axis))
             shared[[_face(i, 1, axis), _face(j, 0, axis)]] = True
-    for i, j, along in _crossings(boxes_mm, overlap):
-        pairs = [(_facing(boxes_mm, i, j, axis), _facing(boxes_mm, j, i, axis)) for axis in along]
-        if all(groups.of(a) != groups.of(b) for a, b in pairs):
+    for i, j, axes in _crossings(boxes_mm, overlap):
+        pairs = [(_facing(boxes_mm, i, j, axis), _facing(boxes_mm, j, i, axis)) for axis in axes]
+        if all(groups.find(a) != groups.find(b) for a, b in pairs):
             groups.join(*min(pairs, key=lambda pair: groups.size(*pair)))
-    found = np.array([groups.of(face) for face in range(count * 6)])
+    found = np.array([groups.find(face) for face in range(count * 6)])
     moves = np.isin(found, found[shared])
     _, number = np.unique(found[moves], return_inverse=True)
     found[:] = np.where(moves, 0, -1)
@@ -101,9 +101,9 @@ def _crossings(boxes_mm: Floats, overlap: Floats) -> list[tuple[int, int, tuple[
     """Find boxes i < j that meet at an edge only, and the two axes across that edge."""
     touches = np.abs(overlap) < SAME_MM
     found = []
-    for along in range(3):
-        a, b = (i for i in range(3) if i != along)
-        meet = touches[:, :, a] & touches[:, :, b] & (overlap[:, :, along] > SAME_MM)
+    for direction in range(3):
+        a, b = (i for i in range(3) if i != direction)
+        meet = touches[:, :, a] & touches[:, :, b] & (overlap[:, :, direction] > SAME_MM)
         found += [(int(i), int(j), (a, b)) for i, j in np.argwhere(meet) if i < j]
     return found
 
@@ -124,21 +124,21 @@ class _Groups:
         self._parent = list(range(count))
         self._size = [1] * count
 
-    def of(self, member: int) -> int:
+    def find(self, member: int) -> int:
         while self._parent[member] != member:
             self._parent[member] = self._parent[self._parent[member]]
             member = self._parent[member]
         return member
 
     def join(self, a: int, b: int) -> None:
-        a, b = sorted((self.of(a), self.of(b)))
+        a, b = sorted((self.find(a), self.find(b)))
         if a != b:
             self._parent[b] = a
             self._size[a] += self._size[b]
 
     def size(self, *members: int) -> int:
         """Compute the size of the set that joining sets would give."""
-        return sum(self._size[root] for root in {self.of(member) for member in members})
+        return sum(self._size[root] for root in {self.find(member) for member in members})
 
 
 def move_groups(boxes_mm: Floats, groups: Ints, by_mm: Floats) -> Floats:

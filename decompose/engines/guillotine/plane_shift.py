@@ -109,7 +109,7 @@ def shift_box_planes(
     """
     vertices, faces = problem.model.solid.arrays()
     keep = problem.options.interior is Interior.KEEP
-    problem.effort.book(Work.FACE_GRIDDED, len(faces))
+    problem.effort.record(Work.FACE_GRIDDED, len(faces))
     cells = refine_cells(
         grid, vertices[faces], problem.options.min_wall_mm, keep, MAX_COVERED // len(boxes_mm)
     )
@@ -164,7 +164,7 @@ class _PlaneShift:
         """Search for a better partition, starting from parts in their poses."""
         if not (self.free.any() and math.isfinite(longest_s(best))):
             return best
-        self._book([i for i in range(len(best)) for _ in range(6)])
+        self._record_effort([i for i in range(len(best)) for _ in range(6)])
         slopes = np.array([self._slopes(i, part) for i, part in enumerate(best)])
         for rounds in range(ROUNDS):
             if rounds and self.problem.effort.is_spent():
@@ -185,10 +185,10 @@ class _PlaneShift:
                     break
         return best
 
-    def _book(self, parts: Sequence[int]) -> None:
+    def _record_effort(self, parts: Sequence[int]) -> None:
         """Record the work of cutting parts, by number, and of pricing them in their poses."""
-        self.problem.effort.book(Work.PIECE_MEASURED, len(parts))
-        self.problem.effort.book(Work.FACE_MEASURED, sum(self.near[i].faces for i in parts))
+        self.problem.effort.record(Work.PIECE_MEASURED, len(parts))
+        self.problem.effort.record(Work.FACE_MEASURED, sum(self.near[i].faces for i in parts))
 
     def _has_faults(self, parts: Sequence[BoxPart]) -> bool:
         return bool(
@@ -231,14 +231,14 @@ class _PlaneShift:
                 continue
             by_mm = part.box_mm - old.box_mm
             faces = [face for face in np.ndindex(2, 3) if by_mm[face] != 0.0]
-            alone = [] if part.is_like(old) else self._breaking_faces(i, old, faces, by_mm)
-            for face in alone or faces:
+            broken = [] if part.is_like(old) else self._breaking_faces(i, old, faces, by_mm)
+            for face in broken or faces:
                 self.free[self.groups[(i, *face)], int(by_mm[face] > 0.0)] = False
         return bool((self.free != before).any())
 
     def _breaking_faces(self, i: int, part: BoxPart, faces: Sequence[Face], by_mm: Floats) -> list[Face]:
         """Find the faces whose move alone breaks a part into pieces, or makes it too thin."""
-        self.problem.effort.book(Work.FACE_CUT, len(faces) * self.near[i].faces)
+        self.problem.effort.record(Work.FACE_CUT, len(faces) * self.near[i].faces)
         found = []
         for face in faces:
             box = part.box_mm.copy()
@@ -269,10 +269,10 @@ class _PlaneShift:
             promised_s = least_s
             boxes_mm = self._keep_clear(now, move_groups(now, self.groups, by_mm))
             moved_mm = self._places(boxes_mm) - places
-            kept = np.abs(moved_mm - by_mm) > UNMOVED_MM
-            if not kept.any():
+            moved_planes = np.abs(moved_mm - by_mm) > UNMOVED_MM
+            if not moved_planes.any():
                 break
-            low_mm[kept] = high_mm[kept] = moved_mm[kept]
+            low_mm[moved_planes] = high_mm[moved_planes] = moved_mm[moved_planes]
         return boxes_mm, promised_s
 
     def _places(self, boxes_mm: Floats) -> Floats:
@@ -300,35 +300,35 @@ class _PlaneShift:
         before = self.start[i].pieces
         if len(pieces) == len(before):
             pieces = [
-                replace(piece, printer=own.printer, time_ratio=own.time_ratio)
-                for piece, own in zip(pieces, before, strict=True)
+                replace(piece, printer=matches.printer, time_ratio=matches.time_ratio)
+                for piece, matches in zip(pieces, before, strict=True)
             ]
         return BoxPart(box_mm, tuple(pieces), (), math.inf)
 
     def _pose(self, parts: list[BoxPart], before: Sequence[BoxPart] = ()) -> list[BoxPart]:
         """Find the best poses of parts; those that have not moved since `before` keep theirs."""
-        done = {i: old for i, old in enumerate(before) if (old.box_mm == parts[i].box_mm).all()}
-        new = [i for i in range(len(parts)) if i not in done]
+        unchanged = {i: old for i, old in enumerate(before) if (old.box_mm == parts[i].box_mm).all()}
+        new = [i for i in range(len(parts)) if i not in unchanged]
         poses = iter(self.problem.find_poses([piece for i in new for piece in parts[i].pieces]))
         for i in new:
-            done[i] = parts[i].with_poses([next(poses) for _ in parts[i].pieces])
-        return [done[i] for i in range(len(parts))]
+            unchanged[i] = parts[i].with_poses([next(poses) for _ in parts[i].pieces])
+        return [unchanged[i] for i in range(len(parts))]
 
     def _cut_moved(self, parts: list[BoxPart], boxes_mm: Floats) -> list[BoxPart]:
         """Cut parts again where their boxes moved, and find new poses where the old ones do not fit."""
         moved = [i for i, part in enumerate(parts) if (boxes_mm[i] != part.box_mm).any()]
-        self._book(moved)
+        self._record_effort(moved)
         run = map if self.problem.executor is None else self.problem.executor.map
-        again = list(run(self._cut_in_old_poses, moved, [parts[i] for i in moved], boxes_mm[moved]))
+        recut = list(run(self._cut_in_old_poses, moved, [parts[i] for i in moved], boxes_mm[moved]))
         unposed = [
             piece
-            for part, poses in again
+            for part, poses in recut
             for piece, pose in zip(part.pieces, poses, strict=False)
             if pose is None
         ]
         best = iter(self.problem.find_poses(unposed))
         new = list(parts)
-        for i, (part, poses) in zip(moved, again, strict=True):
+        for i, (part, poses) in zip(moved, recut, strict=True):
             with_poses = [next(best) if pose is None else pose for pose in poses]
             new[i] = part.with_poses(with_poses) if with_poses else part
         return new
@@ -364,10 +364,10 @@ class _PlaneShift:
                 continue
             box = part.box_mm.copy()
             box[side, axis] += PROBE_MM * (1.0 - 2.0 * side)
-            less = self._cut(i, box)
-            if len(less.pieces) == len(part.pieces):
-                now = [self._measure(*each) for each in zip(less.pieces, part.poses, strict=True)]
-                now_s = slowest_s(less.pieces, now)
+            trimmed = self._cut(i, box)
+            if len(trimmed.pieces) == len(part.pieces):
+                now = [self._measure(*each) for each in zip(trimmed.pieces, part.poses, strict=True)]
+                now_s = slowest_s(trimmed.pieces, now)
                 slopes[side, axis] = (now_s - part.seconds) / (box[side, axis] - part.box_mm[side, axis])
         return slopes
 

@@ -57,19 +57,19 @@ def classify_printers(printers: Sequence[PrinterRoom], most_sums: float) -> list
     most_sums
         Number of sums (`count_sums`) that the search may make for each cut; at least 1.
     """
-    alike: dict[tuple[Room, float], list[PrinterRoom]] = {}
+    by_room: dict[tuple[Room, float], list[PrinterRoom]] = {}
     for printer in printers:
-        alike.setdefault((printer.boxes, printer.time_factor), []).append(printer)
-    found = [PrinterClass(*key, tuple(alike[key])) for key in sorted(alike)]
+        by_room.setdefault((printer.boxes, printer.time_factor), []).append(printer)
+    found = [PrinterClass(*key, tuple(by_room[key])) for key in sorted(by_room)]
     limit = LITTLE * sum(each.throughput for each in found)
     while len(found) > 1:
-        lost, a, b = min(
+        loss, a, b = min(
             (_lost_throughput(a, b), i, k) for (i, a), (k, b) in combinations(enumerate(found), 2)
         )
-        if lost > limit and count_sums([each.count for each in found]) <= most_sums:
+        if loss > limit and count_sums([each.count for each in found]) <= most_sums:
             break
-        one = _merge(found[a], found[b])
-        found = [*(each for i, each in enumerate(found) if i not in (a, b)), one]
+        merged = _merge(found[a], found[b])
+        found = [*(each for i, each in enumerate(found) if i not in (a, b)), merged]
     return sorted(found, key=lambda each: (-each.count, each.boxes, each.time_factor))
 
 
@@ -80,9 +80,9 @@ def count_sums(counts: Sequence[int]) -> int:
 
 def _lost_throughput(a: PrinterClass, b: PrinterClass) -> float:
     """Compute the throughput that two classes lose when they become one."""
-    one = _merge(a, b)
-    rooms = sum(each.throughput for each in (a, b) if each.boxes != one.boxes)
-    return a.throughput + b.throughput - one.throughput + ROOM_WORTH * rooms
+    merged = _merge(a, b)
+    rooms = sum(each.throughput for each in (a, b) if each.boxes != merged.boxes)
+    return a.throughput + b.throughput - merged.throughput + ROOM_WORTH * rooms
 
 
 def _merge(a: PrinterClass, b: PrinterClass) -> PrinterClass:
@@ -94,6 +94,8 @@ def _shared_room(a: Room, b: Room) -> Room:
     """Find the boxes that fit two rooms, without those that lie in others."""
     if a == b:
         return a
-    both = {(min(p[0], q[0]), min(p[1], q[1]), min(p[2], q[2])) for p, q in product(a, b)}
-    inside = {box for box in both for other in both if box != other and all(map(float.__le__, box, other))}
-    return tuple(box for box in dict.fromkeys((*a, *b, *sorted(both))) if box in both - inside)
+    shared = {(min(p[0], q[0]), min(p[1], q[1]), min(p[2], q[2])) for p, q in product(a, b)}
+    inside = {
+        box for box in shared for other in shared if box != other and all(map(float.__le__, box, other))
+    }
+    return tuple(box for box in dict.fromkeys((*a, *b, *sorted(shared))) if box in shared - inside)

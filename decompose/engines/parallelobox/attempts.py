@@ -86,13 +86,13 @@ def draw_seed_sets(source: SeedSource, printers: int, tries: int, seed: int, run
     run
         Calls a function for each draw.
     """
-    wanted = [(count, number) for count in range(printers, 0, -1) for number in range(tries)]
+    draws = [(count, number) for count in range(printers, 0, -1) for number in range(tries)]
 
-    def one(draw: tuple[int, int]) -> Seeds:
+    def draw_one(draw: tuple[int, int]) -> Seeds:
         return draw_seeds(source, draw[0], np.random.default_rng([seed, *draw]))
 
     with threadpool_limits(1):  # threads of k-means would sum in an order that varies
-        return list(run(one, wanted))
+        return list(run(draw_one, draws))
 
 
 def run_attempts(
@@ -108,10 +108,10 @@ def run_attempts(
         Reading of the score, low or high.
     """
 
-    def one(seeds: Seeds) -> BlockPartition | None:
+    def attempt_one(seeds: Seeds) -> BlockPartition | None:
         return _attempt(seeds, terrain, printers, score)
 
-    found = [result for result in run(one, drawn) if result is not None]
+    found = [result for result in run(attempt_one, drawn) if result is not None]
     return sorted(found, key=lambda a: (a.longest, a.parts))
 
 
@@ -154,7 +154,7 @@ def draw_seeds(source: SeedSource, count: int, rng: np.random.Generator) -> list
     draw = int(rng.integers(2**31))
     found = KMeans(count, init="k-means++", n_init=1, random_state=draw).fit(points).cluster_centers_
     free = np.ones(len(boundary), dtype=np.bool_)
-    chosen: list[Box] = []
+    seeds: list[Box] = []
     for centroid in found:
         x, y, z = (
             int(np.clip(np.searchsorted(grid.planes[a], centroid[a]) - 1, 0, grid.shape[a] - 1))
@@ -165,5 +165,5 @@ def draw_seeds(source: SeedSource, count: int, rng: np.random.Generator) -> list
         nearest = int(np.where(free, gaps, np.inf).argmin())
         free[nearest] = False
         x, y, z = boundary[nearest].tolist()
-        chosen.append((x, y, z, x + 1, y + 1, z + 1))
-    return chosen
+        seeds.append((x, y, z, x + 1, y + 1, z + 1))
+    return seeds

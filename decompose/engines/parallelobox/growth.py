@@ -19,7 +19,7 @@ from decompose.options import Score
 
 Singles = npt.NDArray[np.float32]
 
-NOBODY, BARRED = -1, -2
+FREE, BARRED = -1, -2
 
 
 @jit
@@ -46,7 +46,7 @@ def grown_box_index(
     direction
         0 to 5: -x, -y, -z, +x, +y, +z.
     owner
-        (nx, ny, nz) the block that has a cell, `NOBODY` or `BARRED`.
+        (nx, ny, nz) the block that has a cell, `FREE` or `BARRED`.
     needed
         (nx, ny, nz) cells that must be covered.
     seconds, pieces
@@ -104,10 +104,10 @@ def _proximity(blocks: Ints, number: int, direction: int, cells: int) -> float:
     axis = direction % 3
     nearest = 1.0
     for other in range(len(blocks)):
-        ahead = (
+        neighbours = (
             blocks[other, axis] + blocks[other, axis + 3] - blocks[number, axis] - blocks[number, axis + 3]
         )
-        if other == number or (ahead <= 0 if direction >= 3 else ahead >= 0):
+        if other == number or (neighbours <= 0 if direction >= 3 else neighbours >= 0):
             continue
         gap = 0.0
         for k in range(3):
@@ -132,7 +132,7 @@ def _grow(
     blocks
         (k, 6) int64, in cells, half-open.
     owner
-        (nx, ny, nz) int64: the block that has a cell, `NOBODY` or `BARRED`.
+        (nx, ny, nz) int64: the block that has a cell, `FREE` or `BARRED`.
     needed
         (nx, ny, nz) cells that must be covered.
     tables
@@ -151,7 +151,7 @@ def _grow(
         cheapest = int(np.argmin(cost))
         if cost[cheapest] == np.inf:
             return
-        chosen, best, price = -1, 0.0, 0.0
+        best_side, best, price = -1, 0.0, 0.0
         for direction in range(6):
             box = grown_box_index(blocks[cheapest], direction, owner, needed, seconds, pieces)
             if box < 0:
@@ -159,12 +159,12 @@ def _grow(
             score = abs(printing[box] + overhang[box])
             near = _proximity(blocks, cheapest, direction, nx + ny + nz)
             score = score * near if high else -score / near
-            if chosen < 0 or score > best:
-                chosen, best, price = direction, score, float(printing[box])
-        if chosen < 0:  # the block can never grow again: no cell loses its owner
+            if best_side < 0 or score > best:
+                best_side, best, price = direction, score, float(printing[box])
+        if best_side < 0:  # the block can never grow again: no cell loses its owner
             cost[cheapest] = np.inf
             continue
-        blocks[cheapest, chosen] += 1 if chosen >= 3 else -1
+        blocks[cheapest, best_side] += 1 if best_side >= 3 else -1
         claim_cells(blocks[cheapest], cheapest, owner)
         cost[cheapest] = price
 
@@ -175,10 +175,10 @@ def grow_blocks(seeds: list[Box], terrain: Terrain, score: Score) -> tuple[Ints,
     Returns
     -------
     blocks, owner
-        (k, 6) in cells, half-open, and (nx, ny, nz): the block that has a cell, `NOBODY` or `BARRED`.
+        (k, 6) in cells, half-open, and (nx, ny, nz): the block that has a cell, `FREE` or `BARRED`.
     """
     blocks = np.array(seeds, dtype=np.int64).reshape(-1, 6)
-    owner = np.where(terrain.barred, BARRED, NOBODY).astype(np.int64)
+    owner = np.where(terrain.barred, BARRED, FREE).astype(np.int64)
     tables = (terrain.seconds, terrain.pieces, terrain.printing, terrain.overhang)
     _grow(blocks, owner, terrain.needed, tables, score is Score.HIGH)
     return blocks, owner

@@ -53,31 +53,31 @@ def cut_by_parallelobox(problem: Problem) -> Partition:
     NoFit
         No attempt covers the model; unless faithful, also where none of the best can be glued well.
     """
-    grounds = _lay_grounds(problem)
-    tried: list[_Candidate] = []
-    for ground in grounds:
-        if not tried or not problem.effort.is_spent():
-            tried += _search_ground(ground, problem)
+    spaces = _build_search_spaces(problem)
+    candidates: list[_Candidate] = []
+    for space in spaces:
+        if not candidates or not problem.effort.is_spent():
+            candidates += _search_in(space, problem)
     problem.on_stage("search")
-    if not tried:
+    if not candidates:
         raise NoFit(
             f"no attempt of parallelobox covers the model with {len(problem.printers)} parts that fit: "
             f"free more printers, or take --engine guillotine, which finds parts wherever there are any"
         )
-    best = min(tried, key=_Candidate.rank)
+    best = min(candidates, key=_Candidate.rank)
     if best.fault and not problem.options.faithful:
         raise NoFit(
             f"every attempt of parallelobox that was examined has a part that is bad to glue; in the best it "
             f"{best.fault}: free more printers, take --engine guillotine, or a lower --min-glue"
         )
-    figures = problem.grid_figures(best.ground.grid, best.ground.boxes, list(best.cut), best.pieces)
+    figures = problem.grid_figures(best.space.grid, best.space.boxes, list(best.cut), best.pieces)
     problem.on_stage("bound")
-    aligned = best.ground.aligned
+    aligned = best.space.aligned
     return Partition(best.pieces, aligned.model, aligned.rotation, figures)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Ground:
+class _SearchSpace:
     """A frame, the grid in it, and the terrains on it: the paper's, and one in seconds unless faithful.
 
     `cut` holds the pieces of each box that was cut already.
@@ -99,7 +99,7 @@ class _Ground:
 class _Candidate:
     """Partition that was cut, the time when its last piece ends, and a piece that is bad to glue, if any."""
 
-    ground: _Ground
+    space: _SearchSpace
     cut: dict[Box, list[Piece]]
     ends_s: float
     fault: str
@@ -113,7 +113,7 @@ class _Candidate:
         return tuple(piece for found in self.cut.values() for piece in found)
 
 
-def _lay_grounds(problem: Problem) -> list[_Ground]:
+def _build_search_spaces(problem: Problem) -> list[_SearchSpace]:
     """Build the paper's grid and, unless faithful, the problem's own; only that for a given granularity."""
     options = problem.options
     steep = math.sin(math.radians(OVERHANG_TOLERANCE_DEG))  # the paper's
@@ -125,66 +125,69 @@ def _lay_grounds(problem: Problem) -> list[_Ground]:
         boxes = problem.price_boxes(grid)
         paper = paper_terrain(like_paper.build_grid(aligned.model, aligned.mirror, steep), boxes)
         terrains = (paper,) if options.faithful else (paper, time_terrain(grid, boxes))
-        found.append(_Ground(aligned, grid, boxes, terrains))
+        found.append(_SearchSpace(aligned, grid, boxes, terrains))
     if not options.faithful:
         aligned = align_model(problem.model, options.seed, problem.cost.overhang_cos)
         grid = problem.build_grid(aligned.model, aligned.mirror)
-        if not any(_same(aligned, grid, ground) for ground in found):
+        if not any(_is_same_space(aligned, grid, space) for space in found):
             boxes = problem.price_boxes(grid)
             terrains = (paper_terrain(grid, boxes), time_terrain(grid, boxes))
-            found.append(_Ground(aligned, grid, boxes, terrains))
+            found.append(_SearchSpace(aligned, grid, boxes, terrains))
     problem.on_stage("boxes")
     return found
 
 
-def _same(aligned: AlignedModel, grid: Grid, ground: _Ground) -> bool:
-    return (aligned.rotation == ground.aligned.rotation).all() and grid.shape == ground.grid.shape
+def _is_same_space(aligned: AlignedModel, grid: Grid, space: _SearchSpace) -> bool:
+    return (aligned.rotation == space.aligned.rotation).all() and grid.shape == space.grid.shape
 
 
-def _search_ground(ground: _Ground, problem: Problem) -> list[_Candidate]:
-    """Find the best partitions on one ground: the paper's choice and, unless faithful, the soonest ones."""
-    points = np.unique(ground.aligned.model.solid.arrays()[0], axis=0)
-    tried: list[_Candidate] = []
-    for halves in _halves(ground, points, len(problem.printers)):
-        grown = [_grow_half(half, ground, problem) for half in halves]
+def _search_in(space: _SearchSpace, problem: Problem) -> list[_Candidate]:
+    """Find the best partitions on one space: the paper's choice and, unless faithful, the soonest ones."""
+    points = np.unique(space.aligned.model.solid.arrays()[0], axis=0)
+    candidates: list[_Candidate] = []
+    for halves in _list_halves(space, points, len(problem.printers)):
+        grown = [_grow_half(half, space, problem) for half in halves]
         reading = problem.options.parallelobox.score if problem.options.faithful else Score.HIGH
         papers = [each.get((0, reading), []) for each in grown]
-        tried += _first_that_fits(_rank_partitions(papers, lambda a: a.longest), ground, problem)
+        candidates += _find_first_fit(_rank_partitions(papers, lambda a: a.longest), space, problem)
         if problem.options.faithful:
-            if tried:
+            if candidates:
                 break
             continue
         every = [[attempt for found in each.values() for attempt in found] for each in grown]
-        tried += _find_soonest(
-            _rank_partitions(every, lambda a: ground.boxes.longest_s(a.blocks)), ground, problem
+        candidates += _find_soonest(
+            _rank_partitions(every, lambda a: space.boxes.longest_s(a.blocks)), space, problem
         )
-    return tried
+    return candidates
 
 
 Half = tuple[tuple[Terrain, ...], Floats, int]  # where blocks grow, the points for seeds, the printers
-Grown = dict[
+GrownHalf = dict[
     tuple[int, Score], list[BlockPartition]
 ]  # by the number of the terrain and the reading of the score
 Ranked = list[tuple[float, list[Box]]]  # expected times of partitions, the least first, and their boxes
 
 
-def _halves(ground: _Ground, points: Floats, printers: int) -> Iterator[list[Half]]:
+def _list_halves(space: _SearchSpace, points: Floats, printers: int) -> Iterator[list[Half]]:
     """Yield the halves of a symmetric model, the larger with the odd printer; then the model uncut."""
-    if ground.aligned.mirror is not None and printers > 1:
-        axis, at_mm = ground.aligned.mirror
-        for plane in np.flatnonzero(ground.grid.planes[axis][1:-1] == at_mm)[:1] + 1:
+    if space.aligned.mirror is not None and printers > 1:
+        axis, at_mm = space.aligned.mirror
+        for plane in np.flatnonzero(space.grid.planes[axis][1:-1] == at_mm)[:1] + 1:
             sides = [
-                tuple(t.half(axis, int(plane), upper) for t in ground.terrains) for upper in (False, True)
+                tuple(t.half(axis, int(plane), upper) for t in space.terrains) for upper in (False, True)
             ]
-            work = [float(ground.grid.sums[side[0].needed][:, VOLUME].sum()) for side in sides]
-            odd = printers % 2
-            shares = [printers // 2 + odd * (work[0] >= work[1]), printers // 2 + odd * (work[0] < work[1])]
+            work = [float(space.grid.sums[side[0].needed][:, VOLUME].sum()) for side in sides]
+            odd_printer = printers % 2
+            shares = [
+                printers // 2 + odd_printer * (work[0] >= work[1]),
+                printers // 2 + odd_printer * (work[0] < work[1]),
+            ]
             on = [points[:, axis] < at_mm, points[:, axis] >= at_mm]
-            yield [(side, points[which], n) for side, which, n in zip(sides, on, shares, strict=True)]
-    yield [(ground.terrains, points, printers)]
+            yield [(side, points[selected], n) for side, selected, n in zip(sides, on, shares, strict=True)]
+    yield [(space.terrains, points, printers)]
 
 
-def _grow_half(half: Half, ground: _Ground, problem: Problem) -> Grown:
+def _grow_half(half: Half, space: _SearchSpace, problem: Problem) -> GrownHalf:
     """Make the attempts on one half, from the same seeds; none where the budget is too small for them."""
     terrains, points, printers = half
     options = problem.options
@@ -192,11 +195,11 @@ def _grow_half(half: Half, ground: _Ground, problem: Problem) -> Grown:
     if not problem.effort.can_afford(Work.POINT_CLUSTERED, clustered):
         return {}
     run = map if problem.executor is None else problem.executor.map
-    source = SeedSource(points, ground.grid, terrains[0].barred)
+    source = SeedSource(points, space.grid, terrains[0].barred)
     drawn = draw_seed_sets(source, printers, options.parallelobox.tries, options.seed, run)
-    problem.effort.book(Work.POINT_CLUSTERED, clustered)
+    problem.effort.record(Work.POINT_CLUSTERED, clustered)
     grown = len(drawn) * len(terrains) * len(options.parallelobox.score.readings)
-    problem.effort.book(Work.CELL_GROWN, grown * ground.grid.needed.size)
+    problem.effort.record(Work.CELL_GROWN, grown * space.grid.needed.size)
     return {
         (number, reading): run_attempts(drawn, terrain, printers, reading, run)
         for number, terrain in enumerate(terrains)
@@ -209,41 +212,41 @@ def _rank_partitions(
 ) -> Ranked:
     """Combine the attempts on the halves to partitions, the best first."""
     best = [sorted((key(a), a.parts, a.blocks) for a in half)[:MAX_OF_A_HALF] for half in found]
-    together = [
+    combined = [
         (max(longest for longest, _, _ in picks), sum(parts for _, parts, _ in picks), picks)
         for picks in product(*best)
     ]
-    together.sort(key=lambda each: each[:2])
-    return [(longest, [box for *_, blocks in picks for box in blocks]) for longest, _, picks in together]
+    combined.sort(key=lambda each: each[:2])
+    return [(longest, [box for *_, blocks in picks for box in blocks]) for longest, _, picks in combined]
 
 
-def _first_that_fits(ranked: Ranked, ground: _Ground, problem: Problem) -> list[_Candidate]:
+def _find_first_fit(ranked: Ranked, space: _SearchSpace, problem: Problem) -> list[_Candidate]:
     """Find the first partition that has no more pieces than there are printers, if any."""
-    tried = (_cut_candidate(boxes, ground, problem) for _, boxes in ranked[:MAX_CUT])
-    return list(islice((each for each in tried if each is not None), 1))
+    candidates = (_cut_candidate(boxes, space, problem) for _, boxes in ranked[:MAX_CUT])
+    return list(islice((each for each in candidates if each is not None), 1))
 
 
-def _find_soonest(ranked: Ranked, ground: _Ground, problem: Problem) -> list[_Candidate]:
+def _find_soonest(ranked: Ranked, space: _SearchSpace, problem: Problem) -> list[_Candidate]:
     """Find the partition that ends soonest; the search stops when no other promises more."""
     best: list[_Candidate] = []
     for promised_s, boxes in ranked[:MAX_CUT]:
-        enough = best and not best[0].fault and promised_s >= best[0].ends_s
-        if enough or (best and problem.effort.is_spent()):
+        is_settled = best and not best[0].fault and promised_s >= best[0].ends_s
+        if is_settled or (best and problem.effort.is_spent()):
             break
-        tried = _cut_candidate(boxes, ground, problem)
-        if tried is not None and tried.ends_s < math.inf:
-            best = sorted([*best, tried], key=_Candidate.rank)[:1]
+        candidate = _cut_candidate(boxes, space, problem)
+        if candidate is not None and candidate.ends_s < math.inf:
+            best = sorted([*best, candidate], key=_Candidate.rank)[:1]
     return best
 
 
-def _cut_candidate(boxes: list[Box], ground: _Ground, problem: Problem) -> _Candidate | None:
+def _cut_candidate(boxes: list[Box], space: _SearchSpace, problem: Problem) -> _Candidate | None:
     """Cut and pose a partition; None where it has more pieces than there are printers."""
-    new = sum(box not in ground.cut for box in boxes)
-    problem.effort.book(Work.FACE_CUT, new * ground.aligned.model.solid.faces)
-    cut = {box: ground.pieces(box) for box in boxes}
+    new = sum(box not in space.cut for box in boxes)
+    problem.effort.record(Work.FACE_CUT, new * space.aligned.model.solid.faces)
+    cut = {box: space.pieces(box) for box in boxes}
     pieces = [piece for found in cut.values() for piece in found]
     if len(pieces) > len(problem.printers):
         return None
     ends_s = max(math.inf if pose is None else pose.price_s for pose in problem.find_poses(pieces))
     found = find_faults(pieces, problem.options.min_glue_mm2)
-    return _Candidate(ground, cut, ends_s, found[0].reason if found else "")
+    return _Candidate(space, cut, ends_s, found[0].reason if found else "")

@@ -131,20 +131,20 @@ class _Build:
 
     def _measure_object(self, key: tuple[str, str], found: ObjectRecord, depth: int) -> _Size:
         if key in self._sizes:
-            known = self._sizes[key]
-            if known is None:
+            size = self._sizes[key]
+            if size is None:
                 raise ModelUnreadable(
                     f"{self.name}: its object {key[1][:20]} contains itself; export it again"
                 )
-            return known
+            return size
         self._sizes[key] = None
         if found.kind != _SOLID:
             self.other_kinds.add(found.kind[:20])
             size = _Size()
         else:
             inner = self.measure(key[0], found.components, depth + 1)
-            own = 1 if found.face_count else 0
-            size = _Size(inner.triangles + found.face_count, inner.instances + own)
+            own_faces = 1 if found.face_count else 0
+            size = _Size(inner.triangles + found.face_count, inner.instances + own_faces)
         self._sizes[key] = size
         return size
 

@@ -67,7 +67,7 @@ class Machine:
     ) -> None:
         self.board = board
         self.fault_messages = fault_messages
-        self.limits = Limits.of(board.profile)
+        self.limits = Limits.from_profile(board.profile)
         x, y, z = board.head_mm
         self.planner = Planner(self.limits, (x, y, z, board.filament_mm), board.fed, board.faults.slowdown)
         self.waiting: deque[tuple[Point, float]] = deque()  # moves waiting for room in the planner

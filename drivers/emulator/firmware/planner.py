@@ -39,7 +39,7 @@ class Limits:
     steps_per_mm: list[float]
 
     @classmethod
-    def of(cls, profile: Profile) -> Limits:
+    def from_profile(cls, profile: Profile) -> Limits:
         xy, z, e = profile.jerk_mm_s
         return cls(
             list(profile.max_feedrate_mm_s),

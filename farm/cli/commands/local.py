@@ -110,8 +110,8 @@ def summarise_decomposition(report: dict[str, Any], printers: int, out: Path) ->
     )
     gap = f"at most {report['gap']:.0%} above the lower bound"
     askew = f", turned by {report['yaw_deg']:.0f} degrees about Z" if report["yaw_deg"] else ""
-    along = " for cuts along its grid" if report["cells"] else ""
-    lines.append(f"By {report['engine']}{askew}: {gap}{along}")
+    grid_note = " for cuts along its grid" if report["cells"] else ""
+    lines.append(f"By {report['engine']}{askew}: {gap}{grid_note}")
     glued = [joint for joint in report["joints"] if joint["glued"]]
     if glued:
         small = min(glued, key=lambda joint: float(joint["area_mm2"]))
@@ -122,8 +122,8 @@ def summarise_decomposition(report: dict[str, Any], printers: int, out: Path) ->
     warnings = [f"{fault['part']} {fault['what']}" for fault in report["faults"]]
     warnings += [f"{part['id']} may fall over while it is printed" for part in parts if not part["stands"]]
     if warnings:
-        more = f", and {len(warnings) - 3} more" if len(warnings) > 3 else ""
-        lines.append(f"Check: {'; '.join(warnings[:3])}{more}")
+        others = f", and {len(warnings) - 3} more" if len(warnings) > 3 else ""
+        lines.append(f"Check: {'; '.join(warnings[:3])}{others}")
     ends = f"{parts[0]['file']} to {parts[-1]['file']}" if len(parts) > 1 else parts[0]["file"]
     lines.append(f"In {out}: {ends}, assembly.png, assembly.glb, decomposition.json")
     return lines
@@ -170,9 +170,9 @@ def slice_model(
     for line in (*report["repairs"], *report["warnings"]):
         print(f"  {line}")
     amount = format_filament(report["grams"], report["filament_mm"], report.get("price"))
-    printing, whole = format_duration(report["print_time_s"]), format_duration(report["estimated_s"])
+    printing, total = format_duration(report["print_time_s"]), format_duration(report["estimated_s"])
     print(
-        f"{out}: {printing} (with heating {whole}), {amount}, "
+        f"{out}: {printing} (with heating {total}), {amount}, "
         f"{report['layers']} layers{', from the cache' if report['cached'] else ''}"
     )
 

@@ -103,8 +103,8 @@ def _check_options(**values: Any) -> JobOptions:
 def _upload(client: Client, model: Path, options: JobOptions, quiet: bool) -> int:
     """Upload a model and return the number of its job."""
     if not model.is_file():
-        what = "is a folder" if model.is_dir() else "no such file"
-        raise FarmError(f"{model}: {what}; give the file of a model", ErrorCode.MODEL)
+        problem = "is a folder" if model.is_dir() else "no such file"
+        raise FarmError(f"{model}: {problem}; give the file of a model", ErrorCode.MODEL)
     try:
         with show_upload(quiet) as report:
             submitted = client.submit(model, options, report=report)

@@ -92,11 +92,14 @@ def render_job(view: api.JobView, width: int | None = None) -> RenderableType:
         rows += _lay_out_parts(view, width)
     if view.folder:
         rows.append(Text(f"files (STL and G-code of each part, a picture, a GLB): {view.folder}"))
-    for one in view.prints:
-        if one.fault or one.why:
-            why = one.reason or one.why or one.fault
+    for attempt in view.prints:
+        if attempt.fault or attempt.why:
+            why = attempt.reason or attempt.why or attempt.fault
             rows.append(
-                Text(f"part {one.part} on {one.printer}, {format_time(one.ended, now)}: {why}", style=ERROR)
+                Text(
+                    f"part {attempt.part} on {attempt.printer}, {format_time(attempt.ended, now)}: {why}",
+                    style=ERROR,
+                )
             )
     rows += _list_holds(view)
     return Group(*rows)

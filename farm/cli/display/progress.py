@@ -24,7 +24,7 @@ _RESTART_S = 60.0  # a restarted daemon answers again within this time
 _POLL_S = 0.5
 
 
-def retry_over_restart(ask: Callable[[], T]) -> T:
+def retry_over_restart(request: Callable[[], T]) -> T:
     """Repeat a request while the daemon restarts.
 
     Raises
@@ -35,7 +35,7 @@ def retry_over_restart(ask: Callable[[], T]) -> T:
     give_up: float | None = None
     while True:
         try:
-            return ask()
+            return request()
         except DaemonUnreachable:
             now = time.monotonic()
             give_up = give_up or now + _RESTART_S

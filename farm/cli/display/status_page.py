@@ -59,14 +59,14 @@ def _list_blocks(view: api.Status, width: int | None, height: int | None) -> lis
     """List the blocks of the page; for a `height`, with one line a job, and the printers with tasks first."""
     now, brief = view.fleet.now, height is not None
     live = [job for job in view.jobs if not _is_over(job)]
-    over = [job for job in view.jobs if _is_over(job)]
+    ended = [job for job in view.jobs if _is_over(job)]
     printers = view.printers
     if height is not None and len(printers) > height - _OTHER_LINES:
         printers = sorted(printers, key=rank_urgency)
     headings, *table = lay_out_printers(printers, now, width)
     each = 1 if brief else None  # lines of a job
     live_lines = [line for lines in _list_live_lines(live, now, width) for line in lines[:each]]
-    over_lines = [line for job in over for line in _list_job_lines(job, now, width)[:each]]
+    over_lines = [line for job in ended for line in _list_job_lines(job, now, width)[:each]]
     night = [] if view.night is None else _fold_texts("NIGHT", [format_night(view.night)], "", width)
     return [
         Block(wrap_text(_format_title(view.fleet), width, _INDENT)),
@@ -147,8 +147,8 @@ def _fold_texts(
 
 def format_night(view: api.NightView) -> str:
     """Format the counts of the last night."""
-    rest = {"failed": view.failed, "still printing": view.printing, "not started": view.waiting}
-    counts = "".join(f", {count} {words}" for words, count in rest.items() if count)
+    other_counts = {"failed": view.failed, "still printing": view.printing, "not started": view.waiting}
+    counts = "".join(f", {count} {label}" for label, count in other_counts.items() if count)
     waste = f" + {format_mass(view.wasted_grams)} wasted" if view.wasted_grams >= 0.5 else ""
     plates = (
         f"{view.printed} of {format_count(view.plates, 'plate')} printed"
@@ -165,12 +165,12 @@ def _list_live_lines(jobs: Sequence[api.JobView], now: str, width: int | None) -
         if _waits_in_queue(job) and job.hold is not None:
             waiting.setdefault(job.hold.text, []).append(job)
     for job in jobs:
-        alike = waiting.get(job.hold.text, []) if _waits_in_queue(job) and job.hold is not None else []
-        if len(alike) < 2:
+        same_hold = waiting.get(job.hold.text, []) if _waits_in_queue(job) and job.hold is not None else []
+        if len(same_hold) < 2:
             yield _list_job_lines(job, now, width)
-        elif job is alike[0]:
-            numbers = shorten_names(str(one.id) for one in alike)
-            names = count_names(one.name[:_NAME_WIDTH] for one in alike)
+        elif job is same_hold[0]:
+            numbers = shorten_names(str(one.id) for one in same_hold)
+            names = count_names(one.name[:_NAME_WIDTH] for one in same_hold)
             text = f"{numbers} ({names}): {_list_job_facts(job, now)[0]}"
             yield _fold_texts("JOBS", [text], "", width)
 

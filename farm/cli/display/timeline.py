@@ -76,15 +76,15 @@ def draw_gantt(slots: list[api.SlotView], now: str, columns: int = _WIDTH) -> li
     if not slots:
         return []
     begin = min(parse_time(slot.starts) for slot in slots)
-    whole_s = max((parse_time(slot.ends) - begin).total_seconds() for slot in slots) or 1.0
+    total_s = max((parse_time(slot.ends) - begin).total_seconds() for slot in slots) or 1.0
     name_width = max(len(slot.printer) for slot in slots)
     width = max(_LEAST_WIDTH, columns - name_width - 2)
     lines = []
     for printer in sorted({slot.printer for slot in slots}):
         cells = [" "] * width
-        for slot in (one for one in slots if one.printer == printer):
+        for slot in (each for each in slots if each.printer == printer):
             first, last = (
-                round((parse_time(iso) - begin).total_seconds() / whole_s * width)
+                round((parse_time(iso) - begin).total_seconds() / total_s * width)
                 for iso in (slot.starts, slot.ends)
             )
             first = min(first, width - 1)

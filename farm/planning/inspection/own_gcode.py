@@ -291,7 +291,9 @@ class FirmwareTime:
     """Duration of moves by the firmware's motion planner, without waiting for the host."""
 
     def __init__(self, profile: Profile) -> None:
-        self._planner = Planner(Limits.of(profile), (*profile.ready_mm, 0.0), lambda _e_mm, _z_mm: None)
+        self._planner = Planner(
+            Limits.from_profile(profile), (*profile.ready_mm, 0.0), lambda _e_mm, _z_mm: None
+        )
         self._now_s = 0.0
 
     def move(self, x: float, y: float, z: float, e: float, speed_mm_s: float) -> None:

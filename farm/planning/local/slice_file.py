@@ -217,12 +217,12 @@ def _check_writable(out: Path, model: Path) -> None:
             raise _unwritable(out, "it is a folder")
         if out.exists() and model.exists() and out.samefile(model):
             raise _unwritable(out, "it is the model")
-        there = next(place for place in (out, *out.absolute().parents) if place.exists())
-        if there is not out and not there.is_dir():
-            raise _unwritable(out, f"{there} is no folder")
+        existing = next(place for place in (out, *out.absolute().parents) if place.exists())
+        if existing is not out and not existing.is_dir():
+            raise _unwritable(out, f"{existing} is no folder")
     except OSError as error:
         raise _unwritable(out, error.strerror) from error
-    if not os.access(there, os.W_OK):
+    if not os.access(existing, os.W_OK):
         raise _unwritable(out, "no permission")
 
 
@@ -244,5 +244,5 @@ def _write_output(gcode: Path, out: Path) -> None:
         raise _unwritable(out, error.strerror) from error
 
 
-def _unwritable(out: Path, why: str | None) -> FarmError:
-    return FarmError(f"{out}: cannot be written ({why}); name another file with --out")
+def _unwritable(out: Path, reason: str | None) -> FarmError:
+    return FarmError(f"{out}: cannot be written ({reason}); name another file with --out")

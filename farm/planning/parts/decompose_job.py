@@ -76,7 +76,7 @@ def write_decomposed(decomposition: Decomposition, model: Model, folder: Path) -
     """Write the parts, the report and the cut record into a folder, and describe them."""
     written = write_decomposition(decomposition, folder)
     return DecomposedJob(
-        parts=tuple(DecomposedPart.of(part, folder) for part in written.parts),
+        parts=tuple(DecomposedPart.from_part(part, folder) for part in written.parts),
         serial_price_s=written.serial_s,
         repairs=model.repairs,
         scale=model.scale,

@@ -35,8 +35,8 @@ def price_rooms(
     settings = {section.name: printer_settings(section, quality, resources) for section in printers}
     costs = [printer_cost(section, settings[section.name]) for section in printers]
     times = {
-        section.name: time_factors.get(section.name, 1.0) * time_ratio(own, costs[0])
-        for section, own in zip(printers, costs, strict=True)
+        section.name: time_factors.get(section.name, 1.0) * time_ratio(cost, costs[0])
+        for section, cost in zip(printers, costs, strict=True)
     }
     # A coarser nozzle is faster, but was not requested: it must not move its printer to the front.
     fastest = sorted(printers, key=lambda section: time_factors.get(section.name, 1.0))

@@ -48,7 +48,9 @@ class ReplanCoordinator:
     def __init__(self) -> None:
         self._running: dict[str, StartReplan] = {}
         self._examined: set[tuple[str, int]] = set()  # failed plates with their number of prints
-        self._tried: set[_TriedKey] = set()  # plates and kinds of printer for which replanning gained nothing
+        self._attempted: set[_TriedKey] = (
+            set()
+        )  # plates and kinds of printer for which replanning gained nothing
         self._search_due_s = -math.inf
         self.next_search_s = math.inf
         """Time at which another search may succeed; infinity if none is needed."""
@@ -125,7 +127,7 @@ class ReplanCoordinator:
         printer: FleetPrinter,
         situation: Situation,
     ) -> bool:
-        untried = _tried_key(plate, printer.capabilities) not in self._tried
+        untried = _tried_key(plate, printer.capabilities) not in self._attempted
         return untried and (printer.name not in situation.kept or takes_spare(view, situation.fleet))
 
     def finish(
@@ -149,7 +151,7 @@ class ReplanCoordinator:
             return None  # cancelled or printed meanwhile
         for printer in replan.printers:
             if printer in situation.fleet:
-                self._tried.add(_tried_key(plate, situation.fleet[printer].capabilities))
+                self._attempted.add(_tried_key(plate, situation.fleet[printer].capabilities))
         if isinstance(result, FarmError):
             log.warning("plate %s is unchanged: %s", name, result)
             return None
@@ -158,7 +160,7 @@ class ReplanCoordinator:
             return None
         # If the event cannot be written (a full disk), the plate is examined again at the next decision.
         self._examined.discard((plate.id, len(plate.prints)))
-        self._tried = {key for key in self._tried if key[0] != plate.id}
+        self._attempted = {key for key in self._attempted if key[0] != plate.id}
         return ev.PlateReplaced(
             at_s=situation.now_s,
             plate=name,
@@ -178,7 +180,7 @@ class ReplanCoordinator:
         others = tuple(other for other in situation.waiting if other.id != plate.id)
         after = situation.with_waiting((*others, *new))
         ends_s = policy.end_in_one_piece_s if cut else policy.expected_end_s
-        after_s = max(policy.expected_end_s(one, after) for one in new)
+        after_s = max(policy.expected_end_s(piece_plate, after) for piece_plate in new)
         after_s += policy.JOIN_S * len(new) if cut else 0.0
         return policy.saves_enough(ends_s(view, situation), after_s, situation.now_s)
 
@@ -189,7 +191,7 @@ class ReplanCoordinator:
 
 
 def _tried_key(plate: Plate, capabilities: Capabilities) -> _TriedKey:
-    return plate.id, len(plate.prints), capabilities.kin, capabilities.nozzle_mm
+    return plate.id, len(plate.prints), capabilities.family, capabilities.nozzle_mm
 
 
 def _failed(books: Books, plate: Plate) -> bool:

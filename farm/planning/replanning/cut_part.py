@@ -51,7 +51,7 @@ def cut_part(task: ReplanTask) -> Pieces:
     except Exception:
         with translate_errors():
             raise
-    pieces = tuple(DecomposedPart.of(part, task.folder) for part in written.parts)
+    pieces = tuple(DecomposedPart.from_part(part, task.folder) for part in written.parts)
     drawn = [*(_as_drawn(task.files, other) for other in task.others), *written.parts]
     picture, assembly = task.folder / "job.png", task.folder / "job.glb"
     draw_assembly(drawn, picture)

@@ -30,7 +30,7 @@ JOIN_S = 336.0
 SLICING_S, CUTTING_S = 120.0, 300.0
 """Typical wall seconds of slicing, and of cutting with slicing."""
 MOST_PIECES = 8
-_MORE = 1.15  # ratio of the time of all pieces to that of the whole part: cuts add walls and tops
+_CUT_TIME_RATIO = 1.15  # ratio of the time of all pieces to that of the whole part: cuts add walls and tops
 _WAITS = (
     HoldCode.PRINTER_BUSY,
     HoldCode.BED_NOT_CLEAR,
@@ -76,7 +76,7 @@ class ExpectedEnds:
     def __init__(self, situation: Situation) -> None:
         self._situation = situation
 
-    def of(self, plate: WaitingPlate) -> float:
+    def find(self, plate: WaitingPlate) -> float:
         """Return when a plate ends, in the queue with all others; infinity if unknown."""
         return self._ends_s.get(plate.id, float("inf"))
 
@@ -94,7 +94,7 @@ class ExpectedEnds:
 
 def expected_end_s(plate: WaitingPlate, situation: Situation) -> float:
     """Return when a waiting plate ends, in the queue with all others; infinity if unknown."""
-    return ExpectedEnds(situation).of(plate)
+    return ExpectedEnds(situation).find(plate)
 
 
 def end_in_one_piece_s(plate: WaitingPlate, situation: Situation) -> float:
@@ -127,7 +127,7 @@ def choose_reslice(
     if best is None:
         return None
     after_s = _resliced_end_s(plate, best, situation)
-    if not saves_enough((ends or ExpectedEnds(situation)).of(plate), after_s, situation.now_s):
+    if not saves_enough((ends or ExpectedEnds(situation)).find(plate), after_s, situation.now_s):
         return None
     return Reslice(plate.id, best.name)
 
@@ -146,9 +146,11 @@ def choose_recut(plate: WaitingPlate, situation: Situation) -> Recut | None:
         The current situation.
     """
     others = tuple(other for other in situation.waiting if other.id != plate.id)
-    taken = {given.printer for given in assign_plates(replace(situation, waiting=others, spares={}))}
+    taken = {
+        assignment.printer for assignment in assign_plates(replace(situation, waiting=others, spares={}))
+    }
     layers_s = plate.expected_s - plate.heating_s
-    piece = replace(plate, expected_s=plate.heating_s + layers_s * _MORE / 2, grams=0.0)
+    piece = replace(plate, expected_s=plate.heating_s + layers_s * _CUT_TIME_RATIO / 2, grams=0.0)
     free = [
         p
         for p in situation.free
@@ -162,7 +164,7 @@ def choose_recut(plate: WaitingPlate, situation: Situation) -> Recut | None:
     def recut_end_s(count: int) -> float:
         slowest = max(p.time_factor for p in free[:count]) / plate.time_factor
         begins_s = situation.now_s + CUTTING_S * situation.time_scale
-        return begins_s + plate.heating_s + layers_s * _MORE * slowest / count + JOIN_S * count
+        return begins_s + plate.heating_s + layers_s * _CUT_TIME_RATIO * slowest / count + JOIN_S * count
 
     count = min(range(2, most + 1), key=recut_end_s)
     if not saves_enough(end_in_one_piece_s(plate, situation), recut_end_s(count), situation.now_s):
@@ -176,13 +178,13 @@ def waits_for_its_printer_kind(code: HoldCode) -> bool:
 
 
 def _same_filament(plate: WaitingPlate, printer: FleetPrinter) -> bool:
-    wanted, offered = plate.requirements, printer.capabilities
-    return wanted.material in (None, offered.material) and wanted.colour in (None, offered.colour)
+    requirements, offered = plate.requirements, printer.capabilities
+    return requirements.material in (None, offered.material) and requirements.colour in (None, offered.colour)
 
 
 def _other_kind(plate: WaitingPlate, printer: FleetPrinter) -> bool:
     """Return whether a plate fits a printer in everything but the printer kind it was sliced for."""
-    any_kind = replace(plate.requirements, kin=None, nozzle_mm=None)
+    any_kind = replace(plate.requirements, family=None, nozzle_mm=None)
     return any_kind.matches(printer.capabilities) and not plate.requirements.matches(printer.capabilities)
 
 

@@ -140,13 +140,13 @@ def open_books(state: StateFolder, now_s: float) -> tuple[Store, float | None]:
         except StoreError as error:
             log.error("the backup %s cannot be used: %s", copy, error)
             continue
-        aside = state.books.with_name(f"{state.books.name}.damaged-{now_s:.0f}")
+        damaged_path = state.books.with_name(f"{state.books.name}.damaged-{now_s:.0f}")
         for suffix in ("-wal", "-shm", "-count", ""):
             path = state.books.with_name(state.books.name + suffix)
             if path.exists():
-                path.rename(aside.with_name(aside.name + suffix))
+                path.rename(damaged_path.with_name(damaged_path.name + suffix))
         copy_books(copy, state.books, backup_time_s(copy))
-        log.error("the database was restored from %s; the damaged one is %s", copy, aside)
+        log.error("the database was restored from %s; the damaged one is %s", copy, damaged_path)
         return Store(state.books), backup_time_s(copy)
     raise FarmError(
         f"{damage}, and {state.backups} has no intact backup of it: move {state.books} away, and the "

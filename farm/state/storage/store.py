@@ -112,7 +112,7 @@ def read_books(path: Path) -> tuple[Books, int]:
 
 
 def _load(db: sqlite3.Connection) -> Books:
-    return Books.of(entity for kind in TABLES for entity in _read_rows(db, kind))
+    return Books.from_entities(entity for kind in TABLES for entity in _read_rows(db, kind))
 
 
 def _read_rows(db: sqlite3.Connection, kind: type[E]) -> list[E]:

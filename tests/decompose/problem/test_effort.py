@@ -121,7 +121,7 @@ def test_what_is_afforded_leaves_the_budget_whole(budget_s: float, units: int) -
     effort = Effort(budget_s)
     affords = effort.can_afford(Work.CELL_GROWN, units)
     assert effort.cut_short == (not affords)
-    effort.book(Work.CELL_GROWN, units)
+    effort.record(Work.CELL_GROWN, units)
     assert affords == (effort.spent_s <= budget_s)
 
 
@@ -129,8 +129,8 @@ def test_what_is_afforded_leaves_the_budget_whole(budget_s: float, units: int) -
 def test_work_adds_up_whatever_its_order(work: list[tuple[Work, int]], budget_s: float) -> None:
     there, back = Effort(budget_s), Effort(budget_s)
     for one, other in zip(work, reversed(work), strict=True):
-        there.book(*one)
-        back.book(*other)
+        there.record(*one)
+        back.record(*other)
     assert there.spent_s == back.spent_s
     assert there.spent_s == pytest.approx(sum(WORK_NS[kind] * units for kind, units in work) / 1e9)
     assert there.is_spent() == back.is_spent() == there.cut_short == (there.spent_s >= budget_s)

@@ -194,9 +194,9 @@ def test_a_second_cancel_and_a_cancel_of_what_has_ended_change_nothing():
 
 
 def test_an_accelerated_pace_is_bounded_in_wall_time():
-    pace = Pace.of(Clock(scale=60.0))
+    pace = Pace.from_clock(Clock(scale=60.0))
     assert (pace.floor_s, pace.printing_s) == (120.0, 30.0)
-    assert Pace.of(Clock()).printing_s == 3.0
+    assert Pace.from_clock(Clock()).printing_s == 3.0
 
 
 def test_a_report_is_asked_for_by_a_numbered_line():

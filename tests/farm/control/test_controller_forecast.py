@@ -56,7 +56,7 @@ class Night:
                     "expected_s": each * HOUR + HEATING_S,
                     "grams": 100.0 * each,
                     "printer": names[at % min(len(names), options.printers or len(names))],
-                    "kin": "ultimaker2_plus",
+                    "family": "ultimaker2_plus",
                 }
             )
             for at, (plate, each) in enumerate(zip(event.plates, hours, strict=True))

@@ -33,5 +33,12 @@ def test_one_that_nobody_asks_for_is_cancelled_and_others_are_let_be(tmp_path):
 def test_nobody_is_asked_to_approve_a_dry_run():
     options = JobOptions(dry_run=True, hold=True)
     held = make_job().model_copy(update={"options": options, "state": JobState.HELD})
-    assert list_requests(Books.of([held]), {}) == []
-    assert len(list_requests(Books.of([held.model_copy(update={"options": JobOptions(hold=True)})]), {})) == 1
+    assert list_requests(Books.from_entities([held]), {}) == []
+    assert (
+        len(
+            list_requests(
+                Books.from_entities([held.model_copy(update={"options": JobOptions(hold=True)})]), {}
+            )
+        )
+        == 1
+    )

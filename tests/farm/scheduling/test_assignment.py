@@ -141,9 +141,9 @@ def test_an_earlier_jobs_plate_comes_before_a_longer_one_of_a_later_job():
 def test_gcode_for_another_kind_of_printer_waits():
     """A plain 2 feeds and heats in another way than a 2+: what was sliced for one is not for the other."""
     plain = printer("plain")
-    plain = replace(plain, capabilities=replace(plain.capabilities, kin="ultimaker2"))
+    plain = replace(plain, capabilities=replace(plain.capabilities, family="ultimaker2"))
     plus = printer("plus")
-    plus = replace(plus, capabilities=replace(plus.capabilities, kin="ultimaker2_plus"))
+    plus = replace(plus, capabilities=replace(plus.capabilities, family="ultimaker2_plus"))
     sliced = plate(
         "p1", "plus", requirements=Requirements("generic_pla", None, 0.4, box(100.0), "ultimaker2_plus")
     )

@@ -264,7 +264,7 @@ def test_an_emulator_is_asked_for_the_one_of_bed_and_filament_that_is_not_known(
     unknown[known] = Bed.NOT_CLEAR if known == "bed" else FilamentState.AT_NOZZLE
     printer = Printer(name="a", **unknown)
     (seen,) = observe_idle_printer(printer, said, 5.0)
-    books, _ = run(Books.of([printer]), seen)
+    books, _ = run(Books.from_entities([printer]), seen)
     took = books.printers["a"]
     bed = Bed.NOT_CLEAR if known == "bed" else Bed.CLEAR
     filament = FilamentState.AT_NOZZLE if known == "filament" else FilamentState.PARKED

@@ -45,7 +45,7 @@ def test_a_file_without_times_stays_as_it_is():
 
 def queued_s(path):
     """(n,) When a planner that is fed as fast as it has room takes each move in."""
-    planner = Planner(Limits.of(PROFILES["ultimaker2_plus"]), (0.0,) * 4, lambda e_mm, z_mm: None)
+    planner = Planner(Limits.from_profile(PROFILES["ultimaker2_plus"]), (0.0,) * 4, lambda e_mm, z_mm: None)
     place, now_s, times = np.zeros(4), 0.0, []
     for way, feed in zip(path.after - path.before, path.feed_mm_min / 60, strict=True):
         place = place + way

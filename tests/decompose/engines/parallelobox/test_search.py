@@ -17,7 +17,7 @@ from decompose.decompose import decompose_model
 from decompose.engines.parallelobox import search
 from decompose.engines.parallelobox.alignment import align_model, overhang_mm2
 from decompose.engines.parallelobox.attempts import SeedSource, draw_seed_sets, draw_seeds, run_attempts
-from decompose.engines.parallelobox.growth import NOBODY, fill_voids, grow_blocks
+from decompose.engines.parallelobox.growth import FREE, fill_voids, grow_blocks
 from decompose.engines.parallelobox.terrain import SPEED_MM_S, Terrain, paper_terrain, time_terrain
 from decompose.errors import NoFit
 from decompose.geometry import Model, Solid, find_mirror, rotation_to_axis
@@ -69,9 +69,9 @@ def test_blocks_never_meet_and_all_is_covered(shape: Shape, seed: int, share: fl
     chosen = cells[: math.ceil(share * len(cells))].tolist()
     blocks, owner = grow_blocks([(x, y, z, x + 1, y + 1, z + 1) for x, y, z in chosen], terrain, score)
     assert len(blocks) == len(chosen)
-    assert ((cover(blocks, shape) == 1) == (owner != NOBODY)).all()
+    assert ((cover(blocks, shape) == 1) == (owner != FREE)).all()
     assert cover(blocks, shape).max(initial=0) <= 1
-    left = int((terrain.needed & (owner == NOBODY)).sum())
+    left = int((terrain.needed & (owner == FREE)).sum())
     filled = fill_voids(blocks, owner, terrain, left)
     assert filled is not None  # a block for each cell would do
     assert cover(filled, shape).max(initial=0) <= 1
@@ -100,7 +100,7 @@ def test_growth_stops_where_no_block_can_grow() -> None:
     too_large[box_index((0, 0, 0, 2, 1, 1), shape)] = np.inf
     terrain = simple(shape, too_large, flat)
     blocks, owner = grow_blocks([(0, 0, 0, 1, 1, 1)], terrain, Score.LOW)
-    assert owner.ravel().tolist() == [0, NOBODY, NOBODY, NOBODY]
+    assert owner.ravel().tolist() == [0, FREE, FREE, FREE]
     assert fill_voids(blocks, owner.copy(), terrain, 0) is None
     assert fill_voids(blocks, owner.copy(), terrain, 1) is not None
 

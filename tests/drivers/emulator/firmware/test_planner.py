@@ -21,7 +21,7 @@ class Bench:
 
     def __init__(self) -> None:
         self.fed_mm = 0.0
-        self.planner = Planner(Limits.of(PROFILE), START, self._fed)
+        self.planner = Planner(Limits.from_profile(PROFILE), START, self._fed)
         self.now_s = 0.0
 
     def _fed(self, e_mm: float, z_mm: float) -> None:
@@ -173,7 +173,7 @@ def test_moves_added_late_do_not_stretch_a_queue_that_is_not_empty() -> None:
 def test_short_moves_are_stretched_only_while_few_are_queued() -> None:
     took_s = []
     for slowdown, fed_every_s in ((False, 0.0), (True, 0.0), (True, 0.004)):
-        planner = Planner(Limits.of(PROFILE), START, lambda e_mm, z_mm: None, slowdown)
+        planner = Planner(Limits.from_profile(PROFILE), START, lambda e_mm, z_mm: None, slowdown)
         now_s = 0.0
         for k in range(1, 401):
             now_s = max(now_s + fed_every_s, planner.free_s())

@@ -32,7 +32,7 @@ def begun(tmp_path, models, plates=1, **options):
     farm.ready(*farm.names)
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions(**options))
     event = planned(1, plates)
-    hours = {"expected_s": 10 * HOUR, "sliced_s": 10 * HOUR - 300.0, "kin": PLUS}
+    hours = {"expected_s": 10 * HOUR, "sliced_s": 10 * HOUR - 300.0, "family": PLUS}
     long = tuple(plate.model_copy(update=hours) for plate in event.plates)
     farm.controller.on_plan(1, Plan(event.parts, long, (), 1.0, 1.0, 10 * HOUR, None))
     if options.get("hold"):
@@ -150,7 +150,7 @@ def sliced(farm, plate, printer, hours):
     old = farm.controller.books.plates[plate]
     name = next_plate_id(plate)
     time = {"expected_s": hours * HOUR, "sliced_s": hours * HOUR - 300.0, "prints": ()}
-    new = old.model_copy(update={"id": name, "kin": PLAIN, "printer": printer, **time})
+    new = old.model_copy(update={"id": name, "family": PLAIN, "printer": printer, **time})
     (part,) = (farm.controller.books.parts[one].model_copy(update={"plate": name}) for one in old.parts)
     return ReplannedPlate((part,), (new,))
 

@@ -18,9 +18,9 @@ NIGHT = rules(attended=["08:00-18:00"])
 PLUS, PLAIN = "ultimaker2_plus", "ultimaker2"
 
 
-def kin(name, kin, nozzle_mm=0.4, **changes):
+def printer_of(name, family, nozzle_mm=0.4, **changes):
     return replace(
-        printer(name, **changes), capabilities=Capabilities(LOW, "generic_pla", None, nozzle_mm, kin)
+        printer(name, **changes), capabilities=Capabilities(LOW, "generic_pla", None, nozzle_mm, family)
     )
 
 
@@ -38,7 +38,7 @@ def test_a_piece_more_costs_what_a_decomposition_says():
 
 
 def test_what_waits_for_a_full_bed_until_morning_is_sliced_for_another_kind():
-    full, other = kin("a", PLUS, bed=Bed.NOT_CLEAR), kin("b", PLAIN)
+    full, other = printer_of("a", PLUS, bed=Bed.NOT_CLEAR), printer_of("b", PLAIN)
     wish = policy.choose_reslice(part(), situation([part()], [full, other], NIGHT, NOW_S), [other])
     assert wish == policy.Reslice("1/01", "b")
     assert policy.waits_for_its_printer_kind(HoldCode.BED_NOT_CLEAR)
@@ -47,21 +47,21 @@ def test_what_waits_for_a_full_bed_until_morning_is_sliced_for_another_kind():
 @pytest.mark.parametrize(
     ("changes", "other"),
     [
-        ({}, {"kin": PLAIN, "grams": 10.0}),  # too little filament
-        ({"failed_on": frozenset("b")}, {"kin": PLAIN}),
-        ({"places": 0}, {"kin": PLAIN}),  # its job prints on as many as it was given
-        ({"requirements": Requirements("generic_abs", None, 0.4, box(100.0), PLUS)}, {"kin": PLAIN}),
+        ({}, {"family": PLAIN, "grams": 10.0}),  # too little filament
+        ({"failed_on": frozenset("b")}, {"family": PLAIN}),
+        ({"places": 0}, {"family": PLAIN}),  # its job prints on as many as it was given
+        ({"requirements": Requirements("generic_abs", None, 0.4, box(100.0), PLUS)}, {"family": PLAIN}),
         (
             {"requirements": Requirements("generic_pla", None, 0.4, box(250.0), PLUS)},
-            {"kin": PLAIN},
+            {"family": PLAIN},
         ),  # too high
-        ({}, {"kin": PLUS, "nozzle_mm": 0.25}),  # 25 h on the finer nozzle: the bed is cleared before
-        ({}, {"kin": PLAIN, "unattended": False}),
+        ({}, {"family": PLUS, "nozzle_mm": 0.25}),  # 25 h on the finer nozzle: the bed is cleared before
+        ({}, {"family": PLAIN, "unattended": False}),
     ],
 )
 def test_it_waits_where_the_other_printer_will_not_do(changes, other):
-    full = kin("a", PLUS, bed=Bed.NOT_CLEAR)
-    free = kin("b", **other)
+    full = printer_of("a", PLUS, bed=Bed.NOT_CLEAR)
+    free = printer_of("b", **other)
     view = part(**changes)
     assert policy.choose_reslice(view, situation([view], [full, free], NIGHT, NOW_S), [free]) is None
 
@@ -70,8 +70,8 @@ def test_it_waits_where_its_own_printer_is_free_soon_enough():
     """Ten hours: a fifth of the time until it would be there is what has to be saved."""
 
     def wish(hours):
-        busy = kin("a", PLUS, booked=True, free_s=NOW_S + hours * HOUR)
-        other = kin("b", PLAIN)
+        busy = printer_of("a", PLUS, booked=True, free_s=NOW_S + hours * HOUR)
+        other = printer_of("b", PLAIN)
         return policy.choose_reslice(part(), situation([part()], [busy, other], rules(), NOW_S), [other])
 
     assert wish(2.0) is None
@@ -79,12 +79,15 @@ def test_it_waits_where_its_own_printer_is_free_soon_enough():
 
 
 def test_a_part_whose_kind_of_printer_is_gone_for_good_is_sliced_for_another():
-    other = kin("b", PLAIN)
+    other = printer_of("b", PLAIN)
     assert policy.choose_reslice(part(), situation([part()], [other], rules(), NOW_S), [other]) is not None
 
 
 def test_a_printer_to_be_looked_at_is_counted_on_only_where_it_is_known_when():
-    broken, other = kin("a", PLUS, attention_reason="no heat"), kin("b", PLAIN, time_factor=2.0)  # 20 h
+    broken, other = (
+        printer_of("a", PLUS, attention_reason="no heat"),
+        printer_of("b", PLAIN, time_factor=2.0),
+    )  # 20 h
 
     def wish(house):
         return policy.choose_reslice(part(), situation([part()], [broken, other], house, NOW_S), [other])
@@ -94,7 +97,7 @@ def test_a_printer_to_be_looked_at_is_counted_on_only_where_it_is_known_when():
 
 
 def test_a_failed_part_is_cut_for_the_printers_that_others_leave():
-    fleet = [kin(name, PLUS) for name in "abcd"]
+    fleet = [printer_of(name, PLUS) for name in "abcd"]
     failed = part(failed_on=frozenset("a"))
     other = plate("1/02", "b", expected_s=HOUR)
     wish = policy.choose_recut(failed, situation([failed, other], fleet, NIGHT, NOW_S))
@@ -108,7 +111,7 @@ def test_a_failed_part_is_cut_for_the_printers_that_others_leave():
 
 
 def test_a_part_whose_kind_of_printer_is_gone_is_cut_only_where_a_new_slice_is_not_as_good():
-    fleet = [kin(name, PLAIN) for name in "bc"]
+    fleet = [printer_of(name, PLAIN) for name in "bc"]
     short, long = part(hours=1.0), part(hours=10.0)
     assert policy.expected_end_s(short, situation([short], fleet, NIGHT, NOW_S)) == float("inf")
     assert policy.choose_recut(short, situation([short], fleet, NIGHT, NOW_S)) is None
@@ -123,13 +126,13 @@ def test_a_part_whose_kind_of_printer_is_gone_is_cut_only_where_a_new_slice_is_n
 def test_pieces_may_end_before_quiet_hours_that_the_whole_would_run_into():
     house = rules(quiet=["06:00-22:00"])
     now_s = NOW_S + 3 * HOUR  # 23:00
-    fleet = [kin(name, PLUS) for name in "abc"]
+    fleet = [printer_of(name, PLUS) for name in "abc"]
     assert policy.choose_recut(part(), situation([part()], fleet, house, now_s)) is not None
 
 
 fleets = st.lists(
     st.builds(
-        kin,
+        printer_of,
         st.sampled_from("abcdef"),
         st.sampled_from([PLUS, PLAIN]),
         nozzle_mm=st.sampled_from([0.4, 0.8]),

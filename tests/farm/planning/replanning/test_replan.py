@@ -113,7 +113,7 @@ def test_pieces_fill_their_part_exactly_and_are_sliced_each_for_its_own_printer(
     assert {part.cut_from for part in result.parts} == {"1/p01"}
     assert len({plate.printer for plate in result.plates}) == len(result.plates)
     kins = {"a": PLUS, "b": PLUS, "c": PLAIN}
-    assert all(plate.kin == kins[plate.printer] for plate in result.plates)
+    assert all(plate.family == kins[plate.printer] for plate in result.plates)
     report = json.loads((state.files / result.decomposition).read_text())
     assert [(one["id"], one["file"]) for one in report["parts"]] == [
         (f"p01{letter}", f"p01{letter}.stl") for letter in letters
@@ -136,7 +136,7 @@ def test_a_part_is_sliced_for_another_printer_and_its_plan_is_kept(state):
     assert isinstance(result, ReplannedPlate), result
     ((part,), (plate,)) = result.parts, result.plates
     assert part == task.part.model_copy(update={"plate": "1/01-2"})
-    assert (plate.id, plate.kin, plate.printer, plate.parts) == ("1/01-2", PLAIN, "a", ("1/p01",))
+    assert (plate.id, plate.family, plate.printer, plate.parts) == ("1/01-2", PLAIN, "a", ("1/p01",))
     assert (state.files / task.part.file).is_file()
     assert (state.files / plate.gcode).is_file()
 

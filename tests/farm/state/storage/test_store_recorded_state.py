@@ -24,7 +24,7 @@ def test_the_books_of_the_first_release_open(tmp_path):
     assert (printing.job, printing.printer, printing.state) == (2, "um2x-01", PrintState.PRINTING)
     (plate,) = books.plates_of(books.job(4))
     assert books.plate_state(plate) is PlateState.PRINTED
-    assert round(plate.expected_s / 60) == 18 and plate.kin == "ultimaker2_plus"
+    assert round(plate.expected_s / 60) == 18 and plate.family == "ultimaker2_plus"
     (part,) = (books.parts[name] for name in plate.parts)
     assert part.geometry.volume_mm3 > 2000.0 and part.print_options.stands
     assert Part.model_validate_json(part.model_dump_json()) == part
