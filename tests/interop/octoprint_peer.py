@@ -32,7 +32,7 @@ MARLIN2 = {
 
 
 class Settings:
-    """The plugin's defaults, with the reset's lines and the oks of a real Marlin."""
+    """Defaults of the plugin, with the start lines and oks of a real Marlin."""
 
     def __init__(self, folder, firmware):
         self._folder = folder
@@ -60,7 +60,7 @@ class Hooks:
 
 
 class Printer(virtual.VirtualPrinter):
-    """Writes down what it carries out, and gets its faults in time.
+    """Virtual printer that records executed commands and gets its faults at given lines.
 
     Two of its faults take a line for received that they throw away, which no host can know: its simulated
     error `resend_with_timeout` (once), and each one that `resend_ratio` draws. They are counted.

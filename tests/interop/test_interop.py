@@ -1,4 +1,4 @@
-"""With software that we did not write: OctoPrint's virtual printer, and Printrun's printcore.
+"""Interoperation with OctoPrint's virtual printer and Printrun's printcore.
 
 They live in an environment of their own, which `make interop` makes; else these tests are skipped.
 """
@@ -39,7 +39,7 @@ pytestmark = [
 
 @contextmanager
 def octoprint(folder: Path, *injected: str, firmware: Firmware = ULTIMAKER2) -> Iterator[SerialPort]:
-    """A virtual printer's port, opened; each fault is NAME@LINE."""
+    """Provide an open port of a virtual printer; each fault is NAME@LINE."""
     name = "marlin2" if firmware is MARLIN2 else "ultimaker2"
     peer = subprocess.Popen(
         [PYTHON, HERE / "octoprint_peer.py", folder, name, *injected],
@@ -97,13 +97,13 @@ def spiral(count: int) -> list[bytes]:
 
 
 def done(folder: Path) -> list[bytes]:
-    """Return the commands that the virtual printer carried out, without resent lines."""
+    """Return the commands that the virtual printer executed, without resent lines."""
     lines = (folder / "done.txt").read_bytes().replace(b"  ", b" ").splitlines()  # see `add_frame`
     return [line for line, _ in groupby(lines)]
 
 
-def test_we_print_to_octoprint_s_virtual_printer_to_the_end_with_its_faults_on(tmp_path: Path):
-    """Its default simulated errors (lines 100 to 115), and its debug commands that a host has to stand."""
+def test_virtual_printer_prints_to_the_end_with_its_faults(tmp_path: Path):
+    """Print with its default simulated errors (lines 100 to 115) and its debug commands."""
     program = spiral(600)
     link, faults = stream(
         tmp_path,
@@ -128,8 +128,8 @@ def test_we_print_to_octoprint_s_virtual_printer_to_the_end_with_its_faults_on(t
     assert link.repeated >= 8  # an ok that was only lost costs no repeat
 
 
-def test_we_print_to_it_as_marlin_2_with_its_faults_on(tmp_path: Path):
-    """Its oks name their lines, it says when it is busy, and answers our question as Marlin 2 does."""
+def test_virtual_printer_as_marlin_2_prints_to_the_end_with_its_faults(tmp_path: Path):
+    """Print with numbered oks, busy messages, and the answer of Marlin 2 to the query."""
     program = spiral(600)
     link, faults = stream(
         tmp_path,
@@ -150,8 +150,8 @@ def test_we_print_to_it_as_marlin_2_with_its_faults_on(tmp_path: Path):
     assert len(program) - len(printed) <= len(dropped)
 
 
-def test_a_session_prints_a_part_to_it_as_an_ender_3(tmp_path: Path):
-    """Identified, heated, printed line for line, seen off: what a farm does with a printer."""
+def test_session_prints_a_part_to_a_virtual_ender_3(tmp_path: Path):
+    """Identify the printer, heat, print every line, and confirm the heaters off."""
     profile, moves = PROFILES["creality_ender3"], spiral(300)
     start = "\n".join(profile.start_code).format(bed_c=40.0, nozzle_c=190.0, prime_mm=5.0)
     end = "\n".join(profile.end_code).format(park_mm=-profile.parked_mm)
@@ -193,7 +193,7 @@ def test_a_session_prints_a_part_to_it_as_an_ender_3(tmp_path: Path):
         ("drop_connection", Fault.PORT_LOST),
     ],
 )
-def test_what_cannot_be_stood_ends_in_a_named_fault(tmp_path: Path, trigger: str, fault: Fault):
+def test_unrecoverable_fault_of_the_virtual_printer_is_named(tmp_path: Path, trigger: str, fault: Fault):
     program = spiral(200)
     _, faults = stream(tmp_path, program, f"{trigger}@60")
     assert faults == [fault]
@@ -201,7 +201,7 @@ def test_what_cannot_be_stood_ends_in_a_named_fault(tmp_path: Path, trigger: str
 
 
 @pytest.mark.parametrize("faults", ["", "?resend=0.01"])
-def test_printcore_prints_to_our_emulator_to_the_end(tmp_path: Path, faults: str):
+def test_printcore_prints_to_the_emulator_to_the_end(tmp_path: Path, faults: str):
     path = tmp_path / "spiral.gcode"
     moves = spiral(1500)
     path.write_bytes(b"\n".join([b"M302 S0", b"G28", b"G92 E0", *moves, b"M400"]) + b"\n")

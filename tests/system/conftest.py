@@ -1,4 +1,4 @@
-"""Farms for system tests: made in a folder of their own, ended whatever the test did."""
+"""Farms for system tests: each in a folder of its own, ended after the test."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from real_farm import RealFarm
 
 @pytest.fixture
 def make_farm(tmp_path):
-    """`make_farm({name: (model, port)})`: a farm that is not up yet; ended after the test."""
+    """`make_farm({name: (model, port)})`: a farm that is not started yet; ended after the test."""
     farms = []
 
     def make(printers):

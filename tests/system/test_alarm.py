@@ -7,7 +7,7 @@ from real_farm import RealFarm, wait_for
 
 
 @pytest.mark.system
-def test_a_nozzle_that_burns_on_an_idle_printer_is_the_first_thing_to_do_and_loses_its_mains(tmp_path):
+def test_shorted_nozzle_of_an_idle_printer_is_the_first_task_and_cuts_the_mains(tmp_path):
     farm = RealFarm(tmp_path, {"um2-01": ("ultimaker2_plus", "sim://ultimaker2_plus")})
     mark, relay = tmp_path / "mark", tmp_path / "relay.sh"
     relay.write_text(f'#!/bin/sh\necho "$1" >> {mark}\n')

@@ -1,4 +1,4 @@
-"""A full disk, one that cannot be written, and damaged books: real ones, while prints go on."""
+"""Full disks, read-only disks and a damaged database during prints."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def farm(tmp_path):
 
 
 def tended(farm):
-    """A person clears the beds that are to be. What is printed, once its first layer has begun."""
+    """Clear the beds that wait for it; return the prints whose first layer has begun."""
     view = farm.insist("GET", "/status")
     farm.clear_beds(view)
     prints = [printer["print"] for printer in view["printers"] if printer["print"]]
@@ -47,13 +47,13 @@ def tended(farm):
 
 
 def both_are_off(farm):
-    """By the boards' own words, which no disk keeps."""
+    """Read the targets from the boards."""
     targets = [printer["targets"] for printer in farm.insist("GET", "/status")["printers"]]
     return all((target["nozzle_c"], target["bed_c"]) == (0.0, 0.0) for target in targets)
 
 
 def cannot_start(farm, read_only=False):
-    """The one line in which a daemon says why."""
+    """Return the line in which the daemon gives the reason."""
     command = [sys.executable, "-P", "-m", "farm.cli.main", *farm.daemon()]
     tried = subprocess.run(farm.disk.command(command, read_only), check=False, capture_output=True, text=True)
     assert tried.returncode == 1, tried.stderr
@@ -63,7 +63,7 @@ def cannot_start(farm, read_only=False):
     return line
 
 
-def test_a_disk_that_takes_nothing_stops_no_print_and_loses_none(disk_farm):
+def test_full_disk_stops_and_loses_no_print(disk_farm):
     farm = disk_farm
     farm.keep([])
     farm.submit(2)
@@ -92,8 +92,8 @@ def states(farm):
     return {job["state"] for job in farm.insist("GET", "/status")["jobs"]}
 
 
-def test_damaged_books_are_put_back_and_nothing_is_printed_twice(farm):
-    """The copy knows the plans of what prints when it is needed, and none of the prints."""
+def test_damaged_database_is_restored_and_no_part_is_printed_twice(farm):
+    """Use a backup that has the plans of the running prints, but not the prints."""
     farm.keep([])
     farm.submit(3, hold=True)
     wait_for("all to be planned", lambda: states(farm) == {"held"})

@@ -1,4 +1,4 @@
-"""Planning in real processes: cancelled work is ended at once, and nothing is left of it."""
+"""Cancelled planning in real processes: it ends at once and leaves no process."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ MODEL = "ultimaker2_plus"
 
 @pytest.fixture
 def hanging_engine(tmp_path):
-    """A CuraEngine that slices for ever, and holds a FIFO open: its end is read when none of it is left."""
+    """CuraEngine that never ends and holds a FIFO open, whose end of file shows that no process is left."""
     os.mkfifo(tmp_path / "fifo")
     engine = tmp_path / "engine"
     version = "[ $1 = help ] && exec CuraEngine help"
@@ -28,7 +28,7 @@ def hanging_engine(tmp_path):
 
 
 def children(pid):
-    """The processes that a process has started and that still run."""
+    """List the running child processes of a process."""
     found = set()
     for stat in Path("/proc").glob("[0-9]*/stat"):
         try:
@@ -45,9 +45,7 @@ def workers(daemon):
     return {pid for pid, words in marks.items() if b"spawn_main" in words}
 
 
-def test_planning_ends_at_once_with_its_job_and_with_the_daemon_however_that_ends(
-    make_farm, bar, hanging_engine, tmp_path
-):
+def test_planning_processes_end_with_their_job_and_with_the_daemon(make_farm, bar, hanging_engine, tmp_path):
     farm = make_farm({"one": (MODEL, f"sim://{MODEL}"), "two": (MODEL, f"sim://{MODEL}")})
     farm.up(FARM_CURA_ENGINE=str(hanging_engine))
     daemon = farm.status()["daemon"]["pid"]

@@ -1,4 +1,4 @@
-"""The table in docs/reference/defects.md: each row, from the outside, on a farm that goes on working."""
+"""Every row of docs/reference/defects.md, on one running farm."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ SIM = (MODEL, f"sim://{MODEL}")
 
 @pytest.fixture(scope="module")
 def shared_farm(tmp_path_factory):
-    """One farm for all rows: none of them may disturb it."""
+    """Provide one farm for all rows; no row may disturb it."""
     farm = RealFarm(tmp_path_factory.mktemp("farm"), {"one": SIM})
     farm.up()
     yield farm
@@ -88,7 +88,7 @@ def one_line(stderr):
 
 
 @pytest.mark.parametrize("defect", REFUSED)
-def test_a_model_that_is_refused(shared_farm, tmp_path, defect):
+def test_unusable_model_is_refused(shared_farm, tmp_path, defect):
     make, said = REFUSED[defect]
     path = tmp_path / "model.stl"
     path = make(path) or path
@@ -98,7 +98,7 @@ def test_a_model_that_is_refused(shared_farm, tmp_path, defect):
     assert shared_farm.status()["jobs"] == []
 
 
-def test_a_file_that_is_not_there(shared_farm, tmp_path):
+def test_missing_file_is_refused(shared_farm, tmp_path):
     result = shared_farm.run("submit", tmp_path / "no.stl")
     assert result.returncode == 5
     assert "no such file" in one_line(result.stderr)
@@ -120,7 +120,7 @@ def test_fleet_with_an_unknown_key(make_farm):
     assert re.search(r"fleet.yaml:3: printers.0.colur: unknown key", one_line(result.stderr))
 
 
-def test_fleet_with_a_material_that_cura_has_not(make_farm):
+def test_fleet_with_an_unknown_material(make_farm):
     farm = make_farm({"one": SIM})
     farm.fleet.write_text(farm.fleet.read_text().replace("name: one", "name: one, material: PLA"))
     result = farm.run("up")
@@ -135,7 +135,7 @@ def test_two_printers_on_one_port(make_farm, tmp_path):
     assert "one and two are on one port" in one_line(result.stderr)
 
 
-def test_a_port_that_is_not_there(make_farm, tmp_path):
+def test_missing_port_is_reported(make_farm, tmp_path):
     farm = make_farm({"one": (MODEL, str(tmp_path / "ttyACM7"))})
     farm.fleet.write_text(farm.fleet.read_text().replace("time_scale: 150", "time_scale: 1"))
     result = farm.run("up")
@@ -166,7 +166,7 @@ def test_cura_engine_failing(make_farm, bar, tmp_path):
     assert farm.job()["state"] == "failed"
 
 
-def test_a_part_that_fits_no_printer(make_farm, tmp_path):
+def test_part_that_fits_no_printer(make_farm, tmp_path):
     farm = make_farm({"one": SIM})
     # A printer so small that nothing printable is left of its bed within the clips and the brim.
     farm.fleet.write_text(farm.fleet.read_text().replace("name: one", "name: one, volume_mm: [20, 20, 20]"))
@@ -178,7 +178,7 @@ def test_a_part_that_fits_no_printer(make_farm, tmp_path):
     assert re.search(r"\d+ (printers|parts)|mm", one_line(result.stderr))
 
 
-def test_an_open_mesh_is_repaired_and_more_parts_than_beds_go_in_rounds(make_farm, tmp_path):
+def test_open_mesh_is_repaired_and_parts_are_printed_in_rounds(make_farm, tmp_path):
     farm = make_farm({"one": SIM})
     farm.up()
     bar = trimesh.creation.box((260.0, 12.0, 10.0)).subdivide().subdivide()
@@ -196,7 +196,7 @@ def test_an_open_mesh_is_repaired_and_more_parts_than_beds_go_in_rounds(make_far
     wait_for("the second round", lambda: farm.job()["state"] == "printed")
 
 
-def test_a_state_folder_that_cannot_be_written(make_farm, tmp_path):
+def test_read_only_state_folder_is_refused(make_farm, tmp_path):
     farm = make_farm({"one": SIM})
     farm.state = Path("/proc/farm")
     result = farm.run("up")
@@ -206,7 +206,7 @@ def test_a_state_folder_that_cannot_be_written(make_farm, tmp_path):
 
 
 @pytest.mark.skipif(not hasattr(os, "sched_getaffinity"), reason="Linux only")
-def test_a_second_daemon_is_refused(shared_farm):
+def test_second_daemon_is_refused(shared_farm):
     result = shared_farm.run("daemon")
     assert result.returncode == 5
     assert "another daemon" in one_line(result.stderr)

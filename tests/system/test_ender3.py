@@ -1,4 +1,4 @@
-"""A fleet of unlike printers: an Ender-3 with plain Marlin 2, and an Ultimaker 2+."""
+"""Mixed fleet: an Ender-3 with plain Marlin 2, and an Ultimaker 2+."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def mixed(make_farm):
     return farm
 
 
-def test_a_model_is_split_for_both_and_each_prints_its_part(mixed, bar):
+def test_model_is_split_between_two_models_of_printer(mixed, bar):
     result = mixed.run("submit", bar, "--wait", "--json")
     assert result.returncode == 0, (result.stderr, mixed.log())
     job = json.loads(result.stdout)["job"]

@@ -33,7 +33,7 @@ def connected(path):
 
 @pytest.mark.system
 @pytest.mark.skipif(os.getuid() != 0, reason="needs root, to be another user")
-def test_another_member_of_the_group_stops_a_printer_whose_daemon_and_agent_hang(tmp_path):
+def test_member_of_the_group_stops_a_printer_whose_daemon_and_agent_hang(tmp_path):
     farm = RealFarm(tmp_path, {"um2-01": ("ultimaker2_plus", "sim://ultimaker2_plus")})
     shared = Path(tempfile.mkdtemp())
     shared.chmod(0o755)

@@ -1,4 +1,4 @@
-"""A real daemon is killed by SIGKILL at its commits and at any moment; agents and printers go on."""
+"""SIGKILL of a real daemon at its commits and at random times, while agents and printers continue."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ def killed_farm(tmp_path):
     ("seed", "rounds"),
     [(6, 1), pytest.param(7, 9, marks=pytest.mark.skipif("FARM_KILLS" not in os.environ, reason="3 min"))],
 )
-def test_no_plate_is_lost_or_printed_twice_wherever_the_daemon_is_killed(killed_farm, seed, rounds):
-    """At every event of a job, at one of three moments each; in nine rounds at all of them."""
+def test_no_plate_is_lost_or_printed_twice_after_a_kill_at_any_event(killed_farm, seed, rounds):
+    """Kill the daemon at every event of a job: before, during or after its commit."""
     rng = random.Random(seed)
     fates = [
         fate

@@ -27,7 +27,7 @@ def extruding(farm, name):
     return farm.emulator_status(name).bed_clear is False
 
 
-def test_from_a_model_to_its_last_part(farm, bar):
+def test_model_is_printed_to_its_last_part(farm, bar):
     result = farm.run("submit", bar, "--wait", "--json")
     assert result.returncode == 0, (result.stderr, farm.log())
     answer = json.loads(result.stdout)
@@ -63,7 +63,7 @@ def test_from_a_model_to_its_last_part(farm, bar):
     assert farm.run("status").returncode == 3
 
 
-def test_a_wrong_checksum_is_sent_again_and_the_print_ends(make_farm, bar):
+def test_print_completes_with_wrong_checksums(make_farm, bar):
     model = "ultimaker2_plus"
     farm = make_farm(
         {"one": (model, f"sim://{model}?seed=3&checksum=0.002"), "two": (model, f"sim://{model}?seed=4")}
@@ -74,7 +74,7 @@ def test_a_wrong_checksum_is_sent_again_and_the_print_ends(make_farm, bar):
     assert farm.emulator_status("one").errors > 0
 
 
-def test_the_daemon_dies_and_every_print_goes_on(farm, bar):
+def test_prints_continue_after_the_daemon_dies(farm, bar):
     farm.ok("submit", bar)
     wait_for("both printers to extrude", lambda: printing(farm) and extruding(farm, "one"))
     before = farm.status()
@@ -94,7 +94,7 @@ def test_the_daemon_dies_and_every_print_goes_on(farm, bar):
     assert [len(part["prints"]) for part in job["parts"]] == [1, 1]
 
 
-def test_a_wait_outlives_the_daemon(farm, bar, tmp_path):
+def test_submit_wait_continues_over_a_restart_of_the_daemon(farm, bar, tmp_path):
     import subprocess
 
     from real_farm import FARM
@@ -110,7 +110,7 @@ def test_a_wait_outlives_the_daemon(farm, bar, tmp_path):
         assert json.load(out)["job"]["state"] == "printed"
 
 
-def test_an_agent_dies_and_its_printer_is_cold_at_once(farm, bar):
+def test_printer_of_a_dead_agent_is_cooled(farm, bar):
     farm.ok("submit", bar)
     wait_for("both printers to extrude", lambda: printing(farm) and extruding(farm, "one"))
     agent = farm.printer("one")["agent_pid"]
@@ -140,7 +140,7 @@ def test_an_agent_dies_and_its_printer_is_cold_at_once(farm, bar):
     wait_for("the second attempt", lambda: farm.job()["state"] == "printed")
 
 
-def test_a_printer_that_was_reset_by_somebody_gets_no_plate_until_a_person_has_looked(farm, bar):
+def test_printer_reset_by_a_person_gets_no_plate_before_it_is_inspected(farm, bar):
     control(farm.emulator("one"), Command.RESET)
     wait_for("the farm to notice", lambda: farm.printer("one")["look"])
     printer = farm.printer("one")
@@ -156,7 +156,7 @@ def test_a_printer_that_was_reset_by_somebody_gets_no_plate_until_a_person_has_l
     assert farm.printer("one")["bed"] == "clear"
 
 
-def test_the_farm_is_not_taken_down_in_mid_print_unless_told_to(farm, bar):
+def test_farm_down_is_refused_during_a_print_without_an_option(farm, bar):
     farm.ok("submit", bar)
     wait_for("both printers to extrude", lambda: printing(farm))
     refused = farm.run("down")
@@ -169,7 +169,7 @@ def test_the_farm_is_not_taken_down_in_mid_print_unless_told_to(farm, bar):
         assert (seen.nozzle_target_c, seen.bed_target_c) == (0.0, 0.0)
 
 
-def test_a_cancelled_job_ends_safely_and_is_not_tried_again(farm, bar):
+def test_cancelled_job_ends_safely_and_is_not_repeated(farm, bar):
     farm.ok("submit", bar)
     wait_for("both printers to extrude", lambda: printing(farm))
     farm.ok("cancel", 1)

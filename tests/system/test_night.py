@@ -1,4 +1,4 @@
-"""A short night of `bench/night.py`: what the long one shows, in every run of the tests."""
+"""Short night of `bench/night.py`."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from bench.night import Night, parse_options
 pytestmark = pytest.mark.system
 
 
-def test_a_night_loses_no_plate_and_prints_none_twice(tmp_path):
-    """One print fails, one printer is unplugged, the daemon is killed, and for a while nobody is there."""
+def test_night_loses_no_plate_and_prints_none_twice(tmp_path):
+    """Fail a print, unplug a printer, kill the daemon, and leave beds unattended for a time."""
     night = "--printers 5 --plates 10 --moves 100 --away-h 0.5 --kills 1 --seed 1"
     figures = Night(tmp_path, parse_options(night.split())).run()
     assert (figures["done"], figures["lost"], figures["doubled"]) == (10, 0, 0), figures

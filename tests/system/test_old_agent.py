@@ -1,4 +1,4 @@
-"""A daemon of today and an agent of an earlier version, from the sources that it had then."""
+"""Current daemon with an agent of an earlier version, from its sources in the history."""
 
 import os
 import signal
@@ -16,7 +16,7 @@ OLD = "00f76ab"  # the last commit before agents told what they speak
 
 
 def old_sources(folder):
-    """Put the drivers of then into a folder; skip where the history does not go back so far."""
+    """Write the earlier drivers into a folder; skip if the history lacks them."""
     words = ["git", "-C", str(ROOT), "archive", OLD, "drivers"]
     archive = subprocess.run(words, check=False, capture_output=True)
     if archive.returncode != 0:
@@ -27,7 +27,7 @@ def old_sources(folder):
 
 
 @pytest.mark.system
-def test_an_agent_of_an_earlier_version_is_known_and_replaced(tmp_path):
+def test_agent_of_an_earlier_version_is_detected_and_replaced(tmp_path):
     farm = RealFarm(tmp_path, {"um2-01": ("ultimaker2_plus", "sim://ultimaker2_plus")})
     sources = old_sources(tmp_path / "then")
     agent = farm.state / "agents" / "um2-01"

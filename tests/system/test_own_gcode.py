@@ -1,4 +1,4 @@
-"""A person's own G-code on real processes: the same way as a model's plates, without CuraEngine."""
+"""A person's own G-code on real processes, without CuraEngine."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def one(make_farm):
 
 
 def printed(farm, number, path):
-    """Submit and wait for the end; the job."""
+    """Submit a file, wait for the end, and return the job."""
     result = farm.run("submit", path, "--wait", "--json")
     assert result.returncode == 0, (result.stderr, farm.log())
     job = json.loads(result.stdout)["job"]
@@ -57,7 +57,7 @@ def test_ultigcode_and_marlin_files_are_printed_to_their_end(one, tmp_path):
     assert "Its start and end were replaced by the farm's." in text
 
 
-def test_what_cannot_be_printed_is_refused_at_submission(one, tmp_path):
+def test_unprintable_gcode_is_refused_at_submission(one, tmp_path):
     path = tmp_path / "bad.gcode"
     path.write_text("\n".join(marlin(body=["M500"])) + "\n")
     result = one.run("submit", path)
@@ -74,7 +74,7 @@ def test_what_cannot_be_printed_is_refused_at_submission(one, tmp_path):
     assert one.status()["jobs"] == []
 
 
-def test_a_cut_file_is_refused_and_one_for_another_machine_is_warned_of(one, tmp_path):
+def test_truncated_file_is_refused_and_foreign_machine_is_a_warning(one, tmp_path):
     path, whole = tmp_path / "tower.gcode", [";LAYER_COUNT:3", *marlin()]
     for cut, said in (
         ("\n".join(whole[: whole.index(";LAYER:2")]) + "\n", "names 3 layers, and 2 of them"),

@@ -1,4 +1,4 @@
-"""Power cuts leave only synced data on the disk: all that was promised must be there."""
+"""Power cuts: only synced data is on the disk, and it must be complete."""
 
 import json
 import os
@@ -37,7 +37,7 @@ for event in (*fleet(), ev.JobSubmitted(at_s=0.0, job=job())):
 
 
 @pytest.mark.parametrize("new", [True, False])
-def test_an_agent_s_journal_has_every_record_that_it_acted_on(tmp_path, monkeypatch, new):
+def test_journal_keeps_every_record_that_the_agent_acted_on(tmp_path, monkeypatch, new):
     folder = tmp_path / "agent"
     folder.mkdir()
     if not new:
@@ -53,7 +53,7 @@ def test_an_agent_s_journal_has_every_record_that_it_acted_on(tmp_path, monkeypa
 
 
 @pytest.mark.parametrize("suffix", [".gcode", ".stl"])
-def test_a_stored_file_is_whole_under_its_name(tmp_path, monkeypatch, suffix):
+def test_stored_file_is_complete(tmp_path, monkeypatch, suffix):
     folder = tmp_path / "state"
     (folder / "files").mkdir(parents=True)
     (folder / "work").mkdir()
@@ -65,15 +65,15 @@ def test_a_stored_file_is_whole_under_its_name(tmp_path, monkeypatch, suffix):
     assert sha256_of(left) + suffix == name
 
 
-def test_the_books_are_synced_at_every_commit_by_their_own_connection(tmp_path):
+def test_database_is_synced_at_every_commit(tmp_path):
     with Store(tmp_path / "farm.db") as store:
         assert store._db.execute("PRAGMA synchronous").fetchone() == (2,)  # FULL
         assert store._db.execute("PRAGMA journal_mode").fetchone() == ("wal",)
 
 
 @pytest.mark.skipif(CC is None, reason="needs a C compiler")
-def test_the_books_have_every_event_that_was_committed(tmp_path):
-    """SQLite syncs by itself, below Python: a library before libc keeps what was synced."""
+def test_database_keeps_every_committed_event(tmp_path):
+    """Record what SQLite syncs by a library that is loaded before libc."""
     shim, synced, books = tmp_path / "synced.so", tmp_path / "synced", tmp_path / "state" / "farm.db"
     subprocess.run([CC, "-shared", "-fPIC", "-o", shim, SYNCED, "-ldl"], check=True)
     synced.mkdir()

@@ -1,4 +1,4 @@
-"""A farm of this release goes on with the state folder that the first one left in the middle of a print."""
+"""State folder of farm 0.1, left in the middle of a print, opened by this version."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from recorded_state import unpack_state
 pytestmark = pytest.mark.system
 
 
-def test_a_print_that_an_older_farm_left_open_is_ended_and_its_part_waits(make_farm, tmp_path):
+def test_open_print_of_an_older_farm_is_ended_and_its_part_waits(make_farm, tmp_path):
     models = {"um2-01": "ultimaker2_plus", "um2-02": "ultimaker2_plus", "um2x-01": "ultimaker2_extended_plus"}
     farm = make_farm({name: (model, f"sim://{model}") for name, model in models.items()})
     unpack_state(farm.folder)  # with the fleet file that it was made with

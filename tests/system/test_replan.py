@@ -13,7 +13,7 @@ from real_farm import wait_for
 pytestmark = pytest.mark.system
 
 
-def test_a_part_that_failed_is_sliced_for_another_kind_of_printer_and_printed_there(make_farm, tmp_path):
+def test_failed_part_is_resliced_for_another_model_and_printed(make_farm, tmp_path):
     kinds = {"one": "ultimaker2_plus", "two": "ultimaker2"}
     farm = make_farm({name: (model, f"sim://{model}") for name, model in kinds.items()})
     farm.up()
@@ -32,7 +32,7 @@ def test_a_part_that_failed_is_sliced_for_another_kind_of_printer_and_printed_th
     assert farm.job()["state"] == "done"
 
 
-def test_a_part_that_failed_is_cut_for_the_free_printers_and_printed_there(make_farm, tmp_path):
+def test_failed_part_is_cut_for_the_free_printers_and_printed(make_farm, tmp_path):
     port = "sim://ultimaker2_plus"
     farm = make_farm(dict.fromkeys(("large", "left", "right"), ("ultimaker2_plus", port)))
     small = "volume_mm: [110, 110, 100]"

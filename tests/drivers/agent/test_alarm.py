@@ -77,7 +77,7 @@ def runs(mark: Path) -> int:
     return mark.read_text().count("um2-01\n") if mark.exists() else 0
 
 
-def test_a_finding_of_an_idle_printer_cuts_its_mains_once(tmp_path: Path, mark: Path):
+def test_finding_on_an_idle_printer_cuts_the_mains_once(tmp_path: Path, mark: Path):
     agent = Agent(tmp_path, relay(mark))
     agent.report(21.0)
     agent.report(90.0, 50)
@@ -87,7 +87,7 @@ def test_a_finding_of_an_idle_printer_cuts_its_mains_once(tmp_path: Path, mark: 
     assert agent.look.count("gets hotter") == agent.look.count(CUT) == 1
 
 
-def test_a_printer_that_needs_attention_already_has_its_mains_cut_too(tmp_path: Path, mark: Path):
+def test_printer_with_an_attention_reason_has_its_mains_cut(tmp_path: Path, mark: Path):
     agent = Agent(tmp_path, relay(mark))
     agent.board.state.attention_reason = "its print failed"
     agent.report(21.0)
@@ -97,7 +97,7 @@ def test_a_printer_that_needs_attention_already_has_its_mains_cut_too(tmp_path: 
 
 
 def test_maxtemp_on_an_idle_board_cuts_the_mains(tmp_path: Path, mark: Path):
-    """Its link is dead then: no report would tell that it gets hotter."""
+    """Cut the mains at once: the link is dead, so no report would show a rise."""
     agent = Agent(tmp_path, relay(mark))
     agent.report(21.0)
     agent.board._on_idle_trouble(LinkFault(Fault.MAXTEMP, "MAXTEMP triggered"), 0.0)
@@ -107,14 +107,14 @@ def test_maxtemp_on_an_idle_board_cuts_the_mains(tmp_path: Path, mark: Path):
     assert agent.look == f"both heaters are off, and the board says MAXTEMP triggered: switch it off; {CUT}"
 
 
-def test_without_a_command_a_person_is_asked_once(tmp_path: Path):
+def test_without_a_command_a_person_is_notified_once(tmp_path: Path):
     agent = Agent(tmp_path, None)
     agent.report(21.0)
     agent.report(90.0, 50)
     assert agent.look.count(NO_COMMAND) == 1 and len(agent.look) < 200
 
 
-def test_a_finding_is_new_after_the_printer_was_cold_away_or_checked(tmp_path: Path, mark: Path):
+def test_finding_is_new_after_the_printer_was_cold_absent_or_checked(tmp_path: Path, mark: Path):
     agent = Agent(tmp_path, relay(mark))
 
     def burns(times: int) -> None:
@@ -136,7 +136,7 @@ def test_a_finding_is_new_after_the_printer_was_cold_away_or_checked(tmp_path: P
     burns(4)
 
 
-def test_the_request_is_in_the_journal_before_the_command_runs(tmp_path: Path, mark: Path):
+def test_request_is_in_the_journal_before_the_command_runs(tmp_path: Path, mark: Path):
     agent = Agent(tmp_path, relay(mark, f"cp {tmp_path / JOURNAL} {tmp_path}/seen"))
     agent.report(21.0)
     agent.report(90.0)
@@ -145,7 +145,7 @@ def test_the_request_is_in_the_journal_before_the_command_runs(tmp_path: Path, m
     assert last["alarm"]["asked"] and last["alarm"]["said"] is None
 
 
-def test_the_next_agent_cuts_the_mains_that_a_dead_one_requested_to_cut(tmp_path: Path, mark: Path):
+def test_next_agent_completes_a_requested_power_off(tmp_path: Path, mark: Path):
     alarm = Alarm(text="the nozzle is off, and gets hotter", at_s=5.0, power_off_requested=True)
     Journal(tmp_path / JOURNAL).write(5.0, alarm=alarm.record())
     assert read_journal(tmp_path / JOURNAL)[0].may_be_hot
@@ -158,7 +158,7 @@ def test_the_next_agent_cuts_the_mains_that_a_dead_one_requested_to_cut(tmp_path
     assert agent.look == f"{alarm.text}; {CUT}"
 
 
-def test_the_next_agent_cuts_the_mains_for_a_heater_not_seen_to_cool(tmp_path: Path, mark: Path):
+def test_next_agent_cuts_the_mains_for_a_heater_not_seen_to_cool(tmp_path: Path, mark: Path):
     alarm = Alarm(text="the nozzle went up to 250 C, above 210", at_s=5.0)
     Journal(tmp_path / JOURNAL).write(5.0, alarm=alarm.record())
     agent = Agent(tmp_path, relay(mark))
@@ -167,7 +167,7 @@ def test_the_next_agent_cuts_the_mains_for_a_heater_not_seen_to_cool(tmp_path: P
     assert runs(mark) == 1 and alarm.text in agent.look
 
 
-def test_a_full_disk_does_not_keep_the_mains_on(tmp_path: Path, mark: Path):
+def test_full_disk_does_not_prevent_the_power_off(tmp_path: Path, mark: Path):
     agent = Agent(tmp_path, relay(mark))
 
     def full(at_s: float, **record: object) -> None:
@@ -179,8 +179,8 @@ def test_a_full_disk_does_not_keep_the_mains_on(tmp_path: Path, mark: Path):
     assert agent.settled().outcome == CUT and runs(mark) == 1
 
 
-def test_a_command_that_hangs_does_not_block_the_agent(tmp_path: Path, mark: Path):
-    """Reports are handled while it runs, and its outcome is taken when it ends."""
+def test_hanging_command_does_not_block_the_agent(tmp_path: Path, mark: Path):
+    """Handle reports while the command runs, and take its outcome when it ends."""
     os.mkfifo(tmp_path / "gate")
     agent = Agent(tmp_path, relay(mark, f"read go < {tmp_path}/gate"))
     agent.report(21.0)
@@ -215,7 +215,7 @@ def go_on(agent: Agent, rig: Rig, until: Callable[[], bool]) -> None:
 
 @pytest.mark.parametrize("command", [True, False])
 @pytest.mark.parametrize("heater", ["nozzle", "bed"])
-def test_at_the_end_of_a_print_the_mains_are_cut_once_and_its_reason_is_short(
+def test_mains_are_cut_once_at_the_end_of_a_print_with_a_short_reason(
     tmp_path: Path, mark: Path, heater: str, command: bool
 ):
     agent, rig = printing(tmp_path, relay(mark) if command else None)
@@ -236,7 +236,7 @@ def test_at_the_end_of_a_print_the_mains_are_cut_once_and_its_reason_is_short(
     assert runs(mark) == command and agent.look == ended.reason
 
 
-def test_the_end_of_a_print_waits_for_the_outcome_of_the_command(tmp_path: Path, mark: Path):
+def test_end_of_a_print_waits_for_the_outcome_of_the_command(tmp_path: Path, mark: Path):
     os.mkfifo(tmp_path / "gate")
     agent, rig = printing(tmp_path, relay(mark, f"read go < {tmp_path}/gate; echo no >&2; exit 1"))
     rig.firmware.trigger_fault("nozzle_burns_after", rig.now_s)
@@ -250,7 +250,7 @@ def test_the_end_of_a_print_waits_for_the_outcome_of_the_command(tmp_path: Path,
     assert "power_off_cmd failed (no): switch it off by hand" in agent.look
 
 
-def test_a_heater_that_is_seen_to_cool_ends_the_alarm(tmp_path: Path, mark: Path):
+def test_cooling_heater_ends_the_alarm(tmp_path: Path, mark: Path):
     agent, rig = printing(tmp_path, relay(mark))
     rig.firmware.trigger_fault("nozzle_burns_after", rig.now_s)
     go_on(agent, rig, lambda: agent.alarm is not None)
@@ -261,7 +261,7 @@ def test_a_heater_that_is_seen_to_cool_ends_the_alarm(tmp_path: Path, mark: Path
     assert runs(mark) == 0 and "went up to" in agent.look
 
 
-def test_a_cancelled_print_with_a_heater_stuck_on_needs_attention(tmp_path: Path, mark: Path):
+def test_cancelled_print_with_a_stuck_heater_needs_attention(tmp_path: Path, mark: Path):
     agent, rig = printing(tmp_path, relay(mark))
     rig.firmware.trigger_fault("nozzle_burns_after", rig.now_s)
     rig.session.cancel("no more", rig.now_s)

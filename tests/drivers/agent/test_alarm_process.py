@@ -1,4 +1,4 @@
-"""A heater that burns on in a print, on real processes: agent, emulator and a `power_off_cmd`."""
+"""Heater stuck on during a print, on real processes: agent, emulator and a `power_off_cmd`."""
 
 import asyncio
 import os
@@ -19,8 +19,8 @@ SCALE = 6.0  # quicker, and the least patience (4 s of wall time) would be longe
 
 @pytest.mark.system
 @pytest.mark.parametrize("killed", [False, True])
-def test_a_nozzle_that_burns_on_loses_its_mains_once(tmp_path: Path, killed: bool):
-    """Also where the agent is killed between the finding and the mains: the next one goes on with it."""
+def test_shorted_nozzle_cuts_the_mains_once(tmp_path: Path, killed: bool):
+    """Cut the mains also if the agent is killed after the finding: the next agent completes it."""
     mark, gate = tmp_path / "mark", tmp_path / "gate"
     os.mkfifo(gate)
     script = tmp_path / "relay.sh"
@@ -62,7 +62,7 @@ def test_a_nozzle_that_burns_on_loses_its_mains_once(tmp_path: Path, killed: boo
     run(story())
 
 
-def test_only_what_counts_lines_can_be_made_to_happen_now(tmp_path: Path):
+def test_only_faults_that_count_lines_can_be_triggered(tmp_path: Path):
     async def story() -> None:
         async with printer(tmp_path) as one:
             with pytest.raises(PortError, match="no fault 'fire'; use one of reset_after"):

@@ -1,4 +1,4 @@
-"""An agent and its port: when it opens it, what it sees there, what it does where heat cannot be stopped."""
+"""An agent and its port: opening, monitoring, and boards whose heat cannot be stopped."""
 
 import asyncio
 import json
@@ -25,7 +25,7 @@ from drivers.session import Session, SessionContext
 
 
 @pytest.mark.system
-def test_a_port_that_is_not_there_is_said_to_be_absent_and_the_agent_lives(tmp_path: Path):
+def test_missing_port_is_reported_as_absent_and_the_agent_continues(tmp_path: Path):
     async def story() -> None:
         one = Printer(tmp_path / "agent", str(tmp_path / "no-such-tty"))
         one.spawn()
@@ -41,7 +41,7 @@ def test_a_port_that_is_not_there_is_said_to_be_absent_and_the_agent_lives(tmp_p
 
 
 @pytest.mark.system
-def test_a_port_is_not_opened_before_somebody_says_that_its_printer_is_idle_and_its_reset_is_seen(
+def test_port_is_opened_after_a_person_confirms_the_printer_idle(
     tmp_path: Path,
 ):
     tty = tmp_path / "emulator" / "tty"
@@ -86,7 +86,7 @@ def test_a_port_is_not_opened_before_somebody_says_that_its_printer_is_idle_and_
 
 
 @pytest.mark.system
-def test_a_board_that_no_pulse_of_dtr_resets_is_named_and_its_heat_is_ended_by_command(tmp_path: Path):
+def test_board_without_reset_is_reported_and_cooled_by_command(tmp_path: Path):
     emulator = tmp_path / "emulator"
     one = Printer(tmp_path / "agent", str(emulator / "tty"))
 
@@ -122,7 +122,7 @@ def test_a_board_that_no_pulse_of_dtr_resets_is_named_and_its_heat_is_ended_by_c
 
 
 @pytest.mark.system
-def test_heat_of_ours_that_outlived_its_print_is_ended_by_command_where_no_reset_ends_it(tmp_path: Path):
+def test_heat_left_by_a_print_is_ended_by_command_without_a_reset(tmp_path: Path):
     emulator, url = tmp_path / "emulator", str(tmp_path / "emulator" / "tty")
     one = Printer(tmp_path / "agent", url)
     (tmp_path / "agent").mkdir()
@@ -153,9 +153,7 @@ def test_heat_of_ours_that_outlived_its_print_is_ended_by_command_where_no_reset
         ({"command": "reset"}, "reset"),
     ],
 )
-def test_whoever_uses_an_idle_printer_is_seen_and_its_bed_doubted(
-    tmp_path: Path, deed: dict[str, Any], seen: str
-):
+def test_manual_use_of_an_idle_printer_makes_its_bed_unknown(tmp_path: Path, deed: dict[str, Any], seen: str):
     async def story() -> None:
         async with printer(tmp_path) as one:
             idle = await one.until(lambda s: s.link is m.LinkState.READY and s.heaters_off)
@@ -175,7 +173,7 @@ def test_whoever_uses_an_idle_printer_is_seen_and_its_bed_doubted(
 
 
 @pytest.mark.system
-def test_a_printer_that_goes_away_hot_loses_its_mains_and_a_person_is_told(tmp_path: Path):
+def test_hot_printer_that_disconnects_has_its_mains_cut_and_is_reported(tmp_path: Path):
     one = Printer(tmp_path / "agent", str(tmp_path / "emulator" / "tty"))
     relay = tmp_path / "relay.sh"
     relay.write_text(f'#!/bin/sh\necho "$1" >> {tmp_path}/cut\n')
@@ -208,8 +206,8 @@ def test_a_printer_that_goes_away_hot_loses_its_mains_and_a_person_is_told(tmp_p
     run(story())
 
 
-def test_the_last_word_to_a_board_that_nothing_resets_goes_out_over_a_full_wire(tmp_path: Path):
-    """The agent ends by a fault of its own, with a command stuck on the way to a board that does not read."""
+def test_last_command_to_a_board_without_reset_is_sent_over_a_full_wire(tmp_path: Path):
+    """End the agent by an internal error while a command waits for a board that does not read."""
     master, slave = pty.openpty()
     tty.setraw(slave)
     url = os.ttyname(slave)

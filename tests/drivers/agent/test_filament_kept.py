@@ -1,4 +1,4 @@
-"""Filament that a print has parked, over agents that end and start again."""
+"""Parked filament over restarts of the agent."""
 
 import asyncio
 import os
@@ -69,7 +69,7 @@ async def _start_again(one: Printer) -> m.Snapshot:
 
 
 @pytest.mark.system
-def test_filament_is_still_parked_for_an_agent_that_is_started_again(tmp_path: Path) -> None:
+def test_filament_is_parked_after_a_restart_of_the_agent(tmp_path: Path) -> None:
     async def story() -> None:
         async with printed(tmp_path) as one:
             for _ in range(2):

@@ -7,7 +7,7 @@ AWAY = b"X:10.00Y:224.50Z:215.00E:0.00 Count X: 10.00Y:224.50Z:215.00"
 FED = b"X:0.00Y:224.50Z:215.00E:5.00 Count X: 0.00Y:224.50Z:215.00"
 
 
-def test_a_move_and_fed_filament_are_seen_when_they_are_said_twice():
+def test_moved_position_is_detected_when_reported_twice():
     for new in (AWAY, FED):
         watch = IdleWatch()
         heard = [watch.judge_answer(text) for text in (HOME, HOME, new, HOME, new, new, new, HOME, HOME)]
@@ -16,27 +16,27 @@ def test_a_move_and_fed_filament_are_seen_when_they_are_said_twice():
         assert doubts == [None, None, None, None, None, MOVED, None, None, MOVED]
 
 
-def test_a_garbled_first_answer_is_no_move():
+def test_garbled_first_answer_is_no_move():
     """A position counts once it was reported twice; a move from it is seen."""
     watch = IdleWatch()
     answers = [watch.judge_answer(text)[1] for text in (FED, HOME, HOME, HOME, AWAY, AWAY)]
     assert answers == [None, None, None, None, None, MOVED]
 
 
-def test_a_move_right_after_the_first_answer_is_seen():
-    """A bed on which somebody has just begun to work must not count as clear."""
+def test_move_after_the_first_answer_is_detected():
+    """Detect it: a bed that a person has begun to use must not count as clear."""
     watch = IdleWatch()
     assert [watch.judge_answer(text)[1] for text in (HOME, AWAY, AWAY)] == [None, None, MOVED]
 
 
-def test_after_a_reset_the_place_is_a_new_one():
+def test_position_after_a_reset_is_no_move():
     watch = IdleWatch()
     watch.judge_answer(HOME)
     watch.reset()
     assert [watch.judge_answer(AWAY), watch.judge_answer(AWAY)] == [(True, None), (True, None)]
 
 
-def test_a_print_from_the_card_is_seen_at_once_and_until_it_has_ended():
+def test_print_from_the_card_is_detected_until_it_has_ended():
     watch = IdleWatch()
     assert watch.judge_answer(b"Not SD printing") == (True, None)
     assert watch.judge_answer(b"Card error:1") == (True, None) and not watch.card
@@ -46,13 +46,13 @@ def test_a_print_from_the_card_is_seen_at_once_and_until_it_has_ended():
     assert watch.judge_answer(b"echo:SD init fail") == (False, None)
 
 
-def test_a_heater_that_somebody_switched_on_is_seen_and_a_garbled_report_is_not_one():
+def test_heater_switched_on_by_a_person_is_detected_but_no_garbled_report():
     watch = IdleWatch()
     cold, hot = Report(21.0, 0.0, 21.0, 0.0), Report(21.0, 180.0, 21.0, 0.0)
     assert [watch.judge_report(r)[0] for r in (cold, hot, cold, hot, hot)] == [None, None, None, None, HEATED]
 
 
-def test_a_heater_that_is_off_and_gets_hot_is_stuck_on_and_one_that_cools_is_not():
+def test_rising_heater_is_stuck_on_and_cooling_heater_is_not():
     watch = IdleWatch()
     falling = [Report(float(t), 0.0, 60.0, 0.0) for t in range(210, 40, -5)]
     assert all(watch.judge_report(report) == (None, None) for report in falling)

@@ -14,7 +14,7 @@ from drivers.remote import is_alive, spawn_agent
 
 
 @pytest.mark.system
-def test_a_print_is_printed_once_and_the_bed_is_not_clear_after_it(tmp_path: Path):
+def test_print_runs_once_and_leaves_the_bed_not_clear(tmp_path: Path):
     async def story() -> None:
         async with printer(tmp_path) as one:
             assert one.last is not None
@@ -48,7 +48,7 @@ def test_a_print_is_printed_once_and_the_bed_is_not_clear_after_it(tmp_path: Pat
 
 
 @pytest.mark.system
-def test_when_an_agent_is_killed_the_next_one_shows_heaters_off_and_fails_the_print(tmp_path: Path):
+def test_next_agent_confirms_heaters_off_and_fails_the_open_print(tmp_path: Path):
     async def story() -> None:
         async with printer(tmp_path) as one:
             await one.start(gcode(50_000))
@@ -71,7 +71,7 @@ def test_when_an_agent_is_killed_the_next_one_shows_heaters_off_and_fails_the_pr
 
 
 @pytest.mark.system
-def test_a_print_goes_on_without_a_daemon_and_a_signal_ends_the_agent_after_it(tmp_path: Path):
+def test_print_continues_without_a_daemon_and_sigterm_ends_the_agent_afterwards(tmp_path: Path):
     async def story() -> None:
         async with printer(tmp_path) as one:
             await one.start(gcode(3000))
@@ -103,7 +103,7 @@ def test_a_print_goes_on_without_a_daemon_and_a_signal_ends_the_agent_after_it(t
 
 
 @pytest.mark.system
-def test_an_interrupt_ends_the_print_safely_and_then_the_agent(tmp_path: Path):
+def test_sigint_ends_the_print_safely_and_then_the_agent(tmp_path: Path):
     async def story() -> None:
         async with printer(tmp_path) as one:
             await one.start(gcode(50_000))
@@ -119,9 +119,7 @@ def test_an_interrupt_ends_the_print_safely_and_then_the_agent(tmp_path: Path):
 
 @pytest.mark.system
 @pytest.mark.parametrize("lines", [40, 77, 114])
-def test_after_a_cancel_in_the_middle_the_filament_is_parked_whatever_was_drawn_back(
-    tmp_path: Path, lines: int
-):
+def test_cancel_parks_the_filament_after_any_retraction(tmp_path: Path, lines: int):
     strokes = (
         f"G1 F1500 X{50 + 9 * (i % 2)} Y{50 + i % 100} Z0.3 E{i + 1}\nG1 F900 E{i - 5.5}\n"
         f"G0 F9000 X{80 - 9 * (i % 2)}\nG1 F900 E{i + 1}\n"
@@ -142,7 +140,7 @@ def test_after_a_cancel_in_the_middle_the_filament_is_parked_whatever_was_drawn_
 
 
 @pytest.mark.system
-def test_a_print_is_paused_and_goes_on(tmp_path: Path):
+def test_print_is_paused_and_resumed(tmp_path: Path):
     async def story() -> None:
         async with printer(tmp_path) as one:
             await one.start(gcode(1500))
@@ -163,7 +161,7 @@ def test_a_print_is_paused_and_goes_on(tmp_path: Path):
 
 
 @pytest.mark.system
-def test_a_cable_that_is_pulled_in_a_print_fails_it_and_the_board_is_shown_off_when_it_is_back(
+def test_pulled_cable_fails_the_print_and_heaters_are_confirmed_off_later(
     tmp_path: Path,
 ):
     async def story() -> None:
@@ -186,7 +184,7 @@ def test_a_cable_that_is_pulled_in_a_print_fails_it_and_the_board_is_shown_off_w
 
 
 @pytest.mark.system
-def test_two_swapped_cables_are_noticed_until_a_person_says_that_it_is_right(tmp_path: Path):
+def test_swapped_cables_are_reported_until_a_person_confirms(tmp_path: Path):
     async def story() -> None:
         one = Printer(tmp_path / "agent", f"sim://{MODEL}?levelled=100")
         for print_id, levelled, phase in (("p-1", 100, "done"), ("p-2", 250, "failed"), ("p-3", 250, "done")):
@@ -211,7 +209,7 @@ def test_two_swapped_cables_are_noticed_until_a_person_says_that_it_is_right(tmp
 
 
 @pytest.mark.system
-def test_a_file_that_is_not_the_one_that_was_meant_heats_nothing(tmp_path: Path):
+def test_file_with_another_hash_heats_nothing(tmp_path: Path):
     async def story() -> None:
         async with printer(tmp_path) as one:
             await one.start(gcode(10), sha256="0" * 64)
@@ -228,7 +226,7 @@ def test_a_file_that_is_not_the_one_that_was_meant_heats_nothing(tmp_path: Path)
 
 
 @pytest.mark.system
-def test_checksum_errors_and_lost_oks_are_made_good(tmp_path: Path):
+def test_checksum_errors_and_lost_oks_are_recovered(tmp_path: Path):
     async def story() -> None:
         async with printer(tmp_path, "?checksum=0.004&drop_ok=0.0005&seed=5") as one:
             await one.start(gcode(1000))
@@ -240,7 +238,7 @@ def test_checksum_errors_and_lost_oks_are_made_good(tmp_path: Path):
 
 
 @pytest.mark.system
-def test_a_printer_that_is_switched_off_is_absent_and_comes_back(tmp_path: Path):
+def test_printer_switched_off_is_absent_and_reconnects(tmp_path: Path):
     async def story() -> None:
         async with printer(tmp_path) as one:
             control(one.folder / "emulator", "power_off")
@@ -254,7 +252,7 @@ def test_a_printer_that_is_switched_off_is_absent_and_comes_back(tmp_path: Path)
 
 
 @pytest.mark.system
-def test_two_agents_of_one_printer_cannot_be_and_its_socket_is_private(tmp_path: Path):
+def test_second_agent_of_a_printer_is_refused_and_the_socket_is_private(tmp_path: Path):
     async def story() -> None:
         deep = tmp_path / ("x" * 60) / ("y" * 60)
         async with printer(deep) as one:

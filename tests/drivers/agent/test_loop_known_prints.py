@@ -47,8 +47,8 @@ def start(folder: Path, print_id: str) -> m.StartPrint:
     )
 
 
-def test_a_print_that_ended_and_was_forgotten_is_never_started_again(tmp_path: Path):
-    """A daemon may have lost the news of its end; the part would be printed twice."""
+def test_forgotten_print_is_not_started_a_second_time(tmp_path: Path):
+    """Refuse the start: a daemon may not have stored its end, and the part would be printed twice."""
     journal = Journal(tmp_path / JOURNAL)
     for print_id in ("p-1", "p-2"):
         done = m.PrintSnapshot(print_id=print_id, phase=m.PrintPhase.DONE, ended_s=1.0)

@@ -1,4 +1,4 @@
-"""An agent in trouble of its own: faults, a full disk, heat that may be left."""
+"""Agent with internal errors, a full disk, or heat left on."""
 
 import asyncio
 import hashlib
@@ -21,7 +21,7 @@ from drivers.records import Journal, StartFile
 
 
 class Driven(Agent):
-    """An agent in this process, with something done at each step of its loop."""
+    """Agent in this process, with an action at each step of its loop."""
 
     do: Callable[["Driven"], None]
 
@@ -64,9 +64,7 @@ def driven(tmp_path: Path) -> Iterator[Driven]:
 
 
 @pytest.mark.system
-def test_an_agent_that_fails_by_a_fault_of_its_own_switches_the_heaters_off_first(
-    driven: Driven, tmp_path: Path
-):
+def test_agent_with_an_internal_error_switches_the_heaters_off(driven: Driven, tmp_path: Path):
     def do(agent: Driven) -> None:
         told = agent.told
         if told.link is m.LinkState.READY:
@@ -83,7 +81,7 @@ def test_an_agent_that_fails_by_a_fault_of_its_own_switches_the_heaters_off_firs
 
 
 @pytest.mark.system
-def test_an_agent_that_can_write_nothing_still_ends_the_heat_of_the_last(tmp_path: Path):
+def test_agent_without_a_writable_journal_ends_the_heat_of_the_previous_one(tmp_path: Path):
     async def story() -> None:
         async with printer(tmp_path) as one:
             await one.start(gcode(20_000))
@@ -104,7 +102,7 @@ def test_an_agent_that_can_write_nothing_still_ends_the_heat_of_the_last(tmp_pat
 
 
 @pytest.mark.system
-def test_a_full_disk_stops_no_print_and_starts_none(
+def test_full_disk_stops_no_print_and_starts_none(
     driven: Driven, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     full = False
@@ -145,7 +143,7 @@ def test_a_full_disk_stops_no_print_and_starts_none(
 
 
 @pytest.mark.system
-def test_an_agent_lists_what_it_printed_whether_it_is_forgotten_or_not(driven: Driven, tmp_path: Path):
+def test_agent_lists_its_prints_including_forgotten_ones(driven: Driven, tmp_path: Path):
     text = gcode(300)
     seen: list[m.PrintPhase] = []
 
@@ -173,8 +171,8 @@ def test_an_agent_lists_what_it_printed_whether_it_is_forgotten_or_not(driven: D
     assert m.PrintPhase.PRINTING in seen
 
 
-def test_an_agent_that_may_have_left_heat_on_stays_for_the_board(driven: Driven) -> None:
-    """Once it is gone, nobody of ours switches the heat off when the port comes back."""
+def test_agent_stays_while_heat_may_be_on(driven: Driven) -> None:
+    """Keep the agent: without it, nothing switches the heat off when the port returns."""
     refused = []
 
     def do(agent: Driven) -> None:
@@ -190,7 +188,7 @@ def test_an_agent_that_may_have_left_heat_on_stays_for_the_board(driven: Driven)
 
 @pytest.mark.parametrize("end", [m.Shutdown(id=1, now=True), signal.SIGINT])
 @pytest.mark.system
-def test_an_agent_that_has_to_end_leaves_no_heat_on_that_an_ended_print_left(
+def test_ending_agent_switches_off_heat_left_by_an_ended_print(
     driven: Driven, tmp_path: Path, end: m.Shutdown | signal.Signals
 ):
     heated = False
@@ -219,7 +217,7 @@ def test_an_agent_that_has_to_end_leaves_no_heat_on_that_an_ended_print_left(
 
 
 @pytest.mark.system
-def test_a_start_that_comes_too_late_is_refused_by_name_and_a_print_ends_by_its_hour_without_a_daemon(
+def test_late_start_is_refused_and_a_print_ends_by_its_time_limit_without_a_daemon(
     driven: Driven, tmp_path: Path
 ):
     late: list[m.Reply] = []

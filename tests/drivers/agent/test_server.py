@@ -1,4 +1,4 @@
-"""The agent's socket: clients that ask for nothing, or never end what they ask."""
+"""Socket of the agent: clients without requests, or with incomplete ones."""
 
 import errno
 import logging
@@ -18,8 +18,8 @@ from drivers.messages import AGENT_SOCKET
 MANY = 40
 
 
-class Desk:
-    """A server on a selector, with time in hand."""
+class ServerBench:
+    """A server on a selector, with a controlled clock."""
 
     def __init__(self, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         self.now_s = 1000.0
@@ -35,13 +35,13 @@ class Desk:
         self.clients.append(one)
         one.connect(self.path)
         one.settimeout(5.0)
-        self.turn()
+        self.run_once()
         one.sendall(said)
-        self.turn()
+        self.run_once()
         return one
 
-    def turn(self) -> None:
-        """Do what is there to be done."""
+    def run_once(self) -> None:
+        """Handle all pending events."""
         for _ in range(3):
             for key, mask in self.selector.select(0.0):
                 work: Callable[[int], None] = key.data
@@ -49,12 +49,12 @@ class Desk:
 
 
 @pytest.fixture
-def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Desk]:
+def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[ServerBench]:
     monkeypatch.setattr(module, "_line", lambda message: b"{}\n")
-    desk = Desk(tmp_path, monkeypatch)
-    yield desk
-    desk.server.close()
-    for one in desk.clients:
+    bench = ServerBench(tmp_path, monkeypatch)
+    yield bench
+    bench.server.close()
+    for one in bench.clients:
         one.close()
 
 
@@ -70,27 +70,31 @@ def is_open(client: socket.socket) -> bool:
     return False
 
 
-def test_of_many_idle_clients_only_some_are_kept_and_one_that_asked_is_among_them(desk: Desk):
-    asks = desk.client(b'{"do": "hello", "id": 1}\n')
-    idle = [desk.client() for _ in range(MANY)]
+def test_idle_clients_are_limited_and_the_latest_requester_is_kept(bench: ServerBench):
+    asks = bench.client(b'{"do": "hello", "id": 1}\n')
+    idle = [bench.client() for _ in range(MANY)]
     assert is_open(asks) and is_open(idle[-1])
     assert sum(map(is_open, idle)) == module._MAX_CLIENTS - 1
 
 
-def test_half_a_request_is_ended_after_its_time_and_a_whole_or_no_request_is_not(desk: Desk):
-    half, whole, none = desk.client(b'{"do": "he'), desk.client(b'{"do": "hello", "id": 1}\n'), desk.client()
-    desk.now_s += 9.0
+def test_incomplete_request_is_dropped_after_its_time_limit(bench: ServerBench):
+    half, whole, none = (
+        bench.client(b'{"do": "he'),
+        bench.client(b'{"do": "hello", "id": 1}\n'),
+        bench.client(),
+    )
+    bench.now_s += 9.0
     half.sendall(b"l")  # a byte now and then is no more time
-    desk.turn()
-    desk.server.end_stalled()
+    bench.run_once()
+    bench.server.end_stalled()
     assert is_open(half)
-    desk.now_s += 2.0
-    desk.server.end_stalled()
+    bench.now_s += 2.0
+    bench.server.end_stalled()
     assert not is_open(half) and is_open(whole) and is_open(none)
 
 
-def test_where_no_descriptor_is_left_the_loop_does_not_spin_and_goes_on_later(
-    desk: Desk, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+def test_loop_pauses_without_free_descriptors_and_continues_later(
+    bench: ServerBench, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ):
     class Full:
         def __init__(self, listener: socket.socket) -> None:
@@ -103,19 +107,19 @@ def test_where_no_descriptor_is_left_the_loop_does_not_spin_and_goes_on_later(
             self.tries += 1
             raise OSError(errno.EMFILE, os.strerror(errno.EMFILE))
 
-    listener = desk.server._listener
+    listener = bench.server._listener
     full = Full(listener)
-    monkeypatch.setattr(desk.server, "_listener", full)
+    monkeypatch.setattr(bench.server, "_listener", full)
     with caplog.at_level(logging.WARNING):
-        waiting = desk.client()
+        waiting = bench.client()
         assert full.tries == 1
-        desk.now_s += 2.0
-        desk.server.end_stalled()
-        desk.turn()
+        bench.now_s += 2.0
+        bench.server.end_stalled()
+        bench.run_once()
         assert full.tries == 2
     assert len(caplog.records) == 1
-    monkeypatch.setattr(desk.server, "_listener", listener)
-    desk.now_s += 2.0
-    desk.server.end_stalled()
-    desk.turn()
+    monkeypatch.setattr(bench.server, "_listener", listener)
+    bench.now_s += 2.0
+    bench.server.end_stalled()
+    bench.run_once()
     assert waiting.recv(16) == b"{}\n"

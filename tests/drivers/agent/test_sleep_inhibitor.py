@@ -19,7 +19,7 @@ def settled(path: Path, there: bool) -> bool:
     return path.exists() == there
 
 
-def test_the_lock_is_held_as_long_as_a_print_is_open(tmp_path: Path):
+def test_lock_is_held_while_a_print_is_open(tmp_path: Path):
     lock = tmp_path / "lock"
     inhibitor = Inhibitor("um2-01", simulated=False, words=["sh", "-c", HELD, str(lock)])
     for _ in range(2):
@@ -30,7 +30,7 @@ def test_the_lock_is_held_as_long_as_a_print_is_open(tmp_path: Path):
         assert settled(lock, there=False)
 
 
-def test_the_lock_goes_with_an_agent_that_is_killed(tmp_path: Path):
+def test_lock_is_released_when_the_agent_is_killed(tmp_path: Path):
     lock = tmp_path / "lock"
     text = (
         "import sys, time; from drivers.agent.sleep_inhibitor import Inhibitor\n"
@@ -46,7 +46,7 @@ def test_the_lock_goes_with_an_agent_that_is_killed(tmp_path: Path):
     assert settled(lock, there=False)
 
 
-def test_a_host_without_such_locks_and_a_simulated_printer_need_none(tmp_path: Path):
+def test_no_lock_on_a_host_without_inhibitors_or_for_a_simulated_printer(tmp_path: Path):
     for inhibitor in (
         Inhibitor("a", simulated=False, words=[str(tmp_path / "no-such-program")]),
         Inhibitor("a", simulated=True),

@@ -12,7 +12,7 @@ from drivers.errors import AgentError, BadGcode, Unreadable
 from drivers.printers.ultimaker2_plus import ULTIMAKER2_PLUS
 
 
-def test_the_spool_keeps_a_checked_copy(tmp_path: Path):
+def test_spool_keeps_a_checked_copy(tmp_path: Path):
     source = tmp_path / "a.gcode"
     source.write_bytes(b"G28\n")
     spool = Spool(tmp_path / "spool", ULTIMAKER2_PLUS)
@@ -35,7 +35,7 @@ def test_the_spool_keeps_a_checked_copy(tmp_path: Path):
         spool.check("../p-1")
 
 
-def test_a_full_disk_keeps_no_half_copy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_full_disk_leaves_no_partial_copy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     source = tmp_path / "a.gcode"
     source.write_bytes(b"G28\n")
     spool = Spool(tmp_path / "spool", ULTIMAKER2_PLUS)
@@ -50,7 +50,7 @@ def test_a_full_disk_keeps_no_half_copy(tmp_path: Path, monkeypatch: pytest.Monk
     assert not list((tmp_path / "spool").iterdir())
 
 
-def test_a_file_may_come_over_the_socket_in_pieces(tmp_path: Path):
+def test_file_is_received_in_pieces_over_the_socket(tmp_path: Path):
     spool = Spool(tmp_path, ULTIMAKER2_PLUS)
     text = b"G28\n" * 100
     for at in (0, 64, 0, 64, 128):  # begun anew after a break
@@ -67,7 +67,7 @@ def test_a_file_may_come_over_the_socket_in_pieces(tmp_path: Path):
         spool.put("../p", 0, b"")
 
 
-def test_a_copy_that_is_written_over_is_not_printed(tmp_path: Path):
+def test_overwritten_copy_is_not_printed(tmp_path: Path):
     source = tmp_path / "a.gcode"
     source.write_bytes(b"G28\n")
     program = Spool(tmp_path / "spool", ULTIMAKER2_PLUS).take(
@@ -78,7 +78,7 @@ def test_a_copy_that_is_written_over_is_not_printed(tmp_path: Path):
         program.lines(0, 1)
 
 
-def test_files_of_other_prints_do_not_pile_up(tmp_path: Path):
+def test_files_of_other_prints_are_deleted(tmp_path: Path):
     source = tmp_path / "a.gcode"
     source.write_bytes(b"G28\n")
     spool = Spool(tmp_path / "spool", ULTIMAKER2_PLUS)
