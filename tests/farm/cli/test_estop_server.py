@@ -6,7 +6,7 @@ import socket
 import pytest
 
 from farm.cli import estop_server
-from farm.cli.estop_server import MOST, MOST_EACH, REQUEST_S, EstopServer, peer_uid
+from farm.cli.estop_server import MAX_PER_USER, MAX_TOTAL, REQUEST_S, EstopServer, peer_uid
 
 CROWD = 80
 REQUEST = b'{"printers":[]}\n'
@@ -90,25 +90,25 @@ def test_who_does_not_ask_within_two_seconds_is_ended(bench, said):
 
 def test_one_user_gets_some_places_and_another_is_heard_at_once(bench):
     crowd = [bench.connect(1000) for _ in range(CROWD)]
-    assert sum(not refused(one) for one in crowd) == MOST_EACH
+    assert sum(not refused(one) for one in crowd) == MAX_PER_USER
     bench.connect(2000, REQUEST)
     assert len(bench.begun) == 1
 
 
 def test_stops_under_way_count_until_they_have_ended(bench):
-    for _ in range(MOST_EACH):
+    for _ in range(MAX_PER_USER):
         bench.connect(1000, REQUEST)
-    assert refused(bench.connect(1000, REQUEST)) and len(bench.begun) == MOST_EACH
+    assert refused(bench.connect(1000, REQUEST)) and len(bench.begun) == MAX_PER_USER
     bench.begun[0][1].code = 0
     bench.connect(1000, REQUEST)
-    assert len(bench.begun) == MOST_EACH + 1
+    assert len(bench.begun) == MAX_PER_USER + 1
 
 
 def test_all_users_together_get_no_more_than_there_are_places(bench):
-    for uid in range(MOST // MOST_EACH + 1):
-        for _ in range(MOST_EACH):
+    for uid in range(MAX_TOTAL // MAX_PER_USER + 1):
+        for _ in range(MAX_PER_USER):
             bench.connect(uid, REQUEST)
-    assert len(bench.begun) == MOST
+    assert len(bench.begun) == MAX_TOTAL
 
 
 def test_where_no_descriptor_is_left_it_goes_on_a_second_later(bench, monkeypatch):
