@@ -120,7 +120,7 @@ class Peers(threading.Thread):
             for fd, _ in ready:
                 if fd in by_watch:
                     peer = by_watch[fd]
-                    if peer.port.opened():
+                    if peer.port.process_opens():
                         peer.reset()
                         due = [entry for entry in due if entry[2] is not peer]
                         heapq.heapify(due)

@@ -61,7 +61,7 @@ def soak(lines: int, damage: float, seed: int = 0) -> Outcome:
     now_s = 0.0
     firmware = EmulatedFirmware(PROFILES[MODEL], faults, random.Random(seed), now_s)
     link = Link(ULTIMAKER2)
-    link.opened(now_s)
+    link.on_opened(now_s)
     fault: str | None = None
     began_s = time.process_time()
     up = False

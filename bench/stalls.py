@@ -277,7 +277,7 @@ def run(kind: Kind, faults: int, seed: int) -> Outcome:
     program = [*(make_move(at) for at in range(lines)), *TAIL]
     firmware, link, tamperer = Recorder(rng), Link(ULTIMAKER2), Tamperer(kind, rng)
     link.poll_every_s = 0.2
-    link.opened(0.0)
+    link.on_opened(0.0)
     there, back = Way(THERE_S), Way(BACK_S)
     now_s, up, fault, hit = 0.0, False, None, 0
     marks: list[tuple[float, float]] = []  # at each fault: the time, and how long the head had moved

@@ -16,7 +16,7 @@ _DEATH_S = 1.0
 _PID_BYTES = 10
 
 
-def held(path: Path) -> bool:
+def is_held(path: Path) -> bool:
     """Return True while a process holds the lock of this file; False if the file does not exist."""
     try:
         with path.open("rb") as lock:
@@ -29,7 +29,7 @@ def held(path: Path) -> bool:
 
 
 def hold(path: Path) -> int | None:
-    """Take the lock until the descriptor is closed, retrying because `held` takes it briefly.
+    """Take the lock until the descriptor is closed, retrying because `is_held` takes it briefly.
 
     Returns
     -------
@@ -65,25 +65,25 @@ def sign(descriptor: int) -> None:
     os.pwrite(descriptor, b"%-*d" % (_PID_BYTES, os.getpid()), 0)
 
 
-def holder(path: Path) -> int | None:
+def find_holder(path: Path) -> int | None:
     """Return the id of the process that holds the lock; None if it is free or unsigned."""
     try:
         pid = int(path.read_bytes())
     except (OSError, ValueError):
         return None
-    return pid if held(path) else None
+    return pid if is_held(path) else None
 
 
 def kill_holder(path: Path) -> bool:
     """Kill the process that holds the lock, even a stopped one; return True if the lock is free then."""
-    pid = holder(path)
+    pid = find_holder(path)
     if pid is not None:
         with suppress(OSError):
             process = os.pidfd_open(pid)
             try:
-                if held(path):  # else it has ended, and its id may be reused
+                if is_held(path):  # else it has ended, and its id may be reused
                     signal.pidfd_send_signal(process, signal.SIGKILL)
                     select.select([process], [], [], _DEATH_S)
             finally:
                 os.close(process)
-    return not held(path)
+    return not is_held(path)

@@ -200,9 +200,9 @@ def _check_stl(name: str, data: bytes) -> tuple[bytes, tuple[str, ...]]:
         )
     if promised == present:
         return data, ()
-    # Some programs put colours or their name behind the last triangle.
+    # Some programs put colours or their name after the last triangle.
     stl_bytes = HEADER_BYTES + COUNT_BYTES + promised * FACE_BYTES
-    return data[:stl_bytes], (f"Left out {len(data) - stl_bytes} bytes behind the last triangle.",)
+    return data[:stl_bytes], (f"Left out {len(data) - stl_bytes} bytes after the last triangle.",)
 
 
 def _load_triangles(name: str, data: bytes, suffix: str) -> Floats:

@@ -11,7 +11,7 @@ from pathlib import Path
 from drivers.agent.loop import Agent
 from drivers.agent.sleep_inhibitor import Inhibitor
 from drivers.errors import AgentError
-from drivers.locks import AGENT_LOCK, held, hold, sign
+from drivers.locks import AGENT_LOCK, hold, is_held, sign
 from drivers.printers import PROFILES
 from drivers.records import JOURNAL, StartFile, read_journal
 from drivers.safety import StopTarget, stop_board
@@ -51,7 +51,7 @@ def _take_lock(folder: Path) -> bool:
     try:
         lock = hold(folder / AGENT_LOCK)
     except OSError:
-        if held(folder / AGENT_LOCK):
+        if is_held(folder / AGENT_LOCK):
             return False
         raise
     if lock is not None:

@@ -341,7 +341,7 @@ class Board:
     def _on_idle_trouble(self, trouble: LinkFault, now_s: float) -> None:
         if trouble.fault is Fault.REBOOT:
             self._mark_bed_unknown("its board was reset, but not by the farm")
-            self.link.restarted(now_s)
+            self.link.on_restarted(now_s)
         elif trouble.fault in (Fault.NO_ANSWER, Fault.NOISY_LINE):
             self._on_port_lost(PortError(f"{self._url}: {trouble.text}; is the printer switched on?"))
         elif trouble.fault is Fault.MAXTEMP:  # both heaters are off: one is stuck on, or a sensor is broken
@@ -359,8 +359,10 @@ class Board:
         if self.session is None:
             self.link.poll_every_s = self.pace.idle_s
         else:
-            self.session.port_was_reset()
-        self.link.opened(self._clock.now(), self._firmware.abort_unnumbered if self._is_responsible else b"")
+            self.session.on_port_reset()
+        self.link.on_opened(
+            self._clock.now(), self._firmware.abort_unnumbered if self._is_responsible else b""
+        )
         self._on_port_change(self._port.fileno())
 
     def _reset(self) -> None:
@@ -392,7 +394,7 @@ class Board:
         self.absent_reason = str(error)
         self.report = None
         self._declared_idle, self._pulses_left = False, 0
-        self.link.closed()
+        self.link.on_closed()
         self._retry_wall_s = wall_s() + RETRY_S
         session = self.session
         if session is not None and not session.context.wants_reset:

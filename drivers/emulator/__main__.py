@@ -150,7 +150,7 @@ class Emulator:
     def _notice(self, now_s: float) -> None:
         """Handle the host's opens and closes of the port: opening resets the board, closing has no effect."""
         was_open = self._port.is_open
-        if self._port.opened() and not self._firmware.board.faults.no_reset:
+        if self._port.process_opens() and not self._firmware.board.faults.no_reset:
             self._port.discard()
             for wire in self._wires or ():
                 wire.cut()

@@ -20,7 +20,7 @@ from drivers.clock import Clock
 from drivers.emulator.faults import parse_url
 from drivers.emulator.status import EmulatorStatus, read_status
 from drivers.errors import PortError
-from drivers.locks import held
+from drivers.locks import is_held
 
 __all__ = ["Command", "EmulatorStatus", "alive", "control", "launch", "read_status"]
 
@@ -101,7 +101,7 @@ def launch(url: str, folder: Path, clock: Clock) -> Path:
 
 def alive(folder: Path) -> bool:
     """Return True if an emulator of this folder is running, that is, if its lock is held."""
-    return held(folder / ALIVE_LOCK)
+    return is_held(folder / ALIVE_LOCK)
 
 
 def control(folder: Path, command: Command | str, **values: float | str) -> dict[str, Any]:

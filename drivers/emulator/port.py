@@ -71,7 +71,7 @@ class Port:
             os.close(self.watch)
         self.plugged = self.is_open = False
 
-    def opened(self) -> bool:
+    def process_opens(self) -> bool:
         """Process opens and closes of the slave; return True if it was closed and then opened.
 
         Only the first of several hosts raises DTR.

@@ -26,7 +26,7 @@ def exchange(
     opened
         The port was just opened or reset; otherwise the link continues from its current state.
     unconfirmed
-        See `Link.opened`.
+        See `Link.on_opened`.
 
     Yields
     ------
@@ -41,7 +41,7 @@ def exchange(
     now_s = time.monotonic()
     deadline_s = now_s + patience_s
     if opened:
-        link.opened(now_s, unconfirmed)
+        link.on_opened(now_s, unconfirmed)
     while now_s < deadline_s and link.phase is not Phase.DEAD:
         port.write(link.take())
         wait_s = min(deadline_s, link.deadline_s) - now_s

@@ -22,7 +22,7 @@ _LONGEST_ANSWER = 512
 class Link:
     """Protocol state of the connection to one board.
 
-    Call `opened` after opening the port, `receive` with the bytes read, and `tick` at `deadline_s`. After
+    Call `on_opened` after opening the port, `receive` with the bytes read, and `tick` at `deadline_s`. After
     each of these, and after `send` and `stream`, write the bytes that `take` returns.
 
     Parameters
@@ -61,7 +61,7 @@ class Link:
 
     # --- called by the owner ---
 
-    def opened(self, now_s: float, unconfirmed: bytes = b"") -> None:
+    def on_opened(self, now_s: float, unconfirmed: bytes = b"") -> None:
         """Reset the state of the link after the port was opened or reset.
 
         Parameters
@@ -75,14 +75,14 @@ class Link:
         self._opening = Opening(self._firmware, self._floor_s, unconfirmed)
         self._due_s = now_s + self._opening.first_s
 
-    def restarted(self, now_s: float) -> None:
+    def on_restarted(self, now_s: float) -> None:
         """Accept that the board restarted by itself, and continue with its banner."""
         self._reset()
         self.phase = Phase.BANNER
         self._opening.restarted = True
         self._due_s = now_s + self._opening.quiet_s
 
-    def closed(self) -> None:
+    def on_closed(self) -> None:
         """Stop: the port was closed."""
         self._reset()
 

@@ -110,7 +110,7 @@ class BoardState(BaseModel):
         """Dump the state under the names in the journal."""
         return self.model_dump(by_alias=True)
 
-    def updated(self, record: dict[str, Any]) -> BoardState:
+    def with_changes(self, record: dict[str, Any]) -> BoardState:
         """Return a copy with the changes in a record of the journal. Raises ValueError."""
         known = self.record()
         return self.model_validate(known | {name: record[name] for name in known.keys() & record.keys()})
@@ -165,7 +165,7 @@ class JournalState:
         if "alarm" in record:
             known = record["alarm"]
             self.alarm = Alarm.model_validate(known) if known is not None else None
-        self.board = self.board.updated(record)
+        self.board = self.board.with_changes(record)
         if "identity" in record:
             self.identity = record["identity"]
 

@@ -11,7 +11,7 @@ from typing import BinaryIO
 import drivers
 from drivers.clock import Clock
 from drivers.errors import AgentError
-from drivers.locks import AGENT_LOCK, held, holder, kill_holder
+from drivers.locks import AGENT_LOCK, find_holder, is_held, kill_holder
 from drivers.records import AGENT_LOG, StartFile
 
 UNIT = "FARM_AGENT_UNIT"
@@ -82,7 +82,7 @@ def agents_are_units() -> bool:
 
 def is_alive(folder: Path) -> bool:
     """Return True while an agent holds the lock of this folder."""
-    return held(folder / AGENT_LOCK)
+    return is_held(folder / AGENT_LOCK)
 
 
 def kill_agent(folder: Path) -> bool:
@@ -92,4 +92,4 @@ def kill_agent(folder: Path) -> bool:
 
 def agent_pid(folder: Path) -> int | None:
     """Return the process id of the agent of this folder; None if none is alive."""
-    return holder(folder / AGENT_LOCK)
+    return find_holder(folder / AGENT_LOCK)

@@ -109,7 +109,7 @@ class SessionContext:
     started_s, ended_s
         Start and end of the session.
     wants_reset
-        True if the caller has to reset the port; `Session.port_was_reset` clears it.
+        True if the caller has to reset the port; `Session.on_port_reset` clears it.
     wants_power_off, power_off_requested_s
         True if the caller has to cut the printer's mains, if possible, because heaters were not confirmed
         off; the time of the request. Never cleared, so that each session requests it once.

@@ -74,7 +74,7 @@ class Session:
             else:
                 return
 
-    def port_was_reset(self) -> None:
+    def on_port_reset(self) -> None:
         """Clear `wants_reset`."""
         self.context.wants_reset = False
 

@@ -83,7 +83,7 @@ def test_too_few_printers_are_told_how_many_would_do(
         decompose_model(ball, [], COARSE, cost)
     with pytest.raises(NoFit, match="no-bed has no room"):
         decompose_model(ball, [*fleet, PrinterRoom("no-bed", ())], COARSE, cost)
-    with pytest.raises(NoFit, match="mm each way would do"):
+    with pytest.raises(NoFit, match="mm each way would be enough"):
         decompose_model(ball, [PrinterRoom(f"toy-{i}", ((5.0, 5.0, 5.0),)) for i in range(40)], COARSE, cost)
 
 

@@ -123,7 +123,7 @@ def test_how_many_printers_would_do(cost: CostModel) -> None:
 def test_what_no_number_of_printers_fits(cost: CostModel) -> None:
     """A bed so small that a cell of the finest grid is larger."""
     rooms = [PrinterRoom(f"um-{i}", ((10.0, 10.0, 10.0),)) for i in range(50)]
-    with pytest.raises(NoFit, match=r"printers with room for \d+ mm each way would do"):
+    with pytest.raises(NoFit, match=r"printers with room for \d+ mm each way would be enough"):
         decompose_model(Model(ball(200.0), (), 1.0), rooms, Options(Engine.GUILLOTINE, 8), cost)
 
 

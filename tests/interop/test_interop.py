@@ -71,7 +71,7 @@ def stream(
     link.poll_every_s = 10.0
     with octoprint(folder, *injected, firmware=firmware) as port:
         until_s = time.monotonic() + PATIENCE_S
-        link.opened(clock.now())
+        link.on_opened(clock.now())
         while not faults and not (up and link.drained):
             assert time.monotonic() < until_s, f"it does not end: {link.streamed} lines"
             wait_s = max(0.0, min(clock.wall_seconds(link.deadline_s - clock.now()), 1.0))
@@ -162,8 +162,8 @@ def test_session_prints_a_part_to_a_virtual_ender_3(tmp_path: Path):
     context = SessionContext(link, program, profile, Filament.PARKED, Pace.from_clock(clock), clock.now())
     session = Session(context)
     with octoprint(tmp_path, firmware=MARLIN2) as port:
-        link.opened(clock.now())
-        session.port_was_reset()
+        link.on_opened(clock.now())
+        session.on_port_reset()
         until_s = time.monotonic() + PATIENCE_S
         while not context.ended:
             assert time.monotonic() < until_s, f"it does not end: {context.phase}, {context.streamed} lines"

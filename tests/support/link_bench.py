@@ -92,7 +92,7 @@ class Bench:
         self.events: list[object] = []
 
     def boot(self) -> "Bench":
-        self.link.opened(self.now_s)
+        self.link.on_opened(self.now_s)
         self.events += self.link.receive(BANNER, self.now_s) or ()
         return self
 

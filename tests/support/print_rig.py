@@ -89,7 +89,7 @@ class Rig:
             session.context.wants_reset = False
             if self.session.context.board_resets:
                 self.firmware.reset(self.now_s)
-            link.opened(self.now_s)
+            link.on_opened(self.now_s)
             session.advance((), self.now_s)
         out = link.take()
         self.sent += out

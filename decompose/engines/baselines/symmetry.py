@@ -66,11 +66,11 @@ class _Form(ABC):
         """Price a piece as a part."""
 
     @abstractmethod
-    def cuts(self, part: _Part) -> Iterator[list[_Part]]:
+    def list_cuts(self, part: _Part) -> Iterator[list[_Part]]:
         """Yield the parts that each plane of a part leaves, the best plane first."""
 
     @abstractmethod
-    def cut_on(self, parts: list[_Part]) -> list[_Part]:
+    def cut_further(self, parts: list[_Part]) -> list[_Part]:
         """Cut the parts further, while there are printers."""
 
     def uncut_part(self) -> _Part:
@@ -95,7 +95,7 @@ def cut_by_symmetry(problem: Problem) -> Partition:
         )
     parts = list(_best_leaves(form, uncut_part, printers, LOOK_AHEAD)[printers][1])
     problem.on_stage("tree")
-    parts = form.cut_on(parts)
+    parts = form.cut_further(parts)
     problem.on_stage("greedy")
     pieces = tuple(piece for part in parts for piece in connected_pieces(part.piece))
     refuse_misfits(
@@ -109,7 +109,7 @@ def _best_leaves(form: _Form, part: _Part, printers: int, depth: int) -> list[Le
     best = [NO_LEAVES if k < part.needs else (part.price, (part,)) for k in range(printers + 1)]
     if depth == 0 or printers < 2:
         return best
-    for children in form.cuts(part):
+    for children in form.list_cuts(part):
         combined: list[Leaves] = [(0.0, ())] * (printers + 1)
         for child in children:
             child_leaves = _best_leaves(form, child, printers, depth - 1)
@@ -148,19 +148,19 @@ class _PublishedForm(_Form):
     def mirrors(self, part: _Part, limit: int) -> list[Mirror]:
         return draw_mirrors(part.piece.solid.arrays()[0], self.rng, limit)
 
-    def cuts(self, part: _Part) -> Iterator[list[_Part]]:
+    def list_cuts(self, part: _Part) -> Iterator[list[_Part]]:
         for mirror in self.mirrors(part, DRAWN_PLANES):
-            halves = self.halves(part, mirror)
+            halves = self.cut_in_halves(part, mirror)
             if halves:
                 yield halves
 
-    def halves(self, part: _Part, mirror: Mirror) -> list[_Part]:
+    def cut_in_halves(self, part: _Part, mirror: Mirror) -> list[_Part]:
         """Cut a part into two halves, connected or not; none where one of them is too small."""
         found = [self.part(piece) for piece in _halves(part.piece, mirror.normal, mirror.offset_mm)]
         is_even = len(found) == 2 and all(half.price >= MIN_SHARE * self.mean_mm3 for half in found)
         return found if is_even else []
 
-    def cut_on(self, parts: list[_Part]) -> list[_Part]:
+    def cut_further(self, parts: list[_Part]) -> list[_Part]:
         divided = True
         while divided and len(parts) < len(self.problem.printers):
             divided = False
@@ -168,7 +168,7 @@ class _PublishedForm(_Form):
             for mirror, part in sorted(best, key=lambda pair: -pair[0].error_mm):
                 if len(parts) == len(self.problem.printers):
                     break
-                halves = self.halves(part, mirror)
+                halves = self.cut_in_halves(part, mirror)
                 if halves:
                     parts = [p for p in parts if p is not part] + halves
                     divided = True
@@ -184,12 +184,12 @@ class _CorrectedForm(_Form):
         seconds = float(axis_prices_s(*piece.solid.arrays(), self.problem.cost).min())
         return _Part(piece, seconds / needs, needs)
 
-    def cuts(self, part: _Part) -> Iterator[list[_Part]]:
+    def list_cuts(self, part: _Part) -> Iterator[list[_Part]]:
         solid = part.piece.solid
         vertices = solid.arrays()[0]
         for mirror in find_good_mirrors(vertices, self.rng, GOOD_PLANES, REFINING_SAMPLES):
             yield from self.pieces(part.piece, mirror.normal, mirror.offset_mm)
-        normal, places_mm = self.across(solid)
+        normal, places_mm = self.find_planes_across(solid)
         least, fewest = max(2, part.needs), None
         for at_mm in places_mm:
             for children in self.pieces(part.piece, normal, at_mm):
@@ -208,7 +208,7 @@ class _CorrectedForm(_Form):
         if len(found) > 1 and all(fragment.solid.volume_mm3 >= least_mm3 for fragment in found):
             yield [self.part(fragment) for fragment in found]
 
-    def across(self, solid: Solid) -> tuple[Floats, list[float]]:
+    def find_planes_across(self, solid: Solid) -> tuple[Floats, list[float]]:
         """Find planes across the longest side, or the one that exceeds the room most: normal and places.
 
         The first divides it by a whole number of rooms, the others lie about it.
@@ -219,12 +219,12 @@ class _CorrectedForm(_Form):
         shares = (counts[axis] // 2 + OFFSETS) / counts[axis] if counts[axis] > 1 else (1.0 + OFFSETS) / 2.0
         return np.eye(3)[axis], (lo[axis] + shares * (hi - lo)[axis]).tolist()
 
-    def cut_on(self, parts: list[_Part]) -> list[_Part]:
+    def cut_further(self, parts: list[_Part]) -> list[_Part]:
         while True:
             worst = max(parts, key=lambda part: (part.needs > 1, part.price))
             kept = [part for part in parts if part is not worst]
             free = len(self.problem.printers) - _sum_needs(kept)
-            for children in self.cuts(worst):
+            for children in self.list_cuts(worst):
                 dearer = worst.needs == 1 and max(child.price for child in children) >= worst.price
                 if _sum_needs(children) <= free and not dearer:
                     parts = kept + children

@@ -225,6 +225,6 @@ class ExactSearch:
             return NoFit(
                 f"{size_text(model.extents_mm)} mm is cut into blocks of {least_mm:.0f} mm at least, and a "
                 f"part has room for {size_text(problem.room_mm)} mm (clips and brim are off): printers with "
-                f"room for {math.ceil(least_mm)} mm each way would do"
+                f"room for {math.ceil(least_mm)} mm each way would be enough"
             )
         return NoFit.of_too_few(model.extents_mm, needed, len(problem.printers))

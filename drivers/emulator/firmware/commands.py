@@ -60,14 +60,14 @@ def execute(commands: Commands, machine: Machine, line: bytes, now_s: float) -> 
     return None
 
 
-def settled(machine: Machine) -> Work:
+def wait_for_moves(machine: Machine) -> Work:
     """Wait until the planner is empty (``st_synchronize``); the main loop advances it at each step."""
     while len(machine.planner):
         yield machine.planner.end_s
 
 
 def dwell(machine: Machine, line: bytes, now_s: float) -> Work:
-    yield from settled(machine)
+    yield from wait_for_moves(machine)
     begin_s = max(now_s, machine.planner.idle_since_s)
     pause_s = (value(line, b"P") or 0.0) / 1000.0
     seconds = value(line, b"S")
@@ -76,7 +76,7 @@ def dwell(machine: Machine, line: bytes, now_s: float) -> Work:
 
 
 def home(machine: Machine, line: bytes, now_s: float) -> Work:
-    yield from settled(machine)
+    yield from wait_for_moves(machine)
     begin_s = max(now_s, machine.planner.idle_since_s)
     named = [letter in line for letter in (b"X", b"Y", b"Z")]
     axes = named if any(named) else [True, True, True]
@@ -166,7 +166,7 @@ def extruder_mode(machine: Machine, line: bytes, now_s: float) -> None:
 
 def set_position(machine: Machine, line: bytes, now_s: float) -> Work:
     if b"E" not in line:
-        yield from settled(machine)
+        yield from wait_for_moves(machine)
     for axis, letter in enumerate((b"X", b"Y", b"Z", b"E")):
         number = value(line, letter)
         if number is not None:
@@ -181,12 +181,12 @@ def hang(machine: Machine, line: bytes, now_s: float) -> Work:
 
 def motors_off(machine: Machine, line: bytes, now_s: float) -> Work:
     if b"S" not in line:
-        yield from settled(machine)
+        yield from wait_for_moves(machine)
         machine.streaming = False
 
 
 def finish(machine: Machine, line: bytes, now_s: float) -> Work:
-    yield from settled(machine)
+    yield from wait_for_moves(machine)
     machine.streaming = False
 
 
@@ -311,14 +311,14 @@ def beep(machine: Machine, line: bytes, now_s: float) -> Work:
 
 def park(machine: Machine, line: bytes, now_s: float) -> Work:
     """Execute ``M601`` outside an SD print: bed down, head aside, no wait for a person."""
-    yield from settled(machine)
+    yield from wait_for_moves(machine)
     now_s = max(now_s, machine.planner.idle_since_s)
     x, y, z, e = machine.at
     z = min(z + 20.0, machine.top_mm[2])
     machine.at = [10.0, 10.0, z, e]
     machine.queue(x, y, z, 0.0, 35.0, now_s)
     machine.queue(10.0, 10.0, z, 0.0, 150.0, now_s)
-    yield from settled(machine)
+    yield from wait_for_moves(machine)
 
 
 def set_limits(machine: Machine, line: bytes, now_s: float) -> None:

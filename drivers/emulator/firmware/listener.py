@@ -103,7 +103,7 @@ class Listener(ABC):
         self._last_number += 1
         self.lines += 1
         if self.noise is not None:
-            self.noise.accepted(self._last_number, found[0])
+            self.noise.check_accepted(self._last_number, found[0])
         if self.dialect.acknowledges_read_moves:
             self._out.append(wording.OK)
         machine.planner.advance(self._time_s)
@@ -163,7 +163,7 @@ class Listener(ABC):
                 return
             self._last_number = n
             if self.noise is not None:
-                self.noise.accepted(n, line)
+                self.noise.check_accepted(n, line)
         elif star >= 0 and self.dialect.checksum_needs_number:
             answer = wording.line_error(wording.NO_LINE_NUMBER, self._last_number)
             (self._error if _COMMAND.search(line) else self._say)(answer)  # without a command it is a query

@@ -69,7 +69,9 @@ class Machine:
         self.fault_messages = fault_messages
         self.limits = Limits.from_profile(board.profile)
         x, y, z = board.head_mm
-        self.planner = Planner(self.limits, (x, y, z, board.filament_mm), board.fed, board.faults.slowdown)
+        self.planner = Planner(
+            self.limits, (x, y, z, board.filament_mm), board.feed_filament, board.faults.slowdown
+        )
         self.waiting: deque[tuple[Point, float]] = deque()  # moves waiting for room in the planner
         self.at = [0.0, 0.0, 0.0, 0.0]  # target of the last move, in the host's coordinates
         self.homed = False

@@ -52,7 +52,7 @@ class EmulatedBoard:
         self.changes = 0
         self._on_bed_mm = 0.0
 
-    def fed(self, e_mm: float, z_mm: float) -> None:
+    def feed_filament(self, e_mm: float, z_mm: float) -> None:
         """Feed filament by `e_mm` in a move that ends with the head at `z_mm`."""
         self.filament_mm += e_mm
         end_mm = self.filament_end_mm + e_mm

@@ -61,7 +61,7 @@ class Noise:
             del self._sent[next(iter(self._sent))]
         return self.carry(data)
 
-    def accepted(self, number: int, line: bytes) -> None:
+    def check_accepted(self, number: int, line: bytes) -> None:
         """Compare an accepted line with the one that was sent under this number."""
         sent = self._sent.get(b"%d" % number)
         if sent is None and self._unfinished.startswith(b"N%d " % number):

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from drivers.errors import DriverError
-from drivers.locks import AGENT_LOCK, held
+from drivers.locks import AGENT_LOCK, is_held
 from drivers.ports import NET
 from drivers.printers import PROFILES, firmware_of
 from farm.cli.client import Client
@@ -116,7 +116,7 @@ def _commission(places: Places, sections: tuple[PrinterSection, ...], wanted: st
         print(f"This resets the board of {wanted}, which ends a print from its SD card.")
         typer.confirm("Is the printer idle?", abort=True)
     try:
-        if section is not None and held(places.state.agent(section.name) / AGENT_LOCK):
+        if section is not None and is_held(places.state.agent(section.name) / AGENT_LOCK):
             commission_by_agent(places.state.agent(section.name))
             print(f"{section.name}: its board restarts when DTR is pulsed, so it can be stopped")
             return

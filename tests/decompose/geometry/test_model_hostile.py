@@ -140,7 +140,7 @@ def test_bytes_behind_the_triangles_of_an_stl_are_left_out(tmp_path: Path) -> No
     whole = load_model(path)
     path.write_bytes(path.read_bytes() + b"a program's own words")
     model = load_model(path)
-    assert model.repairs == ("Left out 21 bytes behind the last triangle.",)
+    assert model.repairs == ("Left out 21 bytes after the last triangle.",)
     assert model.solid.volume_mm3 == whole.solid.volume_mm3
 
 

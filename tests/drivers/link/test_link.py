@@ -91,7 +91,7 @@ def test_whatever_a_board_says_the_link_never_raises(noise: list[bytes]):
 )
 def test_a_number_without_end_is_noise(answer: bytes):
     link = Link(ULTIMAKER2)
-    link.opened(0.0)
+    link.on_opened(0.0)
     link.receive(BANNER, 0.0)
     assert link.tick(10.0) is not None
     link.poll(10.0)
@@ -110,7 +110,7 @@ def test_after_the_banner_the_link_sets_the_line_number_and_says_that_it_is_up()
 
 def test_a_board_that_does_not_restart_is_asked_and_said_to_be_up():
     bench = Bench()
-    bench.link.opened(0.0)
+    bench.link.on_opened(0.0)
     bench.run()
     assert [e.restarted for e in bench.events if isinstance(e, Connected)] == [False]
 

@@ -20,7 +20,7 @@ class Board:
         self.done: list[bytes] = []
         self.reports = 0
         self.last = -1
-        self.link.opened(0.0)
+        self.link.on_opened(0.0)
         self.hear(BANNER)
 
     def hear(self, data: bytes) -> list[object]:

@@ -54,7 +54,7 @@ def test_behind_slow_moves_nothing_is_sent_twice_and_a_lost_ok_costs_nothing(
         EmulatedFirmware(PROFILES["ultimaker2_plus"], Faults(), random.Random(0), 0.0),
         Link(ULTIMAKER2),
     )
-    link.opened(0.0)
+    link.on_opened(0.0)
     now_s, up, answers = 0.0, False, 0
     while not (up and link.drained):
         assert link.phase is not Phase.DEAD

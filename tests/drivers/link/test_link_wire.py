@@ -69,7 +69,7 @@ def printed(
     firmware, link = Recorder(faults, seed), Link(ULTIMAKER2)
     there, back = Wire(piece, late_s, rng), Wire(piece, late_s, rng)
     now_s, up, fault_texts = 0.0, False, []
-    link.opened(now_s)
+    link.on_opened(now_s)
     for _ in range(100_000):
         there.put(link.take(), now_s)
         due_s = min(firmware.deadline_s(), link.deadline_s, there.due_s(), back.due_s())
@@ -126,7 +126,7 @@ def test_a_collision_is_counted():
 
     firmware.noise.__class__ = TwoFlips
     link = Link(ULTIMAKER2)
-    link.opened(10.0)
+    link.on_opened(10.0)
     firmware.reset(10.0)
     now_s = 10.0
     for _ in range(200):

@@ -71,7 +71,7 @@ def test_all_questions_fit_into_the_boards_ring_behind_the_longest_line():
 
 def test_a_board_that_is_silent_is_given_up_after_its_start_and_four_questions():
     link, now_s = Link(ULTIMAKER2), 0.0
-    link.opened(now_s)
+    link.on_opened(now_s)
     while link.phase is not Phase.DEAD:
         now_s = link.deadline_s
         link.tick(now_s)
@@ -80,7 +80,7 @@ def test_a_board_that_is_silent_is_given_up_after_its_start_and_four_questions()
 
 def test_a_resend_is_believed_after_two_questions_without_an_answer():
     link, now_s, questions = Link(ULTIMAKER2), 0.0, 0
-    link.opened(now_s)
+    link.on_opened(now_s)
     link.receive(b"start\necho:   M301 P10\n", now_s)
     link.send(now_s, FAST, FAST, FAST)
     for _ in range(3):

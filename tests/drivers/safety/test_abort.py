@@ -76,7 +76,7 @@ def test_a_truncated_line_before_the_abort_costs_one_more_move_at_most(cut_off: 
     host.firmware.feed(cut_off.encode(), host.now_s)
     host.firmware.feed(ULTIMAKER2.abort_unnumbered, host.now_s)
     link = Link(ULTIMAKER2)
-    link.opened(host.now_s, ULTIMAKER2.abort_unnumbered)
+    link.on_opened(host.now_s, ULTIMAKER2.abort_unnumbered)
     events = exchange(host, link, 2.1 * MOVE_S)
     assert ended(host)
     [up] = [event for event in events if isinstance(event, Connected)]
@@ -90,7 +90,7 @@ def test_the_longest_line_the_abort_and_a_poll_fit_into_the_receive_buffer():
     host.put(line.ljust(LONGEST_LINE_BYTES - 1))
     host.firmware.feed(ULTIMAKER2.abort_unnumbered, host.now_s)
     link = Link(ULTIMAKER2)
-    link.opened(host.now_s, ULTIMAKER2.abort_unnumbered)
+    link.on_opened(host.now_s, ULTIMAKER2.abort_unnumbered)
     exchange(host, link, 3.1 * MOVE_S)
     assert ended(host) and link.drained
 
@@ -102,7 +102,7 @@ def test_on_marlin_2_moves_end_at_once_and_heat_a_second_later():
     host.wait(1.1)
     assert ended(host)
     link = Link(MARLIN2)
-    link.opened(host.now_s, MARLIN2.abort_unnumbered)
+    link.on_opened(host.now_s, MARLIN2.abort_unnumbered)
     [up] = [event for event in exchange(host, link, 5.0) if isinstance(event, Connected)]
     assert not up.restarted
     link.send(host.now_s, *MARLIN2.abort, MARLIN2.wait_moves)
@@ -115,7 +115,7 @@ def test_a_restarting_board_loses_the_abort_and_is_seen_to_restart():
     host.firmware.feed(ULTIMAKER2.abort_unnumbered, host.now_s)
     host.firmware.reset(host.now_s)
     link = Link(ULTIMAKER2)
-    link.opened(host.now_s, ULTIMAKER2.abort_unnumbered)
+    link.on_opened(host.now_s, ULTIMAKER2.abort_unnumbered)
     events = exchange(host, link, 5.0)
     assert [event.restarted for event in events if isinstance(event, Connected)] == [True]
     assert ended(host) and link.drained

@@ -23,7 +23,7 @@ from drivers.clock import Clock
 from drivers.emulator.launch import alive as emulator_alive
 from drivers.emulator.launch import control, launch, read_status
 from drivers.firmware import ULTIMAKER2
-from drivers.locks import AGENT_LOCK, held, hold, holder, kill_holder, sign
+from drivers.locks import AGENT_LOCK, find_holder, hold, is_held, kill_holder, sign
 from drivers.records import ESTOPPED, Journal, StartFile
 from drivers.remote import AgentClient, is_alive, spawn_agent
 from drivers.safety import StopTarget, estop, heater_watch, list_targets, stop_printer
@@ -249,23 +249,23 @@ def test_farm_estop_names_printers_that_it_could_not_stop(tmp_path: Path):
 
 def test_a_lock_names_its_holder(tmp_path: Path):
     path = tmp_path / AGENT_LOCK
-    assert holder(path) is None
+    assert find_holder(path) is None
     lock = hold(path)
     assert lock is not None
     sign(lock)
-    assert held(path) and hold(path) is None
-    assert holder(path) == os.getpid()
+    assert is_held(path) and hold(path) is None
+    assert find_holder(path) == os.getpid()
     size = path.stat().st_size
     path.write_text("[1")
-    assert holder(path) is None
+    assert find_holder(path) is None
     os.close(lock)
-    assert not held(path)
+    assert not is_held(path)
     path.write_text("1" * size)
     lock = hold(path)
     assert lock is not None
-    assert holder(path) is None  # nobody signed yet
+    assert find_holder(path) is None  # nobody signed yet
     sign(lock)
-    assert holder(path) == os.getpid()
+    assert find_holder(path) == os.getpid()
     assert path.stat().st_size == size  # a full disk has no room for more
     os.close(lock)
 

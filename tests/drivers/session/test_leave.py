@@ -41,13 +41,13 @@ def pause(rig: Rig, seconds: float) -> None:
 def the_agent_is_killed(rig: Rig) -> None:
     """The next one knows the filament of the last journal record, and finds the print open."""
     written = rig.session.context.filament
-    rig.link.closed()
+    rig.link.on_closed()
     rig.session = Session(SessionContext(rig.link, None, PLUS, written, Pace(), rig.now_s))
 
 
 def the_port_is_lost_for_a_while(rig: Rig) -> None:
     rig.plugged = False
-    rig.link.closed()
+    rig.link.on_closed()
     rig.session.fail(Fault.PORT_LOST, "went away", rig.now_s)
     rig.back_s = rig.now_s + 10.0
 
@@ -203,7 +203,7 @@ def test_whatever_happens_a_print_ends_and_tells_the_truth_about_its_heaters(
         passed_s = rig.now_s - 1000.0
         if passed_s > unplug_s:
             unplug_s, rig.plugged, rig.back_s = math.inf, False, rig.now_s + back_s
-            rig.link.closed()
+            rig.link.on_closed()
             session.fail(Fault.PORT_LOST, "unplugged", rig.now_s)
         if passed_s > cancel_s:
             session.cancel("no more", rig.now_s)

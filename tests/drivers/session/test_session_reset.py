@@ -18,7 +18,7 @@ from print_rig import PLUS, Rig, assert_ended_off, gcode
 def test_a_port_that_went_away_fails_the_print_and_nobody_claims_heaters_off():
     rig = Rig().printing(100)
     rig.plugged = False
-    rig.link.closed()
+    rig.link.on_closed()
     rig.session.fail(Fault.PORT_LOST, "went away", rig.now_s)
     rig.run()
     assert (rig.session.context.phase, rig.session.context.fault) == (PrintPhase.FAILED, Fault.PORT_LOST)
@@ -29,7 +29,7 @@ def test_a_port_that_went_away_fails_the_print_and_nobody_claims_heaters_off():
 def test_a_port_that_comes_back_is_reset_and_shown_off():
     rig = Rig().printing(100)
     rig.plugged = False
-    rig.link.closed()
+    rig.link.on_closed()
     rig.session.fail(Fault.PORT_LOST, "went away", rig.now_s)
     rig.back_s = rig.now_s + 10.0
     assert_ended_off(rig.run(), PrintPhase.FAILED, Fault.PORT_LOST)

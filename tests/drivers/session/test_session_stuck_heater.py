@@ -63,7 +63,7 @@ def test_nor_does_a_port_that_goes_away():
     rig = burning(NOZZLE)
     found_s = found(rig)
     rig.plugged = False
-    rig.link.closed()
+    rig.link.on_closed()
     rig.session.fail(Fault.PORT_LOST, "unplugged", rig.now_s)
     assert asked(rig) - found_s <= LIMIT_S
 
@@ -124,7 +124,7 @@ def test_the_session_after_a_dead_agent_keeps_the_finding(burns: bool):
     if not burns:
         rig.firmware.board.nozzle.temperature_c(rig.now_s)
         rig.firmware.board.nozzle.burns = False
-    rig.link.closed()
+    rig.link.on_closed()
     rig.session = Session(
         SessionContext(rig.link, None, PLUS, Filament.UNKNOWN, Pace(), rig.now_s, suspicion=suspicion)
     )
