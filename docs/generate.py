@@ -22,7 +22,7 @@ from farm import api
 from farm.cli.client import StopReport
 from farm.cli.command_group import load_commands
 from farm.cli.main import app
-from farm.config import ComputeSection, FleetSection, PrinterSection, UploadsSection
+from farm.config import ComputeSection, FleetSection, KeepSection, PrinterSection, UploadsSection
 from farm.errors import EXIT_CODES, ErrorCode, ExitCode
 from farm.model import Bed, FilamentState, HoldCode, JobState, Link, PrintState
 from farm.state import OwnFault
@@ -38,6 +38,7 @@ SCHEMAS: tuple[tuple[str, type[BaseModel]], ...] = (
     ("farm status JOB --json and farm submit --json", api.JobStatus),
     ("farm submit --dry-run --json", api.Timeline),
     ("farm history --json", api.History),
+    ("farm prune --json", api.Pruned),
     ("One printer of farm estop --json", StopReport),
 )
 
@@ -135,6 +136,7 @@ def write_fleet_page(words: dict[str, Any]) -> str:
     sections: tuple[tuple[str, str, type[BaseModel]], ...] = (
         ("Keys under `fleet`", "fleet", FleetSection),
         ("Keys under `fleet.compute`", "compute", ComputeSection),
+        ("Keys under `fleet.keep`", "keep", KeepSection),
         ("Keys under `fleet.uploads`", "uploads", UploadsSection),
         ("Keys of a printer", "printers", PrinterSection),
     )

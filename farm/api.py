@@ -41,7 +41,8 @@ class PartView(_View):
     cut_from: str | None = None  # the failed part that it is a piece of
     verdict: Verdict | None
     plate: str
-    file: str
+    file: str | None  # null if the files of its job were pruned
+    picture: str | None = None  # small PNG of a part whose file was pruned
     prints: list[PrintView]
 
     @property
@@ -54,7 +55,7 @@ class PlateStatus(_View):
     id: str
     parts: list[str]
     printer: str  # of its last print, or of the plan
-    gcode: str
+    gcode: str | None  # null if the files of its job were pruned
     estimated_s: float
     grams: float
     filament_mm: float
@@ -113,6 +114,7 @@ class JobView(_View):
         float | None
     )  # time that simulated printers waited for the host; over 1 % the run is not valid
     folder: str | None  # with its files by name: parts (STL), plates (G-code), the picture
+    pruned: str | None = None  # when its files were pruned; figures and pictures stay
     waits_for_person: bool
 
     @property
@@ -280,6 +282,33 @@ class UploadView(_View):
     step: str  # in words
     received: int  # bytes
     size: int  # bytes
+
+
+class PruneRequest(_View):
+    """Request to delete what `fleet.keep` does not keep; with `dry_run` it is only listed."""
+
+    dry_run: bool = False
+
+
+class PrunedJob(_View):
+    """Job whose files go; its figures and pictures stay."""
+
+    id: int
+    name: str
+    size_bytes: int  # some files may be shared with other jobs, which keep them
+
+
+class Pruned(_View):
+    """What was deleted, or would be."""
+
+    model_config = ConfigDict(populate_by_name=True)
+
+    schema_: int = Field(default=SCHEMA, alias="schema")
+    dry_run: bool
+    jobs: list[PrunedJob]  # the one that ended first at the beginning
+    freed_bytes: int
+    stored_bytes: int  # size of the files of jobs after that
+    events: int  # entries of the database's log
 
 
 class Problem(_View):

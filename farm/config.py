@@ -71,6 +71,13 @@ class UploadsSection(_Section):
     open_jobs: Annotated[int, Field(ge=1)] = 1000
 
 
+class KeepSection(_Section):
+    """The keys under `fleet.keep`: what is kept of jobs that have ended; figures and pictures always stay."""
+
+    days: Annotated[float, Field(ge=2, allow_inf_nan=False)] = 90.0  # files of a job, and events
+    gb: Annotated[float, Field(gt=0, allow_inf_nan=False)] = 50.0  # files of all jobs; the oldest go first
+
+
 class FleetSection(_Section):
     """The keys under `fleet`."""
 
@@ -79,6 +86,7 @@ class FleetSection(_Section):
     time_scale: Annotated[float, Field(ge=1, le=1000)] = 1.0
     compute: ComputeSection = ComputeSection()
     uploads: UploadsSection = UploadsSection()
+    keep: KeepSection = KeepSection()
     currency: Annotated[str, Field(min_length=1, max_length=8)] | None = None
     attended: Windows = ()  # hours when somebody is present; empty: unknown
     quiet: Windows = ()  # hours when nothing may print

@@ -11,6 +11,7 @@ import os
 import shutil
 import time
 from collections.abc import Iterator
+from functools import partial
 from typing import IO
 
 import uvicorn
@@ -46,6 +47,7 @@ from farm.planning import JobPlanner, bed_boxes
 from farm.planning.replanning import ReplanWorker
 from farm.planning.tasks import warm
 from farm.state.storage import NightlyBackup, open_books
+from farm.upkeep.upkeep import Upkeep
 from slicing.cache import trim_cache
 
 log = logging.getLogger(__name__)
@@ -54,6 +56,7 @@ _WATCH_S = 0.5  # wall seconds; a dead agent's printer must be cold within 5
 _TICK_S = 1.0
 _NOTIFY_S = 2.0
 _DRY_RUNS_S = 5.0
+_DISK_S = 600.0
 _LOG_S = 60.0
 _LOG_BYTES, _LOGS_KEPT = 10 * 2**20, 4
 _FOLLOW_S = 1.0  # wall seconds; a clock set back delays timers by at most this
@@ -97,6 +100,7 @@ class Daemon:
     async def run(self) -> None:
         """Serve until the farm is shut down."""
         listening = listen(self._places.socket, self._fleet.fleet.group)
+        upkeep = Upkeep(self._controller, self._store, self._state, self._workers)
         services = Services(
             self._controller,
             self._state,
@@ -104,6 +108,7 @@ class Daemon:
             self._workers,
             self._shut_down,
             self._agents.replace,
+            upkeep.prune,
         )
         dry_runs = DryRuns(self._controller)
         app = make_app(services, dry_runs)
@@ -128,13 +133,12 @@ class Daemon:
         timers.every(_LOG_S, "log", lambda: rotate_log(self._state.log, _LOG_BYTES, _LOGS_KEPT))
         timers.start()
         following = asyncio.get_running_loop().create_task(self._follow_clock())
-        await NightlyBackup(
-            self._state, self._clock, self._fleet.zone, timers.at, self._controller.on_backup
-        ).begin()
+        await self._begin_upkeep(upkeep)
         try:
             await self._server.serve(sockets=[listening])
         finally:
             following.cancel()
+            upkeep.stop()
             timers.stop()
             self._planner.stop()
             self._replan_worker.stop()
@@ -143,6 +147,15 @@ class Daemon:
             listening.close()
             self._places.socket.unlink(missing_ok=True)
             self._store.close()
+
+    async def _begin_upkeep(self, upkeep: Upkeep) -> None:
+        """Finish what an earlier daemon began to delete, back up every night, and watch the disk."""
+        upkeep.begin()
+        self._timers.every(_DISK_S, "disk", upkeep.measure)
+        warn = partial(self._controller.warn, "backup")
+        await NightlyBackup(
+            self._state, self._clock, self._fleet.zone, self._timers.at, warn, upkeep.tidy
+        ).begin()
 
     async def _follow_clock(self) -> None:
         """Follow steps of the host's clock, as by NTP after a start without a network."""

@@ -13,7 +13,16 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 from yaml.constructor import ConstructorError
 
-from farm.config import ComputeSection, FieldError, Fleet, FleetSection, Place, PrinterSection, UploadsSection
+from farm.config import (
+    ComputeSection,
+    FieldError,
+    Fleet,
+    FleetSection,
+    KeepSection,
+    Place,
+    PrinterSection,
+    UploadsSection,
+)
 from farm.errors import FleetFileError
 
 LARGEST_FILE_BYTES = 512 * 1024  # enough for a thousand printers
@@ -250,7 +259,11 @@ def _reword(error: ErrorDetails, pattern: str | None) -> str:
 def _section_of(place: Place) -> type[BaseModel]:
     """Return the record to which a key belongs."""
     if len(place) > 2 and place[0] == "fleet":
-        nested: dict[object, type[BaseModel]] = {"compute": ComputeSection, "uploads": UploadsSection}
+        nested: dict[object, type[BaseModel]] = {
+            "compute": ComputeSection,
+            "keep": KeepSection,
+            "uploads": UploadsSection,
+        }
         return nested.get(place[1], FleetSection)
     owners: dict[str, type[BaseModel]] = {"fleet": FleetSection}
     owners |= {"printers": PrinterSection, "defaults": PrinterSection}

@@ -46,9 +46,14 @@ class StateFolder:
     def slices(self) -> Path:
         return self.root / "slices"
 
+    @property
+    def jobs(self) -> Path:
+        """Folder with a folder for each job."""
+        return self.root / "jobs"
+
     def job(self, number: int) -> Path:
         """Folder with the files of a job by name, for people."""
-        return self.root / "jobs" / str(number)
+        return self.jobs / str(number)
 
     @property
     def lock(self) -> Path:

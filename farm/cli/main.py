@@ -32,6 +32,12 @@ COMMANDS = {
             "Check database, files, agents, ports, CuraEngine, clock and disks, and say what to do.",
         ),
         CommandEntry(
+            "prune",
+            "prune.prune",
+            "Delete old jobs' files that `fleet.keep` does not keep, as every night; figures and pictures "
+            "stay.",
+        ),
+        CommandEntry(
             "daemon",
             "daemon.daemon",
             "Run the daemon in the foreground; `farm up` runs it in the background.",

@@ -102,7 +102,7 @@ class Controller:
         self._replanning = ReplanCoordinator()
         self._forecast_cache = ForecastCache(clock.scale)
         self._refusals: Counter[str] = Counter()
-        self._backup_failure: str | None = None
+        self._warnings: dict[str, str | None] = {}
         self._next_change_s = -math.inf  # -inf: schedule at the next tick
         self._job_holds: dict[int, Hold] = {}
 
@@ -348,9 +348,9 @@ class Controller:
         except StoreError as error:
             log.error("%s", error)
 
-    def on_backup(self, failure: str | None) -> None:
-        """Store the reason why the last backup failed; None if it succeeded."""
-        self._backup_failure = failure
+    def warn(self, topic: str, text: str | None) -> None:
+        """Store a problem of the farm as a whole (backup, disk) for people; None once it is solved."""
+        self._warnings[topic] = text
 
     # -- queries ----------------------------------------------------------------------------------------
 
@@ -396,7 +396,7 @@ class Controller:
             ends_s=self._forecast_cache.ends_s(self.books, self.expected_situation, now_s),
             startup_over=not self.is_starting(),
             progress=self.progress,
-            warning=failure or self._backup_failure,
+            warnings=tuple(filter(None, (failure, *self._warnings.values()))),
             plate_holds=self.plate_holds(),
             job_holds=self._job_holds,
         )

@@ -90,7 +90,8 @@ class JobCommands:
         """Cancel a job, so that nothing more of it is printed."""
         job = self._controller.books.job(number)
         if job.state.ended:
-            hint = f"; `farm reprint {number} PART` prints a part again" if job.parts else ""
+            printable = job.parts and job.pruned_s is None
+            hint = f"; `farm reprint {number} PART` prints a part again" if printable else ""
             raise Refused(f"job {number} has already ended: it is {job.state}{hint}")
         self._controller.handle(ev.JobCancelled(at_s=self._controller.clock.now(), job=number, by=by))
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from datetime import datetime
+
 from farm.control.controller import Controller
 from farm.control.printer_commands import PrinterCommands
 from farm.errors import NoSuchThing, Refused
@@ -30,6 +32,13 @@ class PartCommands:
     def reprint(self, job: int, part: str, why: str, by: str) -> str:
         """Print a part again, whatever its state. Returns its name."""
         plate = self._plate(job, part)
+        entry = self._controller.books.job(job)
+        if entry.pruned_s is not None:
+            on = datetime.fromtimestamp(entry.pruned_s, self._controller.fleet.zone)
+            raise Refused(
+                f"the files of job {job} were pruned on {on:%Y-%m-%d} (`fleet.keep` in fleet.yaml): submit "
+                f"{entry.name} again; `farm report {job}` still shows how it was printed"
+            )
         state = self._controller.books.plate_state(plate)
         stopped = stopped_print(plate, self._controller.books.prints_of(plate))
         if state in _COMING and stopped is None:

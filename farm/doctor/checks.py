@@ -9,6 +9,7 @@ from drivers.messages import PROTOCOL
 from farm.doctor.facts import Facts
 from farm.doctor.finding import Finding, passed, problem, warning
 from farm.state import validate_books
+from farm.state.retention import describe_shortage
 from farm.state.storage import SCHEMA_VERSION
 from farm.text import format_count
 
@@ -215,6 +216,13 @@ def check_room(facts: Facts) -> Iterator[Finding]:
             yield warning("room", f"{text}: a large job may not fit", "free some space")
         else:
             yield passed("room", text)
+    if facts.disk is not None and facts.fleet is not None and facts.rooms:
+        rules = facts.fleet.fleet
+        folder = facts.rooms[0].folder
+        shortage = describe_shortage(folder, facts.disk, rules.keep.gb, rules.uploads.free_gb)
+        if shortage is not None:
+            text, _, action = shortage.partition(": ")
+            yield warning("room", text, action)
     shared = facts.shared_memory
     if shared.free_bytes is None or shared.free_bytes < SHARED_MEMORY_BYTES:
         text = f"{shared.folder} cannot be used, or is full: parts of planning use only one processor"

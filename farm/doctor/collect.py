@@ -18,6 +18,7 @@ from contextlib import suppress
 from pathlib import Path
 
 import farm
+from drivers.clock import Clock
 from drivers.errors import DriverError
 from drivers.printers import PROFILES
 from drivers.remote import AgentClient, is_alive
@@ -39,7 +40,9 @@ from farm.model import Job
 from farm.paths import Places, StateFolder, read_anchor
 from farm.planning.inspection import find_mistake
 from farm.state import Books
+from farm.state.retention import DiskUse
 from farm.state.storage import read_books, sha256_of
+from farm.upkeep.disk_use import measure_disk
 from slicing.errors import SlicingError
 from slicing.settings import find_engine, find_resources
 
@@ -80,6 +83,7 @@ def collect_facts(places: Places, daemon_version: str | None, daemon_error: str 
             _ask_agent(section.name, places.state.agent(section.name)) for section in local_printers
         ),
         ports=tuple(_check_port(section) for section in local_printers if section.port.startswith("/")),
+        disk=_measure_disk(places.state, books.books),
         rooms=tuple(_measure_rooms(places.state)),
         shared_memory=_measure_room(_SHARED_MEMORY),
     )
@@ -247,6 +251,15 @@ def _measure_rooms(state: StateFolder) -> Iterator[RoomFacts]:
         folder = folder.parent  # `farm up` creates it there
     for path in dict.fromkeys((folder, Path(tempfile.gettempdir()))):
         yield _measure_room(path)
+
+
+def _measure_disk(state: StateFolder, books: Books | None) -> DiskUse | None:
+    if books is None or not state.files.is_dir():
+        return None
+    clock = Clock(*(read_anchor(state.clock) or ()))
+    with suppress(OSError):
+        return measure_disk(state, books, clock.now(), clock.scale)
+    return None
 
 
 def _measure_room(folder: Path) -> RoomFacts:

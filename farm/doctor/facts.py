@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from farm.config import Fleet
 from farm.state import Books
+from farm.state.retention import DiskUse
 
 
 @dataclass(frozen=True, slots=True)
@@ -171,6 +172,8 @@ class Facts:
         The fleet, or the error in its file.
     fleet_path
         Path of that file.
+    disk
+        Space that the files of jobs take; None if there are none, or the books cannot be read.
     """
 
     version: str
@@ -187,4 +190,5 @@ class Facts:
     agents: tuple[AgentFacts, ...] = ()
     ports: tuple[PortFacts, ...] = ()
     rooms: tuple[RoomFacts, ...] = ()
+    disk: DiskUse | None = None
     shared_memory: RoomFacts = RoomFacts("/dev/shm", None)

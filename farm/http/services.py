@@ -21,6 +21,11 @@ async def refuse_replacing(name: str) -> None:
     raise Refused(f"{name} has no agent")
 
 
+async def refuse_pruning(by: str, dry_run: bool) -> api.Pruned:
+    """Refuse to prune; for a farm without upkeep."""
+    raise Refused(f"this daemon keeps everything: {by} cannot prune{' or preview that' if dry_run else ''}")
+
+
 @dataclass(frozen=True)
 class Services:
     """Components of the daemon that its routes use.
@@ -37,6 +42,8 @@ class Services:
         Processes that inspect models.
     shut_down
         Shuts the farm down; with True, stops all prints first.
+    prune
+        Deletes what is no longer kept, for a person; with True, only lists it.
     replace_agent
         Replaces the agent of an idle printer.
     """
@@ -47,6 +54,7 @@ class Services:
     workers: Workers
     shut_down: Callable[[bool], Awaitable[None]]
     replace_agent: Callable[[str], Awaitable[None]] = refuse_replacing
+    prune: Callable[[str, bool], Awaitable[api.Pruned]] = refuse_pruning
     since_s: float = field(init=False)
 
     def __post_init__(self) -> None:

@@ -1,4 +1,4 @@
-"""Routes of the whole farm: status, names, history, and shutdown."""
+"""Routes of the whole farm: status, names, history, prune, and shutdown."""
 
 from __future__ import annotations
 
@@ -53,6 +53,10 @@ def status_routes(services: Services) -> APIRouter:
         return api.History(
             now=context.format_time(context.now_s) or "", prints=list_history(context, job, printer, last)
         )
+
+    @router.post("/prune")
+    async def prune(request: api.PruneRequest, by: OperatorName) -> api.Pruned:
+        return await services.prune(by, request.dry_run)
 
     @router.post("/down")
     async def shut_down(request: api.DownRequest, _: OperatorName) -> None:

@@ -94,6 +94,8 @@ class Job(Entity):
     restored: bool = False  # from a backup: more may have been printed than is recorded
     planned_s: float | None = None
     ended_s: float | None = None
+    pruned_s: float | None = None  # when its files were given up; `picture` and `part_pictures` stay
+    part_pictures: Mapping[str, str] = Field(default_factory=dict)  # of a pruned job: by part, in the store
     reopenings: tuple[Reopening, ...] = ()
 
 

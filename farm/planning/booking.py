@@ -99,7 +99,13 @@ def book_plan(sliced: SlicedJob, files: Path) -> Plan:
 
 
 def list_job_files(job: Job, parts: Iterable[Part], plates: Iterable[Plate]) -> dict[str, str]:
-    """Return the stored files of a planned job, of these parts and plates, by their readable names."""
+    """Return the stored files of a planned job, of these parts and plates, by their readable names.
+
+    Of a pruned job, only the pictures.
+    """
+    if job.pruned_s is not None:
+        pictures = {f"{Path(part).name}.png": stored for part, stored in job.part_pictures.items()}
+        return pictures | ({PICTURE: job.picture} if job.picture else {})
     names = {Path(part.id).name + Path(part.file).suffix: part.file for part in parts}
     names |= {f"plate-{Path(plate.id).name}.gcode": plate.gcode for plate in plates}
     shared = {PICTURE: job.picture, ASSEMBLY: job.assembly, REPORT: job.decomposition}

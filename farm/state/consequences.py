@@ -19,6 +19,8 @@ def update_job_state(books: Books, number: int, at_s: float, reopen: bool = Fals
     job = books.jobs[number]
     if not job.plates or (job.state is JobState.CANCELLED and not reopen):
         return books
+    if job.pruned_s is not None:  # its files are gone
+        return books
     if job.state is JobState.HELD:  # its plan is frozen until a person approves it
         return books
     state = derive_job_state([books.plate_state(plate) for plate in books.plates_of(job)])

@@ -87,6 +87,21 @@ class JobCancelled(Event):
     by: str = A_PERSON
 
 
+class JobPruned(Event):
+    """The files of an ended job are no longer kept, except for its pictures; they are deleted after this."""
+
+    job: int
+    by: str
+    part_pictures: dict[str, str] = {}  # small pictures of the parts, by part: names in the file store
+
+
+class EventsCompacted(Event):
+    """Events up to number `last` are no longer kept, as a backup is verified; they are deleted next."""
+
+    last: int
+    backup: str
+
+
 class PlateAssigned(Event):
     plate: str
     printer: str
@@ -284,6 +299,8 @@ AnyEvent = (
     | JobApproved
     | JobFailed
     | JobCancelled
+    | JobPruned
+    | EventsCompacted
     | PlateAssigned
     | PlateReplaced
     | PrintProgressed

@@ -24,7 +24,7 @@ class ViewContext:
     ends_s: Mapping[str, float] = field(default_factory=dict)  # forecast ends of waiting plates
     startup_over: bool = True  # the farm has been running long enough for printers to connect
     progress: Mapping[int, PlanProgress] = field(default_factory=dict)  # of the jobs being planned
-    warning: str | None = None  # a problem of the farm as a whole
+    warnings: tuple[str, ...] = ()  # problems of the farm as a whole
     plate_holds: Mapping[str, Hold] = field(default_factory=dict)  # why plates wait, now
     job_holds: Mapping[int, Hold] = field(default_factory=dict)
 

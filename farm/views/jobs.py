@@ -64,6 +64,7 @@ def describe_job(context: ViewContext, job: Job) -> api.JobView:
         currency=context.fleet.fleet.currency,
         starved_share=times.starved_share,
         folder=str(context.state.job(job.id)) if job.plates else None,
+        pruned=context.format_time(job.pruned_s),
         waits_for_person=_waits_for_person(context, job, plates),
     )
 
@@ -105,13 +106,15 @@ def _waits_for_person(context: ViewContext, job: Job, plates: list[Plate]) -> bo
 
 def _part_view(context: ViewContext, name: str) -> api.PartView:
     part = context.books.parts[name]
-    plate = context.books.plates[part.plate]
+    plate, job = context.books.plates[part.plate], context.books.jobs[part.job]
+    picture = job.part_pictures.get(part.id)
     return api.PartView(
         id=part.id,
         cut_from=part.cut_from,
         verdict=_verdict(context.books, plate),
         plate=part.plate,
-        file=str(context.state.files / part.file),
+        file=_file_path(context, job, part.file),
+        picture=str(context.state.files / picture) if picture is not None else None,
         prints=[describe_print(context, attempt) for attempt in context.books.prints_of(plate)],
     )
 
@@ -145,7 +148,7 @@ def _plate_view(context: ViewContext, plate: Plate) -> api.PlateStatus:
         id=plate.id,
         parts=list(plate.parts),
         printer=own[-1].printer if own else plate.printer,
-        gcode=str(context.state.files / plate.gcode),
+        gcode=_file_path(context, context.books.jobs[plate.job], plate.gcode),
         estimated_s=plate.expected_s,
         grams=plate.grams,
         filament_mm=plate.filament_mm,
@@ -155,3 +158,8 @@ def _plate_view(context: ViewContext, plate: Plate) -> api.PlateStatus:
         printing=any(not attempt.state.ended for attempt in context.books.prints_of(plate)),
         hold=context.plate_hold(plate),
     )
+
+
+def _file_path(context: ViewContext, job: Job, name: str) -> str | None:
+    """Return the path of a file; None if it was pruned."""
+    return None if job.pruned_s is not None else str(context.state.files / name)

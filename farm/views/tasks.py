@@ -63,8 +63,8 @@ def list_tasks(context: ViewContext) -> list[api.Todo]:
 
 def _list_farm_tasks(context: ViewContext) -> Iterator[api.Todo]:
     """List problems of the farm as a whole."""
-    if context.warning:
-        yield api.Todo(code="farm", printers=[], text=context.warning)
+    for text in context.warnings:
+        yield api.Todo(code="farm", printers=[], text=text)
     for number, progress in context.progress.items():
         if progress.step is PlanStep.NO_ROOM:
             text = f"free space on the disk of {context.state.root}: job {number} waits for it"

@@ -106,6 +106,11 @@ class Client:
     def timeline(self, number: int) -> api.Timeline:
         return self._ask(api.Timeline, "GET", f"/jobs/{number}/timeline")
 
+    def prune(self, dry_run: bool) -> api.Pruned:
+        """Delete what is no longer kept, or list it; the parts of each job are drawn first."""
+        body = api.PruneRequest(dry_run=dry_run)
+        return _validate(api.Pruned, self._call("POST", "/prune", body=body, answer_s=SUBMISSION_S))
+
     def shut_down(self, now: bool, wait: bool) -> None:
         self._call("POST", "/down", body=api.DownRequest(now=now, wait=wait))
 

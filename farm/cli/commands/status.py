@@ -6,7 +6,6 @@ import os
 import time
 from datetime import datetime
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Annotated
 
 import typer
@@ -40,7 +39,6 @@ from farm.text import format_count, format_duration, format_mass
 
 _REFRESH_S = 1.0
 _ALL = 100_000
-_PICTURE_PX = 220
 _HISTORY = (
     Column("ENDED"),
     Column("PRINTER"),
@@ -147,7 +145,7 @@ def report(
     client = Client(places.socket)
     view = client.job(job).job
     now = datetime.fromisoformat(client.status().fleet.now)
-    pictures = {part.id: png for part in view.parts if (png := draw_part(Path(part.file))) is not None}
+    pictures = {part.id: png for part in view.parts if (png := _find_picture(part)) is not None}
     assembly = Path(view.folder) / "assembly.png" if view.folder else None
     readable = assembly is not None and os.access(assembly, os.R_OK)
     target = out or Path(f"job-{job}.html")
@@ -167,6 +165,17 @@ def report(
     if view.parts and not pictures and not readable:
         print_notice(f"you may not read {view.folder}: the page has no pictures")
     print(target)
+
+
+def _find_picture(part: api.PartView) -> bytes | None:
+    """Draw a part, or read the picture that was kept of it; None if neither can be read."""
+    from farm.upkeep.part_pictures import draw_part
+
+    if part.file is not None:
+        return draw_part(Path(part.file))
+    if part.picture is not None and os.access(part.picture, os.R_OK):
+        return Path(part.picture).read_bytes()
+    return None
 
 
 def list_figures(view: api.JobView) -> list[tuple[str, str]]:
@@ -196,25 +205,8 @@ def list_figures(view: api.JobView) -> list[tuple[str, str]]:
         rows.append(
             ("printed in runs", f"{format_runs(view.runs, view.now)}; the time between them is not counted")
         )
+    if view.pruned is not None:
+        rows.append(("files", f"pruned on {format_time(view.pruned, view.now)}"))
     if view.price is not None:
         rows.append(("price of the filament", f"{view.price:.2f} {view.currency or ''}".strip()))
     return rows
-
-
-def draw_part(stl: Path) -> bytes | None:
-    """Draw a part in its printing pose as PNG; None if the file is no STL that can be read."""
-    import numpy as np  # these are slow to load
-    import trimesh
-
-    from decompose.export import draw_assembly
-    from decompose.geometry import Solid
-    from decompose.results import Part
-
-    if stl.suffix != ".stl" or not os.access(stl, os.R_OK):
-        return None
-    mesh = trimesh.load_mesh(stl)
-    part = Part("", Solid.from_arrays(mesh.vertices, mesh.faces), np.eye(4), 0.0, "")
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / "part.png"
-        draw_assembly([part], path, _PICTURE_PX)
-        return path.read_bytes()

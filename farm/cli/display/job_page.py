@@ -90,7 +90,11 @@ def render_job(view: api.JobView, width: int | None = None) -> RenderableType:
     rows.append(figures)
     if view.parts:
         rows += _lay_out_parts(view, width)
-    if view.folder:
+    if view.pruned is not None:
+        rows.append(
+            Text(f"files: pruned {format_time(view.pruned, now)}; submit the model again to print it")
+        )
+    elif view.folder:
         rows.append(Text(f"files (STL and G-code of each part, a picture, a GLB): {view.folder}"))
     for attempt in view.prints:
         if attempt.fault or attempt.why:

@@ -70,6 +70,7 @@ JOB = Lifecycle(
         _row(ev.JobFailed, [_J.PLANNING], [_J.FAILED]),
         _row(ev.JobPaused, _LIVE, None),
         _row(ev.JobCancelled, _LIVE, [_J.CANCELLED]),
+        _row(ev.JobPruned, [_J.DONE, _J.FAILED, _J.CANCELLED], None),
     ),
     consequences=(
         _row(ev.PrintEnded, [_J.PRINTING], _DERIVED),
@@ -165,5 +166,7 @@ PRINTER = Lifecycle(
 )
 
 LIFECYCLES = (JOB, PLATE, PRINT, PRINTER)
-FARM_WIDE: frozenset[Kind] = frozenset({ev.ClockSet, ev.BooksRestored, ev.OutageConfirmed})
+FARM_WIDE: frozenset[Kind] = frozenset(
+    {ev.ClockSet, ev.BooksRestored, ev.EventsCompacted, ev.OutageConfirmed}
+)
 """Events about the farm as a whole; allowed at any time."""

@@ -1,18 +1,34 @@
 """Books and files on disk: SQLite, migrations, nightly backups, files named by their hash."""
 
-from farm.state.storage.backups import NightlyBackup, open_books
-from farm.state.storage.file_store import name_files, sha256_of, store_file
+from farm.state.storage.backups import NightlyBackup, back_up, backup_time_s, open_books
+from farm.state.storage.file_store import (
+    GRACE_S,
+    StoredFile,
+    delete_files,
+    list_files,
+    name_files,
+    sha256_of,
+    store_file,
+    unlink_dead_names,
+)
 from farm.state.storage.migrations import SCHEMA_VERSION
 from farm.state.storage.store import Store, StoreError, read_books
 
 __all__ = [
+    "GRACE_S",
     "SCHEMA_VERSION",
     "NightlyBackup",
     "Store",
     "StoreError",
+    "StoredFile",
+    "back_up",
+    "backup_time_s",
+    "delete_files",
+    "list_files",
     "name_files",
     "open_books",
     "read_books",
     "sha256_of",
     "store_file",
+    "unlink_dead_names",
 ]

@@ -23,12 +23,12 @@ _NAMES = f"books-{'[0-9]' * 8}T{'[0-9]' * 6}Z.db"
 
 
 def back_up(state: StateFolder, now_s: float) -> Path:
-    """Back up the books into a folder beside them, and delete the oldest backups. May run in a thread.
+    """Back up the books into a folder beside them, verify it, and delete the oldest. May run in a thread.
 
     Raises
     ------
     StoreError
-        If they cannot be copied; earlier backups are kept.
+        If they cannot be copied, or the copy cannot be read; earlier backups are kept.
     """
     try:
         state.backups.mkdir(mode=0o700, exist_ok=True)
@@ -36,6 +36,12 @@ def back_up(state: StateFolder, now_s: float) -> Path:
         raise StoreError(f"the database cannot be backed up: {error}") from error
     target = state.backups / f"{datetime.fromtimestamp(now_s, UTC).strftime(_STAMP)}.db"
     copy_books(state.books, target, now_s)
+    try:
+        with Store(target) as copy:  # checks every page and row
+            copy.load()
+    except StoreError:
+        target.unlink(missing_ok=True)
+        raise
     for old in list_backups(state)[KEPT:]:
         old.unlink(missing_ok=True)
     return target
@@ -52,6 +58,8 @@ class NightlyBackup:
         Sets a timer: farm time, its name, the function to call.
     report
         Called with a message after a failure, with None after a success.
+    tidy
+        Called after a backup, with it: begins to delete what is no longer kept.
     """
 
     def __init__(
@@ -61,9 +69,10 @@ class NightlyBackup:
         zone: tzinfo,
         at: Callable[[float, str, Callable[[], Awaitable[None]]], None],
         report: Callable[[str | None], None],
+        tidy: Callable[[Path], None],
     ) -> None:
         self._state, self._clock, self._zone = state, clock, zone
-        self._at, self._report = at, report
+        self._at, self._report, self._tidy = at, report, tidy
 
     async def begin(self) -> None:
         """Back up if there is no backup of the last day, and set the timer for the next one."""
@@ -76,6 +85,7 @@ class NightlyBackup:
             if not only_if_due or is_due(self._state, now_s):
                 copy = await asyncio.to_thread(back_up, self._state, now_s)
                 log.info("the database is backed up to %s", copy)
+                self._tidy(copy)
             self._report(None)
         except Exception as error:  # a failed backup must not stop the daemon
             log.exception("the nightly backup of the database")

@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+import fcntl
 import hashlib
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path
+
+GRACE_S = 3600.0
+"""Wall seconds after it was stored for which a file stays, even if the books do not name it."""
 
 
 def sha256_of(path: Path) -> str:
@@ -25,23 +31,92 @@ def name_files(folder: Path, store: Path, names: Mapping[str, str]) -> None:
         (folder / name).symlink_to(relative / stored)
 
 
+def unlink_dead_names(jobs: Path) -> None:
+    """Remove the links of all jobs whose file is gone."""
+    for link in jobs.glob("*/*"):
+        if link.is_symlink() and not link.exists():
+            link.unlink(missing_ok=True)
+
+
 def store_file(folder: Path, source: Path) -> str:
     """Move a finished file into the store, under its hash and suffix. Returns that name.
 
-    The bytes are on the disk before the name exists, so every named file is complete.
+    The bytes are on the disk before the name exists, so every named file is complete. A file that is stored
+    again counts as new, so `delete_files` does not delete it before the books name it.
     """
     name = sha256_of(source) + source.suffix.lower()
     target = folder / name
-    if target.exists():
-        source.unlink()
-        return name
+    with _lock(folder, fcntl.LOCK_SH):
+        if target.exists():
+            os.utime(target)
+            source.unlink()
+            return name
     with source.open("rb") as file:
         os.fsync(file.fileno())
     source.chmod(0o444)
-    source.replace(target)
+    os.utime(source)
+    with _lock(folder, fcntl.LOCK_SH):
+        source.replace(target)
     descriptor = os.open(folder, os.O_RDONLY)
     try:
         os.fsync(descriptor)
     finally:
         os.close(descriptor)
     return name
+
+
+@dataclass(frozen=True, slots=True)
+class StoredFile:
+    """Size of a file, and the wall time (s) at which it was last stored."""
+
+    size_bytes: int
+    stored_s: float
+
+
+def list_files(folder: Path) -> dict[str, StoredFile]:
+    """List the files of the store by name."""
+    found = {}
+    with os.scandir(folder) as entries:
+        for entry in entries:
+            if not entry.name.startswith(".") and entry.is_file(follow_symlinks=False):
+                with suppress(FileNotFoundError):
+                    facts = entry.stat(follow_symlinks=False)
+                    found[entry.name] = StoredFile(facts.st_size, facts.st_mtime)
+    return found
+
+
+def delete_files(folder: Path, names: Iterable[str], now_s: float, least_age_s: float = GRACE_S) -> int:
+    """Delete files that the books do not name. Returns the number of bytes.
+
+    Files that were stored in the last hour stay: the event that names them may follow.
+
+    Parameters
+    ----------
+    folder
+        The store.
+    names
+        The files.
+    now_s
+        Wall time, in seconds since the epoch.
+    least_age_s
+        Wall seconds since a file was stored, within which it stays.
+    """
+    freed = 0
+    for name in names:
+        with _lock(folder, fcntl.LOCK_EX), suppress(FileNotFoundError):
+            facts = (folder / name).stat()
+            if now_s - facts.st_mtime >= least_age_s:
+                (folder / name).unlink()
+                freed += facts.st_size
+    return freed
+
+
+@contextmanager
+def _lock(folder: Path, kind: int) -> Iterator[None]:
+    """Hold the lock of the store's folder: shared to store files, alone to delete one."""
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    try:
+        fcntl.flock(descriptor, kind)
+        yield
+    finally:
+        os.close(descriptor)

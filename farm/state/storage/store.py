@@ -271,6 +271,49 @@ class Store:
         """Return the event log: farm time, kind and JSON of each."""
         return self._db.execute("SELECT at_s, kind, body FROM event ORDER BY seq").fetchall()
 
+    def find_last_old_event(self, before_s: float, most: int) -> int:
+        """Find the last event that need not be kept: all after it are later than a time, and at most `most`.
+
+        The last event of all is always kept, as its number shows that no commit is lost. Returns 0 if every
+        event is kept.
+        """
+        (newest,) = self._db.execute("SELECT coalesce(max(seq), 0) FROM event").fetchone()
+        (kept,) = self._db.execute("SELECT min(seq) FROM event WHERE at_s >= ?", (before_s,)).fetchone()
+        last = max(newest if kept is None else kept - 1, newest - most)
+        (oldest,) = self._db.execute("SELECT coalesce(min(seq), 0) FROM event").fetchone()
+        last = min(last, newest - 1)
+        return int(last) if last >= oldest > 0 else 0
+
+    def count_events(self, last: int) -> int:
+        """Count the events up to a number."""
+        (number,) = self._db.execute("SELECT count(*) FROM event WHERE seq <= ?", (last,)).fetchone()
+        return int(number)
+
+    def delete_events(self, last: int, at_once: int = 2000) -> int:
+        """Delete the oldest events up to a number, some in one transaction. Returns how many."""
+        try:
+            return self._db.execute(
+                "DELETE FROM event WHERE seq IN (SELECT seq FROM event WHERE seq <= ? ORDER BY seq LIMIT ?)",
+                (last, at_once),
+            ).rowcount
+        except sqlite3.Error as error:
+            raise StoreError(f"old events cannot be deleted: {error}") from error
+
+    def release_space(self, least_bytes: int = 16 * 2**20) -> bool:
+        """Make the file smaller if much of it is unused. Returns True if it did so."""
+        try:
+            (pages,), (unused,), (page_bytes,) = (
+                self._db.execute(f"PRAGMA {name}").fetchone()
+                for name in ("page_count", "freelist_count", "page_size")
+            )
+            if unused * page_bytes < least_bytes or unused < pages // 2:
+                return False
+            self._db.execute("VACUUM")
+            self._db.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+        except sqlite3.Error as error:
+            raise StoreError(f"the database {self._path} cannot be made smaller: {error}") from error
+        return True
+
     def add_history(self, error: InvalidTransition) -> InvalidTransition:
         """Return an error with the last events about its entity, oldest first."""
         if error.lifecycle is None:

@@ -8,6 +8,8 @@ from farm.state import events as ev
 from farm.state import restore
 from farm.state.books import Books, put, replace_fields
 from farm.state.consequences import Result, end_job, request_pause, update_job_state
+from farm.state.lifecycles import JOB, InvalidTransition
+from farm.state.retention import find_need
 from farm.state.transitions.rules import change
 
 
@@ -78,6 +80,16 @@ def _(event: ev.JobCancelled, books: Books) -> Result:
         books, event.job, JobState.CANCELLED, event.at_s, ErrorCode.CANCELLED, reason
     )
     return books, (ev.StopPlanning(job=event.job), *instructions) if planning else instructions
+
+
+@change.register
+def _(event: ev.JobPruned, books: Books) -> Result:
+    job = books.job(event.job)
+    needed = find_need(books, job)
+    if needed is not None:
+        raise InvalidTransition(event, JOB, job.id, job.state, needed)
+    job = replace_fields(job, pruned_s=event.at_s, part_pictures=event.part_pictures)
+    return put(books, job), (ev.NameFiles(job=job.id),)
 
 
 @change.register

@@ -69,6 +69,9 @@ def _(event: ev.PlateCancelled, books: Books) -> Result:
 @change.register
 def _(event: ev.ReprintRequested, books: Books) -> Result:
     plate = books.plates[event.plate]
+    job = books.job(plate.job)
+    if job.pruned_s is not None:
+        raise InvalidTransition(event, JOB, job.id, job.state, "pruned: its files are no longer kept")
     done = successful_print(books.prints_of(plate))
     if done is not None:
         books = put(books, replace_fields(done, verdict=Verdict.BAD, verdict_why=event.why))

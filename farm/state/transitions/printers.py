@@ -106,3 +106,8 @@ def _(event: ev.OutageConfirmed, books: Books) -> Result:
     if books.outage is None:
         raise InvalidTransition(event, None, None, None, "in no outage")
     return put(books, replace_fields(books.outage, confirmed_s=event.at_s)), ()
+
+
+@change.register
+def _(event: ev.EventsCompacted, books: Books) -> Result:
+    return books, ()  # the store deletes events; the entities stay

@@ -318,12 +318,12 @@ def test_a_report_that_could_not_be_booked_is_handled_when_it_is_said_again(farm
             farm.controller.on_snapshot(found)
     farm.ready("b")  # it has nothing to book
     context = farm.view_context(STATE)
-    assert "nothing is recorded until there is space" in context.warning
+    assert "nothing is recorded until there is space" in context.warnings[0]
     assert context.snapshots["a"].nozzle_c == 90.0
     farm.store._db.execute("PRAGMA query_only = 0")
     farm.controller.on_snapshot(found)
     assert farm.controller.books.printers["a"].alarm == "it gets hotter"
-    assert farm.view_context(STATE).warning is None
+    assert farm.view_context(STATE).warnings == ()
 
 
 def test_what_was_committed_before_an_error_is_performed(farm, plan):

@@ -92,11 +92,11 @@ def test_the_books_are_copied_once_a_night(begin, tmp_path, first, asleep):
     time = begin(f"{first} 12:00")
     state = StateFolder(tmp_path)
     Store(state.books).close()
-    told = []
+    told, tidied = [], []
 
     async def nights():
         timers = Timers(time)
-        nightly = NightlyBackup(state, time, BERLIN, timers.at, told.append)
+        nightly = NightlyBackup(state, time, BERLIN, timers.at, told.append, tidied.append)
         timers.start()
         await nightly.begin()
         if asleep:

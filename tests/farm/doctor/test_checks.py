@@ -22,6 +22,7 @@ from farm.doctor.finding import Level
 from farm.model import Bed
 from farm.state import events as ev
 from farm.state.books import put, replace_fields
+from farm.state.retention import DiskUse
 from farm.state.storage.migrations import SCHEMA_VERSION
 from make_books import ended, printing, run
 
@@ -137,6 +138,12 @@ CASES = {
     ),
     "another zone": ({"clock": replace(SOUND.clock, host_zone="Etc/UTC")}, "warning", "clock", "Etc/UTC"),
     "full disk": ({"rooms": (RoomFacts("/s", 10**6),)}, "problem", "room", "/s has 1 MB free"),
+    "soon full": (
+        {"disk": DiskUse(free_bytes=3e9, stored_bytes=20e9, prunable_bytes=0.0, day_bytes=2e9)},
+        "warning",
+        "room",
+        "the disk of /s is full in about a night (3.0 GB free, 2.0 GB stored a day)",
+    ),
     "little room": ({"rooms": (RoomFacts("/s", 10**9),)}, "warning", "room", "a large job may not fit"),
     "read-only disk": ({"rooms": (RoomFacts("/s", None),)}, "problem", "room", "cannot be written"),
     "no shared memory": (

@@ -10,10 +10,11 @@ from rich.console import Console
 
 from example_night import night_books, view_context_of
 from farm import api
-from farm.cli.commands.status import draw_part, list_figures
+from farm.cli.commands.status import list_figures
 from farm.cli.display import render_job
 from farm.model import Verdict
 from farm.state import events as ev
+from farm.upkeep.part_pictures import draw_part
 from farm.views import describe_job, list_history
 from farm.views.report import COLOURS, draw_gantt, list_bars, render_page
 from farm.views.report.gantt import Bar, lay_out_gantt

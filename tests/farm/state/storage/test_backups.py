@@ -2,6 +2,7 @@
 
 import asyncio
 from datetime import UTC, datetime
+from functools import partial
 from unittest.mock import Mock
 from zoneinfo import ZoneInfo
 
@@ -147,9 +148,14 @@ def test_a_nightly_copy_that_fails_is_told_and_tried_again(state, trouble, tmp_p
     else:
         error = OSError(28, "No space left on device") if trouble == "the disk" else ValueError("oh")
         monkeypatch.setattr(backups, "back_up", Mock(side_effect=error))
-    farm, timers = Farm(tmp_path / "farm"), []
+    farm, timers, tidied = Farm(tmp_path / "farm"), [], []
     nightly = backups.NightlyBackup(
-        state, Clock(), UTC, lambda *timer: timers.append(timer), farm.controller.on_backup
+        state,
+        Clock(),
+        UTC,
+        lambda *timer: timers.append(timer),
+        partial(farm.controller.warn, "backup"),
+        tidied.append,
     )
     asyncio.run(nightly.begin())
     ((_, _, again),) = timers
@@ -161,6 +167,7 @@ def test_a_nightly_copy_that_fails_is_told_and_tried_again(state, trouble, tmp_p
     monkeypatch.undo()
     asyncio.run(again())
     assert len(timers) == 2
+    assert tidied == list_backups(state)
     assert len(list_backups(state)) == 1
     assert "farm" not in [item.code for item in list_tasks(farm.view_context(state))]
 

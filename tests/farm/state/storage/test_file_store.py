@@ -1,8 +1,21 @@
 """The file store: names are hashes, files never change."""
 
 import hashlib
+import os
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 
-from farm.state.storage.file_store import name_files, sha256_of, store_file
+from farm.state.storage.file_store import (
+    GRACE_S,
+    delete_files,
+    list_files,
+    name_files,
+    sha256_of,
+    store_file,
+    unlink_dead_names,
+)
 
 
 def test_a_stored_file_has_its_hash_for_a_name_and_cannot_be_written(tmp_path):
@@ -40,3 +53,72 @@ def test_stored_files_are_found_by_the_names_that_they_have_now_beside_a_persons
     (folder / "mine.stl").symlink_to(tmp_path / "elsewhere.stl")
     name_files(folder, store, {"p01a.stl": name})
     assert {path.name for path in folder.iterdir()} == {"p01a.stl", "notes.txt", "mine.stl"}
+
+
+def stored(store, tmp_path, content):
+    (tmp_path / "new.stl").write_bytes(content)
+    return store_file(store, tmp_path / "new.stl")
+
+
+def test_unnamed_files_are_deleted_an_hour_after_they_were_stored(tmp_path):
+    store = tmp_path / "files"
+    store.mkdir()
+    name = stored(store, tmp_path, b"solid")
+    now_s = (store / name).stat().st_mtime
+    assert delete_files(store, [name, "gone.stl"], now_s + GRACE_S - 1) == 0
+    assert delete_files(store, [name], now_s - 7200.0) == 0  # the clock was set back
+    assert delete_files(store, [name], now_s + GRACE_S) == 5
+    assert list_files(store) == {}
+
+
+def test_a_file_that_is_stored_again_counts_as_new(tmp_path):
+    """A worker stores a model that an old job had; the event that names it follows."""
+    store = tmp_path / "files"
+    store.mkdir()
+    name = stored(store, tmp_path, b"solid")
+    os.utime(store / name, (1000.0, 1000.0))
+    assert stored(store, tmp_path, b"solid") == name
+    assert delete_files(store, [name], time.time()) == 0
+    assert (store / name).read_bytes() == b"solid"
+
+
+def test_a_file_that_was_made_long_ago_counts_from_when_it_was_stored(tmp_path):
+    store, source = tmp_path / "files", tmp_path / "old.stl"
+    store.mkdir()
+    source.write_bytes(b"solid")
+    os.utime(source, (1000.0, 1000.0))
+    name = store_file(store, source)
+    assert delete_files(store, [name], time.time()) == 0
+
+
+def test_no_file_vanishes_between_one_who_stores_it_again_and_one_who_deletes(tmp_path):
+    store = tmp_path / "files"
+    store.mkdir()
+    stop = threading.Event()
+
+    def delete():
+        while not stop.is_set():
+            delete_files(store, list_files(store), time.time())
+
+    with ThreadPoolExecutor() as pool:
+        deleting = pool.submit(delete)
+        try:
+            for _ in range(300):
+                name = stored(store, tmp_path, b"solid")
+                assert (store / name).exists()
+                with suppress(FileNotFoundError):
+                    os.utime(store / name, (1000.0, 1000.0))  # old enough to be deleted at any moment
+        finally:
+            stop.set()
+        deleting.result()
+
+
+def test_links_to_deleted_files_go_and_others_stay(tmp_path):
+    store, jobs = tmp_path / "files", tmp_path / "jobs"
+    store.mkdir()
+    kept, gone = stored(store, tmp_path, b"a"), stored(store, tmp_path, b"b")
+    name_files(jobs / "1", store, {"p01.stl": kept, "p02.stl": gone})
+    (jobs / "1" / "notes.txt").write_text("mine")
+    (store / gone).unlink()
+    unlink_dead_names(jobs)
+    assert {path.name for path in (jobs / "1").iterdir()} == {"p01.stl", "notes.txt"}

@@ -1,0 +1,47 @@
+"""`farm prune`: delete the files of old jobs, and old entries of the database's log."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from farm import api
+from farm.cli.client import Client
+from farm.cli.display import print_json
+from farm.cli.options import Json, with_places
+from farm.paths import Places
+from farm.text import format_count
+
+_GB = 1e9
+
+
+@with_places
+def prune(
+    places: Places,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Only list what would be deleted.")] = False,
+    json: Json = False,
+) -> None:
+    """Delete old jobs' files that `fleet.keep` does not keep, as every night; figures and pictures stay.
+
+    The database is backed up first. Files of open jobs, and of jobs that ended in the last two days, stay in
+    any case.
+    """
+    answer = Client(places.socket).prune(dry_run)
+    if json:
+        print_json(answer)
+        return
+    for line in describe_prune(answer):
+        print(line)
+
+
+def describe_prune(answer: api.Pruned) -> list[str]:
+    """Describe in lines what was deleted, or would be."""
+    lines = [f"job {job.id}  {job.size_bytes / _GB:.2f} GB  {job.name}" for job in answer.jobs]
+    jobs = format_count(len(answer.jobs), "job")
+    verb = "would be pruned" if answer.dry_run else "pruned"
+    lines.append(
+        f"{jobs} {verb}: {answer.freed_bytes / _GB:.2f} GB freed, {answer.stored_bytes / _GB:.2f} GB kept, "
+        f"{format_count(answer.events, 'old event')} deleted"
+    )
+    return lines

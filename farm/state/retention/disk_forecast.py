@@ -1,0 +1,101 @@
+"""Forecast of the nights until the disk is full, from what was stored in the last days. Pure."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+SOON_NIGHTS = 2.0
+"""Nights within which a full disk is reported."""
+_WINDOWS_DAYS = (7.0, 2.0)
+_GB = 1e9
+
+
+@dataclass(frozen=True, slots=True)
+class DiskUse:
+    """Space on the disk of the state folder.
+
+    Attributes
+    ----------
+    free_bytes
+        Free space.
+    stored_bytes
+        Size of all files of jobs.
+    prunable_bytes
+        Size of the files that a prune may delete.
+    day_bytes
+        Bytes stored in a day, on average of the last days.
+    """
+
+    free_bytes: float
+    stored_bytes: float
+    prunable_bytes: float
+    day_bytes: float
+
+
+def average_day_bytes(files: Iterable[tuple[float, int]]) -> float:
+    """Compute the bytes stored in a day: the average of the last week, or of two days where that is more.
+
+    Parameters
+    ----------
+    files
+        Age in days, and bytes, of each file.
+    """
+    known = [(max(0.0, age), size) for age, size in files]
+    oldest = max((age for age, _ in known), default=0.0)
+    averages = []
+    for window in _WINDOWS_DAYS:
+        stored = sum(size for age, size in known if age <= window)
+        averages.append(stored / max(1.0, min(window, oldest)))
+    return max(averages)
+
+
+def nights_until_full(use: DiskUse, most_bytes: float, reserve_bytes: float) -> float:
+    """Estimate after how many nights the disk is full.
+
+    Parameters
+    ----------
+    use
+        Space used and free.
+    most_bytes
+        Greatest size of the files of jobs: what is above it is pruned every night, as far as it may be.
+    reserve_bytes
+        Bytes that have to stay free.
+
+    Returns
+    -------
+    float
+        Nights; infinite if nothing is stored.
+    """
+    left_bytes = use.free_bytes - reserve_bytes
+    if left_bytes <= 0.0:
+        return 0.0
+    if use.day_bytes <= 0.0:
+        return math.inf
+    until_pruned = max(0.0, (most_bytes - use.stored_bytes) / use.day_bytes)
+    nights = left_bytes / use.day_bytes
+    return nights if nights <= until_pruned else nights + use.prunable_bytes / use.day_bytes
+
+
+def describe_shortage(folder: str, use: DiskUse, keep_gb: float, reserve_gb: float) -> str | None:
+    """Describe a disk that is full within two nights, and what to do; None if there is room.
+
+    Parameters
+    ----------
+    folder
+        The state folder, on that disk.
+    use
+        Space used and free.
+    keep_gb, reserve_gb
+        GB that the files of jobs may take, and that have to stay free.
+    """
+    nights = nights_until_full(use, keep_gb * _GB, reserve_gb * _GB)
+    if nights > SOON_NIGHTS:
+        return None
+    when = "now" if nights < 0.5 else "in about a night" if nights < 1.5 else "in about two nights"
+    return (
+        f"the disk of {folder} is full {when} ({use.free_bytes / _GB:.1f} GB free, "
+        f"{use.day_bytes / _GB:.1f} GB stored a day): free some space, or lower `fleet.keep` in fleet.yaml, "
+        "start the daemon again and `farm prune`"
+    )

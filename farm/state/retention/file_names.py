@@ -1,0 +1,40 @@
+"""Names in the file store that the books use: models, parts, G-code, pictures, reports. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from farm.model import Job
+from farm.state.books import Books
+
+
+def named_files(books: Books) -> frozenset[str]:
+    """List every file that the books name, and that must exist; of pruned jobs only the pictures."""
+    return frozenset().union(*file_names_by_job(books).values())
+
+
+def file_names_of_job(books: Books, job: Job) -> frozenset[str]:
+    """List the files of one job, also those of parts and plates that others replaced."""
+    return file_names_by_job(books)[job.id]
+
+
+def file_names_by_job(books: Books) -> Mapping[int, frozenset[str]]:
+    """List the files of each job; several jobs may share a file."""
+    names = {job.id: _own_names(job) for job in books.jobs.values()}
+    kept = {number for number, job in books.jobs.items() if job.pruned_s is None}
+    for part in books.parts.values():
+        if part.job in kept:
+            names[part.job].add(part.file)
+    for plate in books.plates.values():
+        if plate.job in kept:
+            names[plate.job].add(plate.gcode)
+    return {number: frozenset(own) for number, own in names.items()}
+
+
+def _own_names(job: Job) -> set[str]:
+    """List the files that the record of a job names itself."""
+    pictures = {*job.part_pictures.values(), *([job.picture] if job.picture else [])}
+    if job.pruned_s is not None:
+        return pictures
+    others = (job.model_file, job.assembly, job.decomposition, *job.cuts.values())
+    return pictures | {name for name in others if name}

@@ -1,0 +1,129 @@
+"""Selection of the jobs whose files are given up: ended ones, the oldest first. Pure."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Container, Iterable, Mapping
+from dataclasses import dataclass
+
+from farm.model import Bed, Job, JobState, Print, PrintState
+from farm.state.books import Books
+from farm.state.retention.file_names import file_names_by_job
+
+DAY_S = 86400.0
+LEAST_AGE_S = 2 * DAY_S
+"""Time after its end for which a job keeps its files in any case: parts are judged in the morning."""
+_PRUNABLE = (JobState.DONE, JobState.FAILED, JobState.CANCELLED)
+
+
+@dataclass(frozen=True, slots=True)
+class KeepRules:
+    """Limits of what is kept: days since the end of a job, and bytes of all files."""
+
+    days: float
+    most_bytes: float
+
+
+def find_need(books: Books, job: Job) -> str | None:
+    """Find what the files of a job are still needed for; None if they may go."""
+    return _find_need(books, job, _list_parts_on_beds(books))
+
+
+def _find_need(books: Books, job: Job, on_beds: Mapping[int, str]) -> str | None:
+    if job.pruned_s is not None:
+        return "pruned already"
+    if job.state not in _PRUNABLE or job.ended_s is None:
+        return f"{job.state}"
+    if any(True for _ in books.open_prints(job.id)):
+        return "being printed"
+    return on_beds.get(job.id)
+
+
+def _list_parts_on_beds(books: Books) -> dict[int, str]:
+    """List the jobs with a part that lies on a bed, or has no verdict: if it is bad, it is printed again."""
+    found = {}
+    for printer in books.printers.values():
+        last = books.last_print_on(printer.name)
+        if last is not None and (printer.bed is not Bed.CLEAR or _is_unjudged(last)):
+            found[last.job] = f"on the bed of {printer.name}"
+    for attempt in books.prints.values():
+        if attempt.restored and _is_unjudged(attempt):
+            found[attempt.job] = f"without a verdict on the part from {attempt.printer}"
+    return found
+
+
+def _is_unjudged(attempt: Print) -> bool:
+    return attempt.state is PrintState.DONE and attempt.verdict is None
+
+
+def select_jobs(
+    books: Books, sizes: Mapping[str, int], rules: KeepRules, now_s: float, backup_s: float
+) -> list[int]:
+    """Select the jobs whose files go: those that ended too long ago, and the oldest while there is too much.
+
+    Parameters
+    ----------
+    books
+        The books.
+    sizes
+        Bytes of each file in the store.
+    rules
+        The limits.
+    now_s
+        Farm time, in seconds.
+    backup_s
+        Time of the newest verified backup, in seconds: a job that ended after it is open if it is restored.
+
+    Returns
+    -------
+    list of int
+        Numbers of the jobs, the one that ended first at the beginning. Jobs that ended within the last two
+        days are never selected.
+    """
+    names = file_names_by_job(books)
+    users = Counter(name for own in names.values() for name in own)
+    total = sum(sizes.get(name, 0) for name in users)
+    selected = []
+    for job, ended_s in _list_candidates(books, min(backup_s, now_s - LEAST_AGE_S)):
+        if ended_s >= now_s - rules.days * DAY_S and total <= rules.most_bytes:
+            break
+        selected.append(job.id)
+        for name in names[job.id] - _kept_names(job):
+            users[name] -= 1
+            if users[name] == 0:
+                total -= sizes.get(name, 0)
+    return selected
+
+
+def list_prunable_files(books: Books, names: Iterable[str], now_s: float) -> set[str]:
+    """List the files that a prune may delete: those that no job needs which is open or ended lately."""
+    prunable = {job.id for job, _ in _list_candidates(books, now_s - LEAST_AGE_S)}
+    kept: set[str] = set()
+    for number, own in file_names_by_job(books).items():
+        kept |= _kept_names(books.jobs[number]) if number in prunable else own
+    return set(names) - kept
+
+
+def list_lost_jobs(books: Books, names: Container[str]) -> list[int]:
+    """List the jobs that may be pruned and whose files are gone already: they are in an older backup."""
+    on_beds = _list_parts_on_beds(books)
+    return [
+        number
+        for number, own in file_names_by_job(books).items()
+        if any(name not in names for name in own) and _find_need(books, books.jobs[number], on_beds) is None
+    ]
+
+
+def _list_candidates(books: Books, before_s: float) -> Iterable[tuple[Job, float]]:
+    """List the jobs that ended before a time and whose files nothing needs, by their ends."""
+    on_beds = _list_parts_on_beds(books)
+    ended = [
+        (job, job.ended_s)
+        for job in books.jobs.values()
+        if job.ended_s is not None and job.ended_s < before_s and _find_need(books, job, on_beds) is None
+    ]
+    return sorted(ended, key=lambda pair: (pair[1], pair[0].id))
+
+
+def _kept_names(job: Job) -> frozenset[str]:
+    return frozenset([job.picture] if job.picture else [])

@@ -1,0 +1,247 @@
+"""Upkeep after each backup: old events, files of old jobs, slices. The books say first what goes."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import time
+from collections.abc import Coroutine
+from pathlib import Path
+
+from farm import api
+from farm.compute import Limit, Workers
+from farm.control import Controller
+from farm.errors import FarmError
+from farm.model import Job
+from farm.paths import StateFolder
+from farm.planning.tasks import Deferred
+from farm.state import Books
+from farm.state import events as ev
+from farm.state.retention import (
+    KeepRules,
+    describe_shortage,
+    file_names_of_job,
+    find_need,
+    list_lost_jobs,
+    named_files,
+    select_jobs,
+)
+from farm.state.storage import (
+    GRACE_S,
+    Store,
+    StoredFile,
+    back_up,
+    backup_time_s,
+    delete_files,
+    list_files,
+    unlink_dead_names,
+)
+from farm.state.transitions import apply
+from farm.upkeep.disk_use import measure_disk
+from slicing.cache import trim_cache
+
+log = logging.getLogger(__name__)
+
+MOST_EVENTS = 500_000
+"""Events that are kept at most, about 300 MB; a print has about ten."""
+THE_FARM = "the farm"
+_DRAWING = Limit("drawing the parts of an old job", 300.0)
+_store_part_pictures = Deferred("farm.upkeep.part_pictures:store_part_pictures")
+_DAY_S = 86400.0
+
+
+class Upkeep:
+    """Deletes what `fleet.keep` does not keep. One run at a time, on the event loop's thread.
+
+    Parameters
+    ----------
+    controller
+        Handles the events that say what goes.
+    store
+        The database, whose old events are deleted.
+    state
+        The state folder.
+    workers
+        Draw the parts of a job before its files go.
+    """
+
+    def __init__(self, controller: Controller, store: Store, state: StateFolder, workers: Workers) -> None:
+        self._controller, self._store = controller, store
+        self._state, self._workers = state, workers
+        keep = controller.fleet.fleet.keep
+        self._rules, self._keep_gb = KeepRules(keep.days, keep.gb * 1e9), keep.gb
+        self._running = asyncio.Lock()
+        self._tasks: set[asyncio.Task[None]] = set()
+
+    # -- background -------------------------------------------------------------------------------------
+
+    def begin(self) -> None:
+        """Finish what an earlier daemon began, in the background."""
+        self._spawn(self._finish())
+
+    def tidy(self, backup: Path) -> None:
+        """Delete what is no longer kept after a nightly backup, in the background."""
+        self._spawn(self._run(backup, THE_FARM))
+
+    async def measure(self) -> None:
+        """Warn people if the disk is full within two nights, or no longer."""
+        controller, reserve_gb = self._controller, self._controller.fleet.fleet.uploads.free_gb
+        now_s, scale = controller.clock.now(), controller.clock.scale
+        try:
+            use = await asyncio.to_thread(measure_disk, self._state, controller.books, now_s, scale)
+        except OSError as error:
+            log.warning("the disk cannot be measured: %s", error)
+            return
+        controller.warn("disk", describe_shortage(str(self._state.root), use, self._keep_gb, reserve_gb))
+
+    def stop(self) -> None:
+        """Stop; the next start finishes."""
+        for task in self._tasks:
+            task.cancel()
+
+    def _spawn(self, work: Coroutine[object, object, object]) -> None:
+        async def run() -> None:
+            try:
+                async with self._running:
+                    await work
+                self._controller.warn("prune", None)
+            except Exception as error:  # the daemon continues, and tries again the next night
+                log.exception("old files")
+                self._controller.warn(
+                    "prune",
+                    f"old files cannot be deleted ({error}): check {self._state.root}, then `farm prune`",
+                )
+
+        task = asyncio.get_running_loop().create_task(run())
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+
+    # -- command ----------------------------------------------------------------------------------------
+
+    async def prune(self, by: str, dry_run: bool) -> api.Pruned:
+        """Back up, then delete what is no longer kept; or with `dry_run` only list it.
+
+        Raises
+        ------
+        FarmError
+            If the backup fails; nothing is deleted then.
+        """
+        async with self._running:
+            now_s = self._controller.clock.now()
+            if dry_run:
+                return await self._preview(now_s)
+            return await self._run(await asyncio.to_thread(back_up, self._state, now_s), by)
+
+    async def _preview(self, now_s: float) -> api.Pruned:
+        """List what a run would delete now."""
+        books = self._controller.books
+        files = await asyncio.to_thread(list_files, self._state.files)
+        numbers = self._select(files, books, now_s)
+        after = books
+        for number in numbers:
+            after, _ = apply(ev.JobPruned(at_s=now_s, job=number, by=THE_FARM), after)
+        going = _list_unnamed(files, after)
+        old = self._store.find_last_old_event(now_s - self._rules.days * _DAY_S, MOST_EVENTS)
+        return api.Pruned(
+            dry_run=True,
+            jobs=[self._describe(books.jobs[number], files, books) for number in numbers],
+            freed_bytes=sum(files[name].size_bytes for name in going),
+            stored_bytes=sum(file.size_bytes for name, file in files.items() if name not in going),
+            events=self._store.count_events(old),
+        )
+
+    # -- steps ------------------------------------------------------------------------------------------
+
+    async def _run(self, backup: Path, by: str) -> api.Pruned:
+        """Delete what is no longer kept after a verified backup."""
+        started_s = time.monotonic()
+        events = await self._compact_events(backup)
+        jobs = await self._prune_jobs(backup_time_s(backup), by)
+        freed = await self._finish()
+        files = await asyncio.to_thread(list_files, self._state.files)
+        await asyncio.to_thread(trim_cache, self._state.slices)
+        log.info(
+            "%d jobs pruned, %d bytes freed, %d events deleted in %.1f s",
+            *(len(jobs), freed, events, time.monotonic() - started_s),
+        )
+        await self.measure()
+        stored = sum(file.size_bytes for file in files.values())
+        return api.Pruned(dry_run=False, jobs=jobs, freed_bytes=freed, stored_bytes=stored, events=events)
+
+    async def _compact_events(self, backup: Path) -> int:
+        """Delete old events, a few at a time; returns how many. The audit of the kept days stays."""
+        now_s = self._controller.clock.now()
+        last = self._store.find_last_old_event(now_s - self._rules.days * _DAY_S, MOST_EVENTS)
+        if not last:
+            return 0
+        self._controller.handle(ev.EventsCompacted(at_s=now_s, last=last, backup=backup.name))
+        deleted = 0
+        while some := self._store.delete_events(last):
+            deleted += some
+            await asyncio.sleep(0)  # agents and people are served in between
+        self._store.release_space()
+        return deleted
+
+    async def _prune_jobs(self, backup_s: float, by: str) -> list[api.PrunedJob]:
+        """Commit which jobs lose their files, one after the other, with pictures of their parts."""
+        controller = self._controller
+        files = await asyncio.to_thread(list_files, self._state.files)
+        pruned = []
+        for number in self._select(files, controller.books, controller.clock.now(), backup_s):
+            job = controller.books.job(number)
+            pictures = await self._draw_parts(job)
+            if find_need(controller.books, controller.books.job(number)) is None:  # still
+                pruned.append(self._describe(job, files, controller.books))
+                at_s = controller.clock.now()
+                controller.handle(ev.JobPruned(at_s=at_s, job=number, by=by, part_pictures=pictures))
+        return pruned
+
+    async def _draw_parts(self, job: Job) -> dict[str, str]:
+        parts = self._controller.books.parts
+        stls = {name: parts[name].file for name in job.parts if parts[name].file.endswith(".stl")}
+        if not stls:
+            return {}
+        try:
+            work = self._workers.run(
+                _store_part_pictures, self._state.files, stls, self._state.work, limit=_DRAWING
+            )
+            return dict(await work)
+        except FarmError as error:
+            log.warning("job %d: its parts are not drawn: %s", job.id, error)
+            return {}
+
+    async def _finish(self) -> int:
+        """Delete every file that the books do not name; returns the bytes.
+
+        A daemon that was killed while it pruned, or while it stored files, left such files. An older backup
+        that was restored names files that are gone: those jobs count as pruned.
+        """
+        controller, folder = self._controller, self._state.files
+        files = await asyncio.to_thread(list_files, folder)
+        for number in list_lost_jobs(controller.books, files):
+            log.warning("job %d: its files are gone; it counts as pruned", number)
+            controller.handle(ev.JobPruned(at_s=controller.clock.now(), job=number, by=THE_FARM))
+        unnamed = files.keys() - named_files(controller.books)
+        freed = await asyncio.to_thread(delete_files, folder, unnamed, time.time())
+        await asyncio.to_thread(unlink_dead_names, self._state.jobs)
+        return freed
+
+    def _select(
+        self, files: dict[str, StoredFile], books: Books, now_s: float, backup_s: float | None = None
+    ) -> list[int]:
+        sizes = {name: file.size_bytes for name, file in files.items()}
+        return select_jobs(books, sizes, self._rules, now_s, now_s if backup_s is None else backup_s)
+
+    def _describe(self, job: Job, files: dict[str, StoredFile], books: Books) -> api.PrunedJob:
+        names = file_names_of_job(books, job)
+        return api.PrunedJob(
+            id=job.id,
+            name=job.name,
+            size_bytes=sum(files[name].size_bytes for name in names if name in files),
+        )
+
+
+def _list_unnamed(files: dict[str, StoredFile], books: Books) -> set[str]:
+    """List the files that the books do not name and that are old enough to be deleted."""
+    named, wall_s = named_files(books), time.time()
+    return {n for n, file in files.items() if n not in named and wall_s - file.stored_s >= GRACE_S}

@@ -1,0 +1,162 @@
+"""Which jobs lose their files: ended ones, the oldest first, and nothing that anybody needs."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from farm.model import Bed, JobState, Outage, Verdict
+from farm.state import events as ev
+from farm.state.books import Books, put, replace_fields
+from farm.state.lifecycles import InvalidTransition
+from farm.state.retention import (
+    LEAST_AGE_S,
+    KeepRules,
+    file_names_of_job,
+    find_need,
+    list_lost_jobs,
+    list_prunable_files,
+    named_files,
+    select_jobs,
+)
+from farm.state.transitions import apply
+from make_books import ended, fleet, job, plan, run
+from old_jobs import DAY_S, NOW_S, books_of
+
+
+def sizes_of(books, size=100):
+    return dict.fromkeys(named_files(books), size)
+
+
+def prune(books, number):
+    return apply(ev.JobPruned(at_s=NOW_S, job=number, by="ann"), books)[0]
+
+
+def test_jobs_that_ended_too_long_ago_go_the_first_one_first():
+    books = books_of(
+        (JobState.DONE, 91), (JobState.DONE, 89), (JobState.CANCELLED, 200), (JobState.PRINTING, 0)
+    )
+    rules = KeepRules(days=90, most_bytes=1e12)
+    assert select_jobs(books, sizes_of(books), rules, NOW_S, NOW_S) == [3, 1]
+
+
+def test_the_oldest_go_until_the_rest_fits():
+    books = books_of(*((JobState.DONE, 10 + number) for number in range(5)))  # 7 files a job
+    assert len(file_names_of_job(books, books.jobs[1])) == 7
+    rules = KeepRules(days=90, most_bytes=2500)
+    assert select_jobs(books, sizes_of(books), rules, NOW_S, NOW_S) == [
+        5,
+        4,
+    ]  # without pictures: 3500 - 2 * 600
+    assert select_jobs(books, sizes_of(books), KeepRules(90, 3500), NOW_S, NOW_S) == []
+
+
+def test_what_another_job_uses_frees_nothing():
+    books = books_of((JobState.DONE, 20), (JobState.DONE, 10), shared=(1, 2))
+    sizes = dict.fromkeys(named_files(books), 0) | {"shared.npz": 500}
+    assert select_jobs(books, sizes, KeepRules(90, 400), NOW_S, NOW_S) == [1, 2]
+    assert select_jobs(books, sizes, KeepRules(90, 500), NOW_S, NOW_S) == []
+
+
+def test_a_job_of_the_last_two_days_or_after_the_backup_stays():
+    books = books_of((JobState.DONE, 1.9), (JobState.DONE, 5), (JobState.DONE, 2.1))
+    full = KeepRules(days=2, most_bytes=0.0)
+    assert select_jobs(books, sizes_of(books), full, NOW_S, NOW_S) == [2, 3]
+    assert select_jobs(books, sizes_of(books), full, NOW_S, NOW_S - 3 * DAY_S) == [2]
+
+
+@pytest.mark.parametrize("state", [s for s in JobState if s not in ("done", "failed", "cancelled")])
+def test_a_job_that_is_open_or_not_judged_is_never_pruned(state):
+    books = books_of((state, 500))
+    assert select_jobs(books, sizes_of(books), KeepRules(2, 0.0), NOW_S, NOW_S) == []
+    with pytest.raises(InvalidTransition):
+        prune(books, 1)
+
+
+def test_a_part_on_a_bed_or_without_a_verdict_keeps_the_files():
+    """A bad verdict, or a good one on a failed print, changes the job: its files may be needed."""
+    cancelled = ev.JobCancelled(at_s=201.0, job=1, by="ann")
+    books, _ = run(
+        Books(),
+        *fleet(),
+        ev.JobSubmitted(at_s=0.0, job=job()),
+        ev.PlanningStarted(at_s=0.0, job=1),
+        plan(plates=2),
+        ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"),
+        ended("x"),
+        cancelled,
+    )
+    assert find_need(books, books.jobs[1]) == "on the bed of a"
+    with pytest.raises(InvalidTransition, match="on the bed of a"):
+        prune(books, 1)
+    books, _ = run(books, ev.BedCleared(at_s=300.0, printer="a", by="ann", verdict=Verdict.BAD))
+    assert books.jobs[1].state is JobState.CANCELLED
+    assert find_need(books, books.jobs[1]) is None
+
+
+def test_an_open_print_keeps_the_files_of_a_cancelled_job():
+    books, _ = run(
+        Books(),
+        *fleet(),
+        ev.JobSubmitted(at_s=0.0, job=job()),
+        ev.PlanningStarted(at_s=0.0, job=1),
+        plan(plates=1),
+        ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"),
+        ev.JobCancelled(at_s=3.0, job=1, by="ann"),
+    )
+    assert find_need(books, books.jobs[1]) == "being printed"
+
+
+def test_a_pruned_job_keeps_its_pictures_and_is_not_printed_again():
+    books = books_of((JobState.DONE, 100), (JobState.DONE, 100))
+    event = ev.JobPruned(at_s=NOW_S, job=1, by="ann", part_pictures={"1/p01": "small.png"})
+    after, instructions = apply(event, books)
+    assert file_names_of_job(after, after.jobs[1]) == {"picture-1.png", "small.png"}
+    assert instructions == (ev.NameFiles(job=1),)
+    assert file_names_of_job(after, after.jobs[2]) == file_names_of_job(books, books.jobs[2])
+    with pytest.raises(InvalidTransition, match="pruned"):
+        apply(ev.ReprintRequested(at_s=NOW_S, plate="1/01", why="", by="ann"), after)
+    with pytest.raises(InvalidTransition, match="pruned already"):
+        prune(after, 1)
+
+
+def test_parts_that_others_replaced_keep_their_files_while_the_job_is_open():
+    books = books_of((JobState.PRINTING, 0))
+    books = put(books, replace_fields(books.jobs[1], parts=("1/p02",), plates=("1/02",)))
+    assert {"1-p01.stl", "1-01.gcode"} <= named_files(books)
+
+
+def test_jobs_of_an_older_backup_whose_files_are_gone_are_found():
+    books = books_of((JobState.DONE, 100), (JobState.PRINTING, 0))
+    files = named_files(books) - {"1-p02.stl", "2-p02.stl"}
+    assert list_lost_jobs(books, files) == [1]
+    assert list_lost_jobs(prune(books, 1), files) == []
+
+
+_jobs = st.lists(st.tuples(st.sampled_from(JobState), st.floats(0, 400)), min_size=1, max_size=8)
+
+
+@given(jobs=_jobs, days=st.floats(2, 365), most=st.integers(0, 6000), data=st.data())
+def test_what_goes_is_needed_by_nobody_and_what_stays_is_whole(jobs, days, most, data):
+    shared = data.draw(st.sets(st.integers(1, len(jobs))))
+    bed = data.draw(st.sampled_from(Bed))
+    books = books_of(*jobs, shared=shared)
+    books = put(books, replace_fields(books.printers["a"], bed=bed), Outage(id=1, at_s=0.0, printers=()))
+    sizes, rules = sizes_of(books), KeepRules(days, most)
+    selected = select_jobs(books, sizes, rules, NOW_S, NOW_S)
+    after = books
+    for number in selected:
+        assert books.jobs[number].state in (JobState.DONE, JobState.FAILED, JobState.CANCELLED)
+        assert books.jobs[number].ended_s < NOW_S - LEAST_AGE_S
+        after = prune(after, number)
+    deleted = named_files(books) - named_files(after)
+    assert deleted <= list_prunable_files(books, named_files(books), NOW_S)
+    for number, entry in books.jobs.items():
+        if number not in selected:
+            assert not file_names_of_job(books, entry) & deleted
+        assert entry.picture in named_files(after)
+    ends = [books.jobs[number].ended_s for number in selected]
+    assert ends == sorted(ends)
+    left = [e for n, e in after.jobs.items() if n not in selected and find_need(after, e) is None]
+    old = [e for e in left if e.ended_s < NOW_S - LEAST_AGE_S]
+    assert all(e.ended_s >= NOW_S - days * DAY_S for e in old)
+    assert not old or sum(sizes[name] for name in named_files(after)) <= most

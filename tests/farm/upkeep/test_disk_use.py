@@ -1,0 +1,60 @@
+"""Measurement of the disk, and the task in DO NOW that follows from it."""
+
+import asyncio
+import shutil
+import time
+from collections import namedtuple
+
+import pytest
+
+from drivers.clock import Clock
+from farm.model import JobState
+from farm.paths import StateFolder
+from farm.state.retention import named_files
+from farm.upkeep.disk_use import measure_disk
+from farm.upkeep.upkeep import Upkeep
+from farm.views import list_tasks
+from old_jobs import NOW_S, books_of, write_files
+from recording_controller import Farm
+
+Usage = namedtuple("Usage", "total used free")
+
+
+def test_files_of_open_jobs_are_not_counted_as_prunable(tmp_path):
+    state, books = StateFolder(tmp_path), books_of((JobState.DONE, 5), (JobState.PRINTING, 0))
+    write_files(books, state, size=100)
+    use = measure_disk(state, books, NOW_S, 1.0)
+    assert use.stored_bytes == 100 * len(named_files(books))
+    assert use.prunable_bytes == 600  # the picture stays
+    assert use.day_bytes == 0.0  # all of it is old
+    assert use.free_bytes == pytest.approx(shutil.disk_usage(tmp_path).free, rel=0.05)
+
+
+def test_do_now_says_when_the_disk_would_be_full_within_two_nights(tmp_path, monkeypatch):
+    state = StateFolder(tmp_path / "farm")
+    farm = Farm(state.root)
+    state.make()
+    for number in range(4):
+        (state.files / f"{number}.gcode").write_bytes(b"x" * 10**6)
+    run = Upkeep(farm.controller, farm.store, state, None)
+
+    def todo(free):
+        monkeypatch.setattr(shutil, "disk_usage", lambda _: Usage(10**12, 0, free))
+        asyncio.run(run.measure())
+        return [task.text for task in list_tasks(farm.view_context(state)) if task.code == "farm"]
+
+    with farm.store:
+        assert todo(10**9) == []  # 4 MB a day, half a GB is left free
+        (text,) = todo(507 * 10**6)
+        assert "is full in about two nights" in text and "`farm prune`" in text
+        (text,) = todo(4 * 10**8)
+        assert "is full now" in text
+        assert todo(10**9) == []
+
+
+def test_a_fast_clock_has_more_days_in_an_hour(tmp_path):
+    state, books = StateFolder(tmp_path), books_of()
+    state.files.mkdir()
+    (state.files / "a.gcode").write_bytes(b"x" * 100)
+    clock = Clock(240.0, time.time())
+    assert measure_disk(state, books, clock.now(), clock.scale).day_bytes == 100.0

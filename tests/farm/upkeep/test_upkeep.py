@@ -1,0 +1,314 @@
+"""The run after a backup: what is no longer kept goes, also when the daemon is killed at any moment."""
+
+import asyncio
+import os
+import signal
+from datetime import datetime
+from pathlib import Path
+
+import pytest
+import trimesh
+
+from drivers.clock import Clock
+from farm.errors import Refused
+from farm.model import JobState
+from farm.paths import StateFolder
+from farm.planning import list_job_files
+from farm.state import events as ev
+from farm.state import validate_books
+from farm.state.books import Books
+from farm.state.retention import named_files
+from farm.state.storage import Store, back_up, list_files, name_files, open_books
+from farm.state.storage.backups import list_backups
+from farm.upkeep import upkeep
+from farm.upkeep.upkeep import Upkeep
+from farm.views import ViewContext, describe_job, list_history, list_tasks
+from farm.views.report import render_page
+from old_jobs import DAY_S, NOW_S, books_of, with_prints, write_files
+from recording_controller import PLUS, Farm, RecordedEffects, fleet
+
+AGES = ((JobState.DONE, 200), (JobState.DONE, 100), (JobState.CANCELLED, 95), (JobState.DONE, 10),
+        (JobState.PRINTED, 300), (JobState.PRINTING, 0))  # fmt: skip
+OLD = [1, 2, 3]
+
+
+class InlineWorkers:
+    """Workers that run a task at once."""
+
+    def __init__(self, work=None):
+        self._work = work
+
+    async def run(self, work, *args, limit):
+        return (self._work or work)(*args)
+
+
+def no_pictures(files, parts, folder):
+    return {}
+
+
+class LinkingEffects(RecordedEffects):
+    """Links the files of jobs, as the daemon does."""
+
+    def __init__(self, state):
+        super().__init__()
+        self._state = state
+
+    def perform(self, effect, books):
+        super().perform(effect, books)
+        if isinstance(effect, ev.NameFiles):
+            link_files(books, self._state, effect.job)
+
+
+def link_files(books, state, number):
+    entry = books.jobs[number]
+    names = list_job_files(entry, map(books.parts.__getitem__, entry.parts), books.plates_of(entry))
+    name_files(state.job(number), state.files, names)
+
+
+class AtNow(Clock):
+    """A clock that stands still."""
+
+    def now(self):
+        return NOW_S
+
+
+def fill(root, ages=AGES, events=40):
+    """A state folder with jobs, their files and links, and events of the last 200 days."""
+    state = StateFolder(root)
+    state.make()
+    books = with_prints(books_of(*ages))
+    with Store(state.books) as store:
+        for number in range(events):
+            at_s = NOW_S - 200 * DAY_S * (1 - number / events)
+            store.commit(ev.MaintenanceEnded(at_s=at_s, printer="a", by=f"ann-{number}"), Books(), books)
+    write_files(books, state)
+    for number in books.jobs:
+        link_files(books, state, number)
+    return state, books
+
+
+def begin(state, work=no_pictures, **keep):
+    """A daemon's upkeep on a state folder; closes with its store."""
+    farm = Farm(state.root, (PLUS,) * 3, clock=AtNow(), keep=keep)
+    farm.controller._effects = LinkingEffects(state)
+    return farm, Upkeep(farm.controller, farm.store, state, InlineWorkers(work))
+
+
+def show(state, books, number):
+    """What `farm status JOB` and `farm history` show; `farm report` is laid out."""
+    context = ViewContext(fleet((PLUS,) * 3), books, {}, state, NOW_S)
+    view, rows = describe_job(context, books.jobs[number]), list_history(context, number)
+    page = render_page(view, list_history(context), datetime.fromisoformat(view.now), [], {}, None)
+    assert view.name in page
+    return view, rows
+
+
+def check_whole(state, books, before):
+    """Every job is shown as before the prune, and no file that the books name is missing."""
+    assert named_files(books) <= list_files(state.files).keys()
+    for number, entry in books.jobs.items():
+        (old_view, old_rows), (view, rows) = show(state, before, number), show(state, books, number)
+        changed = {"parts", "plates", "pruned"}
+        assert rows == old_rows
+        assert view.model_dump(exclude=changed) == old_view.model_dump(exclude=changed)
+        assert [part.prints for part in view.parts] == [part.prints for part in old_view.parts]
+        paths = [*(part.file for part in view.parts), *(plate.gcode for plate in view.plates)]
+        pruned = entry.pruned_s is not None
+        assert (view.pruned is not None) is pruned
+        assert all(path is None if pruned else Path(path).is_file() for path in paths)
+
+
+def test_files_of_old_jobs_go_and_the_pictures_stay(tmp_path):
+    state, before = fill(tmp_path)
+    farm, run = begin(state)
+    with farm.store:
+        answer = asyncio.run(run.prune("ann", dry_run=False))
+        books = farm.controller.books
+    assert [job.id for job in answer.jobs] == OLD
+    assert [number for number, job in books.jobs.items() if job.pruned_s is not None] == OLD
+    assert answer.freed_bytes == 3 * 6 * 1000  # all but the picture
+    assert list_files(state.files).keys() == named_files(books)
+    assert answer.stored_bytes == 1000 * len(named_files(books))
+    assert [path.name for path in state.job(1).iterdir()] == ["assembly.png"]
+    assert len(list(state.job(4).iterdir())) > 4
+    check_whole(state, books, before)
+    assert len(list_backups(state)) == 1
+    with Store(state.books) as store:
+        assert store.load() == books
+        pruned = [body for _, kind, body in store.events() if kind == "JobPruned"]
+    assert len(pruned) == 3 and all('"by":"ann"' in body for body in pruned)
+
+
+def test_a_dry_run_lists_the_same_and_changes_nothing(tmp_path):
+    state, before = fill(tmp_path)
+    farm, run = begin(state)
+    with farm.store:
+        preview = asyncio.run(run.prune("ann", dry_run=True))
+        assert farm.controller.books == before and not list_backups(state)
+        assert len(list_files(state.files)) == len(named_files(before))
+        done = asyncio.run(run.prune("ann", dry_run=False))
+    assert preview == done.model_copy(update={"dry_run": True})
+
+
+def test_a_full_store_gives_up_the_oldest_first(tmp_path):
+    state, _ = fill(tmp_path)
+    farm, run = begin(state, days=365, gb=36e-6)
+    with farm.store:
+        answer = asyncio.run(run.prune("ann", dry_run=False))
+    assert [job.id for job in answer.jobs] == [1]
+    assert answer.stored_bytes == 36_000
+
+
+def test_the_parts_of_a_pruned_job_keep_small_pictures(tmp_path):
+    state, before = fill(tmp_path, ages=((JobState.DONE, 100),))
+    for name in ("1-p01.stl", "1-p02.stl"):
+        trimesh.creation.box((10, 20, 30)).export(state.files / name)
+        os.utime(state.files / name, (1000.0, 1000.0))
+    farm, run = begin(state, work=None)
+    with farm.store:
+        asyncio.run(run.prune("ann", dry_run=False))
+        books = farm.controller.books
+    view, _ = show(state, books, 1)
+    assert all(Path(part.picture).read_bytes().startswith(b"\x89PNG") for part in view.parts)
+    assert {path.name for path in state.job(1).iterdir()} == {"assembly.png", "p01.png", "p02.png"}
+    check_whole(state, books, before)
+
+
+def test_events_older_than_the_kept_days_go_after_the_backup_and_the_audit_stays(tmp_path):
+    state, books = fill(tmp_path, events=400)
+    farm, run = begin(state)
+    with farm.store:
+        answer = asyncio.run(run.prune("ann", dry_run=False))
+        events = farm.store.events()
+    assert answer.events == 220  # of 200 days, evenly
+    assert min(at_s for at_s, _, _ in events) >= NOW_S - 90 * DAY_S
+    people = [body for _, kind, body in events if kind == "MaintenanceEnded"]
+    assert len(people) == 180 and '"ann-399"' in people[-1]
+    (copy,) = list_backups(state)
+    with Store(copy) as backup:
+        assert len(backup.events()) == 400 and backup.load() == books
+    with Store(state.books) as store:
+        assert store.copied_s is None  # nothing counts as lost
+        store.commit(ev.MaintenanceEnded(at_s=NOW_S, printer="a", by="ann"), Books(), Books())
+    with Store(state.books) as store:
+        assert store.copied_s is None
+
+
+def test_a_backup_from_before_a_compaction_is_restored(tmp_path):
+    """Its jobs that were pruned since count as pruned again, and nothing that it names is missing."""
+    state, before = fill(tmp_path)
+    farm, run = begin(state)
+    with farm.store:
+        asyncio.run(run.prune("ann", dry_run=False))
+    state.books.write_bytes(b"damage" * 1000)
+    for suffix in ("-wal", "-shm"):
+        state.books.with_name(state.books.name + suffix).unlink(missing_ok=True)
+    store, copied_s = open_books(state, NOW_S)
+    assert copied_s == NOW_S and store.load() == before
+    store.close()
+    farm, run = begin(state)
+    with farm.store:
+        farm.controller.handle(ev.BooksRestored(at_s=NOW_S, copied_s=copied_s))
+        for name in "abc":
+            farm.controller.handle(ev.BedCleared(at_s=NOW_S, printer=name, by="ann"))
+        asyncio.run(run.prune("ann", dry_run=False))
+        books = farm.controller.books
+    assert [number for number, job in books.jobs.items() if job.pruned_s is not None] == OLD
+    assert validate_books(books) == validate_books(before)
+    assert named_files(books) <= list_files(state.files).keys()
+
+
+def test_a_pruned_job_says_so_when_it_is_to_be_printed_again(tmp_path):
+    state, _ = fill(tmp_path)
+    farm, run = begin(state)
+    with farm.store:
+        asyncio.run(run.prune("ann", dry_run=False))
+        with pytest.raises(Refused, match=r"were pruned on \d{4}-\d\d-\d\d .*submit bracket.stl again"):
+            farm.parts.reprint(1, "p01", "", "ann")
+        assert farm.controller.books.jobs[1].state is JobState.DONE
+        farm.parts.reprint(4, "p01", "", "ann")
+
+
+def test_a_run_that_fails_is_told_and_the_next_one_goes_on(tmp_path, monkeypatch):
+    state, _ = fill(tmp_path)
+    farm, run = begin(state)
+
+    async def nights():
+        backup = back_up(state, NOW_S)
+        with monkeypatch.context() as broken:
+            broken.setattr(upkeep, "delete_files", fail)
+            run.tidy(backup)
+            await asyncio.gather(*run._tasks)
+        context = farm.view_context(state)
+        assert "old files cannot be deleted (no disk)" in list_tasks(context)[0].text
+        run.tidy(backup)
+        await asyncio.gather(*run._tasks)
+
+    def fail(*_):
+        raise OSError("no disk")
+
+    with farm.store:
+        asyncio.run(nights())
+        assert farm.view_context(state).warnings == ()
+        assert list_files(state.files).keys() == named_files(farm.controller.books)
+
+
+def run_until_killed(state, step):
+    """Prune in a process that is killed before its n-th change; returns whether it came to its end."""
+    child = os.fork()
+    if child == 0:
+        try:
+            left = step
+
+            def dying(function, *args, **kwargs):
+                nonlocal left
+                left -= 1
+                if left < 0:
+                    os.kill(os.getpid(), signal.SIGKILL)
+                return function(*args, **kwargs)
+
+            for owner, name in CHANGES:
+                function = getattr(owner, name)
+                setattr(owner, name, lambda *args, _f=function, **kwargs: dying(_f, *args, **kwargs))
+            _, run = begin(state)
+            asyncio.run(run.prune("ann", dry_run=False))
+            os._exit(0)
+        finally:
+            os._exit(1)
+    _, status = os.waitpid(child, 0)
+    assert os.WIFSIGNALED(status) or os.waitstatus_to_exitcode(status) == 0
+    return not os.WIFSIGNALED(status)
+
+
+CHANGES = (
+    *((Store, name) for name in ("commit", "delete_events", "release_space")),
+    *((Path, name) for name in ("unlink", "replace", "symlink_to")),
+)
+"""All that a run changes on the disk."""
+
+
+def test_a_daemon_killed_at_any_moment_loses_nothing_and_the_next_start_finishes(tmp_path):
+    for step in range(200):
+        state, before = fill(tmp_path / str(step), events=10)
+        done = run_until_killed(state, step)
+        farm, run = begin(state)
+        with farm.store:
+            check_whole(state, farm.controller.books, before)  # before anything is finished
+            asyncio.run(finish(run))
+            books = farm.controller.books
+            assert list_files(state.files).keys() == named_files(books)
+            dead = [link for link in state.jobs.glob("*/*") if not link.exists()]
+            assert not dead
+            asyncio.run(run.prune("ann", dry_run=False))
+            check_whole(state, farm.controller.books, before)
+            jobs = farm.controller.books.jobs.values()
+            assert sorted(job.id for job in jobs if job.pruned_s is not None) == OLD
+            assert min(at_s for at_s, _, _ in farm.store.events()) >= NOW_S - 90 * DAY_S
+        if done:
+            break
+    assert done and step > 30
+
+
+async def finish(run):
+    run.begin()
+    await asyncio.gather(*run._tasks)
