@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import fcntl
+import gc
 import logging
 import math
 import os
@@ -125,6 +126,7 @@ class Daemon:
         self._server = BoundedServer(config, most)
         self._controller.start(self._effects, self._restored_s)
         self._agents.start({attempt.printer for attempt in self._controller.books.open_prints()})
+        gc.freeze()  # else each full collection would go through large books in the middle of an event
         timers = self._timers
         timers.every(_WATCH_S, "watch agents", self._agents.watch)
         timers.every(_TICK_S, "tick", self._schedule)

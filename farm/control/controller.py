@@ -270,7 +270,7 @@ class Controller:
         """Handle the changes that an agent's snapshot shows; the rest of it is telemetry."""
         name = snapshot.printer
         before = self.telemetry.snapshots.get(name)
-        in_use = any(section.name == name and section.enabled for section in self.fleet.printers)
+        in_use = self.fleet_printer(name) is not None
         reading = read_snapshot(self.books, snapshot, before, in_use, self.clock.now())
         if reading.misfit is not None:  # one faulty agent must not stop the others
             story = self._store.add_history(reading.misfit)
@@ -356,12 +356,11 @@ class Controller:
 
     def fleet_printers(self) -> tuple[FleetPrinter, ...]:
         """Describe the enabled printers to the scheduler."""
-        return self._situations.printers(self.fleet.printers, self.books, self.telemetry.snapshots)
+        return self._situations.printers(self.fleet, self.books, self.telemetry.snapshots)
 
     def fleet_printer(self, name: str) -> FleetPrinter | None:
         """Describe a printer to the scheduler; None if it is disabled or unknown."""
-        sections = (section for section in self.fleet.printers if section.name == name)
-        return next(iter(self._situations.printers(sections, self.books, self.telemetry.snapshots)), None)
+        return self._situations.printer(self.fleet, name, self.books, self.telemetry.snapshots)
 
     def print_limits(self, print_id: str) -> PrintLimits:
         """Return the time limits of a print from the attended and quiet hours."""

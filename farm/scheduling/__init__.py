@@ -8,7 +8,7 @@ from farm.scheduling.assignment import assign_plates, find_holds
 from farm.scheduling.forecast import ForecastCache, Slot, as_idle, forecast_prints, seconds_on
 from farm.scheduling.holds import find_next_change_s, find_plate_holds, join_names
 from farm.scheduling.hours import Hours, parse_moment_s
-from farm.scheduling.matching import Capabilities, FleetPrinter, Requirements, WaitingPlate
+from farm.scheduling.matching import Capabilities, Demand, FleetPrinter, Requirements, WaitingPlate
 from farm.scheduling.situation import Situation
 from farm.scheduling.situation_builder import (
     BuildVolumes,
@@ -26,6 +26,7 @@ from farm.scheduling.start_rules import StartRules, short_of_filament
 __all__ = [
     "BuildVolumes",
     "Capabilities",
+    "Demand",
     "FleetPrinter",
     "ForecastCache",
     "HoldJob",

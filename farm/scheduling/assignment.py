@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from itertools import groupby
+from operator import attrgetter
 
 from farm.model import Hold
 from farm.scheduling.holds import HoldReasons
 from farm.scheduling.matching import WaitingPlate
-from farm.scheduling.plate_matching import FleetOrder, MatchingInputs, match_plates, queue_of
+from farm.scheduling.plate_matching import FleetOrder, MatchingInputs, match_plates
 from farm.scheduling.situation import Situation
 
 
@@ -77,12 +79,16 @@ def _allowed_starts(situation: Situation) -> int:
 
 def _match(situation: Situation) -> dict[str, WaitingPlate]:
     """Match free printers with waiting plates; return the plate of each printer that gets one."""
-    if not situation.free or not situation.waiting:
+    kinds = {printer.capabilities for printer in situation.free}
+    met = {demand for demand in situation.demands if any(kind.meets(demand) for kind in kinds)}
+    used = {kind for kind in kinds if any(kind.meets(demand) for demand in met)}
+    free = [printer for printer in situation.free if printer.capabilities in used]
+    if not free:
         return {}
     inputs = MatchingInputs(
         fleet=situation.fleet,
-        free=[printer.name for printer in situation.free],
-        order=FleetOrder.from_printers(situation.free),
+        free=[printer.name for printer in free],
+        order=FleetOrder.from_printers(free),
         planned=situation.planned,
         kept=situation.kept,
         places={plate.job: plate.places for plate in situation.waiting if plate.places is not None},
@@ -90,4 +96,5 @@ def _match(situation: Situation) -> dict[str, WaitingPlate]:
         rules=situation.rules,
         now_s=situation.now_s,
     )
-    return match_plates(queue_of(situation.by_priority), inputs)
+    plates = (plate for plate in situation.by_priority if plate.demand in met)
+    return match_plates(groupby(plates, key=attrgetter("turn")), inputs)

@@ -109,12 +109,14 @@ class _Simulation:
         self._stuck: set[str] = set()
         self._changes: list[tuple[float, int, str, object]] = []
         for printer in coming:
-            self._add_printer(printer)
+            # One that no plate can take starts nothing, but may be kept as a spare.
+            used = self._spares or any(map(printer.capabilities.meets, situation.demands))
+            self._add_printer(printer, bool(used))
         starts_s = {p.not_before_s for p in situation.waiting if p.not_before_s is not None}
         for at_s in starts_s:
             self._push(at_s, _HOURS, "")
 
-    def _add_printer(self, printer: FleetPrinter) -> None:
+    def _add_printer(self, printer: FleetPrinter, used: bool) -> None:
         now_s = self._now_s
         if printer.booked:
             self._left.update([printer.job] if printer.job is not None else [])
@@ -122,6 +124,8 @@ class _Simulation:
         if printer.heating:
             self._heating += 1
             self._push(max(now_s, printer.heats_until_s or now_s), _HEATED, printer.name)
+        if not used:
+            return
         ready_s = _ready_s(printer, self._rules, now_s)
         if ready_s <= now_s:
             self._idle.add(printer.name)
@@ -195,8 +199,7 @@ class _Simulation:
             rules=self._rules,
             now_s=self._now_s,
         )
-        queue = {turn: plates.values() for turn, plates in self.queue.items()}
-        taken = match_plates(queue, inputs)
+        taken = match_plates(((turn, plates.values()) for turn, plates in self.queue.items()), inputs)
         for name, plate in taken.items():
             self._start(plate, name)
         if len(taken) < starts:

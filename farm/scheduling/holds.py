@@ -193,7 +193,7 @@ class HoldReasons:
             return Hold(code=HoldCode.NO_SUCH_PRINTER, text=f"no printer of the fleet matches: {required}")
         needs = plate.requirements.describe(lacking) if lacking else ""
         hold = self._among(plate, names)
-        return hold.model_copy(update={"text": f"needs {needs}: {hold.text}"}) if needs else hold
+        return Hold(code=hold.code, text=f"needs {needs}: {hold.text}", reel=hold.reel) if needs else hold
 
     def _among(self, plate: WaitingPlate, names: tuple[str, ...]) -> Hold:
         short: Hold | None = None

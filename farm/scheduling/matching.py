@@ -7,6 +7,8 @@ from functools import cached_property
 
 from farm.model import Bed, FilamentState, Hold, HoldCode, Link
 
+Demand = tuple[str | None, str | None, float | None, str | None]
+"""Material, colour, nozzle in mm and printer family that a plate requires; None: any."""
 Box = tuple[float, float, float, float, float]
 """min_x, min_y, max_x, max_y and height, in mm from the bed's centre."""
 
@@ -14,7 +16,7 @@ SLACK_MM = 0.05
 """Tolerance for the rounded extents of a slice."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Capabilities:
     """Capabilities of a printer, independent of its state.
 
@@ -32,9 +34,19 @@ class Capabilities:
     nozzle_mm: float
     family: str | None = None
 
-    @property
+    @cached_property
     def height_mm(self) -> float:
         return max((height for *_, height in self.room), default=0.0)
+
+    def meets(self, demand: Demand) -> bool:
+        """Return whether a plate of some size with this demand matches."""
+        material, colour, nozzle_mm, family = demand
+        return (
+            material in (None, self.material)
+            and colour in (None, self.colour)
+            and nozzle_mm in (None, self.nozzle_mm)
+            and family in (None, self.family)
+        )
 
     def holds(self, box: Box) -> bool:
         """Return whether a box lies in the room."""
@@ -120,14 +132,13 @@ class Requirements:
     box: Box | None = None  # extent of its plate; unknown before it is planned
     family: str | None = None  # printer family that it was sliced for; None: any
 
+    @property
+    def demand(self) -> Demand:
+        """Return the requirements without the size."""
+        return self.material, self.colour, self.nozzle_mm, self.family
+
     def matches(self, kind: Capabilities) -> bool:
-        return (
-            self.material in (None, kind.material)
-            and self.colour in (None, kind.colour)
-            and self.nozzle_mm in (None, kind.nozzle_mm)
-            and self.family in (None, kind.family)
-            and (self.box is None or kind.holds(self.box))
-        )
+        return kind.meets(self.demand) and (self.box is None or kind.holds(self.box))
 
     def describe(self, lacking: tuple[Capabilities, ...] = ()) -> str:
         """List the requirements as text; with `lacking`, only those that one of these does not meet."""
@@ -174,6 +185,11 @@ class WaitingPlate:
     def priority_key(self) -> tuple[int, int, float, str]:
         """Sort key: priority, order of submission, then the longest first (LPT)."""
         return *self.turn, -self.expected_s, self.id
+
+    @cached_property
+    def demand(self) -> Demand:
+        """Return its requirements without the size: few differ among thousands of plates."""
+        return self.requirements.demand
 
     @cached_property
     def turn(self) -> tuple[int, int]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from operator import attrgetter
 
-from farm.scheduling.matching import FleetPrinter, WaitingPlate
+from farm.scheduling.matching import Demand, FleetPrinter, WaitingPlate
 from farm.scheduling.spares import spare_printers
 from farm.scheduling.start_rules import StartRules
 
@@ -53,7 +53,12 @@ class Situation:
     @cached_property
     def planned(self) -> frozenset[str]:
         """Return the printers for which the waiting plates were planned."""
-        return frozenset(plate.planned for plate in self.waiting)
+        return frozenset({plate.planned for plate in self.waiting})
+
+    @cached_property
+    def demands(self) -> frozenset[Demand]:
+        """Return the distinct demands of the waiting plates."""
+        return frozenset({plate.demand for plate in self.waiting})
 
     @cached_property
     def free(self) -> tuple[FleetPrinter, ...]:

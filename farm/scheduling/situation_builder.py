@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from itertools import chain
 
 from drivers.printers import PROFILES
-from farm.config import PrinterSection
+from farm.config import Fleet, PrinterSection
 from farm.model import AgentSnapshot, Job, JobState, Link, Plate, Print, Printer, PrintState
 from farm.scheduling.holds import may_hold_back
 from farm.scheduling.matching import Box, Capabilities, FleetPrinter, Requirements, WaitingPlate
@@ -98,19 +98,31 @@ class SituationBuilder:
     def __init__(self, build_volumes: BuildVolumes) -> None:
         self._build_volumes = build_volumes
         self._printers: dict[str, tuple[tuple[object, ...], FleetPrinter]] = {}
+        self._fleet: Fleet | None = None
+        self._sections: dict[str, PrinterSection] = {}  # the enabled ones of that fleet, by name
         self._jobs: dict[int, tuple[object, _JobPlates]] = {}
 
     def printers(
-        self, sections: Iterable[PrinterSection], books: Books, snapshots: Mapping[str, AgentSnapshot]
+        self, fleet: Fleet, books: Books, snapshots: Mapping[str, AgentSnapshot]
     ) -> tuple[FleetPrinter, ...]:
         """Describe the enabled printers."""
-        return tuple(
-            self._printer(section, books, snapshots.get(section.name))
-            for section in sections
-            if section.enabled
-        )
+        sections = self._enabled(fleet).values()
+        return tuple([self._describe(section, books, snapshots.get(section.name)) for section in sections])
 
-    def _printer(self, section: PrinterSection, books: Books, report: AgentSnapshot | None) -> FleetPrinter:
+    def printer(
+        self, fleet: Fleet, name: str, books: Books, snapshots: Mapping[str, AgentSnapshot]
+    ) -> FleetPrinter | None:
+        """Describe one printer; None if it is disabled or unknown."""
+        section = self._enabled(fleet).get(name)
+        return None if section is None else self._describe(section, books, snapshots.get(name))
+
+    def _enabled(self, fleet: Fleet) -> dict[str, PrinterSection]:
+        if fleet is not self._fleet:
+            self._fleet = fleet
+            self._sections = {section.name: section for section in fleet.printers if section.enabled}
+        return self._sections
+
+    def _describe(self, section: PrinterSection, books: Books, report: AgentSnapshot | None) -> FleetPrinter:
         entry, attempt = books.printer(section.name), books.open_print_on(section.name)
         available = None if report is None else availability(report)
         before, described = self._printers.get(section.name, ((), None))

@@ -207,8 +207,9 @@ class StartRules:
         # Hours depend on this field of a printer only.
         kinds = {printer.unattended: printer for printer in printers}
         moments = [self.attended.edge_s(now_s), self.quiet.edge_s(now_s)]
-        moments += [plate.not_before_s for plate in plates]
-        moments += [at_s + _JUST_AFTER_S for at_s in self._latest_starts_s(plates, kinds.values(), now_s)]
+        moments += [plate.not_before_s for plate in plates if plate.not_before_s is not None]
+        if self.quiet.windows or self.attended.windows:
+            moments += [at_s + _JUST_AFTER_S for at_s in self._latest_starts_s(plates, kinds.values(), now_s)]
         return min((at_s for at_s in moments if at_s is not None and at_s > now_s), default=math.inf)
 
     def ends_by_s(self, printer: FleetPrinter, at_s: float) -> float | None:

@@ -80,7 +80,7 @@ class Books:
 
     def plate_state(self, plate: Plate) -> PlateState:
         """Derive the state of a plate."""
-        return derive_plate_state(plate, list(self.prints_of(plate)))
+        return derive_plate_state(plate, [self.prints[name] for name in plate.prints])
 
     def plates_of(self, job: Job) -> Iterator[Plate]:
         return (self.plates[name] for name in job.plates)

@@ -49,6 +49,8 @@ def derive_plate_state(plate: Plate, prints: Collection[Print]) -> PlateState:
     """Derive the state of a plate from all of its prints."""
     if plate.replaced_by:
         return PlateState.REPLACED
+    if not prints:  # most of a large queue
+        return PlateState.CANCELLED if plate.cancelled else PlateState.WAITING
     done = successful_print(prints)
     if done is not None:
         return PlateState.GOOD if done.verdict is Verdict.GOOD else PlateState.PRINTED

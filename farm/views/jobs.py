@@ -23,6 +23,7 @@ def describe_job(context: ViewContext, job: Job) -> api.JobView:
     """Describe a job with its parts, plates and prints."""
     books = context.books
     plates = list(books.plates_of(job))
+    files = None if job.pruned_s is not None else str(context.state.files)
     summary = summarise_job(books, job)
     times = measure_times(context, job)
     return api.JobView(
@@ -39,8 +40,8 @@ def describe_job(context: ViewContext, job: Job) -> api.JobView:
         submitted=context.format_time(job.submitted_s) or "",
         submitted_by=job.submitted_by,
         options=job.options,
-        parts=[_part_view(context, name) for name in job.parts],
-        plates=[_plate_view(context, plate) for plate in plates],
+        parts=[_part_view(context, name, files) for name in job.parts],
+        plates=[_plate_view(context, plate, files) for plate in plates],
         repairs=list(job.repairs),
         scale=job.scale,
         plan=job.plan,
@@ -104,7 +105,7 @@ def _waits_for_person(context: ViewContext, job: Job, plates: list[Plate]) -> bo
     return not printing and any(hold is not None and hold.code not in _TEMPORARY_HOLDS for hold in waiting)
 
 
-def _part_view(context: ViewContext, name: str) -> api.PartView:
+def _part_view(context: ViewContext, name: str, files: str | None) -> api.PartView:
     part = context.books.parts[name]
     plate, job = context.books.plates[part.plate], context.books.jobs[part.job]
     picture = job.part_pictures.get(part.id)
@@ -113,7 +114,7 @@ def _part_view(context: ViewContext, name: str) -> api.PartView:
         cut_from=part.cut_from,
         verdict=_verdict(context.books, plate),
         plate=part.plate,
-        file=_file_path(context, job, part.file),
+        file=_file_path(files, part.file),
         picture=str(context.state.files / picture) if picture is not None else None,
         prints=[describe_print(context, attempt) for attempt in context.books.prints_of(plate)],
     )
@@ -140,7 +141,7 @@ def _verdict(books: Books, plate: Plate) -> Verdict | None:
     return done[-1].verdict if done else None
 
 
-def _plate_view(context: ViewContext, plate: Plate) -> api.PlateStatus:
+def _plate_view(context: ViewContext, plate: Plate, files: str | None) -> api.PlateStatus:
     own = [
         p for p in context.books.prints_of(plate) if p.plate == plate.id
     ]  # not of the part it was cut from
@@ -148,7 +149,7 @@ def _plate_view(context: ViewContext, plate: Plate) -> api.PlateStatus:
         id=plate.id,
         parts=list(plate.parts),
         printer=own[-1].printer if own else plate.printer,
-        gcode=_file_path(context, context.books.jobs[plate.job], plate.gcode),
+        gcode=_file_path(files, plate.gcode),
         estimated_s=plate.expected_s,
         grams=plate.grams,
         filament_mm=plate.filament_mm,
@@ -160,6 +161,6 @@ def _plate_view(context: ViewContext, plate: Plate) -> api.PlateStatus:
     )
 
 
-def _file_path(context: ViewContext, job: Job, name: str) -> str | None:
+def _file_path(files: str | None, name: str) -> str | None:
     """Return the path of a file; None if it was pruned."""
-    return None if job.pruned_s is not None else str(context.state.files / name)
+    return None if files is None else f"{files}/{name}"  # no `Path`: a page names thousands

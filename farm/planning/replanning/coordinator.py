@@ -104,9 +104,13 @@ class ReplanCoordinator:
         self._search_due_s = situation.now_s + _SEARCH_S * situation.time_scale
         reserved = self.reserved_printers
         free = [printer for printer in situation.free if printer.name not in reserved]
-        holds = find_holds(situation, ()) if free else {}
+        kinds = {printer.capabilities for printer in free}
+        demands = {
+            demand for demand in situation.demands if any(policy.is_other_kind(demand, k) for k in kinds)
+        }
+        holds = find_holds(situation, ()) if demands else {}
         ends = policy.ExpectedEnds(situation)
-        for view in situation.by_priority:
+        for view in [view for view in situation.by_priority if view.demand in demands]:
             plate = books.plates[view.id]
             if not free or view.id in self._running or not _may_be_replanned(books, plate):
                 continue

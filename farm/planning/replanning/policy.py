@@ -12,6 +12,8 @@ from functools import cached_property
 
 from farm.model import Bed, HoldCode
 from farm.scheduling import (
+    Capabilities,
+    Demand,
     FleetPrinter,
     Situation,
     WaitingPlate,
@@ -182,10 +184,16 @@ def _same_filament(plate: WaitingPlate, printer: FleetPrinter) -> bool:
     return requirements.material in (None, offered.material) and requirements.colour in (None, offered.colour)
 
 
+def is_other_kind(demand: Demand, kind: Capabilities) -> bool:
+    """Return whether a printer has the filament of a plate, but is not of the kind it was sliced for."""
+    material, colour, *_ = demand
+    return kind.meets((material, colour, None, None)) and not kind.meets(demand)
+
+
 def _other_kind(plate: WaitingPlate, printer: FleetPrinter) -> bool:
     """Return whether a plate fits a printer in everything but the printer kind it was sliced for."""
-    any_kind = replace(plate.requirements, family=None, nozzle_mm=None)
-    return any_kind.matches(printer.capabilities) and not plate.requirements.matches(printer.capabilities)
+    box, kind = plate.requirements.box, printer.capabilities
+    return is_other_kind(plate.demand, kind) and (box is None or kind.holds(box))
 
 
 def _best_other(

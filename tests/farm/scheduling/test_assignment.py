@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from farm.model import Bed, FilamentState, HoldCode, Link
-from farm.scheduling import assignment
+from farm.scheduling import assignment, plate_matching
 from farm.scheduling.matching import Requirements
 from scheduling_examples import LOW, TALL, box, plate, printer, situation
 
@@ -17,6 +17,23 @@ def assign(waiting, fleet, house=None, **changes):
     moment = situation(waiting, fleet, house, NOW_S, **changes)
     given_ = assignment.assign_plates(moment)
     return given_, assignment.find_holds(moment, given_)
+
+
+def test_printers_and_plates_that_match_nothing_cost_nothing(monkeypatch):
+    """A large queue for one material would else be gone through in vain for each free printer of another."""
+    placed = []
+    place = plate_matching._Matching.place
+    monkeypatch.setattr(
+        plate_matching._Matching, "place", lambda self, one: (placed.append(one.id), place(self, one))[1]
+    )
+    fleet = [printer("a"), *(printer(name, material="generic_abs") for name in "bcd")]
+    tpu = Requirements(material="generic_tpu", colour=None, nozzle_mm=0.4)
+    waiting = [plate(f"1/{number:02d}", "a") for number in range(50)]
+    others = [plate(f"2/{number:02d}", "a", requirements=tpu, job=2) for number in range(50)]
+    given_, _ = assign([*waiting, *others], fleet)
+    assert [one.printer for one in given_] == ["a"]
+    assert len(placed) == 1
+    assert assign(waiting, fleet[1:])[0] == [] and len(placed) == 1
 
 
 printers = st.lists(

@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.errors import Fault
-from farm.config import PrinterSection
+from farm.config import Fleet, PrinterSection
 from farm.model import AgentSnapshot, Bed, FilamentState, Link, PrintState
 from farm.planning.printer_settings import bed_boxes
 from farm.scheduling.holds import find_plate_holds
@@ -13,7 +13,8 @@ from farm.state import events as ev
 from make_books import PRINTERS, ended, job, plan, printing, run
 from recording_controller import fleet
 
-SECTIONS = fleet(["ultimaker2_plus"] * 3).printers
+FLEET = fleet(["ultimaker2_plus"] * 3)
+SECTIONS = FLEET.printers
 READY = {n: AgentSnapshot(printer=n, link=Link.READY, filament=FilamentState.PARKED) for n in PRINTERS}
 STEPS = st.sampled_from(["start", "fail", "done", "clear", "pause", "go on", "lose"])
 
@@ -48,7 +49,7 @@ def test_what_is_remembered_is_what_would_be_described_anew(steps, away):
         snapshots = {**READY, "b": READY["b"].model_copy(update={"link": Link.ABSENT})} if away else READY
         fresh = SituationBuilder(bed_boxes)
         assert builder.waiting(books) == fresh.waiting(books)
-        assert builder.printers(SECTIONS, books, snapshots) == fresh.printers(SECTIONS, books, snapshots)
+        assert builder.printers(FLEET, books, snapshots) == fresh.printers(FLEET, books, snapshots)
         held = find_plate_holds(books, SECTIONS, 210.0)
         assert find_plate_holds(books, SECTIONS, 210.0, builder.may_hold_back) == held
         everything = find_plate_holds(books, SECTIONS, 210.0, lambda *_: True)
@@ -61,10 +62,22 @@ def test_a_firmware_whose_dead_man_nobody_has_seen_prints_only_while_somebody_is
     simulated = real.model_copy(update={"port": "sim://creality_ender3"})
     plus = real.model_copy(update={"model": "ultimaker2_plus"})
     books, builder = printing(plates=1), SituationBuilder(bed_boxes)
-    found = [builder.printers((one,), books, {})[0] for one in (real, simulated, plus)]
+    fleets = [Fleet(printers=(one,)) for one in (real, simulated, plus)]
+    found = [builder.printers(fleet, books, {})[0] for fleet in fleets]
     assert [one.unattended for one in found] == [False, True, True]
     reason = "it is not verified that Marlin 2 switches the heaters off when its host dies"
     assert found[0].why_attended == reason
+
+
+def test_one_printer_is_described_as_among_all_unless_it_is_disabled():
+    books, builder = printing(plates=1), SituationBuilder(bed_boxes)
+    everybody = builder.printers(FLEET, books, READY)
+    assert [builder.printer(FLEET, name, books, READY) for name in PRINTERS] == list(everybody)
+    assert builder.printer(FLEET, "z", books, READY) is None
+    off = SECTIONS[0].model_copy(update={"enabled": False})
+    smaller = FLEET.model_copy(update={"printers": (off, *SECTIONS[1:])})
+    assert builder.printer(smaller, "a", books, READY) is None
+    assert builder.printers(smaller, books, READY) == everybody[1:]
 
 
 def test_only_what_has_changed_is_described_anew():
@@ -72,12 +85,12 @@ def test_only_what_has_changed_is_described_anew():
     second = ev.JobSubmitted(at_s=0.0, job=job(2)), ev.PlanningStarted(at_s=0.0, job=2), plan(2, plates=3)
     books, _ = run(printing(plates=2), *second)
     builder = SituationBuilder(bed_boxes)
-    before, printers = builder.waiting(books), builder.printers(SECTIONS, books, READY)
+    before, printers = builder.waiting(books), builder.printers(FLEET, books, READY)
     assert [view.id for view in before] == [plate.id for plate in (*first.plates, *second[2].plates)]
     started = ev.PlateAssigned(at_s=5.0, plate="1/01", printer="a", print_id="x")
     books, _ = run(books, started)
     hot = {**READY, "c": READY["c"].model_copy(update={"nozzle_c": 210.0})}
-    after, then = builder.waiting(books), builder.printers(SECTIONS, books, hot)
+    after, then = builder.waiting(books), builder.printers(FLEET, books, hot)
     assert [view.id for view in after] == ["1/02", "2/01", "2/02", "2/03"]
     assert all(new is old for new, old in zip(after[1:], before[2:], strict=True))
     assert [new is old for new, old in zip(then, printers, strict=True)] == [False, True, True]
