@@ -58,6 +58,7 @@ class Listener(ABC):
         self.noise = Noise(faults, rng) if faults.on_bytes else None
         self.phase = Phase.BOOTLOADER
         self._faults = faults
+        self._faults_on_lines = faults.on_lines
         self._dice = Dice(faults, rng)
         self._out: list[bytes] = []
         self._time_s = 0.0
@@ -89,7 +90,7 @@ class Listener(ABC):
         """Read a well-formed numbered move as the slow path would; return False if that has to be taken."""
         receiver = self._receiver
         found = receiver.move()
-        if found is None or self._faults.on_lines:
+        if found is None or self._faults_on_lines:
             return False
         n, f, x, y, z, e, check = found.groups()
         machine = self.machine
@@ -140,7 +141,7 @@ class Listener(ABC):
 
     def _accept(self, line: bytes) -> None:
         """Check number and checksum, and buffer the line or refuse it."""
-        if self._faults.on_lines:
+        if self._faults_on_lines:
             if self._dice.swallows():
                 return
             line = self._dice.disturb(line)
@@ -179,7 +180,7 @@ class Listener(ABC):
                 self._acknowledge()
         self._buffer.append(line)
         self.lines += 1
-        if self._faults.on_lines:
+        if self._faults_on_lines:
             self._trigger_due_faults()
 
     def _refuse(self, why: bytes) -> None:
