@@ -1,7 +1,7 @@
 """G-code lines, programs and their timelines. Pure."""
 
 from drivers.gcode.filament_position import Moves, Point, measure_retraction, read_position
-from drivers.gcode.frame import add_frame, checksum, remove_frame
+from drivers.gcode.frame import add_frame, add_frames, checksum, remove_frame
 from drivers.gcode.program import (
     LONGEST_LINE_BYTES,
     Heat,
@@ -23,6 +23,7 @@ __all__ = [
     "Program",
     "ProgramStore",
     "add_frame",
+    "add_frames",
     "checksum",
     "measure_retraction",
     "read_position",

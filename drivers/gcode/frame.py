@@ -7,12 +7,18 @@ with the checksum 30, which is executed if that matches. `add_frame` never produ
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterable
+
 LINE_BYTES = 94
 """The longest line, without its newline (docs/explanation/ultimaker2-serial.md, section 1.5)."""
 _MOST = LINE_BYTES - len(b"255")
 
 _CHECKSUMS = {b"%0*d" % (width, total): total for total in range(128) for width in range(7)} | {b"": 0}
 """Maps up to 6 decimals, in ASCII, to the checksum that the firmware would read."""
+
+_SMALL_DECIMALS = re.compile(rb"\.(0*(?:1[01]\d|12[0-7]|\d\d?)|)(?=[ *])")
+"""Decimals that may equal a checksum, which is below 128."""
 
 
 def checksum(line: bytes) -> int:
@@ -27,17 +33,14 @@ def checksum(line: bytes) -> int:
     return (n ^ n >> 8) & 0xFF
 
 
-def running_checksums(line: bytes) -> bytes:
-    """Compute the checksum up to and including each byte of a line of at most 128 bytes."""
-    n = int.from_bytes(line, "big")
-    n ^= n >> 8
-    n ^= n >> 16
-    n ^= n >> 32
-    n ^= n >> 64
-    n ^= n >> 128
-    n ^= n >> 256
-    n ^= n >> 512
-    return n.to_bytes(len(line), "big")
+def running_checksums(text: bytes) -> bytes:
+    """Compute the checksum up to and including each byte, by folding one long number onto itself."""
+    n = int.from_bytes(text, "big")
+    bits = 8
+    while bits < 8 * len(text):
+        n ^= n >> bits
+        bits *= 2
+    return n.to_bytes(len(text), "big")
 
 
 def add_frame(number: int, command: bytes) -> bytes:
@@ -58,6 +61,33 @@ def add_frame(number: int, command: bytes) -> bytes:
             dot += 1
         dot = line.find(b".", dot + 1)
     return b"%b%d\n" % (line, totals[-2])
+
+
+def add_frames(number: int, commands: Iterable[bytes]) -> list[bytes]:
+    """Do what `add_frame` does, for many commands at once, the first of which gets line number `number`.
+
+    Few lines have decimals that need a look, and the checksums of all beginnings are computed together.
+    """
+    lines = [b"N%d %b*" % numbered for numbered in enumerate(commands, number)]
+    text = b"".join(lines)
+    totals = running_checksums(text)
+    doubtful = _SMALL_DECIMALS.finditer(text)
+    decimals = next(doubtful, None)
+    frames: list[bytes] = []
+    end = before = 0  # of the line, and the checksum of all lines before it
+    for line in lines:
+        end += len(line)
+        collides = False
+        while decimals is not None and (dot := decimals.start()) < end:
+            collides |= totals[dot - 1] ^ before == _CHECKSUMS.get(decimals[1])
+            decimals = next(doubtful, None)
+        if collides:
+            at = number + len(frames)
+            frames.append(add_frame(at, line[:-1].partition(b" ")[2]))
+        else:
+            frames.append(b"%b%d\n" % (line, totals[end - 2] ^ before))
+        before = totals[end - 1]
+    return frames
 
 
 def remove_frame(line: bytes) -> bytes:

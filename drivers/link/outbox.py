@@ -12,7 +12,7 @@ from collections import deque
 from collections.abc import Callable
 
 from drivers.firmware import Firmware
-from drivers.gcode import add_frame, remove_frame
+from drivers.gcode import add_frame, add_frames, remove_frame
 
 HISTORY_LINES = 32
 LINE_S = 50.0  # time-out of a line
@@ -148,8 +148,7 @@ class Outbox:
         self._patience = {n + (n >= number): s for n, s in self._patience.items()}
         if self._source_number + self._source_stop - self._source_start > number:
             self._source_number += 1  # the rest of the program follows
-        for at, old in enumerate(encoded, number + 1):
-            self._frames.append(add_frame(at, remove_frame(old)))
+        self._frames += add_frames(number + 1, map(remove_frame, encoded))
         self._careful = max(self._careful + 1, self._base + sent)
 
     # --- sending ---
@@ -186,7 +185,7 @@ class Outbox:
             self._base += spare
             self._cursor -= spare
             self._patience = {n: s for n, s in self._patience.items() if n >= self._base}
-        number = self._base + len(self._frames)
+        first = self._base + len(self._frames)
         commands: list[bytes] = []
         if self._queue:
             commands = [*self._queue]
@@ -195,7 +194,8 @@ class Outbox:
             stop = min(self._source_next + _BLOCK_LINES, self._source_stop)
             commands = self._source(self._source_next, stop)
             self._source_next = stop
-        for command in commands:
+        self._frames += add_frames(first, commands)
+        for number, command in enumerate(commands, first):
             if command.startswith(_MOVES):
                 self._note_slow_move(number, command)
             elif (waiting_s := self._firmware.waiting_s.get(command.split(b" ", 1)[0])) is not None:
@@ -203,12 +203,10 @@ class Outbox:
                 self._careful = number
             if number <= self._slow_until:
                 self._patience[number] = max(self._slow_s, self._patience.get(number, 0.0))
-            self._frames.append(add_frame(number, command))
-            number += 1
 
     def _note_slow_move(self, number: int, move: bytes) -> None:
         """Note a move whose feedrate may make it longer than `LINE_S`; its length is unknown here."""
-        if (found := _FEEDRATE.search(move)) is not None and float(found[1]) > 0.0:
+        if b"F" in move and (found := _FEEDRATE.search(move)) is not None and float(found[1]) > 0.0:
             self._feedrate_mm_min = float(found[1])
         if move.startswith(_ARCS):
             duration_s = 60.0 * ARC_REACH_MM / self._feedrate_mm_min

@@ -13,7 +13,7 @@ from drivers.emulator.firmware.firmware import EmulatedFirmware
 from drivers.emulator.firmware.listener import Phase
 from drivers.emulator.firmware.machine import value
 from drivers.firmware import ULTIMAKER2
-from drivers.gcode import add_frame, checksum, remove_frame
+from drivers.gcode import add_frame, add_frames, checksum, remove_frame
 from drivers.gcode.frame import LINE_BYTES, running_checksums
 from drivers.gcode.line import is_plain_move
 from drivers.printers import PROFILES
@@ -137,3 +137,22 @@ def test_a_line_with_no_room_for_a_blank_keeps_its_length():
 @given(st.binary(min_size=1, max_size=128))
 def test_running_checksums_are_those_of_each_beginning(line):
     assert list(running_checksums(line)) == [reduce(xor, line[: at + 1]) for at in range(len(line))]
+
+
+@given(st.integers(0, 9_999_000), st.lists(numbered().map(lambda line: line[1]), max_size=30))
+@example(3, [b"G1 X1.5", COLLIDING, b"M117 1. *2.30 *", b"M105", b"G1 Y.0000000000 E1.1234567"])
+def test_many_lines_are_framed_as_each_of_them(number, commands):
+    frames = [add_frame(at, command) for at, command in enumerate(commands, number)]
+    assert add_frames(number, commands) == frames
+
+
+@given(st.integers(1, 99_999), st.data())
+def test_a_line_among_many_gets_a_blank_where_it_needs_one(number, data):
+    """Of a block of lines each has the decimals that match its own number."""
+    commands = []
+    for at in range(number, number + data.draw(st.integers(1, 8))):
+        command = b"G1 X10 Y%d" % data.draw(st.integers(0, 200))
+        commands.append(b"%b.%d E4.5" % (command, checksum(b"N%d %b" % (at, command))))
+    frames = add_frames(number, commands)
+    assert all(b"  Y" in frame for frame in frames)
+    assert [remove_frame(frame) for frame in frames] == commands
