@@ -311,7 +311,7 @@ def _solve(
 
     Parameters
     ----------
-    needed, corners, pieces, crowd
+    needed, corners, pieces, overlap
         As in `_Programme`.
     printers
         The search ends when it is known whether more pieces than these are needed.

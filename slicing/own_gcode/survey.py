@@ -119,7 +119,7 @@ class _Scan:
         Facts in comments: name in lower case -> value as written.
     layer
         First line that marks a layer.
-    waited, homed, ready
+    waits, homed, ready
         Last line before the print that waits for the nozzle, that homes, and that does one of these or waits
         for the bed.
     prints

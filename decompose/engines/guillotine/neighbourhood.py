@@ -207,7 +207,7 @@ class Window:
     ----------
     boxes
         The tables of the grid.
-    mine, others
+    boxes_inside, others
         Boxes of the partition that are cut again, and all the rest.
     """
 
