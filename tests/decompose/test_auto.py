@@ -71,6 +71,6 @@ def test_the_curve_is_in_the_report(
     assert curve
 
 
-def test_too_few_printers_are_told_so(ball: Model, fleet: list[PrinterRoom], cost: CostModel) -> None:
+def test_too_few_printers_are_refused(ball: Model, fleet: list[PrinterRoom], cost: CostModel) -> None:
     with pytest.raises(NoFit, match="there are 2"):
         auto.decompose_auto(ball, fleet[:2], COARSE, cost)

@@ -92,7 +92,7 @@ def test_other_grids_are_tried_and_none_twice(cost: CostModel, result: Decomposi
     assert best.options.granularity == "auto"
 
 
-def test_nothing_is_proven_of_what_is_no_better(cost: CostModel, result: Decomposition) -> None:
+def test_no_bound_is_proven_for_a_worse_result(cost: CostModel, result: Decomposition) -> None:
     engines = Engines(result, far)
     find_best(problem(cost), engines)
     ends = [far(one.options) for one in engines.asked]
@@ -111,7 +111,7 @@ def test_where_little_is_to_be_gained_no_other_grid_is_tried(cost: CostModel, re
 
 
 @pytest.mark.parametrize(("printers", "options"), [(20, {"granularity": 8}), (1, {})])
-def test_a_grid_that_was_asked_for_is_the_only_one(
+def test_requested_grid_is_the_only_one(
     printers: int, options: dict[str, object], cost: CostModel, result: Decomposition
 ) -> None:
     engines = Engines(result, far)
@@ -141,7 +141,7 @@ def test_where_the_model_lies_best_other_grids_are_tried_too(cost: CostModel, re
 
 
 @pytest.mark.parametrize(("share", "taken"), [(0.995, False), (0.985, True)])
-def test_cuts_that_are_askew_have_to_be_worth_it(
+def test_turned_cuts_need_a_minimum_gain(
     share: float, taken: bool, cost: CostModel, result: Decomposition
 ) -> None:
     busy = replace(result, sum_s=20.0 * 0.98 * BOUND_S)  # other grids are not tried
@@ -172,7 +172,7 @@ def test_parts_of_a_turned_model_lie_in_the_model_as_it_was(cost: CostModel) -> 
         assert abs(cuts[0] @ turn[:, 0]) == pytest.approx(1.0)
 
 
-def test_another_grid_may_have_what_the_first_has_not(cost: CostModel, result: Decomposition) -> None:
+def test_another_grid_may_have_the_better_result(cost: CostModel, result: Decomposition) -> None:
     engines = Engines(result, lambda options: math.inf if options.granularity == "auto" else 1.5 * BOUND_S)
     best = find_best(problem(cost), engines)
     assert best.makespan_s == 1.5 * BOUND_S
@@ -192,9 +192,7 @@ def test_slow_printers_have_less_to_gain(cost: CostModel, result: Decomposition)
     assert best.possible_gain(ROOMS) == pytest.approx(1.0 - 0.75 * 1.5 / 1.51)
 
 
-def test_what_has_faults_is_the_last_choice_and_nothing_to_beat(
-    cost: CostModel, result: Decomposition
-) -> None:
+def test_result_with_faults_is_the_last_choice(cost: CostModel, result: Decomposition) -> None:
     def ends_s(options: Options) -> float:
         return BOUND_S * (1.5 if options.engine is Engine.GUILLOTINE else 1.6)
 
@@ -211,7 +209,7 @@ def test_what_has_faults_is_the_last_choice_and_nothing_to_beat(
         (GeometryError(Rule.WALL, "p01", "is too thin"), "p01: is too thin (rule wall)"),
     ],
 )
-def test_a_broken_rule_is_told_even_where_the_budget_was_spent(
+def test_broken_rule_is_reported_after_the_budget_was_spent(
     error: DecomposeError, told: str, cost: CostModel, result: Decomposition
 ) -> None:
     engines = Engines(result, far)
@@ -228,7 +226,7 @@ def test_a_broken_rule_is_told_even_where_the_budget_was_spent(
     assert not second.finished
 
 
-def test_once_the_budget_is_spent_nothing_is_begun(cost: CostModel, result: Decomposition) -> None:
+def test_no_attempt_starts_after_the_budget_is_spent(cost: CostModel, result: Decomposition) -> None:
     engines = Engines(result, far)
     best = find_best(problem(cost, best=BestOptions(1.5)), engines)
     assert engines.tried == FIRST_TWO

@@ -68,7 +68,7 @@ def test_interior_is_left_out_where_it_saves(fleet: list[PrinterRoom], cost: Cos
     assert hollow.makespan_s < full.makespan_s
 
 
-def test_too_few_printers_are_told_how_many_would_do(
+def test_too_few_printers_are_reported_with_the_required_number(
     ball: Model, fleet: list[PrinterRoom], cost: CostModel
 ) -> None:
     with pytest.raises(NoFit, match=r"needs \d+ parts.*there are 2.*--longest-side") as caught:

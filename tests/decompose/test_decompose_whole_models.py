@@ -104,7 +104,7 @@ def test_cut_without_a_fault(
     assert len(held) >= len(result.parts) - len(solid.pieces())
 
 
-def test_what_fits_one_printer_is_not_cut_for_one(cost: CostModel) -> None:
+def test_model_that_fits_one_printer_is_not_cut(cost: CostModel) -> None:
     solid = ball(30.0)
     result = run(solid, cost, 1, 6)
     (part,) = result.parts
@@ -120,7 +120,7 @@ def test_how_many_printers_would_do(cost: CostModel) -> None:
     assert len(run(cube(400.0)(), cost, needed, 8).parts) <= needed
 
 
-def test_what_no_number_of_printers_fits(cost: CostModel) -> None:
+def test_model_that_fits_no_number_of_printers(cost: CostModel) -> None:
     """A bed so small that a cell of the finest grid is larger."""
     rooms = [PrinterRoom(f"um-{i}", ((10.0, 10.0, 10.0),)) for i in range(50)]
     with pytest.raises(NoFit, match=r"printers with room for \d+ mm each way would be enough"):

@@ -72,7 +72,7 @@ def test_where_all_prices_are_true_nothing_moves(cut: Decomposition, cost: CostM
     assert relevel_planes(MODEL, bare(cut), took_s(cut, 0, 1.0), cost) is None
 
 
-def test_what_was_told_of_it_stays(cut: Decomposition, cost: CostModel) -> None:
+def test_reported_repairs_are_kept(cut: Decomposition, cost: CostModel) -> None:
     attempts = (Attempt(Engine.GUILLOTINE, "auto", 15.0, 9.0),)
     was = replace(bare(cut), yaw_deg=15.0, attempts=attempts, options=replace(OPTIONS, engine=Engine.BEST))
     after = relevel_planes(MODEL, was, took_s(cut, 1), cost)
@@ -82,7 +82,7 @@ def test_what_was_told_of_it_stays(cut: Decomposition, cost: CostModel) -> None:
     assert after.cutting is not None
 
 
-def test_a_second_time_it_goes_on_from_the_first(cut: Decomposition, cost: CostModel) -> None:
+def test_second_relevel_continues_from_the_first(cut: Decomposition, cost: CostModel) -> None:
     once = relevel_planes(MODEL, bare(cut), took_s(cut, 1), cost)
     assert once is not None
     slow = number_in(once, cut, 1)
@@ -106,7 +106,7 @@ def test_a_model_that_was_turned_is_cut_as_it_lay(cost: CostModel) -> None:
 
 
 @pytest.mark.parametrize("faster", [0.0, 0.03, 0.1])
-def test_what_is_slow_ends_sooner_on_unequal_printers_too(faster: float, cost: CostModel) -> None:
+def test_slow_part_ends_sooner_on_unequal_printers(faster: float, cost: CostModel) -> None:
     """Prices are uneven on purpose now: the printers are not to be given out by them."""
     rooms = tuple(replace(room, time_factor=1.0 + faster * i) for i, room in enumerate(ROOMS))
     factors = {room.name: room.time_factor for room in rooms}
@@ -125,7 +125,7 @@ def test_what_is_slow_ends_sooner_on_unequal_printers_too(faster: float, cost: C
     assert len({part.printer for part in after.parts}) == len(after.parts)
 
 
-def test_each_of_two_pieces_in_a_box_keeps_what_was_shown_of_it(cost: CostModel) -> None:
+def test_each_piece_of_a_box_keeps_its_time_ratio(cost: CostModel) -> None:
     """The left leg of a U is the higher one: by height it comes after the right one, by place before it."""
     u = Solid.union(
         [
@@ -155,7 +155,7 @@ def test_parts_that_are_others_are_left_as_they_are(cut: Decomposition, cost: Co
     assert relevel_planes(MODEL, replace(bare(cut), cutting=twice), took_s(cut, 0), cost) is None
 
 
-def test_what_no_grid_was_cut_along_stays(cost: CostModel) -> None:
+def test_parts_without_a_grid_are_unchanged(cost: CostModel) -> None:
     cut = decompose_model(MODEL, ROOMS, replace(OPTIONS, engine=Engine.PARALLELOBOX), cost)
     assert cut.cutting is None
     assert relevel_planes(MODEL, bare(cut), took_s(cut, 0), cost) is None

@@ -128,7 +128,7 @@ class TestInstall:
         assert calls.count("update") == 1
 
     @pytest.mark.parametrize("version", ["4.13", "5.0", "5.2"])
-    def test_what_is_given_and_fits_is_taken(self, tmp_path, version):
+    def test_given_engine_that_fits_is_used(self, tmp_path, version):
         host = Host(tmp_path)
         engine = host.engine(version, tmp_path / "mine")
         given = resources(tmp_path / "cura", version)
@@ -144,7 +144,7 @@ class TestInstall:
             ("5.0", None, "is not Cura's resources folder"),
         ],
     )
-    def test_what_is_given_and_does_not_fit_is_refused(self, tmp_path, engine, settings, wrong):
+    def test_given_engine_that_does_not_fit_is_refused(self, tmp_path, engine, settings, wrong):
         host = Host(tmp_path)
         folder = resources(tmp_path / "cura", settings) if settings else tmp_path
         program = host.engine(engine, tmp_path / "mine")
@@ -177,7 +177,7 @@ class TestInstall:
             ({"apt": "5.0", "packaged": "4.13"}, "has not the settings of CuraEngine 5.0"),
         ],
     )
-    def test_what_cannot_be_had_is_said_with_what_is_needed(self, tmp_path, host, said):
+    def test_unavailable_engine_is_reported_with_its_requirements(self, tmp_path, host, said):
         code, errors, _ = Host(tmp_path, **host).run()
         assert code == 1
         assert said in errors

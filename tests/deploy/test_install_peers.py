@@ -63,13 +63,13 @@ def downloaded(folder: Path) -> set[str]:
     return set((folder / "downloaded").read_text().split()) if (folder / "downloaded").exists() else set()
 
 
-def test_what_the_host_has_is_not_fetched(install, tmp_path: Path):
+def test_installed_packages_are_not_fetched(install, tmp_path: Path):
     assert "OctoPrint" in install("ssh ssh-keygen sshd ser2net tcc")
     assert install() == ""
     assert not downloaded(tmp_path)
 
 
-def test_what_it_lacks_is_unpacked_beside_its_libraries_and_not_installed(install, tmp_path: Path):
+def test_missing_packages_are_unpacked_and_not_installed(install, tmp_path: Path):
     install("ssh ssh-keygen")
     assert downloaded(tmp_path) == {"libx", "openssh-server", "ser2net", "tcc"}
     assert not (tmp_path / "other-calls").exists()
@@ -81,14 +81,14 @@ def test_what_it_lacks_is_unpacked_beside_its_libraries_and_not_installed(instal
     assert install() == ""
 
 
-def test_what_cannot_be_had_is_said_and_fails_nothing(install, tmp_path: Path):
+def test_unavailable_package_is_reported_without_failure(install, tmp_path: Path):
     said = install(NO_APT="1", NO_PIP="1")
     assert said.count("skipped") == 2
     assert not (tmp_path / "env" / "bin" / "sshd").exists()
     assert not (tmp_path / "env" / ".installed").exists()
 
 
-def test_a_server_that_calls_its_parts_by_their_installed_paths_is_left(install, tmp_path: Path):
+def test_server_with_fixed_paths_is_skipped(install, tmp_path: Path):
     """From OpenSSH 9.8 on."""
     program = tmp_path / "bin" / "dpkg-deb"
     program.write_text(

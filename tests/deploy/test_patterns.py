@@ -35,7 +35,7 @@ def is_wrong(text: str) -> bool:
 
 
 @pytest.mark.parametrize("text", ["a++", "(a*+b)?", "[0-9]{2}+", "(?>a|ab)c", "(x?+"])
-def test_the_check_finds_what_is_wrong(text: str) -> None:
+def test_the_check_finds_every_mistake(text: str) -> None:
     assert is_wrong(text)
 
 

@@ -23,7 +23,7 @@ def without_this_host(text: str) -> str:
 
 
 @pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="needs systemd")
-def test_systemd_takes_the_units_without_a_word(tmp_path: Path):
+def test_systemd_accepts_the_units_without_a_warning(tmp_path: Path):
     paths = []
     for unit in UNITS:
         path = tmp_path / unit.name.replace("@.", "@um2-01.")
@@ -36,7 +36,7 @@ def test_systemd_takes_the_units_without_a_word(tmp_path: Path):
 
 
 @pytest.mark.parametrize("unit", UNITS, ids=lambda unit: unit.name)
-def test_a_unit_starts_what_is_there(unit: Path):
+def test_unit_starts_an_existing_program(unit: Path):
     [command] = re.findall(r"^ExecStart=/opt/farm/\.venv/bin/(.+)$", unit.read_text(), re.MULTILINE)
     if (module := re.match(r"python -m (\S+)", command)) is not None:
         assert importlib.util.find_spec(module[1]) is not None

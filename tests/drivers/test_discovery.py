@@ -40,7 +40,7 @@ def farm(tmp_path: Path, port: object, *arguments: str) -> subprocess.CompletedP
     return subprocess.run(command, check=False, capture_output=True, text=True, timeout=90)
 
 
-def test_what_is_plugged_in_is_named_by_its_socket_and_by_the_fleet(tmp_path: Path):
+def test_plugged_device_is_named_by_its_socket_and_the_fleet(tmp_path: Path):
     for name in ("ttyACM0", "ttyACM1", "ttyS0"):
         (tmp_path / name).touch()
     by_path = tmp_path / "by-path"
@@ -65,7 +65,7 @@ def test_a_board_that_starts_again_is_commissioned_and_that_is_kept(tmp_path: Pa
 
 
 @pytest.mark.system
-def test_a_board_whose_banner_names_no_model_is_asked(tmp_path: Path):
+def test_board_whose_banner_lacks_the_model_is_queried(tmp_path: Path):
     folder = tmp_path / "printer"
     launch("sim://creality_ender3", folder, Clock(120.0, time.time()))
     try:
@@ -105,7 +105,7 @@ def test_a_board_that_prints_from_its_card_is_not_reset():
 
 
 @pytest.mark.parametrize("banner", [b"", b"echo: Last Updated: by nobody"])
-def test_a_board_of_an_unknown_version_is_no_printer_of_ours(banner: bytes):
+def test_board_of_an_unknown_version_is_refused(banner: bytes):
     with pytest.raises(DriverError):
         find_model(banner)
 

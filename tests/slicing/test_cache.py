@@ -14,7 +14,7 @@ ENTRIES = st.lists(
 
 
 @given(ENTRIES, st.integers(0, 5000))
-def test_what_is_kept_fits_and_was_used_last(entries, most_bytes):
+def test_kept_entries_fit_and_were_used_last(entries, most_bytes):
     removed = set(find_least_used(entries, most_bytes))
     kept = [entry for entry in entries if entry.name not in removed]
     gone = [entry for entry in entries if entry.name in removed]

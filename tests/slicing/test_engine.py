@@ -54,7 +54,7 @@ def writers(fifo):
         os.close(reader)
 
 
-def test_what_it_writes_and_says_is_handed_on(run):
+def test_output_and_log_are_returned(run):
     ran = run("echo out; echo err >&2; echo G28 > part.gcode; cat global.json; ls")
     assert ran.gcode == b"G28\n"
     assert ran.log.startswith("out\nerr\n")
@@ -91,12 +91,12 @@ def test_each_end_has_its_name(run, body, error, says):
     assert "\n" not in str(failed.value)
 
 
-def test_what_works_the_second_time_has_worked(run, tmp_path):
+def test_success_at_the_second_attempt_counts(run, tmp_path):
     once = f"[ -e {tmp_path}/tried ] && exec touch part.gcode; touch {tmp_path}/tried"
     assert run(f"{once}; echo '[ERROR] Unknown exception.'; exit 1").gcode == b""
 
 
-def test_one_that_hangs_is_ended_with_all_that_it_started(run, tmp_path):
+def test_hanging_engine_is_killed_with_its_children(run, tmp_path):
     fifo = tmp_path / "fifo"
     with writers(fifo) as gone:
         with pytest.raises(EngineTimeout, match=r"did not finish within 0\.5 s; scale"):
@@ -104,18 +104,18 @@ def test_one_that_hangs_is_ended_with_all_that_it_started(run, tmp_path):
         assert gone()
 
 
-def test_what_it_leaves_running_is_ended_too(run, tmp_path):
+def test_children_left_running_are_killed(run, tmp_path):
     fifo = tmp_path / "fifo"
     with writers(fifo) as gone:
         assert run(f"exec 3> {fifo}; sleep 600 & echo done").log == "done\n"
         assert gone()
 
 
-def test_one_that_closes_its_streams_is_waited_for(run):
+def test_engine_with_closed_streams_is_awaited(run):
     assert run("exec >&- 2>&-; echo G28 > part.gcode").gcode == b"G28\n"
 
 
-def test_a_flood_of_words_keeps_its_beginning_and_end(run):
+def test_long_log_keeps_its_beginning_and_end(run):
     log = run("echo first; yes 'a long and tedious line of a log' | head -c 20000000; echo last").log
     assert log.startswith("first\n")
     assert log.endswith("last\n")
@@ -142,7 +142,7 @@ def test_the_real_one_without_memory(engine, tmp_path, settings_of, cube_20):
         run_engine(engine, stl, settings.global_, settings.extruder, EngineLimits(1, 60.0, int(0.28 * 2**30)))
 
 
-def test_progress_comes_from_what_it_says(run):
+def test_progress_is_read_from_the_log(run):
     shares = []
     said = r"printf 'Progress:inset+skin:1:100 \t0.250000%%\nProgress:export:9:9 \t0.750000%%\n'"
     run(f"[ $3 = -p ] || exit 1; {said}", progress=shares.append)
@@ -150,7 +150,7 @@ def test_progress_comes_from_what_it_says(run):
     run("[ $3 = -m1 ] || exit 1")
 
 
-def test_it_dies_with_who_asked(tmp_path, script):
+def test_engine_dies_with_its_caller(tmp_path, script):
     fifo = tmp_path / "fifo"
     asked = script(f"exec sleep 600 > {fifo}")
     code = (
@@ -191,7 +191,7 @@ def test_engine_and_files_are_of_one_generation(tmp_path, version, extruder, goo
         check_versions(engine, extruder)
 
 
-def test_what_is_no_engine(tmp_path):
+def test_program_that_is_no_engine(tmp_path):
     with pytest.raises(EngineMissing, match="set FARM_CURA_ENGINE"):
         engine_version(Path("/bin/true"))
     with pytest.raises(EngineMissing, match="set FARM_CURA_ENGINE"):

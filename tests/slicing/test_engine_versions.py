@@ -88,12 +88,12 @@ def test_a_layer_that_lacks_its_walls_is_refused(cura5, number, kinds, rule):
     assert refused.value.rule is rule
 
 
-def test_a_setting_that_it_does_not_find(cura5):
+def test_unknown_setting(cura5):
     body = "echo \"[ERROR] Trying to retrieve setting with no value given: 'x'\" >&2; exit 2"
     with pytest.raises(EngineFailed, match=r"no value given: 'x'; .*set FARM_CURA_RESOURCES"):
         slice_plate(cura5(body=body))
 
 
-def test_settings_of_cura_4_do_not_go_to_it(cura5, settings_of):
+def test_settings_of_cura_4_are_not_passed_on(cura5, settings_of):
     with pytest.raises(EngineMissing, match="settings files are of version 4"):
         slice_plate(dataclasses.replace(cura5(), settings=settings_of()))

@@ -11,7 +11,7 @@ from slicing.mesh import STEPS_MM, WAVE_MM, add_waves, read_triangles, write_tri
 from slicing.plate import slice_plate
 
 
-def test_it_reads_what_trimesh_writes(cube_20):
+def test_stl_of_trimesh_is_read(cube_20):
     read = read_triangles(cube_20.export(file_type="stl"))
     assert read.shape == (12, 3, 3)
     assert (read.min(), read.max()) == (-10.0, 10.0)

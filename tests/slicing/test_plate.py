@@ -183,7 +183,7 @@ def test_a_full_disk_is_named_with_the_file_that_has_no_room(tmp_path, monkeypat
     assert not list(tmp_path.iterdir())
 
 
-def test_what_is_read_from_the_cache_counts_as_used(request_for, cube_20, tmp_path):
+def test_reading_an_entry_counts_as_use(request_for, cube_20, tmp_path):
     request = request_for(cube_20, cache=tmp_path / "cache")
     slice_plate(request)
     (entry,) = (tmp_path / "cache").glob("*.json")
@@ -219,7 +219,7 @@ def test_a_kept_slice_needs_no_engine_and_half_a_one_does(request_for, cube_20, 
         slice_plate(request)
 
 
-def test_it_runs_in_worker_processes(request_for, cube_20):
+def test_engine_runs_in_worker_processes(request_for, cube_20):
     request = request_for(cube_20)
     with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
         assert pool.submit(slice_plate, request).result(60).layers == 100

@@ -39,7 +39,7 @@ def test_thick_filament_is_refused_and_a_thin_one_named(resources):
         resolve_settings(SettingsRequest(PRINTERS[MODEL]), resources)
 
 
-def test_a_nozzle_that_it_has_not_is_refused(resources):
+def test_missing_nozzle_is_refused(resources):
     wanted = SettingsRequest(PRINTERS[MODEL], material="generic_pla_175", nozzle_mm=0.7)
     with pytest.raises(BadSetting, match=r"nozzle 0.7 mm.*0.4mm Nozzle"):
         resolve_settings(wanted, resources)

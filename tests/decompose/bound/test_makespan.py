@@ -92,7 +92,7 @@ def test_the_weights_prove_the_bound(shape: Shape, seed: int, printers: int) -> 
 
 @settings(max_examples=25, deadline=None)
 @given(shape=shapes, seed=st.integers(0, 10**6), printers=st.integers(1, 6))
-def test_it_proves_what_the_whole_programme_proves(shape: Shape, seed: int, printers: int) -> None:
+def test_bound_equals_that_of_the_full_programme(shape: Shape, seed: int, printers: int) -> None:
     """All boxes at once, where weights of at most one part a cell are looked for."""
     boxes, needed = tables(shape, seed)
     bound, _ = solved(boxes, needed, printers)
@@ -125,7 +125,7 @@ def test_a_row_of_like_cells_is_bounded_by_the_longest_share() -> None:
     assert makespan_bound(boxes, needed, 3, 30.0).seconds == 30.0
 
 
-def test_it_proves_more_than_the_volume_does_where_cells_are_many() -> None:
+def test_bound_exceeds_the_volume_bound_with_many_cells() -> None:
     """On a grid too large for a simplex method: within what fractions of boxes and the method lose."""
     boxes, needed = tables((9, 8, 7), 3)
     solver = Partitioner(boxes)

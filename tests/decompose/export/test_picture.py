@@ -58,7 +58,7 @@ def test_the_picture_shows_the_parts_that_are_seen(parts: list[Part], tmp_path: 
     assert (picture[: height // 8] == 255).all(axis=2).mean() > 0.5
 
 
-def test_the_picture_names_what_is_behind(
+def test_picture_names_hidden_parts(
     parts: list[Part], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     said: list[str] = []

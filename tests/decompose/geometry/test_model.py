@@ -76,7 +76,7 @@ def test_scale_and_longest_side(tmp_path: Path) -> None:
             load_model(path, scale=wrong)
 
 
-def test_metres_are_asked_for_a_scale(tmp_path: Path) -> None:
+def test_model_in_metres_needs_a_scale(tmp_path: Path) -> None:
     path = save(tmp_path / "metres.stl", block((0, 0, 0), (0.1, 0.2, 0.26)))
     with pytest.raises(ModelTiny, match=r"--longest-side MM, or --scale 1000 if it is in metres") as caught:
         load_model(path)
@@ -223,7 +223,7 @@ def test_bodies_are_joined_and_cavities_kept(tmp_path: Path) -> None:
     assert any("1 of 2 bodies" in r for r in model.repairs)
 
 
-def test_a_file_goes_by_the_name_a_person_gave_it(tmp_path: Path) -> None:
+def test_messages_use_the_given_name_of_a_file(tmp_path: Path) -> None:
     path = save(tmp_path / "3fa9c1", ball())
     assert load_model(path, name="My Ball.STL").repairs == ()
     path.write_bytes(path.read_bytes()[:200])

@@ -144,7 +144,7 @@ def test_bytes_behind_the_triangles_of_an_stl_are_left_out(tmp_path: Path) -> No
     assert model.solid.volume_mm3 == whole.solid.volume_mm3
 
 
-def test_what_is_done_with_a_model_is_reported(tmp_path: Path) -> None:
+def test_repairs_are_reported(tmp_path: Path) -> None:
     path, steps = tmp_path / "ball.stl", []
     write_stl(path, ball().astype(np.float32))
     load_model(path, report=steps.append)

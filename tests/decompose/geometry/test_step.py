@@ -40,7 +40,7 @@ def test_reading_prints_nothing(capfd: pytest.CaptureFixture[str]) -> None:
 
 
 @needs_cascadio
-def test_what_is_no_step_is_refused() -> None:
+def test_invalid_step_is_refused() -> None:
     whole = step_text((10, 20, 30)).encode()
     for data in (b"junk", whole[: len(whole) // 2], whole.replace(b"CLOSED_SHELL", b"CLOSED_SHELF")):
         with pytest.raises((ModelUnreadable, ModelEmpty), match=r"box\.step: "):
@@ -49,7 +49,7 @@ def test_what_is_no_step_is_refused() -> None:
         read_step("box.step", whole, most_triangles=11)
 
 
-def test_without_cascadio_the_message_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_message_without_cascadio_names_the_package(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(importlib.util, "find_spec", lambda _: None)
     with pytest.raises(ModelUnreadable, match=r"pip install 'farm\[step\]'"):
         read_step("box.step", step_text((10, 20, 30)).encode())

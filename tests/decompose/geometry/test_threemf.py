@@ -47,7 +47,7 @@ def test_the_unit_of_the_file_is_converted_to_mm(unit: str | None, factor: float
     assert any(f"unit {unit}" in note for note in notes) is (factor != 1.0)
 
 
-def test_build_items_place_objects_and_what_they_do_not_place_is_left_out() -> None:
+def test_only_objects_placed_by_the_build_are_read() -> None:
     items = ['objectid="1" transform="1 0 0 0 1 0 0 0 1 100 0 5"', 'objectid="1"']
     data = package_bytes(model_xml([object_xml(1, BOX), object_xml(2, BOX)], items))
     assert bounds(data) == [[-5, -10, -15], [105, 10, 20]]
@@ -141,7 +141,7 @@ def test_any_transform_scales_the_volume_by_its_determinant(matrix: list[float],
 # -- hostile files ------------------------------------------------------------------------------------
 
 
-def test_what_is_no_package_is_refused() -> None:
+def test_invalid_package_is_refused() -> None:
     refused(b"junk" * 100)
     whole = package_bytes(model_xml([object_xml(1, BOX)], ['objectid="1"']))
     for cut in range(0, len(whole), 97):

@@ -44,7 +44,7 @@ def coarse(grid: Grid, cells: NeededCells) -> np.ndarray:
     st.floats(0.0, 40.0),
 )
 @settings(max_examples=60, deadline=None)
-def test_whatever_is_near_the_surface_is_needed(turn: Rotation, count: int, wall_mm: float) -> None:
+def test_cells_near_the_surface_are_needed(turn: Rotation, count: int, wall_mm: float) -> None:
     """The depth of a corner in a block is known in closed form; a block is convex, so corners are enough."""
     cost = CostModel.from_recipe(Recipe())
     triangles = block(turn)

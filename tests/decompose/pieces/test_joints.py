@@ -208,7 +208,7 @@ def test_a_partition_with_a_weak_joint_is_given_up_for_another(
 
 
 @pytest.mark.parametrize("engine", [Engine.GUILLOTINE, Engine.PARALLELOBOX, Engine.BEST])
-def test_what_only_a_thread_holds_is_refused(engine: Engine, cost: CostModel) -> None:
+def test_piece_on_a_thin_joint_is_refused(engine: Engine, cost: CostModel) -> None:
     rod = Model(block((0, 0, 0), (500, 4, 4)), (), 1.0)
     printers = [PrinterRoom(f"um-{i}", ((200.0, 200.0, 200.0),)) for i in range(4)]
     with pytest.raises(NoFit, match=r"is held by 16.0 mm2 of glue.*--min-glue"):

@@ -208,7 +208,7 @@ def test_a_part_may_be_turned_about_the_vertical_only() -> None:
     assert pose_axes(3)[2] == 1
 
 
-def test_compiled_code_reads_prices_by_name_whatever_their_order() -> None:
+def test_compiled_code_reads_prices_by_name() -> None:
     """A field that is added or moved re-prices nothing."""
     cost = CostModel.from_recipe(Recipe())
     additive, extents = (9e4, 2e4, 5e3, 300.0, 1e4), (60.0, 50.0, 40.0)

@@ -81,7 +81,7 @@ def test_a_tilted_block_is_laid_flat() -> None:
 
 
 @pytest.mark.parametrize("solid", [arch(), tee()])
-def test_no_support_where_it_can_be_helped(solid: Solid) -> None:
+def test_pose_without_support_is_preferred(solid: Solid) -> None:
     pose = laid(solid)
     assert pose.stands
     assert pose.support_mm3 == 0.0
@@ -99,7 +99,7 @@ def test_a_pyramid_is_turned_over() -> None:
 
 
 @pytest.mark.parametrize("size", [(100.0, 2.0, 100.0), (3.0, 3.0, 150.0)])
-def test_what_is_thin_is_laid_down_and_gets_a_brim_where_it_cannot_be(size: tuple[float, ...]) -> None:
+def test_thin_part_is_laid_down_or_gets_a_brim(size: tuple[float, ...]) -> None:
     solid = Solid.box((0, 0, 0), size)
     lying = laid(solid)
     assert lying.stands
@@ -184,7 +184,7 @@ def test_flat_sides_are_candidates_however_they_lie() -> None:
 
 @settings(max_examples=25, deadline=None)
 @given(arrays(np.float64, (12, 3), elements=st.floats(-40.0, 40.0), unique=True))
-def test_whatever_is_convex_stands_and_fits(points: npt.NDArray[np.float64]) -> None:
+def test_convex_part_is_stable_and_fits(points: npt.NDArray[np.float64]) -> None:
     """Around a core of 20 mm, so that it is no needle."""
     core = trimesh.creation.box((20.0, 20.0, 20.0)).vertices
     hull = trimesh.convex.convex_hull(np.vstack([points, core]))

@@ -95,7 +95,7 @@ def test_neither_the_clock_nor_the_threads_change_the_result(
     assert same(found[0], found[2])
 
 
-def test_a_budget_leaves_engines_out_and_says_so(within: Within, whole: Decomposition) -> None:
+def test_engines_skipped_by_the_budget_are_reported(within: Within, whole: Decomposition) -> None:
     none = within(0.0)
     first, second = none.attempts
     assert first.makespan_s == none.makespan_s
@@ -117,7 +117,7 @@ def test_draws_that_the_budget_cannot_pay_for_are_not_begun(within: Within, whol
 
 
 @given(budget_s=st.floats(0.0, 10.0), units=st.integers(0, 10**8))
-def test_what_is_afforded_leaves_the_budget_whole(budget_s: float, units: int) -> None:
+def test_affordable_work_keeps_the_budget_unspent(budget_s: float, units: int) -> None:
     effort = Effort(budget_s)
     affords = effort.can_afford(Work.CELL_GROWN, units)
     assert effort.cut_short == (not affords)
@@ -126,7 +126,7 @@ def test_what_is_afforded_leaves_the_budget_whole(budget_s: float, units: int) -
 
 
 @given(work=st.lists(st.tuples(st.sampled_from(Work), st.integers(0, 10**9))), budget_s=st.floats(0.0, 100.0))
-def test_work_adds_up_whatever_its_order(work: list[tuple[Work, int]], budget_s: float) -> None:
+def test_sum_of_work_is_independent_of_order(work: list[tuple[Work, int]], budget_s: float) -> None:
     there, back = Effort(budget_s), Effort(budget_s)
     for one, other in zip(work, reversed(work), strict=True):
         there.record(*one)

@@ -56,7 +56,7 @@ def test_the_longest_piece_is_for_the_quickest_printer(cost: CostModel) -> None:
     assert asked(cost, fleet(1.5)).makespan_s([block(30.0)]) == pytest.approx(1.5 * short_s)
 
 
-def test_what_does_not_fit_never_ends(cost: CostModel) -> None:
+def test_part_that_does_not_fit_never_ends(cost: CostModel) -> None:
     problem = asked(cost, fleet(1.0), prove=True)
     for pieces in ([block(130.0)], [block(30.0), block(30.0)]):
         assert problem.makespan_s(pieces) == math.inf

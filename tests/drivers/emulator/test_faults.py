@@ -43,7 +43,7 @@ def test_faults_may_be_named_in_two_ways() -> None:
         ("sim://ultimaker2_plus?seed=x", "seed 'x' is not a whole number"),
     ],
 )
-def test_a_wrong_url_says_what_and_what_to_use(url: str, says: str) -> None:
+def test_wrong_url_names_the_mistake_and_the_choices(url: str, says: str) -> None:
     with pytest.raises(PortError, match=r"^[^\n]*$") as caught:
         parse_url(url)
     assert says in str(caught.value)

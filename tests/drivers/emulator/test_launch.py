@@ -87,14 +87,14 @@ def test_a_new_printer_is_cold_clear_and_parked(printer: Printer) -> None:
     assert not status.link_open and status.resets == 0
 
 
-def test_it_is_found_again_and_not_started_twice(printer: Printer) -> None:
+def test_running_emulator_is_found_and_not_started_twice(printer: Printer) -> None:
     first = printer.on()
     pid = printer.status().pid
     assert printer.on() == first and printer.status().pid == pid
     assert os.getsid(pid) != os.getsid(0)
 
 
-def test_nothing_is_echoed_and_it_answers(printer: Printer) -> None:
+def test_port_does_not_echo_and_answers(printer: Printer) -> None:
     link = printer.booted()
     assert link.ask(b"M105") == b"ok T:21.0 /0.0 B:21.0 /0.0 @:0 B@:0\n"
     assert printer.status().link_open
@@ -166,7 +166,7 @@ def test_the_power_goes_and_comes_again(printer: Printer) -> None:
     assert printer.status().nozzle_c == 21.0
 
 
-def test_a_person_can_only_do_what_a_person_can(printer: Printer) -> None:
+def test_control_allows_actions_of_a_person_only(printer: Printer) -> None:
     printer.on()
     with pytest.raises(PortError, match="no command 'dance'; use one of clear_bed, reset, power_off"):
         control(printer.folder, "dance")
@@ -178,7 +178,7 @@ def test_a_wrong_url_starts_nothing(printer: Printer) -> None:
     assert not printer.folder.exists()
 
 
-def test_no_status_says_so(tmp_path: Path) -> None:
+def test_missing_status_is_reported(tmp_path: Path) -> None:
     with pytest.raises(PortError, match="no emulator has run here"):
         read_status(tmp_path)
 
@@ -222,7 +222,7 @@ def test_a_cable_that_is_pulled_hangs_up_and_comes_back_as_another_device_while_
     again.close()
 
 
-def test_a_person_at_the_display_is_seen_only_by_who_asks(printer: Printer) -> None:
+def test_actions_at_the_display_show_in_queries_only(printer: Printer) -> None:
     link = printer.booted()
     link.ask(b"G28")
     control(printer.folder, Command.SET_NOZZLE, target_c=150)

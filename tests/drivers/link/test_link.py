@@ -76,7 +76,7 @@ def test_over_a_lossy_wire_lines_are_carried_out_once_in_order_or_the_link_ends_
 
 
 @given(st.lists(st.binary(max_size=60), max_size=30))
-def test_whatever_a_board_says_the_link_never_raises(noise: list[bytes]):
+def test_link_never_raises_for_any_input(noise: list[bytes]):
     bench = Bench().boot()
     stream(bench, lines(20))
     for data in noise:
@@ -100,7 +100,7 @@ def test_a_number_without_end_is_noise(answer: bytes):
     assert not [event for event in events or () if isinstance(event, Report)]
 
 
-def test_after_the_banner_the_link_sets_the_line_number_and_says_that_it_is_up():
+def test_link_sets_the_line_number_and_connects_after_the_banner():
     bench = Bench().boot()
     assert bench.link.take() == b"N0 M110*35\n"
     assert [(e.restarted, b"Vers:_3.3.0" in e.banner) for e in bench.events if isinstance(e, Connected)] == [
@@ -108,7 +108,7 @@ def test_after_the_banner_the_link_sets_the_line_number_and_says_that_it_is_up()
     ]
 
 
-def test_a_board_that_does_not_restart_is_asked_and_said_to_be_up():
+def test_board_that_does_not_restart_is_queried_and_connected():
     bench = Bench()
     bench.link.on_opened(0.0)
     bench.run()
@@ -126,7 +126,7 @@ def test_a_silent_board_ends_in_no_answer_and_nothing_more_is_sent():
     assert bench.link.deadline_s == math.inf
 
 
-def test_a_board_that_was_only_late_is_asked_and_nothing_is_sent_twice():
+def test_late_board_is_queried_and_nothing_is_sent_twice():
     bench = Bench().boot()
     bench.run()
     stream(bench, lines(50))
@@ -186,7 +186,7 @@ def test_no_time_out_is_shorter_than_the_floor():
     ("command", "patience_s"),
     [(b"G1 X1", 50.0), (b"M401", 300.0), (b"G28", 1500.0), (b"G4 P60000", 3000.0), (b"M400", 3000.0)],
 )
-def test_what_waits_for_all_moves_before_it_is_waited_for_longer(command: bytes, patience_s: float):
+def test_command_that_waits_for_moves_has_a_longer_time_out(command: bytes, patience_s: float):
     assert silence_s(Bench().boot(), command) == pytest.approx(patience_s, abs=0.1)
 
 
@@ -219,7 +219,7 @@ def test_questions_behind_a_line_fit_into_the_ring_of_the_board():
         (b"", []),
     ],
 )
-def test_answers_that_lost_a_newline_are_told_apart(line: bytes, words: list[bytes]):
+def test_answers_without_a_newline_are_split(line: bytes, words: list[bytes]):
     assert replies.split_answers(line, ULTIMAKER2) == words
 
 
@@ -276,7 +276,7 @@ def test_troubles_of_the_firmware_stop_the_stream_at_once(said: bytes, fault: Fa
     assert bench.link.take() == b""
 
 
-def test_a_board_that_lost_its_count_is_not_obeyed():
+def test_resend_of_a_board_that_lost_its_count_is_ignored():
     bench = Bench().boot()
     stream(bench, lines(300))
     bench.run(until_s=1.0)
@@ -340,7 +340,7 @@ def test_polls_between_the_lines_change_neither_their_order_nor_the_count(
             assert bench.link.repeated == 0
 
 
-def test_a_last_line_from_far_back_is_believed_when_the_board_says_it_twice():
+def test_distant_last_line_is_accepted_when_reported_twice():
     """One digit of it may be garbled; a board that was reset says the same once more."""
     program, bench = lines(120), Bench().boot()
     stream(bench, program)
@@ -357,7 +357,7 @@ def test_a_last_line_from_far_back_is_believed_when_the_board_says_it_twice():
     assert bench.link.phase is Phase.DEAD
 
 
-def test_a_board_that_says_another_last_line_each_time_is_given_up():
+def test_board_with_contradicting_last_lines_is_given_up():
     bench = Bench().boot()
     stream(bench, lines(120))
     bench.run(until_s=0.8)

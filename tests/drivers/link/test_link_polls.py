@@ -52,7 +52,7 @@ PROGRAM = [b"G1 X%d E%d" % (i % 200, i) for i in range(900)]
 @pytest.mark.parametrize("start", [0, 7])
 @pytest.mark.parametrize("commands", [(), (b"G28", b"M104 S0", b"G92 E0")])
 @pytest.mark.parametrize("poll_every_s", [0.5, 1.0, 3.0, 100.0])
-def test_polls_put_no_line_out_of_its_turn_and_count_as_none(
+def test_polls_keep_the_order_of_lines_and_are_not_counted(
     start: int, commands: tuple[bytes, ...], poll_every_s: float
 ):
     """The journal keeps as printed exactly the acknowledged lines, at every moment."""

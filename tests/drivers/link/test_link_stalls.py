@@ -31,7 +31,7 @@ def test_a_fault_keeps_the_head_still_for_a_moment_and_doubles_nothing(name: str
 
 @given(st.sampled_from(sorted(KINDS)), st.integers(0, 2**32))
 @settings(max_examples=60, deadline=None)
-def test_whatever_is_hit_the_print_is_exact_and_goes_on_within_3_s(name: str, seed: int):
+def test_print_is_exact_and_continues_within_3_s_after_any_damage(name: str, seed: int):
     outcome = run(KINDS[name], 8, seed)
     assert outcome.exact
     assert outcome.worst_s <= WORST_S

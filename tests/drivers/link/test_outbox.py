@@ -69,7 +69,7 @@ def test_all_questions_fit_into_the_boards_ring_behind_the_longest_line():
     assert LINE_BYTES + 1 + MOST_QUERIES * len(ULTIMAKER2.last_line_query) <= RING_BYTES
 
 
-def test_a_board_that_is_silent_is_given_up_after_its_start_and_four_questions():
+def test_silent_board_is_given_up_after_its_start_and_four_queries():
     link, now_s = Link(ULTIMAKER2), 0.0
     link.on_opened(now_s)
     while link.phase is not Phase.DEAD:

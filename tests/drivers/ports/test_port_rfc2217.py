@@ -102,7 +102,7 @@ def test_bytes_and_dtr_reach_a_board_behind_ser2net(tmp_path: Path, url: str):
 
 
 @pytest.mark.system
-def test_an_agent_opens_such_a_port_when_somebody_has_said_that_it_is_idle(tmp_path: Path, url: str):
+def test_agent_opens_the_port_after_a_person_confirms_it_idle(tmp_path: Path, url: str):
     folder = tmp_path / "agent"
     process = spawn_agent("a", MODEL, url, folder, Clock(60.0, time.time()))
 

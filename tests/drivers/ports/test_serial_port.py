@@ -58,7 +58,7 @@ def test_a_port_has_one_user(ends: tuple[int, Path]):
         port.close()
 
 
-def test_a_port_whose_printer_went_away_says_so(ends: tuple[int, Path]):
+def test_port_of_a_disconnected_printer_raises(ends: tuple[int, Path]):
     port = SerialPort(ends[1], ULTIMAKER2.baud_rate)
     try:
         os.close(ends[0])
@@ -95,7 +95,7 @@ def test_a_reset_of_a_printer_that_went_away_is_a_port_error(ends: tuple[int, Pa
         os.dup2(os.open(os.devnull, os.O_RDONLY), ends[0])
 
 
-def test_what_cannot_wait_goes_out_before_all_that_was_not_sent(ends: tuple[int, Path]):
+def test_urgent_bytes_replace_unsent_ones(ends: tuple[int, Path]):
     """A board that has stopped reading: the kernel's buffer is full, and ours waits behind it."""
     master, path = ends
     port = SerialPort(path, ULTIMAKER2.baud_rate)

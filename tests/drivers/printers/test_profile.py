@@ -23,7 +23,7 @@ def test_a_box_of_the_room_with_its_brim_is_on_the_bed_and_off_the_clips(model: 
 
 
 @given(models, st.tuples(sizes, sizes, sizes))
-def test_what_is_placed_lies_in_a_box_of_the_room(model: str, extents_mm: tuple[float, float, float]):
+def test_placed_part_lies_in_a_box_of_the_room(model: str, extents_mm: tuple[float, float, float]):
     room = part_room(BEDS[model], 8.0)
     placed = place(extents_mm, room)
     dx, dy, dz = extents_mm

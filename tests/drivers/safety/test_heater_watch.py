@@ -91,7 +91,7 @@ def test_a_heater_that_leaves_its_target_is_found(name: HeaterName, on: bool):
 
 
 @pytest.mark.parametrize("name", [NOZZLE, BED])
-def test_off_is_believed_when_it_falls_and_doubted_when_it_does_not(name: HeaterName):
+def test_off_is_confirmed_by_falling_temperatures_only(name: HeaterName):
     warm_c = 200.0 if name is NOZZLE else 60.0
     falls, stays, late = HeaterWatch(4.0), HeaterWatch(4.0), HeaterWatch(4.0)
     curve, again = Curve(name, warm_c), Curve(name, warm_c)

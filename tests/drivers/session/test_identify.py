@@ -15,7 +15,7 @@ def test_the_board_of_another_model_is_refused_before_anything_heats():
     assert not rig.session.context.extruded
 
 
-def test_the_printer_behind_the_cable_is_known_by_its_home_offset():
+def test_printer_is_identified_by_its_home_offset():
     first = Rig(Faults(levelled=243)).run()
     assert first.session.context.identity == "X0.00 Y0.00 Z-12.43"
     again = Rig(Faults(levelled=243), identity=first.session.context.identity).run()
@@ -26,7 +26,7 @@ def test_the_printer_behind_the_cable_is_known_by_its_home_offset():
 
 
 @pytest.mark.parametrize("word", [b"Vers:", b"M206"])
-def test_a_banner_that_does_not_tell_is_asked_for_again_and_then_refused(word: bytes):
+def test_unreadable_banner_is_requested_again_and_then_refused(word: bytes):
     rig = Rig()
     listen = rig.link.receive
     rig.link.receive = lambda data, now_s: listen(data.replace(word, b"?????"), now_s)  # type: ignore[method-assign]
@@ -40,7 +40,7 @@ def test_a_banner_that_does_not_tell_is_asked_for_again_and_then_refused(word: b
     assert_ended_off(once.run(), PrintPhase.DONE, None)
 
 
-def test_an_extended_that_calls_itself_a_plain_one_is_found_by_its_height():
+def test_extended_with_a_plain_banner_is_detected_by_its_height():
     rig = Rig(model="ultimaker2_extended_plus")
     listen = rig.link.receive
     rig.link.receive = lambda data, now_s: listen(data.replace(b"3.3.0ex", b"3.3.0"), now_s)  # type: ignore[method-assign]
@@ -53,7 +53,7 @@ def test_a_file_that_homes_its_axes_one_by_one_is_no_other_printer():
     assert_ended_off(Rig(text=text).run(), PrintPhase.DONE, None)
 
 
-def test_another_firmware_behind_the_cable_is_known_by_its_answer_to_m115():
+def test_another_firmware_is_detected_by_m115():
     rig = Rig()
     listen = rig.link.receive
     rig.link.receive = lambda data, now_s: listen(data.replace(b"Ultimaker2", b"Ultimaker3"), now_s)  # type: ignore[method-assign]

@@ -145,7 +145,7 @@ def print_again(rig: Rig) -> float:
 
 @pytest.mark.parametrize("lines", [0, 12, 60, 137])
 @pytest.mark.parametrize("way", WAYS, ids=lambda way: way.__name__)
-def test_the_next_first_line_finds_the_filament_or_a_person_is_asked(way: Way, lines: int):
+def test_next_print_finds_the_filament_or_requests_a_person(way: Way, lines: int):
     rig = ended(way, lines, 0.7, hopping(50))
     if rig.session.context.filament is not Filament.UNKNOWN:
         assert abs(print_again(rig)) <= NEAR_MM
@@ -155,14 +155,14 @@ def test_the_next_first_line_finds_the_filament_or_a_person_is_asked(way: Way, l
 
 @given(way=st.sampled_from(WAYS), lines=st.integers(0, 250), seconds=st.floats(0.0, 20.0))
 @settings(max_examples=40, deadline=None)
-def test_wherever_it_happens(way: Way, lines: int, seconds: float):
+def test_fault_at_any_line(way: Way, lines: int, seconds: float):
     rig = ended(way, lines, seconds, hopping(50))
     if rig.session.context.filament is not Filament.UNKNOWN:
         assert abs(print_again(rig)) <= NEAR_MM
 
 
 @pytest.mark.parametrize("lines", [60, 137, 210])
-def test_what_the_firmware_can_still_be_told_leaves_it_parked(lines: int):
+def test_responsive_firmware_parks_the_filament(lines: int):
     """The ways that are everyday work ask nobody."""
     for way in EVERYDAY:
         assert ended(way, lines, 0.7, hopping(50)).session.context.filament is Filament.PARKED
@@ -192,7 +192,7 @@ def test_what_the_firmware_can_still_be_told_leaves_it_parked(lines: int):
     seed=st.integers(0, 1000),
 )
 @settings(max_examples=120, deadline=None)
-def test_whatever_happens_a_print_ends_and_tells_the_truth_about_its_heaters(
+def test_any_print_ends_and_reports_its_heaters_correctly(
     faults: Faults, cancel_s: float, pause_s: float, unplug_s: float, back_s: float, seed: int
 ):
     """Heaters off, or somebody told to cut the mains; and a print that is said to be done was made."""

@@ -34,7 +34,7 @@ def test_the_file_s_waits_are_never_sent_and_the_dead_man_is_armed_before_any_he
 
 
 @pytest.mark.parametrize(("filament", "pushes"), [(Filament.PARKED, 1), (Filament.AT_NOZZLE, 0)])
-def test_parked_filament_is_brought_back_once_and_only_where_it_was_parked(filament: Filament, pushes: int):
+def test_parked_filament_is_pushed_back_once(filament: Filament, pushes: int):
     rig = Rig(filament=filament).run()
     assert rig.sent.count(b"G1 F300 E20") == pushes
 
@@ -138,7 +138,7 @@ def test_a_heater_that_burns_on_at_the_end_fails_a_print_that_was_all_right():
         Faults(noise=0.00005, lost=0.00002, doubled=0.00002),
     ],
 )
-def test_what_can_be_made_good_prints_the_same_thing(faults: Faults):
+def test_recoverable_faults_print_the_same_part(faults: Faults):
     good, bad = Rig(text=gcode(1000)).run(), Rig(faults, text=gcode(1000), seed=3).run()
     assert_ended_off(bad, PrintPhase.DONE, None)
     assert bad.firmware.board.filament_mm == pytest.approx(good.firmware.board.filament_mm, abs=0.01)
@@ -157,7 +157,7 @@ def test_a_firmware_that_stopped_and_acknowledges_everything_is_found_by_its_tar
     assert_ended_off(rig.run(), PrintPhase.FAILED, Fault.TARGET_CHANGED)
 
 
-def test_a_dead_nozzle_fails_by_the_firmware_s_stop_or_by_our_own_watch():
+def test_dead_nozzle_fails_by_the_firmware_or_the_heater_watch():
     rig = Rig(Faults(dead_nozzle=True)).run()
     assert rig.session.context.fault in (Fault.STOPPED, Fault.HEATER_TIMEOUT)
     assert_ended_off(rig, PrintPhase.FAILED, rig.session.context.fault)
@@ -244,7 +244,7 @@ def test_a_first_stage_too_cold_to_extrude_leaves_the_filament_parked():
 
 
 @pytest.mark.parametrize("after_s", [0.1 * i for i in range(30)])
-def test_whatever_the_feeder_was_doing_a_cancel_leaves_the_filament_parked(after_s: float):
+def test_cancel_parks_the_filament_from_any_state(after_s: float):
     rig = Rig(text=hopping(120)).printing(60 + int(130 * after_s))
     until_s = rig.now_s + after_s
     rig.run(until=lambda: rig.now_s >= until_s)

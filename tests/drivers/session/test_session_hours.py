@@ -9,7 +9,7 @@ from print_rig import Rig, assert_ended_off, gcode
 
 
 @pytest.mark.parametrize("no_reset", [False, True])
-def test_a_print_that_has_not_ended_by_its_hour_is_ended_safely_whoever_listens(no_reset: bool):
+def test_print_over_its_time_limit_is_ended_safely(no_reset: bool):
     rig = Rig(Faults(no_reset=no_reset), text=gcode(3000)).printing(100)
     rig.session.context.ends_by_s = rig.now_s + 60.0
     by_s = rig.session.context.ends_by_s
@@ -34,7 +34,7 @@ def test_neither_a_pause_nor_a_heat_up_outlasts_the_hour():
     assert not heating.session.context.extruded
 
 
-def test_an_hour_that_is_put_off_ends_nothing_nor_does_one_that_comes_while_it_ends():
+def test_postponed_time_limit_ends_nothing():
     rig = Rig(text=gcode(200)).printing(100)
     rig.session.context.ends_by_s = rig.now_s + 5.0
     rig.session.advance((), rig.now_s)

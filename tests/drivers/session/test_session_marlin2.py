@@ -93,7 +93,7 @@ def test_a_cancel_lifts_the_head_off_the_part_and_parks_the_filament():
     assert b"M410" in one.sent and b"M401" not in one.sent
 
 
-def test_a_pause_goes_on_where_it_was():
+def test_print_resumes_at_its_position():
     one = rig().printing()
     one.session.pause(one.now_s)
     one.run(until=lambda: one.session.context.phase is PrintPhase.PAUSED and one.targets()[0] == 0.0)

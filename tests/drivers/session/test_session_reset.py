@@ -127,13 +127,13 @@ def test_a_board_that_nothing_resets_ends_by_command(faults: dict[str, Any], fau
     assert rig.firmware.resets == 0
 
 
-def test_a_board_that_nothing_resets_and_that_falls_silent_loses_its_mains():
+def test_silent_board_without_reset_has_its_mains_cut():
     rig = Rig(Faults(no_reset=True, silent_after=150)).run()
     assert (rig.session.context.phase, rig.session.context.fault) == (PrintPhase.FAILED, Fault.NO_ANSWER)
     assert rig.session.context.wants_power_off and not rig.session.context.heaters_off
 
 
-def test_the_dead_man_of_a_board_that_nothing_resets_stays_armed_until_its_heaters_are_shown_off():
+def test_dead_man_of_a_board_without_reset_stays_armed_until_heaters_are_off():
     rig = Rig(Faults(no_reset=True, nozzle_burns_after=150)).run()
     assert rig.session.context.wants_power_off
     assert rig.firmware.machine.dead_man_s < math.inf
@@ -148,7 +148,7 @@ def test_the_dead_man_of_a_board_that_nothing_resets_stays_armed_until_its_heate
     assert left.firmware.machine.dead_man_s == math.inf  # off
 
 
-def test_a_board_that_starts_again_while_it_is_shown_off_is_asked_anew_at_once():
+def test_board_that_restarts_during_the_confirmation_is_polled_at_once():
     """Nobody waits for the answer of a link that is dead."""
     rig = Rig().printing()
     rig.session.fail(Fault.NO_ANSWER, "it does not answer", rig.now_s)
@@ -162,7 +162,7 @@ def test_a_board_that_starts_again_while_it_is_shown_off_is_asked_anew_at_once()
     assert_ended_off(rig.run(), PrintPhase.FAILED, Fault.NO_ANSWER)
 
 
-def test_a_board_that_complains_after_its_reset_is_asked_on():
+def test_board_with_a_fault_after_its_reset_is_still_polled():
     """The board has stopped by itself once more, and still reports temperatures, which suffices."""
     rig = Rig().printing()
     rig.session.fail(Fault.NO_ANSWER, "it does not answer", rig.now_s)

@@ -51,7 +51,7 @@ def test_the_mains_are_asked_for_soon_after_a_heater_was_found_stuck_on(heater: 
 @pytest.mark.parametrize("after_s", [0.5, 5.0, 12.0])
 @pytest.mark.parametrize("what", ["reset_after", "kill_after", "stop_after", "silent_after", "stuck_after"])
 @pytest.mark.parametrize("heater", [NOZZLE, BED])
-def test_what_the_board_does_meanwhile_does_not_put_it_off(heater: HeaterName, what: str, after_s: float):
+def test_activity_of_the_board_does_not_delay_the_power_off(heater: HeaterName, what: str, after_s: float):
     rig = burning(heater)
     found_s = found(rig)
     rig.run(until=lambda: rig.now_s >= found_s + after_s)
@@ -136,7 +136,7 @@ def test_the_session_after_a_dead_agent_keeps_the_finding(burns: bool):
 
 
 @pytest.mark.parametrize("burns", [False, True])
-def test_a_finding_of_long_ago_asks_as_soon_as_the_heater_had_time_to_show_that_it_is_cold(burns: bool):
+def test_old_finding_requests_power_off_after_the_time_to_cool(burns: bool):
     rig = Rig()
     rig.firmware.board.nozzle.burns = burns
     begun_s = rig.now_s
@@ -188,7 +188,7 @@ def test_a_nozzle_in_good_health_that_overshoots_is_left_alone(peak_c: float):
     assert all(look(watch, overshoot(s, peak_c), 0.0, s) is None for s in map(float, range(60)))
 
 
-def test_heat_before_the_board_has_heard_that_it_is_off_is_no_fault():
+def test_heat_before_the_off_command_arrives_is_no_fault():
     """A command waits behind a homing: the report shows that the target is not 0 yet."""
     watch = HeaterWatch(4.0)
     assert all(look(watch, 100.0 + 3 * s, 210.0, float(s)) is None for s in range(36))

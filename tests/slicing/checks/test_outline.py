@@ -165,7 +165,7 @@ def test_layers_that_the_engine_took_away_at_the_bottom():
         checked(CONE, layers[2:])
 
 
-def test_a_wall_too_thin_to_print_is_told_with_its_size_and_place():
+def test_unprintable_wall_is_reported_with_its_size_and_position():
     layers = [list(rings(shape)) for shape in shapes_of(FIN)]
     (wall,) = checked(FIN, layers)
     assert wall.area_mm2 == pytest.approx(12 * 7.5, rel=0.05)

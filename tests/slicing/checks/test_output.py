@@ -63,7 +63,7 @@ def checked(gcode, *, height_mm=0.4, cut_mm=0.0, top_checked=True, bed=BED):
     return facts
 
 
-def test_what_a_good_file_says():
+def test_facts_of_a_valid_file():
     facts = checked(GOOD)
     assert facts.sliced_s == 21.25
     assert facts.filament_mm == pytest.approx(3.0)  # without priming and retraction
@@ -129,7 +129,7 @@ def test_the_height(height_mm, cut_mm, top_checked, good):
     assert refused.value.rule is Rule.HEIGHT
 
 
-def test_one_rectangle_of_the_bed_must_hold_it_all():
+def test_one_rectangle_of_the_bed_must_contain_the_print():
     left, right = (-20.0, -25.0, 0.0, 25.0, 205.0), (0.0, -25.0, 20.0, 25.0, 205.0)
     with pytest.raises(SliceRejected, match="build volume"):
         checked(GOOD, bed=(left, right))

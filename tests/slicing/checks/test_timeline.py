@@ -29,7 +29,7 @@ G28
 """
 
 
-def test_time_is_shared_out_by_what_the_moves_take():
+def test_time_is_distributed_by_the_duration_of_moves():
     timed = add_times(TWO_LAYERS, read_toolpath(TWO_LAYERS))
     assert b";TIME_ELAPSED:2.000000\n;TYPE:WALL-OUTER\n" in timed
     assert b";TIME_ELAPSED:8.800000\n;TYPE:FILL\n" in timed

@@ -62,7 +62,7 @@ def test_next_to_nothing(text):
 
 
 @pytest.mark.parametrize("line", [b"g1 is no command here", b"G1X7Y8E2", b"G1 X", b"\xff", b"M104 S2e5 x"])
-def test_a_line_that_the_firmware_reads_otherwise_is_refused_with_its_number(line):
+def test_line_that_the_firmware_misreads_is_refused_with_its_number(line):
     with pytest.raises(SliceRejected, match="line 3: ") as refused:
         read_toolpath(b"G28\nG1 X1\n" + line + b"\nG1 X2\n")
     assert refused.value.rule is Rule.FLAVOUR
@@ -74,7 +74,7 @@ OTHERS = st.sampled_from([";TYPE:SKIN", ";LAYER:3", "M107", "", "G92 X1 E0", "M1
 
 
 @given(st.lists(st.one_of(MOVES, OTHERS), max_size=40), st.booleans())
-def test_the_columns_are_what_a_reader_of_lines_finds(lines, spaced):
+def test_columns_equal_those_of_a_line_reader(lines, spaced):
     text, expected = [], []
     here = dict.fromkeys("XYZE", 0.0)
     for line in lines:

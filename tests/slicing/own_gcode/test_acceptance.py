@@ -66,7 +66,7 @@ def test_ultigcode_is_converted_to_mm_with_retractions_of_its_own():
     ("slicer", "filament_mm", "seconds"),
     [("prusaslicer", 19.61, 78), ("slic3r", 20.04, None), ("ultigcode", 246 / FILAMENT_MM2, 104.9)],
 )
-def test_what_slicers_write_takes_the_filament_and_the_time_that_they_say(slicer, filament_mm, seconds):
+def test_output_of_slicers_has_their_stated_filament_and_time(slicer, filament_mm, seconds):
     """Recorded on Debian 12: a tile of 10 x 10 x 1 mm by PrusaSlicer 2.5.0, Slic3r 1.3.0, CuraEngine 4.13."""
     recorded = Path(__file__).parents[1] / "fixtures" / f"tile-{slicer}.gcode.gz"
     accepted = take(
@@ -104,7 +104,7 @@ def xor(line):
 
 
 @pytest.mark.parametrize("how", ["lower case", "numbered", "commented", "aside", "indented"])
-def test_it_does_not_matter_how_a_line_is_written(how):
+def test_lines_are_read_in_any_notation(how):
     assert body(take(rewritten(marlin(), how))) == body(take(marlin()))
     assert body(take(rewritten(marlin(), how), end=b"\r\n")) == body(take(marlin()))
 
@@ -166,7 +166,7 @@ def test_an_arc_becomes_straight_moves_on_its_circle():
     assert sum(m[3] for m in moves) == pytest.approx(0.8, abs=1e-4)
 
 
-def test_what_a_start_has_drawn_back_is_drawn_back_before_the_first_layer():
+def test_retraction_of_the_start_is_kept_before_the_first_layer():
     start = [";FLAVOR:Marlin", "G28", "M109 S200", *PURGE, "G92 E0", "G1 E-4 F1500"]
     lines = marlin(start=start, relative=True)
     lines.insert(lines.index(";LAYER:0") + 2, "G1 E4 F1500")
@@ -175,7 +175,7 @@ def test_what_a_start_has_drawn_back_is_drawn_back_before_the_first_layer():
     assert [m[3] for m in moves if m[3]][1] == pytest.approx(4.0)
 
 
-def test_a_file_says_its_nozzle_where_there_are_several():
+def test_file_must_name_its_nozzle_if_printers_differ():
     with pytest.raises(GcodeRefused, match=r"nozzle_diameter = 0\.4"):
         take(marlin(), nozzle_mm=None)
     assert take(["; nozzle_diameter = 0.4", *marlin()], nozzle_mm=None).nozzle_mm == 0.4
@@ -211,7 +211,7 @@ def test_fan_and_temperatures_of_the_print_are_kept():
     ]
 
 
-def test_e_starts_anew_before_its_steps_get_coarse():
+def test_e_is_reset_before_its_resolution_drops():
     long = [[(50.0, 50.0, 2.0, 0.0)] + [(50.0 + 100 * (n % 2), 50.0, 2.0, 10.0) for n in range(1, 241)]]
     accepted = take(marlin(long))
     assert "G92 E0" in body(accepted)
@@ -231,12 +231,12 @@ def test_a_slow_layer_has_more_than_one_mark():
     assert len(safe(take(slow)).timeline) > 6
 
 
-def test_what_a_line_prints_is_kept_where_the_file_says_it():
+def test_type_comments_are_kept():
     lines = body(take(marlin(body=[";TYPE:WALL-OUTER", ";TYPE:External perimeter", ";MESH:a.stl"])))
     assert [line for line in lines if line.startswith((";TYPE", ";MESH"))] == [";TYPE:WALL-OUTER"]
 
 
-def test_an_end_script_may_do_what_a_print_must_not():
+def test_commands_forbidden_in_a_print_are_allowed_in_an_end_script():
     tail = [
         "M104 S0",
         "M140 S0",
@@ -257,7 +257,7 @@ def test_an_end_script_may_do_what_a_print_must_not():
     assert take(marlin(tail=["M84", "G1 E90"])).filament_mm == accepted.filament_mm
 
 
-def test_what_is_left_out_is_said():
+def test_omitted_commands_are_reported():
     notices = take(marlin(body=["M204 S500", "M900 K0.1", "M73 P10", "M117 Go: N*"])).notices
     assert notices[-1] == "Left out, for the printer has its own: M204 (acceleration), M900 (linear advance)."
 
@@ -284,5 +284,5 @@ def test_a_text_for_the_display_and_a_byte_order_mark_mean_nothing():
         "M200D0.0",
     ],
 )
-def test_what_a_start_does_to_the_printer_is_left_out(line):
+def test_printer_settings_of_a_start_are_left_out(line):
     assert body(take([";FLAVOR:Marlin", line, *marlin()[1:]])) == body(take(marlin()))

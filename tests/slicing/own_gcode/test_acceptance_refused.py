@@ -90,7 +90,7 @@ def test_objects_one_after_the_other_are_printed_only_as_high_as_the_head_clears
         ("(open", "not a command"),
     ],
 )
-def test_what_a_print_must_not_hold_is_refused_by_line(line, said):
+def test_forbidden_command_of_a_print_is_refused_with_its_line(line, said):
     refused(marlin(body=[line]), said)
 
 
@@ -98,7 +98,7 @@ def test_what_a_print_must_not_hold_is_refused_by_line(line, said):
     "line",
     ["M500", "M92 E400", "M302 P1", "M0", "T1", "G20", "M206 X5", "M200 D2.85", "G92 Z0", "M104 S200 T1"],
 )
-def test_what_gives_a_file_another_meaning_is_refused_in_its_start_too(line):
+def test_command_that_changes_the_meaning_is_refused_in_the_start_too(line):
     refused([";FLAVOR:Marlin", line, *marlin()[1:]], f"line 2: {line.split()[0]} ")
 
 
@@ -143,7 +143,7 @@ LINES = st.one_of(
 @example([], [b"G91\n", b"G1 E-1 X3 Z1\n"], marlin)
 @example([b";LAYER:0\n"], [], ultigcode)
 @settings(max_examples=300, deadline=None)
-def test_whatever_a_file_holds_it_is_refused_or_safe(before, inside, dialect):
+def test_any_file_is_refused_or_safe(before, inside, dialect):
     good = as_bytes(dialect())
     middle = len(good) - 8
     try:

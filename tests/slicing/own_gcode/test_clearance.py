@@ -31,7 +31,7 @@ TOWER_18 = square(layers=90)
         (["G0 Z25", "G0 X190 Y190", "G0 Z5", "G0 Z25"], None),  # further away than the head is wide
     ],
 )
-def test_a_way_through_what_is_printed_is_refused(way, hit):
+def test_move_through_printed_lines_is_refused(way, hit):
     lines = marlin(TOWER_18)
     at = lines.index(";LAYER:89") + 1
     lines[at:at] = way
@@ -64,7 +64,7 @@ def test_objects_one_after_the_other_need_the_heads_width_between_them():
     refused(two(135.0, layers=45), r"Z 0\.2 into what is printed up to Z 9")
 
 
-def test_what_is_printed_later_is_known_too():
+def test_later_lines_are_obstacles_too():
     """The third object meets the second, which was low when the ways there were computed."""
     first, second, third = square(layers=40), square(at_mm=20.0, layers=40), square(at_mm=50.0, layers=1)
     refused(marlin(after(after(first, second), third)), r"Z 0\.2 into what is printed up to Z 8")
@@ -112,7 +112,7 @@ STYLES = {
 
 @pytest.mark.parametrize("style", STYLES)
 @pytest.mark.parametrize("model", MODELS)
-def test_what_cura_slices_is_taken(model, style, engine, settings_of, tmp_path):
+def test_output_of_cura_is_accepted(model, style, engine, settings_of, tmp_path):
     stl, own = tmp_path / "model.stl", settings_of()
     stl.write_bytes(stl_bytes(MODELS[model]))
     told = [{**settings, **STYLES[style]} for settings in (own.global_, own.extruder)]
@@ -121,7 +121,7 @@ def test_what_cura_slices_is_taken(model, style, engine, settings_of, tmp_path):
 
 
 @pytest.mark.parametrize(("apart_mm", "clear"), [(150.0, True), (25.0, False)])
-def test_what_cura_slices_one_at_a_time_is_taken_where_the_head_has_room(
+def test_one_at_a_time_output_is_accepted_with_room_for_the_head(
     apart_mm, clear, engine, settings_of, tmp_path
 ):
     """The second object's coordinates are from the bed's centre, which the engine adds only from it on."""

@@ -109,7 +109,7 @@ def test_layers_of_objects_one_after_the_other_are_counted_for_each():
     refused([line.replace("COUNT:3", "COUNT:5") for line in lines], "names 5 layers, and 3 of them")
 
 
-def test_empty_layers_that_cura_counts_but_leaves_out_are_told():
+def test_empty_layers_that_cura_omits_are_a_warning():
     """As in the tip of a spire: the file is whole by its closing comment."""
     lines = ultigcode(square(layers=20))
     counted = [line.replace("COUNT:20", "COUNT:24") for line in lines]
@@ -193,7 +193,7 @@ def test_filament_for_lines_that_are_missing_is_refused_with_the_line():
     refused([*lines[:at], *lines[to:]], rf"line {at + 3}: one move feeds .* lines are missing before it")
 
 
-def test_a_layer_missing_among_others_is_told_where_e_is_relative():
+def test_missing_layer_is_reported_with_relative_e():
     """An empty one that was left out, or one that was lost: nobody can tell."""
     lines = ultigcode(square(layers=20))
     at, to = lines.index(";LAYER:7"), lines.index(";LAYER:8")
@@ -222,7 +222,7 @@ def test_a_last_line_without_a_newline_is_refused():
 
 
 @pytest.mark.parametrize("mm_a_layer", [0.6, 8.0, 16.0])
-def test_e_that_begins_anew_without_saying_so_is_refused_with_the_line(mm_a_layer):
+def test_e_restarted_without_g92_is_refused_with_its_line(mm_a_layer):
     """In a whole file of 100 layers the last 40 were dropped in silence."""
     lines, layers = marlin(square(side_mm=mm_a_layer / 4 / 0.0125, at_mm=20.0, layers=100)), 60
     at = lines.index(f";LAYER:{layers}")
@@ -244,7 +244,7 @@ def renumbered(lines):
 
 
 @pytest.mark.parametrize("line", ["G4 S90", "G1 Z-3", "G1 X50 Y50 Z0.1 F1"])
-def test_what_is_wrong_behind_the_last_printed_line_is_refused_too(line):
+def test_mistake_after_the_last_printed_line_is_refused(line):
     refused(marlin(tail=[line, *END]), r"line \d+: ")
     assert take(marlin(tail=[*END, line])).layers == 3
 

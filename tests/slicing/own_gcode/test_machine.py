@@ -29,7 +29,7 @@ def warnings(lines):
         "; printer_name = ATOM 3D PRINTER",
     ],
 )
-def test_another_machine_is_warned_of_where_its_file_fits(comment):
+def test_another_machine_is_a_warning_if_its_file_fits(comment):
     (warning,) = warnings(named(comment))
     assert repr(comment.split(":")[-1].split("=")[-1].strip()) in warning
 
@@ -86,6 +86,6 @@ def test_a_name_cannot_write_to_the_terminal():
     assert warning.isprintable() and len(warning) < 300
 
 
-def test_the_material_is_told():
+def test_the_material_is_reported():
     assert take(named("; filament_type = PETG;PETG")).filament_type == "PETG"
     assert take(marlin()).filament_type is None

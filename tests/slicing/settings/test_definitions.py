@@ -67,7 +67,7 @@ def test_the_extruder_falls_through_to_the_machine():
     assert resolver(extruder={"width": 0.6}).value(Scope.GLOBAL, "child") == 5
 
 
-def test_what_is_not_per_extruder_is_the_global_one():
+def test_setting_that_is_not_per_extruder_has_the_global_value():
     assert resolver(extruder={"height": 9.0}, shared={"height": 0.2}).value(Scope.EXTRUDER, "height") == 0.2
 
 
@@ -77,7 +77,7 @@ def test_resolve_asks_the_extruder_unless_the_value_is_set():
 
 
 @pytest.mark.parametrize(("number", "value"), [("0", 0.7), (-1, 0.7), ("-1", 0.5)])
-def test_a_limited_setting_is_the_extruders_unless_it_is_nobodys(number, value):
+def test_limited_setting_has_the_value_of_its_extruder_if_any(number, value):
     limited = resolver(extruder={"width": 0.7}, shared={"nr": number})
     assert limited.value(Scope.GLOBAL, "limited") == value
 
@@ -173,7 +173,7 @@ def test_cura_5_asks_below_a_profile(formula, value):
     assert below.value(Scope.EXTRUDER, "width") == 3.0  # and only there
 
 
-def test_a_setting_counts_as_its_definition_says():
+def test_scope_of_a_setting_follows_its_definition():
     extra = {
         "overrides": {"child": {"enabled": "flag and width > 1"}, "areas": {"enabled": "[x for x in y]"}}
     }
@@ -201,7 +201,7 @@ def test_a_setting_counts_as_its_definition_says():
         ("angles", ["[ ]", [20, 110]], [[0.5], "[True]", "0"]),
     ],
 )
-def test_a_value_that_was_worked_out_fits_its_type(key, good, bad):
+def test_computed_value_has_the_type_of_its_setting(key, good, bad):
     setting = resolver().setting(key)
     assert all(fits_type(setting, value) for value in good)
     assert not any(fits_type(setting, value) for value in bad)

@@ -33,7 +33,7 @@ def run(text, **functions):
         ("any([False, b]) and len(list) == 2", True),
     ],
 )
-def test_it_evaluates_what_cura_writes(text, value):
+def test_formulas_of_cura_are_evaluated(text, value):
     assert run(text) == pytest.approx(value)
 
 

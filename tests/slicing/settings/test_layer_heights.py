@@ -98,7 +98,7 @@ def test_a_fitted_height_is_never_further_off_than_the_plain_one(height_mm, case
     )
 
 
-def test_what_fits_already_stays_as_it_is():
+def test_fitting_height_is_unchanged():
     heights = WANTED[0.4]
     assert fitted(0.27 + 100 * 0.2, 0.4, heights) == heights
     assert fit_heights(33.3, heights, most_first_mm=0.0).first_mm == heights.first_mm

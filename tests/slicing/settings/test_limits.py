@@ -56,7 +56,7 @@ def refused(resources, overrides, **rest):
         ("jerk_enabled", "true", "accelerations"),
     ],
 )
-def test_what_is_not_a_person_s_matter_is_reserved(resources, key, value, why):
+def test_settings_of_the_program_are_reserved(resources, key, value, why):
     said = refused(resources, {key: value})
     assert said.startswith(f"{key}: ")
     assert why in said
@@ -105,7 +105,7 @@ def test_hardly_anything_that_a_quality_sets_is_reserved(resources):
         ({"layer_heigth": "0.2"}, "did you mean layer_height"),
     ],
 )
-def test_a_bad_value_is_refused_with_what_is_allowed(resources, overrides, said):
+def test_bad_value_is_refused_with_the_allowed_range(resources, overrides, said):
     assert said in refused(resources, overrides)
 
 
@@ -126,13 +126,13 @@ def test_no_infill_and_whole_infill_are_within_the_limits(resources):
         assert resolve_settings(request, resources).extruder["infill_sparse_density"] == f"{percent}.0"
 
 
-def test_what_does_not_count_is_not_held_against_a_person(resources):
+def test_disabled_setting_is_not_a_violation(resources):
     """Without support infill its zigzag would skip every 0th line, which is out of range, and not printed."""
     request = SettingsRequest(UM2_PLUS, overrides={"support_infill_rate": "0"})
     assert resolve_settings(request, resources).extruder["support_zag_skip_count"] == "0"
 
 
-def test_a_material_that_is_too_hot_for_the_printer_says_so_and_may_be_printed_colder(resources):
+def test_material_too_hot_for_the_printer_is_reported_and_printable_colder(resources):
     said = refused(resources, {}, material="generic_pc")
     assert "default_material_print_temperature=270, from glue with generic_pc" in said
     assert "take another material" in said

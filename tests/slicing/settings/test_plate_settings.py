@@ -62,7 +62,7 @@ def test_glue_closes_its_tops_at_any_layer_height(settings_of):
     assert settings_of("glue").support_enabled
 
 
-def test_an_override_reaches_what_depends_on_it(settings_of):
+def test_override_changes_dependent_settings(settings_of):
     s = settings_of("paper", infill_sparse_density="20", brim_width="4", support_enable="false")
     line_mm = float(s.extruder["infill_line_width"])
     assert float(s.extruder["infill_line_distance"]) == pytest.approx(line_mm * 100 / 20)
@@ -139,7 +139,7 @@ def test_abs_is_hotter(resources):
         ({"overrides": {"speed_print": "=1+1"}}, "not a value"),
     ],
 )
-def test_what_does_not_exist_is_refused_in_one_line(resources, change, message):
+def test_unknown_name_is_refused_in_one_line(resources, change, message):
     request = {"printer": UM2_PLUS, **change}
     with pytest.raises(BadSetting, match=message) as refused:
         resolve_settings(SettingsRequest(**request), resources)

@@ -75,7 +75,7 @@ def test_every_combination(resources, model, nozzle_mm):
 
 
 @pytest.mark.parametrize("model", FIRST)
-def test_what_cura_s_own_profiles_violate_is_known(resources, model):
+def test_violations_of_cura_s_own_profiles_are_listed(resources, model):
     beyond = set()
     for nozzle_mm in NOZZLES_MM if model.endswith("plus") else (0.4,):
         for material in materials_of(resources):

@@ -217,7 +217,7 @@ def test_fewer_printers_get_merged_pieces(cost: CostModel) -> None:
     assert counts[1:] == [12, 5]
 
 
-def test_the_faithful_form_makes_what_it_makes(cost: CostModel) -> None:
+def test_faithful_form_reproduces_the_published_parts(cost: CostModel) -> None:
     faithful = replace(MENDED, faithful=True)
     with pytest.raises(NoFit, match="each on a printer of its own, and there are 2") as caught:
         decompose_model(ball(95.0), printers(2), faithful, cost)
@@ -228,7 +228,7 @@ def test_the_faithful_form_makes_what_it_makes(cost: CostModel) -> None:
         decompose_model(ball(330.0), printers(26), faithful, cost)
 
 
-def test_what_is_too_thin_for_a_cube(cost: CostModel) -> None:
+def test_model_too_thin_for_a_cube(cost: CostModel) -> None:
     sheet = Model(Solid.box((0, 0, 0), (400, 150, 3)), (), 1.0)
     result = decompose_model(sheet, printers(4), MENDED, cost)
     assert 2 <= len(result.parts) <= 4
@@ -237,7 +237,7 @@ def test_what_is_too_thin_for_a_cube(cost: CostModel) -> None:
         decompose_model(sheet, printers(4), replace(MENDED, faithful=True), cost)
 
 
-def test_what_cannot_be_hollowed_keeps_its_cube(cost: CostModel) -> None:
+def test_solid_model_keeps_its_cube(cost: CostModel) -> None:
     block = Model(Solid.box((0, 0, 0), (260, 18, 18)), (), 1.0)
     result = decompose_model(block, printers(6), MENDED, cost)
     assert sum(p.solid.volume_mm3 for p in result.parts) == pytest.approx(260 * 18 * 18)

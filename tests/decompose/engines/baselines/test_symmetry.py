@@ -66,7 +66,7 @@ def test_an_oblique_plane_parts_a_solid(
     assert uncut == pytest.approx(lump.area_mm2, rel=1e-7)
 
 
-def test_what_the_room_asks_for() -> None:
+def test_parts_required_by_the_room() -> None:
     size = np.array([450.0, 100.0, 300.0])
     assert count_blocks(size, [ROOM]) == (3, 1, 2)
     tall = PrinterRoom("tall", ((206.9, 190.9, 305.0),))
@@ -136,6 +136,6 @@ def test_parts_that_do_not_fit_are_counted(rough_ball: Model, cost: CostModel) -
     assert caught.value.printers_needed == 8
 
 
-def test_one_printer_gets_the_whole_of_what_fits(lump: Solid, cost: CostModel) -> None:
+def test_one_printer_gets_an_uncut_model_that_fits(lump: Solid, cost: CostModel) -> None:
     for options in (MENDED, FAITHFUL):
         assert len(decompose_model(Model(lump, (), 1.0), printers(1), options, cost).parts) == 1

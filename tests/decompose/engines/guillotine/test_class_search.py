@@ -56,7 +56,7 @@ def test_a_part_may_be_as_high_as_the_printer_that_takes_it(tower: Model, cost: 
         decompose_model(tower, [replace(printers[0], name=str(i)) for i in range(2)], OPTIONS, cost)
 
 
-def test_too_few_are_told_of_which_kind_more_would_do(cost: CostModel) -> None:
+def test_too_few_printers_are_reported_with_the_required_kind(cost: CostModel) -> None:
     """Two more of the higher ones, or four more of the lower ones."""
     model = Model(Solid.box((0, 0, 0), (90, 90, 700)), (), 1.0)
     options = replace(OPTIONS, granularity=8)

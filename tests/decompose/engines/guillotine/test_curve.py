@@ -31,7 +31,7 @@ def equal(most: int) -> np.ndarray:
 
 @settings(max_examples=25, deadline=None)
 @given(shape=st.tuples(st.integers(1, 4), st.integers(1, 4), st.integers(1, 3)), seed=st.integers(0, 10**6))
-def test_each_point_is_what_a_search_of_its_own_finds(shape: Shape, seed: int) -> None:
+def test_each_point_equals_a_separate_search(shape: Shape, seed: int) -> None:
     boxes, needed = tables(shape, seed)
     points = {p.printers: p.makespan_s for p in makespan_curve([boxes], equal(MOST))}
     for printers in range(1, MOST + 1):
@@ -49,7 +49,7 @@ def test_each_point_is_what_a_search_of_its_own_finds(shape: Shape, seed: int) -
     order=st.lists(st.integers(0, 1), min_size=1, max_size=5),
     quicker=st.floats(0.5, 1.5),
 )
-def test_each_point_of_unequal_printers_is_what_a_search_of_its_own_finds(
+def test_each_point_of_unequal_printers_equals_a_separate_search(
     shape: Shape, seed: int, order: list[int], quicker: float
 ) -> None:
     """The other class is as much quicker or slower, and some boxes fit one of the two alone."""
@@ -83,14 +83,14 @@ def test_nothing_to_print_has_no_curve() -> None:
     assert makespan_curve([boxes], equal(4)) == ()
 
 
-def test_the_knee_counts_what_a_person_does() -> None:
+def test_knee_includes_the_work_of_a_person() -> None:
     points = [CurvePoint(n, 36000.0 / n) for n in range(1, 101)]
     assert find_knee(points, clear_s=300.0, assemble_s=60.0).printers == 10  # the root of 36000 / 360
     assert find_knee(points, clear_s=0.0, assemble_s=0.0).printers == 100
     assert find_knee([CurvePoint(3, 100.0), CurvePoint(4, 100.0)], 0.0, 0.0).printers == 3
 
 
-def test_as_few_printers_as_are_done_in_time_or_the_soonest() -> None:
+def test_fewest_printers_in_time_or_the_fastest() -> None:
     points = [CurvePoint(1, 9.0), CurvePoint(2, 5.0), CurvePoint(3, 4.0), CurvePoint(4, 4.0)]
     assert [find_fewest_in_time(points, within_s).printers for within_s in (9.0, 8.9, 5.0, 4.5, 3.0)] == [
         1,

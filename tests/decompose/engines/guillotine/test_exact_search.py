@@ -55,9 +55,7 @@ def test_looser_partitions_are_whole_and_of_no_more_work(searched: tuple[ExactSe
     assert min(work_s(search, chosen) for chosen in found) <= work_s(search, best)
 
 
-def test_what_ends_soonest_when_all_are_evened_is_the_answer(
-    asked: Problem, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_earliest_end_after_plane_shifts_is_chosen(asked: Problem, monkeypatch: pytest.MonkeyPatch) -> None:
     """The second of the looser ones."""
     ends: dict[int, float] = {}
     made: list[tuple[Piece, ...]] = []
@@ -79,7 +77,7 @@ def test_what_ends_soonest_when_all_are_evened_is_the_answer(
     ("best_known_s", "budget_s", "thorough"),
     [(1.0, np.inf, True), (np.inf, 0.0, True), (np.inf, np.inf, False)],
 )
-def test_what_cannot_win_or_pay_is_not_looked_for(
+def test_hopeless_partitions_are_not_searched(
     best_known_s: float, budget_s: float, thorough: bool, asked: Problem, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def looser(self: ExactSearch, best: list[Box]) -> Iterator[dict[Box, list[Piece]]]:

@@ -98,7 +98,7 @@ def test_moves_a_face_and_uses_a_spare_printer() -> None:
     assert sorted_times_s(boxes, improve_locally(boxes, uneven, 3)) == [4.0, 4.0, 4.0]
 
 
-def test_cuts_an_l_anew_between_the_others() -> None:
+def test_l_shape_is_recut_between_other_boxes() -> None:
     """The slow box and its neighbours are no box together, and what lies beside them is not touched."""
     boxes = even((4, 4, 1))
     other: Box = (2, 2, 0, 4, 4, 1)

@@ -103,7 +103,7 @@ def test_boxes_grow_only_over_empty_cells_of_nobody(seed: int, cuts: int) -> Non
     assert empty[after > before].all()
 
 
-def test_what_is_no_partition() -> None:
+def test_invalid_partition() -> None:
     cells = NeededCells(PLANES, np.ones((6, 6, 6), dtype=bool))
     whole = np.array([[[0.0, 0.0, 0.0], [60.0, 60.0, 60.0]]])
     assert cells.is_partition(whole)
@@ -129,7 +129,7 @@ def test_makes_all_equal_through_a_box_between() -> None:
     assert moves == pytest.approx([-6.0, -6.0])
 
 
-def test_moves_only_what_helps() -> None:
+def test_only_useful_planes_are_moved() -> None:
     moves, seconds = solve_plane_shifts(
         np.array([20.0, 20.0, 8.0]), SLOPES, ROW, ShiftLimits(FREE, FREE, np.array([0.0, -1.0]), FAR)
     )
@@ -138,7 +138,7 @@ def test_moves_only_what_helps() -> None:
 
 
 @pytest.mark.parametrize("which", ["longer", "shorter", "step"])
-def test_goes_as_far_as_it_may(which: str) -> None:
+def test_planes_move_up_to_their_limit(which: str) -> None:
     longer, shorter, step = FREE.copy(), FREE.copy(), FAR
     if which == "longer":
         longer[2, 0] = 1.0

@@ -120,7 +120,7 @@ def evening(asked: Problem) -> tuple[_PlaneShift, list[BoxPart]]:
     return found, found.pose_start()
 
 
-def test_planes_move_once_however_late_it_is(
+def test_planes_move_once_after_the_budget_is_spent(
     cone: Solid, cost: CostModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     rounds = Rounds(monkeypatch)
@@ -179,7 +179,7 @@ def test_a_longest_part_that_stays_where_it_is_bars_nothing(
     assert begun == [2]
 
 
-def test_only_what_came_to_pieces_is_cut_to_see_by_which_face(cone: Solid, cost: CostModel) -> None:
+def test_only_broken_parts_are_recut_to_find_the_face(cone: Solid, cost: CostModel) -> None:
     asked = problem(cone, cost, 2, cells=2)
     search, parts = evening(asked)
     box = parts[0].box_mm + np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
@@ -193,7 +193,7 @@ def test_only_what_came_to_pieces_is_cut_to_see_by_which_face(cone: Solid, cost:
     assert not search._bar_faces(parts, [broken, parts[1]])  # it is barred already
 
 
-def test_what_is_posed_anew_is_posed_once_and_booked(
+def test_new_pose_is_computed_once_and_recorded(
     cone: Solid, cost: CostModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """No part may stay in its pose: each is posed as soon as it has moved."""
@@ -263,7 +263,7 @@ def test_another_search_begins_where_one_has_ended(
     assert longest_s(asked, once) > 1.05 * longest_s(asked, near)
 
 
-def test_what_a_slicer_has_shown_of_a_part_counts(cone: Solid, cost: CostModel) -> None:
+def test_time_ratio_of_a_slice_is_used(cone: Solid, cost: CostModel) -> None:
     asked = problem(cone, cost, 2, cells=2)
     grid = asked.build_grid(asked.model)
     cut = {

@@ -45,7 +45,7 @@ rooms = st.sampled_from([PLUS, EXTENDED, FLAT])
 
 
 @given(fleet=st.lists(st.tuples(rooms, factors), min_size=1, max_size=20), most=st.integers(1, 200))
-def test_what_a_class_can_print_each_of_its_printers_can(
+def test_each_printer_of_a_class_can_print_its_parts(
     fleet: list[tuple[tuple[tuple[float, float, float], ...], float]], most: int
 ) -> None:
     found = classify_printers(printers(*fleet), most)

@@ -324,7 +324,7 @@ def test_faithful_is_the_papers_table(
 
 @settings(max_examples=6, deadline=None)
 @given(seed=st.integers(0, 10**6), printers=st.integers(9, 14))
-def test_it_is_never_worse_than_faithful(
+def test_result_is_never_worse_than_the_faithful_one(
     skewed: Model, plus_room: PrinterRoom, cost: CostModel, seed: int, printers: int
 ) -> None:
     """On a model that is cut at its plane of symmetry, turned, and large enough for a finer grid."""
@@ -352,6 +352,6 @@ def test_a_model_is_turned_for_its_overhangs(cost: CostModel) -> None:
     assert (again.rotation == np.eye(3)).all()  # what stands straight is left so
 
 
-def test_too_few_printers_are_told(ball: Model, plus_room: PrinterRoom, cost: CostModel) -> None:
+def test_too_few_printers_are_reported(ball: Model, plus_room: PrinterRoom, cost: CostModel) -> None:
     with pytest.raises(NoFit, match=r"no attempt of parallelobox covers .* --engine guillotine"):
         decompose_model(ball, [plus_room, replace(plus_room, name="b")], GROWN, cost)

@@ -41,7 +41,7 @@ def test_the_banner_comes_a_second_after_power_and_the_card_fails_2_3_s_later() 
     assert host.until(3.31) == ["echo:SD init fail"]
 
 
-def test_what_is_sent_to_the_bootloader_is_lost_and_what_comes_later_waits() -> None:
+def test_bytes_to_the_bootloader_are_lost_and_later_ones_wait() -> None:
     host = Host(boot=False)
     host.until(0.5)
     assert host.put("M105") == []
@@ -52,7 +52,7 @@ def test_what_is_sent_to_the_bootloader_is_lost_and_what_comes_later_waits() -> 
     assert not any("T:" in line for line in said)
 
 
-def test_the_extended_model_tells_itself_by_its_banner_and_by_its_height() -> None:
+def test_extended_model_differs_in_banner_and_height() -> None:
     host = Host("ultimaker2_extended_plus", boot=False)
     assert any(line.endswith("Vers:_3.3.0ex") for line in host.until(2.0))
     host.until(5.0)
@@ -98,11 +98,11 @@ def test_the_extended_model_tells_itself_by_its_banner_and_by_its_height() -> No
         ),
     ],
 )
-def test_an_answer_has_the_firmwares_own_words(host: Host, line: str, answer: list[str]) -> None:
+def test_answers_equal_those_of_the_firmware(host: Host, line: str, answer: list[str]) -> None:
     assert host.say(line) == answer
 
 
-def test_it_names_itself_without_capabilities(host: Host) -> None:
+def test_m115_reports_no_capabilities(host: Host) -> None:
     said = host.say("M115")
     assert said[0].startswith("FIRMWARE_NAME:Marlin Ultimaker2; Sprinter/grbl mashup for gen6 FIRMWARE_URL:")
     assert said[0].endswith("PROTOCOL_VERSION:1.0 MACHINE_TYPE:Ultimaker EXTRUDER_COUNT:1")
@@ -144,7 +144,7 @@ def test_out_of_reach_is_silently_clamped(host: Host) -> None:
     assert host.say("M114")[0].startswith("X:230.00Y:0.00Z:225.00")
 
 
-def test_cold_extrusion_is_refused_after_its_ok_and_counted_all_the_same(host: Host) -> None:
+def test_cold_extrusion_is_refused_after_its_ok_but_counted(host: Host) -> None:
     assert host.put("G1 E5 F300") == ["ok", "echo: cold extrusion prevented"]
     assert "E:5.00" in host.say("M114")[0]
     host.wait(10.0)
@@ -303,7 +303,7 @@ words = st.lists(st.tuples(st.sampled_from("XYZEFSPIJT"), numbers).map("".join),
 
 @given(st.lists(st.tuples(codes, words), max_size=25), st.floats(0.01, 1e4))
 @settings(deadline=None)
-def test_no_command_with_any_numbers_brings_it_down(
+def test_no_command_with_any_numbers_crashes_the_firmware(
     commands: list[tuple[str, list[str]]], pause_s: float
 ) -> None:
     host = Host()

@@ -19,7 +19,7 @@ def host() -> Host:
     return Host()
 
 
-def test_stopped_it_takes_moves_with_an_ok_and_heats_again_all_the_same() -> None:
+def test_stopped_firmware_acknowledges_moves_and_heats() -> None:
     host = Host(faults=Faults(stop_after=3))
     host.say("M140 S60")
     host.say("M104 S210")
@@ -34,7 +34,7 @@ def test_stopped_it_takes_moves_with_an_ok_and_heats_again_all_the_same() -> Non
     assert said == []
 
 
-def test_an_open_sensor_stops_the_print_with_its_words() -> None:
+def test_open_sensor_stops_the_print_with_its_message() -> None:
     host = Host(faults=Faults(stop_after=1))
     said = host.put("G4 P0")
     assert said == ["Error:0", ": Extruder switched off. MAXTEMP triggered !", f"Error:{STOPPED}", "ok"]
@@ -85,7 +85,7 @@ def test_the_dead_man_gives_a_late_reader_the_benefit(host: Host) -> None:
     assert host.put("M105")[0].startswith("ok T:")
 
 
-def test_a_reset_forgets_all_but_what_is_there(host: Host) -> None:
+def test_reset_keeps_physical_state_only(host: Host) -> None:
     host.warm()
     for line in ("G28", "M85 S900", "G1 X100 Y100 Z100 F9000", "M400", "G1 E40 F300"):
         host.number(line)

@@ -62,7 +62,7 @@ def test_m110_without_checksum_is_an_error(host: Host) -> None:
     assert host.put("M110 N100")[1] == "Resend: 1"
 
 
-def test_what_comes_behind_a_line_that_was_cut_off_is_lost_and_heard_the_next_time(host: Host) -> None:
+def test_rest_of_a_truncated_line_is_lost_once(host: Host) -> None:
     host.say("M104 S210")
     off = "\nM104 S0\nM140 S0"
     host.put(f"N1 G1 X5 Y{off}")
@@ -104,7 +104,7 @@ def test_a_line_is_cut_at_95_characters(host: Host) -> None:
     assert said == ["ok", 'echo:Unknown command: "aaaa"', "ok"]
 
 
-def test_a_full_ring_loses_bytes_without_a_word(host: Host) -> None:
+def test_full_ring_loses_bytes_silently(host: Host) -> None:
     line = "M105" + " " * 57  # with its newline 62 bytes: two fit the ring's 127, the third loses its end
     assert host.put("G4 S5") == []
     assert host.put(line, line, line) == []
@@ -140,7 +140,7 @@ def test_the_folded_checksum_is_the_xor_of_all_bytes(line: bytes) -> None:
 
 @given(st.lists(st.binary(max_size=60), max_size=20))
 @settings(deadline=None)
-def test_no_bytes_at_all_bring_it_down(chunks: list[bytes]) -> None:
+def test_arbitrary_bytes_do_not_crash_the_firmware(chunks: list[bytes]) -> None:
     host = Host()
     for chunk in chunks:
         host.firmware.feed(chunk, host.now_s)

@@ -14,7 +14,7 @@ def host() -> Host:
     return Host(MODEL)
 
 
-def test_it_says_what_it_is(host: Host):
+def test_identity_is_reported(host: Host):
     said = host.say("M115")
     assert (
         said[0].startswith("FIRMWARE_NAME:Marlin 2.0") and "MACHINE_TYPE:Ender-3 EXTRUDER_COUNT:1" in said[0]
@@ -42,7 +42,7 @@ def test_the_ok_of_a_move_comes_when_it_is_in_the_planner(host: Host):
     assert 24 <= host.firmware.moves <= 40
 
 
-def test_it_reads_while_it_is_at_work_and_says_so_as_often_as_asked(host: Host):
+def test_busy_board_reads_lines_and_sends_busy_messages(host: Host):
     host.say("M113 S1")
     host.put(numbered(1, "G4 S5"))
     assert host.put("N0 M110")[0] == "Error:No Checksum with line number, Last Line: 1"
@@ -55,7 +55,7 @@ def test_an_ok_names_its_line_where_that_is_built_in():
     assert host.number("M105")[0].startswith("ok T:")
 
 
-def test_m112_halts_it_until_a_reset(host: Host):
+def test_m112_halts_the_board_until_a_reset(host: Host):
     host.say("M104 S200")
     assert host.put("M112") == ["Error:Printer halted. kill() called!"]
     assert host.board.nozzle.target_c == 0.0 and host.firmware.phase is Phase.HALTED
@@ -76,7 +76,7 @@ def test_only_moves_and_m85_itself_put_the_dead_man_off(host: Host):
     assert host.board.bed.target_c == 0.0
 
 
-def test_m410_stands_at_once_and_says_where(host: Host):
+def test_m410_stops_at_once_and_keeps_the_position(host: Host):
     host.say("G28")
     host.put(numbered(1, "G1 F600 X100"))
     host.wait(3.0)

@@ -34,7 +34,7 @@ def test_the_nozzle_reaches_its_target_when_its_model_says_and_holds_it(target_c
 
 
 @given(steps=st.lists(st.floats(0.01, 50), min_size=1, max_size=40))
-def test_how_often_it_is_looked_at_changes_nothing(steps: list[float]) -> None:
+def test_temperature_is_independent_of_the_sampling_rate(steps: list[float]) -> None:
     for model, period_s, target_c in ((NOZZLE, 0.0, 210.0), (BED, 5.0, 60.0)):
         looked, left = Heater(model, period_s), Heater(model, period_s)
         looked.set_target(target_c, 0.0)
