@@ -184,10 +184,12 @@ def _fields(name: str, schema: dict[str, Any], words: dict[str, dict[str, str]])
     own = words.get(name, {})
     if left := sorted(set(own) - set(schema["properties"])):
         raise MissingWords(f"{WORDS}: {name} has no field {left[0]!r}: remove it from 'json_fields'")
-    rows = [
-        (f"`{field}`", describe_value(values), own.get(field) or words["any"].get(field, ""))
-        for field, values in schema["properties"].items()
-    ]
+    rows = []
+    for field, values in schema["properties"].items():
+        meaning = own.get(field) or words["any"].get(field)
+        if not meaning:
+            raise MissingWords(f"{WORDS}: add a line for {field!r} under 'json_fields', {name}")
+        rows.append((f"`{field}`", describe_value(values), meaning))
     return make_table(("field", "value", "meaning"), rows)
 
 

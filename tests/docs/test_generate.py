@@ -29,6 +29,14 @@ def test_words_without_a_name_are_refused():
         generate.pair_with_words(["paused"], "hold_codes", {"paused": "It waits.", "gone": "It is not."})
 
 
+def test_field_of_json_without_words_is_refused():
+    schema = {"properties": {"grams": {"type": "number"}, "new": {"type": "number"}}}
+    known = {"any": {"grams": "Filament."}, "Reel": {"new": "It is new."}}
+    assert "It is new." in generate._fields("Reel", schema, known)
+    with pytest.raises(generate.MissingWords, match="'new' under 'json_fields', Reel"):
+        generate._fields("Reel", schema, {"any": {"grams": "Filament."}})
+
+
 def test_a_cell_cannot_break_its_table():
     assert generate.make_table(("a", "b"), [("1|2", "3")]).splitlines()[-1] == "| 1\\|2 | 3 |"
 
