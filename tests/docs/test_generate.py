@@ -19,12 +19,12 @@ def load(name: str):
 generate = load("generate")
 
 
-def test_a_name_without_words_is_refused_with_the_section():
+def test_name_without_a_description_is_refused_with_the_section():
     with pytest.raises(generate.MissingWords, match=r"'outage' under 'hold_codes'"):
         generate.pair_with_words(["paused", "outage"], "hold_codes", {"paused": "It waits."})
 
 
-def test_words_without_a_name_are_refused():
+def test_description_without_a_name_is_refused():
     with pytest.raises(generate.MissingWords, match="no 'gone' any more"):
         generate.pair_with_words(["paused"], "hold_codes", {"paused": "It waits.", "gone": "It is not."})
 
@@ -51,7 +51,7 @@ def test_a_cell_cannot_break_its_table():
         ({"type": "array", "prefixItems": [{}, {}, {}]}, "3 numbers"),
     ],
 )
-def test_a_schema_is_said_in_words(schema: dict, words: str):
+def test_schema_is_described_in_words(schema: dict, words: str):
     assert generate.describe_value(schema) == words
 
 

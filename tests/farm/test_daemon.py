@@ -29,7 +29,7 @@ COMMANDS = [f"farm.cli.commands.{path.stem}" for path in Path(commands.__file__)
 
 
 @pytest.mark.parametrize("module", ["farm.daemon", "farm.planning.tasks", *COMMANDS])
-def test_what_only_workers_need_is_not_loaded_by_those_who_wait_for_nothing(module):
+def test_modules_of_workers_are_not_loaded_by_the_daemon(module):
     """A restarted daemon, and every `farm status`, has to be up at once."""
     slow = ("numpy", "scipy", "trimesh", "numba", "sklearn", "matplotlib", "shapely", "manifold3d", "httpx")
     script = f"import sys, {module}; print([m for m in {slow} if m in sys.modules])"
@@ -65,7 +65,7 @@ def test_a_host_s_clock_that_is_set_is_taken_over_by_all_that_keep_hours(tmp_pat
 
 
 @pytest.mark.parametrize(("now", "looks"), [(False, 3), (True, 0)])
-def test_down_waits_for_a_plan_that_is_being_made_unless_it_is_to_be_now(tmp_path, monkeypatch, now, looks):
+def test_down_waits_for_a_plan_in_progress_unless_now(tmp_path, monkeypatch, now, looks):
     state = StateFolder(tmp_path / "state")
     state.make()
     daemon = Daemon(fleet(), Places(state, tmp_path / "farm.sock", tmp_path / "fleet.yaml"))

@@ -38,7 +38,7 @@ def test_defaults_reach_every_printer_and_give_way_to_its_own(tmp_path):
     assert fleet.printer("b").colour == "blue"
 
 
-def test_a_reel_has_a_price_where_somebody_said_it(tmp_path):
+def test_reel_has_a_price_if_given(tmp_path):
     priced = GOOD.replace("timezone", "currency: CHF, timezone").replace("colour: red", "price_per_kg: 28.50")
     fleet = load(tmp_path, priced.replace("colour: blue", "price_per_kg: 0"))
     assert fleet.fleet.currency == "CHF"
@@ -165,7 +165,7 @@ def test_a_mistake_is_named_in_one_line(tmp_path, text, said):
         (GOOD.replace("colour: blue", "nozzle_mm: 7"), "it has 0.25 mm, 0.4 mm, 0.6 mm, 0.8 mm"),
     ],
 )
-def test_what_cura_has_no_files_for_is_named_like_any_mistake(tmp_path, text, said):
+def test_unknown_cura_material_is_reported_as_a_field_error(tmp_path, text, said):
     with pytest.raises(FleetFileError) as error:
         load(tmp_path, text, find_mistake)
     assert said in str(error.value)

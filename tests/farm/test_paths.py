@@ -27,7 +27,7 @@ def test_two_state_folders_never_share_a_socket():
     assert sockets == {Path("/a/farm.sock"), Path("/b/farm.sock")}
 
 
-def test_a_socket_path_that_is_too_long_for_the_kernel_is_replaced_by_a_short_one_of_its_own():
+def test_long_socket_path_is_replaced_by_a_short_one():
     env = {"HOME": "/home/ann", "XDG_RUNTIME_DIR": "/run/user/7"}
     deep = [Path("/" + letter * 120) for letter in "ab"]
     sockets = [find_places(folder, None, None, env).socket for folder in deep]
@@ -77,7 +77,7 @@ def test_a_temporary_folder_of_another_user_is_refused(temporary, monkeypatch):
         find_socket()
 
 
-def test_who_has_no_farm_of_their_own_finds_the_one_that_is_shared(tmp_path):
+def test_user_without_a_farm_finds_the_shared_one(tmp_path):
     env = {"HOME": str(tmp_path), "XDG_RUNTIME_DIR": str(tmp_path / "run")}
     shared = tmp_path / "shared" / "farm.sock"
     own = tmp_path / "run" / "farm" / "farm.sock"

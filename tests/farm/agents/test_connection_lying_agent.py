@@ -114,7 +114,7 @@ def busy(folder):
 
 @settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(said=st.lists(snapshots, max_size=4))
-def test_whatever_an_agent_says_can_be_booked_shown_and_read_again(said, tmp_path_factory):
+def test_any_snapshot_can_be_recorded_shown_and_read(said, tmp_path_factory):
     folder = tmp_path_factory.mktemp("lies")
     farm = busy(folder)
     other = farm.controller.books.prints["theirs"]
@@ -129,9 +129,7 @@ def test_whatever_an_agent_says_can_be_booked_shown_and_read_again(said, tmp_pat
 
 @settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(last=snapshots, told=st.lists(alike, max_size=4))
-def test_whatever_an_agent_says_that_it_printed_since_the_books_were_copied_can_be_booked(
-    last, told, tmp_path_factory
-):
+def test_any_journal_since_the_backup_can_be_recorded(last, told, tmp_path_factory):
     folder = tmp_path_factory.mktemp("lies")
     farm = busy(folder)
     farm.controller.start(farm.effects, restored_s=NOW_S + 1.0)

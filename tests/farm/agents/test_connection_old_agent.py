@@ -148,7 +148,7 @@ def test_an_idle_agent_of_an_earlier_protocol_gets_no_print_and_is_to_be_replace
     assert (agent.dropped, agent.connections) == (0, 1)
 
 
-def test_what_an_agent_of_an_earlier_protocol_prints_goes_on_and_can_be_cancelled(tmp_path: Path):
+def test_print_of_an_older_agent_continues_and_can_be_cancelled(tmp_path: Path):
     async def story(links: AgentManager, agent: OldAgent, listener: RecordingListener) -> None:
         assert listener.last is not None and listener.last.link is Link.BUSY and not listener.last.outdated
         link = links._connections["a"]
@@ -162,7 +162,7 @@ def test_what_an_agent_of_an_earlier_protocol_prints_goes_on_and_can_be_cancelle
     assert (agent.dropped, agent.connections) == (0, 1)
 
 
-def test_a_refusal_to_be_replaced_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_refused_replacement_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     async def story(links: AgentManager, agent: OldAgent, listener: RecordingListener) -> None:
         async def refuse(self: AgentClient, request: m.Request, timeout_s: float = 30.0) -> m.Reply:
             return m.Reply(id=1, error="it prints")
@@ -174,7 +174,7 @@ def test_a_refusal_to_be_replaced_is_told(tmp_path: Path, monkeypatch: pytest.Mo
     with_agent(tmp_path, False, story)
 
 
-def test_a_client_sends_an_older_agent_nothing_that_it_does_not_know(tmp_path: Path):
+def test_client_sends_an_older_agent_known_requests_only(tmp_path: Path):
     agent = OldAgent(tmp_path)
 
     async def story() -> None:
@@ -195,7 +195,7 @@ def test_a_client_sends_an_older_agent_nothing_that_it_does_not_know(tmp_path: P
     assert agent.dropped == 0
 
 
-def test_a_new_request_is_asked_of_nobody_who_is_older():
+def test_new_request_is_not_sent_to_an_older_agent():
     class Dance(m.Hello):
         since: ClassVar[int] = m.PROTOCOL + 1
 

@@ -161,7 +161,7 @@ def start(not_after_s: float | None, ends_by_s: float | None) -> m.StartPrint:
     return m.StartPrint.model_validate({"id": 0, **facts, "not_after_s": not_after_s, "ends_by_s": ends_by_s})
 
 
-def test_what_is_told_has_its_moments_on_the_agent_s_clock_and_a_start_is_never_without_one():
+def test_requests_have_times_on_the_clock_of_the_agent():
     sent = to_agent_clock(start(None, None), -3600.0, 1000.0)
     assert sent == start(4600.0, None)
     assert to_agent_clock(start(500.0, 2000.0), -3600.0, 1000.0) == start(4100.0, 5600.0)
@@ -251,7 +251,7 @@ def told(tmp_path: Path, story, port: str = "/dev/null") -> tuple[FakeClient, Re
     return asyncio.run(main()), listener
 
 
-def test_an_agents_word_on_a_cancel_says_that_it_has_heard_of_it(tmp_path: Path):
+def test_reply_to_a_cancel_confirms_it(tmp_path: Path):
     async def story(link, client):  # type: ignore[no-untyped-def]
         link.send(m.CancelPrint(id=0, print_id="x"))
 
@@ -306,7 +306,7 @@ def test_a_fault_of_the_farms_own_makes_no_link_deaf(tmp_path: Path, monkeypatch
 
 
 @pytest.mark.parametrize(("port", "bed_clear"), [("/dev/ttyACM0", None), (f"sim://{MODEL}", True)])
-def test_no_agent_speaks_for_another_printer_and_only_an_emulator_knows_its_bed(
+def test_snapshot_of_another_printer_is_ignored_and_only_an_emulator_reports_its_bed(
     tmp_path: Path, port: str, bed_clear: bool | None
 ):
     lie = m.Snapshot(protocol=m.PROTOCOL, printer="b", agent_pid=7, link=m.LinkState.READY, bed_clear=True)

@@ -34,7 +34,7 @@ def test_only_an_emulator_sees_its_bed():
     assert trusted(said).bed_clear is None
 
 
-def test_an_agent_speaks_for_its_own_printer_alone():
+def test_agent_reports_its_own_printer_only():
     assert trusted(snapshot(printer="b")).printer == "a"
 
 

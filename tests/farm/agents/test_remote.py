@@ -286,9 +286,7 @@ def test_a_printer_on_another_host_is_stopped_and_one_that_cannot_be_reached_is_
 
 @pytest.mark.system
 @pytest.mark.parametrize("way", [Pipe], indirect=True)
-def test_the_idle_agent_of_a_printer_that_left_the_fleet_is_ended_on_its_host_and_none_is_started_for_that(
-    tmp_path: Path, way: Any
-):
+def test_idle_agent_of_a_removed_printer_is_ended_on_its_host(tmp_path: Path, way: Any):
     command = f"XDG_STATE_HOME={tmp_path}/there {sys.executable} -m drivers.remote.bridge"
     there = tmp_path / "there" / "farm-agents" / "test" / "a"
     state, clock = StateFolder(tmp_path / "here"), Clock(SCALE, time.time())
@@ -335,7 +333,7 @@ def test_no_name_of_a_farm_or_printer_leads_out_of_the_folder():
             find_folder(farm, printer)
 
 
-def test_a_request_to_a_bridge_is_read_as_it_was_sent_and_nothing_else_is():
+def test_request_to_a_bridge_survives_serialisation():
     request = BridgeRequest(BridgeTask.STOP, "test", StartFile("a", MODEL, "/dev/x", 1.0, 2.0, "relay"))
     assert BridgeRequest.parse(request.line()) == request
     for line in (b"", b"{}", b'{"do": "dance", "farm": "x", "start": {}}', json.dumps([1]).encode()):

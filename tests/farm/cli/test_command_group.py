@@ -64,7 +64,7 @@ def test_a_command_loads_its_own_module_alone(command, module, unused):
 
 
 @pytest.mark.parametrize("name", ENTRIES)
-def test_the_list_of_commands_says_what_the_command_itself_says(name):
+def test_list_of_commands_has_the_help_of_each_command(name):
     command = load_commands(app)[name]
     assert command.name == name
     assert inspect.cleandoc(command.help).split("\n\n")[0].replace("\n", " ") == ENTRIES[name].help

@@ -65,11 +65,11 @@ def offered(kind, incomplete, **params):
         (completion.targets, "um2x", ["um2x-01"]),
     ],
 )
-def test_names_that_begin_so_are_offered(daemon, kind, incomplete, words):
+def test_names_with_the_prefix_are_offered(daemon, kind, incomplete, words):
     assert offered(kind, incomplete, socket=str(daemon), job=3) == words
 
 
-def test_without_a_daemon_nothing_is_offered_and_nothing_said(tmp_path, capfd):
+def test_completion_is_empty_and_silent_without_a_daemon(tmp_path, capfd):
     assert offered(completion.targets, "", socket=tmp_path / "farm.sock") == []
     with socket.socket(socket.AF_UNIX) as other:  # that talks no HTTP
         other.bind(str(tmp_path / "farm.sock"))
@@ -90,7 +90,7 @@ def test_without_a_daemon_nothing_is_offered_and_nothing_said(tmp_path, capfd):
         ("farm report ", ["3", "12"]),
     ],
 )
-def test_bash_asks_the_command_itself(daemon, line, words):
+def test_bash_completion_calls_the_command(daemon, line, words):
     asked = {
         "COMP_WORDS": line,
         "COMP_CWORD": str(len(line.split(" ")) - 1),

@@ -80,7 +80,7 @@ def test_a_request_is_handed_on_whole_when_it_is_whole(bench):
 
 
 @pytest.mark.parametrize("said", [b"", REQUEST[:5]], ids=["nothing", "half a request"])
-def test_who_does_not_ask_within_two_seconds_is_ended(bench, said):
+def test_connection_without_a_request_is_ended_after_two_seconds(bench, said):
     one = bench.connect(1000, said)
     bench.serve_once(REQUEST_S)
     assert not refused(one)
@@ -88,7 +88,7 @@ def test_who_does_not_ask_within_two_seconds_is_ended(bench, said):
     assert refused(one) and bench.begun == []
 
 
-def test_one_user_gets_some_places_and_another_is_heard_at_once(bench):
+def test_requests_are_limited_per_user(bench):
     crowd = [bench.connect(1000) for _ in range(CROWD)]
     assert sum(not refused(one) for one in crowd) == MAX_PER_USER
     bench.connect(2000, REQUEST)
@@ -111,7 +111,7 @@ def test_all_users_together_get_no_more_than_there_are_places(bench):
     assert len(bench.begun) == MAX_TOTAL
 
 
-def test_where_no_descriptor_is_left_it_goes_on_a_second_later(bench, monkeypatch):
+def test_server_continues_a_second_after_missing_descriptors(bench, monkeypatch):
     class Full:
         def fileno(self):
             return bench.listening.fileno()
@@ -129,7 +129,7 @@ def test_where_no_descriptor_is_left_it_goes_on_a_second_later(bench, monkeypatc
     assert len(bench.begun) == 1
 
 
-def test_the_kernel_says_who_is_at_the_other_end():
+def test_peer_is_identified_by_the_kernel():
     here, there = socket.socketpair()
     with here, there:
         assert peer_uid(here) == estop_server.struct.unpack("=iII", there.getsockopt(1, 17, 12))[1]

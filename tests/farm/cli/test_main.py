@@ -16,7 +16,7 @@ from farm.cli.main import main
         (["load", "a", "--wrong"], "No such option: --wrong"),
     ],
 )
-def test_what_is_written_wrongly_gets_one_line(words, said, monkeypatch, capsys):
+def test_wrong_usage_gets_one_line(words, said, monkeypatch, capsys):
     monkeypatch.setattr("sys.argv", ["farm", *words])
     with pytest.raises(SystemExit) as ended:
         main()
@@ -25,7 +25,7 @@ def test_what_is_written_wrongly_gets_one_line(words, said, monkeypatch, capsys)
     assert err.startswith("farm: ") and said in err
 
 
-def test_without_words_the_commands_are_shown(monkeypatch, capsys):
+def test_commands_are_listed_without_arguments(monkeypatch, capsys):
     monkeypatch.setattr("sys.argv", ["farm"])
     with pytest.raises(SystemExit):
         main()

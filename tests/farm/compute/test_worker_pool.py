@@ -44,7 +44,7 @@ def gone(pid):
     return not Path(f"/proc/{pid}").exists()
 
 
-def test_work_whose_worker_died_is_done_by_another(pool, tmp_path):
+def test_work_of_a_dead_worker_is_repeated(pool, tmp_path):
     assert pool.run(lambda workers: workers.run(work.die_once, tmp_path / "died")) == "alive"
 
 
@@ -58,7 +58,7 @@ def test_work_that_kills_every_worker_is_named_and_the_next_goes_on(pool, tmp_pa
 
 
 @pytest.mark.parametrize("how", ["dies", "is cancelled"])
-def test_a_worker_that_ends_takes_no_other_work_with_it(pool, tmp_path, how):
+def test_worker_that_ends_does_not_affect_other_work(pool, tmp_path, how):
     os.mkfifo(tmp_path / "fifo")
 
     async def use(workers):
@@ -125,7 +125,7 @@ def test_work_that_is_ended_leaves_no_process_and_no_file(pool, tmp_path, how):
     pool.run(use)
 
 
-def test_what_a_person_waits_for_goes_first_and_a_turn_given_up_goes_to_the_next(pool, tmp_path):
+def test_urgent_work_is_first_and_a_cancelled_turn_goes_to_the_next(pool, tmp_path):
     os.mkfifo(tmp_path / "fifo")
     order = []
 
@@ -147,7 +147,7 @@ def test_what_a_person_waits_for_goes_first_and_a_turn_given_up_goes_to_the_next
     assert order == ["model", "plate 1", "plate 2"]
 
 
-def test_a_monstrous_model_ends_with_what_to_do(pool):
+def test_oversized_model_ends_with_advice(pool):
     async def use(workers):
         assert await workers.run(work.hoard, 0.1) > 10**8
         with pytest.raises(FarmError, match=r"not enough memory for decomposing \(.* 2.0 GB\)") as error:

@@ -51,7 +51,7 @@ def test_a_job_waits_for_its_printers_then_takes_all_that_are_idle_and_clear(far
     assert farm.controller.books.jobs[1].state is JobState.PLANNING
 
 
-def test_a_plate_goes_elsewhere_only_when_its_agent_has_heard_that_it_must_not_begin(tmp_path):
+def test_plate_is_reassigned_after_its_agent_confirmed_the_cancel(tmp_path):
     farm = Farm(tmp_path, [PLUS] * 3)
     farm.ready("a", "b", "c")
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
@@ -130,7 +130,7 @@ def test_a_plan_made_for_a_job_that_was_cancelled_is_thrown_away(farm, plan):
         farm.jobs.cancel(1, "ann")
 
 
-def test_every_printer_is_told_once_and_a_new_daemon_tells_those_that_do_not_know(farm, plan, tmp_path):
+def test_instruction_is_sent_once_and_repeated_by_a_new_daemon(farm, plan, tmp_path):
     farm.ready("a", "b")
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
     farm.controller.on_plan(1, plan)
@@ -143,7 +143,7 @@ def test_every_printer_is_told_once_and_a_new_daemon_tells_those_that_do_not_kno
     assert [i for i in again.effects.instructions if isinstance(i, ev.SendStart)] == [starts[0]]
 
 
-def test_what_was_given_by_day_is_not_told_again_by_night(farm, plan, tmp_path):
+def test_unattended_start_is_not_repeated_at_night(farm, plan, tmp_path):
     """An agent that was away since would heat with nobody there."""
     farm.ready("a", "b")
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
@@ -166,7 +166,7 @@ def test_a_daemon_that_died_while_it_planned_plans_again(farm, tmp_path):
     assert again.effects.plans == [(1, ["a", "b"], 1)]
 
 
-def test_a_full_bed_is_shown_with_what_to_do(farm, plan):
+def test_full_bed_is_shown_with_its_command(farm, plan):
     farm.ready("a", "b", bed_clear=False)
     assert {p.bed for p in farm.controller.books.printers.values()} == {Bed.NOT_CLEAR}
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
@@ -178,7 +178,7 @@ def test_a_full_bed_is_shown_with_what_to_do(farm, plan):
     assert farm.effects.plans == [(1, ["a"], 1)]
 
 
-def test_a_printer_in_fault_is_not_used_and_says_why(farm):
+def test_printer_in_fault_is_unused_with_a_reason(farm):
     farm.ready("a", link=Link.FAULT, reason="it does not get warm")
     view = describe_printer(farm.view_context(STATE), farm.controller.fleet.printer("a"), None)
     assert (view.state, view.look) == ("fault", "it does not get warm")
@@ -187,7 +187,7 @@ def test_a_printer_in_fault_is_not_used_and_says_why(farm):
     assert farm.effects.plans == [(1, ["b"], 1)]
 
 
-def test_a_person_pauses_what_a_printer_prints_and_is_told_by_when_to_resume_it(farm, plan):
+def test_paused_print_is_a_task_with_its_time_limit(farm, plan):
     farm.ready("a", "b")
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
     with pytest.raises(Refused, match="a is not printing"):
@@ -265,7 +265,7 @@ def test_temperatures_and_progress_run_no_scheduler(farm, plan, monkeypatch):
     assert len(runs) == 3
 
 
-def test_why_a_plate_waits_is_found_when_it_is_shown_and_costs_no_commit(farm):
+def test_hold_is_derived_when_shown_without_a_commit(farm):
     farm.ready("a", "b")
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
     event = planned(1, 3)
@@ -309,7 +309,7 @@ def test_a_start_writes_little_however_many_plates_wait(farm, monkeypatch):
     assert sizes.keys() == {"PlateAssigned"} and max(sizes["PlateAssigned"]) < 4096
 
 
-def test_a_report_that_could_not_be_booked_is_handled_when_it_is_said_again(farm):
+def test_failed_report_is_handled_when_repeated(farm):
     farm.ready("a", "b")
     found = AgentSnapshot(printer="a", link=Link.READY, agent_pid=9, alarm="it gets hotter", nozzle_c=90.0)
     farm.store._db.execute("PRAGMA query_only = 1")
@@ -326,7 +326,7 @@ def test_a_report_that_could_not_be_booked_is_handled_when_it_is_said_again(farm
     assert farm.view_context(STATE).warnings == ()
 
 
-def test_what_was_committed_before_an_error_is_performed(farm, plan):
+def test_effects_before_an_error_are_performed(farm, plan):
     farm.ready("a", "b")
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
     farm.controller.on_plan(1, plan)

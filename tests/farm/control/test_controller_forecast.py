@@ -147,7 +147,7 @@ houses = st.fixed_dictionaries(
 @settings(max_examples=40, deadline=None, phases=[Phase.explicit, Phase.reuse, Phase.generate])
 @example([([8.0] * 8, JobOptions(printers=4))], {}, 8, 9, [])  # two rounds on four of eight printers
 @given(jobs, houses, st.integers(1, 4), st.integers(0, 23), st.lists(st.integers(200, 2000), max_size=4))
-def test_a_forecast_is_met_where_nothing_unforeseen_happens(work, house, printers, hour, reels):
+def test_forecast_is_exact_without_failures(work, house, printers, hour, reels):
     with tempfile.TemporaryDirectory() as folder:
         night = Night(Path(folder) / "farm", printers, MONDAY_S + hour * HOUR, house)
         for name, grams in zip(night.controller.fleet.names, reels, strict=False):

@@ -62,7 +62,7 @@ def asked(farm):
     return [item for item in list_tasks(farm.view_context(STATE)) if item.code in ("hours", "resume")]
 
 
-def test_a_print_is_told_until_when_it_may_begin_and_when_it_ends(farm):
+def test_print_gets_its_latest_start_and_end(farm):
     attempt = farm.controller.books.open_print_on("a")
     span = farm.controller.print_limits(attempt.id)
     needed_s = farm.controller.books.plates[attempt.plate].expected_s * 1.05
@@ -70,7 +70,7 @@ def test_a_print_is_told_until_when_it_may_begin_and_when_it_ends(farm):
     assert span.ends_by_s == STOP
 
 
-def test_hours_that_are_changed_in_a_print_are_told_to_its_agent(farm):
+def test_changed_hours_are_sent_to_the_agent(farm):
     attempt = word(farm)
     told = [i for i in farm.effects.instructions if isinstance(i, ev.SendEndBy)]
     assert told == []
@@ -88,7 +88,7 @@ def test_hours_that_are_changed_in_a_print_are_told_to_its_agent(farm):
     assert len(farm.effects.instructions) == before
 
 
-def test_a_start_that_came_too_late_was_never_begun_and_its_plate_waits_for_its_hour(farm):
+def test_late_start_is_refused_and_its_plate_waits(farm):
     attempt = farm.controller.books.open_print_on("a")
     farm.controller.clock.now_s = at("2026-11-20 19:00")
     farm.controller.on_refusal(attempt.id, "it came too late", late=True)
@@ -106,7 +106,7 @@ def test_a_start_that_came_too_late_was_never_begun_and_its_plate_waits_for_its_
     assert farm.controller.books.open_print_on("a").plate == late.plate
 
 
-def test_what_cannot_end_in_its_hours_is_said_before_it_is_ended(farm):
+def test_print_beyond_the_hours_is_a_task_before_its_end(farm):
     word(farm)
     assert asked(farm) == []
     word(farm, progress_s=10.0, print_time_s=90.0)
@@ -118,7 +118,7 @@ def test_what_cannot_end_in_its_hours_is_said_before_it_is_ended(farm):
     assert asked(farm) == []
 
 
-def test_a_pause_is_resumed_while_somebody_is_there_and_not_afterwards(farm):
+def test_pause_is_resumed_in_attended_hours_only(farm):
     word(farm)
     farm.printers.pause("a", True, "ann")
     word(farm, PrintState.PAUSED, pause_ends_s=STOP + 3600.0)

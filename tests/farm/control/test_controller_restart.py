@@ -64,7 +64,7 @@ def test_killed_at_every_commit(after, undisturbed, tmp_path):
 
 @settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(kills=st.sets(st.integers(4, 60), min_size=2, max_size=8), after=st.booleans())
-def test_killed_again_and_again(kills, after, tmp_path_factory):
+def test_repeated_kills(kills, after, tmp_path_factory):
     world = World(tmp_path_factory.mktemp("again"), PLATES, kills=kills, after=after)
     world.run()
     check(world)
@@ -96,7 +96,7 @@ def test_books_that_cannot_be_written_for_a_while(first, broken, mended, said, t
     check(world)
 
 
-def test_a_full_disk_is_said_and_starts_nothing(tmp_path):
+def test_full_disk_is_reported_and_starts_nothing(tmp_path):
     world = World(tmp_path, PLATES)
     world.tell()
     world.store._db.execute("PRAGMA max_page_count = 1")
@@ -125,7 +125,7 @@ def test_printers_whose_disk_takes_no_file_cost_no_plate_an_attempt(tmp_path):
     assert all("make room on its disk" in printer.attention_reason for printer in books.printers.values())
 
 
-def test_what_cannot_be_booked_is_seen_and_said_all_the_same(tmp_path):
+def test_unrecordable_snapshot_is_shown_and_logged(tmp_path):
     farm, state = Farm(tmp_path), StateFolder(tmp_path)
     farm.ready("a", "b")
     farm.store._db.execute("PRAGMA query_only = 1")

@@ -113,7 +113,7 @@ def approved(farm):
     return farm
 
 
-def test_what_was_printed_after_the_copy_is_taken_over_and_judged_by_whoever_clears_the_bed(tmp_path):
+def test_print_after_the_backup_is_imported_and_judged_at_the_bed(tmp_path):
     farm = copied(tmp_path, 3)
     items = {item.code: item.text for item in list_tasks(farm.view_context(StateFolder(tmp_path)))}
     assert items["restored"].startswith(
@@ -136,7 +136,7 @@ def test_what_was_printed_after_the_copy_is_taken_over_and_judged_by_whoever_cle
     assert farm.controller.books.jobs[1].state is JobState.PRINTED
 
 
-def test_what_the_copy_has_as_printing_waits_for_the_word_of_an_agent_that_cannot_be_started_now(tmp_path):
+def test_open_print_of_a_backup_waits_for_its_agent(tmp_path):
     farm = copied(tmp_path, printing="p")
     farm.controller.on_snapshot(
         AgentSnapshot(printer="a", link=Link.ABSENT, reason="its agent does not start")
@@ -164,7 +164,7 @@ def test_what_the_copy_has_as_printing_waits_for_the_word_of_an_agent_that_canno
     ],
     ids=["another file", "no file", "before it was planned", "still printing"],
 )
-def test_what_no_plate_waits_for_is_held_for_a_person(stranger, tmp_path):
+def test_print_without_a_plate_needs_a_person(stranger, tmp_path):
     farm = copied(tmp_path)
     farm.report("b")
     farm.report("a", stranger)
@@ -180,7 +180,7 @@ def test_what_no_plate_waits_for_is_held_for_a_person(stranger, tmp_path):
     assert [p.printer for p in farm.controller.books.prints.values()] == ["b"]
 
 
-def test_nothing_of_a_restored_job_starts_before_every_printer_has_told_or_is_taken_out_of_use(tmp_path):
+def test_restored_job_waits_for_every_printer_in_use(tmp_path):
     farm = approved(copied(tmp_path))
     farm.report("a")
     farm.clear_bed("a", FilamentState.PARKED)
@@ -191,7 +191,7 @@ def test_nothing_of_a_restored_job_starts_before_every_printer_has_told_or_is_ta
     assert [p.printer for p in farm.controller.books.prints.values()] == ["a"]
 
 
-def test_a_daemon_that_dies_while_it_books_what_an_agent_told_asks_it_again(tmp_path):
+def test_interrupted_import_of_a_journal_is_repeated(tmp_path):
     farm, prints = copied(tmp_path / "whole", 2), [said("x"), said("y", PLANNED_S + 300.0)]
     ready = AgentSnapshot(printer="a", link=Link.READY, agent_pid=9, filament=FilamentState.PARKED)
     events = list(import_agent_journal(farm.controller.books, ready, prints, PLANNED_S + 1e3))

@@ -8,7 +8,7 @@ from farm.state import events as ev
 from recording_controller import Farm
 
 
-def test_a_word_that_does_not_fit_is_logged_and_all_else_goes_on(tmp_path, monkeypatch, caplog):
+def test_unfit_snapshot_is_logged_and_the_rest_continues(tmp_path, monkeypatch, caplog):
     farm = Farm(tmp_path / "farm")
     farm.ready("a", "b", bed_clear=False)
     observe = telemetry.observe_idle_printer

@@ -12,7 +12,7 @@ def submit(farm, name, **options):
     return farm.jobs.submit(name * 8, "m.stl", MODEL, JobOptions(**options))[0]
 
 
-def test_one_that_nobody_asks_for_is_cancelled_and_others_are_let_be(tmp_path):
+def test_abandoned_dry_run_is_cancelled(tmp_path):
     farm = Farm(tmp_path)
     wanted, gone = (submit(farm, name, dry_run=True, hold=True) for name in "ab")
     held = submit(farm, "c", hold=True)
@@ -30,7 +30,7 @@ def test_one_that_nobody_asks_for_is_cancelled_and_others_are_let_be(tmp_path):
     assert farm.controller.books.jobs[wanted].state is JobState.CANCELLED
 
 
-def test_nobody_is_asked_to_approve_a_dry_run():
+def test_dry_run_needs_no_approval():
     options = JobOptions(dry_run=True, hold=True)
     held = make_job().model_copy(update={"options": options, "state": JobState.HELD})
     assert list_requests(Books.from_entities([held]), {}) == []

@@ -70,7 +70,7 @@ def starts(farm):
     return [told.printer for told in farm.effects.instructions if isinstance(told, ev.SendStart)]
 
 
-def test_what_changes_while_files_and_reels_are_looked_at_is_not_passed_over(farm, state, monkeypatch):
+def test_changes_during_an_approval_are_noticed(farm, state, monkeypatch):
     number = submit(farm, hold=True)
     farm.controller.on_plan(number, plan_for(number, state))
     plan = farm.controller.books.job(number).plan
@@ -207,7 +207,7 @@ def test_a_moment_that_cannot_be_is_refused_at_submission(farm):
         assert error.value.code is ErrorCode.SETTINGS
 
 
-def test_a_job_that_cannot_be_done_by_then_says_when_it_will_be(farm, state):
+def test_missed_deadline_is_reported_with_the_earliest_end(farm, state):
     def by(seconds):
         moment = datetime.fromtimestamp(farm.controller.clock.now() + seconds).astimezone().isoformat()
         number = submit(farm, name=f"{seconds:03d}", done_by=moment, hold=True)
@@ -225,7 +225,7 @@ def test_a_job_that_cannot_be_done_by_then_says_when_it_will_be(farm, state):
     assert len(by(601)) == 1
 
 
-def test_a_plan_of_several_materials_says_so(farm, state):
+def test_plan_of_several_materials_is_reported(farm, state):
     for name, other, notices in (("1", "generic_pla", 0), ("2", "generic_abs", 1)):
         number = submit(farm, name=name, hold=True)
         plan = plan_for(number, state)
@@ -301,7 +301,7 @@ def test_timeline_of_a_job_waits_for_the_plates_of_jobs_before_it(farm, state):
     assert min(slot.starts for slot in alone.slots) < last <= min(slot.starts for slot in beside.slots)
 
 
-def test_a_person_is_told_what_to_approve_and_which_reel_is_too_short(farm, state, monkeypatch):
+def test_tasks_name_the_approval_and_the_short_reel(farm, state, monkeypatch):
     monkeypatch.setattr(printer_commands, "find_mistake", lambda section: None)
     first = submit(farm, hold=True)
     farm.controller.on_plan(first, plan_for(first, state))

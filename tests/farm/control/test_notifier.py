@@ -46,7 +46,7 @@ def printed():
     return run(printing(plates=1), assigned, ended("x"))[0]
 
 
-def test_people_are_told_once_and_no_restart_tells_it_again(server, tmp_path, caplog):
+def test_notice_is_sent_once_over_restarts(server, tmp_path, caplog):
     posts, address = server
     urls = [SecretStr(f"json://ann:secret@{address}/"), SecretStr("json://ann:secret@127.0.0.1:1/")]
     file = tmp_path / "told.json"
@@ -70,7 +70,7 @@ def test_people_are_told_once_and_no_restart_tells_it_again(server, tmp_path, ca
     assert "secret" not in caplog.text
 
 
-def test_what_happened_before_anybody_wanted_to_be_told_is_no_news(server, tmp_path):
+def test_events_before_the_first_notification_are_not_sent(server, tmp_path):
     posts, address = server
     file = tmp_path / "told.json"
     Notifier([SecretStr(f"json://{address}/")], "lab", file, 300.0).notify(printed(), 500.0)
@@ -83,7 +83,7 @@ def test_what_happened_before_anybody_wanted_to_be_told_is_no_news(server, tmp_p
     assert posts.empty()
 
 
-def test_an_address_that_nobody_knows_is_refused_without_saying_it(tmp_path):
+def test_unknown_address_is_refused_without_printing_it(tmp_path):
     with pytest.raises(FleetFileError, match="address 2") as caught:
         Notifier(
             [SecretStr("json://localhost"), SecretStr("nonsense://secret")],
@@ -100,7 +100,7 @@ def test_addresses_are_never_shown():
     assert "secret" not in repr(fleet) + fleet.model_dump_json()
 
 
-def test_what_happens_after_the_clock_was_set_back_is_told(server, tmp_path):
+def test_events_after_a_backward_clock_step_are_notified(server, tmp_path):
     posts, address = server
     file = tmp_path / "told.json"
     notifier = Notifier([SecretStr(f"json://{address}/")], "lab", file, 4000.0)

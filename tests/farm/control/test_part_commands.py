@@ -52,7 +52,7 @@ def ends(farm, printer, state=PrintState.DONE, **changes):
     return attempt
 
 
-def test_a_print_that_goes_wrong_is_ended_and_its_part_printed_elsewhere(farm):
+def test_failing_print_is_ended_and_its_part_printed_elsewhere(farm):
     farm.printers.fail_print("a", "a blob", "ann")
     with pytest.raises(Refused, match="ending"):
         farm.printers.fail_print("a", "a blob", "ann")
@@ -79,7 +79,7 @@ def test_parts_are_named_as_a_person_writes_them(farm):
         farm.parts.reprint(1, "1", "", "ann")
 
 
-def test_a_part_or_what_a_printer_prints_is_cancelled_for_good(farm):
+def test_part_is_cancelled_by_name_or_by_printer(farm):
     assert farm.parts.cancel(1, "p03", "ann") == "1/p03"
     with pytest.raises(Refused, match="already cancelled"):
         farm.parts.cancel(1, "p03", "ann")
@@ -112,7 +112,7 @@ def test_nothing_of_a_paused_job_starts(farm):
         farm.parts.pause(1, "p01", True, "ann")
 
 
-def test_what_waits_for_a_bed_is_counted_in(farm):
+def test_plates_waiting_for_a_bed_are_counted(farm):
     """Its printers print for a while yet, and then somebody has to clear one."""
     now_s = farm.controller.clock.now()
     begun = {"at_s": now_s, "state": PrintState.PRINTING, "started_s": now_s, "extruded": True}
@@ -165,7 +165,7 @@ def test_a_printer_in_maintenance_ends_its_print_and_gets_no_other(farm):
 
 
 @pytest.mark.parametrize("cancelled", [False, True])
-def test_what_is_bad_is_printed_again_unless_its_job_was_cancelled(farm, cancelled):
+def test_bad_part_is_printed_again_unless_its_job_was_cancelled(farm, cancelled):
     ends(farm, "a")
     if cancelled:
         farm.jobs.cancel(1, "ann")
@@ -244,7 +244,7 @@ def test_a_print_that_no_agent_would_start_takes_nothing_off_its_reel(farm):
     ],
     ids=["resume job", "resume part", "reprint"],
 )
-def test_what_estop_stopped_is_not_begun_on_an_idle_printer_before_a_person_says_so(farm, say):
+def test_part_stopped_by_estop_waits_for_a_person(farm, say):
     ends(farm, "a", PrintState.FAILED, fault="estop")
     for _ in range(2):  # what else waits goes on
         ends(farm, "b")
@@ -260,7 +260,7 @@ def test_what_estop_stopped_is_not_begun_on_an_idle_printer_before_a_person_says
     assert not [item for item in list_tasks(farm.view_context(STATE)) if item.code == "stopped"]
 
 
-def test_many_parts_of_a_job_that_estop_stopped_are_asked_for_in_one_line(farm):
+def test_parts_stopped_by_estop_are_one_task(farm):
     for printer in "ab":
         ends(farm, printer, PrintState.FAILED, fault="estop")
     [asked] = [item for item in list_tasks(farm.view_context(STATE)) if item.code == "stopped"]

@@ -58,7 +58,7 @@ WHO = [("1", "ab"), ("1/p01", "a"), ("1/2", "b"), ("b", "b")]
 
 
 @pytest.mark.parametrize(("target", "printers"), WHO)
-def test_what_is_paused_goes_on_when_it_is_resumed(farm, target, printers):
+def test_paused_part_continues_when_resumed(farm, target, printers):
     for verb, wanted in (("pause", True), ("resume", False)):
         assert farm.ask(target, verb).status_code == 200
         told = {
@@ -69,7 +69,7 @@ def test_what_is_paused_goes_on_when_it_is_resumed(farm, target, printers):
 
 
 @pytest.mark.parametrize(("target", "printers"), WHO)
-def test_what_is_cancelled_ends_and_is_never_tried_again(farm, target, printers):
+def test_cancelled_part_is_not_printed_again(farm, target, printers):
     assert farm.ask(target, "cancel").status_code == 200
     assert {one.printer for one in farm.effects.instructions if isinstance(one, ev.SendCancel)} == set(
         printers

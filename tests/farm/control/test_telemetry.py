@@ -41,7 +41,7 @@ def test_telemetry_alone_is_no_news(nozzle_c, bed_c, target_c, progress_s, layer
     assert telemetry.snapshots["a"] == later
 
 
-def test_what_was_rejected_is_news_again_and_its_temperatures_are_shown():
+def test_rejected_snapshot_is_compared_again_and_shown():
     telemetry = Telemetry()
     telemetry.store(BUSY)
     lost = BUSY.model_copy(update={"link": Link.ABSENT, "nozzle_c": 180.0})

@@ -29,7 +29,7 @@ def begin(monkeypatch):
     return begin
 
 
-def test_what_a_stalled_loop_missed_is_made_up_once(begin):
+def test_missed_timer_runs_once(begin):
     time = begin("2026-11-20 22:00")
     turns, alarms = [], []
 

@@ -162,7 +162,7 @@ def test_a_sound_installation_has_nothing_to_do():
 
 
 @pytest.mark.parametrize(("changes", "level", "check", "text"), CASES.values(), ids=CASES)
-def test_what_is_wrong_is_named_with_what_to_do(changes, level, check, text):
+def test_problem_is_named_with_an_action(changes, level, check, text):
     wrong = [one for one in check_installation(replace(SOUND, **changes)) if one.level is not Level.OK]
     found = [one for one in wrong if one.check == check and text in one.text]
     assert [one.level for one in found] == [level]
@@ -177,7 +177,7 @@ def test_a_farm_that_is_not_up_has_no_agents_and_no_books_yet():
     assert wrong == ["daemon"]
 
 
-def test_the_group_of_a_port_is_what_the_user_is_added_to():
+def test_action_adds_the_user_to_the_group_of_the_port():
     facts = replace(SOUND, user=STRANGER, ports=(PortFacts("a", "/dev/ttyUSB0", True, False, "dialout"),))
     (port,) = (one for one in check_installation(facts) if one.check == "ports")
     assert port.action == "`sudo usermod -aG dialout farm`, then log in again"

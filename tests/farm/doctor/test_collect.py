@@ -68,7 +68,7 @@ def test_no_books_and_books_that_are_none(places):
     assert [one.level for one in findings(places, "database")] == [Level.PROBLEM]
 
 
-def test_an_agent_that_lives_and_says_nothing_is_a_problem(places):
+def test_silent_agent_is_a_problem(places):
     lock = hold(places.state.agent("um2-01") / AGENT_LOCK)
     try:
         (agent,) = (one for one in findings(places, "agents") if one.text.startswith("um2-01:"))

@@ -205,7 +205,7 @@ def test_a_name_is_only_a_name(daemon, name):
 
 
 @pytest.mark.parametrize("name", ["..", ".", "box", "box." + "\N{SNAKE}" * 150])
-def test_a_name_without_a_known_suffix_is_refused_in_words(daemon, name):
+def test_name_without_a_known_suffix_is_refused(daemon, name):
     answer = submit(daemon, stl(), name=name)
     assert answer.status_code == 400
     assert "not a known kind of model" in answer.json()["error"]
@@ -221,13 +221,13 @@ BAD_OPTIONS = ("{", '{"printers": 0}', '{"x": 1}', '{"quality": "nonsense"}', '{
 
 
 @pytest.mark.parametrize("options", BAD_OPTIONS)
-def test_options_that_are_not_ours_are_refused(daemon, options):
+def test_unknown_options_are_refused(daemon, options):
     answer = submit(daemon, stl(), options=options)
     assert answer.status_code == 400
     assert answer.json()["exit_code"] == 2
 
 
-def test_what_is_not_there_is_not_found(daemon):
+def test_unknown_path_is_not_found(daemon):
     for method, path in (("GET", "/jobs/9"), ("POST", "/jobs/9/cancel"), ("GET", "/nothing")):
         answer = ask(daemon, method, path)
         assert (answer.status_code, answer.json()["exit_code"]) == (404, 4)
@@ -291,7 +291,7 @@ def test_down_is_refused_while_a_plan_is_made(daemon):
         ),
     ],
 )
-def test_who_asks_for_more_printers_than_there_are_is_told(daemon, options, notices):
+def test_request_for_too_many_printers_is_reported(daemon, options, notices):
     assert submit(daemon, stl(), options=options).json().get("notices") == notices
 
 
@@ -300,7 +300,7 @@ def test_down_goes_down(daemon):
     assert daemon.state.went_down == [True]
 
 
-def test_what_a_person_asks_of_prints_reaches_the_commands(daemon):
+def test_routes_reach_the_commands(daemon):
     said = {"why": "a\x1b[2J\nnew belt"}
     assert ask(daemon, "POST", "/printers/a/maintenance", json=said).status_code == 200
     printer = ask(daemon, "GET", "/status").json()["printers"][0]

@@ -79,7 +79,7 @@ LIMITED = (
 
 
 @pytest.mark.parametrize(("path", "body"), LIMITED)
-def test_what_lets_printers_go_on_is_kept_for_operators(tmp_path, path, body):
+def test_commands_that_continue_prints_are_for_operators(tmp_path, path, body):
     app = make(tmp_path, operators=NO_GROUP)
     answer = ask(app, STRANGER, "POST", path, json=body)
     assert (answer.status_code, answer.json()["exit_code"]) == (409, 5)
@@ -108,12 +108,12 @@ def test_a_member_may_and_so_may_everybody_where_no_group_is_named(tmp_path, gro
     assert app.state.controller._store.events()[-1][2].count('"by":"uid 54321"') == 1
 
 
-def test_who_runs_the_daemon_may_as_they_could_change_the_books(tmp_path):
+def test_owner_of_the_daemon_is_an_operator(tmp_path):
     app = make(tmp_path, operators=NO_GROUP)
     assert ask(app, Person(os.getuid(), 0), "POST", "/printers/a/cleared", json={}).status_code == 200
 
 
-def test_what_stops_a_print_is_for_everybody_and_a_job_has_its_submitters_name(tmp_path):
+def test_commands_that_stop_prints_are_for_all_users(tmp_path):
     app = make(tmp_path, operators=NO_GROUP)
     params = {"request_id": "r" * 8, "name": "box.stl", "size": 1}
     assert ask(app, STRANGER, "POST", "/jobs", params=params, content=b"x").status_code == 200
@@ -141,7 +141,7 @@ def test_the_socket_is_for_its_group_and_where_there_is_none_for_its_owner(tmp_p
     assert (f"for group {group}" if mode == 0o660 else "for this user alone") in caplog.text
 
 
-def test_a_place_where_nobody_can_listen_is_said(tmp_path):
+def test_unusable_socket_path_is_reported(tmp_path):
     (tmp_path / "file").touch()
     with pytest.raises(Refused, match="name another --socket"):
         listen(tmp_path / "file" / "farm.sock", OURS)
@@ -179,7 +179,7 @@ async def post_as(app, *uids):
 
 
 @pytest.mark.skipif(os.getuid() != 0, reason="needs root, to be another user")
-def test_the_kernel_says_who_asks_whatever_they_say_of_themselves(tmp_path):
+def test_caller_is_identified_by_the_kernel(tmp_path):
     stranger, root = asyncio.run(post_as(make(tmp_path, operators=NO_GROUP), 54321, 0))
     assert "uid 54321 is not an operator" in stranger
     assert root.startswith("HTTP/1.1 200")

@@ -44,7 +44,7 @@ def test_most_of_few_descriptors_is_kept_for_the_farm(descriptors, printers, wor
     assert connection_limit(descriptors, printers, workers) == most
 
 
-def test_who_owes_a_request_is_ended_after_its_time_and_the_oldest_first_where_there_is_no_room():
+def test_incomplete_requests_are_ended_the_oldest_first():
     busy, old, young = One(None), One(0.0), One(5.0)
     assert find_overdue([busy, old, young], REQUEST_S + 0.1) == [old]
     assert find_longest_waiting([busy, young, old]) is old
@@ -121,7 +121,7 @@ def test_idle_clients_make_room_for_one_that_asks(tmp_path):
     ],
     ids=["nothing", "half a head", "half a body", "idle after its answer"],
 )
-def test_a_connection_that_owes_a_request_is_known_and_ended(tmp_path, monkeypatch, sent):
+def test_connection_with_an_incomplete_request_is_ended(tmp_path, monkeypatch, sent):
     monkeypatch.setattr(connections, "REQUEST_S", -1.0)
     monkeypatch.setattr(connections, "_SWEEP_S", 0.01)
 
@@ -154,7 +154,7 @@ def test_a_head_has_its_time_as_a_whole_and_a_body_each_of_its_pieces(tmp_path):
     serve(tmp_path, 4, story)
 
 
-def test_where_no_descriptor_is_left_it_is_said_once_and_tried_again(tmp_path, monkeypatch, caplog):
+def test_missing_descriptors_are_logged_once_and_retried(tmp_path, monkeypatch, caplog):
     monkeypatch.setattr(connections, "_SWEEP_S", 0.01)
 
     async def story(server, path):

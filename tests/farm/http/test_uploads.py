@@ -30,7 +30,7 @@ MB, GB = 10**6, 10**9
         (GB, (), GB // 2, 0, "would leave 0.0 GB"),
     ],
 )
-def test_each_limit_of_uploads_is_told_with_its_key(size, missing, free, jobs, why):
+def test_each_limit_of_uploads_is_named_with_its_key(size, missing, free, jobs, why):
     with pytest.raises(Refused, match=why):
         check_quota(QUOTA, "a.stl", size, missing, free, jobs)
 

@@ -54,7 +54,7 @@ def plan(state, job, factor=1.0):
     return told, asyncio.run(main())
 
 
-def test_a_plan_tells_how_far_it_is_and_slices_nothing_twice(state, bar):
+def test_plan_reports_progress_and_slices_nothing_twice(state, bar):
     def slicing(done, cached=0):
         return PlanProgress(step=PlanStep.SLICING, done=done, of=2, cached=cached)
 
@@ -127,7 +127,7 @@ def test_a_part_that_is_slow_as_it_is_sliced_is_cut_again(state, bar, monkeypatc
         ValueError("lp"),
     ],
 )
-def test_what_is_no_gain_or_cannot_be_sliced_is_as_if_it_never_was(state, bar, fail, monkeypatch):
+def test_useless_relevel_is_discarded(state, bar, fail, monkeypatch):
     """Sliced again, the part is slower still; or something fails."""
     times = iter([600.0, 9000.0])
     asked = slowed(monkeypatch, lambda stl, _: next(times) if stl.stem == "p02" else 0.0, fail)
@@ -173,7 +173,7 @@ def test_a_plan_that_fails_on_a_full_disk_is_made_when_there_is_room(state, tmp_
     assert "free space" in scenes[1][0] and "job 7" in scenes[1][0]
 
 
-def test_a_plan_that_cannot_be_booked_fails_its_job(state, monkeypatch):
+def test_plan_that_cannot_be_recorded_fails_its_job(state, monkeypatch):
     """It was left planning until the next daemon, with nothing but a line in the log."""
     monkeypatch.setattr(job_planner.JobPlanner, "_plan", lambda *_: asyncio.sleep(0, object.__new__(Plan)))
     told = []

@@ -12,7 +12,7 @@ SECONDS = st.floats(0.0, 1e6)
 FACTORS = st.floats(0.8, 1.25)
 
 
-def test_what_was_learned_of_a_printer_is_said_of_its_layers_alone():
+def test_time_factor_applies_to_layers_only():
     profile = PROFILES["ultimaker2_plus"]
     prelude_s = plate_seconds(profile, 0.0, 200.0, 60.0, 1.2)
     assert prelude_s == plate_seconds(profile, 0.0, 200.0, 60.0)
@@ -28,7 +28,7 @@ def makespan(loads_s, takes, factors):
     st.fixed_dictionaries(dict.fromkeys(NAMES, FACTORS)),
     st.fixed_dictionaries({name: st.sampled_from(["low", "tall"]) for name in NAMES}),
 )
-def test_work_moves_only_among_equals_and_ends_no_later_for_it(loads_s, factors, kinds):
+def test_loads_move_only_between_equal_printers_without_delay(loads_s, factors, kinds):
     takes = reassign_loads(loads_s, kinds, factors)
     assert sorted(takes) == sorted(takes.values()) == NAMES
     assert all(kinds[one] == kinds[other] for one, other in takes.items())

@@ -23,19 +23,19 @@ def test_the_front_job_takes_all_that_are_idle_and_clear():
     assert begin(ANY, 1, 0, fleet, frozenset(), True) == Begin(("a",))
 
 
-def test_given_fewer_printers_it_takes_the_roomiest():
+def test_fewer_requested_printers_are_the_largest():
     fleet = [printer("a"), printer("b", room=TALL)]
     assert begin(ANY, 1, 0, fleet, frozenset(), True) == Begin(("b",))
 
 
-def test_it_waits_for_printers_that_are_still_connecting():
+def test_job_waits_for_connecting_printers():
     answer = begin(ANY, None, 0, [printer("a"), printer("b", link=Link.STARTING)], frozenset(), True)
     assert isinstance(answer, Hold) and "b" in answer.text
     late = begin(ANY, None, 0, [printer("a"), printer("b", link=Link.STARTING)], frozenset(), False)
     assert late == Begin(("a",))
 
 
-def test_it_waits_for_enough_printers_for_one_round_and_takes_rounds_where_the_fleet_is_too_small():
+def test_job_waits_for_one_round_unless_the_fleet_is_too_small():
     fleet = [printer("a"), printer("b", booked=True), printer("c")]
     held = begin(ANY, None, 3, fleet, frozenset(), True)
     assert isinstance(held, Hold) and held.code is HoldCode.TOO_FEW_PRINTERS
@@ -53,7 +53,7 @@ def test_a_job_that_no_printer_matches_is_held_with_the_reason():
     assert find_mismatch(ANY, [printer("a", attention_reason="it smokes")]) is None
 
 
-def test_what_begins_at_night_is_planned_for_printers_that_may_print_then():
+def test_job_at_night_is_planned_for_unattended_printers():
     fleet = [printer("a"), printer("b"), printer("c", unattended=False)]
     blocked = frozenset("c")
     assert begin(ANY, None, 0, fleet, frozenset(), True, blocked=blocked) == Begin(("a", "b"))
@@ -66,7 +66,7 @@ def test_what_begins_at_night_is_planned_for_printers_that_may_print_then():
     )
 
 
-def test_what_ends_by_itself_is_waited_for_and_a_bed_that_may_be_clear_is_named():
+def test_hold_prefers_a_running_print_and_names_a_full_bed():
     busy, full = printer("c", booked=True), printer("b", bed=Bed.NOT_CLEAR)
     for fleet in ([full, busy], [printer("a", attention_reason="it smokes"), full, busy]):
         held = begin(ANY, None, 0, fleet, frozenset(), True)
@@ -76,6 +76,6 @@ def test_what_ends_by_itself_is_waited_for_and_a_bed_that_may_be_clear_is_named(
     assert isinstance(alone, Hold) and alone.code is HoldCode.NEEDS_INSPECTION
 
 
-def test_a_need_says_the_room_that_it_asks():
+def test_requirements_name_the_missing_room():
     asked = Requirements(None, None, None, (-50.0, -20.0, 50.0, 40.0, 30.0))
     assert asked.describe() == "100 mm of width, 60 mm of depth and 30 mm of height"

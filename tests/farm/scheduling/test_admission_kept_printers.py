@@ -37,7 +37,7 @@ def test_printers_are_kept_for_a_plate_that_is_being_replanned_and_as_spares():
     assert kept == {"b": "6/03", "c": "a failed part (--spares)"}
 
 
-def test_it_is_said_what_an_idle_printer_is_kept_for():
+def test_hold_names_the_purpose_of_a_kept_printer():
     hold = choose_printers(ANY, Availability(FLEET, {"b": "6/03", "c": "7/01"}))
     assert hold.text == "b is kept for 6/03; c is kept for 7/01"
     promise = Promise(job=8, priority=1, printers=frozenset("bc"))

@@ -115,7 +115,7 @@ def test_a_plate_keeps_its_planned_printer_and_avoids_one_it_failed_on():
     assert given_[0].printer == "b"
 
 
-def test_a_hold_says_what_the_plate_waits_for():
+def test_hold_names_the_reason_to_wait():
     _, holds = assign([plate("1/01", "a")], [printer("a", bed=Bed.NOT_CLEAR)])
     assert holds["1/01"].code is HoldCode.BED_NOT_CLEAR
     assert "farm cleared a" in holds["1/01"].text
@@ -171,7 +171,7 @@ def test_gcode_for_another_kind_of_printer_waits():
     assert [a.printer for a in given_] == ["plus"]
 
 
-def test_a_plate_whose_printers_are_all_hindered_says_what_hinders_its_own():
+def test_hold_of_a_plate_names_the_obstacle_of_its_own_printer():
     fleet = [printer("a", attention_reason="it smokes"), printer("b", bed=Bed.NOT_CLEAR)]
     for planned, code in (("a", HoldCode.NEEDS_INSPECTION), ("b", HoldCode.BED_NOT_CLEAR)):
         _, holds = assign([plate("p", planned)], fleet)

@@ -101,7 +101,7 @@ def test_the_bound_is_below_every_order_of_the_plates(times, count):
     assert rounds > 1 or seen.ends_s == pytest.approx(best)
 
 
-def test_a_second_round_waits_for_somebody_to_clear_the_bed():
+def test_second_round_waits_for_a_cleared_bed():
     house = rules(attended=("mon-fri 08:00-18:00",))
     plates = [plate("1/01", "a", expected_s=4 * HOUR), plate("1/02", "a", expected_s=2 * HOUR)]
     seen = forecast(plates, [printer("a")], house, MONDAY_S + 17 * HOUR)
@@ -120,13 +120,13 @@ def test_a_printer_that_is_away_is_not_counted_on():
     assert {slot.printer for slot in seen.slots} == {"a"}
 
 
-def test_a_plate_takes_as_much_longer_as_the_printer_is_slower_than_the_one_it_was_planned_for():
+def test_time_of_a_plate_scales_with_the_time_factor():
     view = plate("p", "a", expected_s=1100.0, heating_s=100.0, time_factor=1.25)
     assert seconds_on(view, printer("b", time_factor=1.0)) == pytest.approx(100.0 + 800.0)
     assert seconds_on(view, printer("b", time_factor=1.25)) == pytest.approx(1100.0)
 
 
-def test_the_bound_counts_what_only_some_of_the_printers_can_take():
+def test_bound_includes_plates_for_some_printers_only():
     low, tall = (Requirements(None, None, None, box(height_mm)) for height_mm in (100.0, 250.0))
     needs = enumerate((tall, low, low))
     plates = [plate(f"1/{i}", "b", requirements=need, expected_s=2 * HOUR) for i, need in needs]

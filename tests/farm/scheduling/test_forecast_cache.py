@@ -6,7 +6,7 @@ from make_books import printing
 from scheduling_examples import printer, situation
 
 
-def test_it_is_foreseen_anew_where_the_books_have_changed_but_not_at_every_look():
+def test_forecast_is_computed_again_after_changes_with_a_minimum_interval():
     asked = []
 
     def ends_s(books, now_s):

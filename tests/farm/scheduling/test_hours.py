@@ -31,7 +31,7 @@ def test_windows_are_read_as_people_write_them(text, days):
 
 
 @pytest.mark.parametrize("text", ["8-18", "mon", "mo 08:00-18:00", "08:00-25:00", "mon-fry 08:00-09:00", ""])
-def test_what_is_no_window_says_how_to_write_one(text):
+def test_invalid_window_is_refused_with_an_example(text):
     with pytest.raises(ValueError, match=r"write it as|is not a day; use"):
         parse_window(text)
 

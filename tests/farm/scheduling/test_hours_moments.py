@@ -35,7 +35,7 @@ NEVER = ["9999-12-31T23:59-12:00", "9999-12-31", "0001-01-01", "2027-11-01 10:00
 
 
 @pytest.mark.parametrize("text", ["soon", "25:00", "fry 10:00", "2026-10-22 10:00", "", "10", *NEVER])
-def test_what_is_no_moment_to_come_is_refused(text):
+def test_past_or_invalid_time_is_refused(text):
     with pytest.raises(ValueError, match=r"is not a time|has passed|is more than a year ahead"):
         parse_moment_s(text, NOW_S, LONDON)
 
@@ -57,7 +57,7 @@ def test_a_time_in_the_hour_that_is_skipped_or_comes_twice(now, then):
 
 
 @pytest.mark.parametrize(("day", "night_h"), [("2026-03-28", 9), ("2026-10-24", 11), ("2026-11-20", 10)])
-def test_a_night_is_as_long_as_it_is(day, night_h):
+def test_length_of_a_night_follows_daylight_saving(day, night_h):
     """From the end of attended hours, and from 22:00, to the same hour of the morning."""
     attended = Hours((parse_window("08:00-21:00"),), BERLIN)
     house = StartRules(attended, Hours((), BERLIN))

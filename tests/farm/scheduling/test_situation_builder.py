@@ -41,7 +41,7 @@ def events_of(step, books, number):
 
 @settings(max_examples=50)
 @given(st.lists(STEPS, max_size=12), st.booleans())
-def test_what_is_remembered_is_what_would_be_described_anew(steps, away):
+def test_cached_description_equals_a_new_one(steps, away):
     books, builder = printing(plates=5), SituationBuilder(bed_boxes)
     for number, step in enumerate(steps):
         happened = [] if books.jobs[1].state.ended else events_of(step, books, number)
@@ -57,7 +57,7 @@ def test_what_is_remembered_is_what_would_be_described_anew(steps, away):
         away = not away
 
 
-def test_a_firmware_whose_dead_man_nobody_has_seen_prints_only_while_somebody_is_there():
+def test_firmware_with_an_unobserved_dead_man_prints_only_attended():
     real = PrinterSection(name="a", model="creality_ender3", port="/dev/ttyUSB0")
     simulated = real.model_copy(update={"port": "sim://creality_ender3"})
     plus = real.model_copy(update={"model": "ultimaker2_plus"})
@@ -80,7 +80,7 @@ def test_one_printer_is_described_as_among_all_unless_it_is_disabled():
     assert builder.printers(smaller, books, READY) == everybody[1:]
 
 
-def test_only_what_has_changed_is_described_anew():
+def test_only_changed_entities_are_described_again():
     first = plan(1, plates=2)
     second = ev.JobSubmitted(at_s=0.0, job=job(2)), ev.PlanningStarted(at_s=0.0, job=2), plan(2, plates=3)
     books, _ = run(printing(plates=2), *second)

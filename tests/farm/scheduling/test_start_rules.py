@@ -98,7 +98,7 @@ def test_nothing_starts_that_the_house_forbids(waiting, fleet, house, now_s, spa
 
 @given(plates, fleets, houses, moments)
 @settings(deadline=None)
-def test_what_may_start_now_may_start_until_its_latest_moment_and_not_after_it(waiting, fleet, house, now_s):
+def test_start_is_allowed_until_the_latest_start(waiting, fleet, house, now_s):
     for what, where in ((w, p) for w in waiting for p in fleet):
         at_s = house.find_start(what, where, now_s).at_s
         if at_s is None:
@@ -113,7 +113,7 @@ def test_what_may_start_now_may_start_until_its_latest_moment_and_not_after_it(w
         assert ends_by_s is None or at_s + what.expected_s < ends_by_s
 
 
-def test_a_printer_that_needs_somebody_is_ended_before_the_hours_do_and_told_when_it_may_go_on():
+def test_attended_printer_ends_before_the_hours_and_names_the_next_start():
     house, alone = rules(attended=WEEK[0]), printer("a", unattended=False, why_attended="so")
     assert house.ends_by_s(alone, FRIDAY) == at("2026-11-20 17:45")
     assert house.unattended_reason(alone, at("2026-11-20 17:44")) is None
@@ -128,7 +128,7 @@ def test_a_printer_that_needs_somebody_is_ended_before_the_hours_do_and_told_whe
 
 @given(plates, fleets, houses, moments)
 @settings(deadline=None)
-def test_a_window_allows_just_what_may_start_now(waiting, fleet, house, now_s):
+def test_window_allows_exactly_the_possible_starts(waiting, fleet, house, now_s):
     for what, where in ((w, p) for w in waiting for p in fleet):
         window = house.start_window(where.unattended, now_s)
         assert window.allows(what) == (house.find_start(what, where, now_s).at_s == now_s)
@@ -207,7 +207,7 @@ def only(what, where, house=None, now_s=FRIDAY, **changes):
         ({}, {"heating": True}, {"max_heating": 1}, "heating_limit", "1 printers are heating up"),
     ],
 )
-def test_a_hold_has_its_code_and_says_what_it_waits_for(what, where, house, code, says):
+def test_hold_has_a_code_and_a_reason(what, where, house, code, says):
     hold = only(plate("1/01", "a", **what), printer("a", **where), rules(**house))
     assert hold.code == code
     assert says in hold.text
@@ -232,7 +232,7 @@ def test_a_margin_is_kept_to_quiet_hours():
     assert only(plate("1/01", "a", expected_s=5 * HOUR), printer("a"), house).code == "quiet_hours"
 
 
-def test_what_few_printers_can_hold_is_said_with_when_they_are_free():
+def test_hold_of_a_large_plate_names_when_its_printers_are_free():
     tall = [printer(n, room=TALL, booked=True, free_s=FRIDAY + 10.2 * HOUR) for n in ("um2x-02", "um2x-03")]
     hold = assign(
         [plate("1/01", "um2x-02", requirements=Requirements("generic_pla", None, 0.4, box(231.0)))],
@@ -267,7 +267,7 @@ def test_spares_are_kept_for_plates_that_failed():
     assert given_[0].printer == "c"
 
 
-def test_a_reel_with_just_what_is_needed_is_enough():
+def test_reel_with_the_needed_grams_is_enough():
     waiting, on = plate("p1", "a", grams=200.0), printer("a")
     needed = needed_grams(waiting)
     assert short_of_filament(waiting, on, needed) is None

@@ -102,7 +102,7 @@ def test_cancelling_a_job_ends_its_prints_and_nothing_is_tried_again():
     assert not list(books.waiting_plates())
 
 
-def test_what_turns_out_bad_after_its_job_was_cancelled_is_not_printed_with_a_part_that_is_asked_for():
+def test_bad_part_of_a_cancelled_job_is_not_printed_with_a_reprint():
     books, _ = run(
         printing(),
         ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"),
@@ -115,7 +115,7 @@ def test_what_turns_out_bad_after_its_job_was_cancelled_is_not_printed_with_a_pa
     assert [plate.id for plate in books.waiting_plates()] == ["1/02"]
 
 
-def test_what_is_not_known_is_named():
+def test_unknown_amounts_are_named():
     with pytest.raises(NoSuchThing, match="no job 7"):
         Books().job(7)
     with pytest.raises(NoSuchThing, match="no printer z"):

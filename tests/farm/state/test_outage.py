@@ -51,7 +51,7 @@ def test_on_a_fast_clock_the_window_is_no_shorter_than_the_host_needs_to_tell_of
 
 
 @pytest.mark.parametrize("second", [lost("b", 111.0), lost("b", 101.0, fault="maxtemp")])
-def test_what_failed_by_itself_is_charged(second):
+def test_failure_counts_as_an_attempt(second):
     books, _ = run(printing(), *assigned(*TWO), lost("a", 100.0), second)
     assert books.outage is None
     assert [books.prints[name].charged for name in "ab"] == [True, True]
@@ -76,7 +76,7 @@ def test_a_job_that_an_outage_seemed_to_fail_goes_on():
 
 
 @given(st.lists(st.floats(0, 100), min_size=1, max_size=8))
-def test_who_was_lost_together_is_the_same_for_each_of_them(times):
+def test_group_of_lost_printers_is_the_same_for_each(times):
     printers = [Printer(name=f"p{i}", disconnected_at_s=at_s) for i, at_s in enumerate(times)]
     groups = {printer.name: lost_together(printer.name, printers) for printer in printers}
     for name, group in groups.items():

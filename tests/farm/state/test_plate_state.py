@@ -101,7 +101,7 @@ def test_a_plate_out_of_attempts_stops_none_of_the_others():
     assert "1/01 failed 3 times, last on a: no heat" in books.jobs[1].reason
 
 
-def test_a_person_asks_again_for_what_failed_was_cancelled_or_was_good():
+def test_reprint_of_failed_cancelled_and_good_parts():
     again = ev.ReprintRequested(at_s=400.0, plate="1/01", why="it broke", by="ann")
     for books in (
         failed(printing(plates=1), ATTEMPTS),
@@ -118,7 +118,7 @@ def test_a_person_asks_again_for_what_failed_was_cancelled_or_was_good():
         assert stands(failed(books, ATTEMPTS, start=10)) is PlateState.OUT_OF_ATTEMPTS
 
 
-def test_what_a_person_cancelled_is_not_tried_again_though_the_rest_goes_on():
+def test_cancelled_part_is_not_repeated_while_others_continue():
     cancelled = ev.PlateCancelled(at_s=5.0, plate="1/01", by="ann")
     books, told = run(printing(plates=2), assigned("1/01", "a", "x"), assigned("1/02", "b", "y"), cancelled)
     assert [t for t in told if isinstance(t, ev.SendCancel)] == [

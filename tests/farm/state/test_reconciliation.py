@@ -17,7 +17,7 @@ from farm.state.reconciliation import (
 from make_books import fleet, printing, run
 
 
-def test_what_happened_at_a_printer_makes_bed_and_filament_unknown_until_a_person_has_looked():
+def test_manual_use_makes_bed_and_filament_unknown_until_inspected():
     said = AgentSnapshot(
         printer="a",
         link=Link.READY,
@@ -56,7 +56,7 @@ def test_agent_that_was_started_again_knows_the_filament_but_not_the_bed():
     assert (printer.bed, printer.filament) == (Bed.CLEAR, FilamentState.PARKED)
 
 
-def test_an_emulator_is_asked_only_where_the_books_do_not_know():
+def test_bed_of_an_emulator_is_used_only_if_unknown():
     said = AgentSnapshot(printer="a", link=Link.READY, bed_clear=True, filament=FilamentState.PARKED)
     books, _ = run(Books(), *fleet(Bed.UNKNOWN))
     books, _ = run(books, *observe_idle_printer(books.printers["a"], said, 5.0))
@@ -64,7 +64,7 @@ def test_an_emulator_is_asked_only_where_the_books_do_not_know():
     assert list(observe_idle_printer(books.printers["a"], said, 6.0)) == []
 
 
-def test_a_real_printer_cannot_say_what_lies_on_its_bed():
+def test_real_printer_does_not_report_its_bed():
     said = AgentSnapshot(printer="a", link=Link.READY, filament=FilamentState.PARKED)
     books, _ = run(Books(), *fleet(Bed.UNKNOWN))
     assert list(observe_idle_printer(books.printers["a"], said, 5.0)) == []
@@ -100,7 +100,7 @@ def test_reconciling_follows_an_agent_and_is_quiet_when_nothing_is_new():
     assert (books.prints["x"].state, books.prints["x"].ended_s) == (PrintState.DONE, 90.0)
 
 
-def test_an_agent_that_was_not_told_is_told_again_and_one_that_forgot_has_lost_the_print():
+def test_start_is_repeated_and_a_forgotten_print_is_lost():
     books = assigned()
     assert list(reconcile_print(books.prints["x"], empty(), 3.0)) == []
     assert list(pending_instructions(books.prints["x"], empty())) == [ev.SendStart(print_id="x", printer="a")]
@@ -116,7 +116,7 @@ def empty(link=Link.READY, pid=9, **changes):
     return AgentSnapshot(printer="a", link=link, agent_pid=pid, **changes)
 
 
-def test_a_print_that_was_cancelled_ends_when_its_agent_has_heard_of_it():
+def test_cancelled_print_ends_when_its_agent_confirms():
     """Until then the start may be on its way beside an older word of the agent's."""
     books, _ = run(assigned(), ev.JobCancelled(at_s=3.0, job=1))
     stop = ev.SendCancel(print_id="x", printer="a", reason=books.prints["x"].cancel_reason)
@@ -130,7 +130,7 @@ def test_a_print_that_was_cancelled_ends_when_its_agent_has_heard_of_it():
 
 
 @pytest.mark.parametrize("link", [Link.FAULT, Link.ABSENT])
-def test_what_a_printer_cannot_begin_goes_elsewhere_only_when_its_agent_has_heard_of_it(link):
+def test_unstartable_print_is_reassigned_after_its_agent_confirms(link):
     books = assigned()
     stale = empty(link, reason="unplugged")
     books, sent = run(books, *reconcile_print(books.prints["x"], stale, 3.0))
@@ -174,7 +174,7 @@ def restored(*states):
 
 
 @pytest.mark.parametrize("state", [PrintState.ASSIGNED, PrintState.PRINTING])
-def test_what_an_agent_prints_is_taken_over_by_books_that_are_a_copy(state):
+def test_restored_books_adopt_the_print_of_an_agent(state):
     books = restored(state)
     assert list(pending_instructions(books.prints["a"], empty())) == []  # it is not begun (again)
     said = word("a")
@@ -190,7 +190,7 @@ def test_what_an_agent_prints_is_taken_over_by_books_that_are_a_copy(state):
     assert [plate.id for plate in books.waiting_plates()] == ["1/02"]
 
 
-def test_what_no_agent_knows_any_more_is_no_outage_and_costs_no_attempt():
+def test_print_unknown_to_its_agent_is_no_outage_and_no_attempt():
     books = restored(PrintState.PRINTING, PrintState.PRINTING)
     for name in "ab":
         said = empty().model_copy(update={"printer": name})
@@ -237,14 +237,14 @@ def test_a_print_that_the_books_never_had_goes_on_and_leaves_the_bed_in_doubt():
         (True, PrintState.ENDING, None),
     ],
 )
-def test_a_pause_that_an_agent_does_not_know_of_is_told_again(wanted, state, told):
+def test_unconfirmed_pause_is_repeated(wanted, state, told):
     books, sent = run(assigned(), ev.PauseRequested(at_s=3.0, print_id="x", wanted=wanted))
     assert sent == [ev.SendPause(print_id="x", printer="a", wanted=wanted)]
     again = list(pending_instructions(books.prints["x"], word(state=state)))
     assert again == ([] if told is None else [ev.SendPause(print_id="x", printer="a", wanted=told)])
 
 
-def test_what_is_cancelled_is_not_paused_any_more():
+def test_cancelled_print_is_not_paused():
     books, _ = run(assigned(), ev.JobCancelled(at_s=3.0, job=1))
     with pytest.raises(InvalidTransition, match="print x is assigned and being ended"):
         run(books, ev.PauseRequested(at_s=3.0, print_id="x", wanted=True))
@@ -258,7 +258,7 @@ def test_what_is_cancelled_is_not_paused_any_more():
 
 
 @pytest.mark.parametrize("known", ["bed", "filament"])
-def test_an_emulator_is_asked_for_the_one_of_bed_and_filament_that_is_not_known(known):
+def test_emulator_provides_the_unknown_bed_or_filament(known):
     said = AgentSnapshot(printer="a", link=Link.READY, bed_clear=True, filament=FilamentState.PARKED)
     unknown = {"bed": Bed.UNKNOWN, "filament": FilamentState.UNKNOWN}
     unknown[known] = Bed.NOT_CLEAR if known == "bed" else FilamentState.AT_NOZZLE

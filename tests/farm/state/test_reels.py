@@ -37,7 +37,7 @@ def test_a_print_takes_its_grams_off(changes, left):
     assert books.prints["x"].grams == pytest.approx(100.0 - left), "the history says the same as the reel"
 
 
-def test_what_nobody_weighed_stays_unknown():
+def test_unweighed_reel_stays_unknown():
     books, _ = run(with_a_reel(grams=None), ended("x"))
     assert books.printer("a").reel.grams is None
 

@@ -65,7 +65,7 @@ def test_a_job_that_was_out_of_attempts_is_done_when_its_last_one_was_whole():
     assert (books.jobs[1].state, books.jobs[1].error) == (JobState.DONE, None)
 
 
-def test_its_reel_gave_the_whole_plate():
+def test_salvaged_part_uses_its_full_filament():
     reel = Reel(material="generic_pla", grams=100.0, nozzle_mm=0.4)
     books, _ = run(printing(1), ev.ReelLoaded(at_s=1.0, printer="a", reel=reel, by="ann"))
     failed = ended("x", PrintState.FAILED, 110.0, printed_share=0.5, **DIED)
@@ -117,7 +117,7 @@ def test_a_part_that_was_cut_again_meanwhile_is_whole_with_all_its_pieces():
     assert told[0].print_id == "y"
 
 
-def test_do_now_asks_whether_it_is_whole_and_names_part_and_command():
+def test_task_asks_for_the_verdict_with_part_and_command():
     (item,) = asked(died())
     assert item.printers == ["a"]
     for text in (item.text, item.brief):
@@ -125,7 +125,7 @@ def test_do_now_asks_whether_it_is_whole_and_names_part_and_command():
     assert "then `farm cleared a`" in item.text
 
 
-def test_do_now_asks_after_an_outage_too():
+def test_task_asks_for_the_verdict_after_an_outage():
     start = (given("1/01", "a", "x"), given("1/02", "b", "y"))
     lost = (ended(name, PrintState.FAILED, 110.0, **DIED) for name in "xy")
     (item,) = asked(run(printing(2), *start, *lost)[0])
@@ -145,7 +145,7 @@ def test_do_now_asks_after_an_outage_too():
         {"then": (given("1/01", "b", "y"), ended("y", at_s=300.0))},  # printed meanwhile
     ],
 )
-def test_nobody_is_asked_where_it_cannot_be_whole_or_is_not_wanted(facts):
+def test_no_verdict_is_requested_for_an_incomplete_part(facts):
     then = facts.pop("then", ())
     books, _ = run(died(**facts), *then)
     assert possibly_whole_print(books, "a") is None

@@ -62,7 +62,7 @@ def test_a_job_has_no_price_where_one_reel_has_none():
     assert view(priced(1.25, None)).price is None
 
 
-def test_what_will_not_be_printed_is_shown_with_the_job():
+def test_cancelled_parts_are_shown_with_the_job():
     books = printing(plates=1)
     name, plate = next(iter(books.plates.items()))
     thin = "walls too thin to print: 90 mm2 at X4 Y0, Z 6.1..13.5 mm"
@@ -87,7 +87,7 @@ def context(books, now_s, progress=None, **snapshots):
     return ViewContext(FLEET, books, snapshots, StateFolder(Path("/state")), now_s, progress=progress or {})
 
 
-def test_how_far_a_plan_is_is_shown_while_it_is_made():
+def test_progress_of_a_plan_is_shown():
     far = PlanProgress(step=PlanStep.SLICING, done=3, of=8)
     queued, _ = run(Books(), *fleet(), ev.JobSubmitted(at_s=0.0, job=job()))
     planning, _ = run(queued, ev.PlanningStarted(at_s=0.0, job=1))
@@ -97,7 +97,7 @@ def test_how_far_a_plan_is_is_shown_while_it_is_made():
 
 
 @pytest.mark.parametrize(("progress_s", "remaining_s"), [(0.0, 10.0 + 90.0 * 1.2 - 5.0), (30.0, 60.0 * 1.2)])
-def test_what_is_left_of_a_print_is_by_its_printers_own_factor(progress_s, remaining_s):
+def test_remaining_time_uses_the_factor_of_the_printer(progress_s, remaining_s):
     books, _ = run(printing(), ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"))
     began = ev.PrintProgressed(
         at_s=2.0, print_id="x", state=PrintState.PRINTING, started_s=2.0, extruded=True
@@ -145,7 +145,7 @@ def test_a_print_that_is_resumed_is_not_shown_as_paused():
         assert (printer.state, printer.print.state, part.prints[0].state) == (shown, shown, shown)
 
 
-def test_what_was_bad_takes_its_time_again():
+def test_bad_part_takes_its_time_again():
     begun = ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x")
     bad = ev.BedCleared(at_s=300.0, printer="a", by="ann", verdict=Verdict.BAD, why="warped")
     books, _ = run(printing(1), begun, ended("x", at_s=102.0), bad)

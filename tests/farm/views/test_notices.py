@@ -24,11 +24,11 @@ def begun(plates=2):
     return run(printing(plates), *assigned)[0]
 
 
-def test_while_all_goes_well_nobody_is_told_anything():
+def test_no_notice_without_a_problem():
     assert told(begun()) == []
 
 
-def test_a_printed_job_and_an_empty_queue_are_told_once():
+def test_printed_job_and_empty_queue_are_notified_once():
     books, _ = run(begun(), ended("x"), ended("y", at_s=300.0))
     texts = ["job 1 (bracket.stl) is printed: 2 parts in 5 min", "all jobs have ended"]
     assert told(books) == texts
@@ -42,7 +42,7 @@ def test_a_printed_job_and_an_empty_queue_are_told_once():
     assert told(more) == texts[:1]
 
 
-def test_what_failed_by_itself_is_told_and_what_a_person_ended_is_not():
+def test_failure_is_notified_and_a_cancel_is_not():
     failed = ended("x", PrintState.FAILED, fault="heater_timeout", reason="it does not get warm")
     books, _ = run(
         begun(), failed, ev.PrintFailRequested(at_s=5.0, print_id="y", why="it came off", by="ann")
@@ -51,7 +51,7 @@ def test_what_failed_by_itself_is_told_and_what_a_person_ended_is_not():
     assert told(books) == ["1/p01 failed on a: it does not get warm"]
 
 
-def test_a_job_that_cannot_be_made_is_told():
+def test_failed_job_is_notified():
     books, _ = run(
         Books(),
         *fleet(),
@@ -62,7 +62,7 @@ def test_a_job_that_cannot_be_made_is_told():
     assert told(books) == ["job 1 (bracket.stl) failed: too large", "all jobs have ended"]
 
 
-def test_one_printer_that_is_lost_is_told_with_its_part_where_it_printed():
+def test_lost_printer_is_notified_with_its_part():
     lost = ended("x", PrintState.FAILED, fault="port_lost", reason="its port is gone")
     books, _ = run(begun(), lost, ev.PrinterLost(at_s=500.0, printer="c"))
     assert told(books) == [
@@ -71,7 +71,7 @@ def test_one_printer_that_is_lost_is_told_with_its_part_where_it_printed():
     ]
 
 
-def test_an_outage_is_told_once_for_all_of_its_printers():
+def test_outage_is_notified_once_for_all_printers():
     gone = {"fault": "port_lost", "reason": "its port is gone"}
     books, _ = run(
         begun(3), *(ended(name, PrintState.FAILED, 200.0 + i, **gone) for i, name in enumerate("xyz"))
@@ -81,13 +81,13 @@ def test_an_outage_is_told_once_for_all_of_its_printers():
     assert told(books)[1:] == ["a is lost: the connection to its board is gone"]
 
 
-def test_a_dry_run_that_is_over_leaves_nothing_to_say():
+def test_ended_dry_run_is_not_notified():
     tried = job(2).model_copy(update={"options": job().options.model_copy(update={"dry_run": True})})
     books, _ = run(printing(), ev.JobSubmitted(at_s=3.0, job=tried), ev.JobCancelled(at_s=4.0, job=2))
     assert told(books) == []
 
 
-def test_books_that_were_put_back_are_told_once():
+def test_restored_database_is_notified_once():
     books, _ = run(begun(), ev.BooksRestored(at_s=500.0, copied_s=1.0))
     (text,) = told(books)
     assert text.startswith("the database was damaged and restored")

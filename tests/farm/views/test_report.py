@@ -31,7 +31,7 @@ def report_of(books, **changes):
     return view, list_history(context), now
 
 
-def test_a_bar_for_every_print_in_the_colour_of_what_became_of_it():
+def test_bar_of_every_print_has_the_colour_of_its_outcome():
     books, _ = run(
         night_books(),
         ev.BedCleared(at_s=300.0, printer="um2-01", by="ann"),
@@ -67,7 +67,7 @@ def test_other_jobs_are_drawn_on_the_same_fleet():
     assert "another job" not in [bar.kind for bar in list_bars(view, [later], now)]
 
 
-def test_the_page_is_one_file_that_says_what_failed_and_escapes_names():
+def test_page_is_one_file_with_failures_and_escaped_names():
     view, rows, now = report_of(night_books(), name="<script>bunny</script>")
     text = render_page(view, rows, now, list_figures(view), {"1/p01": PNG}, PNG)
     assert "<script" not in text

@@ -64,7 +64,7 @@ def client(tmp_path):
     return Client(tmp_path / "farm.sock")
 
 
-def test_where_no_daemon_is_a_person_is_told_what_starts_one(client):
+def test_missing_daemon_is_reported_with_the_command_to_start_it(client):
     with pytest.raises(DaemonUnreachable, match=r"\(No such file or directory\); `farm up` starts one"):
         client.status()  # and no socket is left open: that would be a warning, and so an error here
 
@@ -77,7 +77,7 @@ def test_a_daemon_that_hangs_is_not_taken_for_one_that_is_not_there(tmp_path):
             Client(tmp_path / "farm.sock", answer_s=0.01).status()
 
 
-def test_who_is_not_in_the_farms_group_is_told_so(client, monkeypatch):
+def test_user_outside_the_group_gets_a_reason(client, monkeypatch):
     def closed(self):
         raise PermissionError(13, "Permission denied")
 
@@ -86,7 +86,7 @@ def test_who_is_not_in_the_farms_group_is_told_so(client, monkeypatch):
         client.status()
 
 
-def test_a_daemon_that_dies_over_its_answer_is_away(tmp_path, client):
+def test_daemon_that_dies_during_an_answer_is_unreachable(tmp_path, client):
     def die(listening):
         talk, _ = listening.accept()
         talk.close()
@@ -101,7 +101,7 @@ def test_a_daemon_that_dies_over_its_answer_is_away(tmp_path, client):
         thread.join()
 
 
-def test_what_the_daemon_refuses_keeps_its_code_and_its_words(daemon, client):
+def test_refusal_of_the_daemon_keeps_its_code_and_message(daemon, client):
     problem = {"error": "there is no job 9", "code": "no_such_thing", "exit_code": 4}
     daemon.answer = (404, json.dumps(problem).encode())
     with pytest.raises(FarmError, match="there is no job 9") as told:
@@ -120,7 +120,7 @@ def test_a_daemon_of_another_version_is_called_so(daemon, client):
             client.job(9)
 
 
-def test_what_is_asked_arrives_as_it_was_asked(daemon, client, tmp_path, monkeypatch):
+def test_requests_arrive_unchanged(daemon, client, tmp_path, monkeypatch):
     daemon.answer = (200, b'{"again": null}')
     client.cleared("um2-01", ClearedRequest(bad=True, why="warped: 3 mm & more"))
     ((path, body),) = daemon.heard
@@ -136,9 +136,7 @@ def test_what_is_asked_arrives_as_it_was_asked(daemon, client, tmp_path, monkeyp
     assert body == model.read_bytes()
 
 
-def test_an_upload_that_is_refused_before_it_is_read_is_refused_in_the_daemons_words(
-    daemon, client, tmp_path, monkeypatch
-):
+def test_early_refusal_of_an_upload_keeps_its_message(daemon, client, tmp_path, monkeypatch):
     model = tmp_path / "part.stl"
     model.write_bytes(bytes(4_000_000))  # more than the socket holds
     problem = {"error": "the farm is going down", "code": "refused", "exit_code": 5}
@@ -192,7 +190,7 @@ def minute(monkeypatch):
     monkeypatch.setattr("farm.cli.client.daemon_client._POLL_S", 0.01)
 
 
-def test_a_submission_is_waited_for_while_the_daemon_says_how_far_it_is(tmp_path, minute):
+def test_client_waits_while_the_daemon_reports_progress(tmp_path, minute):
     """An hour, say: it waits for a worker, and a large broken model is repaired."""
     model, heard = tmp_path / "box.stl", []
     model.write_bytes(b"solid")
@@ -201,7 +199,7 @@ def test_a_submission_is_waited_for_while_the_daemon_says_how_far_it_is(tmp_path
     assert {view.step for view in heard} == {"repairing"}
 
 
-def test_a_submission_is_given_up_where_the_daemon_says_nothing_any_more(tmp_path, minute):
+def test_client_gives_up_when_the_daemon_is_silent(tmp_path, minute):
     model = tmp_path / "box.stl"
     model.write_bytes(b"solid")
     daemon = SlowDaemon(tmp_path, [REPAIRING, *[AWAY] * 9])

@@ -40,7 +40,7 @@ def pressed(tmp_path):
     return press
 
 
-def test_what_came_of_it_is_said_as_it_comes(pressed):
+def test_results_are_printed_as_they_arrive(pressed):
     words = [StopReport(printer="a", text="it cools"), StopReport(printer="a", text="off", seen_off=True)]
     asked = []
 
@@ -53,7 +53,7 @@ def test_what_came_of_it_is_said_as_it_comes(pressed):
     assert asked == ["a"]
 
 
-def test_what_went_wrong_at_the_other_end_goes_wrong_here(pressed):
+def test_error_of_the_server_is_an_error_of_the_client(pressed):
     def stop(printers, say):
         raise NoSuchThing("there is no printer z")
 
@@ -63,7 +63,7 @@ def test_what_went_wrong_at_the_other_end_goes_wrong_here(pressed):
 
 
 @pytest.mark.parametrize("rubbish", [b"\xff\xfe\n", b"\n", b'{"printers": "all"}\n', b"[" * 100_000 + b"\n"])
-def test_what_is_no_wish_is_refused_and_stops_nothing(tmp_path, rubbish):
+def test_invalid_request_is_refused_and_stops_nothing(tmp_path, rubbish):
     asked, said = io.TextIOWrapper(io.BytesIO(rubbish), encoding="utf-8"), io.StringIO()
     estop_socket.serve_request(asked, said, lambda printers, say: pytest.fail(f"stopped {printers}"))
     assert '"code":"refused"' in said.getvalue()
@@ -112,7 +112,7 @@ def test_another_users_farm_without_a_button_is_not_taken_for_ones_own(tmp_path,
     assert estop_socket.find_estop_socket(places) == tmp_path / "estop.sock"
 
 
-def test_root_that_was_told_the_state_folder_needs_no_button(tmp_path, monkeypatch):
+def test_root_with_a_state_folder_needs_no_socket(tmp_path, monkeypatch):
     (tmp_path / "estop.sock").touch()
     monkeypatch.setattr(estop_socket, "_owner", lambda path: 4711 if path.exists() else None)
     monkeypatch.setattr(estop_socket.os, "geteuid", lambda: 0)
@@ -146,14 +146,14 @@ class Sheet(io.StringIO):
         return len(text)
 
 
-def test_a_line_of_a_printer_is_written_whole_whatever_is_said_of_it(monkeypatch):
+def test_line_of_a_printer_is_written_whole(monkeypatch):
     sheet = Sheet()
     monkeypatch.setattr(estop.sys, "stdout", sheet)
     estop.print_report(StopReport(printer="a", text="ssh said\nthis and\r that"))
     assert sheet.writes == ["a: ssh said this and that\n"]
 
 
-def test_lines_of_several_printers_are_said_one_after_the_other(tmp_path, monkeypatch):
+def test_lines_of_several_printers_do_not_mix(tmp_path, monkeypatch):
     all_there = threading.Barrier(8)
     busy, overlaps, heard = [], [], []
 

@@ -43,12 +43,12 @@ def test_a_good_result() -> None:
     ]
 
 
-def test_cuts_askew_are_told() -> None:
+def test_turned_cuts_are_reported() -> None:
     (_, said, *_) = summarise_decomposition(report(yaw_deg=15.0), 4, Path("out"))
     assert said.startswith("By guillotine, turned by 15 degrees about Z: at most 8%")
 
 
-def test_all_that_can_be_said_is_six_lines() -> None:
+def test_summary_has_six_lines_at_most() -> None:
     parts = [{"id": f"p0{i}", "file": f"p0{i}.stl", "stands": i == 1} for i in range(1, 7)]
     fault = {"part": "p03", "what": "is 5.0 mm thin where it was cut, less than 8 mm"}
     lines = summarise_decomposition(
@@ -77,6 +77,6 @@ def test_one_part_has_no_joint() -> None:
 
 
 @pytest.mark.parametrize("text", ["1,2", "a,b,c", "nan,nan,nan", "200,200,-1", "0,200,200", "inf,200,200"])
-def test_what_is_no_volume_is_refused(text: str, tmp_path: Path) -> None:
+def test_invalid_volume_is_refused(text: str, tmp_path: Path) -> None:
     with pytest.raises(typer.BadParameter, match="three numbers above 0"):
         local.decompose(tmp_path / "none.stl", out=tmp_path, printers=2, volume=text)

@@ -24,7 +24,7 @@ def test_a_target_is_a_job_a_part_or_a_printer(target, path):
     assert find_target_path(target) == path
 
 
-def test_all_beds_are_those_that_a_person_was_asked_to_clear():
+def test_all_selects_the_beds_that_wait_to_be_cleared():
     hold = Hold(code=HoldCode.BED_NOT_CLEAR, text="")
     states = ("idle", "maintenance", "look", "absent", "connecting")
     fleet = [PrinterView.model_construct(name=state, state=state, print=None, hold=hold) for state in states]
@@ -46,7 +46,7 @@ def test_all_beds_are_those_that_a_person_was_asked_to_clear():
         ),
     ],
 )
-def test_who_cancels_a_job_is_told_which_beds_are_to_be_cleared(printers, said, monkeypatch):
+def test_cancel_names_the_beds_to_clear(printers, said, monkeypatch):
     class Daemon:
         def __init__(self, _):
             pass
@@ -59,7 +59,7 @@ def test_who_cancels_a_job_is_told_which_beds_are_to_be_cleared(printers, said, 
     assert CliRunner().invoke(app, ["cancel", "3"]).stdout == f"{said}\n"
 
 
-def test_who_interrupts_an_upload_is_told_that_it_may_have_come(tmp_path, monkeypatch):
+def test_interrupted_upload_may_have_been_submitted(tmp_path, monkeypatch):
     class Daemon:
         def __init__(self, _):
             pass

@@ -95,7 +95,7 @@ def test_a_part_that_is_whole_is_not_printed_again(farm, part):
     assert list(farm.controller.books.open_prints()) == []
 
 
-def test_who_says_so_is_told_where_it_is_printed_again_already_and_how_to_end_that(farm):
+def test_good_part_names_its_running_reprint_and_the_command_to_end_it(farm):
     farm.controller.clock.ahead_s += 60.0  # what may have been lost with others waits for a moment
     farm.ready("b")
     said(farm, "b", PrintState.HEATING, started_s=farm.controller.clock.now())
@@ -129,7 +129,7 @@ def test_going_down_ends_a_print_of_a_part_that_was_found_whole(farm):
         (("all", "--good", "1/p01"), "exactly one printer"),
     ],
 )
-def test_what_does_not_lie_there_is_not_called_good(farm, words, said):
+def test_part_on_another_bed_cannot_be_good(farm, words, said):
     answer = ask("cleared", *words)
     assert answer.exit_code != 0
     shown = flat((answer.output + str(answer.exception or "")).replace("│", " "))

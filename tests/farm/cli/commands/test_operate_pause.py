@@ -23,7 +23,7 @@ class Daemon:
         return api.Status.model_construct(todo=[hours, clear])
 
 
-def test_a_print_that_goes_on_but_not_to_its_end_is_warned_of(monkeypatch: pytest.MonkeyPatch):
+def test_print_resumed_too_late_is_a_warning(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(operate, "Client", Daemon)
     said = CliRunner().invoke(app, ["resume", "a"]).stdout.splitlines()
     assert said == ["a: resumed", "a needs until Fri 19:00"]
@@ -38,6 +38,6 @@ def test_a_print_that_goes_on_but_not_to_its_end_is_warned_of(monkeypatch: pytes
         ("um2-01", "um2-01: pausing; continue with `farm resume um2-01`"),
     ],
 )
-def test_what_is_paused_is_said(target: str, said: str, monkeypatch: pytest.MonkeyPatch):
+def test_pause_is_reported(target: str, said: str, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(operate, "Client", Daemon)
     assert CliRunner().invoke(app, ["pause", target]).stdout == f"{said}\n"

@@ -22,7 +22,7 @@ def shown(view, width=120):
     return [line.rstrip() for line in screen.export_text().splitlines()]
 
 
-def test_it_begins_with_what_a_person_has_to_do_now():
+def test_page_begins_with_the_tasks():
     lines = shown(status_of(night_books()))
     assert lines[1] == "DO NOW   clear 3 beds: um2-01..03     inspect: um2-04: it does not get warm (00:00)"
     assert lines[2].startswith("NIGHT    3 of 5 plates printed, 1 failed, 1 still printing; 9 g + 1 g wasted")
@@ -32,7 +32,7 @@ def test_it_begins_with_what_a_person_has_to_do_now():
     assert [row[1] for row in table] == ["remove"] * 3 + ["inspect", "printing"]
 
 
-def test_a_printer_that_somebody_used_has_to_be_looked_at_and_says_since_when():
+def test_manually_used_printer_needs_an_inspection_with_its_time():
     doubt = ev.BedBecameUnknown(at_s=6.5 * 3600.0, printer="um2-03", reason="used at its LCD")
     books, _ = run(night_books(), doubt)
     lines = shown(status_of(books))
@@ -41,13 +41,13 @@ def test_a_printer_that_somebody_used_has_to_be_looked_at_and_says_since_when():
     )
 
 
-def test_what_a_person_wrote_is_shown_as_it_was_written():
+def test_text_of_users_is_not_interpreted():
     begun = ev.MaintenanceStarted(at_s=1.0, printer="um2-03", why="[/b] new [belt]", by="ann")
     books, _ = run(night_books(), begun)
     assert any(line.endswith("maintenance --done ([/b] new [belt])") for line in shown(status_of(books), 200))
 
 
-def test_a_job_that_has_not_begun_says_only_what_is_known():
+def test_unstarted_job_shows_known_figures_only():
     events = (ev.JobSubmitted(at_s=0.0, job=job()), ev.PlanningStarted(at_s=0.0, job=1))
     printers = (ev.PrinterAdded(at_s=0.0, printer=name, bed=Bed.CLEAR) for name in PRINTERS)
     held = plan(1, 1).model_copy(update={"held": True, "plan": "abc"})
@@ -67,7 +67,7 @@ def test_a_night_of_which_everything_was_cancelled_is_no_count_of_nothing():
     assert format_night(view) == "nothing printed; 0 g + 26 g wasted"
 
 
-def test_a_printer_in_maintenance_says_why():
+def test_printer_in_maintenance_shows_its_reason():
     books, _ = run(night_books(), ev.MaintenanceStarted(at_s=300.0, printer="um2-01", why="belt", by="ann"))
     (row,) = (line for line in shown(status_of(books)) if line.startswith("um2-01"))
     assert row.endswith("maintenance --done (belt)")
@@ -81,7 +81,7 @@ def test_a_printer_that_is_away_has_to_be_connected_and_one_that_comes_has_not(l
     assert shown(view)[-1].endswith(needs)
 
 
-def test_what_has_been_looked_at_is_good_or_bad():
+def test_judged_part_is_good_or_bad():
     verdicts = zip(PRINTERS[:3], (Verdict.GOOD, Verdict.BAD, Verdict.GOOD), strict=True)
     books, _ = run(
         night_books(),

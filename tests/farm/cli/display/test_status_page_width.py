@@ -105,7 +105,7 @@ def test_a_page_that_is_watched_fits_into_the_terminal(width, fleet, height):
 
 
 @SIZES
-def test_what_prints_is_whole_in_every_width(width):
+def test_printing_row_is_complete_in_every_width(width):
     long = {"state": "printing", "print": progress("12/03", 44_000, 0.55), "nozzle_c": 200.0}
     fleet = [
         p.model_copy(update={"targets": api.Targets(nozzle_c=200, bed_c=60), **long}) for p in VIEW.printers

@@ -53,7 +53,7 @@ def test_no_line_is_wider_than_the_terminal_and_no_name_is_lost(rows, width):
 
 
 @given(st.text("ab ", max_size=60), st.integers(3, 30), st.integers(0, 5))
-def test_a_wrapped_text_has_all_its_words(text, width, indent):
+def test_wrapped_text_is_complete(text, width, indent):
     lines = plain(wrap_text(Text(text), width, indent))
     assert all(len(line) <= width for line in lines) or text.isspace()
     assert "".join("".join(lines).split()) == "".join(text.split())

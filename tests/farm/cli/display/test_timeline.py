@@ -43,7 +43,7 @@ def test_a_short_plate_in_a_long_night_is_still_seen():
     assert draw_gantt([], NOW) == []
 
 
-def test_the_night_says_what_it_takes():
+def test_night_line_has_its_counts():
     facts = {"plan": "x", "left": ["4/04"], "notices": ["Scaled."]}
     facts |= {"makespan_s": 14400, "lower_bound_s": 7200, "currency": "GBP"}
     view = api.Timeline(job=4, now=NOW, slots=SLOTS, grams=90.0, price=2.7, **facts)

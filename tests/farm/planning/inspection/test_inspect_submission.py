@@ -8,7 +8,7 @@ from farm.model import JobOptions
 from farm.planning.inspection.inspect_submission import inspect_model, read_inspected
 
 
-def test_what_was_submitted_is_read_back_to_the_last_bit(tmp_path, files):
+def test_stored_solid_equals_the_submitted_one(tmp_path, files):
     path = tmp_path / "upload.stl"
     trimesh.creation.icosphere(2, 0.1).export(path)
     stored = inspect_model(path, "ball.stl", JobOptions(longest_side_mm=77.0), files)

@@ -71,23 +71,23 @@ def plan(tmp_path, files, inspect):
 
 
 @pytest.mark.parametrize("name", ["a.gcode", "A.GCODE", "b.g", "c.gco"])
-def test_g_code_is_known_by_its_name(name):
+def test_g_code_is_recognised_by_its_name(name):
     assert is_gcode(name)
     assert not is_gcode(name + ".stl")
 
 
 @pytest.mark.parametrize("name", ["a.gcode.gz", "a.g.zip", "a.bgcode", "a.ufp"])
-def test_packed_g_code_is_refused_with_what_to_do(name):
+def test_packed_g_code_is_refused_with_advice(name):
     with pytest.raises(FarmError, match=r"unpack|plain|package") as caught:
         is_gcode(name)
     assert caught.value.code is ErrorCode.GCODE
 
 
-def test_packed_models_are_none_of_our_business():
+def test_packed_models_are_not_taken_for_g_code():
     assert not is_gcode("a.stl.gz")
 
 
-def test_a_file_is_kept_as_it_came_with_what_it_asks_for(inspect, files):
+def test_file_is_stored_with_its_requirements(inspect, files):
     lines = ultigcode()
     inspected = inspect(lines)
     assert (files / inspected.file).read_text().splitlines() == lines
@@ -112,7 +112,7 @@ def test_options_that_g_code_has_decided_are_refused(inspect, options, flags):
     assert caught.value.code is ErrorCode.SETTINGS
 
 
-def test_one_printer_may_be_asked_for(inspect):
+def test_one_printer_may_be_requested(inspect):
     assert inspect(marlin(), printers=1).scale == 1.0
 
 
@@ -127,13 +127,13 @@ def test_one_printer_may_be_asked_for(inspect):
         (marlin(body=["G0 Z400"]), "moves to Z 400.0"),
     ],
 )
-def test_what_fits_no_printer_is_refused_at_once(inspect, lines, said):
+def test_file_that_fits_no_printer_is_refused(inspect, lines, said):
     with pytest.raises(FarmError, match=said) as caught:
         inspect(lines)
     assert caught.value.code is ErrorCode.NO_FIT
 
 
-def test_a_file_that_does_not_say_its_nozzle_needs_printers_of_one(inspect):
+def test_file_without_a_nozzle_needs_printers_with_one_size(inspect):
     fleet = [printer("a"), printer("b", nozzle_mm=0.8, colour="red")]
     with pytest.raises(FarmError, match=r"nozzle_diameter = 0\.4") as caught:
         inspect(marlin(), fleet)
@@ -176,7 +176,7 @@ def test_temperatures_of_ultigcode_are_those_of_the_printers_material(plan, file
 
 
 @pytest.mark.parametrize(("nozzle_c", "asked"), [(250, True), (215, False)])
-def test_a_file_for_another_material_is_asked_about(plan, inspect, nozzle_c, asked):
+def test_file_for_another_material_is_a_warning(plan, inspect, nozzle_c, asked):
     lines = [line.replace("S205", f"S{nozzle_c}") for line in marlin()]
     for notices in (inspect(lines).repairs, plan(lines).repairs):
         assert any(f"{nozzle_c} C, and generic_pla on a" in line for line in notices) is asked

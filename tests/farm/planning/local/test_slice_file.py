@@ -39,7 +39,7 @@ def refused(path, out, **options):
     return error.value
 
 
-def test_slicing_again_says_that_it_was_there_and_the_file_is_the_same(box, tmp_path):
+def test_second_slice_is_from_the_cache_and_equal(box, tmp_path):
     cache, out = tmp_path / "cache", tmp_path / "new folder" / "box.gcode"
     told = []
     first = slice_(box, out, cache=cache, on_step=told.append)
@@ -89,7 +89,7 @@ def test_a_file_is_no_folder_for_the_file(box):
     assert "is no folder" in str(refused(box, box / "deep" / "out.gcode"))
 
 
-def test_a_model_in_inches_or_metres_is_asked_about(tmp_path):
+def test_model_in_inches_or_metres_is_refused_with_scales(tmp_path):
     path = tmp_path / "m.stl"
     trimesh.creation.box((0.3, 0.2, 0.1)).export(path)
     said = str(refused(path, tmp_path / "out.gcode"))
@@ -104,7 +104,7 @@ def test_no_engine_is_no_fault_of_the_model(box, tmp_path, monkeypatch):
 
 @settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.tuples(SIDES, SIDES, SIDES).filter(lambda size: max(size) > 210.0), st.booleans())
-def test_what_is_proposed_for_a_model_that_is_too_large_fits(tmp_path, monkeypatch, size, by_scale):
+def test_proposed_scale_of_a_large_model_fits(tmp_path, monkeypatch, size, by_scale):
     path = tmp_path / "large.stl"
     trimesh.creation.box(size).export(path)
     said = str(refused(path, tmp_path / "out.gcode"))

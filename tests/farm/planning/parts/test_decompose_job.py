@@ -24,7 +24,7 @@ from farm.state.storage.store import Store
 from recording_controller import Commands, RecordedEffects
 
 
-def test_the_engine_asked_for_cuts(bar, files, tmp_path):
+def test_requested_engine_is_used(bar, files, tmp_path):
     work = decompose_task(bar, files, tmp_path)
     grown = replace(work, options=JobOptions(engine="parallelobox"), budget_s=7.0)
     assert len(decompose_job(grown).parts) == 2
@@ -33,7 +33,7 @@ def test_the_engine_asked_for_cuts(bar, files, tmp_path):
     assert report["options"]["budget_s"] == 7.0
 
 
-def test_too_few_printers_say_how_many_would_do_and_rounds_do(bar, files, tmp_path):
+def test_too_few_printers_report_the_required_number_unless_in_rounds(bar, files, tmp_path):
     with pytest.raises(TooFewPrinters) as error:
         decompose_job(decompose_task(bar, files, tmp_path, printers=1))
     assert error.value.needed == 2
@@ -52,7 +52,7 @@ def test_a_model_that_one_printer_can_hold_stays_whole_unless_a_person_gives_mor
     assert len(decompose_job(given).parts) == 2
 
 
-def test_as_few_parts_as_are_done_in_time_are_cut(files, tmp_path):
+def test_fewest_parts_in_time_are_cut(files, tmp_path):
     path = tmp_path / "upload.stl"
     trimesh.creation.box((110.0, 36.0, 28.0)).export(path)
     box = inspect_model(path, "box.stl", JobOptions(), files)

@@ -56,7 +56,7 @@ def test_a_changed_setting_reaches_the_cost(settings_of):
         assert getattr(after, field) != getattr(before, field), key
 
 
-def test_what_a_plate_takes_beside_its_layers_is_in_its_price_once(settings_of):
+def test_prelude_is_counted_once_in_a_price(settings_of):
     settings = settings_of("glue")
     section = PrinterSection(name="a", model="ultimaker2_plus", port="sim://ultimaker2_plus")
     prelude_s = prelude_seconds(section, settings)

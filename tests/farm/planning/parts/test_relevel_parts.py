@@ -28,7 +28,7 @@ def test_a_part_that_is_sliced_slow_is_cut_smaller(bar, files, tmp_path):
     ]
 
 
-def test_what_ends_together_is_not_levelled(bar, files, tmp_path):
+def test_balanced_parts_are_not_relevelled(bar, files, tmp_path):
     work = decompose_task(bar, files, tmp_path)
     cut = decompose_job(work)
     assert not slice_late(work, cut, late_s=RELEVEL_LATE_S).should_relevel()  # in the mean half of that later

@@ -80,7 +80,7 @@ def test_a_part_that_fills_its_room_still_fits(task, material):
         slice_part(task(trimesh.creation.box((x * 1.003, y * 1.003, 1.0)), material=material))
 
 
-def test_what_is_printed_larger_is_not_moved(task):
+def test_enlarged_part_is_not_moved(task):
     """A part that does not lie on its middle: its underside stays on the bed, its box in the bed's middle."""
     corners = [[x, y, 5.0] for x in (0, 30) for y in (0, 20)] + [[0.0, 0.0, 25.0]]
     plate = slice_part(task(trimesh.convex.convex_hull(np.array(corners)), brim_width_mm=0.0))

@@ -70,7 +70,7 @@ def printing(farm):
     return {attempt.printer: attempt.plate for attempt in farm.controller.books.open_prints()}
 
 
-def test_what_failed_is_cut_for_the_free_printers_and_no_printer_gets_it_meanwhile(tmp_path):
+def test_failed_part_is_cut_for_the_free_printers_and_held(tmp_path):
     farm = begun(tmp_path, [PLUS] * 4, plates=1)
     fails(farm, "a", "1/01")
     ((plate, printers, cut),) = farm.effects.replans
@@ -98,7 +98,7 @@ def test_pieces_that_cannot_be_booked_are_made_again(tmp_path):
     assert printing(farm) == {"b": "1/01a", "c": "1/01b", "d": "1/01c"}
 
 
-def test_what_is_not_sooner_in_pieces_is_printed_whole(tmp_path):
+def test_part_that_is_not_sooner_in_pieces_stays_whole(tmp_path):
     for name, result in {
         "slow": lambda farm: pieces(farm, "1/01", 9.0, "bcd"),
         "failed": lambda farm: FarmError("too thin"),
@@ -111,7 +111,7 @@ def test_what_is_not_sooner_in_pieces_is_printed_whole(tmp_path):
         assert [cut for _, _, cut in farm.effects.replans] == [True, True]
 
 
-def test_a_job_that_is_begun_meanwhile_leaves_the_promised_printers(tmp_path):
+def test_job_that_starts_later_leaves_the_promised_printers(tmp_path):
     farm = begun(tmp_path, [PLUS] * 5, plates=1)
     fails(farm, "a", "1/01")
     ((_, promised, _),) = farm.effects.replans
@@ -119,7 +119,7 @@ def test_a_job_that_is_begun_meanwhile_leaves_the_promised_printers(tmp_path):
     assert farm.effects.plans[1:] == [] or not set(farm.effects.plans[1][1]) & set(promised)
 
 
-def test_a_daemon_that_dies_over_it_has_lost_nothing(tmp_path):
+def test_replan_is_repeated_after_a_restart(tmp_path):
     farm = begun(tmp_path, [PLUS] * 4, plates=1)
     fails(farm, "a", "1/01")
     farm.store.close()
@@ -139,7 +139,7 @@ def test_a_part_that_is_cancelled_while_it_is_cut_is_not_replaced(tmp_path):
     assert printing(farm) == {}
 
 
-def test_what_a_person_approved_is_printed_as_it_was_approved(tmp_path):
+def test_approved_plan_is_not_replanned(tmp_path):
     farm = begun(tmp_path, [PLUS] * 4, plates=1, hold=True)
     fails(farm, "a", "1/01")
     assert farm.effects.replans == []
@@ -155,7 +155,7 @@ def sliced(farm, plate, printer, hours):
     return ReplannedPlate((part,), (new,))
 
 
-def test_what_waits_for_a_full_bed_overnight_is_sliced_for_another_kind_of_printer(tmp_path):
+def test_plate_of_a_full_bed_is_resliced_overnight(tmp_path):
     farm = begun(tmp_path, [PLUS, PLAIN], plates=1)
     fails(farm, "a", "1/01")  # its bed is looked at in the morning
     assert farm.effects.replans == [("1/01", ["b"], False)]
@@ -189,7 +189,7 @@ def test_a_slice_that_would_not_be_there_sooner_is_not_made_twice(tmp_path):
     assert printing(farm) == {"a": "1/01"}
 
 
-def test_its_own_printer_may_take_it_before_the_slice_is_made(tmp_path):
+def test_planned_printer_may_take_the_plate_before_the_reslice(tmp_path):
     farm = begun(tmp_path, [PLUS, PLAIN], plates=1)
     fails(farm, "a", "1/01")
     farm.clear_bed("a", FilamentState.PARKED)

@@ -33,11 +33,11 @@ def part(hours=10.0, **changes):
     return plate("1/01", "a", **{**facts, "expected_s": hours * HOUR, **changes})
 
 
-def test_a_piece_more_costs_what_a_decomposition_says():
+def test_cost_of_a_piece_equals_that_of_a_decomposition():
     assert policy.JOIN_S == CLEAR_S + ASSEMBLE_S
 
 
-def test_what_waits_for_a_full_bed_until_morning_is_sliced_for_another_kind():
+def test_plate_of_a_bed_full_until_morning_is_resliced():
     full, other = printer_of("a", PLUS, bed=Bed.NOT_CLEAR), printer_of("b", PLAIN)
     wish = policy.choose_reslice(part(), situation([part()], [full, other], NIGHT, NOW_S), [other])
     assert wish == policy.Reslice("1/01", "b")
@@ -59,14 +59,14 @@ def test_what_waits_for_a_full_bed_until_morning_is_sliced_for_another_kind():
         ({}, {"family": PLAIN, "unattended": False}),
     ],
 )
-def test_it_waits_where_the_other_printer_will_not_do(changes, other):
+def test_plate_waits_if_the_other_printer_does_not_match(changes, other):
     full = printer_of("a", PLUS, bed=Bed.NOT_CLEAR)
     free = printer_of("b", **other)
     view = part(**changes)
     assert policy.choose_reslice(view, situation([view], [full, free], NIGHT, NOW_S), [free]) is None
 
 
-def test_it_waits_where_its_own_printer_is_free_soon_enough():
+def test_plate_waits_if_its_printer_is_free_soon():
     """Ten hours: a fifth of the time until it would be there is what has to be saved."""
 
     def wish(hours):
@@ -83,7 +83,7 @@ def test_a_part_whose_kind_of_printer_is_gone_for_good_is_sliced_for_another():
     assert policy.choose_reslice(part(), situation([part()], [other], rules(), NOW_S), [other]) is not None
 
 
-def test_a_printer_to_be_looked_at_is_counted_on_only_where_it_is_known_when():
+def test_printer_to_be_inspected_counts_only_with_attended_hours():
     broken, other = (
         printer_of("a", PLUS, attention_reason="no heat"),
         printer_of("b", PLAIN, time_factor=2.0),
@@ -155,7 +155,7 @@ parts = st.builds(
 
 
 @given(parts, fleets)
-def test_only_free_printers_with_its_filament_are_asked_for_and_only_where_it_pays(view, fleet):
+def test_recut_requests_matching_free_printers_if_useful(view, fleet):
     by_name = {p.name: p for p in fleet}
     free = [p for p in fleet if p.obstacle() is None]
     whole_s = policy.expected_end_s(view, situation([view], fleet, NIGHT, NOW_S))

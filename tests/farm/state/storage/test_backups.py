@@ -93,7 +93,7 @@ def test_damaged_books_are_put_back_from_the_newest_whole_copy(state, damage):
     assert aside.read_bytes() == harm
 
 
-def test_a_copy_is_known_as_one_until_it_is_restored_whoever_put_it_there(state):
+def test_backup_is_recognised_until_it_is_restored(state):
     fill(state)
     back_up(state, NIGHT_S).replace(state.books)  # by hand, say
     for _ in range(2):  # the first daemon dies before it has booked what that means
@@ -111,7 +111,7 @@ def test_a_copy_is_known_as_one_until_it_is_restored_whoever_put_it_there(state)
     assert backup_time_s(back_up(state, NIGHT_S + 2 * DAY_S)) == NIGHT_S + 2 * DAY_S
 
 
-def test_without_a_whole_copy_the_farm_says_what_to_do(state):
+def test_missing_backup_is_reported_with_advice(state):
     state.books.write_bytes(b"no books" * 999)
     with pytest.raises(FarmError, match="no intact backup of it: move"):
         open_books(state, NIGHT_S)
@@ -141,7 +141,7 @@ def test_a_copy_that_cannot_be_made_leaves_those_that_are_there(state):
 
 
 @pytest.mark.parametrize("trouble", ["no folder", "the disk", "a fault of our own"])
-def test_a_nightly_copy_that_fails_is_told_and_tried_again(state, trouble, tmp_path, monkeypatch):
+def test_failed_backup_is_reported_and_retried(state, trouble, tmp_path, monkeypatch):
     fill(state)
     if trouble == "no folder":
         state.backups.write_text("a file in its place")

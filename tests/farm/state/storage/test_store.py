@@ -102,7 +102,7 @@ def test_a_row_that_cannot_be_read_is_named(tmp_path):
         store.load()
 
 
-def test_what_was_cleared_before_anybody_was_asked_is_good(tmp_path):
+def test_part_cleared_in_an_earlier_version_is_good(tmp_path):
     import sqlite3
 
     path = tmp_path / "farm.db"

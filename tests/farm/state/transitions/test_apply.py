@@ -60,7 +60,7 @@ UNFIT = {
 
 
 @pytest.mark.parametrize(("before", "event", "message"), UNFIT.values(), ids=UNFIT)
-def test_an_event_that_does_not_fit_says_what_of_it_does_not(before, event, message):
+def test_invalid_transition_names_its_cause(before, event, message):
     books, _ = run(printing(), *before)
     with pytest.raises(InvalidTransition, match=message) as caught:
         apply(event, books)
@@ -77,7 +77,7 @@ def test_an_event_that_does_not_fit_says_what_of_it_does_not(before, event, mess
     ],
     ids=lambda event: type(event).__name__,
 )
-def test_what_the_books_do_not_have_is_named(event):
+def test_unknown_entity_is_named(event):
     with pytest.raises(NoSuchThing, match="there is no"):
         apply(event, printing())
 
@@ -89,7 +89,7 @@ def test_a_rule_that_leads_where_the_table_does_not_is_an_error():
         apply(ev.JobSubmitted(at_s=1.0, job=begun), books)
 
 
-def test_the_error_tells_the_story_of_the_entity_and_of_no_other(tmp_path):
+def test_error_has_the_history_of_its_entity_only(tmp_path):
     events = [
         *fleet(),
         ev.JobSubmitted(at_s=0.0, job=job()),

@@ -66,7 +66,7 @@ def test_pieces_take_the_place_of_their_part_and_go_on_with_its_attempts():
     assert books.plate_state(books.plates["1/02b"]) is PlateState.WAITING
 
 
-def test_a_part_that_is_sliced_again_keeps_its_name_and_its_story():
+def test_resliced_part_keeps_its_name_and_prints():
     books = failed_once()
     books, _ = run(books, replaced(books, "1/02", ()))
     job = books.jobs[1]
@@ -78,7 +78,7 @@ def test_a_part_that_is_sliced_again_keeps_its_name_and_its_story():
 
 
 @pytest.mark.parametrize("meanwhile", ["printing", "printed", "cancelled", "held", "replaced"])
-def test_what_does_not_wait_any_more_is_not_replaced(meanwhile):
+def test_plate_that_no_longer_waits_is_not_replaced(meanwhile):
     books = failed_once()
     event = replaced(books, "1/02")
     other = {
@@ -146,7 +146,7 @@ def _share(books, part, whole):
     return 0.0 if parent is None else _share(books, parent, whole) / 2
 
 
-def test_a_piece_shows_what_its_whole_came_to_once_and_waits_itself():
+def test_failures_of_a_cut_part_are_shown_once():
     books = failed_once()
     books, _ = run(books, replaced(books, "1/02"), begun("1/02a", "a", "y"))
     view = describe_job(view_context_of(books), books.jobs[1])

@@ -46,7 +46,7 @@ def heard(books, said, at_s=50.0):
     return run(books, *detect_alarm(books.printers["a"], said, at_s))[0]
 
 
-def test_it_is_the_first_thing_to_do_with_state_and_temperatures():
+def test_alarm_is_the_first_task_with_state_and_temperatures():
     books = heard(begun(), word())
     first = list_tasks(context(books, word()))[0]
     assert (first.code, first.printers) == ("alarm", ["a"])
@@ -59,7 +59,7 @@ def test_it_is_the_first_thing_to_do_with_state_and_temperatures():
 
 
 @pytest.mark.parametrize("hand", ["maintenance", "outage"])
-def test_nothing_else_that_is_known_of_the_printer_hides_it(hand: str):
+def test_alarm_precedes_other_states_of_the_printer(hand: str):
     books = heard(begun(), word())
     if hand == "maintenance":
         books, _ = run(books, ev.MaintenanceStarted(at_s=51.0, printer="a", why="a nozzle", by="ann"))
@@ -70,7 +70,7 @@ def test_nothing_else_that_is_known_of_the_printer_hides_it(hand: str):
     assert list_tasks(context(books, word()))[0].code == "alarm"
 
 
-def test_people_are_told_at_once_and_once_and_then_what_came_of_it():
+def test_alarm_is_notified_once_and_its_outcome_later():
     books = heard(begun(), word())
     told = list_due_notices(books, 50.0, 0.0, ())
     assert [notice.text for notice in told] == [f"go to a now: {FOUND}"]
@@ -82,7 +82,7 @@ def test_people_are_told_at_once_and_once_and_then_what_came_of_it():
     ]
 
 
-def test_a_person_who_has_cleared_it_hears_of_the_next_one():
+def test_alarm_after_a_cleared_one_is_notified():
     books = heard(begun(), word())
     failed = ev.PrintEnded(
         at_s=60.0, print_id="x", state=PrintState.FAILED, fault="heater_stuck_on", reason=CUT, started_s=2.0,

@@ -36,7 +36,7 @@ def test_a_verdict_is_on_the_last_print_also_where_the_clock_was_set_back_before
     assert books.plate_state(books.plates["1/02"]) is PlateState.WAITING
 
 
-def test_what_was_lost_before_the_clock_was_set_back_is_told_and_tried_again():
+def test_loss_before_a_backward_clock_step_is_notified_and_repeated():
     lost = (
         ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"),
         ended("x", PrintState.FAILED, 5000.0, fault="port_lost", reason="it went"),

@@ -24,7 +24,7 @@ def after(ratios, factor=1.0):
 
 
 @given(FACTORS, FACTORS, LENGTHS)
-def test_it_converges_to_the_true_ratio_from_anywhere(start, true, expected_s):
+def test_time_factor_converges_to_the_true_ratio(start, true, expected_s):
     factor = start
     for _ in range(60):
         nearer = update_time_factor(factor, expected_s, true * expected_s)
@@ -34,9 +34,7 @@ def test_it_converges_to_the_true_ratio_from_anywhere(start, true, expected_s):
 
 
 @given(FACTORS, ANY_TIME, ANY_TIME, ANY_TIME)
-def test_whatever_happens_it_stays_in_bounds_and_one_print_moves_it_by_little(
-    factor, expected_s, reached_s, starved_s
-):
+def test_time_factor_is_bounded_and_changes_slowly(factor, expected_s, reached_s, starved_s):
     one = update_time_factor(factor, expected_s, reached_s, starved_s)
     assert LEAST <= one <= MOST
     assert abs(one - factor) <= 0.025 + 1e-12
@@ -49,7 +47,7 @@ def test_the_order_of_prints_matters_less_than_they_differ(ratios, start):
 
 
 @given(st.lists(st.floats(1.0, 1.1), min_size=1, max_size=30))
-def test_it_never_leaves_what_was_seen(ratios):
+def test_time_factor_stays_within_observed_ratios(ratios):
     assert 1.0 <= after(ratios) <= max(ratios)
 
 
@@ -63,7 +61,7 @@ def test_it_never_leaves_what_was_seen(ratios):
         (HOUR_S, 0.0, 0.0),
     ],
 )
-def test_a_print_that_says_nothing_of_the_printer_teaches_nothing(expected_s, reached_s, starved_s):
+def test_unrepresentative_print_does_not_change_the_factor(expected_s, reached_s, starved_s):
     assert update_time_factor(1.05, expected_s, reached_s, starved_s) == 1.05
 
 
