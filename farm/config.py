@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 import shlex
+from ipaddress import IPv4Address, IPv6Address, ip_address
 from pathlib import Path
 from typing import Annotated, Self
 from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
@@ -76,6 +78,63 @@ class KeepSection(_Section):
 
     days: Annotated[float, Field(ge=2, allow_inf_nan=False)] = 90.0  # files of a job, and events
     gb: Annotated[float, Field(gt=0, allow_inf_nan=False)] = 50.0  # files of all jobs; the oldest go first
+
+
+class TlsSection(_Section):
+    """The keys under `web.tls`: files in PEM format."""
+
+    cert: Path
+    key: Path
+
+
+_WEB_ADDRESS = re.compile(r"(\[[0-9A-Fa-f:.]+\]|[0-9.]+|localhost):([0-9]{1,5})")
+
+
+class WebSection(_Section):
+    """The keys under `web`: the server for callers on the network."""
+
+    listen: str = "127.0.0.1:8467"
+    names: tuple[str, ...] = ()  # names of this host, besides its own
+    tls: TlsSection | None = None
+
+    @field_validator("listen")
+    @classmethod
+    def _check_listen(cls, value: str) -> str:
+        match = _WEB_ADDRESS.fullmatch(value)
+        try:
+            valid = match is not None and 0 < int(match[2]) < 65536 and bool(_parse_address(match[1]))
+        except ValueError:
+            valid = False
+        if not valid:
+            raise ValueError(
+                f"{value!r} is not an address: use ADDRESS:PORT, like 127.0.0.1:8467 or 0.0.0.0:8467"
+            )
+        return value
+
+    @field_validator("names")
+    @classmethod
+    def _lower_names(cls, value: tuple[str, ...]) -> tuple[str, ...]:
+        return tuple(name.lower().rstrip(".") for name in value)
+
+    @property
+    def address(self) -> tuple[str, int]:
+        """The IP address and the port."""
+        host, _, port = self.listen.rpartition(":")
+        return str(_parse_address(host)), int(port)
+
+    @property
+    def is_local(self) -> bool:
+        """Whether only this host can reach it."""
+        return ip_address(self.address[0]).is_loopback
+
+    @property
+    def url(self) -> str:
+        """The address as a URL."""
+        return f"{'http' if self.tls is None else 'https'}://{self.listen}"
+
+
+def _parse_address(host: str) -> IPv4Address | IPv6Address:
+    return ip_address("127.0.0.1" if host == "localhost" else host.strip("[]"))
 
 
 class FleetSection(_Section):
@@ -177,6 +236,7 @@ class Fleet(_Section):
     """The complete file, with defaults filled in."""
 
     fleet: FleetSection = FleetSection()
+    web: WebSection | None = None  # None: no server for callers on the network
     printers: tuple[PrinterSection, ...]
 
     @model_validator(mode="after")

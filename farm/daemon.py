@@ -40,6 +40,7 @@ from farm.http import (
     check_operators,
     connection_limit,
     descriptor_limit,
+    end_at_signals,
     listen,
     make_app,
 )
@@ -49,6 +50,7 @@ from farm.planning.replanning import ReplanWorker
 from farm.planning.tasks import warm
 from farm.state.storage import NightlyBackup, open_books
 from farm.upkeep.upkeep import Upkeep
+from farm.web import NetworkServer, find_host_names, has_valid_key, make_web_app
 from slicing.cache import trim_cache
 
 log = logging.getLogger(__name__)
@@ -136,10 +138,14 @@ class Daemon:
         timers.start()
         following = asyncio.get_running_loop().create_task(self._follow_clock())
         await self._begin_upkeep(upkeep)
+        network = self._start_network_server(services, dry_runs, most)
         try:
-            await self._server.serve(sockets=[listening])
+            with end_at_signals(self._server):
+                await self._server.serve(sockets=[listening])
         finally:
             following.cancel()
+            if network is not None:
+                await network.close()
             upkeep.stop()
             timers.stop()
             self._planner.stop()
@@ -158,6 +164,18 @@ class Daemon:
         await NightlyBackup(
             self._state, self._clock, self._fleet.zone, self._timers.at, warn, upkeep.tidy
         ).begin()
+
+    def _start_network_server(
+        self, services: Services, dry_runs: DryRuns, limit: int
+    ) -> NetworkServer | None:
+        """Start the server for callers on the network, if fleet.yaml has the section `web`."""
+        web = self._fleet.web
+        if web is None:
+            return None
+        app = make_web_app(services, dry_runs, find_host_names(web))
+        server = NetworkServer(web, app, limit, services.network)
+        server.start(lambda: has_valid_key(self._controller.books, self._clock))
+        return server
 
     async def _follow_clock(self) -> None:
         """Follow steps of the host's clock, as by NTP after a start without a network."""

@@ -21,7 +21,9 @@ from farm.config import (
     KeepSection,
     Place,
     PrinterSection,
+    TlsSection,
     UploadsSection,
+    WebSection,
 )
 from farm.errors import FleetFileError
 
@@ -265,7 +267,9 @@ def _section_of(place: Place) -> type[BaseModel]:
             "uploads": UploadsSection,
         }
         return nested.get(place[1], FleetSection)
-    owners: dict[str, type[BaseModel]] = {"fleet": FleetSection}
+    if len(place) > 2 and place[:2] == ("web", "tls"):
+        return TlsSection
+    owners: dict[str, type[BaseModel]] = {"fleet": FleetSection, "web": WebSection}
     owners |= {"printers": PrinterSection, "defaults": PrinterSection}
     return owners.get(str(place[0]), Fleet) if len(place) > 1 else Fleet
 

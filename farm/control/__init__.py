@@ -4,6 +4,7 @@ from farm.control.controller import Controller
 from farm.control.dry_runs import DryRuns
 from farm.control.effects import FarmEffects
 from farm.control.job_commands import JobCommands, abort_prints, list_planning
+from farm.control.keys import KeyCommands, find_key
 from farm.control.notifier import Notifier, delete_record
 from farm.control.part_commands import PartCommands
 from farm.control.printer_commands import PrinterCommands
@@ -14,11 +15,13 @@ __all__ = [
     "DryRuns",
     "FarmEffects",
     "JobCommands",
+    "KeyCommands",
     "Notifier",
     "PartCommands",
     "PrinterCommands",
     "Timers",
     "abort_prints",
     "delete_record",
+    "find_key",
     "list_planning",
 ]

@@ -2,19 +2,27 @@
 
 from __future__ import annotations
 
-from farm.http.app import make_app
-from farm.http.callers import PeerProtocol, Person, check_operators, listen
-from farm.http.connections import BoundedServer, connection_limit, descriptor_limit
-from farm.http.services import Services
+from farm.http.app import UPLOAD_PATH, add_routes, make_app, make_problem
+from farm.http.body_limit import BodyLimit
+from farm.http.callers import PeerProtocol, Person, check_operators, identify_caller, listen
+from farm.http.connections import BoundedServer, connection_limit, descriptor_limit, end_at_signals
+from farm.http.services import NetworkState, Services
 
 __all__ = [
+    "UPLOAD_PATH",
+    "BodyLimit",
     "BoundedServer",
+    "NetworkState",
     "PeerProtocol",
     "Person",
     "Services",
+    "add_routes",
     "check_operators",
     "connection_limit",
     "descriptor_limit",
+    "end_at_signals",
+    "identify_caller",
     "listen",
     "make_app",
+    "make_problem",
 ]

@@ -8,17 +8,19 @@ from fastapi.responses import JSONResponse
 
 import farm
 from farm import api
-from farm.control import DryRuns, JobCommands, PartCommands, PrinterCommands
+from farm.control import DryRuns, JobCommands, KeyCommands, PartCommands, PrinterCommands
 from farm.errors import ErrorCode, ExitCode, FarmError, NoSuchThing, Refused
 from farm.http.body_limit import LARGEST_BODY_BYTES, TOO_LARGE, BodyLimit
 from farm.http.callers import identify_caller
 from farm.http.job_routes import job_routes, part_routes
+from farm.http.key_routes import key_routes
 from farm.http.printer_routes import printer_routes
 from farm.http.services import Services
 from farm.http.status_routes import status_routes
 from farm.http.uploads import upload_routes
 from farm.text import describe_first_error
 
+UPLOAD_PATH = "/jobs"
 _STATUS = {ErrorCode.NO_SUCH_THING: 404, ErrorCode.REFUSED: 409, ErrorCode.FAILED: 500}
 
 
@@ -30,52 +32,62 @@ def make_app(services: Services, dry_runs: DryRuns) -> FastAPI:
     app = FastAPI(
         title="farm", version=farm.__version__, openapi_url=None, dependencies=[Depends(identify_caller)]
     )
+    add_routes(app, services, dry_runs)
+    app.include_router(key_routes(services, KeyCommands(services.controller)))
+    app.add_middleware(BodyLimit, upload_path=UPLOAD_PATH)
+    return app
+
+
+def add_routes(app: FastAPI, services: Services, dry_runs: DryRuns, prefix: str = "") -> None:
+    """Add the routes of the farm, jobs and printers to an application, and errors as JSON."""
     app.state.controller = services.controller
     printers = PrinterCommands(services.controller)
     parts = PartCommands(services.controller, printers)
     jobs = JobCommands(services.controller, printers)
-    app.include_router(status_routes(services))
-    app.include_router(upload_routes(services, jobs))
-    app.include_router(job_routes(services, jobs, dry_runs))
-    app.include_router(part_routes(parts))
-    app.include_router(printer_routes(services, printers, parts))
-    app.add_middleware(BodyLimit, upload_path="/jobs")
+    for router in (
+        status_routes(services),
+        upload_routes(services, jobs),
+        job_routes(services, jobs, dry_runs),
+        part_routes(parts),
+        printer_routes(services, printers, parts),
+    ):
+        app.include_router(router, prefix=prefix)
     _add_error_handlers(app, services)
-    return app
 
 
 def _add_error_handlers(app: FastAPI, services: Services) -> None:
     @app.exception_handler(FarmError)
     async def farm_error(_: Request, error: FarmError) -> Response:
-        return _problem(str(error), error.code, error.exit_code, _STATUS.get(error.code, 400))
+        return make_problem(str(error), error.code, error.exit_code, _STATUS.get(error.code, 400))
 
     @app.exception_handler(RequestValidationError)
     async def invalid_request(_: Request, error: RequestValidationError) -> Response:
-        return _problem(describe_first_error(error.errors()), ErrorCode.SETTINGS, ExitCode.USAGE, 400)
+        return make_problem(describe_first_error(error.errors()), ErrorCode.SETTINGS, ExitCode.USAGE, 400)
 
     @app.exception_handler(OSError)
     async def no_room(_: Request, error: OSError) -> Response:
         root = services.state.root
         text = f"the state folder {root} cannot be used ({error.strerror or error}): check its disk space"
         failed = FarmError(text)
-        return _problem(text, failed.code, failed.exit_code, _STATUS.get(failed.code, 400))
+        return make_problem(text, failed.code, failed.exit_code, _STATUS.get(failed.code, 400))
 
     @app.exception_handler(Exception)
     async def unexpected_error(_: Request, error: Exception) -> Response:
         text = f"the daemon failed: {type(error).__name__}: {error}; see its log"
-        return _problem(text, ErrorCode.FAILED, ExitCode.FAILED, 500)
+        return make_problem(text, ErrorCode.FAILED, ExitCode.FAILED, 500)
 
     @app.exception_handler(TOO_LARGE)
     async def body_too_large(request: Request, _: Exception) -> Response:
         error = Refused(f"the request to {request.url.path} is longer than {LARGEST_BODY_BYTES // 1024} KiB")
-        return _problem(str(error), error.code, error.exit_code, TOO_LARGE)
+        return make_problem(str(error), error.code, error.exit_code, TOO_LARGE)
 
     @app.exception_handler(404)
     async def not_found(request: Request, _: Exception) -> Response:
         error = NoSuchThing(f"there is nothing at {request.url.path}")
-        return _problem(str(error), error.code, error.exit_code, 404)
+        return make_problem(str(error), error.code, error.exit_code, 404)
 
 
-def _problem(text: str, code: ErrorCode, exit_code: ExitCode, status: int) -> Response:
+def make_problem(text: str, code: ErrorCode, exit_code: ExitCode, status: int) -> Response:
+    """Make the response to a request that failed."""
     problem = api.Problem(error=text, code=code, exit_code=int(exit_code))
     return JSONResponse(problem.model_dump(), status_code=status)

@@ -11,7 +11,7 @@ import socket
 import struct
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Protocol
 
 import h11
 from fastapi import Depends, Request
@@ -22,6 +22,17 @@ from farm.errors import FleetFileError, Refused
 log = logging.getLogger(__name__)
 _BACKLOG = 1024  # queued connections use no descriptor; further ones are refused
 _CREDENTIALS = struct.Struct("=iII")  # struct ucred: pid, uid, gid
+
+
+class Caller(Protocol):
+    """Sender of a request."""
+
+    @property
+    def name(self) -> str:
+        """Name for the event log, and for other people."""
+
+    def is_operator(self, group: str | None) -> bool:
+        """Return whether the caller may let printers go on; `group` is `fleet.operators`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,6 +49,13 @@ class Person:
             return pwd.getpwuid(self.uid).pw_name
         except KeyError:
             return f"uid {self.uid}"
+
+    def is_operator(self, group: str | None) -> bool:
+        """Return whether the person is an operator.
+
+        Root and the daemon's user always are: they could change the database anyway.
+        """
+        return group is None or self.uid in (0, os.getuid()) or self.belongs_to(group)
 
     def belongs_to(self, group: str) -> bool:
         """Return whether the person is a member of a group, by the group database or by their login."""
@@ -81,18 +99,18 @@ class PeerProtocol(H11Protocol):
         return self._waiting_since_s if waits else None
 
 
-def identify_caller(request: Request) -> Person:
-    """Return the caller, whom the kernel has identified.
+def identify_caller(request: Request) -> Caller:
+    """Return the caller, whom the kernel has identified, or a key on the network.
 
     Raises
     ------
     Refused
-        If nobody is known, as on any transport but the Unix socket.
+        If nobody is known as the sender.
     """
-    person: Person | None = getattr(request.state, "person", None)
-    if person is None:
+    caller: Caller | None = getattr(request.state, "person", None)
+    if caller is None:
         raise Refused("nobody is known as the sender of this request: use the daemon's Unix socket")
-    return person
+    return caller
 
 
 def caller_name(request: Request) -> str:
@@ -101,15 +119,12 @@ def caller_name(request: Request) -> str:
 
 
 def operator_name(request: Request) -> str:
-    """Return the name of a caller who is an operator. Raises Refused for others.
-
-    Root and the daemon's user are always operators: they could change the database anyway.
-    """
+    """Return the name of a caller who is an operator. Raises Refused for others."""
     group: str | None = request.app.state.controller.fleet.fleet.operators
-    person = identify_caller(request)
-    if group is None or person.uid in (0, os.getuid()) or person.belongs_to(group):
-        return person.name
-    raise Refused(f"{person.name} is not an operator: only members of the group {group} may do this")
+    caller = identify_caller(request)
+    if caller.is_operator(group):
+        return caller.name
+    raise Refused(f"{caller.name} is not an operator: only members of the group {group} may do this")
 
 
 def check_operators(group: str | None) -> None:

@@ -25,6 +25,7 @@ REQUEST_S = 10.0  # wall seconds for the head of a request to arrive, and betwee
 MOST_CONNECTIONS = 64
 _LEAST_CONNECTIONS = 4
 _RESERVED_DESCRIPTORS = 32  # for database, socket, timers, log, and starting an agent
+_MOST_HANDSHAKES = 64
 _EACH_PRINTER, _EACH_WORKER, _EACH_CONNECTION = 3, 3, 2  # descriptors; an upload has a file too
 _SWEEP_S = 1.0
 _WAIT_S = 0.1
@@ -91,6 +92,19 @@ class RateLimitedLog:
             self._next_s, self._unsaid = now_s + _LOG_EVERY_S, 0
 
 
+@contextlib.contextmanager
+def end_at_signals(server: uvicorn.Server) -> Iterator[None]:
+    """End a server at SIGINT and SIGTERM, so that the code after it runs."""
+    loop = asyncio.get_running_loop()
+    for number in _ENDING_SIGNALS:
+        loop.add_signal_handler(number, server.handle_exit, number, None)
+    try:
+        yield
+    finally:
+        for number in _ENDING_SIGNALS:
+            loop.remove_signal_handler(number)
+
+
 class BoundedServer(uvicorn.Server):
     """Server on one socket that takes a limited number of connections at a time.
 
@@ -102,23 +116,17 @@ class BoundedServer(uvicorn.Server):
         super().__init__(config)
         self._limit = limit
         self._tasks: list[asyncio.Task[None]] = []
+        self._handshakes: dict[asyncio.Task[None], None] = {}  # of TLS, the oldest first
         self._rate_limited_log = RateLimitedLog()
 
     @contextlib.contextmanager
     def capture_signals(self) -> Iterator[None]:
-        """End the server at SIGINT and SIGTERM, and let the code after it run.
+        """Leave signals to `end_at_signals`.
 
-        uvicorn raises the signal again once the server has ended, which would end the process before it has
-        closed its agents, workers and database.
+        uvicorn raises a signal again once the server has ended, which would end the process before it has
+        closed its agents, workers and database; and a process has several servers.
         """
-        loop = asyncio.get_running_loop()
-        for number in _ENDING_SIGNALS:
-            loop.add_signal_handler(number, self.handle_exit, number, None)
-        try:
-            yield
-        finally:
-            for number in _ENDING_SIGNALS:
-                loop.remove_signal_handler(number)
+        yield
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         await super().startup(sockets=[])
@@ -127,9 +135,10 @@ class BoundedServer(uvicorn.Server):
         self._tasks.append(asyncio.create_task(self._sweep()))
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
-        for task in self._tasks:
+        tasks = [*self._tasks, *self._handshakes]
+        for task in tasks:
             task.cancel()
-        await asyncio.gather(*self._tasks, return_exceptions=True)
+        await asyncio.gather(*tasks, return_exceptions=True)
         await super().shutdown(sockets)
 
     @property
@@ -152,13 +161,36 @@ class BoundedServer(uvicorn.Server):
                 self._rate_limited_log.warn(f"no connection can be accepted: {error!r}", loop.time())
                 await asyncio.sleep(_SWEEP_S)
                 continue
-            try:
-                await self._make_room()
-                await loop.connect_accepted_socket(self._protocol, connection)
-            except Exception as error:
-                connection.close()
-                if not isinstance(error, OSError):  # OSError: the client has disconnected
-                    self._rate_limited_log.warn(f"a connection was refused: {error!r}", loop.time())
+            if self.config.ssl is None:
+                await self._connect(connection)
+            else:
+                self._begin_handshake(connection)
+
+    def _begin_handshake(self, connection: socket.socket) -> None:
+        """Connect a client in a task of its own, as it may delay its handshake.
+
+        If many do, the oldest is abandoned.
+        """
+        if len(self._handshakes) >= _MOST_HANDSHAKES:
+            next(iter(self._handshakes)).cancel()
+        task = asyncio.create_task(self._connect(connection))
+        self._handshakes[task] = None
+        task.add_done_callback(lambda ended: self._handshakes.pop(ended, None))
+
+    async def _connect(self, connection: socket.socket) -> None:
+        loop, tls = asyncio.get_running_loop(), self.config.ssl
+        try:
+            await self._make_room()
+            await loop.connect_accepted_socket(
+                self._protocol, connection, ssl=tls, ssl_handshake_timeout=REQUEST_S if tls else None
+            )
+        except asyncio.CancelledError:
+            connection.close()
+            raise
+        except Exception as error:
+            connection.close()
+            if not isinstance(error, OSError):  # OSError: the client has disconnected
+                self._rate_limited_log.warn(f"a connection was refused: {error!r}", loop.time())
 
     async def _make_room(self) -> None:
         """Wait for a free connection; close the one that has waited longest for its request."""

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import farm
 from farm import api
+from farm.api_keys import NetworkView
 from farm.compute import Workers
 from farm.control import Controller
 from farm.errors import Refused
@@ -24,6 +25,18 @@ async def refuse_replacing(name: str) -> None:
 async def refuse_pruning(by: str, dry_run: bool) -> api.Pruned:
     """Refuse to prune; for a farm without upkeep."""
     raise Refused(f"this daemon keeps everything: {by} cannot prune{' or preview that' if dry_run else ''}")
+
+
+@dataclass(slots=True)
+class NetworkState:
+    """State of the server for callers on the network: its address (None: off), and why it is closed."""
+
+    address: str | None = None
+    problem: str | None = None
+
+    def describe(self) -> NetworkView:
+        """Describe it for operators."""
+        return NetworkView(address=self.address, problem=self.problem)
 
 
 @dataclass(frozen=True)
@@ -46,6 +59,10 @@ class Services:
         Deletes what is no longer kept, for a person; with True, only lists it.
     replace_agent
         Replaces the agent of an idle printer.
+    network
+        State of the server for callers on the network.
+    key_uses_s
+        Time of the last use of each key since the daemon started.
     """
 
     controller: Controller
@@ -55,6 +72,8 @@ class Services:
     shut_down: Callable[[bool], Awaitable[None]]
     replace_agent: Callable[[str], Awaitable[None]] = refuse_replacing
     prune: Callable[[str, bool], Awaitable[api.Pruned]] = refuse_pruning
+    network: NetworkState = field(default_factory=NetworkState)
+    key_uses_s: dict[str, float] = field(default_factory=dict)
     since_s: float = field(init=False)
 
     def __post_init__(self) -> None:

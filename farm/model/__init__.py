@@ -8,6 +8,7 @@ from farm.model.agent import AgentPrint, AgentSnapshot, Link
 from farm.model.entity import FORMER_NAMES, Entity
 from farm.model.hold import Hold, HoldCode, ShortReel
 from farm.model.job import Job, JobOptions, JobState, OwnGcode, PlanProgress, PlanStep, Reopening
+from farm.model.key import Key, Role
 from farm.model.plate import DEFAULT_PRINT_OPTIONS, Part, PartGeometry, PartPrintOptions, Plate
 from farm.model.print import Print, PrintState, Verdict
 from farm.model.printer import Bed, FilamentState, Outage, Printer, Reel
@@ -25,6 +26,7 @@ __all__ = [
     "Job",
     "JobOptions",
     "JobState",
+    "Key",
     "Link",
     "Outage",
     "OwnGcode",
@@ -39,6 +41,7 @@ __all__ = [
     "Printer",
     "Reel",
     "Reopening",
+    "Role",
     "ShortReel",
     "Verdict",
 ]

@@ -14,6 +14,7 @@ from farm.model import (
     Entity,
     Job,
     JobState,
+    Key,
     Outage,
     Part,
     Plate,
@@ -37,6 +38,7 @@ class Books:
     prints: Mapping[str, Print] = field(default_factory=dict)
     printers: Mapping[str, Printer] = field(default_factory=dict)
     outages: Mapping[int, Outage] = field(default_factory=dict)
+    keys: Mapping[str, Key] = field(default_factory=dict)
     outage_window_s: float = WINDOW_S  # by the scale of the farm's clock
     _open: Mapping[str, Print] = field(default_factory=dict, compare=False)  # of `prints`: kept by `put`
     _open_on: Mapping[str, Print] = field(default_factory=dict, compare=False)  # by printer
@@ -69,6 +71,12 @@ class Books:
         except KeyError:
             known = ", ".join(sorted(self.printers)) or "none"
             raise NoSuchThing(f"there is no printer {name}; the fleet has {known}") from None
+
+    def key(self, name: str) -> Key:
+        try:
+            return self.keys[name]
+        except KeyError:
+            raise NoSuchThing(f"there is no key {name}; `farm key` lists them") from None
 
     def prints_of(self, plate: Plate) -> Iterator[Print]:
         """Yield the prints of a plate, oldest first."""
@@ -188,12 +196,14 @@ def _locate(entity: Entity) -> tuple[str, object]:
             return "printers", entity.name
         case Outage():
             return "outages", entity.id
+        case Key():
+            return "keys", entity.id
     raise TypeError(f"the books contain no {type(entity).__name__}")
 
 
 def changed_entities(before: Books, after: Books) -> Iterable[Entity]:
     """Yield the entities of `after` that `before` does not have, or has with different fields."""
-    for kind in ("jobs", "parts", "plates", "prints", "printers", "outages"):
+    for kind in ("jobs", "parts", "plates", "prints", "printers", "outages", "keys"):
         old, new = getattr(before, kind), getattr(after, kind)
         if new is not old:
             yield from (entity for key, entity in new.items() if old.get(key) is not entity)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pydantic import BaseModel, ConfigDict
 
 from farm.errors import ErrorCode
-from farm.model import Bed, FilamentState, Hold, Job, Part, Plate, PrintState, Reel, Verdict
+from farm.model import Bed, FilamentState, Hold, Job, Key, Part, Plate, PrintState, Reel, Verdict
 
 A_PERSON = "a person"
 """Name for an unknown caller of a command."""
@@ -288,6 +288,17 @@ class BedBecameUnknown(Event):
     reason: str
 
 
+class KeyAdded(Event):
+    """An operator added a key for callers on the network."""
+
+    key: Key
+
+
+class KeyRevoked(Event):
+    key: str
+    by: str
+
+
 AnyEvent = (
     PrinterAdded
     | ClockSet
@@ -324,6 +335,8 @@ AnyEvent = (
     | BedReported
     | BedBecameUnknown
     | PrinterAlarmed
+    | KeyAdded
+    | KeyRevoked
 )
 
 

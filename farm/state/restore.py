@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from farm.model import Bed, FilamentState, Hold, HoldCode, Job, JobState, Print, Printer
+from farm.model import Bed, FilamentState, Hold, HoldCode, Job, JobState, Key, Print, Printer
 from farm.state import events as ev
 from farm.state.books import Books, put, replace_fields
 from farm.state.reels import mark_uncertain
@@ -17,12 +17,14 @@ HOLD = Hold(
 def restore_books(event: ev.BooksRestored, books: Books) -> Books:
     """Mark every bed as not clear, and hold every job until a person has checked which parts are printed.
 
+    All keys are revoked: one that was revoked since the backup must not be accepted again.
     Prints since the backup are taken from the agents' journals (`import_agent_journal`).
     """
     printers = [_restored_printer(printer, event, books) for printer in books.printers.values()]
     prints = [replace_fields(attempt, restored=True) for attempt in books.open_prints()]
     jobs = [_held_job(job) for job in books.jobs.values() if not job.state.ended]
-    return put(books, *printers, *prints, *jobs)
+    keys = [_revoked_key(key, event.at_s) for key in books.keys.values()]
+    return put(books, *printers, *prints, *jobs, *keys)
 
 
 def _restored_printer(printer: Printer, event: ev.BooksRestored, books: Books) -> Printer:
@@ -41,6 +43,10 @@ def _restored_printer(printer: Printer, event: ev.BooksRestored, books: Books) -
         restored_s=event.at_s,
         unreported_since_s=since_s,
     )
+
+
+def _revoked_key(key: Key, at_s: float) -> Key:
+    return key if key.revoked_s is not None else replace_fields(key, revoked_s=at_s)
 
 
 def _held_job(job: Job) -> Job:

@@ -8,6 +8,7 @@ from __future__ import annotations
 from farm.views.context import ViewContext
 from farm.views.history import describe_night, list_history, select_shown_jobs
 from farm.views.jobs import describe_job
+from farm.views.keys import list_keys
 from farm.views.notices import Notice, list_due_notices
 from farm.views.printers import describe_printer
 from farm.views.tasks import list_tasks
@@ -22,6 +23,7 @@ __all__ = [
     "describe_timeline",
     "list_due_notices",
     "list_history",
+    "list_keys",
     "list_tasks",
     "select_shown_jobs",
 ]

@@ -2,7 +2,7 @@
 
 import itertools
 
-from farm.model import Bed, FilamentState, Job, JobOptions, Part, PartGeometry, Plate, PrintState
+from farm.model import Bed, FilamentState, Job, JobOptions, Key, Part, PartGeometry, Plate, PrintState, Role
 from farm.state import events as ev
 from farm.state.books import Books
 from farm.state.transitions import apply, undeclared_changes
@@ -20,6 +20,11 @@ def job(number=1):
         options=JobOptions(),
         submitted_s=0.0,
     )
+
+
+def key(name="slicer", role=Role.PRINT, **fields):
+    values = {"id": "abcd2345", "digest": "0" * 64, "created_s": 0.0, "by": "ann"}
+    return Key(name=name, role=role, **{**values, **fields})
 
 
 def plan(number=1, plates=2, at_s=1.0):

@@ -167,6 +167,6 @@ PRINTER = Lifecycle(
 
 LIFECYCLES = (JOB, PLATE, PRINT, PRINTER)
 FARM_WIDE: frozenset[Kind] = frozenset(
-    {ev.ClockSet, ev.BooksRestored, ev.EventsCompacted, ev.OutageConfirmed}
+    {ev.ClockSet, ev.BooksRestored, ev.EventsCompacted, ev.OutageConfirmed, ev.KeyAdded, ev.KeyRevoked}
 )
-"""Events about the farm as a whole; allowed at any time."""
+"""Events about the farm as a whole, or its keys; allowed at any time."""

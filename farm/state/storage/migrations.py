@@ -5,9 +5,9 @@ A row's `crc` is the CRC-32 of its body's bytes; the store defines the function 
 
 from __future__ import annotations
 
-from farm.model import Entity, Job, Outage, Part, Plate, Print, Printer
+from farm.model import Entity, Job, Key, Outage, Part, Plate, Print, Printer
 
-SCHEMA_VERSION = 3
+SCHEMA_VERSION = 4
 TABLES: dict[type[Entity], str] = {
     Job: "job",
     Part: "part",
@@ -15,15 +15,19 @@ TABLES: dict[type[Entity], str] = {
     Print: "print",
     Printer: "printer",
     Outage: "outage",
+    Key: "access_key",
 }
+FIRST_VERSIONS: dict[type[Entity], int] = {Key: 4}
+"""First schema version with a table, for those that version 1 does not have."""
 _COPIED = "copied (at_s REAL NOT NULL)"
 CREATE_COPIED = f"CREATE TABLE IF NOT EXISTS {_COPIED}"
 """Statement for the table with the time of the backup, in restored books until they are completed."""
 FIND_CHANGED_ROW = "SELECT id FROM {} WHERE crc IS NOT crc32(CAST(body AS BLOB)) LIMIT 1"
 """Query for a row whose checksum does not match."""
 
+_CREATE_TABLE = "CREATE TABLE {} (id TEXT PRIMARY KEY, body TEXT NOT NULL, crc INTEGER)"
 _EMPTY = (
-    *(f"CREATE TABLE {t} (id TEXT PRIMARY KEY, body TEXT NOT NULL, crc INTEGER)" for t in TABLES.values()),
+    *(_CREATE_TABLE.format(table) for table in TABLES.values()),
     "CREATE TABLE event"
     " (seq INTEGER PRIMARY KEY, at_s REAL NOT NULL, kind TEXT NOT NULL, body TEXT NOT NULL)",
 )
@@ -47,13 +51,18 @@ _FROM_1 = (  # verdicts belonged to parts; now they belong to prints, given when
     "DROP TABLE lying",
 )
 """Parts removed from their beds before verdicts existed count as good; the others can be judged."""
-_FROM_2 = tuple(
-    statement
-    for table in TABLES.values()
-    for statement in (
-        f"ALTER TABLE {table} ADD COLUMN crc INTEGER",
-        f"UPDATE {table} SET crc = crc32(CAST(body AS BLOB))",
-    )
+_FROM_3 = (_CREATE_TABLE.format(TABLES[Key]),)
+_FROM_2 = (
+    *(
+        statement
+        for kind, table in TABLES.items()
+        if kind not in FIRST_VERSIONS
+        for statement in (
+            f"ALTER TABLE {table} ADD COLUMN crc INTEGER",
+            f"UPDATE {table} SET crc = crc32(CAST(body AS BLOB))",
+        )
+    ),
+    *_FROM_3,
 )
-STEPS = {0: _EMPTY, 1: (*_FROM_1, *_FROM_2), 2: _FROM_2, SCHEMA_VERSION: ()}
+STEPS = {0: _EMPTY, 1: (*_FROM_1, *_FROM_2), 2: _FROM_2, 3: _FROM_3, SCHEMA_VERSION: ()}
 """Statements that migrate each version to the current one; 0 is an empty file."""

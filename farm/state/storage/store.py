@@ -13,7 +13,7 @@ from typing import Self, TypeVar
 from pydantic import ValidationError
 
 from farm.errors import FarmError
-from farm.model import Entity, Job, Outage, Part, Plate, Print, Printer
+from farm.model import Entity, Job, Key, Outage, Part, Plate, Print, Printer
 from farm.state.books import Books, changed_entities
 from farm.state.events import BooksRestored, Event
 from farm.state.lifecycles import InvalidTransition
@@ -21,6 +21,7 @@ from farm.state.storage.migrations import (
     CREATE_COPIED,
     EXPECTED_TABLES,
     FIND_CHANGED_ROW,
+    FIRST_VERSIONS,
     SCHEMA_VERSION,
     STEPS,
     TABLES,
@@ -106,13 +107,14 @@ def read_books(path: Path) -> tuple[Books, int]:
                 bad = db.execute(FIND_CHANGED_ROW.format(table)).fetchone()
                 if bad is not None:
                     raise DamagedBooks(f"the database {path} is damaged: {table} {bad[0]} was changed")
-            return _load(db), version
+            return _load(db, version), version
     except sqlite3.Error as error:
         raise StoreError(f"the database {path} cannot be read: {error}") from error
 
 
-def _load(db: sqlite3.Connection) -> Books:
-    return Books.from_entities(entity for kind in TABLES for entity in _read_rows(db, kind))
+def _load(db: sqlite3.Connection, version: int = SCHEMA_VERSION) -> Books:
+    kinds = (kind for kind in TABLES if FIRST_VERSIONS.get(kind, 0) <= version)
+    return Books.from_entities(entity for kind in kinds for entity in _read_rows(db, kind))
 
 
 def _read_rows(db: sqlite3.Connection, kind: type[E]) -> list[E]:
@@ -356,6 +358,6 @@ def _key(entity: Entity) -> str:
     match entity:
         case Printer():
             return entity.name
-        case Job() | Part() | Plate() | Print() | Outage():
+        case Job() | Part() | Plate() | Print() | Outage() | Key():
             return str(entity.id)
     raise TypeError(f"the store has no table for {type(entity).__name__}")

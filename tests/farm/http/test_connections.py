@@ -209,7 +209,7 @@ def test_no_error_ends_accepting_and_each_is_logged(tmp_path, monkeypatch, caplo
 
 ENDING = """
 import asyncio, sys, uvicorn
-from farm.http import BoundedServer, PeerProtocol, listen
+from farm.http import BoundedServer, PeerProtocol, end_at_signals, listen
 
 async def app(scope, receive, send):
     await send({"type": "http.response.start", "status": 204, "headers": []})
@@ -220,7 +220,9 @@ async def serve(path):
     listening = listen(path, "no-such-group-here")
     print("listening", flush=True)
     try:
-        await BoundedServer(config, 4).serve(sockets=[listening])
+        server = BoundedServer(config, 4)
+        with end_at_signals(server):
+            await server.serve(sockets=[listening])
         print("served", flush=True)
     finally:
         print("closed", flush=True)

@@ -8,16 +8,19 @@ import pytest
 
 from farm.state import events as ev
 from farm.state.books import Books
-from farm.state.storage.migrations import TABLES
-from farm.state.storage.store import Store, StoreError
+from farm.state.storage.migrations import FIRST_VERSIONS, SCHEMA_VERSION, TABLES
+from farm.state.storage.store import Store, StoreError, read_books
 from farm.state.transitions import apply
-from make_books import ended, fleet, job, plan, printing, run
+from make_books import ended, fleet, job, key, plan, printing, run
 
 
 def in_form(db, version):
     """Make the books those of an older farm."""
-    for table in TABLES.values():
-        db.execute(f"ALTER TABLE {table} DROP COLUMN crc")
+    for kind, table in TABLES.items():
+        if FIRST_VERSIONS.get(kind, 0) > version:
+            db.execute(f"DROP TABLE {table}")
+        elif version < 3:
+            db.execute(f"ALTER TABLE {table} DROP COLUMN crc")
     db.execute(f"PRAGMA user_version = {version}")
 
 
@@ -132,3 +135,19 @@ def test_part_cleared_in_an_earlier_version_is_good(tmp_path):
     assert {number: entry.state for number, entry in books.jobs.items()} == {1: "printed", 2: "done"}
     books, _ = run(books, ev.BedCleared(at_s=300.0, printer="b", by="ann"))
     assert books.jobs[1].state == "done"
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_books_from_before_keys_are_read_and_get_their_table(tmp_path, version):
+    path = tmp_path / "farm.db"
+    with Store(path) as store:
+        books, _ = apply(fleet()[0], Books())
+        store.commit(fleet()[0], Books(), books)
+        in_form(store._db, version)
+    assert read_books(path) == (books, version)
+    with Store(path) as store:
+        assert store.load() == books
+        event = ev.KeyAdded(at_s=1.0, key=key())
+        after, _ = apply(event, books)
+        store.commit(event, books, after)
+    assert read_books(path) == (after, SCHEMA_VERSION)

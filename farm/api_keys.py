@@ -1,0 +1,60 @@
+"""Requests and responses about keys for callers on the network, as `farm.api`."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from farm.api import SCHEMA
+from farm.model import Role
+
+
+class View(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+
+
+class KeyRequest(View):
+    """Request for a key: `days` until it expires, None for never."""
+
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9 ._-]{0,40}$")]
+    role: Role = Role.PRINT
+    days: Annotated[float, Field(gt=0, le=36_500)] | None = None
+
+
+class NewKey(View):
+    """A key that was added. Its text is shown here once, and not kept."""
+
+    id: str
+    text: str
+    role: Role
+
+
+class KeyView(View):
+    """Key of a caller on the network."""
+
+    id: str
+    name: str
+    role: Role
+    valid: bool
+    by: str  # operator who added it
+    created: str
+    used: str | None  # last use since the daemon started
+    expires: str | None
+    revoked: str | None
+
+
+class NetworkView(View):
+    """Server for callers on the network (`web` in fleet.yaml)."""
+
+    address: str | None  # None: off
+    problem: str | None  # why it does not listen
+
+
+class Keys(View):
+    """Response to `farm key --json`."""
+
+    model_config = ConfigDict(extra="forbid", populate_by_name=True)
+    schema_: int = Field(default=SCHEMA, alias="schema")
+    network: NetworkView
+    keys: list[KeyView]

@@ -1,0 +1,37 @@
+"""Keys by which programs and people on other hosts are known to the daemon."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+
+from farm.model.entity import Entity
+
+
+class Role(StrEnum):
+    """Permission of a caller on the network; each role includes those before it."""
+
+    LOOK = "look"  # see everything
+    PRINT = "print"  # submit, pause and cancel
+    OPERATE = "operate"  # approve, clear beds, load reels, end maintenance
+
+    def allows(self, needed: Role) -> bool:
+        """Return whether a caller with this role may do what needs another one."""
+        order = list(Role)
+        return order.index(self) >= order.index(needed)
+
+
+class Key(Entity):
+    """Key of a caller on the network. The secret itself is not kept."""
+
+    id: str
+    name: str
+    role: Role
+    digest: str  # SHA-256 of the key's text, in hexadecimal
+    created_s: float
+    by: str  # name of the operator who added it
+    expires_s: float | None = None  # None: never
+    revoked_s: float | None = None
+
+    def is_valid(self, now_s: float) -> bool:
+        """Return whether the key is accepted at a time on the farm's clock."""
+        return self.revoked_s is None and (self.expires_s is None or now_s < self.expires_s)

@@ -1,0 +1,34 @@
+"""Keys of callers on the network, as operators see them. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from farm import api_keys
+from farm.views.context import ViewContext
+
+
+def list_keys(context: ViewContext, uses_s: Mapping[str, float]) -> list[api_keys.KeyView]:
+    """List all keys, the newest last.
+
+    Parameters
+    ----------
+    context
+        The farm.
+    uses_s
+        Time of the last use of each key since the daemon started, by its id.
+    """
+    return [
+        api_keys.KeyView(
+            id=key.id,
+            name=key.name,
+            role=key.role,
+            valid=key.is_valid(context.now_s),
+            by=key.by,
+            created=context.format_time(key.created_s) or "",
+            used=context.format_time(uses_s.get(key.id)),
+            expires=context.format_time(key.expires_s),
+            revoked=context.format_time(key.revoked_s),
+        )
+        for key in sorted(context.books.keys.values(), key=lambda key: key.created_s)
+    ]

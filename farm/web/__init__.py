@@ -1,0 +1,8 @@
+"""The daemon's door for callers on the network: keys, roles, and a second server."""
+
+from __future__ import annotations
+
+from farm.web.app import make_web_app
+from farm.web.server import NetworkServer, find_host_names, has_valid_key
+
+__all__ = ["NetworkServer", "find_host_names", "has_valid_key", "make_web_app"]

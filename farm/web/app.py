@@ -1,0 +1,161 @@
+"""HTTP application for callers on the network: the routes of `farm.web.access`, for keys with their roles.
+
+Only what the table of roles lists is served. Every request passes the guard before a route sees it.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+
+from fastapi import Depends, FastAPI
+from fastapi.responses import JSONResponse
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+import farm
+from farm.control import Controller, DryRuns, find_key
+from farm.errors import ErrorCode, ExitCode
+from farm.http import UPLOAD_PATH, BodyLimit, Services, add_routes, identify_caller, make_problem
+from farm.model import Key, Role
+from farm.web.access import LIVENESS, PREFIX, find_role
+from farm.web.guard import Refusal, WrongKeys, check_host, check_origin
+
+log = logging.getLogger(__name__)
+
+_HEADERS = {
+    "content-security-policy": "default-src 'none'; frame-ancestors 'none'; base-uri 'none'",
+    "x-content-type-options": "nosniff",
+    "referrer-policy": "no-referrer",
+    "cache-control": "no-store",
+}
+_BEARER = "bearer "
+
+
+@dataclass(frozen=True, slots=True)
+class KeyHolder:
+    """Caller on the network with a key."""
+
+    key: Key
+
+    @property
+    def name(self) -> str:
+        """Name for the event log."""
+        return f"key {self.key.name}"
+
+    def is_operator(self, group: str | None) -> bool:
+        """Return whether the key has the role of an operator."""
+        return self.key.role is Role.OPERATE
+
+
+def make_web_app(services: Services, dry_runs: DryRuns, names: Collection[str]) -> ASGIApp:
+    """Make the application for the network.
+
+    Parameters
+    ----------
+    services
+        Components of the daemon.
+    dry_runs
+        Kept alive by requests about their jobs.
+    names
+        Names of this host in lower case.
+    """
+    app = FastAPI(
+        title="farm", version=farm.__version__, openapi_url=None, dependencies=[Depends(identify_caller)]
+    )
+    add_routes(app, services, dry_runs, PREFIX)
+    app.add_middleware(BodyLimit, upload_path=PREFIX + UPLOAD_PATH)
+    controller = services.controller
+    return Guard(app, controller, names, services.key_uses_s)
+
+
+class Guard:
+    """Middleware that refuses requests by host, origin, key and role, and adds security headers.
+
+    Parameters
+    ----------
+    app
+        The application behind it.
+    controller
+        Has the keys, and the farm's clock.
+    names
+        Names of this host in lower case.
+    uses_s
+        Receives the time of each key's last use.
+    """
+
+    def __init__(
+        self, app: ASGIApp, controller: Controller, names: Collection[str], uses_s: dict[str, float]
+    ) -> None:
+        self._app, self._controller, self._names, self._uses_s = app, controller, names, uses_s
+        self._wrong = WrongKeys()
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] != "http":  # no web sockets
+            return
+
+        async def send_with_headers(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                headers = MutableHeaders(scope=message)
+                for name, value in _HEADERS.items():
+                    headers[name] = value
+            await send(message)
+
+        judged = self._judge(scope)
+        if isinstance(judged, Key):
+            state = {**scope.get("state", {}), "person": KeyHolder(judged)}
+            await self._app({**scope, "state": state}, receive, send_with_headers)
+            return
+        response = (
+            JSONResponse({"status": "ok"})
+            if judged is None
+            else make_problem(judged.text, ErrorCode.REFUSED, ExitCode.REFUSED, judged.status)
+        )
+        if judged is not None:  # the rest of its body is not read
+            response.headers["connection"] = "close"
+        if judged is not None and judged.status == 401:
+            response.headers["www-authenticate"] = "Bearer"
+        await response(scope, receive, send_with_headers)
+
+    def _judge(self, scope: Scope) -> Key | Refusal | None:
+        """Return the caller's key, a refusal, or None for a request about liveness."""
+        headers = Headers(scope=scope)
+        method, path, host = scope["method"], scope["path"], headers.get("host")
+        refusal = check_host(host, self._names) or check_origin(
+            method, host, headers.get("origin"), headers.get("sec-fetch-site")
+        )
+        if refusal is not None:
+            return refusal
+        if path == LIVENESS and method == "GET":
+            return None
+        now_s = self._controller.clock.now()
+        key = self._find_key(headers, (scope.get("client") or ("nobody",))[0], now_s)
+        if isinstance(key, Refusal):
+            return key
+        needed = find_role(method, path)
+        if needed is None:
+            return Refusal(404, f"there is nothing at {path} for {method}")
+        if not key.role.allows(needed):
+            return Refusal(403, f"this needs a key with the role {needed}; {key.name} has {key.role}")
+        self._uses_s[key.id] = now_s
+        return key
+
+    def _find_key(self, headers: Mapping[str, str], address: str, now_s: float) -> Key | Refusal:
+        text = headers.get("x-api-key") or _read_bearer(headers.get("authorization", ""))
+        if not text:
+            return Refusal(401, "this needs a key: an operator makes one by `farm key add NAME`")
+        key = find_key(text, self._controller.books.keys, now_s)
+        if key is not None:
+            return key
+        refusal = self._wrong.check(address, now_s)
+        if refusal is None:
+            self._wrong.add(address, now_s)
+            log.warning("a wrong, expired or revoked key from %s", address)
+        return refusal or Refusal(
+            401, "this key is wrong, expired or revoked: `farm key` lists the valid ones"
+        )
+
+
+def _read_bearer(authorization: str) -> str:
+    return authorization[len(_BEARER) :].strip() if authorization.lower().startswith(_BEARER) else ""

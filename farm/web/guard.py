@@ -1,0 +1,98 @@
+"""Decisions about requests from the network, before any route sees them. Pure.
+
+A browser may be led by another site to send requests here (cross-site request forgery), or to take that
+site's name for this host (DNS rebinding). Requests that could be one of these are refused.
+"""
+
+from __future__ import annotations
+
+import ipaddress
+import re
+from collections.abc import Collection
+from dataclasses import dataclass
+
+_SAFE_METHODS = frozenset({"GET", "HEAD", "OPTIONS"})
+_OWN_SITE = frozenset({"same-origin", "none"})
+_LOCAL = "localhost"
+_HOST = re.compile(r"(\[[0-9A-Fa-f:.]{2,45}\]|[A-Za-z0-9._-]{1,253})(:[0-9]{1,5})?")
+WRONG_KEYS = 10
+"""Wrong keys from one address after which it has to wait."""
+WAIT_S = 60.0
+_MOST_ADDRESSES = 1000
+
+
+@dataclass(frozen=True, slots=True)
+class Refusal:
+    """Answer to a request that no route sees."""
+
+    status: int
+    text: str
+
+
+def check_host(host: str | None, names: Collection[str]) -> Refusal | None:
+    """Check the name under which a client addresses this server, against DNS rebinding.
+
+    Parameters
+    ----------
+    host
+        The header `Host`, with or without a port.
+    names
+        Names of this host in lower case, besides `localhost` and all IP addresses.
+    """
+    match = _HOST.fullmatch(host or "")
+    if match is None:
+        return Refusal(400, "the header Host is not a name or an address")
+    name = match[1].lower().rstrip(".")
+    if name == _LOCAL or name in names or _is_address(name.strip("[]")):
+        return None
+    return Refusal(421, f"{name} is no name of this farm: add it to `web.names` in fleet.yaml")
+
+
+def check_origin(method: str, host: str | None, origin: str | None, fetch_site: str | None) -> Refusal | None:
+    """Check that a request which changes something does not come from a page of another site.
+
+    Browsers send `Sec-Fetch-Site` to trustworthy addresses only, and `Origin` always; programs send neither.
+
+    Parameters
+    ----------
+    method
+        The request's method.
+    host, origin, fetch_site
+        The headers `Host`, `Origin` and `Sec-Fetch-Site`; None if missing.
+    """
+    if method in _SAFE_METHODS:
+        return None
+    if fetch_site is not None:
+        allowed = fetch_site in _OWN_SITE
+    else:
+        allowed = origin is None or origin in (f"http://{host}", f"https://{host}")
+    return None if allowed else Refusal(403, "this request comes from a page of another site")
+
+
+class WrongKeys:
+    """Count of wrong keys by address; after ten within a minute the address has to wait for a minute."""
+
+    def __init__(self) -> None:
+        self._counts: dict[str, tuple[int, float]] = {}  # number, and when it is forgotten
+
+    def check(self, address: str, now_s: float) -> Refusal | None:
+        """Return a refusal if an address has to wait."""
+        number, end_s = self._counts.get(address, (0, 0.0))
+        if number < WRONG_KEYS or now_s >= end_s:
+            return None
+        return Refusal(429, f"too many wrong keys from {address}: wait for a minute")
+
+    def add(self, address: str, now_s: float) -> None:
+        """Count a wrong key."""
+        number, end_s = self._counts.pop(address, (0, 0.0))
+        self._counts[address] = (number + 1 if now_s < end_s else 1, now_s + WAIT_S)
+        if len(self._counts) > _MOST_ADDRESSES:
+            del self._counts[next(iter(self._counts))]  # the address whose last wrong key is oldest
+
+
+def _is_address(name: str) -> bool:
+    try:
+        ipaddress.ip_address(name)
+    except ValueError:
+        return False
+    return True

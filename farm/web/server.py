@@ -1,0 +1,136 @@
+"""Server for callers on the network, beside the one on the Unix socket."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import socket
+from collections.abc import Callable
+from contextlib import suppress
+
+import uvicorn
+from starlette.types import ASGIApp
+
+from drivers.clock import Clock
+from farm.config import WebSection
+from farm.http import BoundedServer, NetworkState, PeerProtocol
+from farm.state import Books
+
+log = logging.getLogger(__name__)
+
+_KEYS_S = 1.0  # between two looks for a valid key
+_RETRY_S = 10.0  # between two attempts to listen
+_BACKLOG = 128
+_GRACE_S = 3  # for requests that are under way when the daemon ends
+
+
+class NetworkServer:
+    """Server that listens as soon as it may, until it is closed.
+
+    Without a valid key it listens on loopback addresses alone. An address that is in use, or a certificate
+    that cannot be read, is reported in `state` and tried again: prints do not depend on it.
+
+    Parameters
+    ----------
+    section
+        The keys under `web`.
+    app
+        The application.
+    limit
+        Largest number of connections.
+    state
+        Receives the address, and why it is closed.
+    """
+
+    def __init__(self, section: WebSection, app: ASGIApp, limit: int, state: NetworkState) -> None:
+        self._section, self._limit, self._state = section, limit, state
+        tls = section.tls
+        self._config = uvicorn.Config(
+            app,
+            http=PeerProtocol,
+            ws="none",
+            log_config=None,
+            access_log=False,
+            lifespan="off",
+            proxy_headers=False,
+            server_header=False,
+            timeout_graceful_shutdown=_GRACE_S,
+            ssl_certfile=None if tls is None else tls.cert,
+            ssl_keyfile=None if tls is None else tls.key,
+        )
+        self._server: BoundedServer | None = None
+        self._task: asyncio.Task[None] | None = None
+        state.address = section.url
+
+    def start(self, has_key: Callable[[], bool]) -> None:
+        """Serve in a task; `has_key` returns whether anybody could use it."""
+        self._task = asyncio.get_running_loop().create_task(self._run(has_key))
+
+    async def close(self) -> None:
+        """End the server after the requests that are under way, for a few seconds at most."""
+        if self._task is None:
+            return
+        if self._server is None:
+            self._task.cancel()
+        else:
+            self._server.should_exit = True
+        with suppress(asyncio.CancelledError):
+            await self._task
+
+    async def _run(self, has_key: Callable[[], bool]) -> None:
+        while not self._section.is_local and not has_key():
+            self._report("it has no key yet: add one with `farm key add NAME`")
+            await asyncio.sleep(_KEYS_S)
+        while True:
+            try:
+                listening = self._listen()
+                break
+            except OSError as error:
+                self._report(error.strerror or str(error))
+                await asyncio.sleep(_RETRY_S)
+        self._report(None)
+        self._server = BoundedServer(self._config, self._limit)
+        with listening:
+            await self._server.serve(sockets=[listening])
+
+    def _listen(self) -> socket.socket:
+        """Load the certificate and open the socket. Raises OSError."""
+        if not self._config.loaded:
+            try:
+                self._config.load()
+            except ValueError as error:
+                raise OSError(f"its certificate cannot be used: {error}") from error
+        host, port = self._section.address
+        family = socket.AF_INET6 if ":" in host else socket.AF_INET
+        listening = socket.socket(family, socket.SOCK_STREAM)
+        try:
+            listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            if family == socket.AF_INET6:
+                with suppress(OSError):
+                    listening.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, int(host != "::"))
+            listening.bind((host, port))
+            listening.listen(_BACKLOG)
+            listening.setblocking(False)
+        except OSError:
+            listening.close()
+            raise
+        return listening
+
+    def _report(self, problem: str | None) -> None:
+        if problem is None:
+            log.info("listening on %s", self._section.url)
+        elif problem != self._state.problem:
+            log.warning("not listening on %s: %s", self._section.url, problem)
+        self._state.problem = problem
+
+
+def find_host_names(section: WebSection) -> frozenset[str]:
+    """Return the names of this host in lower case: its own, with `.local`, and those in fleet.yaml."""
+    name = socket.gethostname().lower()
+    return frozenset({name, name.partition(".")[0], f"{name.partition('.')[0]}.local", *section.names})
+
+
+def has_valid_key(books: Books, clock: Clock) -> bool:
+    """Return whether any key is valid now."""
+    now_s = clock.now()
+    return any(key.is_valid(now_s) for key in books.keys.values())

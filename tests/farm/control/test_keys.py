@@ -1,0 +1,29 @@
+"""Keys as text."""
+
+import re
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from farm.control.keys import digest_key, find_key, make_key_text
+from make_books import key
+
+
+def test_a_new_key_is_found_by_its_text_alone_and_its_text_is_not_kept():
+    name, text = make_key_text()
+    assert re.fullmatch(rf"farm_{name}_[\w-]{{43}}", text)
+    kept = key(id=name, digest=digest_key(text), expires_s=100.0)
+    keys = {name: kept}
+    assert find_key(text, keys, 99.0) is kept
+    assert text.split("_", 2)[2] not in kept.model_dump_json()
+    assert find_key(text, keys, 100.0) is None
+    assert find_key(text, {name: kept.model_copy(update={"revoked_s": 1.0})}, 2.0) is None
+    changed = text[:-1] + ("A" if text[-1] != "A" else "B")
+    assert find_key(changed, keys, 1.0) is None
+    assert find_key(make_key_text()[1], keys, 1.0) is None
+
+
+@given(st.text())
+def test_any_other_text_is_no_key(text):
+    name, secret = make_key_text()
+    assert find_key(text, {name: key(id=name, digest=digest_key(secret))}, 1.0) is None

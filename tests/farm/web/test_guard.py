@@ -1,0 +1,79 @@
+"""Requests that another site, another name or a guess may have caused."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from farm.web.guard import WAIT_S, WRONG_KEYS, Refusal, WrongKeys, check_host, check_origin
+
+NAMES = {"farm.lab.example", "pc-b"}
+
+
+@pytest.mark.parametrize(
+    "host",
+    ["localhost:8467", "127.0.0.1", "[::1]:8467", "10.0.0.7:80", "FARM.lab.example:8467", "pc-b", "pc-b."],
+)
+def test_addresses_and_names_of_this_host_are_accepted(host):
+    assert check_host(host, NAMES) is None
+
+
+@pytest.mark.parametrize(
+    ("host", "status"),
+    [
+        ("evil.example", 421),
+        ("farm.lab.example.evil.example", 421),
+        ("127.0.0.1.evil.example", 421),
+        ("pc-b@evil.example", 400),
+        ("pc-b/", 400),
+        ("pc-b:80:80", 400),
+        ("", 400),
+        (None, 400),
+    ],
+)
+def test_other_names_are_refused(host, status):
+    assert check_host(host, NAMES).status == status
+
+
+@given(st.text())
+def test_any_host_gets_an_answer(host):
+    assert check_host(host, NAMES) is None or isinstance(check_host(host, NAMES), Refusal)
+
+
+@pytest.mark.parametrize(
+    ("method", "origin", "site", "allowed"),
+    [
+        ("POST", None, None, True),  # a program
+        ("POST", "http://pc-b:8467", None, True),  # a browser on a plain-HTTP name sends no Sec-Fetch-Site
+        ("POST", "https://pc-b:8467", "same-origin", True),
+        ("POST", "http://evil.example", None, False),
+        ("POST", "http://pc-b:8467.evil.example", None, False),
+        ("POST", "http://pc-b", None, False),
+        ("POST", "null", None, False),
+        ("POST", "http://pc-b:8467", "cross-site", False),
+        ("POST", None, "same-site", False),
+        ("DELETE", "http://evil.example", None, False),
+        ("GET", "http://evil.example", "cross-site", True),  # changes nothing, and shows nothing without CORS
+    ],
+)
+def test_a_change_never_comes_from_another_site(method, origin, site, allowed):
+    assert (check_origin(method, "pc-b:8467", origin, site) is None) is allowed
+
+
+def test_an_address_with_ten_wrong_keys_waits_for_a_minute():
+    wrong = WrongKeys()
+    for number in range(WRONG_KEYS):
+        assert wrong.check("10.0.0.9", number) is None
+        wrong.add("10.0.0.9", number)
+    last_s = WRONG_KEYS - 1
+    assert wrong.check("10.0.0.9", last_s + WAIT_S - 0.1).status == 429
+    assert wrong.check("10.0.0.8", last_s) is None
+    assert wrong.check("10.0.0.9", last_s + WAIT_S) is None
+    wrong.add("10.0.0.9", last_s + WAIT_S)
+    assert wrong.check("10.0.0.9", last_s + WAIT_S) is None
+
+
+def test_addresses_without_end_take_a_limited_memory():
+    wrong = WrongKeys()
+    for number in range(5000):
+        wrong.add(f"address {number}", 0.0)
+    assert len(wrong._counts) == 1000
