@@ -56,5 +56,6 @@ class Keys(View):
 
     model_config = ConfigDict(extra="forbid", populate_by_name=True)
     schema_: int = Field(default=SCHEMA, alias="schema")
+    now: str
     network: NetworkView
     keys: list[KeyView]

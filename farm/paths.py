@@ -94,6 +94,8 @@ class Places:
     state: StateFolder
     socket: Path
     fleet: Path
+    url: str | None = None  # of a daemon on another host; used instead of the socket
+    key_file: Path | None = None  # with the key for the URL
 
 
 def find_places(

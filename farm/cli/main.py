@@ -38,6 +38,11 @@ COMMANDS = {
             "stay.",
         ),
         CommandEntry(
+            "key",
+            "keys.key",
+            "Add, list and revoke the keys by which other hosts reach the farm (`web` in fleet.yaml).",
+        ),
+        CommandEntry(
             "daemon",
             "daemon.daemon",
             "Run the daemon in the foreground; `farm up` runs it in the background.",

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import functools
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Concatenate, ParamSpec
 
@@ -20,6 +21,16 @@ Socket = Annotated[
     Path | None, typer.Option("--socket", help="The daemon's socket (FARM_SOCKET).", readable=False)
 ]  # not readable: a user without access to it gets the error of the connection
 FleetFile = Annotated[Path | None, typer.Option("--fleet", help="The fleet file (FARM_FLEET).")]
+Url = Annotated[
+    str | None,
+    typer.Option("--url", envvar="FARM_URL", show_envvar=False, help="A farm on another host (FARM_URL)."),
+]
+KeyFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--key-file", envvar="FARM_KEY_FILE", show_envvar=False, help="The key for --url (FARM_KEY_FILE)."
+    ),
+]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout, and nothing else.")]
 Why = Annotated[str, typer.Option(help="The reason; it goes into the history.")]
 LongestSide = Annotated[float | None, typer.Option(help="Scale the model to this longest side, mm.")]
@@ -44,16 +55,38 @@ def with_places(command: Callable[Concatenate[Places, P], None]) -> Callable[P, 
     callable
         The command for typer, with the three options after its own.
     """
+    return _add_options(command, (("state", State), ("socket", Socket), ("fleet", FleetFile)))
+
+
+def with_farm(command: Callable[Concatenate[Places, P], None]) -> Callable[P, None]:
+    """Add to a command the options of `with_places`, and `--url` and `--key-file` for other hosts."""
+    places = (("state", State), ("socket", Socket), ("fleet", FleetFile))
+    return _add_options(command, (*places, ("url", Url), ("key_file", KeyFile)))
+
+
+def _add_options(
+    command: Callable[Concatenate[Places, P], None], named: Sequence[tuple[str, object]]
+) -> Callable[P, None]:
+    """Add options that name the places of a farm, after the command's own."""
     own = inspect.signature(command, eval_str=True)
     options = [
         inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=option)
-        for name, option in (("state", State), ("socket", Socket), ("fleet", FleetFile))
+        for name, option in named
     ]
     parameters = [*list(own.parameters.values())[1:], *options]
 
     @functools.wraps(command)
-    def run(*, state: Path | None, socket: Path | None, fleet: Path | None, **given: Any) -> None:
-        command(find_places(state, socket, fleet), **given)  # type: ignore[call-arg]
+    def run(
+        *,
+        state: Path | None,
+        socket: Path | None,
+        fleet: Path | None,
+        url: str | None = None,
+        key_file: Path | None = None,
+        **given: Any,
+    ) -> None:
+        places = find_places(state, socket, fleet)
+        command(replace(places, url=url, key_file=key_file), **given)  # type: ignore[call-arg]
 
     wrapper: Any = run  # typer reads its signature
     wrapper.__signature__ = own.replace(parameters=parameters)

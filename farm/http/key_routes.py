@@ -19,7 +19,9 @@ def key_routes(services: Services, keys: KeyCommands) -> APIRouter:
     async def show_keys(_: OperatorName) -> api_keys.Keys:
         context = controller.build_view_context(services.state)
         return api_keys.Keys(
-            keys=list_keys(context, services.key_uses_s), network=services.network.describe()
+            now=context.format_time(context.now_s) or "",
+            network=services.network.describe(),
+            keys=list_keys(context, services.key_uses_s),
         )
 
     @router.post("/keys")

@@ -17,7 +17,7 @@ from drivers.clock import Clock
 from drivers.emulator.launch import Command, control
 from drivers.printers.ultimaker2_plus import ULTIMAKER2_PLUS
 from drivers.records import JOURNAL
-from farm.cli.client import DaemonConnection
+from farm.cli.client import SocketConnection
 from farm.model import Bed, PrintState
 from farm.paths import StateFolder, read_anchor
 from farm.state.storage.store import Store
@@ -86,7 +86,7 @@ class KilledFarm(RealFarm):
     def ask(self, method, path, body=None):
         """One daemon's answer and its status; None where it died before it answered, or is not there."""
         assert self.keeper.poll() is None, self.log()
-        with contextlib.closing(DaemonConnection(self.socket, PATIENCE_S, PATIENCE_S)) as connection:
+        with contextlib.closing(SocketConnection(self.socket, PATIENCE_S, PATIENCE_S)) as connection:
             try:
                 connection.request(method, path, body, {"Content-Type": "application/json"})
                 answer = connection.getresponse()

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from farm.cli.client.daemon_client import Client, DaemonConnection
+from farm.cli.client.connections import SocketConnection, read_address
+from farm.cli.client.daemon_client import Client, connect
 from farm.cli.client.estop_socket import (
     Report,
     StopReport,
@@ -13,10 +14,12 @@ from farm.cli.client.estop_socket import (
 
 __all__ = [
     "Client",
-    "DaemonConnection",
     "Report",
+    "SocketConnection",
     "StopReport",
+    "connect",
     "find_estop_socket",
+    "read_address",
     "request_stop",
     "serve_request",
 ]

@@ -1,16 +1,15 @@
-"""Client of the daemon: requests and answers of `farm.api` over its Unix socket."""
+"""Client of the daemon: requests and answers of `farm.api`, over its Unix socket or the network."""
 
 from __future__ import annotations
 
 import json
 import os
-import socket
 import time
 import uuid
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 from contextlib import closing, suppress
-from http.client import HTTPConnection, HTTPException
+from http.client import HTTPException
 from pathlib import Path
 from threading import Thread
 from typing import Any, BinaryIO, TypeVar
@@ -19,8 +18,11 @@ from urllib.parse import quote, urlencode
 from pydantic import BaseModel, ValidationError
 
 from farm import api
+from farm.api_keys import KeyRequest, Keys, NewKey
+from farm.cli.client.connections import Address, make_headers, make_target, open_connection, read_address
 from farm.errors import DaemonUnreachable, ErrorCode, FarmError
 from farm.model import JobOptions
+from farm.paths import Places
 from farm.text import describe_first_error
 
 View = TypeVar("View", bound=BaseModel)
@@ -30,29 +32,6 @@ SUBMISSION_S = 86400.0
 the progress."""
 _POLL_S = 0.5
 _LONGEST_NAME = 200
-_CHUNK = 1 << 20  # bytes of an upload
-
-
-class DaemonConnection(HTTPConnection):
-    """HTTP over the daemon's Unix socket. Raises OSError or HTTPException if the response is incomplete.
-
-    The standard library's HTTP loads fast and leaves nothing open.
-    """
-
-    def __init__(self, path: Path, connect_s: float, answer_s: float) -> None:
-        super().__init__("farm", timeout=answer_s, blocksize=_CHUNK)
-        self._path, self._connect_s, self._answer_s = path, connect_s, answer_s
-
-    def connect(self) -> None:
-        connection = socket.socket(socket.AF_UNIX)
-        try:
-            connection.settimeout(self._connect_s)
-            connection.connect(str(self._path))
-            connection.settimeout(self._answer_s)
-        except OSError:
-            connection.close()
-            raise
-        self.sock = connection
 
 
 class Client:
@@ -62,14 +41,14 @@ class Client:
 
     Parameters
     ----------
-    path
-        The daemon's Unix socket.
+    address
+        The daemon's Unix socket, or its address on the network with a key.
     answer_s, connect_s
         Seconds to wait for an answer, and for a connection.
     """
 
-    def __init__(self, path: Path, answer_s: float = ANSWER_S, connect_s: float = CONNECT_S) -> None:
-        self._path, self._answer_s, self._connect_s = path, answer_s, connect_s
+    def __init__(self, address: Address, answer_s: float = ANSWER_S, connect_s: float = CONNECT_S) -> None:
+        self._address, self._answer_s, self._connect_s = address, answer_s, connect_s
 
     def status(self) -> api.Status:
         return self._ask(api.Status, "GET", "/status")
@@ -110,6 +89,15 @@ class Client:
         """Delete what is no longer kept, or list it; the parts of each job are drawn first."""
         body = api.PruneRequest(dry_run=dry_run)
         return _validate(api.Pruned, self._call("POST", "/prune", body=body, answer_s=SUBMISSION_S))
+
+    def keys(self) -> Keys:
+        return self._ask(Keys, "GET", "/keys")
+
+    def add_key(self, request: KeyRequest) -> NewKey:
+        return self._ask(NewKey, "POST", "/keys", body=request)
+
+    def revoke_key(self, name: str) -> None:
+        self._call("POST", f"/keys/{name}/revoke")
 
     def shut_down(self, now: bool, wait: bool) -> None:
         self._call("POST", "/down", body=api.DownRequest(now=now, wait=wait))
@@ -198,12 +186,14 @@ class Client:
         upload: BinaryIO | None = None,
         answer_s: float | None = None,
     ) -> Any:
-        target = quote(path) + (f"?{urlencode(params)}" if params else "")
+        target = make_target(self._address, quote(path)) + (f"?{urlencode(params)}" if params else "")
         content = upload if body is None else body.model_dump_json().encode()
-        headers = {} if body is None else {"Content-Type": "application/json"}
+        headers = make_headers(self._address)
+        if body is not None:
+            headers["Content-Type"] = "application/json"
         answer_s = answer_s or self._answer_s
         try:
-            with closing(DaemonConnection(self._path, self._connect_s, answer_s)) as connection:
+            with closing(open_connection(self._address, self._connect_s, answer_s)) as connection:
                 with suppress(BrokenPipeError, ConnectionResetError):  # it may answer before reading all
                     connection.request(method, target, content, headers)
                 answer = connection.getresponse()
@@ -215,12 +205,12 @@ class Client:
             ) from error
         except PermissionError as error:
             raise DaemonUnreachable(
-                f"you may not use {self._path}: only the farm's owner and the members of its group may"
+                f"you may not use {self._address}: only the farm's owner and the members of its group may"
             ) from error
         except (OSError, HTTPException) as error:
             why = (error.strerror if isinstance(error, OSError) else None) or error
             raise DaemonUnreachable(
-                f"no daemon answers on {self._path} ({why}); `farm up` starts one"
+                f"no daemon answers on {self._address} ({why}); {_advise(self._address)}"
             ) from error
         try:
             values = json.loads(text)
@@ -232,6 +222,25 @@ class Client:
             start = text.decode(errors="replace")[:200]
             raise FarmError(f"the daemon answered {answer.status}: {start}") from None
         raise FarmError(problem.error, code)
+
+
+def connect(places: Places) -> Client:
+    """Return the client of the daemon at a farm's places: on the network if they have a URL.
+
+    Raises
+    ------
+    FarmError
+        If the URL or the key's file cannot be used.
+    """
+    return Client(places.socket if places.url is None else read_address(places.url, places.key_file))
+
+
+def _advise(address: Address) -> str:
+    return (
+        "`farm up` starts one"
+        if isinstance(address, Path)
+        else "is it running there, with `web` in its fleet.yaml, and is the way open?"
+    )
 
 
 def _validate(view: type[View], answer: object) -> View:

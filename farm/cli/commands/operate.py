@@ -10,8 +10,8 @@ import typer
 
 from farm.api import Cleared, ClearedRequest, LoadRequest, PrinterView
 from farm.cli import completion
-from farm.cli.client import Client
-from farm.cli.options import Job, Printer, Why, with_places
+from farm.cli.client import connect
+from farm.cli.options import Job, Printer, Why, with_farm
 from farm.errors import NoSuchThing
 from farm.model import FilamentState, HoldCode, Link
 from farm.paths import Places
@@ -53,7 +53,7 @@ def select_beds_to_clear(printers: Iterable[PrinterView]) -> list[str]:
     return [p.name for p in printers if p.print is None and p.hold is not None and p.state not in others]
 
 
-@with_places
+@with_farm
 def cleared(
     places: Places,
     printers: Annotated[
@@ -80,7 +80,7 @@ def cleared(
         raise typer.BadParameter(
             "give exactly one printer: the one that printed the part", param_hint="--good"
         )
-    client = Client(places.socket)
+    client = connect(places)
     fleet = {p.name: p for p in client.status().printers}
     if printers == ["all"]:
         if bad:
@@ -111,16 +111,16 @@ def _describe_part(request: ClearedRequest, answer: Cleared) -> list[str]:
     return [f"part {answer.good} is good" + ("" if reprints else " and will not be printed again"), *reprints]
 
 
-@with_places
+@with_farm
 def fail(places: Places, printer: Printer, why: Why = "") -> None:
     """End a failing print safely, and print its part again."""
-    Client(places.socket).send_command(f"/printers/{printer}/fail", why)
+    connect(places).send_command(f"/printers/{printer}/fail", why)
     print(
         f"{printer}: its print ends, its part will be printed again; remove it, then `farm cleared {printer}`"
     )
 
 
-@with_places
+@with_farm
 def reprint(
     places: Places,
     job: Job,
@@ -131,17 +131,17 @@ def reprint(
 ) -> None:
     """Print a part again, at any time and whatever its state."""
     path = f"/jobs/{job}/parts/{part.rpartition('/')[2]}/reprint"
-    name = Client(places.socket).send_command(path, why)
+    name = connect(places).send_command(path, why)
     print(f"part {name} will be printed again")
 
 
-@with_places
+@with_farm
 def cancel(
     places: Places,
     target: Target,
 ) -> None:
     """Cancel a job or a part: prints end safely, and nothing of it is printed again."""
-    client = Client(places.socket)
+    client = connect(places)
     if not target.isdigit():
         name = client.send_command(f"{find_target_path(target)}/cancel")
         print(
@@ -160,13 +160,13 @@ def _describe_ending(printing: list[str]) -> str:
     return f"; {' '.join(printing)}: the {prints} safely; remove the parts, then `farm cleared PRINTER`"
 
 
-@with_places
+@with_farm
 def pause(places: Places, targets: Targets) -> None:
     """Pause prints, or all of a job: the head moves aside, the nozzle cools, the bed stays warm.
 
     A print that is not resumed within two hours is ended. Parts of a paused job that wait do not start.
     """
-    client = Client(places.socket)
+    client = connect(places)
     for target in targets:
         path = find_target_path(target)
         printer = client.send_command(f"{path}/pause")
@@ -176,10 +176,10 @@ def pause(places: Places, targets: Targets) -> None:
         print(f"{_format_target(target)}: {effect}; continue with `farm resume {target}`")
 
 
-@with_places
+@with_farm
 def resume(places: Places, targets: Resumed = None) -> None:
     """Resume what was paused; without a name, the whole farm after an outage."""
-    client = Client(places.socket)
+    client = connect(places)
     if not targets:
         lost = client.send_command("/outage/confirm")
         print(f"the farm continues; inspect the lost printers ({lost}), then `farm cleared PRINTER` for each")
@@ -195,7 +195,7 @@ def _format_target(target: str) -> str:
     return f"job {target}" if target.isdigit() else target
 
 
-@with_places
+@with_farm
 def load(
     places: Places,
     printer: Printer,
@@ -208,13 +208,13 @@ def load(
     if material is None and colour is None and grams is None and nozzle is None:
         raise typer.BadParameter("give at least one of --material, --colour, --grams and --nozzle")
     request = LoadRequest(material=material, colour=colour, grams=grams, nozzle_mm=nozzle)
-    reel = Client(places.socket).load(printer, request)
+    reel = connect(places).load(printer, request)
     amount = f", {reel.grams:.0f} g" if reel.grams is not None else ", amount not known"
     colours = f" {reel.colour}" if reel.colour else ""
     print(f"{printer}: {reel.material}{colours}{amount}, nozzle {reel.nozzle_mm:g} mm")
 
 
-@with_places
+@with_farm
 def maintenance(
     places: Places,
     printer: Printer,
@@ -222,7 +222,7 @@ def maintenance(
     done: Annotated[bool, typer.Option("--done", help="Put it back into use.")] = False,
 ) -> None:
     """Take a printer out of use after its current print, or put it back into use (--done)."""
-    client = Client(places.socket)
+    client = connect(places)
     if done:
         client.send_command(f"/printers/{printer}/maintained")
         print(f"{printer}: back in use")

@@ -14,7 +14,7 @@ from rich.live import Live
 
 from farm import api
 from farm.cli import completion
-from farm.cli.client import Client
+from farm.cli.client import Client, connect
 from farm.cli.display import (
     Column,
     format_deviation,
@@ -32,7 +32,7 @@ from farm.cli.display import (
     terminal_width,
 )
 from farm.cli.notices import print_notice
-from farm.cli.options import Job, Json, with_places
+from farm.cli.options import Job, Json, with_farm, with_places
 from farm.errors import FarmError
 from farm.paths import Places
 from farm.text import format_count, format_duration, format_mass
@@ -52,7 +52,7 @@ _HISTORY = (
 )
 
 
-@with_places
+@with_farm
 def status(
     places: Places,
     job: Annotated[int | None, typer.Argument(help="Only this job.", autocompletion=completion.jobs)] = None,
@@ -60,7 +60,7 @@ def status(
     json: Json = False,
 ) -> None:
     """Show what you have to do now, the printers, the jobs, and why each waiting plate waits."""
-    client = Client(places.socket)
+    client = connect(places)
     if watch and not json:
         _watch(client, job)
     elif job is not None:
@@ -91,7 +91,7 @@ def _watch(client: Client, number: int | None) -> None:
         screen.print(retry_over_restart(lambda: draw(None)))
 
 
-@with_places
+@with_farm
 def history(
     places: Places,
     job: Annotated[
@@ -104,7 +104,7 @@ def history(
     json: Json = False,
 ) -> None:
     """List the latest prints: duration, deviation from the plan, filament and outcome."""
-    past = Client(places.socket).history(job, printer, last)
+    past = connect(places).history(job, printer, last)
     if json:
         print_json(past)
         return

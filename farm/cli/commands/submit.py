@@ -11,7 +11,7 @@ from pydantic import ValidationError
 
 from decompose.options import Engine
 from farm import api
-from farm.cli.client import Client
+from farm.cli.client import Client, connect
 from farm.cli.display import (
     ProgressLines,
     follow_job,
@@ -24,7 +24,7 @@ from farm.cli.display import (
     show_upload,
 )
 from farm.cli.notices import print_notice
-from farm.cli.options import Job, Json, LongestSide, Quality, Scale, parse_printer_count, with_places
+from farm.cli.options import Job, Json, LongestSide, Quality, Scale, parse_printer_count, with_farm
 from farm.errors import ErrorCode, FarmError, Refused
 from farm.model import JobOptions, JobState
 from farm.paths import Places
@@ -32,7 +32,7 @@ from farm.paths import Places
 _POLL_S = 0.5
 
 
-@with_places
+@with_farm
 def submit(
     places: Places,
     model: Annotated[Path, typer.Argument(help="STL, 3MF, STEP, OBJ, PLY or OFF; or own G-code.")],
@@ -82,7 +82,7 @@ def submit(
         hold=hold or dry_run,
         dry_run=dry_run,
     )
-    client = Client(places.socket)
+    client = connect(places)
     number = _upload(client, model, options, quiet=json)
     if dry_run:
         _show_dry_run(client, number, json)
@@ -162,14 +162,14 @@ def _show_dry_run(client: Client, number: int, json: bool) -> None:
     print_json(timeline) if json else show_timeline(timeline)
 
 
-@with_places
+@with_farm
 def approve(
     places: Places,
     job: Job,
     plan: Annotated[str | None, typer.Option(help="Approve only this plan (see `farm status JOB`).")] = None,
 ) -> None:
     """Release a held job, to print exactly as planned."""
-    client = Client(places.socket)
+    client = connect(places)
     held = client.job(job).job
     if not held.plates:
         raise Refused(f"job {job} has no plan yet: it is {held.state}")

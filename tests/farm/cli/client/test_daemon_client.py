@@ -10,7 +10,7 @@ from socketserver import UnixStreamServer
 import pytest
 
 from farm.api import ClearedRequest
-from farm.cli.client import Client, DaemonConnection
+from farm.cli.client import Client, SocketConnection
 from farm.errors import DaemonUnreachable, ErrorCode, FarmError, NoSuchThing
 from farm.model import JobOptions
 
@@ -81,7 +81,7 @@ def test_user_outside_the_group_gets_a_reason(client, monkeypatch):
     def closed(self):
         raise PermissionError(13, "Permission denied")
 
-    monkeypatch.setattr(DaemonConnection, "connect", closed)
+    monkeypatch.setattr(SocketConnection, "connect", closed)
     with pytest.raises(DaemonUnreachable, match=r"you may not use .* members of its group"):
         client.status()
 

@@ -55,7 +55,7 @@ def test_cancel_names_the_beds_to_clear(printers, said, monkeypatch):
             plates = [PlateStatus.model_construct(printer=name, printing=True) for name in printers]
             return JobStatus.model_construct(job=JobView.model_construct(plates=plates))
 
-    monkeypatch.setattr(operate, "Client", Daemon)
+    monkeypatch.setattr(operate, "connect", Daemon)
     assert CliRunner().invoke(app, ["cancel", "3"]).stdout == f"{said}\n"
 
 
@@ -67,7 +67,7 @@ def test_interrupted_upload_may_have_been_submitted(tmp_path, monkeypatch):
         def submit(self, model, options, **_):
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(submit, "Client", Daemon)
+    monkeypatch.setattr(submit, "connect", Daemon)
     (tmp_path / "part.stl").touch()
     ended = CliRunner().invoke(app, ["submit", str(tmp_path / "part.stl")])
     assert ended.exit_code == 130

@@ -56,7 +56,7 @@ def farm(tmp_path, monkeypatch):
         def close(self):
             pass
 
-    monkeypatch.setattr(daemon_client, "DaemonConnection", Connection)
+    monkeypatch.setattr(daemon_client, "open_connection", Connection)
     return farm
 
 

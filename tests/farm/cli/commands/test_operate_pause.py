@@ -24,7 +24,7 @@ class Daemon:
 
 
 def test_print_resumed_too_late_is_a_warning(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(operate, "Client", Daemon)
+    monkeypatch.setattr(operate, "connect", Daemon)
     said = CliRunner().invoke(app, ["resume", "a"]).stdout.splitlines()
     assert said == ["a: resumed", "a needs until Fri 19:00"]
 
@@ -39,5 +39,5 @@ def test_print_resumed_too_late_is_a_warning(monkeypatch: pytest.MonkeyPatch):
     ],
 )
 def test_pause_is_reported(target: str, said: str, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(operate, "Client", Daemon)
+    monkeypatch.setattr(operate, "connect", Daemon)
     assert CliRunner().invoke(app, ["pause", target]).stdout == f"{said}\n"

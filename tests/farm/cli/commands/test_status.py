@@ -20,5 +20,5 @@ class Daemon:
 
 @pytest.mark.parametrize(("options", "shown"), [([], "no print has ended\n"), (["--json"], '"prints": []')])
 def test_an_empty_history_is_not_an_empty_table(monkeypatch: pytest.MonkeyPatch, options, shown):
-    monkeypatch.setattr(status, "Client", Daemon)
+    monkeypatch.setattr(status, "connect", Daemon)
     assert shown in CliRunner().invoke(app, ["history", *options]).stdout

@@ -1,0 +1,125 @@
+"""Connections to a daemon: over its Unix socket, or over the network with a key."""
+
+from __future__ import annotations
+
+import re
+import socket
+import stat
+from dataclasses import dataclass
+from http.client import HTTPConnection, HTTPSConnection
+from pathlib import Path
+from urllib.parse import urlsplit
+
+from farm.errors import ErrorCode, FarmError
+
+_CHUNK = 1 << 20  # bytes of an upload
+_PREFIX = "/api/v1"
+_KEY = re.compile(r"[\x21-\x7e]{1,200}")
+
+
+@dataclass(frozen=True, slots=True)
+class NetworkAddress:
+    """Address of a daemon on another host, with the key that this user has.
+
+    Attributes
+    ----------
+    scheme
+        `http` or `https`.
+    place
+        Name or IP address, with the port if there is one.
+    path
+        Start of each path, without a slash at its end: for a daemon behind a proxy.
+    key
+        The key's text.
+    """
+
+    scheme: str
+    place: str
+    path: str
+    key: str
+
+    def __str__(self) -> str:
+        return f"{self.scheme}://{self.place}{self.path}"
+
+
+Address = Path | NetworkAddress
+"""The daemon's Unix socket, or its address on the network."""
+
+
+class SocketConnection(HTTPConnection):
+    """HTTP over the daemon's Unix socket. Raises OSError or HTTPException if the response is incomplete.
+
+    The standard library's HTTP loads fast and leaves nothing open.
+    """
+
+    def __init__(self, path: Path, connect_s: float, answer_s: float) -> None:
+        super().__init__("farm", timeout=answer_s, blocksize=_CHUNK)
+        self._path, self._connect_s, self._answer_s = path, connect_s, answer_s
+
+    def connect(self) -> None:
+        connection = socket.socket(socket.AF_UNIX)
+        try:
+            connection.settimeout(self._connect_s)
+            connection.connect(str(self._path))
+            connection.settimeout(self._answer_s)
+        except OSError:
+            connection.close()
+            raise
+        self.sock = connection
+
+
+def open_connection(address: Address, connect_s: float, answer_s: float) -> HTTPConnection:
+    """Make a connection, which connects at its first request.
+
+    Parameters
+    ----------
+    address
+        The daemon.
+    connect_s, answer_s
+        Seconds to wait for a connection, and for an answer; on the network only the second counts.
+    """
+    if isinstance(address, Path):
+        return SocketConnection(address, connect_s, answer_s)
+    kind = HTTPSConnection if address.scheme == "https" else HTTPConnection
+    return kind(address.place, timeout=answer_s, blocksize=_CHUNK)
+
+
+def make_headers(address: Address) -> dict[str, str]:
+    """Return the headers of each request: the key, on the network."""
+    return {} if isinstance(address, Path) else {"X-Api-Key": address.key}
+
+
+def make_target(address: Address, path: str) -> str:
+    """Return the path of a request as the daemon at an address serves it."""
+    return path if isinstance(address, Path) else f"{address.path}{_PREFIX}{path}"
+
+
+def read_address(url: str, key_file: Path | None) -> NetworkAddress:
+    """Read the address of a daemon on the network, and the key from its file.
+
+    Raises
+    ------
+    FarmError
+        If the URL is none, or the key cannot be read, or other users can read it too.
+    """
+    parts = urlsplit(url)
+    if parts.scheme not in ("http", "https") or not parts.hostname or parts.query or parts.username:
+        raise FarmError(f"{url!r} is no address of a farm: use https://HOST:8467", ErrorCode.SETTINGS)
+    if key_file is None:
+        raise FarmError(
+            "--url needs --key-file FILE (FARM_KEY_FILE): a key that an operator made by `farm key add NAME`",
+            ErrorCode.SETTINGS,
+        )
+    try:
+        mode = key_file.stat().st_mode
+        text = key_file.read_text().strip()
+    except (OSError, UnicodeDecodeError) as error:
+        why = (error.strerror if isinstance(error, OSError) else None) or error
+        raise FarmError(f"{key_file}: the key cannot be read ({why})", ErrorCode.SETTINGS) from error
+    if stat.S_IMODE(mode) & 0o077:
+        raise FarmError(
+            f"{key_file}: other users can read this key: `chmod 600 {key_file}`", ErrorCode.SETTINGS
+        )
+    if _KEY.fullmatch(text) is None:
+        raise FarmError(f"{key_file}: must contain one key and nothing else", ErrorCode.SETTINGS)
+    return NetworkAddress(parts.scheme, parts.netloc, parts.path.rstrip("/"), text)

@@ -1,0 +1,109 @@
+"""`farm key`: keys for programs and people on other hosts."""
+
+from __future__ import annotations
+
+import re
+from enum import StrEnum
+from typing import Annotated
+
+import typer
+
+from farm import api_keys
+from farm.cli.client import Client
+from farm.cli.display import Column, format_time, lay_out_table, open_console, print_json, terminal_width
+from farm.cli.notices import print_notice
+from farm.cli.options import Json, with_places
+from farm.model import Role
+from farm.paths import Places
+
+_COLUMNS = (
+    Column("ID"),
+    Column("NAME"),
+    Column("ROLE"),
+    Column("STATE"),
+    Column("LAST USED", rank=1),
+    Column("ADDED", rank=2),
+)
+_DAYS = {"d": 1, "w": 7, "y": 365}
+
+
+class KeyAction(StrEnum):
+    """Action of `farm key`."""
+
+    ADD = "add"
+    REVOKE = "revoke"
+
+
+@with_places
+def key(
+    places: Places,
+    action: Annotated[KeyAction | None, typer.Argument(help="Without it, the keys are listed.")] = None,
+    name: Annotated[
+        str | None, typer.Argument(help="Name of a new key: a person or a program; the id of one to revoke.")
+    ] = None,
+    role: Annotated[
+        Role, typer.Option(help="look: see everything; print: submit, pause, cancel; operate: all.")
+    ] = Role.PRINT,
+    expires: Annotated[str | None, typer.Option(help="Time until it expires: 90d, 4w or 1y.")] = None,
+    json: Json = False,
+) -> None:
+    """Add, list and revoke the keys by which other hosts reach the farm (`web` in fleet.yaml).
+
+    A new key is printed once, on stdout; the farm keeps only its hash. Only operators may do this.
+    """
+    client = Client(places.socket)
+    if action is None:
+        _list(client.keys(), json)
+    elif name is None:
+        raise typer.BadParameter(f"farm key {action} needs a name", param_hint="NAME")
+    elif action is KeyAction.REVOKE:
+        client.revoke_key(name)
+        print(f"the key {name} is revoked")
+    else:
+        _add(client, api_keys.KeyRequest(name=name, role=role, days=_parse_days(expires)), json)
+
+
+def _add(client: Client, request: api_keys.KeyRequest, json: bool) -> None:
+    added = client.add_key(request)
+    if json:
+        print_json(added)
+        return
+    print(added.text)
+    print_notice(f"this key for {request.name} ({request.role}) is shown only now; its id is {added.id}")
+    network = client.keys().network
+    if network.address is None:
+        print_notice(
+            "the farm does not listen on the network: write `web: {}` into fleet.yaml, then `farm up`"
+        )
+    elif network.address.startswith("http://") and network.problem is None:
+        print_notice(f"{network.address} is not encrypted: for other hosts use `web.tls`, a proxy or a VPN")
+
+
+def _list(answer: api_keys.Keys, json: bool) -> None:
+    if json:
+        print_json(answer)
+        return
+    network = answer.network
+    print(f"network: {network.address or 'off'}{f' (closed: {network.problem})' if network.problem else ''}")
+    if not answer.keys:
+        print("no key; `farm key add NAME` adds one")
+        return
+    rows = []
+    for one in answer.keys:
+        end = f"valid until {format_time(one.expires, answer.now)}" if one.expires else "valid"
+        state = "revoked" if one.revoked else end if one.valid else "expired"
+        added, used = (format_time(time, answer.now) for time in (one.created, one.used))
+        rows.append((one.id, one.name, str(one.role), state, used, f"{added} by {one.by}"))
+    screen = open_console()
+    for line in lay_out_table(_COLUMNS, rows, terminal_width(screen)):
+        screen.print(line)
+
+
+def _parse_days(text: str | None) -> float | None:
+    """Parse `--expires`. Raises typer.BadParameter."""
+    if text is None:
+        return None
+    match = re.fullmatch(r"([1-9][0-9]{0,3})([dwy])", text)
+    if match is None:
+        raise typer.BadParameter("must be a number with d, w or y, like 90d", param_hint="--expires")
+    return float(int(match[1]) * _DAYS[match[2]])

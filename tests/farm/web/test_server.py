@@ -1,0 +1,124 @@
+"""A farm on the network, as another host reaches it: real daemon, real TLS, real keys."""
+
+import json
+import os
+import signal
+import socket
+import ssl
+import subprocess
+import urllib.error
+import urllib.request
+from contextlib import ExitStack, closing
+
+import pytest
+import trimesh
+
+from real_farm import RealFarm, wait_for
+
+pytestmark = pytest.mark.system
+HALF = b"GET /healthz HTTP/1.1\r\nHost: localhost\r\n"
+
+
+def free_port():
+    with closing(socket.socket()) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+def make_certificate(folder):
+    """Make a certificate for localhost by openssl."""
+    cert, key = folder / "cert.pem", folder / "key.pem"
+    names = "subjectAltName=DNS:localhost,IP:127.0.0.1"
+    request = ["openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-subj", "/CN=localhost"]
+    subprocess.run(
+        [*request, "-addext", names, "-keyout", key, "-out", cert, "-days", "2"],
+        check=True,
+        capture_output=True,
+    )
+    return cert, key
+
+
+def reach(port, path, context=None, key=None):
+    """Return the status of a request, and its answer."""
+    scheme = "http" if context is None else "https"
+    request = urllib.request.Request(f"{scheme}://localhost:{port}{path}")
+    if key:
+        request.add_header("Authorization", f"Bearer {key}")
+    try:
+        with urllib.request.urlopen(request, timeout=30, context=context) as answer:
+            return answer.status, answer.read()
+    except urllib.error.HTTPError as error:
+        return error.code, error.read()
+
+
+@pytest.fixture
+def farm(tmp_path):
+    farm = RealFarm(tmp_path, {"um2-01": ("ultimaker2_plus", "sim://ultimaker2_plus")})
+    yield farm
+    farm.end()
+
+
+def test_another_host_sees_and_submits_over_tls_as_its_role_allows(farm, tmp_path):
+    port = free_port()
+    cert, key = make_certificate(tmp_path)
+    farm.fleet.write_text(
+        farm.fleet.read_text() + f"web: {{listen: '0.0.0.0:{port}', tls: {{cert: {cert}, key: {key}}}}}\n"
+    )
+    farm.up()
+    assert "it has no key yet" in farm.ok("key")
+    with closing(socket.socket()) as probe:  # nothing listens before there is a key
+        assert probe.connect_ex(("127.0.0.1", port)) != 0
+    added = farm.ok("key", "add", "laptop", "--role", "look").strip()
+    context = ssl.create_default_context(cafile=cert)
+    wait_for("the server", lambda: "closed" not in farm.ok("key").splitlines()[0], 30.0)
+    assert reach(port, "/healthz", context) == (200, b'{"status":"ok"}')
+    assert reach(port, "/api/v1/status", context)[0] == 401
+    assert reach(port, "/status", context, added)[0] == 404
+
+    file = tmp_path / "key"
+    file.touch(mode=0o600)
+    file.write_text(added + "\n")
+    url = f"https://localhost:{port}"
+    there = {"FARM_URL": url, "FARM_KEY_FILE": str(file), "SSL_CERT_FILE": str(cert)}
+    assert json.loads(farm.ok("status", "--json", **there))["printers"][0]["name"] == "um2-01"
+    refused = farm.run("cleared", "um2-01", **there)
+    assert (refused.returncode, "needs a key with the role operate; laptop has look" in refused.stderr) == (
+        5,
+        True,
+    )
+
+    file.write_text(farm.ok("key", "add", "ann", "--role", "print").strip())
+    model = tmp_path / "box.stl"
+    trimesh.creation.box((20.0, 20.0, 5.0)).export(model)
+    answer = json.loads(farm.ok("submit", model, "--json", **there))
+    assert answer["job"]["submitted_by"] == "key ann"
+    file.chmod(0o644)
+    assert "chmod 600" in farm.run("status", **there).stderr
+    listed = json.loads(farm.ok("key", "--json"))["keys"]
+    assert [(one["name"], one["used"] is not None) for one in listed] == [("laptop", True), ("ann", True)]
+    farm.ok("key", "revoke", listed[0]["id"])
+    assert reach(port, "/api/v1/status", context, added)[0] == 401
+    # a client that never begins its handshake does not keep others waiting
+    with ExitStack() as idle:
+        for _ in range(100):
+            idle.enter_context(socket.create_connection(("127.0.0.1", port), 30))
+        assert reach(port, "/healthz", context)[0] == 200
+
+
+def test_slow_clients_of_the_network_cost_the_socket_nothing_and_a_port_in_use_is_said(farm):
+    with closing(socket.create_server(("127.0.0.1", 0))) as other:
+        port = other.getsockname()[1]
+        farm.fleet.write_text(farm.fleet.read_text() + f"web: {{listen: '127.0.0.1:{port}'}}\n")
+        farm.up()
+        assert "Address already in use" in farm.ok("key")
+    wait_for("the port", lambda: "closed" not in farm.ok("key").splitlines()[0], 60.0)
+    with ExitStack() as idle:
+        for number in range(300):
+            client = idle.enter_context(socket.create_connection(("127.0.0.1", port), 30))
+            if number % 2:
+                client.send(HALF)
+        assert farm.status()["printers"][0]["state"] == "idle"
+        assert reach(port, "/healthz")[0] == 200
+    pid = farm.status()["daemon"]["pid"]
+    os.kill(pid, signal.SIGTERM)
+    wait_for("the daemon's end", lambda: not (farm.state / "farm.sock").exists(), 30.0)
