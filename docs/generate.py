@@ -18,11 +18,19 @@ from pydantic import BaseModel
 
 from drivers.errors import Fault
 from drivers.printers import PROFILES
-from farm import api
+from farm import api, api_keys
 from farm.cli.client import StopReport
 from farm.cli.command_group import load_commands
 from farm.cli.main import app
-from farm.config import ComputeSection, FleetSection, KeepSection, PrinterSection, UploadsSection
+from farm.config import (
+    ComputeSection,
+    FleetSection,
+    KeepSection,
+    PrinterSection,
+    TlsSection,
+    UploadsSection,
+    WebSection,
+)
 from farm.errors import EXIT_CODES, ErrorCode, ExitCode
 from farm.model import Bed, FilamentState, HoldCode, JobState, Link, PrintState
 from farm.state import OwnFault
@@ -33,6 +41,7 @@ FOLDER = Path(__file__).parent / "reference"
 WORDS = FOLDER / "words.yaml"
 NOTE = "<!-- Written by `python docs/generate.py`: change the program or words.yaml instead. -->"
 SHARED_OPTIONS = ("--state", "--socket", "--fleet")
+NETWORK_OPTIONS = ("--url", "--key-file")
 SCHEMAS: tuple[tuple[str, type[BaseModel]], ...] = (
     ("farm status --json", api.Status),
     ("farm status JOB --json and farm submit --json", api.JobStatus),
@@ -40,6 +49,8 @@ SCHEMAS: tuple[tuple[str, type[BaseModel]], ...] = (
     ("farm history --json", api.History),
     ("farm prune --json", api.Pruned),
     ("One printer of farm estop --json", StopReport),
+    ("farm key --json", api_keys.Keys),
+    ("farm key add --json", api_keys.NewKey),
 )
 
 
@@ -108,6 +119,9 @@ def write_commands_page(_: dict[str, Any]) -> str:
         "(or the variables `FARM_STATE`, `FARM_SOCKET`, `FARM_FLEET`): another state folder, another "
         "daemon's socket, another fleet file. With them several farms run on one host. Where only a state "
         "folder is named, the socket lies in it.",
+        f"The commands that need nothing but the daemon also take {' and '.join(f'`{o}`' for o in NETWORK_OPTIONS)} "
+        "(or `FARM_URL` and `FARM_KEY_FILE`), for [a farm on another host](../how-to/network.md): "
+        f"{', '.join(f'`{name}`' for name in _network_commands())}.",
         "`farm --install-completion` makes the shell complete commands, printers, jobs and parts.",
     ]
     for name, command in load_commands(app).items():
@@ -118,9 +132,17 @@ def write_commands_page(_: dict[str, Any]) -> str:
     return "\n\n".join(parts)
 
 
+def _network_commands() -> list[str]:
+    return [
+        name
+        for name, command in load_commands(app).items()
+        if any(NETWORK_OPTIONS[0] in param.opts for param in command.params)
+    ]
+
+
 def _options(command: Any) -> Iterator[tuple[str, str, str]]:
     for param in command.params:
-        if getattr(param, "hidden", False) or param.opts[-1] in SHARED_OPTIONS:
+        if getattr(param, "hidden", False) or param.opts[-1] in (*SHARED_OPTIONS, *NETWORK_OPTIONS):
             continue
         argument = param.param_type_name == "argument"
         name = (param.metavar or param.name).upper() if argument else " ".join(param.opts)
@@ -138,6 +160,8 @@ def write_fleet_page(words: dict[str, Any]) -> str:
         ("Keys under `fleet.compute`", "compute", ComputeSection),
         ("Keys under `fleet.keep`", "keep", KeepSection),
         ("Keys under `fleet.uploads`", "uploads", UploadsSection),
+        ("Keys under `web`", "web", WebSection),
+        ("Keys under `web.tls`", "tls", TlsSection),
         ("Keys of a printer", "printers", PrinterSection),
     )
     for title, section, model in sections:
@@ -146,7 +170,8 @@ def write_fleet_page(words: dict[str, Any]) -> str:
         rows = []
         for (shown, meaning), name in zip(keys, schema["properties"], strict=True):
             field = schema["properties"][name]
-            value = "keys" if "$ref" in field else describe_value(field).replace(" or null", "")
+            nested = any("$ref" in one for one in field.get("anyOf", [field]))
+            value = "keys" if nested else describe_value(field).replace(" or null", "")
             rows.append((shown, value, _default(name, schema), meaning.format(models=models)))
         parts.append(f"## {title}\n" + make_table(("key", "value", "default", "meaning"), rows))
     return "\n\n".join(parts)

@@ -128,7 +128,10 @@ def test_the_repositorys_own_fleet_is_good():
         (GOOD.replace("colour: blue", "volume_mm: [1, 2, 3, 4]"), "volume_mm: has 4 values; 3 at most"),
         (GOOD.replace("colour: blue", "volume_mm: 2x2x2"), "printers.1.volume_mm: must be a list"),
         (GOOD + "  - um2-03\n", "fleet.yaml:7: printers.2: must be keys with values"),
-        (GOOD + "colour: red\n", "fleet.yaml:7: colour: unknown key; known are fleet, printers, defaults"),
+        (
+            GOOD + "colour: red\n",
+            "fleet.yaml:7: colour: unknown key; known are fleet, web, printers, defaults",
+        ),
         ("fleet: lab\nprinters: []", "fleet.yaml:1: fleet: must be keys with values"),
         (GOOD.replace("name: lab", "name: 2026-02-30"), "fleet.yaml:2: not YAML: day is out of range"),
         (GOOD.replace("colour: blue", "nozzle_mm: " + "9" * 5000), "fleet.yaml:6: not YAML: Exceeds"),
