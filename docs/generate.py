@@ -119,8 +119,9 @@ def write_commands_page(_: dict[str, Any]) -> str:
         "(or the variables `FARM_STATE`, `FARM_SOCKET`, `FARM_FLEET`): another state folder, another "
         "daemon's socket, another fleet file. With them several farms run on one host. Where only a state "
         "folder is named, the socket lies in it.",
-        f"The commands that need nothing but the daemon also take {' and '.join(f'`{o}`' for o in NETWORK_OPTIONS)} "
-        "(or `FARM_URL` and `FARM_KEY_FILE`), for [a farm on another host](../how-to/network.md): "
+        "The commands that need nothing but the daemon also take "
+        f"{' and '.join(f'`{option}`' for option in NETWORK_OPTIONS)} (or `FARM_URL` and `FARM_KEY_FILE`), "
+        "for [a farm on another host](../how-to/network.md): "
         f"{', '.join(f'`{name}`' for name in _network_commands())}.",
         "`farm --install-completion` makes the shell complete commands, printers, jobs and parts.",
     ]

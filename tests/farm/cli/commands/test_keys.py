@@ -1,0 +1,112 @@
+"""`farm key`, and commands that reach a farm by its URL."""
+
+import pytest
+from typer.testing import CliRunner
+
+from farm import api_keys
+from farm.cli.client import read_address
+from farm.cli.commands import keys
+from farm.cli.main import app as cli
+from farm.errors import FarmError
+from farm.model import Role
+
+TEXT = "farm_abcd2345_" + "x" * 43
+
+
+class Daemon:
+    """A daemon without the network, with one key."""
+
+    network = api_keys.NetworkView(address=None, problem=None)
+
+    def __init__(self, _):
+        self.asked = []
+
+    def add_key(self, request):
+        Daemon.request = request
+        return api_keys.NewKey(id="abcd2345", text=TEXT, role=request.role)
+
+    def keys(self):
+        one = api_keys.KeyView(
+            id="abcd2345",
+            name="ann",
+            role=Role.LOOK,
+            valid=True,
+            by="bob",
+            created="2026-11-20T10:00:00+00:00",
+            used=None,
+            expires="2026-11-30T10:00:00+00:00",
+            revoked=None,
+        )
+        return api_keys.Keys(now="2026-11-20T11:00:00+00:00", network=self.network, keys=[one])
+
+    def revoke_key(self, name):
+        Daemon.revoked = name
+
+
+@pytest.fixture(autouse=True)
+def daemon(monkeypatch):
+    monkeypatch.setattr(keys, "Client", Daemon)
+
+
+def run(*words):
+    result = CliRunner().invoke(cli, ["key", *words])
+    assert result.exit_code == 0, result.output
+    return result
+
+
+def test_a_new_key_alone_is_on_stdout(daemon):
+    result = run("add", "ann", "--role", "look", "--expires", "4w")
+    assert result.stdout == TEXT + "\n"
+    assert "shown only now" in result.stderr
+    assert "write `web: {}` into fleet.yaml" in result.stderr
+    assert Daemon.request == api_keys.KeyRequest(name="ann", role=Role.LOOK, days=28)
+
+
+def test_keys_are_listed_and_revoked_by_id(daemon):
+    listed = run().stdout
+    assert listed.startswith("network: off\n")
+    assert "abcd2345" in listed
+    assert "look" in listed
+    assert "valid until Mon 30 Nov 10:00" in listed
+    run("revoke", "abcd2345")
+    assert Daemon.revoked == "abcd2345"
+
+
+@pytest.mark.parametrize(
+    "words", [["add"], ["add", "ann", "--expires", "soon"], ["add", "ann", "--expires", "0d"]]
+)
+def test_a_wrong_request_is_told_before_the_daemon_is_asked(words):
+    result = CliRunner().invoke(cli, ["key", *words])
+    assert result.exit_code == 2
+
+
+@pytest.mark.parametrize(
+    ("url", "said"),
+    [
+        ("farm.lab:8467", "is no address"),
+        ("ftp://farm", "is no address"),
+        ("https://user:word@farm", "is no address"),
+    ],
+)
+def test_a_wrong_url_is_named(tmp_path, url, said):
+    with pytest.raises(FarmError, match=said):
+        read_address(url, tmp_path / "key")
+
+
+def test_the_key_file_is_private_and_has_one_key(tmp_path):
+    file = tmp_path / "key"
+    url = "https://farm.lab:8467/printers/"
+    with pytest.raises(FarmError, match="--url needs --key-file"):
+        read_address(url, None)
+    with pytest.raises(FarmError, match="cannot be read"):
+        read_address(url, file)
+    file.write_text(TEXT + "\n")
+    file.chmod(0o640)
+    with pytest.raises(FarmError, match="`chmod 600"):
+        read_address(url, file)
+    file.chmod(0o600)
+    address = read_address(url, file)
+    assert (str(address), address.key) == ("https://farm.lab:8467/printers", TEXT)
+    file.write_text("two\nlines")
+    with pytest.raises(FarmError, match="one key and nothing else"):
+        read_address(url, file)
