@@ -129,7 +129,21 @@ class PrintSnapshot(PrintReadings, _AgentMessage):
     sha256: str | None = None  # of its file; None from an older agent
 
 
-class Snapshot(_AgentMessage):
+class PrinterReadings(BaseModel):
+    """Values of a printer that people see and that decide nothing.
+
+    `farm.model.AgentSnapshot` and `farm.api.PrinterView` inherit them: a new one reaches `--json` by itself.
+    """
+
+    heaters_off: bool = False  # a report has shown both targets 0 since the last heating command
+    board_resets: int = 0  # resets since the agent's start that it did not cause
+
+    def readings(self) -> dict[str, Any]:
+        """Return the fields of this class alone, to hand on to another record that has them."""
+        return {name: getattr(self, name) for name in PrinterReadings.model_fields}
+
+
+class Snapshot(PrinterReadings, _AgentMessage):
     """State of an agent and its printer. Times are on the farm's clock."""
 
     filament_watched: ClassVar[int] = 3  # protocol version of `filament` in its present meaning
@@ -144,11 +158,9 @@ class Snapshot(_AgentMessage):
     reason: str | None = None  # of ABSENT or FAULT, one sentence
     nozzle: Heater | None = None
     bed: Heater | None = None
-    heaters_off: bool = False  # a report has shown both targets 0 since the last heating command
     filament: Filament = Filament.UNKNOWN  # since version 3 also if it may have been moved meanwhile
     bed_clear: bool | None = None  # from an emulator only
     starved_s: float = 0.0  # emulator only: farm seconds spent waiting for the host
-    board_resets: int = 0  # resets since the agent's start that it did not cause
     # reason for which bed and filament are unknown, until `BedCleared`; "doubt" on the wire
     bed_unknown_reason: str | None = Field(
         default=None, validation_alias="doubt", serialization_alias="doubt"

@@ -9,7 +9,7 @@ from typing import Annotated
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
-from drivers.messages import PrintReadings
+from drivers.messages import PrinterReadings, PrintReadings
 from farm.model import Bed, FilamentState, Hold, JobOptions, JobState, PlanProgress, PrintState, Verdict
 from farm.text import flatten_text
 
@@ -158,7 +158,7 @@ class LastPrint(_View):
     verdict: Verdict | None
 
 
-class PrinterView(_View):
+class PrinterView(PrinterReadings, _View):
     name: str
     model: str
     state: str
@@ -169,7 +169,6 @@ class PrinterView(_View):
     nozzle_c: float | None
     bed_c: float | None
     targets: Targets
-    heaters_off: bool
     time_factor: float  # actual over expected time of its layers, learned from its prints
     print: PrintProgress | None
     last: LastPrint | None

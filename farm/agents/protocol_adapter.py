@@ -102,6 +102,7 @@ def to_agent_clock(request: m.Request, shift_s: float, latest_s: float) -> m.Req
 def to_farm_snapshot(report: m.Snapshot, clock: Clock) -> AgentSnapshot:
     """Convert an agent's snapshot to the farm's record, with times on the farm's clock."""
     return AgentSnapshot(
+        **report.readings(),
         printer=report.printer,
         link=Link(report.link),
         agent_pid=report.agent_pid,
@@ -110,7 +111,6 @@ def to_farm_snapshot(report: m.Snapshot, clock: Clock) -> AgentSnapshot:
         bed_c=report.bed.now_c if report.bed else None,
         nozzle_target_c=report.nozzle.target_c if report.nozzle else None,
         bed_target_c=report.bed.target_c if report.bed else None,
-        heaters_off=report.heaters_off,
         filament=FilamentState(report.filament),
         bed_clear=report.bed_clear,
         bed_unknown_reason=_line(report.bed_unknown_reason),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from enum import StrEnum
 
-from drivers.messages import PrintReadings
+from drivers.messages import PrinterReadings, PrintReadings
 from farm.model.entity import Entity
 from farm.model.print import PrintState
 from farm.model.printer import FilamentState
@@ -40,7 +40,7 @@ class AgentPrint(PrintReadings, Entity):
     sha256: str | None = None  # of its G-code file
 
 
-class AgentSnapshot(Entity):
+class AgentSnapshot(PrinterReadings, Entity):
     """Last report of an agent."""
 
     printer: str
@@ -51,7 +51,6 @@ class AgentSnapshot(Entity):
     bed_c: float | None = None
     nozzle_target_c: float | None = None
     bed_target_c: float | None = None
-    heaters_off: bool = False
     filament: FilamentState = FilamentState.UNKNOWN
     bed_clear: bool | None = None  # reported by emulators only
     alarm: str | None = None  # a heater that cannot be switched off: immediate action needed

@@ -16,6 +16,7 @@ def describe_printer(context: ViewContext, section: PrinterSection, hold: Hold |
     snapshot = context.snapshot(section.name)
     attempt = context.books.open_print_on(section.name)
     return api.PrinterView(
+        **snapshot.readings(),
         name=section.name,
         model=section.model,
         state=_printer_state(entry, snapshot, attempt, section.enabled),
@@ -26,7 +27,6 @@ def describe_printer(context: ViewContext, section: PrinterSection, hold: Hold |
         nozzle_c=snapshot.nozzle_c,
         bed_c=snapshot.bed_c,
         targets=api.Targets(nozzle_c=snapshot.nozzle_target_c, bed_c=snapshot.bed_target_c),
-        heaters_off=snapshot.heaters_off,
         time_factor=entry.time_factor,
         print=_progress(context, attempt) if attempt else None,
         last=_last_print(context, section.name),

@@ -1,11 +1,19 @@
 """Snapshots of agents as the farm's records."""
 
+from pathlib import Path
+
 import pytest
 
 from drivers import messages as m
 from drivers.clock import Clock
 from farm.agents.protocol_adapter import to_trusted_snapshot
+from farm.config import Fleet
 from farm.model import FilamentState, Link
+from farm.paths import StateFolder
+from farm.state import Books
+from farm.state import events as ev
+from farm.state.transitions import apply
+from farm.views import ViewContext, describe_printer
 
 CLOCK = Clock(1.0, 0.0)
 
@@ -26,6 +34,17 @@ def test_a_cleared_bed_is_not_doubted_by_a_snapshot_that_was_sent_before(field):
     said = snapshot(alarm="the nozzle stays hot", doubt="the board was reset")
     assert getattr(trusted(said), field) is not None
     assert getattr(trusted(said, bed_cleared=True), field) is None
+
+
+def test_readings_of_a_printer_reach_the_page_without_a_line_for_each():
+    readings = {"heaters_off": True, "board_resets": 3}
+    assert set(readings) == set(m.PrinterReadings.model_fields)
+    seen = trusted(snapshot(**readings))
+    assert seen.readings() == readings
+    fleet = Fleet.model_validate({"printers": [{"name": "a", "model": "m", "port": "/dev/a"}]})
+    books, _ = apply(ev.PrinterAdded(at_s=0.0, printer="a", bed="clear"), Books())
+    context = ViewContext(fleet, books, {"a": seen}, StateFolder(Path("/state")), 0.0)
+    assert describe_printer(context, fleet.printer("a"), None).readings() == readings
 
 
 def test_only_an_emulator_sees_its_bed():
