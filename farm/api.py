@@ -39,6 +39,7 @@ class PrintView(_View):
 class PartView(_View):
     id: str
     cut_from: str | None = None  # the failed part that it is a piece of
+    copy_number: int = 1  # of the copies of the model
     verdict: Verdict | None
     plate: str
     file: str | None  # null if the files of its job were pruned
@@ -103,6 +104,7 @@ class JobView(_View):
     utilisation: float | None
     printed: int  # plates
     good: int  # judged good by a person
+    printed_copies: int  # copies of the model with all their parts printed
     current_s: float | None  # parallel printing time: expected from what is known now, or actual
     wasted_s: float  # by prints that failed, were cancelled, or are bad
     wasted_grams: float
@@ -204,6 +206,7 @@ class HistoryRow(PrintView):
 
     job: int
     name: str  # the job's
+    note: str | None  # the job's
     submitted_by: str | None
     took_s: float
     expected_s: float
@@ -391,6 +394,25 @@ class Timeline(_View):
     grams: float
     price: float | None
     currency: str | None
+
+
+class Submission(_View):
+    """Outcome of one of several models that were submitted at once."""
+
+    model: str
+    job: JobView | None = None
+    timeline: Timeline | None = None  # of a dry run
+    error: str | None = None
+    exit_code: int = 0
+
+
+class Submissions(_View):
+    """Outcomes of several models that were submitted at once."""
+
+    model_config = ConfigDict(populate_by_name=True)
+
+    schema_: int = Field(default=SCHEMA, alias="schema")
+    submissions: list[Submission]
 
 
 class DownRequest(_View):

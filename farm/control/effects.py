@@ -79,7 +79,11 @@ class FarmEffects:
             files=self._state.files,
             folder=self._state.work / f"replan-{plate.id.replace('/', '-')}",
             time_factors={name: books.printer(name).time_factor for name in order.printers},
-            others=tuple(books.parts[name] for name in job.parts if name != part.id),
+            others=tuple(
+                other
+                for other in map(books.parts.__getitem__, job.parts)
+                if other.id != part.id and other.copy_number == part.copy_number
+            ),
         )
         self._replan_worker.start(task, order.cut)
 

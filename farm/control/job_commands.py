@@ -72,7 +72,7 @@ class JobCommands:
         job = Job(
             id=number,
             request_id=request_id,
-            name=name,
+            name=options.name or name,
             model_file=model.file,
             options=options,
             own_gcode=model.own_gcode,

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from enum import StrEnum
+from typing import Annotated
 
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
 from decompose.options import Engine
 from farm.errors import ErrorCode
 from farm.model.entity import Entity
 from farm.model.hold import Hold
+from farm.text import flatten_text
 
 
 class JobState(StrEnum):
@@ -27,6 +29,10 @@ class JobState(StrEnum):
     def ended(self) -> bool:
         """Return whether the job has ended: nothing more is printed unless a person asks for it."""
         return self in (JobState.PRINTED, JobState.DONE, JobState.FAILED, JobState.CANCELLED)
+
+
+ShortText = Annotated[str, AfterValidator(flatten_text)]
+"""Text that a user writes and others see, on one line."""
 
 
 class JobOptions(Entity):
@@ -46,6 +52,9 @@ class JobOptions(Entity):
     spares: int = Field(default=0, ge=0)  # free printers kept in reserve for failed plates
     hold: bool = False  # nothing prints before `farm approve`
     dry_run: bool = False  # planned only: cancelled once its plan has been shown
+    copies: int = Field(default=1, ge=1, le=500)
+    name: ShortText | None = Field(default=None, max_length=60)  # shown instead of the file's name
+    note: ShortText | None = Field(default=None, max_length=200)
 
 
 class OwnGcode(Entity):

@@ -53,6 +53,7 @@ class Part(Entity):
     geometry: PartGeometry
     print_options: PartPrintOptions = DEFAULT_PRINT_OPTIONS
     cut_from: str | None = None  # the failed part that it was cut from
+    copy_number: int = 1  # of the copies of the model
 
     @model_validator(mode="before")
     @classmethod

@@ -28,7 +28,7 @@ class PlateNames:
     plate: str
 
 
-def book_part(names: PlateNames, part: DecomposedPart, files: Path, cut_from: str | None = None) -> Part:
+def book_part(names: PlateNames, part: DecomposedPart, files: Path, cut_from: Part | None = None) -> Part:
     """Put a part's file into the store and return its record."""
     return Part(
         id=names.part,
@@ -37,7 +37,8 @@ def book_part(names: PlateNames, part: DecomposedPart, files: Path, cut_from: st
         file=store_file(files, part.stl),
         geometry=part.geometry,
         print_options=part.print_options,
-        cut_from=cut_from,
+        cut_from=None if cut_from is None else cut_from.id,
+        copy_number=1 if cut_from is None else cut_from.copy_number,
     )
 
 

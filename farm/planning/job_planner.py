@@ -19,6 +19,7 @@ from farm.model import Job, PlanProgress, PlanStep
 from farm.paths import StateFolder
 from farm.planning.booking import book_plan
 from farm.planning.part_records import SliceBatch
+from farm.planning.parts.copies import multiply_plan
 from farm.planning.plan import DecomposedJob, DecomposeTask, Plan, SlicedJob
 from farm.planning.slice_batch import slice_batch
 from farm.planning.tasks import decompose_job, plan_gcode, relevel_parts
@@ -151,14 +152,14 @@ class JobPlanner:
 
     async def _plan(self, job: Job, task: DecomposeTask) -> Plan:
         if job.own_gcode is not None:
-            return await self._workers.run(plan_gcode, task, self._state.files)
+            return multiply_plan(await self._workers.run(plan_gcode, task, self._state.files), task)
         self._on_progress(job.id, PlanProgress(step=PlanStep.DECOMPOSING))
         decomposed = await self._workers.run(decompose_job, task, limit=DECOMPOSING)
         sliced = await self._slice(task, decomposed)
         levelled = await self._relevel(sliced)
         plan = await asyncio.to_thread(book_plan, levelled, self._state.files)
         await asyncio.to_thread(trim_cache, self._state.slices)
-        return plan
+        return multiply_plan(plan, task)
 
     async def _slice(self, task: DecomposeTask, decomposed: DecomposedJob) -> SlicedJob:
         """Slice all parts, and report the progress."""

@@ -16,9 +16,11 @@ from farm.scheduling.situation_builder import (
     SituationBuilder,
     availability,
     count_spares,
+    describe_capabilities,
     describe_plates,
     find_print_limits,
     may_start_now,
+    plate_requirements,
 )
 from farm.scheduling.spares import takes_spare
 from farm.scheduling.start_rules import StartRules, short_of_filament
@@ -44,6 +46,7 @@ __all__ = [
     "assign_plates",
     "availability",
     "count_spares",
+    "describe_capabilities",
     "describe_plates",
     "find_holds",
     "find_next_change_s",
@@ -54,6 +57,7 @@ __all__ = [
     "kept_printers",
     "may_start_now",
     "parse_moment_s",
+    "plate_requirements",
     "seconds_on",
     "short_of_filament",
     "takes_spare",

@@ -35,13 +35,7 @@ def _describe_printer(
     why_attended = _why_attended(section, report)
     return FleetPrinter(
         name=section.name,
-        capabilities=Capabilities(
-            rooms(section),
-            section.material,
-            section.colour,
-            section.nozzle_mm,
-            PROFILES[section.model].family,
-        ),
+        capabilities=describe_capabilities(section, rooms),
         bed=entry.bed,
         filament=entry.filament,
         link=report.link if report is not None else Link.STARTING,
@@ -58,6 +52,12 @@ def _describe_printer(
         unattended=not why_attended,
         why_attended=why_attended,
     )
+
+
+def describe_capabilities(section: PrinterSection, rooms: BuildVolumes) -> Capabilities:
+    """Describe what a printer can print, whatever its state."""
+    family = PROFILES[section.model].family
+    return Capabilities(rooms(section), section.material, section.colour, section.nozzle_mm, family)
 
 
 def _why_attended(section: PrinterSection, report: AgentSnapshot | None) -> str:
@@ -185,13 +185,7 @@ def describe_plates(plates: Iterable[Plate], books: Books) -> Iterator[WaitingPl
         yield WaitingPlate(
             id=plate.id,
             job=plate.job,
-            requirements=Requirements(
-                material=plate.material,
-                colour=job.options.colour,
-                nozzle_mm=plate.nozzle_mm,
-                family=plate.family,
-                box=(*plate.min_mm[:2], *plate.max_mm),
-            ),
+            requirements=plate_requirements(plate, job.options.colour),
             planned=plate.printer,
             expected_s=plate.expected_s,
             priority=job.options.priority,
@@ -204,6 +198,17 @@ def describe_plates(plates: Iterable[Plate], books: Books) -> Iterator[WaitingPl
             tried=bool(plate.prints),
             not_before_s=job.not_before_s,
         )
+
+
+def plate_requirements(plate: Plate, colour: str | None = None) -> Requirements:
+    """Return the requirements of a plate, and the colour that its job asks for."""
+    return Requirements(
+        material=plate.material,
+        colour=colour,
+        nozzle_mm=plate.nozzle_mm,
+        family=plate.family,
+        box=(*plate.min_mm[:2], *plate.max_mm),
+    )
 
 
 def count_spares(books: Books) -> dict[int, int]:

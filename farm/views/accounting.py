@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from farm.model import Job, Print, PrintState, Verdict
 from farm.state import Books, PlateState
 
+_PRINTED = (PlateState.PRINTED, PlateState.GOOD)
 NIGHT_S = 16 * 3600.0
 """Length of the last night: in the morning it goes back to the previous afternoon."""
 
@@ -18,6 +19,7 @@ class JobSummary:
 
     printed: int = 0  # plates, with or without a verdict
     good: int = 0
+    printed_copies: int = 0  # copies of the model with all their parts printed
     wasted_s: float = 0.0
     wasted_grams: float = 0.0
 
@@ -54,12 +56,15 @@ def is_wasted(attempt: Print) -> bool:
 def summarise_job(books: Books, job: Job) -> JobSummary:
     """Count the plates of a job, and add up the time and filament wasted."""
     states = [books.plate_state(plate) for plate in books.plates_of(job)]
+    numbers = [books.parts[plate.parts[0]].copy_number for plate in books.plates_of(job)]
+    unfinished = {n for n, state in zip(numbers, states, strict=True) if state not in _PRINTED}
     waste = [
         (duration_s(attempt), attempt.grams) for attempt in books.prints_of_job(job) if is_wasted(attempt)
     ]
     return JobSummary(
-        printed=states.count(PlateState.PRINTED) + states.count(PlateState.GOOD),
+        printed=sum(map(states.count, _PRINTED)),
         good=states.count(PlateState.GOOD),
+        printed_copies=len(set(numbers) - unfinished),
         wasted_s=sum(s for s, _ in waste),
         wasted_grams=sum(grams for _, grams in waste),
     )

@@ -60,12 +60,13 @@ def list_history(
 
 
 def _history_row(context: ViewContext, attempt: Print) -> api.HistoryRow:
-    plate = context.books.plates[attempt.plate]
+    plate, job = context.books.plates[attempt.plate], context.books.jobs[attempt.job]
     return api.HistoryRow(
         **dict(describe_print(context, attempt)),
         job=attempt.job,
-        name=context.books.jobs[attempt.job].name,
-        submitted_by=context.books.jobs[attempt.job].submitted_by,
+        name=job.name,
+        note=job.options.note,
+        submitted_by=job.submitted_by,
         took_s=duration_s(attempt),
         expected_s=plate.expected_s,
         grams=attempt.grams,

@@ -56,6 +56,7 @@ def describe_job(context: ViewContext, job: Job) -> api.JobView:
         utilisation=times.utilisation,
         printed=summary.printed,
         good=summary.good,
+        printed_copies=summary.printed_copies,
         current_s=times.makespan_s,
         wasted_s=summary.wasted_s,
         wasted_grams=summary.wasted_grams,
@@ -112,6 +113,7 @@ def _part_view(context: ViewContext, name: str, files: str | None) -> api.PartVi
     return api.PartView(
         id=part.id,
         cut_from=part.cut_from,
+        copy_number=part.copy_number,
         verdict=_verdict(context.books, plate),
         plate=part.plate,
         file=_file_path(files, part.file),

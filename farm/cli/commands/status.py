@@ -17,6 +17,7 @@ from farm.cli import completion
 from farm.cli.client import Client, connect
 from farm.cli.display import (
     Column,
+    format_copies,
     format_deviation,
     format_runs,
     format_share,
@@ -50,6 +51,7 @@ _HISTORY = (
     Column("BY", rank=6),
     Column("OUTCOME", rank=1, least=16),
 )
+_NOTE = Column("NOTE", rank=7, least=10)
 
 
 @with_farm
@@ -112,6 +114,7 @@ def history(
         print("no print has ended")
         return
     rows, now = [], past.now
+    noted = any(row.note for row in past.prints)
     for row in past.prints:
         done = row.state == "done" and row.expected_s
         deviation = format_deviation(row.took_s / row.expected_s - 1) if done else ""
@@ -120,9 +123,11 @@ def history(
         used = f"{format_mass(row.grams)}{' wasted' if row.wasted and row.grams >= 0.5 else ''}"
         ended, duration, by = format_time(row.ended, now), format_duration(row.took_s), row.submitted_by or ""
         name = row.name[:20]
-        rows.append((ended, row.printer, row.part, name, duration, deviation, used, by, outcome))
+        cells = (ended, row.printer, row.part, name, duration, deviation, used, by, outcome)
+        rows.append((*cells, row.note or "") if noted else cells)
     screen = open_console()
-    for line in lay_out_table(_HISTORY, rows, terminal_width(screen)):
+    columns = (*_HISTORY, _NOTE) if noted else _HISTORY
+    for line in lay_out_table(columns, rows, terminal_width(screen)):
         screen.print(line)
     lost = [row for row in past.prints if row.wasted]
     screen.print(
@@ -145,7 +150,9 @@ def report(
     client = Client(places.socket)
     view = client.job(job).job
     now = datetime.fromisoformat(client.status().fleet.now)
-    pictures = {part.id: png for part in view.parts if (png := _find_picture(part)) is not None}
+    shown = {(part.file, part.picture): part for part in view.parts}  # copies of a part share both
+    drawn = {files: _find_picture(part) for files, part in shown.items()}
+    pictures = {part.id: png for part in view.parts if (png := drawn[part.file, part.picture]) is not None}
     assembly = Path(view.folder) / "assembly.png" if view.folder else None
     readable = assembly is not None and os.access(assembly, os.R_OK)
     target = out or Path(f"job-{job}.html")
@@ -201,6 +208,10 @@ def list_figures(view: api.JobView) -> list[tuple[str, str]]:
         ),
         ("filament", format_mass(view.grams) if view.grams is not None else "-"),
     ]
+    if view.options.note:
+        rows.insert(1, ("note", view.options.note))
+    if view.options.copies > 1:
+        rows.insert(1, ("copies printed", format_copies(view)))
     if len(view.runs) > 1:
         rows.append(
             ("printed in runs", f"{format_runs(view.runs, view.now)}; the time between them is not counted")

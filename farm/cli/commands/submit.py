@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -11,31 +10,24 @@ from pydantic import ValidationError
 
 from decompose.options import Engine
 from farm import api
-from farm.cli.client import Client, connect
-from farm.cli.display import (
-    ProgressLines,
-    follow_job,
-    open_console,
-    print_json,
-    retry_over_restart,
-    show_result,
-    show_submitted,
-    show_timeline,
-    show_upload,
-)
-from farm.cli.notices import print_notice
+from farm.cli.client import connect
+from farm.cli.display import show_timeline
 from farm.cli.options import Job, Json, LongestSide, Quality, Scale, parse_printer_count, with_farm
+from farm.cli.submission import Submitter, expand_patterns
 from farm.errors import ErrorCode, FarmError, Refused
-from farm.model import JobOptions, JobState
+from farm.model import JobOptions
 from farm.paths import Places
-
-_POLL_S = 0.5
 
 
 @with_farm
 def submit(
     places: Places,
-    model: Annotated[Path, typer.Argument(help="STL, 3MF, STEP, OBJ, PLY or OFF; or own G-code.")],
+    models: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="MODEL...", help="STL, 3MF, STEP, OBJ, PLY or OFF; or own G-code. A job for each."
+        ),
+    ],
     printers: Annotated[str, typer.Option(help="The number of printers to use, or auto.")] = "auto",
     longest_side: LongestSide = None,
     scale: Scale = None,
@@ -56,6 +48,9 @@ def submit(
     spares: Annotated[
         int, typer.Option(help="Idle printers to keep in reserve for failed parts overnight.")
     ] = 0,
+    copies: Annotated[int, typer.Option(help="Print the model this many times.")] = 1,
+    name: Annotated[str | None, typer.Option(help="Name of the job, instead of the file's.")] = None,
+    note: Annotated[str | None, typer.Option(help="A note, shown with the job.")] = None,
     hold: Annotated[
         bool, typer.Option("--hold", help="Plan it, but print only after `farm approve`.")
     ] = False,
@@ -66,6 +61,11 @@ def submit(
     """Decompose a model for the free printers, slice the parts and print them."""
     if at is not None and overnight:
         raise typer.BadParameter("--at and --overnight exclude each other", param_hint="--overnight")
+    models = expand_patterns(models)
+    if name is not None and len(models) > 1:
+        raise typer.BadParameter(
+            "names one model: leave it out, or submit one at a time", param_hint="--name"
+        )
     options = _check_options(
         printers=parse_printer_count(printers),
         longest_side_mm=longest_side,
@@ -79,15 +79,16 @@ def submit(
         overnight=overnight,
         done_by=done_by,
         spares=spares,
+        copies=copies,
+        name=name,
+        note=note,
         hold=hold or dry_run,
         dry_run=dry_run,
     )
-    client = connect(places)
-    number = _upload(client, model, options, quiet=json)
-    if dry_run:
-        _show_dry_run(client, number, json)
-    else:
-        _show_job(client, number, wait, json)
+    submitter = Submitter(connect(places), options, wait, quiet=json)
+    code = submitter.submit_one(models[0]) if len(models) == 1 else submitter.submit_each(models)
+    if code:
+        raise typer.Exit(code)
 
 
 def _check_options(**values: Any) -> JobOptions:
@@ -98,68 +99,6 @@ def _check_options(**values: Any) -> JobOptions:
         first = error.errors()[0]
         flag = str(first["loc"][0]).removesuffix("_mm").replace("_", "-")
         raise FarmError(f"--{flag} {first['input']}: {first['msg']}", ErrorCode.SETTINGS) from error
-
-
-def _upload(client: Client, model: Path, options: JobOptions, quiet: bool) -> int:
-    """Upload a model and return the number of its job."""
-    if not model.is_file():
-        problem = "is a folder" if model.is_dir() else "no such file"
-        raise FarmError(f"{model}: {problem}; give the file of a model", ErrorCode.MODEL)
-    try:
-        with show_upload(quiet) as report:
-            submitted = client.submit(model, options, report=report)
-    except KeyboardInterrupt:
-        print_notice(f"{model.name} may have been submitted: check `farm status` before you submit it again")
-        raise
-    for notice in submitted.notices:
-        print_notice(notice)
-    return submitted.job
-
-
-def _show_job(client: Client, number: int, wait: bool, json: bool) -> None:
-    """Show a submitted job; with `wait`, follow it to its end."""
-    answer = client.job(number)
-    if not json:
-        show_submitted(answer.job, wait)
-    if wait:
-        try:
-            answer = follow_job(client, number, quiet=json)
-        except KeyboardInterrupt:
-            print_notice(f"job {number} continues; `farm status {number}` shows its progress")
-            raise
-    if json:
-        print_json(answer)
-    elif wait and (answer.job.parts or not answer.job.exit_code):
-        show_result(answer.job)
-    _exit_as(answer.job)
-
-
-def _exit_as(job: api.JobView) -> None:
-    """End with the exit code of a failed job, and print its reason."""
-    if job.exit_code:
-        if job.reason:
-            print_notice(f"job {job.id}: {job.reason}")
-        raise typer.Exit(job.exit_code)
-
-
-def _show_dry_run(client: Client, number: int, json: bool) -> None:
-    """Show the timeline of a planned job, and cancel the job in any case."""
-    lines = ProgressLines(open_console(stderr=True), quiet=json)
-    try:
-        while True:
-            job = retry_over_restart(lambda: client.job(number)).job
-            if job.state not in (JobState.QUEUED, JobState.PLANNING):
-                break
-            lines.update(job)
-            if job.waits_for_person and job.hold is not None:
-                raise Refused(f"it cannot be planned now: {job.hold.text}")
-            time.sleep(_POLL_S)
-        _exit_as(job)
-        timeline = client.timeline(number)
-    finally:
-        if not JobState(client.job(number).job.state).ended:
-            client.cancel(number)
-    print_json(timeline) if json else show_timeline(timeline)
 
 
 @with_farm

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from farm.cli.display.console import open_console, print_json, terminal_width
 from farm.cli.display.format import (
+    format_copies,
     format_deviation,
     format_filament,
     format_runs,
@@ -21,6 +22,7 @@ __all__ = [
     "Column",
     "ProgressLines",
     "follow_job",
+    "format_copies",
     "format_deviation",
     "format_filament",
     "format_runs",

@@ -45,6 +45,11 @@ def format_planning(progress: PlanProgress) -> str:
     )
 
 
+def format_copies(view: api.JobView) -> str:
+    """Format the number of copies of the model whose parts are all printed."""
+    return f"{view.printed_copies} of {view.options.copies}"
+
+
 def format_cached(plates: int) -> str:
     """Format the number of plates taken from the slice cache."""
     return f"{format_count(plates, 'plate')} from the cache"

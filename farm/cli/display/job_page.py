@@ -10,6 +10,7 @@ from farm import api
 from farm.cli.display.console import ERROR, HEADING, WARNING, open_console, terminal_width
 from farm.cli.display.format import (
     format_cached,
+    format_copies,
     format_deviation,
     format_filament,
     format_planning,
@@ -124,6 +125,10 @@ def _list_figures(view: api.JobView) -> list[tuple[str, str]]:
     rows: list[tuple[str, str]] = []
     if view.submitted_by is not None:
         rows.append(("submitted", f"{format_time(view.submitted, view.now)} by {view.submitted_by}"))
+    if view.options.note:
+        rows.append(("note", view.options.note))
+    if view.options.copies > 1:
+        rows.append(("copies printed", format_copies(view)))
     if view.progress is not None:
         rows.append(("planning", format_planning(view.progress)))
     if view.plan is not None and view.state == JobState.HELD:

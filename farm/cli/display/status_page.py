@@ -207,6 +207,8 @@ def _list_job_facts(job: api.JobView, now: str) -> list[str]:
         return [f"{job.state}, waits: {job.hold.text}" if job.hold is not None else str(job.state)]
     of = len(job.plates)
     parts = [f"printed {job.printed}/{of}" + (f", good {job.good}/{job.printed}" if job.printed else "")]
+    if job.options.copies > 1:
+        parts[0] += f", copies {job.printed_copies}/{job.options.copies}"
     if job.state not in (JobState.PRINTING, JobState.PRINTED):
         parts[0] = f"{job.state}, {parts[0]}"
     if job.paused:

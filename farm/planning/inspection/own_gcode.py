@@ -263,7 +263,7 @@ def _check_options(options: JobOptions) -> None:
     given = {
         "--longest-side": options.longest_side_mm is not None,
         "--scale": options.scale is not None,
-        "--printers": options.printers not in (None, 1),
+        "--printers": options.printers not in (None, 1) and options.copies == 1,
         "--quality": options.quality != usual.quality,
         "--engine": options.engine != usual.engine,
     }

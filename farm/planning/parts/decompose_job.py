@@ -21,6 +21,7 @@ from farm.errors import ErrorCode, FarmError
 from farm.planning.error_translation import translate_errors
 from farm.planning.inspection.inspect_submission import read_inspected
 from farm.planning.part_records import DecomposedPart
+from farm.planning.parts.copies import choose_evenly, iterate_part_counts
 from farm.planning.parts.cut_record import write_cut_record
 from farm.planning.parts.pricing import decomposition_options, price_rooms
 from farm.planning.plan import DecomposedJob, DecomposeTask, TooFewPrinters
@@ -55,7 +56,9 @@ def decompose_job(task: DecomposeTask) -> DecomposedJob:
     try:
         with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as threads:  # they end with the worker
             cutter = ModelCutter(model, rooms, options, cost, threads)
-            if task.within_s is not None:
+            if task.options.copies > 1:
+                decomposition = cutter.cut_for_copies(task)
+            elif task.within_s is not None:
                 decomposition = cutter.cut_in_time(task.within_s)
             elif task.options.printers is None:
                 decomposition = cutter.cut_for_one() or cutter.cut_for_worthwhile()
@@ -132,6 +135,35 @@ class ModelCutter:
             except NoFit:
                 continue
         return None
+
+    def cut_for_copies(self, task: DecomposeTask) -> Decomposition:
+        """Cut the model for a share of the printers, so that all copies print side by side.
+
+        Where it needs more parts than that, the copies take several rounds. A model that one printer can hold
+        stays whole, unless the user gives a number of printers or a time in which copies of it are not done.
+        """
+        copies, printers = task.options.copies, len(task.printers)
+        limit_s = None if task.within_s is None else task.within_s / LATE_SHARE
+        chosen = task.options.printers is not None and limit_s is None
+        whole = None if chosen and copies < printers else self.cut_for_one()
+        if whole is not None and (limit_s is None or whole.makespan_s * -(-copies // printers) <= limit_s):
+            return whole
+        most, needed = len(self.rooms), 0
+        by_kind = sorted(range(most), key=lambda i: self.rooms[i].boxes)
+        for rounds, parts in iterate_part_counts(copies, printers, most):
+            if parts < needed and parts < most:
+                continue
+            share = sorted(choose_evenly(by_kind, parts))  # the fastest first, as in `rooms`
+            cutter = replace(self, rooms=[self.rooms[i] for i in share])
+            try:
+                if chosen:
+                    return cutter.cut_for_all()
+                return cutter.cut_for_worthwhile(None if limit_s is None else limit_s / rounds)
+            except NoFit as error:
+                if parts == most:
+                    raise
+                needed = error.printers_needed or 0
+        raise AssertionError("the last attempt has all printers")
 
     def cut_in_time(self, within_s: float) -> Decomposition:
         """Cut the model into the fewest parts that end within a time, with a margin; else to end earliest."""

@@ -31,7 +31,7 @@ class ReplanTask:
     time_factors
         Time factors of the printers, by name; 1 if there is none.
     others
-        The other parts of its job, for the picture.
+        The other parts of its copy of the model, for the picture.
     """
 
     plate: Plate
@@ -103,7 +103,7 @@ def book_recut(task: ReplanTask, pieces: Pieces, sliced: Sequence[SlicedPart]) -
         letter = piece.part.id[-1]
         plate_id = f"{task.plate.id.partition('-')[0]}{letter}"
         names = PlateNames(task.plate.job, f"{task.part.id}{letter}", plate_id)
-        parts.append(book_part(names, piece.part, task.files, cut_from=task.part.id))
+        parts.append(book_part(names, piece.part, task.files, cut_from=task.part))
         plates.append(book_plate(names, piece, task.time_factors.get(piece.printer.name, 1.0), task.files))
     shared = (pieces.picture, pieces.assembly, pieces.decomposition)
     stored = (store_file(task.files, path) for path in shared)

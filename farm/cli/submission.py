@@ -1,0 +1,171 @@
+"""Submissions of one model or several: upload each, follow its job or show its plan, and answer for each."""
+
+from __future__ import annotations
+
+import glob
+import time
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+from farm import api
+from farm.cli.client import Client
+from farm.cli.display import (
+    ProgressLines,
+    follow_job,
+    open_console,
+    print_json,
+    retry_over_restart,
+    show_result,
+    show_submitted,
+    show_timeline,
+    show_upload,
+)
+from farm.cli.notices import print_notice
+from farm.errors import ErrorCode, ExitCode, FarmError, Refused
+from farm.model import JobOptions, JobState
+
+_POLL_S = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class Submitter:
+    """Submits models to the daemon, all with the same options.
+
+    Attributes
+    ----------
+    wait
+        Whether each job is followed to its end.
+    quiet
+        Whether nothing but JSON is printed on stdout.
+    """
+
+    client: Client
+    options: JobOptions
+    wait: bool
+    quiet: bool
+
+    def submit_one(self, model: Path) -> int:
+        """Submit one model and show its job. Returns the exit code; raises FarmError."""
+        answer = self._finish(self._upload(model))
+        if self.quiet:
+            print_json(answer)
+        return _exit_code(answer)
+
+    def submit_each(self, models: Iterable[Path]) -> int:
+        """Submit several models, a job for each; one that fails does not stop the others.
+
+        Returns
+        -------
+        int
+            The exit code of the first that failed.
+        """
+        answers = [api.Submission(model=str(model)) for model in models]
+        numbers: dict[int, int] = {}
+        for i, answer in enumerate(answers):
+            try:
+                numbers[i] = self._upload(Path(answer.model))
+                if self.options.dry_run:  # one after the other: a plan that nobody asks for is cancelled
+                    answers[i] = self._finish_one(answer, numbers.pop(i))
+            except FarmError as error:
+                answers[i] = _fail(answer, error)
+        for i, number in numbers.items():
+            try:
+                answers[i] = self._finish_one(answers[i], number)
+            except FarmError as error:
+                answers[i] = _fail(answers[i], error)
+        if self.quiet:
+            print_json(api.Submissions(submissions=answers))
+        failed = [answer for answer in answers if answer.exit_code]
+        if failed:
+            print_notice(f"{len(failed)} of {len(answers)} models failed")
+        return failed[0].exit_code if failed else int(ExitCode.DONE)
+
+    def _finish_one(self, submission: api.Submission, number: int) -> api.Submission:
+        """Show a submitted job or its plan, and add it to the answer."""
+        answer = self._finish(number)
+        if isinstance(answer, api.Timeline):
+            return submission.model_copy(update={"timeline": answer})
+        return submission.model_copy(update={"job": answer.job, "exit_code": answer.job.exit_code})
+
+    def _upload(self, model: Path) -> int:
+        """Upload a model and return the number of its job."""
+        if not model.is_file():
+            problem = "is a folder" if model.is_dir() else "no such file"
+            raise FarmError(f"{model}: {problem}; give the file of a model", ErrorCode.MODEL)
+        try:
+            with show_upload(self.quiet) as report:
+                submitted = self.client.submit(model, self.options, report=report)
+        except KeyboardInterrupt:
+            print_notice(
+                f"{model.name} may have been submitted: check `farm status` before you submit it again"
+            )
+            raise
+        for notice in submitted.notices:
+            print_notice(notice)
+        return submitted.job
+
+    def _finish(self, number: int) -> api.JobStatus | api.Timeline:
+        return self._show_plan(number) if self.options.dry_run else self._show_job(number)
+
+    def _show_job(self, number: int) -> api.JobStatus:
+        """Show a submitted job; with `wait`, follow it to its end."""
+        answer = self.client.job(number)
+        if not self.quiet:
+            show_submitted(answer.job, self.wait)
+        if self.wait:
+            try:
+                answer = follow_job(self.client, number, quiet=self.quiet)
+            except KeyboardInterrupt:
+                print_notice(f"job {number} continues; `farm status {number}` shows its progress")
+                raise
+        if not self.quiet and self.wait and (answer.job.parts or not answer.job.exit_code):
+            show_result(answer.job)
+        if answer.job.exit_code and answer.job.reason:
+            print_notice(f"job {number}: {answer.job.reason}")
+        return answer
+
+    def _show_plan(self, number: int) -> api.Timeline:
+        """Show the timeline of a planned job, and cancel the job in any case."""
+        lines = ProgressLines(open_console(stderr=True), quiet=self.quiet)
+        try:
+            while True:
+                job = retry_over_restart(lambda: self.client.job(number)).job
+                if job.state not in (JobState.QUEUED, JobState.PLANNING):
+                    break
+                lines.update(job)
+                if job.waits_for_person and job.hold is not None:
+                    raise Refused(f"it cannot be planned now: {job.hold.text}")
+                time.sleep(_POLL_S)
+            if job.exit_code:
+                code = ErrorCode(job.error) if job.error else ErrorCode.FAILED
+                raise FarmError(f"job {job.id}: {job.reason or job.state}", code)
+            timeline = self.client.timeline(number)
+        finally:
+            if not JobState(self.client.job(number).job.state).ended:
+                self.client.cancel(number)
+        if not self.quiet:
+            show_timeline(timeline)
+        return timeline
+
+
+def expand_patterns(models: Iterable[Path]) -> list[Path]:
+    """Replace each pattern that is no file by the files that it matches, in alphabetical order, if any."""
+    found: list[Path] = []
+    for model in models:
+        matches: list[Path] = []
+        if glob.has_magic(str(model)) and not model.exists():
+            matches = sorted(Path(model.anchor).glob(str(model.relative_to(model.anchor))))
+        found += matches or [model]
+    return found
+
+
+def _exit_code(answer: api.JobStatus | api.Timeline) -> int:
+    return answer.job.exit_code if isinstance(answer, api.JobStatus) else int(ExitCode.DONE)
+
+
+def _fail(submission: api.Submission, error: FarmError) -> api.Submission:
+    """Print the error of one model among several, and add it to its answer."""
+    text, name = " ".join(str(error).split()), Path(submission.model).name
+    print_notice(text if name in text else f"{name}: {text}")
+    return submission.model_copy(update={"error": text, "exit_code": int(error.exit_code)})

@@ -1,0 +1,135 @@
+"""Copies of a model: the number of parts of each, and a plan of one copy multiplied. Pure."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import TypeVar
+
+from farm.config import PrinterSection
+from farm.errors import ErrorCode, FarmError
+from farm.model import Part, Plate
+from farm.planning.plan import DecomposeTask, Plan
+from farm.planning.printer_settings import bed_boxes
+from farm.scheduling import describe_capabilities, plate_requirements
+
+T = TypeVar("T")
+MOST_PLATES = 2000
+"""Largest number of plates of a job with copies, for which every decision stays quick."""
+
+
+def iterate_part_counts(copies: int, printers: int, most: int) -> Iterator[tuple[int, int]]:
+    """Yield numbers of rounds, the fewest first, each with the number of parts of a copy that fills them.
+
+    Between two rounds a bed is cleared, which needs a person: fewer rounds go before more parts.
+
+    Parameters
+    ----------
+    copies, printers
+        Number of copies, and of printers that print them.
+    most
+        Largest number of parts of a copy; the last that is yielded.
+
+    Yields
+    ------
+    rounds, parts
+        Both ascending. The copies have at most `rounds * printers` parts in all.
+    """
+    rounds = parts = 0
+    while parts < most:
+        rounds += 1
+        fitting = min(most, rounds * printers // copies)
+        if fitting > parts:
+            parts = fitting
+            yield rounds, parts
+
+
+def choose_evenly(items: Sequence[T], count: int) -> list[T]:
+    """Choose a number of items at even distances: of printers in the order of kinds, a share of each."""
+    return [items[i * len(items) // count] for i in range(count)]
+
+
+def multiply_plan(plan: Plan, task: DecomposeTask) -> Plan:
+    """Multiply the plan of one copy: the longest plates first, each on the printer that ends it first.
+
+    Parameters
+    ----------
+    plan
+        The plan of one copy.
+    task
+        The job, with the number of copies and the printers.
+
+    Returns
+    -------
+    Plan
+        Its parts and plates have the number of their copy behind their name, such as 3/p01.2; the same
+        plan for one copy.
+
+    Raises
+    ------
+    FarmError
+        `settings` if it would have more than `MOST_PLATES` plates.
+    """
+    copies = task.options.copies
+    if copies == 1:
+        return plan
+    count = copies * len(plan.plates)
+    if count > MOST_PLATES:
+        raise FarmError(
+            f"{copies} copies of {len(plan.plates)} parts are {count} plates, and a job has at most "
+            f"{MOST_PLATES}: submit fewer copies at once",
+            ErrorCode.SETTINGS,
+        )
+    printers = _choose_printers(plan, task)
+    loads_s: dict[str, float] = defaultdict(float)
+    plates: dict[str, Plate] = {}
+    for plate in sorted(plan.plates, key=lambda plate: (-plate.sliced_s, plate.id)):
+        takers = [section for section in printers if _can_print(section, plate)]
+        choices = [_move_plate(plate, s, task.time_factors.get(s.name, 1.0)) for s in takers] or [plate]
+        for number in range(1, copies + 1):
+            copied = min(choices, key=lambda one: (loads_s[one.printer] + one.expected_s, one.printer))
+            loads_s[copied.printer] += copied.expected_s
+            name = _name_copy(plate.id, number)
+            parts = tuple(_name_copy(part, number) for part in plate.parts)
+            plates[name] = copied.model_copy(update={"id": name, "parts": parts})
+    numbers = range(1, copies + 1)
+    return replace(
+        plan,
+        parts=tuple(_copy_part(part, number) for number in numbers for part in plan.parts),
+        plates=tuple(plates[_name_copy(plate.id, number)] for number in numbers for plate in plan.plates),
+        serial_s=plan.serial_s * copies,
+        expected_s=max(loads_s.values()),
+    )
+
+
+def _choose_printers(plan: Plan, task: DecomposeTask) -> list[PrinterSection]:
+    """Choose as many printers as the job may use, first those of the plan."""
+    used = {plate.printer for plate in plan.plates}
+    printers = sorted(task.printers, key=lambda section: section.name not in used)
+    return printers[: max(len(used), task.options.printers or len(printers))]
+
+
+def _can_print(section: PrinterSection, plate: Plate) -> bool:
+    return plate_requirements(plate).matches(describe_capabilities(section, bed_boxes))
+
+
+def _move_plate(plate: Plate, section: PrinterSection, time_factor: float) -> Plate:
+    """Return a plate as planned for another printer that takes its G-code."""
+    return plate.model_copy(
+        update={
+            "printer": section.name,
+            "time_factor": time_factor,
+            "expected_s": plate.expected_on(time_factor),
+            "price": section.price(plate.grams),
+        }
+    )
+
+
+def _copy_part(part: Part, number: int) -> Part:
+    names = {"id": _name_copy(part.id, number), "plate": _name_copy(part.plate, number)}
+    return part.model_copy(update={**names, "copy_number": number})
+
+
+def _name_copy(name: str, number: int) -> str:
+    return f"{name}.{number}"

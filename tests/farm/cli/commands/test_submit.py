@@ -1,0 +1,165 @@
+"""`farm submit` of one model and of several, against a daemon in memory."""
+
+import json
+from types import SimpleNamespace
+
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from farm import api
+from farm.cli import submission
+from farm.cli.commands import submit
+from farm.cli.main import app
+from farm.errors import ErrorCode, FarmError
+from farm.model import JobOptions, JobState
+
+REFUSED = "broken.stl: is flat"
+
+
+class Daemon:
+    """Answers of a daemon: a model named broken is refused, one named tall fails to be planned."""
+
+    jobs: dict[int, SimpleNamespace]
+
+    def __init__(self, _):
+        self.jobs, self.cancelled = {}, []
+        Daemon.last = self
+
+    def submit(self, model, options, report=None):
+        if model.name.startswith("broken"):
+            raise FarmError(REFUSED, ErrorCode.MODEL)
+        number = len(self.jobs) + 1
+        failed = model.name.startswith("tall")
+        self.jobs[number] = api.JobView.model_construct(
+            id=number,
+            name=options.name or model.name,
+            options=options,
+            state=JobState.FAILED if failed else JobState.HELD if options.dry_run else JobState.PRINTED,
+            error="no_fit" if failed else None,
+            reason="does not fit" if failed else None,
+            exit_code=5 if failed else 0,
+            hold=None,
+            progress=None,
+            repairs=[],
+            scale=1.0,
+            parts=[],
+            plates=[],
+            printed=0,
+            estimated_s=None,
+            waits_for_person=False,
+        )
+        return api.Submitted(job=number, again=False)
+
+    def job(self, number):
+        return api.JobStatus.model_construct(job=self.jobs[number])
+
+    def timeline(self, number):
+        return api.Timeline(
+            job=number,
+            now="2026-01-01T00:00:00+00:00",
+            plan="p",
+            slots=[],
+            left=[],
+            notices=[],
+            makespan_s=10.0 * number,
+            lower_bound_s=0.0,
+            grams=1.0,
+            price=None,
+            currency=None,
+        )
+
+    def cancel(self, number):
+        self.cancelled.append(number)
+
+
+@pytest.fixture
+def run(tmp_path, monkeypatch):
+    monkeypatch.setattr(submit, "connect", Daemon)
+    monkeypatch.setattr(submission, "show_result", lambda view: typer.echo(f"result {view.id}"))
+    monkeypatch.setattr(submission, "show_timeline", lambda one: typer.echo(f"plan {one.job}"))
+    monkeypatch.chdir(tmp_path)
+    for name in ("a.stl", "b.stl", "broken.stl", "tall.stl", "c.3mf"):
+        (tmp_path / name).write_text("model")
+
+    def invoke(*words):
+        return CliRunner().invoke(app, ["submit", *words])
+
+    return invoke
+
+
+def test_several_models_are_a_job_each_and_the_first_failure_is_the_exit_code(run):
+    done = run("a.stl", "broken.stl", "tall.stl", "b.stl", "missing.stl")
+    assert done.exit_code == 5
+    assert [job.name for job in Daemon.last.jobs.values()] == ["a.stl", "tall.stl", "b.stl"]
+    assert done.stdout.count("submitted") == 3
+    lines = done.stderr.splitlines()
+    assert lines[0].endswith(REFUSED)
+    assert "missing.stl: no such file" in lines[1]
+    assert "job 2: does not fit" in lines[2]
+    assert lines[3].endswith("3 of 5 models failed")
+    assert run("a.stl", "b.stl").exit_code == 0
+
+
+def test_a_pattern_that_the_shell_left_is_expanded(run, tmp_path):
+    for pattern in ("[ab].stl", str(tmp_path / "[ab].stl")):
+        assert run(pattern).exit_code == 0
+        assert [job.name for job in Daemon.last.jobs.values()] == ["a.stl", "b.stl"]
+    assert "no such file" in run("z*.stl", "a.stl").stderr
+    assert len(Daemon.last.jobs) == 1
+
+
+def test_a_file_whose_name_looks_like_a_pattern_is_itself(run, tmp_path):
+    (tmp_path / "[ab].stl").write_text("model")
+    run("[ab].stl")
+    assert [job.name for job in Daemon.last.jobs.values()] == ["[ab].stl"]
+
+
+def test_several_dry_runs_are_shown_one_after_the_other_and_cancelled(run):
+    done = run("--dry-run", "a.stl", "broken.stl", "tall.stl", "b.stl")
+    assert done.stdout.splitlines() == ["plan 1", "plan 3"]
+    assert Daemon.last.cancelled == [1, 3]
+    assert done.exit_code == 5
+    assert "tall.stl: job 2: does not fit" in done.stderr
+    alone = run("--dry-run", "tall.stl")
+    assert isinstance(alone.exception, FarmError)  # the entry point prints it, and exits with its code
+    assert (str(alone.exception), alone.exception.exit_code) == ("job 1: does not fit", 5)
+
+
+def test_json_of_several_is_one_object_with_an_outcome_each(run):
+    done = run("--json", "--dry-run", "a.stl", "broken.stl")
+    answer = json.loads(done.stdout)
+    assert answer["schema"] == 1
+    first, second = answer["submissions"]
+    assert (first["model"], first["timeline"]["job"], first["exit_code"]) == ("a.stl", 1, 0)
+    assert (second["model"], second["error"], second["exit_code"]) == ("broken.stl", REFUSED, 5)
+    assert "schema" in first["timeline"]
+
+
+def test_all_are_waited_for(run):
+    done = run("--wait", "a.stl", "b.stl")
+    results = [line for line in done.stdout.splitlines() if line.startswith("result")]
+    assert results == ["result 1", "result 2"]
+
+
+def test_name_note_and_copies_go_with_the_job(run):
+    done = run("a.stl", "--name", "  left\tbracket ", "--note", "for\nAda", "--copies", "3")
+    assert done.exit_code == 0
+    assert Daemon.last.jobs[1].options == JobOptions(name="left bracket", note="for Ada", copies=3)
+    assert "left bracket submitted" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("a.stl", "b.stl", "--name", "x"), "--name"),
+        (("a.stl", "--copies", "0"), "--copies 0: Input should be greater than or equal to 1"),
+        (("a.stl", "--copies", "501"), "--copies 501: Input should be less than or equal to 500"),
+        (("a.stl", "--name", "x" * 61), "--name"),
+        (("a.stl", "--note", "x" * 201), "--note"),
+    ],
+)
+def test_values_that_cannot_be_are_refused(run, words, said):
+    done = run(*words)
+    assert done.exit_code
+    assert said in done.stderr + str(done.exception)

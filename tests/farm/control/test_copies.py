@@ -1,0 +1,127 @@
+"""Copies of a model from submission to the last bed, through the daemon's own rules."""
+
+import io
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+from drivers.clock import Clock
+from farm.cli.display.job_page import render_job
+from farm.model import (
+    AgentPrint,
+    AgentSnapshot,
+    FilamentState,
+    JobOptions,
+    JobState,
+    Link,
+    PrintState,
+    Verdict,
+)
+from farm.paths import StateFolder
+from farm.planning.parts.copies import multiply_plan
+from farm.planning.plan import DecomposeTask, Plan
+from farm.views import describe_job, list_history
+from make_books import plan as planned
+from recording_controller import MODEL, PLUS, Farm
+
+STATE = StateFolder(Path("/state"))
+OPTIONS = JobOptions(copies=2, name="vase", note="for Ada")
+
+
+class StoppedClock(Clock):
+    """Clock that a test sets."""
+
+    at_s = 1e9
+
+    def now(self):
+        return self.at_s
+
+
+@pytest.fixture
+def farm(tmp_path):
+    """Two copies of a model of two parts, on four printers."""
+    farm = Farm(tmp_path, models=(PLUS,) * 4, clock=StoppedClock())
+    farm.ready("a", "b", "c", "d")
+    farm.jobs.submit("r" * 8, "vase.stl", MODEL, OPTIONS)
+    event = planned(plates=2)
+    one = Plan(event.parts, event.plates, event.repairs, 1.0, 180.0, 100.0, None)
+    task = DecomposeTask(1, tmp_path, OPTIONS, farm.controller.fleet.printers, 1, tmp_path)
+    farm.controller.on_plan(1, multiply_plan(one, task))
+    return farm
+
+
+def end(farm, plate, state=PrintState.DONE):
+    """The print of a plate ends after 100 s."""
+    books = farm.controller.books
+    attempt = next(p for p in books.open_prints() if p.plate == plate)
+    begun_s = farm.controller.clock.at_s
+    farm.controller.clock.at_s += 100.0
+    report = AgentPrint(
+        print_id=attempt.id,
+        state=state,
+        fault=None,
+        reason=None,
+        progress_s=90.0,
+        print_time_s=90.0,
+        extruded=True,
+        started_s=begun_s,
+        ended_s=begun_s + 100.0,
+    )
+    idle = {"link": Link.READY, "agent_pid": 9, "filament": FilamentState.PARKED}
+    farm.controller.on_snapshot(AgentSnapshot(printer=attempt.printer, print=report, **idle))
+    farm.controller.clock.at_s = begun_s
+    return attempt.printer
+
+
+def view(farm):
+    return describe_job(farm.view_context(STATE), farm.controller.books.job(1))
+
+
+def test_all_copies_print_side_by_side(farm):
+    books = farm.controller.books
+    assert {p.plate: p.printer for p in books.open_prints()}.keys() == {
+        "1/01.1",
+        "1/01.2",
+        "1/02.1",
+        "1/02.2",
+    }
+    seen = view(farm)
+    assert [(part.id, part.copy_number) for part in seen.parts] == [
+        ("1/p01.1", 1),
+        ("1/p02.1", 1),
+        ("1/p01.2", 2),
+        ("1/p02.2", 2),
+    ]
+    assert (seen.name, seen.serial_s, seen.printed_copies) == ("vase", 360.0, 0)
+    assert seen.speedup == pytest.approx(3.6)  # of two copies, one after the other on a single printer
+
+
+def test_a_failed_part_of_a_copy_is_printed_again_alone(farm):
+    for plate in ("1/01.1", "1/02.1", "1/01.2"):
+        farm.clear_bed(end(farm, plate))
+    printer = end(farm, "1/02.2")
+    farm.clear_bed(printer, verdict=Verdict.BAD, why="fell over")
+    assert [p.plate for p in farm.controller.books.open_prints()] == ["1/02.2"]
+    seen = view(farm)
+    assert (seen.printed, seen.good, seen.printed_copies) == (3, 3, 1)
+    screen = Console(file=io.StringIO(), width=100)
+    screen.print(render_job(seen, 100))
+    page = screen.file.getvalue()
+    for text in ("vase", "for Ada", "1 of 2", "1/p02.2", "attempt 2"):
+        assert text in page
+    farm.clear_bed(end(farm, "1/02.2"))
+    assert farm.controller.books.job(1).state is JobState.DONE
+    assert view(farm).printed_copies == 2
+
+
+def test_a_part_of_one_copy_is_named_by_its_number(farm):
+    end(farm, "1/01.2")
+    assert farm.parts.reprint(1, "p01.2", "scratched", "ann") == "1/p01.2"
+    assert farm.parts.cancel(1, "2.1", "ann") == "1/p02.1"
+
+
+def test_history_has_the_note_of_the_job(farm):
+    end(farm, "1/01.1")
+    (row,) = list_history(farm.view_context(STATE))
+    assert (row.part, row.name, row.note) == ("1/p01.1", "vase", "for Ada")

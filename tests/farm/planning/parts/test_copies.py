@@ -1,0 +1,200 @@
+"""Copies: the number of parts of each, and one plan for all of them."""
+
+from collections import Counter
+from dataclasses import replace
+from itertools import pairwise
+
+import pytest
+import trimesh
+from hypothesis import given
+from hypothesis import strategies as st
+
+from decompose_tasks import decompose_task, join_slices, slice_tasks
+from farm.config import Fleet
+from farm.errors import ErrorCode, FarmError
+from farm.model import JobOptions
+from farm.planning.booking import book_plan
+from farm.planning.inspection.inspect_submission import inspect_model
+from farm.planning.parts.copies import MOST_PLATES, choose_evenly, iterate_part_counts, multiply_plan
+from farm.planning.parts.decompose_job import decompose_job
+from farm.planning.plan import DecomposeTask, Plan
+from make_books import plan as planned
+
+MODEL = "ultimaker2_plus"
+
+
+@given(st.integers(1, 40), st.integers(1, 40), st.integers(1, 3))
+def test_fewer_rounds_go_before_more_parts_and_all_printers_are_tried(copies, printers, rounds):
+    most = printers * rounds
+    counts = list(iterate_part_counts(copies, printers, most))
+    assert counts[-1][1] == most
+    assert counts[0][0] == -(-copies // printers)  # a round less would not hold one part of each copy
+    for (rounds_a, parts_a), (rounds_b, parts_b) in pairwise(counts):
+        assert rounds_a < rounds_b and parts_a < parts_b
+    for rounds_, parts in counts:
+        assert copies * parts <= rounds_ * printers
+
+
+@given(st.lists(st.integers(), min_size=1, max_size=30), st.data())
+def test_a_share_of_each_kind_is_chosen(items, data):
+    count = data.draw(st.integers(1, len(items)))
+    chosen = choose_evenly(sorted(items), count)
+    assert len(chosen) == count
+    taken = Counter(chosen)
+    for item, there in Counter(items).items():
+        assert abs(taken[item] - there * count / len(items)) < 1.0
+
+
+def one_copy(*seconds):
+    """The plan of one copy with a plate of each of these times."""
+    event = planned(plates=len(seconds))
+    plates = tuple(
+        plate.model_copy(update={"sliced_s": s, "expected_s": s + 10.0, "printer": "p0"})
+        for plate, s in zip(event.plates, seconds, strict=True)
+    )
+    return Plan(event.parts, plates, (), 1.0, 100.0, 110.0)
+
+
+def task_of(fleet, tmp_path, factors=None, **options):
+    sections = Fleet.model_validate(
+        {
+            "printers": [
+                {"name": name, "model": MODEL, "port": f"sim://{MODEL}", **changes}
+                for name, changes in fleet.items()
+            ]
+        }
+    ).printers
+    return DecomposeTask(
+        1, tmp_path, JobOptions(**options), sections, 1, tmp_path, time_factors=factors or {}
+    )
+
+
+def test_one_copy_is_the_plan_itself(tmp_path):
+    plan = one_copy(50.0)
+    assert multiply_plan(plan, task_of({"p0": {}}, tmp_path)) is plan
+
+
+def test_each_copy_has_every_part_with_its_number_behind_the_name(tmp_path):
+    printers = {f"p{i}": {} for i in range(4)}
+    plan = multiply_plan(one_copy(50.0, 90.0), task_of(printers, tmp_path, copies=2))
+    assert [(part.id, part.plate, part.copy_number) for part in plan.parts] == [
+        ("1/p01.1", "1/01.1", 1),
+        ("1/p02.1", "1/02.1", 1),
+        ("1/p01.2", "1/01.2", 2),
+        ("1/p02.2", "1/02.2", 2),
+    ]
+    assert [(plate.id, plate.parts) for plate in plan.plates] == [
+        (part.plate, (part.id,)) for part in plan.parts
+    ]
+    assert {plate.printer for plate in plan.plates} == set(printers)
+    assert plan.serial_s == 200.0
+    assert plan.expected_s == 100.0
+
+
+def test_a_printer_gets_only_what_it_can_print_and_the_slower_one_less(tmp_path):
+    printers = {"p0": {}, "p1": {}, "p2": {"nozzle_mm": 0.8}, "p3": {"material": "generic_abs"}}
+    task = task_of(printers, tmp_path, factors={"p1": 1.25}, copies=9)
+    plan = multiply_plan(one_copy(100.0), task)
+    taken = Counter(plate.printer for plate in plan.plates)
+    assert taken == {"p0": 5, "p1": 4}
+    assert {(p.printer, p.time_factor, p.expected_s) for p in plan.plates} == {
+        ("p0", 1.0, 110.0),
+        ("p1", 1.25, 135.0),
+    }
+    assert plan.expected_s == 550.0
+
+
+def test_no_more_printers_are_planned_than_the_user_gave(tmp_path):
+    printers = {f"p{i}": {} for i in range(4)}
+    plan = multiply_plan(one_copy(100.0), task_of(printers, tmp_path, copies=4, printers=2))
+    assert {plate.printer for plate in plan.plates} == {"p0", "p1"}
+
+
+def test_more_plates_than_a_job_may_have_are_refused(tmp_path):
+    plan = one_copy(*[50.0] * 5)
+    with pytest.raises(FarmError, match="submit fewer copies") as error:
+        multiply_plan(plan, task_of({"p0": {}}, tmp_path, copies=MOST_PLATES // 5 + 1))
+    assert error.value.code is ErrorCode.SETTINGS
+
+
+@given(
+    st.lists(st.floats(10.0, 1e5), min_size=1, max_size=6),
+    st.integers(2, 12),
+    st.lists(st.floats(0.8, 1.25), min_size=1, max_size=6),
+)
+def test_loads_are_balanced(tmp_path_factory, seconds, copies, factors):
+    """No printer ends later than the printer that ends first plus one plate: else that one would take it."""
+    speeds = {f"p{i}": factor for i, factor in enumerate(factors)}
+    task = task_of({name: {} for name in speeds}, tmp_path_factory.getbasetemp(), speeds, copies=copies)
+    plan = multiply_plan(one_copy(*seconds), task)
+    loads = dict.fromkeys(speeds, 0.0)
+    for plate in plan.plates:
+        loads[plate.printer] += plate.expected_s
+    longest = max(s * 1.25 + 10.0 for s in seconds)
+    assert max(loads.values()) <= min(loads.values()) + longest + 1e-6
+    assert plan.expected_s == pytest.approx(max(loads.values()))
+    assert len({part.id for part in plan.parts}) == copies * len(seconds)
+
+
+@pytest.fixture
+def box(files, tmp_path):
+    path = tmp_path / "upload.stl"
+    trimesh.creation.box((60.0, 36.0, 28.0)).export(path)
+    return inspect_model(path, "box.stl", JobOptions(), files)
+
+
+def test_copies_of_a_model_too_long_for_a_bed_share_the_printers(bar, files, tmp_path):
+    """Two parts at least: four printers print two copies side by side, three take two rounds."""
+    for printers, copies, parts in ((4, 2, 2), (3, 2, 3), (2, 2, 2), (8, 2, 4)):
+        task = replace(
+            decompose_task(bar, files, tmp_path, printers=printers),
+            options=JobOptions(copies=copies, printers=printers),
+        )
+        assert len(decompose_job(task).parts) == parts, (printers, copies)
+
+
+def test_copies_of_a_small_model_stay_whole_unless_a_person_gives_printers(box, files, tmp_path):
+    auto = replace(decompose_task(box, files, tmp_path, printers=4), options=JobOptions(copies=2))
+    assert len(decompose_job(auto).parts) == 1
+    given_ = replace(auto, options=JobOptions(copies=2, printers=4))
+    assert len(decompose_job(given_).parts) == 2
+    many = replace(auto, options=JobOptions(copies=9, printers=4))
+    assert len(decompose_job(many).parts) == 1
+
+
+def test_copies_are_cut_so_that_all_are_done_in_time(box, files, tmp_path):
+    task = replace(decompose_task(box, files, tmp_path, printers=4), options=JobOptions(copies=2))
+    (whole,) = decompose_job(task).parts
+    assert len(decompose_job(replace(task, within_s=whole.price_s * 1.2)).parts) == 1
+    assert len(decompose_job(replace(task, within_s=whole.price_s * 0.9)).parts) == 2
+    # Six copies on four printers take two rounds.
+    six = replace(task, options=JobOptions(copies=6))
+    assert len(decompose_job(replace(six, within_s=whole.price_s * 2.4)).parts) == 1
+
+
+class Sliced:
+    """Result of a slice, without slicing."""
+
+    def __init__(self, gcode):
+        self.gcode, self.sha256, self.sliced_s = gcode, "0" * 64, 600.0
+        self.grams, self.filament_mm, self.layers = 5.0, 600.0, 20
+        self.min_mm, self.max_mm = (-10.0, -10.0, 0.0), (10.0, 10.0, 28.0)
+        self.cached, self.unprinted = False, ()
+
+
+def test_a_copy_is_neither_cut_nor_sliced_nor_stored_again(bar, files, tmp_path):
+    options = JobOptions(copies=3, printers=6)
+    task = replace(decompose_task(bar, files, tmp_path, printers=6), options=options)
+    cut = decompose_job(task)
+    tasks = slice_tasks(task, cut)
+    gcodes = [tmp_path / f"{i}.gcode" for i in range(len(tasks))]
+    for i, path in enumerate(gcodes):
+        path.write_text(f"; {i}\n")
+    sliced = join_slices(task, cut, tasks, [Sliced(path) for path in gcodes])
+    one = book_plan(sliced, files)
+    stored = set(files.rglob("*"))
+    plan = multiply_plan(one, task)
+    assert set(files.rglob("*")) == stored
+    assert len(tasks) == 2 and len(plan.plates) == 6
+    assert {plate.gcode for plate in plan.plates} == {plate.gcode for plate in one.plates}
+    assert len({plate.printer for plate in plan.plates}) == 6
