@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from slicing.errors import GcodeRefused
 from slicing.own_gcode.clearance import Clearance
+from slicing.own_gcode.completeness import StatedFigures
 from slicing.own_gcode.extent import Extent
 from slicing.own_gcode.interpreter import Interpreter
 from slicing.own_gcode.machine import check_machine
@@ -97,11 +98,8 @@ def accept_gcode(lines: Iterable[bytes], target: PrintTarget, *, stopwatch: Stop
         interpreter.run_line(raw, number)
     interpreter.finish()
     extent = interpreter.head.extent
-    if found.filament is not None:
-        printed_mm = extent.filament_mm - extent.stray_mm
-        lost = found.filament.find_lost(printed_mm, target.filament_mm2, extent.lines)
-        if lost is not None:
-            raise GcodeRefused(f"{lost}: lines are missing; {INCOMPLETE}")
+    if (lost := _find_lost(found.figures, interpreter, target)) is not None:
+        raise GcodeRefused(f"{lost}: lines are missing; {INCOMPLETE}")
     ratio = _section_ratio(extent, writer.layers, target, line_mm)
     missing = (found.warning,) if found.warning is not None else ()
     warnings = missing + check_machine(found.machine, found.nozzle_mm, ratio, target)
@@ -121,6 +119,16 @@ def accept_gcode(lines: Iterable[bytes], target: PrintTarget, *, stopwatch: Stop
         filament_type=found.machine.filament_type,
         notices=_notices(found.ulticode, interpreter.left_out) + warnings,
     )
+
+
+def _find_lost(figures: StatedFigures, interpreter: Interpreter, target: PrintTarget) -> str | None:
+    """Give the reason why layers are missing, by the slicer's figures and the gaps in their numbers."""
+    extent = interpreter.head.extent
+    lost = interpreter.gaps.find_lost() or figures.find_lost_height(extent.low[2], extent.reach_high[2])
+    if lost is not None or figures.filament is None:
+        return lost
+    printed_mm = extent.filament_mm - extent.stray_mm
+    return figures.filament.find_lost(printed_mm, target.filament_mm2, extent.lines)
 
 
 def _line_width_mm(nozzle_mm: float | None) -> float:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from slicing.own_gcode.clearance import Clearance
+from slicing.own_gcode.completeness import LayerGaps
 from slicing.own_gcode.extent import MOST_PRIMED_MM, Extent
 from slicing.own_gcode.objections import Objections
 from slicing.own_gcode.writer import Writer
@@ -40,6 +41,8 @@ class Head:
         The printer's start and end code.
     marks_layers
         Whether comments of the file say where layers begin.
+    gaps
+        Takes the moves that feed.
     most_fed
         Filament in mm that the thickest line takes for each mm of its length.
     """
@@ -50,6 +53,7 @@ class Head:
         writer: Writer,
         clearance: Clearance,
         objections: Objections,
+        gaps: LayerGaps,
         *,
         marks_layers: bool,
         most_fed: float,
@@ -60,6 +64,7 @@ class Head:
         self._writer = writer
         self._clearance = clearance
         self._objections = objections
+        self._gaps = gaps
         self._marks_layers = marks_layers
         self._most_fed = most_fed
         self._at_start = False
@@ -116,6 +121,8 @@ class Head:
         self._writer.move((x, y, z, pushed_mm, speed_mm_s * factor))
         fed_mm = pushed_mm - retracted_mm
         self._check_jump(old, target, fed_mm)
+        if pushed_mm > 0:
+            self._gaps.feed(math.dist(old, target), fed_mm, self._objections.line)
         if pushed_mm > 0 and old == target:
             self.extent.record_prime(fed_mm)
         self.extent.record_move(target, fed_mm)

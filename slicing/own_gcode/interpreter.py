@@ -11,6 +11,7 @@ from slicing.errors import GcodeRefused
 from slicing.gcode_lines import Words, parse_plain_move, parse_words, split_line
 from slicing.own_gcode import command_rules
 from slicing.own_gcode.clearance import Clearance
+from slicing.own_gcode.completeness import LayerGaps, read_layer_number
 from slicing.own_gcode.head import MOST_SECTION, Head
 from slicing.own_gcode.objections import Objections
 from slicing.own_gcode.survey import Survey, is_layer
@@ -47,6 +48,8 @@ class Interpreter:
     ----------
     head
         Position of the head, and the extent of its print.
+    gaps
+        Gaps in the numbers of the layers.
     nozzle_c, bed_c
         Temperatures as last set before the print, in C.
     left_out
@@ -60,13 +63,16 @@ class Interpreter:
         self.bed_c = target.bed_c if survey.ulticode else 0.0
         self.left_out: dict[str, str] = {}
         self._objections = Objections()
+        most_fed = MOST_SECTION * nozzle_mm**2 / target.filament_mm2
+        self.gaps = LayerGaps(most_fed)
         self.head = Head(
             target.printer.code,
             writer,
             clearance,
             self._objections,
+            self.gaps,
             marks_layers=survey.marks_layers,
-            most_fed=MOST_SECTION * nozzle_mm**2 / target.filament_mm2,
+            most_fed=most_fed,
         )
         self._survey = survey
         self._writer = writer
@@ -104,6 +110,8 @@ class Interpreter:
             self._begin()
         if self._printing and is_layer(comment):
             self._writer.layer()
+            if (layer := read_layer_number(comment)) is not None:
+                self.gaps.begin_layer(layer)
         elif self._printing and _FEATURE.match(comment):
             self._writer.line(b";" + comment)
         if not code or command_rules.is_needless(code, rest):

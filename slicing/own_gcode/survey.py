@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from slicing.errors import GcodeRefused
 from slicing.gcode_lines import parse_plain_move, split_line
 from slicing.own_gcode import command_rules
-from slicing.own_gcode.completeness import Completeness, StatedFilament
+from slicing.own_gcode.completeness import Completeness, StatedFigures
 from slicing.own_gcode.machine import FOREIGN_START, Machine, find_machine
 
 FILAMENT_SLACK_MM = (-0.1, 0.2)
@@ -49,8 +49,8 @@ class Survey:
         The machine that it was sliced for.
     warning
         Warning of missing layers in a file with its closing mark; None where no layer is missing.
-    filament
-        Filament that the slicer states for the layers; None where it states none.
+    figures
+        Figures that the slicer states for the layers.
     """
 
     ulticode: bool
@@ -60,7 +60,7 @@ class Survey:
     closed: bool
     machine: Machine
     warning: str | None
-    filament: StatedFilament | None
+    figures: StatedFigures
 
 
 def is_layer(comment: bytes) -> bool:
@@ -105,7 +105,7 @@ def survey_lines(lines: Iterable[bytes], filament_mm: float) -> Survey:
         marks_layers=bool(scan.layer),
         closed=bool(scan.completeness.closed(scan.prints)),
         warning=scan.completeness.warning(),
-        filament=scan.completeness.stated,
+        figures=scan.completeness.figures,
         machine=find_machine(scan.facts, _number(scan.facts, *_FILAMENT), scan.start),
     )
 

@@ -156,7 +156,7 @@ def with_figures(slicer):
 @pytest.mark.parametrize("slicer", ["cura 5", "ultigcode", "prusaslicer", "slic3r"])
 def test_the_filament_that_a_slicer_names_is_in_its_file(slicer):
     lines = with_figures(slicer).splitlines(keepends=True)
-    assert survey_lines(lines, 2.85).filament is not None
+    assert survey_lines(lines, 2.85).figures.filament is not None
     safe(take(lines))
 
 

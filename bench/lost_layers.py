@@ -1,0 +1,276 @@
+"""Layers taken out of real slices: whole files that are accepted, and damaged ones that are refused.
+
+``python -m bench.lost_layers [STL ...] [--cuts N] [--seed N] [--keep FOLDER] [--raw] [--json]``
+
+CuraEngine slices models made here, and those given, in several ways (UltiGCode, relative E, rafts, spirals
+and others). Each file is read whole, and with layers cut out in several ways. ``--keep`` keeps the slices in
+a folder, and reads them from it the next time.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import random
+import re
+import tempfile
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass, field
+from itertools import pairwise
+from pathlib import Path
+
+import trimesh
+
+from bench.slice_check import MOVE, make_models
+from drivers.printers import BEDS
+from farm.planning.printer_settings import slicing_printer
+from slicing.checks.output import replace_header
+from slicing.engine import EngineLimits, run_engine
+from slicing.errors import EngineFailed, GcodeRefused
+from slicing.own_gcode import PrintTarget, accept_gcode
+from slicing.settings import EngineSettings, SettingsRequest, find_engine, find_resources, resolve_settings
+from slicing.settings.limits import find_reserved_reason
+
+_ULTIGCODE = {
+    "machine_gcode_flavor": "UltiGCode",
+    "machine_firmware_retract": "True",
+    "machine_start_gcode": "",
+    "machine_end_gcode": "",
+}
+WAYS: dict[str, dict[str, str]] = {
+    "plain": {},
+    "ultigcode": _ULTIGCODE,
+    "ultigcode raft": {**_ULTIGCODE, "adhesion_type": "raft"},
+    "ultigcode supports": {**_ULTIGCODE, "support_enable": "True", "support_structure": "normal"},
+    "ultigcode spiral": {**_ULTIGCODE, "magic_spiralize": "True"},
+    "relative": {"relative_extrusion": "True"},
+    "relative supports": {"relative_extrusion": "True", "support_enable": "True"},
+    "raft": {"adhesion_type": "raft"},
+    "tree supports": {"support_enable": "True", "support_structure": "tree"},
+    "spiral": {"magic_spiralize": "True"},
+    "adaptive": {"adaptive_layer_height_enabled": "True"},
+    "coasting": {"coasting_enable": "True", "retraction_hop_enabled": "True"},
+    "primed": {"retraction_extra_prime_amount": "0.2", "retraction_hop_enabled": "True"},
+    "unretracted": {"retraction_enable": "False", "retraction_combing": "off"},
+    "ironed": {"ironing_enabled": "True", "bridge_settings_enabled": "True"},
+    "fuzzy": {"magic_fuzzy_skin_enabled": "True", "infill_sparse_thickness": "0.4"},
+    "surface": {"magic_mesh_surface_mode": "surface"},
+    "fine": {"layer_height": "0.1", "infill_pattern": "lightning"},
+}
+"""Settings of CuraEngine, beyond those of the quality."""
+_SIZE_MM = 22.0
+"""Greatest side of a model: enough layers, and a short time."""
+_LAYER = re.compile(rb"(?m)^;LAYER:(-?\d+)\r?\n")
+_END = re.compile(rb"(?m)^;TIME_ELAPSED:[^\n]*\n")
+
+Cut = Callable[[list[bytes], random.Random], list[bytes]]
+"""Takes layers out of a list of all."""
+
+
+def _cut_first(layers: list[bytes], rng: random.Random) -> list[bytes]:
+    return layers[rng.randint(1, max(1, len(layers) // 2)) :]
+
+
+def _cut_one(layers: list[bytes], rng: random.Random) -> list[bytes]:
+    lost = rng.randrange(1, len(layers) - 1)
+    return layers[:lost] + layers[lost + 1 :]
+
+
+def _cut_run(layers: list[bytes], rng: random.Random) -> list[bytes]:
+    first = rng.randrange(1, len(layers) - 1)
+    return layers[:first] + layers[rng.randrange(first, len(layers) - 1) + 1 :]
+
+
+def _cut_many(layers: list[bytes], rng: random.Random) -> list[bytes]:
+    lost = set(rng.sample(range(len(layers)), rng.randint(2, max(2, len(layers) // 3))))
+    return [layer for at, layer in enumerate(layers) if at not in lost]
+
+
+def _cut_last(layers: list[bytes], rng: random.Random) -> list[bytes]:
+    return layers[: -rng.randint(1, max(1, len(layers) // 3))]
+
+
+CUTS: dict[str, Cut] = {
+    "first": _cut_first,
+    "one": _cut_one,
+    "run": _cut_run,
+    "many": _cut_many,
+    "last": _cut_last,
+}
+
+
+class NoTime:
+    """Stopwatch that measures nothing: acceptance does not depend on it."""
+
+    def move(self, x: float, y: float, z: float, e: float, speed_mm_s: float) -> None: ...
+
+    def wait(self, seconds: float) -> None: ...
+
+    def seconds(self, finish: bool = False) -> float:
+        return 0.0
+
+
+class Slicer:
+    """CuraEngine with the settings of a 2+, and the target that its files are read for."""
+
+    def __init__(self, raw: bool) -> None:
+        self._resources = find_resources()
+        self._raw = raw
+        settings = self._resolve({})
+        self.target = PrintTarget(
+            settings.printer, settings.filament_mm2, 0.4, settings.nozzle_c, settings.bed_c
+        )
+
+    def slice_model(self, mesh: trimesh.Trimesh, way: dict[str, str]) -> bytes:
+        """Slice a model, made small enough and put on the bed's centre; empty where the engine fails."""
+        mesh = mesh.copy()
+        mesh.apply_scale(min(1.0, _SIZE_MM / max(mesh.extents)))
+        low, high = mesh.bounds
+        mesh.apply_translation((-(low[0] + high[0]) / 2, -(low[1] + high[1]) / 2, -low[2]))
+        forced = {key: value for key, value in way.items() if find_reserved_reason(key) or value == "raft"}
+        settings = self._resolve({key: value for key, value in way.items() if key not in forced})
+        with tempfile.TemporaryDirectory() as folder:
+            stl = Path(folder) / "model.stl"
+            mesh.export(stl)
+            stacks = {**settings.global_, **forced}, {**settings.extruder, **forced}
+            try:
+                out = run_engine(find_engine(), stl, *stacks, EngineLimits(1000, 300.0))
+            except EngineFailed:
+                return b""
+        return out.gcode if self._raw else replace_header(out.gcode, out.log)
+
+    def _resolve(self, overrides: dict[str, str]) -> EngineSettings:
+        printer = slicing_printer(BEDS["ultimaker2_plus"])
+        return resolve_settings(
+            SettingsRequest(printer, "glue", "generic_pla", 0.4, overrides), self._resources
+        )
+
+
+def make_more_models() -> dict[str, trimesh.Trimesh]:
+    """Make models with tips, gaps between layers, and thin tops."""
+    create = trimesh.creation
+    ball = create.icosphere(3, 10, transform=MOVE((0, 0, 30)))
+    pin = create.cylinder(3, 20, transform=MOVE((0, 0, 10)))
+    return {
+        "spire": create.cone(3, 40),
+        "ball above a pin": trimesh.util.concatenate([pin, ball]),
+        "two heights": trimesh.util.concatenate([create.box((9, 9, 20), MOVE((-8, 0, 10))), pin]),
+        "table": trimesh.boolean.union([create.box((30, 30, 3), MOVE((0, 0, 25))), create.cylinder(2, 48)]),
+        "hourglass": trimesh.boolean.union(
+            [create.cone(10, 20), create.cone(10, 20, transform=MOVE((0, 0, 30)) @ _TURNED)]
+        ),
+        "slab": create.box((22, 15, 1)),
+        "above a slab": trimesh.util.concatenate(
+            [create.box((20, 20, 3), MOVE((0, 0, 1.5))), create.box((12, 12, 3), MOVE((0, 0, 10)))]
+        ),
+        "apart": trimesh.util.concatenate(
+            [create.cylinder(8, 5, transform=MOVE((0, 0, z))) for z in (2.5, 9.1)]
+        ),
+    }
+
+
+_TURNED = trimesh.transformations.rotation_matrix(3.14159265, (1, 0, 0))
+
+
+def split_layers(gcode: bytes) -> tuple[bytes, list[bytes], bytes]:
+    """Split a file into its head, its layers, and the rest."""
+    starts = [found.start() for found in _LAYER.finditer(gcode)]
+    end = [found.end() for found in _END.finditer(gcode)][-1]
+    bounds = [*starts, end]
+    layers = [gcode[a:b] for a, b in pairwise(bounds)]
+    return gcode[: starts[0]], layers, gcode[end:]
+
+
+def feeds_filament(layer: bytes) -> bool:
+    """Check whether a layer prints at all."""
+    return re.search(rb"(?m)^G1[^\n]* [XY][^\n]* E", layer) is not None
+
+
+def find_refusal(gcode: bytes, target: PrintTarget) -> str | None:
+    """Read a file; give the reason why it is refused, or None."""
+    try:
+        accept_gcode(gcode.splitlines(keepends=True), target, stopwatch=NoTime())
+    except GcodeRefused as refused:
+        return str(refused)
+    return None
+
+
+def list_slices(
+    models: dict[str, trimesh.Trimesh], slicer: Slicer, folder: Path
+) -> Iterator[tuple[str, bytes]]:
+    """Yield the name and the G-code of each slice with more than three layers."""
+    for name, mesh in models.items():
+        for way, settings in WAYS.items():
+            title = f"{Path(name).stem}, {way}"
+            path = folder / f"{title}.gcode"
+            if not path.exists():
+                path.write_bytes(slicer.slice_model(mesh, settings))
+            gcode = path.read_bytes()
+            if len(_LAYER.findall(gcode)) > 3:
+                yield title, gcode
+
+
+@dataclass
+class Measured:
+    """Whole files and files with layers cut out, by kind of cut, and those that were read wrongly."""
+
+    whole: int = 0
+    cut: Counter[str] = field(default_factory=Counter)
+    refused: Counter[str] = field(default_factory=Counter)
+    false_alarms: list[str] = field(default_factory=list)
+    unnoticed: list[str] = field(default_factory=list)
+
+    def read_slice(
+        self, title: str, gcode: bytes, target: PrintTarget, cuts: int, rng: random.Random
+    ) -> None:
+        """Read a file whole, and with layers cut out in every way."""
+        self.whole += 1
+        if (reason := find_refusal(gcode, target)) is not None:
+            self.false_alarms.append(f"{title}: {reason}")
+            return
+        head, layers, end = split_layers(gcode)
+        for kind, cut in CUTS.items():
+            for _ in range(cuts):
+                left = cut(layers, rng)
+                lost = [layer for layer in layers if layer not in left]
+                if not any(feeds_filament(layer) for layer in lost):
+                    continue
+                self.cut[kind] += 1
+                if find_refusal(head + b"".join(left) + end, target) is not None:
+                    self.refused[kind] += 1
+                else:
+                    numbers = ", ".join(_LAYER.findall(layer)[0].decode() for layer in lost[:5])
+                    self.unnoticed.append(f"{title}: {kind}, {len(layers)} layers without {numbers}")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("stl", nargs="*", type=Path)
+    parser.add_argument("--cuts", type=int, default=1, help="cuts of each kind in each slice")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--keep", type=Path, help="folder that keeps the slices")
+    parser.add_argument("--raw", action="store_true", help="with placeholders for CuraEngine's own figures")
+    parser.add_argument("--json", action="store_true")
+    given = parser.parse_args()
+    models = {**make_models(), **make_more_models()}
+    models |= {str(path): trimesh.load_mesh(path) for path in given.stl}
+    slicer, rng, measured = Slicer(given.raw), random.Random(given.seed), Measured()
+    with tempfile.TemporaryDirectory() as name:
+        folder = given.keep or Path(name)
+        folder.mkdir(exist_ok=True)
+        for title, gcode in list_slices(models, slicer, folder):
+            measured.read_slice(title, gcode, slicer.target, given.cuts, rng)
+    if given.json:
+        print(json.dumps({"schema": 1, **asdict(measured)}, indent=1))
+        return
+    accepted = measured.whole - len(measured.false_alarms)
+    print(f"whole: {measured.whole}, {accepted} accepted", *measured.false_alarms, sep="\n  ")
+    for kind, count in measured.cut.items():
+        print(f"{kind}: {count} files, {measured.refused[kind]} refused")
+    refused = measured.refused.total()
+    print(f"all: {measured.cut.total()} files, {refused} refused", *measured.unnoticed, sep="\n  ")
+
+
+if __name__ == "__main__":
+    main()

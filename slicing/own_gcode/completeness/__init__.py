@@ -1,0 +1,7 @@
+"""Signs that a G-code file is whole: in its comments, in its slicer's figures, and in what its moves feed."""
+
+from slicing.own_gcode.completeness.comments import Completeness, read_layer_number
+from slicing.own_gcode.completeness.figures import StatedFigures, StatedFilament
+from slicing.own_gcode.completeness.layer_gaps import LayerGaps
+
+__all__ = ["Completeness", "LayerGaps", "StatedFigures", "StatedFilament", "read_layer_number"]

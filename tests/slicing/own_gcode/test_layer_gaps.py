@@ -1,0 +1,109 @@
+"""Layers lost from files of Cura, of which little filament is missing, or none by its sum."""
+
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+from make_gcode import FILAMENT_MM2, marlin, square, ultigcode
+from own_gcode import refused, safe, take
+from slicing.own_gcode.completeness import LayerGaps
+
+SMALL = square(side_mm=2.0, layers=20)  # 0.1 mm of filament in a layer
+WRITERS = pytest.mark.parametrize("write", [marlin, ultigcode])
+
+
+def without(lines, *numbers):
+    """Take layers out of the text of a file."""
+    starts = [at for at, line in enumerate(lines) if line.startswith(";LAYER:")]
+    printed = [at for at, line in enumerate(lines) if line.startswith(("G1 F1800", ";TIME_ELAPSED"))]
+    bounds = [*starts, printed[-1] + 1]
+    lost = {at for number in numbers for at in range(bounds[number], bounds[number + 1])}
+    return [line for at, line in enumerate(lines) if at not in lost]
+
+
+def renumbered(lines, first, by):
+    """Add to the numbers of the layers from `first` on, as where those between them are empty."""
+    numbers = {f";LAYER:{n}": f";LAYER:{n + by}" for n in range(first, 20)}
+    return [numbers.get(line, line) for line in lines]
+
+
+@WRITERS
+@pytest.mark.parametrize("lost", [(0,), (7,), (3, 4, 5), (2, 9, 18)])
+def test_layers_of_little_filament_are_missed_at_the_gap_of_their_numbers(write, lost):
+    whole = write(SMALL)
+    assert take(whole).layers == 20
+    refused(without(whole, *lost), r"line \d+: the first move that feeds after ;LAYER:.*lines are missing")
+
+
+@WRITERS
+def test_layers_that_were_empty_leave_a_gap_and_no_filament(write):
+    assert safe(take(renumbered(write(SMALL), 8, 3)))
+
+
+@pytest.mark.parametrize(("lost_mm", "is_lost"), [(0.0, False), (0.002, True)])
+def test_filament_that_is_primed_in_every_layer_is_not_missing(lost_mm, is_lost):
+    gaps = LayerGaps(0.1)
+    for number in (0, 1, 3, 4):
+        gaps.begin_layer(number)
+        gaps.feed(0.0, 0.03 + lost_mm * (number == 3), 1)
+        gaps.feed(10.0, 0.125, 2)
+    assert (gaps.find_lost() is not None) == is_lost
+
+
+def with_header(lines, *figures):
+    head = [";Generated with Cura_SteamEngine 4.13.0", *(f";{figure}" for figure in figures)]
+    return [lines[0], *head, *lines[1:], ";End of Gcode"]
+
+
+@pytest.mark.parametrize("relative", [False, True])
+def test_the_lowest_and_the_highest_layer_are_where_the_slicer_says(relative):
+    whole = with_header(marlin(SMALL, relative=relative), "LAYER_COUNT:20", "MINZ:0.2", "MAXZ:4")
+    assert safe(take(whole))
+    refused(without(whole, 0), "Z 0.2, and it begins at Z 0.4|the first move that feeds")
+    refused(without(whole, 19), "up to Z 4, and it ends at Z 3.8: lines are missing")
+    for placeholder in ("TIME:6666", "MINZ:2.14748e+06"):
+        assert take(without([*whole[:2], f";{placeholder}", *whole[2:]], 5) if relative else whole)
+
+
+def test_a_hop_above_the_highest_layer_is_no_layer():
+    lines = marlin(SMALL)
+    lines[lines.index(";LAYER:19") + 1 : lines.index(";LAYER:19") + 1] = ["G0 Z5"]
+    whole = with_header(lines, "LAYER_COUNT:20", "MINZ:0.2", "MAXZ:5")
+    assert safe(take(whole))
+    refused(without(whole, 18, 19), "up to Z 5, and it ends at Z 3.6")
+
+
+def test_the_last_layer_ends_at_the_time_that_the_slicer_says():
+    figures = f"TIME:200 MATERIAL:{round(take(ultigcode(SMALL)).filament_mm * FILAMENT_MM2)}".split()
+    whole = [line for line in ultigcode(SMALL) if not line.startswith((";TIME:", ";MATERIAL:"))]
+    whole[1:1] = [f";{figure}" for figure in figures]
+    assert safe(take(whole))
+    assert take([line.replace("ED:200.0", "ED:200.9") for line in whole])
+    refused(without(whole, 19), "takes 200 s, and its last layer ends after 190 s")
+
+
+flows = st.floats(0.002, 0.08)
+lengths_mm = st.floats(0.05, 100.0)
+
+
+@given(
+    flow=flows,
+    layers=st.lists(st.lists(lengths_mm, min_size=2, max_size=5), min_size=3, max_size=6),
+    lost=st.integers(1, 4),
+)
+def test_a_gap_is_a_loss_where_the_move_after_it_feeds_too_much(flow, layers, lost):
+    """E is written to 1e-5 mm, and one layer is left out: with its filament, or without."""
+    lost = min(lost, len(layers) - 2)
+    lost_mm = flow * sum(layers[lost])
+    noise = 2e-5 / min(map(min, layers))  # of the flow, in the shortest line
+    assume(lost_mm > 3e-4 + (0.02 * flow + noise) * layers[lost + 1][0])
+    for carried_mm in (0.0, lost_mm):
+        gaps = LayerGaps(0.1)
+        for number, lengths in enumerate(layers):
+            if number == lost:
+                continue
+            gaps.begin_layer(number)
+            for at, length_mm in enumerate(lengths):
+                more_mm = carried_mm if number == lost + 1 and not at else 0.0
+                gaps.feed(length_mm, round(flow * length_mm + more_mm, 5), 1)
+        assert (gaps.find_lost() is not None) == bool(carried_mm)
