@@ -17,6 +17,7 @@ from decompose.errors import DecomposeError, GeometryError, NoFit
 from decompose.grid import cell_counts
 from decompose.options import Engine
 from decompose.problem import FINEST, Effort, Problem
+from decompose.progress import report_progress
 from decompose.results import Attempt, Decomposition
 
 BEST_ENGINES = (Engine.GUILLOTINE, Engine.PARALLELOBOX)
@@ -80,7 +81,8 @@ class _Trials:
             why = "not begun: the budget was spent"
             self.attempts.append(Attempt(engine, cells, yaw_deg, finished=False, reason=why))
             return
-        started_s, effort, makespan_s, reason = perf_counter(), Effort(self.remaining_s), None, ""
+        effort = Effort(self.remaining_s, on_spent=self._report_spent)
+        started_s, makespan_s, reason = perf_counter(), None, ""
         best_known_s = math.inf if self.best is None or self.best.faults else self.best.makespan_s
         options = replace(self.problem.options, engine=engine, granularity=cells)
         trial = replace(
@@ -104,6 +106,12 @@ class _Trials:
             Attempt(engine, cells, yaw_deg, makespan_s, elapsed_s, effort.spent_s, finished, reason)
         )
         self.remaining_s -= effort.spent_s
+
+    def _report_spent(self, spent_s: float) -> None:
+        """Report the share of the budget that this and the earlier attempts have spent."""
+        budget_s = self.problem.options.best.budget_s
+        if budget_s > 0.0:
+            report_progress(min(1.0, (budget_s - self.remaining_s + spent_s) / budget_s))
 
     def _is_better(self, found: Decomposition, yaw_deg: float) -> bool:
         if self.best is None:

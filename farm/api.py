@@ -177,6 +177,7 @@ class PrinterView(PrinterReadings, _View):
     look: str | None
     maintenance: str | None  # reason why it is out of use
     hold: Hold | None
+    kept_for: str | None = None  # plate or job that it is kept for while it is free
 
 
 class Todo(_View):

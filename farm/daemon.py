@@ -30,7 +30,6 @@ from farm.control import (
     Timers,
     abort_prints,
     delete_record,
-    list_planning,
 )
 from farm.errors import FarmError, Refused
 from farm.http import (
@@ -213,7 +212,7 @@ class Daemon:
 
         Prints that do not end keep the farm running, so that a person can inspect them.
         """
-        while not now and list_planning(self._controller):
+        while not now and self._controller.planning.list_running(self._controller.books):
             await asyncio.sleep(0.1)
         give_up = asyncio.get_running_loop().time() + _ABORT_S if now else math.inf
         while open_prints := sorted({attempt.printer for attempt in self._controller.books.open_prints()}):

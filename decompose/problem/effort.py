@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import StrEnum
 
@@ -56,11 +57,14 @@ class Effort:
         Units of each kind that were done.
     cut_short
         Whether a search has stopped because of the budget.
+    on_spent
+        Called with the work done, in seconds, whenever work is started; None for nobody.
     """
 
     budget_s: float = math.inf
     done: Counter[Work] = field(default_factory=Counter)
     cut_short: bool = False
+    on_spent: Callable[[float], None] | None = None
 
     @property
     def spent_s(self) -> float:
@@ -70,6 +74,8 @@ class Effort:
     def record(self, work: Work, units: int) -> None:
         """Record work that is started."""
         self.done[work] += units
+        if self.on_spent is not None:
+            self.on_spent(self.spent_s)
 
     def can_afford(self, work: Work, units: int) -> bool:
         """Check whether that much may be done; a refusal is recorded in `cut_short`."""

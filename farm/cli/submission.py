@@ -11,11 +11,10 @@ from pathlib import Path
 from farm import api
 from farm.cli.client import Client
 from farm.cli.display import (
-    ProgressLines,
     follow_job,
-    open_console,
     print_json,
     retry_over_restart,
+    show_progress,
     show_result,
     show_submitted,
     show_timeline,
@@ -127,16 +126,16 @@ class Submitter:
 
     def _show_plan(self, number: int) -> api.Timeline:
         """Show the timeline of a planned job, and cancel the job in any case."""
-        lines = ProgressLines(open_console(stderr=True), quiet=self.quiet)
         try:
-            while True:
-                job = retry_over_restart(lambda: self.client.job(number)).job
-                if job.state not in (JobState.QUEUED, JobState.PLANNING):
-                    break
-                lines.update(job)
-                if job.waits_for_person and job.hold is not None:
-                    raise Refused(f"it cannot be planned now: {job.hold.text}")
-                time.sleep(_POLL_S)
+            with show_progress(number, quiet=self.quiet) as update:
+                while True:
+                    job = retry_over_restart(lambda: self.client.job(number)).job
+                    if job.state not in (JobState.QUEUED, JobState.PLANNING):
+                        break
+                    update(job)
+                    if job.waits_for_person and job.hold is not None:
+                        raise Refused(f"it cannot be planned now: {job.hold.text}")
+                    time.sleep(_POLL_S)
             if job.exit_code:
                 code = ErrorCode(job.error) if job.error else ErrorCode.FAILED
                 raise FarmError(f"job {job.id}: {job.reason or job.state}", code)

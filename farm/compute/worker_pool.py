@@ -1,7 +1,8 @@
 """Pool of worker processes for decomposition and slicing: low priority, limited, stopped with the daemon.
 
 Each task runs alone in a process. A task is stopped (its job is cancelled, its time is over) by killing that
-process, which a new one replaces; a crash affects no other task.
+process, which a new one replaces; a crash affects no other task. Groups of tasks, such as the jobs that are
+being planned, share the workers evenly; urgent tasks have one more worker, started when all others are busy.
 """
 
 from __future__ import annotations
@@ -10,10 +11,10 @@ import asyncio
 import logging
 import os
 import shutil
-from collections import deque
-from collections.abc import Callable
+from collections import Counter
+from collections.abc import Callable, Hashable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar
 
@@ -38,7 +39,7 @@ class Limit:
     what
         Name of the work, for messages.
     urgent
-        True if a user waits for it: it is started before other work.
+        True if it is quick and a user waits for it: it is started before other work.
     """
 
     what: str
@@ -67,6 +68,15 @@ def memory_for_each(count: int, memory_gb: float | None) -> int:
     return int(max(0.8 * machine / count, min(4 * _GB, machine / 2)))
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Turn:
+    """A task that waits for a worker."""
+
+    group: Hashable
+    urgent: bool
+    slot: asyncio.Future[Worker]
+
+
 class Workers:
     """Pool of worker processes. All methods are called on the event loop's thread.
 
@@ -75,7 +85,7 @@ class Workers:
     scratch
         Folder of the pool: each worker has a folder for temporary files there, which is removed with it.
     count
-        Number of workers; as many as cores by default.
+        Number of workers, without the one for urgent tasks; as many as cores by default.
     memory_gb
         Memory limit of each; see `memory_for_each`.
     warm
@@ -94,11 +104,12 @@ class Workers:
         self._memory = memory_for_each(count, memory_gb)
         self._warm = warm
         self._closed = False
-        self._threads = ThreadPoolExecutor(count, thread_name_prefix="worker")
+        self._threads = ThreadPoolExecutor(count + 1, thread_name_prefix="worker")
         self._alive: set[Worker] = set()
         self._idle: list[Worker] = []
-        self._urgent: deque[asyncio.Future[Worker]] = deque()
-        self._patient: deque[asyncio.Future[Worker]] = deque()
+        self._urgent_worker: Worker | None = None
+        self._waiting: list[_Turn] = []
+        self._running: Counter[Hashable] = Counter()  # tasks in workers, by group
         shutil.rmtree(scratch, ignore_errors=True)
         scratch.mkdir(parents=True)
         for _ in range(count):
@@ -109,13 +120,22 @@ class Workers:
         """Ids of the running processes."""
         return frozenset(worker.pid for worker in self._alive)
 
-    async def run(self, work: Callable[..., T], *args: object, limit: Limit = CHECKING) -> T:
+    def share(self, group: Hashable, urgent: bool = False) -> WorkerShare:
+        """Return the pool for the tasks of one group; with `urgent`, they are started before other work."""
+        return WorkerShare(self, group, urgent)
+
+    async def run(
+        self, work: Callable[..., T], *args: object, limit: Limit = CHECKING, group: Hashable = None
+    ) -> T:
         """Run a function in a worker; a cancelled call ends its worker.
 
         Parameters
         ----------
         work
             Function to run; it runs a second time if its worker dies.
+        group
+            Of the waiting tasks of equal urgency, those of the group with the fewest running tasks are
+            started first. None: the task is a group of its own.
 
         Raises
         ------
@@ -123,9 +143,11 @@ class Workers:
             The error of the work; `limit` if its time or memory did not suffice; or if its workers died.
         """
         ended = ""
+        group = object() if group is None else group
         for _ in range(_TRIES):
-            worker = await self._take(limit.urgent)
+            worker = await self._take(group, limit.urgent)
             fit = False
+            self._running[group] += 1
             try:
                 async with asyncio.timeout(limit.seconds):
                     loop = asyncio.get_running_loop()
@@ -144,6 +166,7 @@ class Workers:
                 log.warning("worker %d ended by itself (%s)", worker.pid, ended)
                 continue
             finally:
+                self._running -= Counter([group])
                 self._release(worker, fit)
             if isinstance(answer, MemoryError):
                 raise FarmError(
@@ -183,27 +206,47 @@ class Workers:
             log.error("no worker can be started: %s; retrying", error)
             asyncio.get_running_loop().call_later(_RETRY_S, self._replace)
 
-    async def _take(self, urgent: bool) -> Worker:
-        """Wait for a free worker; work of equal urgency is served in order of its calls."""
-        if self._idle:
-            return self._idle.pop()
-        slot: asyncio.Future[Worker] = asyncio.get_running_loop().create_future()
-        (self._urgent if urgent else self._patient).append(slot)
+    async def _take(self, group: Hashable, urgent: bool) -> Worker:
+        """Wait for a free worker."""
+        for worker in reversed(self._idle):
+            if urgent or worker is not self._urgent_worker:
+                self._idle.remove(worker)
+                return worker
+        turn = _Turn(group, urgent, asyncio.get_running_loop().create_future())
+        self._waiting.append(turn)
+        if urgent:
+            self._start_urgent_worker()
         try:
-            return await slot
+            return await turn.slot
         except asyncio.CancelledError:
-            if slot.done() and not slot.cancelled():  # cancelled just when a worker became free
-                self._give(slot.result())
+            if turn in self._waiting:
+                self._waiting.remove(turn)
+            else:  # cancelled just when a worker became free
+                self._give(turn.slot.result())
             raise
 
+    def _start_urgent_worker(self) -> None:
+        """Start the worker for urgent tasks, unless it runs; if that fails, they wait for another one."""
+        if self._urgent_worker is not None or self._closed:
+            return
+        try:
+            worker = self._urgent_worker = Worker(self._scratch, self._memory, self._warm)
+        except OSError as error:
+            log.error("no worker for urgent tasks can be started: %s", error)
+            return
+        self._alive.add(worker)
+        self._give(worker)
+
     def _give(self, worker: Worker) -> None:
-        for queue in (self._urgent, self._patient):
-            while queue:
-                slot = queue.popleft()
-                if not slot.done():
-                    slot.set_result(worker)
-                    return
-        self._idle.append(worker)
+        """Give a free worker to the waiting task that is served first, if there is one."""
+        open_turns = [turn for turn in self._waiting if not turn.slot.done()]
+        turns = [turn for turn in open_turns if turn.urgent or worker is not self._urgent_worker]
+        if not turns:
+            self._idle.append(worker)
+            return
+        first = min(turns, key=lambda turn: (not turn.urgent, self._running[turn.group]))
+        self._waiting.remove(first)
+        first.slot.set_result(worker)
 
     def _release(self, worker: Worker, fit: bool) -> None:
         """Return a worker to the pool, or replace it if it cannot take more work."""
@@ -214,9 +257,26 @@ class Workers:
             return
         worker.end()
         self._alive.discard(worker)
-        self._replace()
+        if worker is self._urgent_worker:
+            self._urgent_worker = None
+            if any(turn.urgent for turn in self._waiting):
+                self._start_urgent_worker()
+        else:
+            self._replace()
         # A dying engine may write after its folder was removed: remove every unused folder.
         kept = {worker.folder for worker in self._alive}
         for left in self._scratch.iterdir():
             if left not in kept:
                 shutil.rmtree(left, ignore_errors=True)
+
+
+class WorkerShare:
+    """The pool as one group of tasks uses it; see `Workers.run`."""
+
+    def __init__(self, workers: Workers, group: Hashable, urgent: bool) -> None:
+        self._workers, self._group, self._urgent = workers, group, urgent
+
+    async def run(self, work: Callable[..., T], *args: object, limit: Limit = CHECKING) -> T:
+        """Run a function in a worker."""
+        limit = replace(limit, urgent=True) if self._urgent else limit
+        return await self._workers.run(work, *args, limit=limit, group=self._group)

@@ -3,7 +3,7 @@
 from farm.control.controller import Controller
 from farm.control.dry_runs import DryRuns
 from farm.control.effects import FarmEffects
-from farm.control.job_commands import JobCommands, abort_prints, list_planning
+from farm.control.job_commands import JobCommands, abort_prints
 from farm.control.keys import KeyCommands, find_key
 from farm.control.notifier import Notifier, delete_record
 from farm.control.part_commands import PartCommands
@@ -23,5 +23,4 @@ __all__ = [
     "abort_prints",
     "delete_record",
     "find_key",
-    "list_planning",
 ]

@@ -12,11 +12,13 @@ import uuid
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from itertools import chain
 
 from drivers.clock import Clock
 from farm.config import Fleet
 from farm.control.effects import Effect, Effects
+from farm.control.job_planning import JobPlanning
 from farm.control.startup import list_startup_events
 from farm.control.telemetry import Telemetry, owed_instructions, read_snapshot
 from farm.errors import FarmError
@@ -25,20 +27,17 @@ from farm.model import (
     AgentSnapshot,
     Hold,
     HoldCode,
-    Job,
-    JobState,
     PlanProgress,
     PrintState,
 )
 from farm.paths import StateFolder
-from farm.planning import Plan, TooFewPrinters, build_planned_event
+from farm.planning import Plan
 from farm.planning.replanning import ReplanCoordinator, ReplannedPlate
 from farm.scheduling import (
+    Assignment,
     BuildVolumes,
     FleetPrinter,
     ForecastCache,
-    HoldJob,
-    JobAdmission,
     PrintLimits,
     Situation,
     SituationBuilder,
@@ -49,7 +48,6 @@ from farm.scheduling import (
     find_next_change_s,
     find_plate_holds,
     find_print_limits,
-    kept_printers,
 )
 from farm.state import events as ev
 from farm.state import (
@@ -90,7 +88,7 @@ class Controller:
     def __init__(self, fleet: Fleet, store: Store, clock: Clock, build_volumes: BuildVolumes) -> None:
         self.clock, self.started_s = clock, clock.now()
         self.telemetry = Telemetry()
-        self.progress: dict[int, PlanProgress] = {}
+        self.planning = JobPlanning()
         self.stopping = False
         self.rules = StartRules.from_config(fleet.fleet)
         self.books = replace(store.load(), outage_window_s=outage_window_s(clock.scale))
@@ -98,13 +96,11 @@ class Controller:
         self._configured_fleet = fleet
         self._store, self._situations = store, SituationBuilder(build_volumes)
         self._effects: Effects | None = None
-        self._admission = JobAdmission()
         self._replanning = ReplanCoordinator()
         self._forecast_cache = ForecastCache(clock.scale)
         self._refusals: Counter[str] = Counter()
         self._warnings: dict[str, str | None] = {}
         self._next_change_s = -math.inf  # -inf: schedule at the next tick
-        self._job_holds: dict[int, Hold] = {}
 
     def start(self, effects: Effects, restored_s: float | None = None) -> None:
         """Add printers that are new in the fleet, and abandon the plans of an earlier daemon.
@@ -174,7 +170,7 @@ class Controller:
             )
             for instruction in instructions:
                 if isinstance(instruction, ev.StopPlanning):
-                    self._end_planning(instruction.job)
+                    self.planning.end(instruction.job)
                 yield instruction
 
     def _perform(self, effects: Iterable[Effect]) -> None:
@@ -199,7 +195,11 @@ class Controller:
         offered = self._situation(held_back)
         yield from self._replanning.recut_failures(self.books, offered)
         situation = offered.without(self._replanning.holds())
-        assignments = assign_plates(situation)
+        reserved = self._replanning.reserved_printers
+        find_kept = partial(self.planning.find_kept, self.books, situation, reserved)
+        yield from self.planning.revisions.revise(self.books, situation, find_kept)
+        situation = situation.without(self.planning.revisions.holds(self.books))
+        assignments = self._assign(situation)
         yield from self._commit(
             ev.PlateAssigned(at_s=now_s, plate=a.plate, printer=a.printer, print_id=uuid.uuid4().hex)
             for a in assignments
@@ -214,6 +214,15 @@ class Controller:
         if assignments:  # a start changes which printers are kept: the next tick looks again
             self._next_change_s = now_s
 
+    def _assign(self, situation: Situation) -> list[Assignment]:
+        """Assign plates to printers; a job that has not started leaves those of a replan alone."""
+        reserved = self._replanning.reserved_printers
+        return [
+            each
+            for each in assign_plates(situation)
+            if each.printer not in reserved or self.books.has_started(self.books.plates[each.plate].job)
+        ]
+
     def _held_back(self) -> dict[str, Hold]:
         """Return the holds of the plates that are excluded from assignment."""
         may_hold = self._situations.may_hold_back
@@ -221,22 +230,24 @@ class Controller:
 
     def plate_holds(self) -> dict[str, Hold]:
         """Find the current hold of each waiting plate."""
-        held_back = self._held_back() | self._replanning.holds()
+        held_back = self._held_back() | self._replanning.holds() | self.planning.revisions.holds(self.books)
         situation = self._situation(held_back)
-        return held_back | find_holds(situation, assign_plates(situation))
+        return held_back | find_holds(situation, self._assign(situation))
 
     def _admit_jobs(self, situation: Situation) -> Iterator[Effect]:
-        kept = kept_printers(situation, self._replanning.reserved_printers)
-        decisions = list(self._admission.decide(self.books, situation, kept, self.is_starting()))
-        self._job_holds = {each.job: each.hold for each in decisions if isinstance(each, HoldJob)}
-        for decision in decisions:
-            now_s = self.clock.now()
-            if not isinstance(decision, HoldJob):
-                yield from self._commit([ev.PlanningStarted(at_s=now_s, job=decision.job)])
-                self._admission.begin(decision)
-                yield decision
-            elif not decision.hold.same_reason(self.books.job(decision.job).hold):
-                yield from self._commit([ev.JobHeld(at_s=now_s, job=decision.job, hold=decision.hold)])
+        reserved = self._replanning.reserved_printers
+        for event, order in self.planning.admit(self.books, situation, reserved, self.is_starting()):
+            yield from self._commit([event])
+            if order is not None:
+                self.planning.begin(order, event.at_s)
+                yield order
+
+    def kept_printers(self) -> dict[str, str]:
+        """Return the free printers that are reserved, each with its purpose."""
+        situation = self._situation(self._held_back())
+        given = {each.plate for each in self._assign(situation)}
+        reserved = self._replanning.reserved_printers
+        return self.planning.find_kept(self.books, situation.without(given), reserved)
 
     def _situation(self, held_back: Mapping[str, Hold]) -> Situation:
         """Return the current situation, with all waiting plates except those held back."""
@@ -310,27 +321,13 @@ class Controller:
 
     def on_plan_progress(self, number: int, progress: PlanProgress) -> None:
         """Store the progress of a job's plan."""
-        self.progress[number] = progress
+        self.planning.progress[number] = progress
 
     def on_plan(self, number: int, result: Plan | FarmError) -> None:
         """Record the plan of a job, or the error that prevents it."""
-        self._end_planning(number)
-        job = self.books.job(number)
-        if job.state is JobState.PLANNING:  # else it was cancelled meanwhile
-            self.handle(self._plan_event(job, result))
-
-    def _plan_event(self, job: Job, result: Plan | FarmError) -> ev.AnyEvent:
-        now_s = self.clock.now()
-        if isinstance(result, TooFewPrinters):
-            self._admission.require_parts(job.id, result.needed)
-            return ev.PlanningAbandoned(at_s=now_s, job=job.id, hold=None)
-        if isinstance(result, FarmError):
-            return ev.JobFailed(at_s=now_s, job=job.id, error=result.code, reason=str(result))
-        return build_planned_event(job, result, self.fleet_printers(), self.books, self.rules, now_s)
-
-    def _end_planning(self, number: int) -> None:
-        self.progress.pop(number, None)
-        self._admission.end(number)
+        offered = self._situation(self._held_back())
+        event = self.planning.finish(self.books.job(number), result, self.books, offered)
+        self.handle(*([event] if event is not None else []))
 
     def on_replan(self, plate: str, result: ReplannedPlate | FarmError) -> None:
         """Record the result of a replan."""
@@ -394,8 +391,8 @@ class Controller:
             now_s,
             ends_s=self._forecast_cache.ends_s(self.books, self.expected_situation, now_s),
             startup_over=not self.is_starting(),
-            progress=self.progress,
+            progress=self.planning.progress,
             warnings=tuple(filter(None, (failure, *self._warnings.values()))),
             plate_holds=self.plate_holds(),
-            job_holds=self._job_holds,
+            job_holds=self.planning.holds,
         )

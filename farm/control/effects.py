@@ -9,7 +9,7 @@ from drivers.clock import Clock
 from farm.agents import AgentManager
 from farm.config import Fleet
 from farm.paths import StateFolder
-from farm.planning import JobPlanner, list_job_files
+from farm.planning import JobPlanner, PlanRequest, list_job_files
 from farm.planning.replanning import ReplanTask, ReplanWorker, StartReplan
 from farm.scheduling import StartPlanning
 from farm.state import Books, fleet_with_reels
@@ -59,13 +59,15 @@ class FarmEffects:
     def _start_planning(self, order: StartPlanning, books: Books) -> None:
         job, fleet = books.job(order.job), fleet_with_reels(self._fleet, books.printers)
         begins_s = max(self._clock.now(), job.not_before_s or 0.0)
-        self._planner.start(
-            job,
-            [fleet.printer(name) for name in order.printers],
-            order.rounds,
-            {name: books.printer(name).time_factor for name in order.printers},
-            None if job.done_by_s is None else max(0.0, job.done_by_s - begins_s),
+        request = PlanRequest(
+            job=job,
+            printers=tuple(fleet.printer(name) for name in order.printers),
+            rounds=order.rounds,
+            time_factors={name: books.printer(name).time_factor for name in order.printers},
+            within_s=None if job.done_by_s is None else max(0.0, job.done_by_s - begins_s),
+            quick=order.quick,
         )
+        self._planner.start(request)
 
     def _start_replan(self, order: StartReplan, books: Books) -> None:
         plate, fleet = books.plates[order.plate], fleet_with_reels(self._fleet, books.printers)

@@ -76,6 +76,7 @@ class JobCommands:
             model_file=model.file,
             options=options,
             own_gcode=model.own_gcode,
+            size=model.size,
             repairs=model.repairs,
             scale=model.scale,
             not_before_s=not_before_s,
@@ -151,11 +152,6 @@ def abort_prints(controller: Controller) -> None:
     controller.handle(*(ev.JobCancelled(at_s=now_s, job=number) for number in going))
     others = [attempt.plate for attempt in controller.books.open_prints() if attempt.cancel_reason is None]
     controller.handle(*(ev.PlateCancelled(at_s=now_s, plate=plate, by=ev.A_PERSON) for plate in others))
-
-
-def list_planning(controller: Controller) -> list[int]:
-    """List the jobs that are being planned."""
-    return sorted(job.id for job in controller.books.jobs.values() if job.state is JobState.PLANNING)
 
 
 def start_and_deadline_s(

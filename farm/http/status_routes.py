@@ -7,7 +7,6 @@ from typing import Annotated
 from fastapi import APIRouter, Query
 
 from farm import api
-from farm.control import list_planning
 from farm.errors import Refused
 from farm.http.callers import OperatorName
 from farm.http.services import Services
@@ -65,7 +64,7 @@ def status_routes(services: Services) -> APIRouter:
             raise Refused(
                 f"printing: {' '.join(busy)}; use --wait to let them finish, or --now to stop them safely"
             )
-        planning = list_planning(controller)
+        planning = controller.planning.list_running(controller.books)
         if planning and not (request.now or request.wait):
             jobs = " ".join(f"job {number}" for number in planning)
             raise Refused(
@@ -82,6 +81,7 @@ def describe_farm(services: Services) -> api.Status:
     controller = services.controller
     context = controller.build_view_context(services.state)
     fleet = controller.fleet
+    kept = controller.kept_printers()
     obstacles = {printer.name: printer.obstacle() for printer in controller.fleet_printers()}
     return api.Status(
         daemon=services.daemon_view(context),
@@ -94,6 +94,8 @@ def describe_farm(services: Services) -> api.Status:
             now=context.format_time(context.now_s) or "",
             file=str(services.fleet_file),
         ),
-        printers=[describe_printer(context, p, obstacles.get(p.name)) for p in fleet.printers],
+        printers=[
+            describe_printer(context, p, obstacles.get(p.name), kept.get(p.name)) for p in fleet.printers
+        ],
         jobs=[describe_job(context, job) for job in select_shown_jobs(controller.books)],
     )

@@ -7,7 +7,16 @@ seconds, lengths millimetres, temperatures degrees Celsius.
 from farm.model.agent import AgentPrint, AgentSnapshot, Link
 from farm.model.entity import FORMER_NAMES, Entity
 from farm.model.hold import Hold, HoldCode, ShortReel
-from farm.model.job import Job, JobOptions, JobState, OwnGcode, PlanProgress, PlanStep, Reopening
+from farm.model.job import (
+    Job,
+    JobOptions,
+    JobState,
+    ModelSize,
+    OwnGcode,
+    PlanProgress,
+    PlanStep,
+    Reopening,
+)
 from farm.model.key import Key, Role
 from farm.model.plate import DEFAULT_PRINT_OPTIONS, Part, PartGeometry, PartPrintOptions, Plate
 from farm.model.print import Print, PrintState, Verdict
@@ -28,6 +37,7 @@ __all__ = [
     "JobState",
     "Key",
     "Link",
+    "ModelSize",
     "Outage",
     "OwnGcode",
     "Part",

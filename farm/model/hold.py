@@ -12,7 +12,7 @@ class HoldCode(StrEnum):
 
     NOT_FIRST = "not_front"
     NO_SUCH_PRINTER = "no_such_printer"
-    TOO_FEW_PRINTERS = "too_few_printers"
+    TOO_FEW_PRINTERS = "too_few_printers"  # of earlier versions: such a job is planned for busy printers now
     PRINTER_BUSY = "printer_busy"
     JOB_PRINTER_LIMIT = "all_its_printers_busy"
     BED_NOT_CLEAR = "bed_not_clear"
@@ -37,6 +37,7 @@ class HoldCode(StrEnum):
     STOPPED = "stopped"  # by `farm estop`, until `farm resume`
     OUT_OF_ATTEMPTS = "out_of_attempts"
     BEING_RECUT = "cut_again"  # its part failed and is being cut for several printers
+    BEING_REPLANNED = "planned_again"  # its job is planned for other printers, before it starts
     JUST_LOST = "just_lost"
     OUTAGE = "outage"
 

@@ -72,6 +72,13 @@ class Reopening(Entity):
     reopened_s: float
 
 
+class ModelSize(Entity):
+    """Size of a model: its extents after scaling, and its number of triangles."""
+
+    extents_mm: tuple[float, float, float]
+    faces: int
+
+
 class Job(Entity):
     id: int
     request_id: str  # of the submission: a repeated request submits nothing twice
@@ -79,6 +86,7 @@ class Job(Entity):
     model_file: str  # in the file store
     options: JobOptions
     own_gcode: OwnGcode | None = None  # of submitted G-code, which is printed as one plate
+    size: ModelSize | None = None  # None: own G-code, or submitted to an earlier version
     state: JobState = JobState.QUEUED
     submitted_s: float
     submitted_by: str | None = None  # the user; None: submitted to an earlier version
@@ -102,6 +110,9 @@ class Job(Entity):
     paused: bool = False  # by a person: no plate of it starts
     restored: bool = False  # from a backup: more may have been printed than is recorded
     planned_s: float | None = None
+    planned_for: tuple[str, ...] = ()  # printers that its plan could use; empty: unknown
+    planning_s: float | None = None  # how long its plan took, on the farm's clock
+    revisions: int = 0  # number of plans that replaced the first one
     ended_s: float | None = None
     pruned_s: float | None = None  # when its files were given up; `picture` and `part_pictures` stay
     part_pictures: Mapping[str, str] = Field(default_factory=dict)  # of a pruned job: by part, in the store
@@ -109,6 +120,7 @@ class Job(Entity):
 
 
 class PlanStep(StrEnum):
+    WAITING = "waiting"  # for a worker
     DECOMPOSING = "decomposing"
     SLICING = "slicing"
     LEVELLING = "levelling"  # moving the cuts according to the sliced times
@@ -122,3 +134,5 @@ class PlanProgress(Entity):
     done: int = 0  # plates sliced
     of: int = 0  # total number of plates; 0 while unknown
     cached: int = 0  # plates of `done` that came from the cache
+    share: float | None = None  # of the budget of the search for parts, 0 to 1; it may end sooner
+    remaining_s: float | None = None  # of that search, at most; wall seconds

@@ -3,7 +3,8 @@
 In the order of the work:
 
 1. `inspection`: read and check a submission, before its job is accepted.
-2. `job_planner`: runs the other steps, on the event loop. The functions in `tasks` run in workers.
+2. `job_planner`: plans jobs side by side, on the event loop; `plan_builder` runs the steps of one plan. The
+   functions in `tasks` run in workers.
 3. `parts.decompose_job`: cut the model for its printers.
 4. `slice_batch`, `parts.slice_part`: slice every part.
 5. `parts.relevel_parts`: move the cuts if the slices show that one part is too slow.
@@ -15,7 +16,7 @@ again; `local` is `farm decompose` and `farm slice`, without a daemon.
 
 from farm.planning.booking import list_job_files
 from farm.planning.job_planner import JobPlanner
-from farm.planning.plan import InspectedSubmission, Plan, TooFewPrinters, step_file
+from farm.planning.plan import InspectedSubmission, Plan, PlanRequest, TooFewPrinters, step_file
 from farm.planning.planned_event import build_planned_event
 from farm.planning.printer_settings import bed_boxes
 
@@ -23,6 +24,7 @@ __all__ = [
     "InspectedSubmission",
     "JobPlanner",
     "Plan",
+    "PlanRequest",
     "TooFewPrinters",
     "bed_boxes",
     "build_planned_event",

@@ -12,7 +12,7 @@ from typing import Any
 
 from farm.config import PrinterSection
 from farm.errors import ErrorCode, FarmError
-from farm.model import JobOptions, OwnGcode, Part, Plate
+from farm.model import Job, JobOptions, ModelSize, OwnGcode, Part, Plate
 from farm.planning.part_records import DecomposedPart, SlicedPart
 
 RELEVEL_LATE_S, RELEVEL_LATE_SHARE = 120.0, 0.01
@@ -49,6 +49,33 @@ class InspectedSubmission:
     repairs: tuple[str, ...]
     scale: float
     own_gcode: OwnGcode | None = None
+    size: ModelSize | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class PlanRequest:
+    """A job to be planned.
+
+    Attributes
+    ----------
+    printers
+        The printers that it is planned for.
+    rounds
+        Largest number of parts per printer.
+    time_factors
+        Time factors of the printers, learned from their prints, by name.
+    within_s
+        Time within which the job must be printed; None for no limit.
+    quick
+        True if the plan is expected to take seconds: it does not wait for other work.
+    """
+
+    job: Job
+    printers: tuple[PrinterSection, ...]
+    rounds: int = 1
+    time_factors: Mapping[str, float] = field(default_factory=dict)
+    within_s: float | None = None
+    quick: bool = False
 
 
 @dataclass(frozen=True, slots=True)

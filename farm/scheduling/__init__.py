@@ -3,8 +3,19 @@
 Every decision is a function of one `Situation`.
 """
 
-from farm.scheduling.admission import HoldJob, JobAdmission, StartPlanning, kept_printers
-from farm.scheduling.assignment import assign_plates, find_holds
+from farm.scheduling.admission import (
+    SPARE_USE,
+    Availability,
+    HoldJob,
+    JobAdmission,
+    JobRequest,
+    StartPlanning,
+    kept_printers,
+    limit_availability,
+    list_coming,
+    promised_printers,
+)
+from farm.scheduling.assignment import Assignment, assign_plates, find_holds
 from farm.scheduling.forecast import ForecastCache, Slot, as_idle, forecast_prints, seconds_on
 from farm.scheduling.holds import find_next_change_s, find_plate_holds, join_names
 from farm.scheduling.hours import Hours, parse_moment_s
@@ -19,6 +30,7 @@ from farm.scheduling.situation_builder import (
     describe_capabilities,
     describe_plates,
     find_print_limits,
+    job_requirements,
     may_start_now,
     plate_requirements,
 )
@@ -26,6 +38,9 @@ from farm.scheduling.spares import takes_spare
 from farm.scheduling.start_rules import StartRules, short_of_filament
 
 __all__ = [
+    "SPARE_USE",
+    "Assignment",
+    "Availability",
     "BuildVolumes",
     "Capabilities",
     "Demand",
@@ -34,6 +49,7 @@ __all__ = [
     "HoldJob",
     "Hours",
     "JobAdmission",
+    "JobRequest",
     "PrintLimits",
     "Requirements",
     "Situation",
@@ -53,11 +69,15 @@ __all__ = [
     "find_plate_holds",
     "find_print_limits",
     "forecast_prints",
+    "job_requirements",
     "join_names",
     "kept_printers",
+    "limit_availability",
+    "list_coming",
     "may_start_now",
     "parse_moment_s",
     "plate_requirements",
+    "promised_printers",
     "seconds_on",
     "short_of_filament",
     "takes_spare",

@@ -1,4 +1,8 @@
-"""Admission of jobs to planning: planning starts for the front of the queue, the others get a hold. Pure."""
+"""Admission of jobs to planning: for which printers each job is planned, and which jobs go first. Pure.
+
+A job is planned as soon as it is submitted, also while no printer is free: it then has a time, an amount of
+filament and a verdict, and its plates wait. Quick jobs never wait for others.
+"""
 
 from __future__ import annotations
 
@@ -7,11 +11,19 @@ from dataclasses import dataclass, field, replace
 
 from farm.model import Hold, HoldCode, Job, JobState, Link
 from farm.scheduling.assignment import Assignment, assign_plates
+from farm.scheduling.holds import join_names
 from farm.scheduling.matching import FleetPrinter, Requirements
 from farm.scheduling.situation import Situation
 from farm.scheduling.situation_builder import job_requirements
 from farm.state import Books
 
+MOST_LONG = 2
+"""Most jobs, quick ones aside, that are planned at the same time."""
+QUICK_FACES = 200_000
+"""Most triangles of a model that is planned in seconds, if one printer can hold it."""
+SPARE_USE = "a failed part (--spares)"
+"""Purpose of a printer that is kept as a spare."""
+_BRIM_MM = 10.0  # on each side of a part; only for the estimate whether a model fits
 _PASSING = (
     HoldCode.PRINTER_BUSY,
     HoldCode.BED_NOT_CLEAR,
@@ -42,16 +54,20 @@ class JobRequest:
         Number of parts needed according to an earlier attempt; 0 if unknown.
     spares
         Number of free printers to leave idle, while it has at least one.
-    needs_approval
-        Nothing is printed before a person approves its plan: busy printers count too, as the queue at that
-        time is not known; if other jobs have them then, it waits.
+    starts_later
+        Nothing is printed before a start time, or before a person approves its plan: busy printers count
+        too, as the queue at that time is not known.
     """
 
     requirements: Requirements
     printers: int | None = None
     least_parts: int = 0
     spares: int = 0
-    needs_approval: bool = False
+    starts_later: bool = False
+
+    def limit(self, printers: int) -> int:
+        """Return how many of a number of printers the job may use."""
+        return min(max(1, printers - self.spares), self.printers or printers)
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,14 +81,16 @@ class Promise:
 
 @dataclass(frozen=True, slots=True)
 class Availability:
-    """Availability of the fleet to the first job in the queue.
+    """Availability of the fleet to a job in the queue.
 
     Attributes
     ----------
     printers
         The fleet; at least one printer matches.
     kept
-        Printers that are reserved, each with its purpose: a plate or a job.
+        Free printers that are kept for something else first, each with its purpose: a plate or a job.
+    reserved
+        Printers for which plates are being replanned: chosen only if there is no other.
     starting
         The farm has just started: printers that are still connecting are waited for.
     unattended_blocked
@@ -81,13 +99,18 @@ class Availability:
 
     printers: tuple[FleetPrinter, ...]
     kept: Mapping[str, str] = field(default_factory=dict)
+    reserved: frozenset[str] = frozenset()
     starting: bool = False
     unattended_blocked: frozenset[str] = frozenset()
 
     def keeping(self, promises: Iterable[Promise]) -> Availability:
         """Return the availability with the printers of these promises reserved too."""
-        kept = {name: f"job {promise.job}" for promise in promises for name in promise.printers}
-        return replace(self, kept={**kept, **self.kept})
+        return replace(self, kept={**promised_printers(promises), **self.kept})
+
+
+def promised_printers(promises: Iterable[Promise]) -> dict[str, str]:
+    """Return the printers of promises, each with its job."""
+    return {name: f"job {promise.job}" for promise in promises for name in sorted(promise.printers)}
 
 
 def find_mismatch(requirements: Requirements, printers: Iterable[FleetPrinter]) -> Hold | None:
@@ -101,10 +124,11 @@ def find_mismatch(requirements: Requirements, printers: Iterable[FleetPrinter]) 
 
 
 def choose_printers(request: JobRequest, availability: Availability) -> Begin | Hold:
-    """Choose the printers for the first job in the queue.
+    """Choose the printers that a job is planned for.
 
-    It takes all matching printers that are idle and clear, or as many as it was given, once they can print it
-    in one round; if the whole fleet cannot, the idle ones in several rounds.
+    It takes all matching printers that are idle and clear. Where there is none, or they cannot print it in
+    one round, it takes those that are busy or wait for a person too; printers that are absent or broken only
+    if there is no other. Where all of them cannot print it in one round either, it takes several rounds.
     """
     matching = sorted(
         (p for p in availability.printers if request.requirements.matches(p.capabilities)),
@@ -113,50 +137,27 @@ def choose_printers(request: JobRequest, availability: Availability) -> Begin | 
     arriving = [p.name for p in matching if p.link in (Link.STARTING, Link.CONNECTING) and not p.booked]
     if arriving and availability.starting:
         return Hold(code=HoldCode.PRINTER_CONNECTING, text=f"connecting to {' '.join(arriving)}")
-    # A printer that is absent or broken may never return: nothing waits for it.
-    coming = [p for p in matching if (hold := p.obstacle()) is None or hold.code in _PASSING]
-    if not request.needs_approval:
-        coming = [p for p in coming if p.name not in availability.unattended_blocked] or coming
-    idle = (
-        coming
-        if request.needs_approval
-        else [p for p in coming if p.obstacle() is None and p.name not in availability.kept]
-    )
-    if not idle:
-        kept = [p.name for p in coming if p.obstacle() is None and p.name in availability.kept]
-        if kept:
-            return _kept_hold({name: availability.kept[name] for name in kept})
-        obstacles = [obstacle for p in matching if (obstacle := p.obstacle()) is not None]
-        # Prefer a reason that ends by itself; ask a person only if there is none.
-        busy = [hold for hold in obstacles if hold.code is HoldCode.PRINTER_BUSY]
-        full = [p.name for p in matching if (h := p.obstacle()) and h.code is HoldCode.BED_NOT_CLEAR]
-        if busy and full:
-            advice = f"`farm cleared {full[0]}` would let it start now, if that bed is clear"
-            return Hold(code=HoldCode.PRINTER_BUSY, text=f"{busy[0].text}; {advice}")
-        return (busy or obstacles)[0]
-    granted = min(max(1, len(idle) - request.spares), request.printers or len(idle))
-    ceiling = min(max(1, len(coming) - request.spares), request.printers or len(coming))
-    least = request.least_parts
+    coming = list_coming(matching, availability)
+    taken = availability.reserved | availability.kept.keys()
+    idle = [p for p in coming if p.obstacle() is None and p.name not in taken]
+    offered = idle if idle and not request.starts_later else coming
+    granted, least = request.limit(len(offered)), request.least_parts
     if least > granted:
-        if least <= ceiling:
-            text = f"it needs {least} printers at the same time, {granted} of {ceiling} are idle and clear"
-            return Hold(code=HoldCode.TOO_FEW_PRINTERS, text=text)
-        return Begin(tuple(p.name for p in idle[:granted]), rounds=-(-least // granted))
+        most = request.limit(len(coming))
+        if least > most:
+            return Begin(tuple(p.name for p in offered[:granted]), rounds=-(-least // granted))
+        offered, granted = coming, most
     # The largest first: two requested printers are the best two.
-    idle.sort(key=lambda p: (-p.capabilities.height_mm, p.name))
-    return Begin(tuple(sorted(p.name for p in idle[:granted])))
+    largest = sorted(offered, key=lambda p: (-p.capabilities.height_mm, p.name))
+    return Begin(tuple(sorted(p.name for p in largest[:granted])))
 
 
-def _kept_hold(kept: Mapping[str, str]) -> Hold:
-    """Return the hold for idle printers that are reserved."""
-    names: dict[str, list[str]] = {}
-    for name, purpose in kept.items():
-        names.setdefault(purpose, []).append(name)
-    text = "; ".join(
-        f"{' '.join(kept_names)} {'is' if len(kept_names) == 1 else 'are'} kept for {purpose}"
-        for purpose, kept_names in names.items()
-    )
-    return Hold(code=HoldCode.PRINTER_BUSY, text=text)
+def list_coming(matching: list[FleetPrinter], availability: Availability) -> list[FleetPrinter]:
+    """List the matching printers that are free or will be without a repair; all if there is none."""
+    coming = [p for p in matching if (hold := p.obstacle()) is None or hold.code in _PASSING]
+    blocked = availability.unattended_blocked
+    usable = [p for p in coming if p.name not in blocked] or coming
+    return [p for p in usable if p.name not in availability.reserved] or usable or matching
 
 
 def choose_printers_beside(
@@ -167,7 +168,8 @@ def choose_printers_beside(
 ) -> Begin | Hold:
     """Choose the printers of a job while others are being planned.
 
-    Those reserve their printers against jobs of lower priority, and against others while more are free.
+    Those reserve their printers against jobs of the same and of lower priority, and against others while more
+    are free.
 
     Parameters
     ----------
@@ -179,21 +181,39 @@ def choose_printers_beside(
         The reserved printers of the jobs that are being planned.
     """
     others = list(promises)
-    first = choose_printers(request, availability.keeping(others))
-    if isinstance(first, Begin):
-        return first
-    return choose_printers(
-        request, availability.keeping(other for other in others if other.priority > priority)
+    all_kept = availability.keeping(others)
+    taken = all_kept.reserved | all_kept.kept.keys()
+    free = (p for p in availability.printers if p.obstacle() is None and p.name not in taken)
+    if any(request.requirements.matches(p.capabilities) for p in free):
+        return choose_printers(request, all_kept)
+    stronger = (other for other in others if other.priority >= priority)
+    return choose_printers(request, availability.keeping(stronger))
+
+
+def is_quick(job: Job, printers: Iterable[FleetPrinter]) -> bool:
+    """Return whether a job is planned in seconds: own G-code, or a plain model that one printer can hold."""
+    if job.own_gcode is not None:
+        return True
+    options, size = job.options, job.size
+    if size is None or size.faces > QUICK_FACES or options.done_by or options.printers not in (None, 1):
+        return False
+    x, y, z = size.extents_mm
+    return any(
+        width + 2 * _BRIM_MM <= right - left and depth + 2 * _BRIM_MM <= back - front and height <= top
+        for printer in printers
+        for left, front, right, back, top in printer.capabilities.room
+        for width, depth, height in ((x, y, z), (y, z, x), (z, x, y))
     )
 
 
 @dataclass(frozen=True, slots=True)
 class StartPlanning:
-    """Instruction to plan a job for these printers, in this number of rounds."""
+    """Instruction to plan a job for these printers, in this number of rounds; see `is_quick`."""
 
     job: int
     printers: tuple[str, ...]
     rounds: int
+    quick: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -226,13 +246,14 @@ class JobAdmission:
         """Remove a job whose planning has ended."""
         self._planned.pop(number, None)
 
+    def list_promises(self, books: Books) -> list[Promise]:
+        """List the jobs that are being planned, with their printers."""
+        return [Promise(n, books.job(n).options.priority, names) for n, names in self._planned.items()]
+
     def decide(
-        self, books: Books, situation: Situation, kept: Mapping[str, str], starting: bool
+        self, books: Books, situation: Situation, fleet: Availability
     ) -> Iterator[StartPlanning | HoldJob]:
         """Yield a decision on each queued job: its planning starts, or it has a reason to wait.
-
-        Own G-code has a separate queue: its planning is quick, and never waits for a decomposition. A
-        job that no printer matches does not block the others.
 
         Parameters
         ----------
@@ -240,43 +261,38 @@ class JobAdmission:
             The committed books, with the plates that have just been assigned.
         situation
             The fleet after this assignment, the rules and the spares.
-        kept
-            Printers that are reserved, each with its purpose.
-        starting
-            The farm has just started: printers that are still connecting are waited for.
+        fleet
+            The fleet and its free printers that are kept, as available to any job.
         """
-        planned = dict(self._planned)
-        fronts: dict[bool, Job] = {}
+        promises = self.list_promises(books)
+        long: list[int] = []
         for job in books.queue():
-            own = job.own_gcode is not None
+            quick = is_quick(job, situation.printers)
             if job.state is JobState.PLANNING:
-                fronts[own] = job
+                long += [] if quick else [job.id]
                 continue
-            decision: Begin | Hold | None = _own_hold(job, situation)
-            if decision is None and own in fronts:
-                text = f"job {fronts[own].id} goes first"
-                decision = Hold(code=HoldCode.NOT_FIRST, text=text)
+            decision: Begin | Hold | None = find_mismatch(job_requirements(job), situation.printers)
+            if decision is None and not quick and len(long) >= MOST_LONG:
+                first = join_names(f"job {number}" for number in long)
+                decision = Hold(code=HoldCode.NOT_FIRST, text=f"{first} are planned first")
             if decision is None:
-                fronts[own] = job
-                decision = choose_printers_beside(
-                    self._request(job),
-                    _availability(situation, kept, starting),
-                    job.options.priority,
-                    [Promise(n, books.job(n).options.priority, names) for n, names in planned.items()],
-                )
-            if isinstance(decision, Begin):
-                planned[job.id] = frozenset(decision.printers)
-                yield StartPlanning(job.id, decision.printers, decision.rounds)
-            else:
+                availability = limit_availability(fleet, situation, job)
+                request, priority = self._request(job, situation.now_s), job.options.priority
+                decision = choose_printers_beside(request, availability, priority, promises)
+            if isinstance(decision, Hold):
                 yield HoldJob(job.id, decision)
+                continue
+            promises.append(Promise(job.id, job.options.priority, frozenset(decision.printers)))
+            long += [] if quick else [job.id]
+            yield StartPlanning(job.id, decision.printers, decision.rounds, quick)
 
-    def _request(self, job: Job) -> JobRequest:
+    def _request(self, job: Job, now_s: float) -> JobRequest:
         return JobRequest(
             requirements=job_requirements(job),
             printers=job.options.printers if job.own_gcode is None else None,  # planning chooses one
             least_parts=self._least_parts.get(job.id, 0),
             spares=job.options.spares,
-            needs_approval=job.options.hold,
+            starts_later=job.options.hold or (job.not_before_s or 0.0) > now_s,
         )
 
 
@@ -296,26 +312,15 @@ def kept_printers(situation: Situation, reserved: Mapping[str, str]) -> dict[str
     if situation.rules.max_heating is not None:  # plates that start once another printer has heated up
         soon = assign_plates(replace(situation, rules=replace(situation.rules, max_heating=None)))
     return {
-        **dict.fromkeys(situation.kept, "a failed part (--spares)"),
+        **dict.fromkeys(situation.kept, SPARE_USE),
         **{each.printer: each.plate for each in soon},
         **reserved,
     }
 
 
-def _own_hold(job: Job, situation: Situation) -> Hold | None:
-    """Return the hold of a job that is independent of other jobs; None if there is none."""
-    mismatch = find_mismatch(job_requirements(job), situation.printers)
-    if mismatch is not None:
-        return mismatch
-    if job.paused:
-        return Hold(code=HoldCode.PAUSED, text=f"it is paused: `farm resume {job.id}`")
-    if job.not_before_s is not None and situation.now_s < job.not_before_s and not job.options.hold:
-        text = f"it starts {situation.rules.format_moment(job.not_before_s, situation.now_s)}"
-        return Hold(code=HoldCode.START_TIME, text=text)
-    return None
-
-
-def _availability(situation: Situation, kept: Mapping[str, str], starting: bool) -> Availability:
-    attended = situation.rules.is_attended(situation.now_s)
+def limit_availability(fleet: Availability, situation: Situation, job: Job) -> Availability:
+    """Return the availability of the fleet to a job when it may start: nobody may be present then."""
+    starts_s = max(situation.now_s, job.not_before_s or 0.0)
+    attended = job.options.hold or situation.rules.is_attended(starts_s)
     blocked = frozenset(p.name for p in situation.printers if not (p.unattended or attended))
-    return Availability(situation.printers, kept, starting, blocked)
+    return replace(fleet, unattended_blocked=blocked)

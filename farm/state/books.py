@@ -86,6 +86,10 @@ class Books:
         """List the prints of a job's plates, each once: replacements of a plate share its prints."""
         return list({p.id: p for plate in self.plates_of(job) for p in self.prints_of(plate)}.values())
 
+    def has_started(self, number: int) -> bool:
+        """Return whether a plate of a job was ever given to a printer."""
+        return any(plate.prints for plate in self.plates_of(self.job(number)))
+
     def plate_state(self, plate: Plate) -> PlateState:
         """Derive the state of a plate."""
         return derive_plate_state(plate, [self.prints[name] for name in plate.prints])

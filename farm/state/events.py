@@ -67,6 +67,12 @@ class JobPlanned(Event):
     lower_bound_s: float | None = None
     plan: str | None = None
     held: bool = False  # until a person approves this plan
+    printers: tuple[str, ...] = ()  # that the plan could use
+    planning_s: float | None = None  # how long it took
+
+
+class PlanRevised(JobPlanned):
+    """A job of which nothing had started was planned for other printers; its plates were replaced."""
 
 
 class JobApproved(Event):
@@ -307,6 +313,7 @@ AnyEvent = (
     | PlanningStarted
     | PlanningAbandoned
     | JobPlanned
+    | PlanRevised
     | JobApproved
     | JobFailed
     | JobCancelled

@@ -15,8 +15,11 @@ from farm.views.job_times import Run, measure_times
 _TEMPORARY_HOLDS = {
     HoldCode.NOT_FIRST, HoldCode.PRINTER_BUSY, HoldCode.JOB_PRINTER_LIMIT, HoldCode.PRINTER_CONNECTING,
     HoldCode.START_TIME, HoldCode.QUIET_HOURS, HoldCode.UNATTENDED, HoldCode.HEATING_LIMIT,
-    HoldCode.KEPT_AS_SPARE, HoldCode.JUST_LOST, HoldCode.BEING_RECUT,
+    HoldCode.KEPT_AS_SPARE, HoldCode.JUST_LOST, HoldCode.BEING_RECUT, HoldCode.BEING_REPLANNED,
 }  # fmt: skip
+
+_PLANNED_NOW = (JobState.PLANNING, JobState.PRINTING)
+"""States in which a job may be planned: for the first time, or again before it starts."""
 
 
 def describe_job(context: ViewContext, job: Job) -> api.JobView:
@@ -35,7 +38,7 @@ def describe_job(context: ViewContext, job: Job) -> api.JobView:
         paused=job.paused,
         exit_code=int(_exit_code(job)),
         hold=context.job_hold(job),
-        progress=context.progress.get(job.id) if job.state is JobState.PLANNING else None,
+        progress=context.progress.get(job.id) if job.state in _PLANNED_NOW else None,
         now=context.format_time(context.now_s) or "",
         submitted=context.format_time(job.submitted_s) or "",
         submitted_by=job.submitted_by,

@@ -10,8 +10,18 @@ from farm.views.accounting import duration_s
 from farm.views.context import ViewContext
 
 
-def describe_printer(context: ViewContext, section: PrinterSection, hold: Hold | None) -> api.PrinterView:
-    """Describe a printer; `hold` is the reason why it takes no plate now."""
+def describe_printer(
+    context: ViewContext, section: PrinterSection, hold: Hold | None, kept_for: str | None = None
+) -> api.PrinterView:
+    """Describe a printer.
+
+    Parameters
+    ----------
+    hold
+        Reason why it takes no plate now.
+    kept_for
+        Plate or job for which it is kept while it is free.
+    """
     entry = context.books.printer(section.name)
     snapshot = context.snapshot(section.name)
     attempt = context.books.open_print_on(section.name)
@@ -34,6 +44,7 @@ def describe_printer(context: ViewContext, section: PrinterSection, hold: Hold |
         or (snapshot.reason if snapshot.link in (Link.FAULT, Link.ABSENT) else None),
         maintenance=entry.maintenance,
         hold=hold,
+        kept_for=kept_for,
     )
 
 

@@ -81,7 +81,7 @@ def test_down_waits_for_a_plan_in_progress_unless_now(tmp_path, monkeypatch, now
     async def shut_down_agents():
         ended.append(list(looked))
 
-    monkeypatch.setattr("farm.daemon.list_planning", list_planning)
+    monkeypatch.setattr(daemon._controller.planning, "list_running", list_planning)
     monkeypatch.setattr("farm.daemon.asyncio.sleep", no_time)
     monkeypatch.setattr(daemon._agents, "shut_down_agents", shut_down_agents)
     asyncio.run(daemon._end(now))

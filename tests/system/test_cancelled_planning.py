@@ -52,7 +52,8 @@ def test_planning_processes_end_with_their_job_and_with_the_daemon(make_farm, ba
     farm.ok("submit", bar)
     with (tmp_path / "fifo").open() as fifo:
         assert fifo.readline() == "slicing\n"
-        assert farm.job()["progress"] == {"step": "slicing", "done": 0, "of": 2, "cached": 0}
+        far = {"step": "slicing", "done": 0, "of": 2, "cached": 0, "share": None, "remaining_s": None}
+        assert farm.job()["progress"] == far
         assert "slicing 0 of 2" in farm.ok("status")
         busy = workers(daemon)
         farm.ok("cancel", 1)

@@ -13,14 +13,13 @@ from farm.cli.display.format import (
     parse_time,
 )
 from farm.cli.display.job_page import render_job, show_job, show_result, show_submitted
-from farm.cli.display.progress import ProgressLines, follow_job, retry_over_restart, show_upload
+from farm.cli.display.progress import follow_job, retry_over_restart, show_progress, show_upload
 from farm.cli.display.status_page import render_status
 from farm.cli.display.table import Column, lay_out_table
 from farm.cli.display.timeline import show_timeline
 
 __all__ = [
     "Column",
-    "ProgressLines",
     "follow_job",
     "format_copies",
     "format_deviation",
@@ -36,6 +35,7 @@ __all__ = [
     "render_status",
     "retry_over_restart",
     "show_job",
+    "show_progress",
     "show_result",
     "show_submitted",
     "show_timeline",

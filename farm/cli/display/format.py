@@ -9,7 +9,7 @@ from datetime import datetime
 
 from farm import api
 from farm.model import PlanProgress, PlanStep
-from farm.text import format_count, format_moment
+from farm.text import format_count, format_duration, format_moment
 
 
 def format_deviation(share: float) -> str:
@@ -34,8 +34,12 @@ def format_filament(
 
 def format_planning(progress: PlanProgress) -> str:
     """Describe the current step in planning a job."""
+    if progress.step is PlanStep.WAITING:
+        return "waiting for a worker"
     if progress.step is PlanStep.DECOMPOSING:
-        return "decomposing"
+        share = "" if progress.share is None else f" {format_share(progress.share)}"
+        left_s = progress.remaining_s
+        return f"decomposing{share}" + ("" if left_s is None else f", at most {format_duration(left_s)} left")
     if progress.step is PlanStep.LEVELLING:
         return "balancing the parts by their sliced times"
     if progress.step is PlanStep.NO_ROOM:

@@ -74,11 +74,13 @@ def _format_reel(reel: api.Reel) -> str:
 
 
 def _format_action(printer: api.PrinterView) -> str:
-    """Name what the user must do before the printer prints again."""
+    """Name what the user must do before the printer prints again, or what it is kept for."""
     if printer.state == PrintState.PAUSED:
         return "resume"
-    if printer.print is not None or printer.hold is None:
+    if printer.print is not None:
         return ""
+    if printer.hold is None:
+        return f"kept for {printer.kept_for}" if printer.kept_for else ""
     if printer.state == Link.ABSENT:
         return "connect"
     if printer.maintenance is not None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -16,7 +17,7 @@ from farm.cli.client import Client
 from farm.cli.display.console import open_console
 from farm.cli.display.format import format_cached, format_filament, format_planning, format_time
 from farm.errors import DaemonUnreachable
-from farm.model import JobState, PlanStep, PrintState
+from farm.model import JobState, PlanProgress, PlanStep, PrintState
 from farm.text import format_count, format_duration
 
 T = TypeVar("T")
@@ -68,20 +69,37 @@ def describe_upload(view: api.UploadView) -> str:
     return f"{view.step}{share}"
 
 
-def follow_job(client: Client, number: int, quiet: bool = False) -> api.JobStatus:
-    """Show a job's progress until its last part is printed, or it fails. Ctrl-C leaves the job running."""
+@contextmanager
+def show_progress(number: int, quiet: bool = False) -> Iterator[Callable[[api.JobView], None]]:
+    """Show the progress of a job: a bar on a terminal, and each step as a line.
+
+    Yields
+    ------
+    Callable
+        Shows a view of the job.
+    """
     screen = open_console(stderr=True)
     lines = ProgressLines(screen, quiet)
     columns = (TextColumn("{task.description}"), BarColumn(40), TextColumn("{task.fields[text]}"))
-    with Progress(*columns, console=screen, disable=quiet or not sys.stderr.isatty()) as bar:
+    on_terminal = sys.stderr.isatty()
+    with Progress(*columns, console=screen, disable=quiet or not on_terminal) as bar:
         task = bar.add_task(f"job {number}", total=1.0, text="")
-        while True:
-            answer = retry_over_restart(lambda: client.job(number))
-            view = answer.job
+
+        def update(view: api.JobView) -> None:
             lines.update(view)
             share, text = _format_progress(view)
             bar.update(task, completed=share, text=text)
-            if JobState(view.state).ended:
+
+        yield update
+
+
+def follow_job(client: Client, number: int, quiet: bool = False) -> api.JobStatus:
+    """Show a job's progress until its last part is printed, or it fails. Ctrl-C leaves the job running."""
+    with show_progress(number, quiet) as update:
+        while True:
+            answer = retry_over_restart(lambda: client.job(number))
+            update(answer.job)
+            if JobState(answer.job.state).ended:
                 return answer
             time.sleep(_POLL_S)
 
@@ -103,12 +121,7 @@ class ProgressLines:
         elif view.hold is not None and view.state == JobState.QUEUED:
             self._say(f"waits: {view.hold.text}")
         if view.progress is not None:
-            slicing = view.progress.step is PlanStep.SLICING
-            self._say(
-                f"slicing {format_count(view.progress.of, 'plate')}"
-                if slicing
-                else format_planning(view.progress)
-            )
+            self._say(_format_step(view.progress))
         if view.estimated_s is not None:
             amount = format_filament(view.grams or 0.0, view.filament_mm or 0.0, view.price, view.currency)
             parts = format_count(len(view.parts), "part")
@@ -127,9 +140,21 @@ class ProgressLines:
             self._screen.print(f"  {line}")
 
 
+def _format_step(progress: PlanProgress) -> str:
+    """Describe a step of planning, in words that change seldom."""
+    if progress.step is PlanStep.SLICING:
+        return f"slicing {format_count(progress.of, 'plate')}"
+    if progress.step is PlanStep.DECOMPOSING and progress.share is not None:
+        quarters = math.floor(4 * progress.share)
+        left_s = None if quarters == 0 else progress.remaining_s
+        return format_planning(progress.model_copy(update={"share": quarters / 4, "remaining_s": left_s}))
+    return format_planning(progress)
+
+
 def _format_progress(view: api.JobView) -> tuple[float, str]:
     if view.progress is not None:
-        return view.progress.done / (view.progress.of or 1), format_planning(view.progress)
+        progress = view.progress
+        return progress.share or progress.done / (progress.of or 1), format_planning(progress)
     if view.state != JobState.PRINTING or not view.estimated_s:
         return (1.0 if view.state in (JobState.PRINTED, JobState.DONE) else 0.0), str(view.state)
     share = min(1.0, (view.elapsed_s or 0.0) / view.estimated_s)

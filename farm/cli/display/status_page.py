@@ -201,7 +201,7 @@ def _list_wait_lines(jobs: Iterable[api.JobView], width: int | None) -> list[Tex
 
 def _list_job_facts(job: api.JobView, now: str) -> list[str]:
     """List the progress and the figures of a job."""
-    if job.progress is not None:
+    if job.progress is not None and not job.parts:
         return [format_planning(job.progress)]
     if not job.parts:
         return [f"{job.state}, waits: {job.hold.text}" if job.hold is not None else str(job.state)]
@@ -223,6 +223,8 @@ def _list_job_facts(job: api.JobView, now: str) -> list[str]:
         parts.append(f"speed-up {job.speedup:.1f}, utilisation {format_share(job.utilisation)}")
     if job.wasted_s > 0:
         parts.append(f"wasted {format_duration(job.wasted_s)}, {format_mass(job.wasted_grams)}")
+    if job.progress is not None:
+        parts.append(f"planned again: {format_planning(job.progress)}")
     if job.hold is not None:
         parts.append(job.hold.text)
     if job.submitted_by:

@@ -13,7 +13,7 @@ from decompose.geometry import Model, Solid, load_model
 from farm.compute import process_bytes
 from farm.config import PrinterSection
 from farm.errors import ErrorCode, FarmError
-from farm.model import JobOptions
+from farm.model import JobOptions, ModelSize
 from farm.planning.error_translation import translate_errors
 from farm.planning.inspection.own_gcode import inspect_gcode, is_gcode
 from farm.planning.plan import InspectedSubmission, step_file
@@ -100,7 +100,10 @@ def inspect_model(
         scale=model.scale,
         repairs=np.array(model.repairs, dtype=np.str_),
     )
-    return InspectedSubmission(store_file(files, temporary), tuple(model.repairs), float(model.scale))
+    x, y, z = map(float, model.extents_mm)
+    size = ModelSize(extents_mm=(x, y, z), faces=len(faces))
+    stored = store_file(files, temporary)
+    return InspectedSubmission(stored, tuple(model.repairs), float(model.scale), size=size)
 
 
 def read_inspected(path: Path) -> Model:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import time
 from collections.abc import Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass, replace
@@ -16,8 +17,10 @@ from decompose.geometry import Model, Solid
 from decompose.options import BestOptions, Engine, Options
 from decompose.print_time import CostModel, Recipe
 from decompose.printers import PrinterRoom
+from decompose.progress import listen_to_progress
 from decompose.results import Decomposition
 from farm.errors import ErrorCode, FarmError
+from farm.planning.decompose_progress import ProgressFile
 from farm.planning.error_translation import translate_errors
 from farm.planning.inspection.inspect_submission import read_inspected
 from farm.planning.part_records import DecomposedPart
@@ -53,8 +56,13 @@ def decompose_job(task: DecomposeTask) -> DecomposedJob:
     options = decomposition_options(task.options)
     if task.budget_s is not None:
         options = replace(options, best=BestOptions(task.budget_s))
+    progress = ProgressFile(task.folder)
+    progress.report(0.0, time.monotonic())
     try:
-        with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as threads:  # they end with the worker
+        with (
+            listen_to_progress(lambda share: progress.report(share, time.monotonic())),
+            ThreadPoolExecutor(len(os.sched_getaffinity(0))) as threads,  # they end with the worker
+        ):
             cutter = ModelCutter(model, rooms, options, cost, threads)
             if task.options.copies > 1:
                 decomposition = cutter.cut_for_copies(task)

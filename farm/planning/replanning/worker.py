@@ -81,10 +81,10 @@ class ReplanWorker:
         return await asyncio.to_thread(book_resliced, task, sliced)
 
     async def _recut(self, task: ReplanTask) -> ReplannedPlate:
-        pieces = await self._workers.run(cut_part, task, limit=CUTTING)
+        pieces = await self._workers.share(task.plate.id).run(cut_part, task, limit=CUTTING)
         sliced = await self._slice(task, pieces.parts)
         return await asyncio.to_thread(book_recut, task, pieces, sliced)
 
     async def _slice(self, task: ReplanTask, parts: tuple[DecomposedPart, ...]) -> tuple[SlicedPart, ...]:
         batch = SliceBatch(parts, task.printers, task.options.quality, task.folder, self._state.slices)
-        return await slice_batch(self._workers, batch)
+        return await slice_batch(self._workers.share(task.plate.id), batch)

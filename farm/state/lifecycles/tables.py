@@ -66,6 +66,7 @@ JOB = Lifecycle(
         _row(ev.PlanningStarted, [_J.QUEUED], [_J.PLANNING]),
         _row(ev.PlanningAbandoned, [_J.PLANNING], [_J.QUEUED]),
         _row(ev.JobPlanned, [_J.PLANNING], [_J.HELD, _J.PRINTING]),
+        _row(ev.PlanRevised, [_J.PRINTING], None),
         _row(ev.JobApproved, [_J.HELD], _DERIVED),
         _row(ev.JobFailed, [_J.PLANNING], [_J.FAILED]),
         _row(ev.JobPaused, _LIVE, None),
@@ -106,6 +107,8 @@ PLATE = Lifecycle(
     ),
     consequences=(
         _row(ev.JobPlanned, [NEW], [_P.WAITING]),
+        _row(ev.PlanRevised, [NEW, _P.REPLACED], [_P.WAITING]),
+        _row(ev.PlanRevised, [_P.WAITING], [_P.REPLACED]),
         _row(ev.PlateReplaced, [NEW], [_P.WAITING]),
         _row(ev.JobCancelled, _WANTED, [_P.CANCELLED]),
         _row(ev.JobFailed, _WANTED, [_P.CANCELLED]),

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from farm.errors import ErrorCode
-from farm.model import Hold, HoldCode, JobState
+from farm.model import Hold, HoldCode, Job, JobState
 from farm.state import events as ev
 from farm.state import restore
 from farm.state.books import Books, put, replace_fields
 from farm.state.consequences import Result, end_job, request_pause, update_job_state
 from farm.state.lifecycles import JOB, InvalidTransition
+from farm.state.plate_state import PlateState
 from farm.state.retention import find_need
 from farm.state.transitions.rules import change
 
@@ -35,10 +36,28 @@ def _(event: ev.PlanningAbandoned, books: Books) -> Result:
 
 @change.register
 def _(event: ev.JobPlanned, books: Books) -> Result:
-    job = books.job(event.job)
-    job = replace_fields(
+    job = _planned_job(books.job(event.job), event)
+    hold = (restore.HOLD if job.restored else _approval_hold(job.id)) if event.held else None
+    job = replace_fields(job, state=JobState.HELD if event.held else JobState.PRINTING, hold=hold)
+    return put(books, job, *event.parts, *event.plates), (ev.NameFiles(job=job.id),)
+
+
+@change.register
+def _(event: ev.PlanRevised, books: Books) -> Result:
+    before = books.job(event.job)
+    plates = list(books.plates_of(before))
+    if any(books.plate_state(plate) is not PlateState.WAITING or plate.prints for plate in plates):
+        raise InvalidTransition(event, JOB, before.id, before.state, "one of its plates has started")
+    job = replace_fields(_planned_job(before, event), revisions=before.revisions + 1)
+    left = [plate for plate in plates if plate.id not in job.plates]
+    replaced = [replace_fields(plate, replaced_by=job.plates) for plate in left]
+    return put(books, job, *replaced, *event.parts, *event.plates), (ev.NameFiles(job=job.id),)
+
+
+def _planned_job(job: Job, event: ev.JobPlanned) -> Job:
+    """Return a job with the figures of its plan."""
+    return replace_fields(
         job,
-        state=JobState.HELD if event.held else JobState.PRINTING,
         parts=tuple(part.id for part in event.parts),
         plates=tuple(plate.id for plate in event.plates),
         repairs=event.repairs,
@@ -51,9 +70,9 @@ def _(event: ev.JobPlanned, books: Books) -> Result:
         assembly=event.assembly,
         decomposition=event.decomposition,
         planned_s=event.at_s,
-        hold=(restore.HOLD if job.restored else _approval_hold(job.id)) if event.held else None,
+        planned_for=event.printers,
+        planning_s=event.planning_s,
     )
-    return put(books, job, *event.parts, *event.plates), (ev.NameFiles(job=job.id),)
 
 
 def _approval_hold(job: int) -> Hold:
@@ -74,7 +93,9 @@ def _(event: ev.JobFailed, books: Books) -> Result:
 
 @change.register
 def _(event: ev.JobCancelled, books: Books) -> Result:
-    planning = books.job(event.job).state is JobState.PLANNING
+    job = books.job(event.job)
+    # A job that has not started may be planned for other printers.
+    planning = job.state is JobState.PLANNING or not books.has_started(job.id)
     reason = f"cancelled by {event.by}"
     books, instructions = end_job(
         books, event.job, JobState.CANCELLED, event.at_s, ErrorCode.CANCELLED, reason

@@ -126,7 +126,8 @@ def test_work_that_is_ended_leaves_no_process_and_no_file(pool, tmp_path, how):
 
 
 def test_urgent_work_is_first_and_a_cancelled_turn_goes_to_the_next(pool, tmp_path):
-    os.mkfifo(tmp_path / "fifo")
+    for name in ("fifo", "urgent"):
+        os.mkfifo(tmp_path / name)
     order = []
 
     async def one(workers, name, urgent):
@@ -135,6 +136,9 @@ def test_urgent_work_is_first_and_a_cancelled_turn_goes_to_the_next(pool, tmp_pa
 
     async def use(workers):
         busy = asyncio.ensure_future(workers.run(work.speak, tmp_path / "fifo", "hello"))
+        await asyncio.sleep(0)
+        also_busy = asyncio.ensure_future(workers.run(work.speak, tmp_path / "urgent", "hello"))
+        await asyncio.sleep(0)
         tasks = []
         for name, urgent in (("plate 1", False), ("plate 2", False), ("given up", True), ("model", True)):
             tasks.append(asyncio.ensure_future(one(workers, name, urgent)))
@@ -142,9 +146,60 @@ def test_urgent_work_is_first_and_a_cancelled_turn_goes_to_the_next(pool, tmp_pa
         tasks.pop(2).cancel()
         await asyncio.to_thread((tmp_path / "fifo").read_text)
         await asyncio.gather(busy, *tasks)
+        await asyncio.to_thread((tmp_path / "urgent").read_text)
+        await also_busy
 
     pool.run(use)
     assert order == ["model", "plate 1", "plate 2"]
+
+
+def test_a_quick_task_does_not_wait_while_all_workers_are_busy(pool):
+    """A model is decomposed for minutes; the dry run of another file takes a second."""
+
+    async def use(workers):
+        long = [asyncio.ensure_future(workers.run(work.pause, limit=DECOMPOSING)) for _ in range(2)]
+        await asyncio.sleep(0)
+        assert len(workers.pids) == 1  # the second waits
+        first = await workers.share("dry run", urgent=True).run(work.whoami, limit=DECOMPOSING)
+        assert await workers.run(work.whoami) == first in workers.pids
+        with pytest.raises(FarmError, match="2 times"):
+            await workers.run(work.die)
+        assert await workers.run(work.whoami) != first
+        assert len(workers.pids) == 2
+        assert not any(task.done() for task in long)
+        for task in long:
+            task.cancel()
+        await asyncio.gather(*long, return_exceptions=True)
+
+    pool.run(use)
+
+
+def test_groups_share_the_workers_evenly(pool, tmp_path):
+    """A job with many parts to slice does not keep the next job waiting."""
+    for name in ("one", "two"):
+        os.mkfifo(tmp_path / name)
+    order = []
+
+    async def one(workers, group):
+        await workers.share(group).run(work.whoami, limit=DECOMPOSING)
+        order.append(group)
+
+    async def use(workers):
+        big, small = workers.share("big"), workers.share("small")
+        busy = [
+            asyncio.ensure_future(big.run(work.speak, tmp_path / name, "hello", limit=DECOMPOSING))
+            for name in ("one", "two")
+        ]
+        tasks = [asyncio.ensure_future(one(workers, group)) for group in ("big", "big", "small")]
+        await asyncio.sleep(0)
+        await asyncio.to_thread((tmp_path / "one").read_text)
+        await asyncio.gather(*tasks)
+        assert await small.run(work.temporary_folder, limit=DECOMPOSING)
+        await asyncio.to_thread((tmp_path / "two").read_text)
+        await asyncio.gather(*busy)
+
+    pool.run(use, count=2)
+    assert order == ["small", "big", "big"]
 
 
 def test_oversized_model_ends_with_advice(pool):

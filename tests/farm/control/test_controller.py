@@ -71,11 +71,12 @@ def test_a_job_that_no_printer_matches_any_more_lets_the_next_one_pass(farm):
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions(material="generic_abs"))
     farm.jobs.submit("s" * 8, "n.stl", MODEL, JobOptions())
     farm.jobs.submit("t" * 8, "o.stl", MODEL, JobOptions())
-    assert farm.effects.plans == [(2, ["a", "b"], 1)]
+    farm.jobs.submit("u" * 8, "p.stl", MODEL, JobOptions())
+    assert farm.effects.plans == [(2, ["a", "b"], 1), (3, ["a", "b"], 1)]
     holds = {job.id: job.hold and job.hold.code for job in farm.controller.books.jobs.values()}
-    assert holds == {1: HoldCode.NO_SUCH_PRINTER, 2: None, 3: HoldCode.NOT_FIRST}
+    assert holds == {1: HoldCode.NO_SUCH_PRINTER, 2: None, 3: None, 4: HoldCode.NOT_FIRST}
     farm.jobs.cancel(2, "ann")
-    assert [number for number, *_ in farm.effects.plans] == [2, 3]
+    assert [number for number, *_ in farm.effects.plans] == [2, 3, 4]
 
 
 def test_own_g_code_takes_one_printer_that_has_its_nozzle_and_its_room(farm):
@@ -110,12 +111,13 @@ def test_a_model_that_needs_more_parts_than_there_are_printers_goes_in_rounds(fa
 def test_a_plan_that_fails_fails_its_job_and_the_next_one_goes_on(farm):
     farm.ready("a", "b")
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
-    farm.jobs.submit("s" * 8, "n.stl", MODEL, JobOptions())
-    assert farm.controller.books.jobs[2].hold.code is HoldCode.NOT_FIRST
+    for request in "st":
+        farm.jobs.submit(request * 8, "n.stl", MODEL, JobOptions())
+    assert farm.controller.books.jobs[3].hold.code is HoldCode.NOT_FIRST
     farm.controller.on_plan(1, FarmError("parts overlap", ErrorCode.GEOMETRY))
     job = farm.controller.books.jobs[1]
     assert (job.state, job.error) == (JobState.FAILED, ErrorCode.GEOMETRY)
-    assert farm.effects.plans[-1][0] == 2
+    assert farm.effects.plans[-1][0] == 3
     assert describe_job(farm.view_context(STATE), job).exit_code == 5
 
 
@@ -166,16 +168,33 @@ def test_a_daemon_that_died_while_it_planned_plans_again(farm, tmp_path):
     assert again.effects.plans == [(1, ["a", "b"], 1)]
 
 
-def test_full_bed_is_shown_with_its_command(farm, plan):
+def test_a_job_is_planned_while_every_bed_is_full_and_the_beds_are_shown(farm, plan):
     farm.ready("a", "b", bed_clear=False)
     assert {p.bed for p in farm.controller.books.printers.values()} == {Bed.NOT_CLEAR}
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
+    assert farm.effects.plans == [(1, ["a", "b"], 1)]
+    farm.controller.on_plan(1, plan)
     view = describe_job(farm.view_context(STATE), farm.controller.books.jobs[1])
     assert view.waits_for_person
-    assert view.hold.code is HoldCode.BED_NOT_CLEAR
+    assert {plate.hold.code for plate in view.plates} == {HoldCode.BED_NOT_CLEAR}
+    assert view.grams and view.estimated_s and view.eta  # its owner can leave
     assert list_tasks(farm.view_context(STATE))[0].printers == ["a", "b"]
     farm.clear_bed("a")
-    assert farm.effects.plans == [(1, ["a"], 1)]
+    assert [attempt.plate for attempt in farm.controller.books.open_prints()] == ["1/01"]
+
+
+def test_a_second_job_is_planned_while_the_first_one_prints_and_its_end_is_foreseen(farm, plan):
+    farm.ready("a", "b")
+    farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
+    farm.jobs.submit("s" * 8, "n.stl", MODEL, JobOptions())
+    assert farm.effects.plans == [(1, ["a", "b"], 1), (2, ["a", "b"], 1)]
+    farm.controller.on_plan(1, plan)
+    event = planned(2, 2)
+    farm.controller.on_plan(2, Plan(event.parts, event.plates, (), 1.0, 500.0, 100.0))
+    first, second = (describe_job(farm.view_context(STATE), farm.controller.books.jobs[n]) for n in (1, 2))
+    assert (first.eta or "") < (second.eta or "")
+    assert second.grams and len(second.parts) == 2
+    assert farm.controller.books.jobs[2].planned_for == ("a", "b")
 
 
 def test_printer_in_fault_is_unused_with_a_reason(farm):

@@ -7,6 +7,7 @@ from pathlib import Path
 from hypothesis import Phase, example, given, settings
 from hypothesis import strategies as st
 
+from farm.errors import FarmError
 from farm.model import AgentPrint, AgentSnapshot, Bed, FilamentState, JobOptions, JobState, Link, PrintState
 from farm.paths import StateFolder
 from farm.planning.plan import Plan
@@ -61,7 +62,16 @@ class Night:
             )
             for at, (plate, each) in enumerate(zip(event.plates, hours, strict=True))
         )
+        self.planned = len(self.farm.effects.plans)
         self.controller.on_plan(number, Plan(event.parts, plates, (), 1.0, 500.0, 100.0))
+        self.refuse_revisions()
+
+    def refuse_revisions(self):
+        """Let every job keep its first plan."""
+        while len(self.farm.effects.plans) > self.planned:
+            number, *_ = self.farm.effects.plans[self.planned]
+            self.planned += 1
+            self.controller.on_plan(number, FarmError("no better plan"))
 
     def say(self, name, print_id, state, started_s, ended_s=None):
         said = AgentPrint(
@@ -75,6 +85,7 @@ class Night:
         )
 
     def begin_prints(self):
+        self.refuse_revisions()
         now_s = self.clock.now_s
         for attempt in list(self.controller.books.open_prints()):
             if attempt.id not in self.begun:

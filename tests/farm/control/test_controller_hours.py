@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from farm.errors import Refused
-from farm.model import AgentPrint, AgentSnapshot, Bed, JobOptions, JobState, Link, PrintState
+from farm.model import AgentPrint, AgentSnapshot, Bed, HoldCode, JobOptions, Link, PrintState
 from farm.paths import StateFolder
 from farm.planning.plan import Plan
 from farm.state import events as ev
@@ -188,8 +188,10 @@ def test_hours_and_start_times_are_met_by_a_clock_that_was_set(tmp_path):
     farm.controller.on_clock_set(7 * 3600.0)
     assert farm.controller.books.open_print_on("a").plate == "1/01"
     assert farm.controller.books.jobs[2].not_before_s == at("2026-11-20 12:00")
-    assert farm.controller.books.jobs[2].state is JobState.QUEUED
+    later = planned(2, 1)
+    farm.controller.on_plan(2, Plan(later.parts, later.plates, later.repairs, 1.0, 500.0, 100.0, None))
     farm.ready("b")
+    assert farm.controller.plate_holds()["2/01"].code is HoldCode.START_TIME
     farm.controller.clock.now_s += 2 * 3600.0
     farm.controller.on_clock_set(2 * 3600.0)
-    assert farm.controller.books.jobs[2].state is JobState.PLANNING
+    assert farm.controller.books.open_print_on("b").plate == "2/01"

@@ -172,32 +172,35 @@ def test_a_reel_that_cura_does_not_know_is_refused(farm, state, monkeypatch):
         asyncio.run(farm.printers.load_reel("a", LoadRequest(material="generic_gold"), "ann"))
 
 
-def test_g_code_does_not_wait_behind_a_decomposition(farm):
-    first, second = submit(farm), submit(farm, "s", GCODE)
-    assert [plan[0] for plan in farm.effects.plans] == [first, second]
+def test_g_code_does_not_wait_behind_decompositions(farm):
+    first, second = submit(farm), submit(farm, "s")
     third, urgent = submit(farm, "t"), submit(farm, "u", priority=1)
     holds = {number: farm.controller.books.job(number).hold.code for number in (third, urgent)}
     assert set(holds.values()) == {HoldCode.NOT_FIRST}
+    own = submit(farm, "v", GCODE)
+    assert [plan[0] for plan in farm.effects.plans] == [first, second, own]
     farm.jobs.cancel(first, "ann")
     assert farm.effects.plans[-1][0] == urgent
 
 
-def test_g_code_of_less_priority_leaves_the_printers_to_what_is_being_planned(farm):
-    submit(farm, priority=1)
-    second = submit(farm, "s", GCODE)
-    assert farm.controller.books.job(second).hold.code is HoldCode.PRINTER_BUSY
-    assert len(farm.effects.plans) == 1
+def test_g_code_is_planned_beside_a_job_that_nothing_can_print(farm):
+    """A dry run of it hung for ten minutes."""
+    blocked = submit(farm, material="generic_abs")
+    assert farm.controller.books.job(blocked).hold.code is HoldCode.NO_SUCH_PRINTER
+    own = submit(farm, "s", GCODE, hold=True, dry_run=True)
+    assert farm.effects.plans == [(own, ["a", "b"], 1)]
 
 
-def test_a_job_with_a_start_time_waits_for_it_and_lets_others_pass(farm):
+def test_a_job_with_a_start_time_is_planned_at_once_and_starts_then(farm, state):
     then = datetime.fromtimestamp(farm.controller.clock.now() + 3600).astimezone().isoformat()
-    later, now = submit(farm, at=then), submit(farm, "s")
-    assert farm.controller.books.job(later).hold.code is HoldCode.START_TIME
-    assert farm.effects.plans == [(now, ["a", "b"], 1)]
+    later = submit(farm, at=then)
+    assert farm.effects.plans == [(later, ["a", "b"], 1)]
+    farm.controller.on_plan(later, plan_for(later, state))
+    assert {hold.code for hold in farm.controller.plate_holds().values()} == {HoldCode.START_TIME}
     farm.controller.clock = type("Later", (), {"now": lambda _: farm.clock_s, "scale": 1.0})()
     farm.clock_s = farm.controller.books.job(later).not_before_s
-    farm.jobs.cancel(now, "ann")
-    assert farm.effects.plans[-1][0] == later
+    farm.controller.tick()
+    assert starts(farm) == ["a", "b"]
 
 
 def test_a_moment_that_cannot_be_is_refused_at_submission(farm):
@@ -258,13 +261,16 @@ def test_spares_are_kept_only_while_nobody_is_there(tmp_path, state):
         farm.controller.on_plan(first, plan_for(first, state, plates=1))
         submit(farm, "s")
         kept[when] = [names for number, names, _ in farm.effects.plans if number != first]
-    assert kept == {"day": [["b"]], "night": []}
+        assert farm.controller.kept_printers().get("b") == (
+            "job 2" if when == "day" else "a failed part (--spares)"
+        )
+    assert kept == {"day": [["b"]], "night": [["a", "b"]]}
 
 
 def test_held_plans_are_made_for_the_whole_fleet_and_the_later_one_waits_for_its_printers(farm, state):
     numbers = [submit(farm, name, hold=True) for name in "rs"]
+    assert farm.effects.plans == [(number, ["a", "b"], 1) for number in numbers]
     for number in numbers:
-        assert farm.effects.plans[-1] == (number, ["a", "b"], 1)
         farm.controller.on_plan(number, plan_for(number, state))
     for number in reversed(numbers):
         plan = farm.controller.books.job(number).plan

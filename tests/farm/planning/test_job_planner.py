@@ -14,7 +14,8 @@ from farm.paths import StateFolder
 from farm.planning import job_planner, slice_batch
 from farm.planning.inspection.inspect_submission import inspect_model
 from farm.planning.job_planner import ROOM_BYTES, JobPlanner
-from farm.planning.plan import Plan
+from farm.planning.plan import Plan, PlanRequest
+from farm.planning.plan_builder import PlanBuilder
 from farm.views import list_tasks
 from recording_controller import Farm
 
@@ -22,6 +23,9 @@ MODEL = "ultimaker2_plus"
 
 
 class SameProcess:
+    def share(self, group, urgent=False):
+        return self
+
     async def run(self, work, *args, limit=None):
         return work(*args)
 
@@ -48,7 +52,7 @@ def plan(state, job, factor=1.0):
             lambda _, result: done.set_result(result),
             lambda _, far: told.append(far),
         )
-        planner.start(job, list(fleet.printers), 1, dict.fromkeys("ab", factor))
+        planner.start(PlanRequest(job, fleet.printers, time_factors=dict.fromkeys("ab", factor)))
         return await done
 
     return told, asyncio.run(main())
@@ -58,13 +62,13 @@ def test_plan_reports_progress_and_slices_nothing_twice(state, bar):
     def slicing(done, cached=0):
         return PlanProgress(step=PlanStep.SLICING, done=done, of=2, cached=cached)
 
-    decomposing = PlanProgress(step=PlanStep.DECOMPOSING)
+    waiting = PlanProgress(step=PlanStep.WAITING)
     told, first = plan(state, bar)
     assert isinstance(first, Plan), first
-    assert told == [decomposing, slicing(0), slicing(1), slicing(2)]
+    assert told == [waiting, slicing(0), slicing(1), slicing(2)]
     assert [plate.cached for plate in first.plates] == [False, False]
     told, again = plan(state, bar.model_copy(update={"id": 2}), factor=1.1)
-    assert told == [decomposing, slicing(0), slicing(1, 1), slicing(2, 2)]
+    assert told == [waiting, slicing(0), slicing(1, 1), slicing(2, 2)]
     assert [plate.cached for plate in again.plates] == [True, True]
     assert [plate.sha256 for plate in again.plates] == [plate.sha256 for plate in first.plates]
     # What was learned of the printers is in the expected time, without slicing anew.
@@ -148,6 +152,9 @@ def test_a_plan_that_fails_on_a_full_disk_is_made_when_there_is_room(state, tmp_
     answers = iter([FarmError("the engine wrote half a file", ErrorCode.SLICE), OSError(28, "No space left")])
 
     class FullDisk:
+        def share(self, group, urgent=False):
+            return self
+
         async def run(self, work, *args, limit=None):
             raise next(answers)
 
@@ -163,11 +170,11 @@ def test_a_plan_that_fails_on_a_full_disk_is_made_when_there_is_room(state, tmp_
         done = asyncio.get_running_loop().create_future()
         planner = JobPlanner(state, FullDisk(), 20.0, lambda _, result: done.set_result(result), tell)
         job = Job(id=7, request_id="r" * 8, name="x", model_file="x", options=JobOptions(), submitted_s=0.0)
-        planner.start(job, [], 1, {})
+        planner.start(PlanRequest(job, ()))
         return await done
 
     result = asyncio.run(main())
-    assert told == [PlanStep.DECOMPOSING, PlanStep.NO_ROOM, PlanStep.DECOMPOSING]
+    assert told == [PlanStep.WAITING, PlanStep.NO_ROOM, PlanStep.WAITING]
     assert "No space left" in str(result)  # the second time there was room: it is the job's own
     assert [len(texts) for texts in scenes] == [0, 1, 0]
     assert "free space" in scenes[1][0] and "job 7" in scenes[1][0]
@@ -175,7 +182,7 @@ def test_a_plan_that_fails_on_a_full_disk_is_made_when_there_is_room(state, tmp_
 
 def test_plan_that_cannot_be_recorded_fails_its_job(state, monkeypatch):
     """It was left planning until the next daemon, with nothing but a line in the log."""
-    monkeypatch.setattr(job_planner.JobPlanner, "_plan", lambda *_: asyncio.sleep(0, object.__new__(Plan)))
+    monkeypatch.setattr(PlanBuilder, "plan_model", lambda _: asyncio.sleep(0, object.__new__(Plan)))
     told = []
 
     def done(number, result):
@@ -186,7 +193,7 @@ def test_plan_that_cannot_be_recorded_fails_its_job(state, monkeypatch):
     async def main():
         planner = JobPlanner(state, SameProcess(), 20.0, done, lambda *_: None)
         job = Job(id=7, request_id="r" * 8, name="x", model_file="x", options=JobOptions(), submitted_s=0.0)
-        planner.start(job, [], 1, {})
+        planner.start(PlanRequest(job, ()))
         while asyncio.all_tasks() - {asyncio.current_task()}:
             await asyncio.sleep(0)
 

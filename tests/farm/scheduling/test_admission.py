@@ -1,18 +1,31 @@
 """Admission of the first job in the queue, and its printers."""
 
-from farm.model import Bed, Hold, HoldCode, Link
+from farm.model import Bed, Hold, HoldCode, Job, JobOptions, Link, ModelSize, OwnGcode
 from farm.scheduling import admission
-from farm.scheduling.admission import Availability, Begin, JobRequest, find_mismatch
+from farm.scheduling.admission import (
+    Availability,
+    Begin,
+    HoldJob,
+    JobAdmission,
+    JobRequest,
+    StartPlanning,
+    find_mismatch,
+    is_quick,
+)
 from farm.scheduling.matching import Requirements
-from scheduling_examples import TALL, printer
+from farm.state.books import Books
+from scheduling_examples import TALL, printer, situation
 
 ANY = Requirements(None, None, None)
 
 
-def begin(requirements, printers, least, fleet, taken, starting, needs_approval=False, blocked=frozenset()):
-    request = JobRequest(requirements, printers, least, needs_approval=needs_approval)
+def begin(requirements, printers, least, fleet, taken, starting, starts_later=False, blocked=frozenset()):
+    request = JobRequest(requirements, printers, least, starts_later=starts_later)
     return admission.choose_printers(
-        request, Availability(tuple(fleet), dict.fromkeys(taken, "9/01"), starting, blocked)
+        request,
+        Availability(
+            tuple(fleet), dict.fromkeys(taken, "9/01"), starting=starting, unattended_blocked=blocked
+        ),
     )
 
 
@@ -35,13 +48,21 @@ def test_job_waits_for_connecting_printers():
     assert late == Begin(("a",))
 
 
-def test_job_waits_for_one_round_unless_the_fleet_is_too_small():
+def test_more_parts_than_idle_printers_are_planned_for_busy_ones_too_and_in_rounds_for_a_small_fleet():
     fleet = [printer("a"), printer("b", booked=True), printer("c")]
-    held = begin(ANY, None, 3, fleet, frozenset(), True)
-    assert isinstance(held, Hold) and held.code is HoldCode.TOO_FEW_PRINTERS
+    assert begin(ANY, None, 3, fleet, frozenset(), True) == Begin(("a", "b", "c"))
     away = [printer("a"), printer("b", link=Link.ABSENT), printer("c", attention_reason="it smokes")]
     assert begin(ANY, None, 2, away, frozenset(), True) == Begin(("a",), rounds=2)
     assert begin(ANY, None, 5, fleet, frozenset(), True) == Begin(("a", "c"), rounds=3)
+
+
+def test_a_job_is_planned_though_no_printer_is_free():
+    busy, full = printer("c", booked=True), printer("b", bed=Bed.NOT_CLEAR)
+    broken = printer("a", attention_reason="it smokes")
+    assert begin(ANY, None, 0, [broken, full, busy], frozenset(), True) == Begin(("b", "c"))
+    assert begin(ANY, 1, 0, [broken, full, busy], frozenset(), True) == Begin(("b",))
+    assert begin(ANY, None, 0, [broken], frozenset(), True) == Begin(("a",))  # nothing else is known
+    assert begin(ANY, None, 0, [printer("d"), busy], frozenset("d"), True) == Begin(("c", "d"))
 
 
 def test_a_job_that_no_printer_matches_is_held_with_the_reason():
@@ -59,21 +80,54 @@ def test_job_at_night_is_planned_for_unattended_printers():
     assert begin(ANY, None, 0, fleet, frozenset(), True, blocked=blocked) == Begin(("a", "b"))
     assert begin(ANY, None, 3, fleet, frozenset(), True, blocked=blocked) == Begin(("a", "b"), rounds=2)
     assert begin(ANY, None, 0, fleet[2:], frozenset(), True, blocked=blocked) == Begin(("c",))
-    held = begin(ANY, None, 0, [printer("a", booked=True), fleet[2]], frozenset(), True, blocked=blocked)
-    assert isinstance(held, Hold) and held.code is HoldCode.PRINTER_BUSY
-    assert begin(ANY, None, 0, fleet, frozenset(), True, needs_approval=True, blocked=blocked) == Begin(
-        ("a", "b", "c")
+    busy = [printer("a", booked=True), fleet[2]]
+    assert begin(ANY, None, 0, busy, frozenset(), True, blocked=blocked) == Begin(("a",))
+
+
+def queued(number, **changes):
+    facts = {"name": "m", "model_file": "m.npz", "options": JobOptions(), "submitted_s": 0.0}
+    return Job(id=number, request_id="r" * 8, **{**facts, **changes})
+
+
+def decide(jobs, fleet):
+    """Decide on the jobs of a queue; return the orders and the holds."""
+    moment = situation([], fleet)
+    desk = JobAdmission()
+    found = list(desk.decide(Books.from_entities(jobs), moment, Availability(moment.printers)))
+    orders = [(each.job, each.printers) for each in found if isinstance(each, StartPlanning)]
+    return orders, {each.job: each.hold for each in found if isinstance(each, HoldJob)}
+
+
+def test_a_job_that_waits_for_approval_is_planned_for_printers_that_need_somebody_too():
+    fleet = [printer("a"), printer("b", booked=True), printer("c", unattended=False)]
+    assert decide([queued(1)], fleet)[0] == [(1, ("a",))]
+    assert decide([queued(1, options=JobOptions(hold=True))], fleet)[0] == [(1, ("a", "b", "c"))]
+    assert decide([queued(1, not_before_s=3600.0)], fleet)[0] == [(1, ("a", "b"))]
+
+
+SMALL = {"size": ModelSize(extents_mm=(60.0, 60.0, 60.0), faces=12)}
+
+
+def test_few_long_jobs_are_planned_side_by_side_and_quick_ones_do_not_wait_for_them():
+    own = OwnGcode(nozzle_mm=0.4, min_mm=(-5.0, -5.0, 0.2), max_mm=(5.0, 5.0, 9.0))
+    jobs = [queued(n) for n in (1, 2, 3)] + [queued(4, **SMALL), queued(5, own_gcode=own)]
+    orders, holds = decide(jobs, [printer("a"), printer("b")])
+    assert orders == [(n, ("a", "b")) for n in (1, 2, 4, 5)]
+    assert (holds[3].code, holds[3].text) == (HoldCode.NOT_FIRST, "job 1 and job 2 are planned first")
+
+
+def test_a_model_is_quick_only_if_it_is_plain_and_one_printer_can_hold_it():
+    fleet = [printer("a")]
+    assert is_quick(queued(1, **SMALL), fleet)
+    assert not is_quick(queued(1), fleet)  # of an earlier version
+    for size in (((260.0, 10.0, 10.0), 12), ((60.0, 60.0, 60.0), 900_000)):
+        long = ModelSize(extents_mm=size[0], faces=size[1])
+        assert not is_quick(queued(1, size=long), fleet)
+    for options in (JobOptions(printers=3), JobOptions(done_by="08:00")):
+        assert not is_quick(queued(1, options=options, **SMALL), fleet)
+    assert is_quick(
+        queued(1, size=ModelSize(extents_mm=(10.0, 150.0, 240.0), faces=12)), [printer("a", TALL)]
     )
-
-
-def test_hold_prefers_a_running_print_and_names_a_full_bed():
-    busy, full = printer("c", booked=True), printer("b", bed=Bed.NOT_CLEAR)
-    for fleet in ([full, busy], [printer("a", attention_reason="it smokes"), full, busy]):
-        held = begin(ANY, None, 0, fleet, frozenset(), True)
-        assert isinstance(held, Hold) and held.code is HoldCode.PRINTER_BUSY
-        assert held.text.startswith(busy.obstacle().text) and "`farm cleared b`" in held.text
-    alone = begin(ANY, None, 0, [printer("a", attention_reason="it smokes"), full], frozenset(), True)
-    assert isinstance(alone, Hold) and alone.code is HoldCode.NEEDS_INSPECTION
 
 
 def test_requirements_name_the_missing_room():

@@ -10,6 +10,7 @@ from farm.scheduling.admission import (
     choose_printers,
     choose_printers_beside,
     kept_printers,
+    promised_printers,
 )
 from farm.scheduling.matching import Requirements
 from scheduling_examples import plate, printer, rules, situation
@@ -37,9 +38,18 @@ def test_printers_are_kept_for_a_plate_that_is_being_replanned_and_as_spares():
     assert kept == {"b": "6/03", "c": "a failed part (--spares)"}
 
 
-def test_hold_names_the_purpose_of_a_kept_printer():
-    hold = choose_printers(ANY, Availability(FLEET, {"b": "6/03", "c": "7/01"}))
-    assert hold.text == "b is kept for 6/03; c is kept for 7/01"
-    promise = Promise(job=8, priority=1, printers=frozenset("bc"))
-    assert choose_printers_beside(ANY, Availability(FLEET), 0, [promise]).text == "b c are kept for job 8"
-    assert choose_printers_beside(ANY, Availability(FLEET), 1, [promise]) == Begin(("b", "c"))
+def test_kept_and_promised_printers_are_left_to_others_while_another_is_free():
+    fleet = (printer("a"), printer("b"), printer("c", booked=True))
+    assert choose_printers(ANY, Availability(fleet, {"b": "6/03"})) == Begin(("a",))
+    promise = Promise(job=8, priority=1, printers=frozenset("b"))
+    assert choose_printers_beside(ANY, Availability(fleet), 5, [promise]) == Begin(("a",))
+    both = Promise(job=8, priority=1, printers=frozenset("ab"))
+    assert choose_printers_beside(ANY, Availability(fleet), 1, [both]) == Begin(("a", "b", "c"))
+    assert choose_printers_beside(ANY, Availability(fleet), 2, [both]) == Begin(("a", "b"))
+    assert promised_printers([both]) == {"a": "job 8", "b": "job 8"}
+
+
+def test_printers_of_a_plate_that_is_being_replanned_are_left_alone_while_there_are_others():
+    fleet = (printer("a"), printer("c", booked=True))
+    assert choose_printers(ANY, Availability(fleet, reserved=frozenset("a"))) == Begin(("c",))
+    assert choose_printers(ANY, Availability(fleet[:1], reserved=frozenset("a"))) == Begin(("a",))

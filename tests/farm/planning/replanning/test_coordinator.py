@@ -116,7 +116,11 @@ def test_job_that_starts_later_leaves_the_promised_printers(tmp_path):
     fails(farm, "a", "1/01")
     ((_, promised, _),) = farm.effects.replans
     farm.jobs.submit("s" * 8, "n.stl", MODEL, JobOptions(material="generic_pla"))
-    assert farm.effects.plans[1:] == [] or not set(farm.effects.plans[1][1]) & set(promised)
+    event = planned(2, 2)
+    farm.controller.on_plan(2, Plan(event.parts, event.plates, (), 1.0, 500.0, 100.0))
+    assert not printing(farm).keys() & set(promised)
+    farm.controller.on_replan("1/01", FarmError("too thin"))
+    assert len(printing(farm).keys() & set(promised)) == 3  # its own plate, and those of the other job
 
 
 def test_replan_is_repeated_after_a_restart(tmp_path):

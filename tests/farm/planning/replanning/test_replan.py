@@ -26,6 +26,9 @@ TURNED[:3, 3] = (40.0, -7.0, 300.0)
 
 
 class SameProcess:
+    def share(self, group, urgent=False):
+        return self
+
     async def run(self, work, *args, limit=None):
         return work(*args)
 

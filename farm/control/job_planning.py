@@ -1,0 +1,130 @@
+"""Planning of jobs as the controller sees it: which are planned, how far they are, and with what result."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from farm.errors import FarmError
+from farm.model import Hold, Job, JobState, PlanProgress, PlanStep
+from farm.planning import Plan, TooFewPrinters, build_planned_event
+from farm.planning.replanning import PlanRevisions
+from farm.scheduling import (
+    Availability,
+    HoldJob,
+    JobAdmission,
+    Situation,
+    StartPlanning,
+    kept_printers,
+    promised_printers,
+)
+from farm.state import Books
+from farm.state import events as ev
+
+
+class JobPlanning:
+    """Jobs that are being planned, for the first time or again. State is kept in memory only.
+
+    Attributes
+    ----------
+    progress
+        Progress of the plans that are being made, by job.
+    holds
+        Why the planning of a job has not started, by job.
+    revisions
+        Jobs that are planned again.
+    """
+
+    def __init__(self) -> None:
+        self.progress: dict[int, PlanProgress] = {}
+        self.holds: dict[int, Hold] = {}
+        self.revisions = PlanRevisions()
+        self._admission = JobAdmission()
+        self._orders: dict[int, tuple[StartPlanning, float]] = {}  # the last one of each job, with its time
+
+    def find_kept(self, books: Books, situation: Situation, reserved: dict[str, str]) -> dict[str, str]:
+        """Return the free printers that are reserved, each with its purpose: a plate, a spare or a job.
+
+        Parameters
+        ----------
+        situation
+            The plates that still wait, and the fleet after the present assignment.
+        reserved
+            Printers for which plates are being replanned, with the plate.
+        """
+        promised = promised_printers(self._admission.list_promises(books))
+        revised = self.revisions.reserved_printers
+        return {**promised, **revised, **kept_printers(situation, reserved)}
+
+    def admit(
+        self, books: Books, situation: Situation, reserved: dict[str, str], starting: bool
+    ) -> Iterator[tuple[ev.AnyEvent, StartPlanning | None]]:
+        """Yield the events on the queue, each with the work that follows once it is committed.
+
+        See `find_kept` and `farm.scheduling.JobAdmission.decide` for the parameters.
+        """
+        fleet = Availability(
+            situation.printers,
+            kept={**self.revisions.reserved_printers, **kept_printers(situation, reserved)},
+            reserved=frozenset(reserved),
+            starting=starting,
+        )
+        decisions = list(self._admission.decide(books, situation, fleet))
+        self.holds = {each.job: each.hold for each in decisions if isinstance(each, HoldJob)}
+        now_s = situation.now_s
+        for decision in decisions:
+            if isinstance(decision, StartPlanning):
+                yield ev.PlanningStarted(at_s=now_s, job=decision.job), decision
+            elif not decision.hold.same_reason(books.job(decision.job).hold):
+                yield ev.JobHeld(at_s=now_s, job=decision.job, hold=decision.hold), None
+
+    def begin(self, order: StartPlanning, now_s: float) -> None:
+        """Record that a job is being planned."""
+        self._admission.begin(order)
+        self._orders[order.job] = order, now_s
+
+    def end(self, number: int) -> None:
+        """Remove a job that is no longer being planned."""
+        self.progress.pop(number, None)
+        self._admission.end(number)
+        self.revisions.end(number)
+
+    def finish(
+        self, job: Job, result: Plan | FarmError, books: Books, situation: Situation
+    ) -> ev.AnyEvent | None:
+        """Return the event of a plan, or of the error that prevents it; None if nothing changes.
+
+        Parameters
+        ----------
+        books, situation
+            The committed books; all waiting plates, and the fleet.
+        """
+        event: ev.AnyEvent | None = None
+        if self.revisions.is_running(job.id):
+            event = self.revisions.finish(job.id, result, books, situation)
+        elif job.state is JobState.PLANNING:  # else it was cancelled meanwhile
+            event = self._finish_first(job, result, books, situation)
+        self.end(job.id)
+        return event
+
+    def _finish_first(
+        self, job: Job, result: Plan | FarmError, books: Books, situation: Situation
+    ) -> ev.AnyEvent:
+        now_s = situation.now_s
+        if isinstance(result, TooFewPrinters):
+            self._admission.require_parts(job.id, result.needed)
+            return ev.PlanningAbandoned(at_s=now_s, job=job.id, hold=None)
+        if isinstance(result, FarmError):
+            return ev.JobFailed(at_s=now_s, job=job.id, error=result.code, reason=str(result))
+        event = build_planned_event(job, result, situation.printers, books, situation.rules, now_s)
+        order, began_s = self._orders.get(job.id, (None, now_s))
+        made = {"printers": order.printers if order is not None else (), "planning_s": now_s - began_s}
+        return event.model_copy(update=made)
+
+    def list_running(self, books: Books) -> list[int]:
+        """List the jobs that are being planned, without those that wait for space on the disk."""
+        planning = (job.id for job in books.jobs.values() if job.state is JobState.PLANNING)
+        return sorted(number for number in planning if not self._waits_for_room(number))
+
+    def _waits_for_room(self, number: int) -> bool:
+        progress = self.progress.get(number)
+        return progress is not None and progress.step is PlanStep.NO_ROOM

@@ -1,0 +1,75 @@
+"""Progress of a decomposition, in a file: its worker writes it, the daemon reads it."""
+
+from __future__ import annotations
+
+import math
+from contextlib import suppress
+from pathlib import Path
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+PROGRESS = "progress.json"
+_APART_S = 0.5  # wall seconds between two reports
+
+
+class DecomposeProgress(BaseModel):
+    """Progress of a decomposition.
+
+    Attributes
+    ----------
+    share
+        Share of the budget that is spent, 0 to 1.
+    remaining_s
+        Most wall seconds until the budget is spent, at the rate so far; None while that is unknown.
+    """
+
+    model_config = ConfigDict(frozen=True)
+    share: float
+    remaining_s: float | None = None
+
+
+class ProgressFile:
+    """Writer of the progress of a decomposition, which it measures in wall seconds.
+
+    Parameters
+    ----------
+    folder
+        Scratch folder of the plan.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._path = folder / PROGRESS
+        self._began_s: float | None = None
+        self._due_s = -math.inf
+
+    def report(self, share: float, now_s: float) -> None:
+        """Write the spent share of the budget, at most every half second.
+
+        Parameters
+        ----------
+        share
+            0 to 1; the remaining time is estimated from the first report above 0.
+        now_s
+            Seconds of a monotonic clock.
+        """
+        if share > 0.0 and self._began_s is None:
+            self._began_s = now_s
+        if now_s < self._due_s:
+            return
+        self._due_s = now_s + _APART_S
+        remaining_s = None
+        if self._began_s is not None and now_s > self._began_s:
+            remaining_s = (now_s - self._began_s) * (1.0 - share) / share
+        text = DecomposeProgress(share=share, remaining_s=remaining_s).model_dump_json()
+        written = self._path.with_suffix(".new")
+        with suppress(OSError):  # on a full disk the decomposition itself may still succeed
+            written.write_text(text)
+            written.replace(self._path)
+
+
+def read_progress(folder: Path) -> DecomposeProgress | None:
+    """Read the progress of a decomposition; None if it has not started."""
+    try:
+        return DecomposeProgress.model_validate_json((folder / PROGRESS).read_bytes())
+    except (OSError, ValidationError):
+        return None

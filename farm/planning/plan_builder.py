@@ -1,0 +1,137 @@
+"""Building of one plan: decompose, slice, move the cuts by the sliced times, put the files into the store."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from farm.compute import CHECKING, DECOMPOSING, WorkerShare
+from farm.errors import FarmError
+from farm.model import PlanProgress, PlanStep
+from farm.paths import StateFolder
+from farm.planning.booking import book_plan
+from farm.planning.decompose_progress import read_progress
+from farm.planning.part_records import SliceBatch
+from farm.planning.parts.copies import multiply_plan
+from farm.planning.plan import DecomposedJob, DecomposeTask, Plan, SlicedJob
+from farm.planning.slice_batch import slice_batch
+from farm.planning.tasks import decompose_job, plan_gcode, relevel_parts
+from slicing.cache import trim_cache
+
+if TYPE_CHECKING:
+    from slicing.plate import PlateResult
+
+log = logging.getLogger(__name__)
+
+_MOST_RELEVELS = 2  # after the first, the times of the parts are accurate
+_LOOK_S = 0.5  # wall seconds between two readings of the progress of a decomposition
+
+
+class PlanBuilder:
+    """Builds the plan of one job in the workers.
+
+    Parameters
+    ----------
+    task
+        The job, its printers, and a scratch folder.
+    workers
+        The job's share of the workers.
+    state
+        The state folder, for the file store and the cache of slices.
+    on_progress
+        Called with the progress.
+    """
+
+    def __init__(
+        self,
+        task: DecomposeTask,
+        workers: WorkerShare,
+        state: StateFolder,
+        on_progress: Callable[[PlanProgress], None],
+    ) -> None:
+        self.task = task
+        self._workers, self._state, self._on_progress = workers, state, on_progress
+
+    async def plan_gcode(self) -> Plan:
+        """Plan a person's own G-code as one plate."""
+        self._on_progress(PlanProgress(step=PlanStep.WAITING))
+        plan = await self._workers.run(plan_gcode, self.task, self._state.files, limit=CHECKING)
+        return multiply_plan(plan, self.task)
+
+    async def plan_model(self) -> Plan:
+        """Decompose a model, slice its parts, and balance them."""
+        decomposed = await self._decompose()
+        sliced = await self._slice(self.task, decomposed)
+        levelled = await self._relevel(sliced)
+        plan = await asyncio.to_thread(book_plan, levelled, self._state.files)
+        await asyncio.to_thread(trim_cache, self._state.slices)
+        return multiply_plan(plan, self.task)
+
+    async def _decompose(self) -> DecomposedJob:
+        self._on_progress(PlanProgress(step=PlanStep.WAITING))
+        watching = asyncio.get_running_loop().create_task(self._watch_decomposition())
+        try:
+            return await self._workers.run(decompose_job, self.task, limit=DECOMPOSING)
+        finally:
+            watching.cancel()
+
+    async def _watch_decomposition(self) -> None:
+        """Report the progress that the worker writes, whenever it changes."""
+        reported: PlanProgress | None = None
+        while True:
+            await asyncio.sleep(_LOOK_S)
+            found = await asyncio.to_thread(read_progress, self.task.folder)
+            if found is None:
+                continue
+            share = found.share or None
+            now = PlanProgress(step=PlanStep.DECOMPOSING, share=share, remaining_s=found.remaining_s)
+            if now != reported:
+                reported = now
+                self._on_progress(now)
+
+    async def _slice(self, task: DecomposeTask, decomposed: DecomposedJob) -> SlicedJob:
+        """Slice all parts, and report the progress."""
+        done = cached = 0
+
+        def report_progress() -> None:
+            step = PlanProgress(step=PlanStep.SLICING, done=done, of=len(decomposed.parts), cached=cached)
+            self._on_progress(step)
+
+        def count_slice(result: PlateResult) -> None:
+            nonlocal done, cached
+            done += 1
+            cached += result.cached
+            report_progress()
+
+        report_progress()
+        batch = SliceBatch(
+            decomposed.parts, task.printers, task.options.quality, task.folder, self._state.slices
+        )
+        return SlicedJob(task, decomposed, await slice_batch(self._workers, batch, count_slice))
+
+    async def _relevel(self, sliced: SlicedJob) -> SlicedJob:
+        """Move the cuts as long as this shortens the slowest part, by its slice."""
+        job = sliced.task.job
+        for _ in range(_MOST_RELEVELS):
+            if not sliced.should_relevel():
+                break
+            self._on_progress(PlanProgress(step=PlanStep.LEVELLING))
+            folder = sliced.task.folder / "levelled"
+            try:
+                decomposed = await self._workers.run(relevel_parts, sliced, folder, limit=DECOMPOSING)
+                if decomposed is None:
+                    break
+                moved = await self._slice(replace(sliced.task, folder=folder), decomposed)
+            except FarmError as error:
+                log.warning("job %d: its cuts are not moved: %s", job, error)
+                break
+            except Exception:  # the plan is valid without moved cuts
+                log.exception("job %d: its cuts are not moved", job)
+                break
+            if moved.makespan_s() >= sliced.makespan_s():
+                break
+            sliced = moved
+        return sliced

@@ -1,0 +1,119 @@
+"""Policy of plan revisions: decides whether a job that has not started is planned for other printers. Pure.
+
+A job is planned as soon as it is submitted, for the printers that it could have then. When it could start,
+there may be more free printers than it has parts, or too few. Another plan is made then if it ends sooner by
+a margin.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+from farm.planning.replanning.policy import JOIN_S, saves_enough
+from farm.scheduling import Requirements, Situation, WaitingPlate, forecast_prints
+
+MOST_REVISIONS = 3
+"""Most plans that replace the first one."""
+MORE_SHARE = 0.15
+"""Share by which the printing time of all parts grows if a model is cut into more of them, at most."""
+
+
+@dataclass(frozen=True, slots=True)
+class PlannedJob:
+    """A planned job of which nothing has started.
+
+    Attributes
+    ----------
+    number
+        The job.
+    plates
+        Its waiting plates, at least one.
+    planned_for
+        The printers that its plan could use.
+    requirements
+        Requirements on each printer, whatever the plan.
+    planning_s
+        Farm seconds that another plan takes.
+    done_by_s
+        Time at which it has to end; None for no limit.
+    """
+
+    number: int
+    plates: tuple[WaitingPlate, ...]
+    planned_for: tuple[str, ...]
+    requirements: Requirements
+    planning_s: float
+    done_by_s: float | None = None
+
+
+def choose_revision(
+    job: PlannedJob, situation: Situation, candidates: Iterable[Sequence[str]]
+) -> tuple[str, ...] | None:
+    """Choose the printers for which a job is planned again; None if its plan stays.
+
+    Parameters
+    ----------
+    job
+        A job whose plates wait in the situation.
+    situation
+        The present situation.
+    candidates
+        Sets of printers that it could be planned for.
+    """
+    own = {plate.id for plate in job.plates}
+    turn = job.plates[0].turn
+    # Later jobs take nothing from it; without them the forecast is quick.
+    ahead = situation.with_waiting(tuple(p for p in situation.waiting if p.turn <= turn))
+    before_s = find_end_s(own, ahead)
+    if job.done_by_s is not None and before_s <= job.done_by_s:
+        return None
+    ends_s = {}
+    for names in candidates:
+        if _may_help(job, names, before_s):
+            plates = _estimate_plates(job, names)
+            others = tuple(p for p in ahead.waiting if p.id not in own)
+            end_s = find_end_s({p.id for p in plates}, ahead.with_waiting((*others, *plates)))
+            joining_s = JOIN_S * max(0, len(names) - len(job.plates))
+            ends_s[tuple(names)] = end_s + joining_s + job.planning_s
+    best = min(ends_s, key=ends_s.__getitem__, default=None)
+    if best is None or math.isinf(ends_s[best]):
+        return None
+    return best if saves_enough(before_s, ends_s[best], situation.now_s) else None
+
+
+def _may_help(job: PlannedJob, names: Sequence[str], before_s: float) -> bool:
+    """Return whether a plan for these printers may differ from the present one and be better."""
+    if not names or set(names) == set(job.planned_for):
+        return False
+    if math.isinf(before_s):
+        return True
+    if len(job.plates) > len(job.planned_for):  # in rounds: it cannot be cut into fewer parts
+        return len(names) >= len(job.plates)
+    if len(names) > len(job.plates):  # a plan that left printers out would leave more of them out
+        return len(job.plates) >= len(job.planned_for)
+    return len(names) < len(job.plates)
+
+
+def _estimate_plates(job: PlannedJob, names: Sequence[str]) -> tuple[WaitingPlate, ...]:
+    """Estimate the plates of a plan for these printers: equal parts, one for each."""
+    first = job.plates[0]
+    layers_s = sum((p.expected_s - p.heating_s) / p.time_factor for p in job.plates)
+    more = 1.0 + MORE_SHARE if len(names) > len(job.plates) else 1.0
+    each = replace(
+        first,
+        requirements=job.requirements,
+        expected_s=first.heating_s + layers_s * more / len(names),
+        grams=sum(p.grams for p in job.plates) * more / len(names),
+        time_factor=1.0,
+    )
+    return tuple(
+        replace(each, id=f"{job.number}/revised-{at:02d}", planned=name) for at, name in enumerate(names)
+    )
+
+
+def find_end_s(plates: set[str], situation: Situation) -> float:
+    """Return when the last of these plates ends; infinity if one of them never starts."""
+    slots = {slot.plate: slot.ends_s for slot in forecast_prints(situation, bounded=False).slots}
+    return max((slots.get(plate, math.inf) for plate in plates), default=situation.now_s)

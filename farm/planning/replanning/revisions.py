@@ -1,0 +1,228 @@
+"""Plans that are made again, for other printers, before anything of their job has started."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+
+from farm.errors import FarmError
+from farm.model import Hold, HoldCode, Job, JobState
+from farm.planning.plan import Plan
+from farm.planning.planned_event import build_planned_event
+from farm.planning.replanning.policy import CUTTING_S
+from farm.planning.replanning.revision_policy import (
+    MOST_REVISIONS,
+    PlannedJob,
+    choose_revision,
+    find_end_s,
+)
+from farm.scheduling import (
+    SPARE_USE,
+    Availability,
+    FleetPrinter,
+    JobRequest,
+    Situation,
+    StartPlanning,
+    WaitingPlate,
+    assign_plates,
+    describe_plates,
+    job_requirements,
+    join_names,
+    limit_availability,
+    list_coming,
+)
+from farm.state import Books, PlateState
+from farm.state import events as ev
+from farm.state.transitions import apply
+
+log = logging.getLogger(__name__)
+
+_Key = tuple[int, str | None, frozenset[str], frozenset[str]]
+
+
+class PlanRevisions:
+    """Decides which jobs are planned again, and whether the new plan is used.
+
+    A job is examined when its first plate could start, and when a printer of its plan is no longer available;
+    its plates do not start while another plan is made. State is kept in memory only: after a restart the jobs
+    are examined again.
+    """
+
+    def __init__(self) -> None:
+        self._running: dict[int, StartPlanning] = {}
+        self._began_s: dict[int, float] = {}
+        self._examined: set[_Key] = set()  # jobs with their plans, free and coming printers
+        self._changeable: dict[int, tuple[object, bool]] = {}  # by job, with its revision in the books
+
+    def is_running(self, number: int) -> bool:
+        """Return whether a job is being planned again."""
+        return number in self._running
+
+    def end(self, number: int) -> None:
+        """Remove a job that is no longer planned again."""
+        self._running.pop(number, None)
+
+    @property
+    def reserved_printers(self) -> dict[str, str]:
+        """Printers for which jobs are being planned again, with the job."""
+        return {name: f"job {order.job}" for order in self._running.values() for name in order.printers}
+
+    def holds(self, books: Books) -> dict[str, Hold]:
+        """Return a hold for each plate whose job is being planned again."""
+        return {
+            plate: Hold(
+                code=HoldCode.BEING_REPLANNED,
+                text=f"its job is being planned again for {join_names(order.printers)}, to finish sooner",
+            )
+            for order in self._running.values()
+            for plate in books.job(order.job).plates
+        }
+
+    def revise(
+        self, books: Books, situation: Situation, find_kept: Callable[[], Mapping[str, str]]
+    ) -> Iterator[StartPlanning]:
+        """Yield the jobs that are planned again from now on.
+
+        Parameters
+        ----------
+        books
+            The committed books.
+        situation
+            The plates that may be assigned now, and the fleet.
+        find_kept
+            Returns the free printers that are reserved, each with its purpose.
+        """
+        changeable = {job.id for job in books.jobs.values() if self._is_changeable(books, job)}
+        waiting = _find_unstarted(books, situation, changeable) if changeable else {}
+        if not waiting:
+            return
+        kept = find_kept()
+        given = {each.printer: each.plate for each in assign_plates(situation)}
+        starting = {books.plates[plate].job for plate in given.values()}
+        for number, plates in waiting.items():
+            job = books.job(number)
+            own = {plate.id for plate in plates} | {SPARE_USE}  # its spares are subtracted below
+            taken = {name for name, use in (*kept.items(), *given.items()) if use not in own}
+            idle, coming = _list_candidates(job, situation, taken)
+            key = (number, job.plan, frozenset(idle), frozenset(coming))
+            due = number in starting or not set(job.planned_for) <= set(coming)
+            if not due or key in self._examined or self.is_running(number):
+                continue
+            self._examined.add(key)
+            names = choose_revision(_describe(job, plates, situation), situation, (idle, coming))
+            if names is not None:
+                log.info("job %d is planned again for %s", number, " ".join(names))
+                self._running[number] = StartPlanning(number, names, rounds=1)
+                self._began_s[number] = situation.now_s
+                yield self._running[number]
+
+    def _is_changeable(self, books: Books, job: Job) -> bool:
+        if job.state is not JobState.PRINTING:
+            return False
+        revision = books.revision(job.id)
+        before, changeable = self._changeable.get(job.id, (None, False))
+        if before is not revision:
+            changeable = _may_change(books, job)
+            self._changeable[job.id] = revision, changeable
+        return changeable
+
+    def finish(
+        self, number: int, result: Plan | FarmError, books: Books, situation: Situation
+    ) -> ev.PlanRevised | None:
+        """Return the event of a plan that replaces the earlier one; None if that one stays.
+
+        Parameters
+        ----------
+        number
+            The job.
+        result
+            The new plan, or the error that prevents it.
+        books, situation
+            The committed books; all waiting plates, and the fleet.
+        """
+        order = self._running.pop(number)
+        job = books.job(number)
+        changeable = {number} if _may_change(books, job) else set()
+        plates = _find_unstarted(books, situation, changeable).get(number)
+        if plates is None:  # cancelled or changed by a person meanwhile
+            return None
+        if isinstance(result, FarmError):
+            log.warning("job %d keeps its plan: %s", number, result)
+            return None
+        planned = build_planned_event(
+            job, result, situation.printers, books, situation.rules, situation.now_s
+        )
+        planned = planned.model_copy(
+            update={"printers": order.printers, "planning_s": situation.now_s - self._began_s[number]}
+        )
+        event = ev.PlanRevised(**dict(planned))
+        if not _ends_sooner(event, books, situation):
+            log.info("job %d keeps its plan: the new one does not end sooner", number)
+            return None
+        return event
+
+
+def _find_unstarted(
+    books: Books, situation: Situation, jobs: Collection[int]
+) -> dict[int, tuple[WaitingPlate, ...]]:
+    """Find those of some jobs whose plates may all be assigned, with these plates."""
+    waiting: dict[int, list[WaitingPlate]] = {}
+    for view in situation.waiting:
+        if view.job in jobs:
+            waiting.setdefault(view.job, []).append(view)
+    return {
+        number: tuple(views)
+        for number, views in waiting.items()
+        if len(views) == len(books.job(number).plates)
+    }
+
+
+def _may_change(books: Books, job: Job) -> bool:
+    """Return whether a job's plan may change: nothing has started, no person has approved or changed it."""
+    if job.state is not JobState.PRINTING or not job.planned_for or job.revisions >= MOST_REVISIONS:
+        return False
+    if job.own_gcode is not None or job.options.copies > 1:
+        return False
+    if job.options.hold or job.restored or job.paused:
+        return False
+    plates = list(books.plates_of(job))
+    return not any(plate.prints or plate.paused for plate in plates) and all(
+        books.plate_state(plate) is PlateState.WAITING for plate in plates
+    )
+
+
+def _list_candidates(
+    job: Job, situation: Situation, taken: Collection[str]
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """List the printers that a job could use now, and all that it could use without a repair."""
+    request = JobRequest(job_requirements(job), job.options.printers, spares=job.options.spares)
+    matching = [p for p in situation.printers if request.requirements.matches(p.capabilities)]
+    coming = list_coming(matching, limit_availability(Availability(situation.printers), situation, job))
+    idle = [p for p in coming if p.obstacle() is None and p.name not in taken]
+    return _take_largest(idle, request), _take_largest(coming, request)
+
+
+def _take_largest(printers: Sequence[FleetPrinter], request: JobRequest) -> tuple[str, ...]:
+    largest = sorted(printers, key=lambda p: (-p.capabilities.height_mm, p.name))
+    return tuple(sorted(p.name for p in largest[: request.limit(len(printers))]))
+
+
+def _describe(job: Job, plates: tuple[WaitingPlate, ...], situation: Situation) -> PlannedJob:
+    return PlannedJob(
+        number=job.id,
+        plates=plates,
+        planned_for=job.planned_for,
+        requirements=job_requirements(job),
+        planning_s=CUTTING_S * situation.time_scale if job.planning_s is None else job.planning_s,
+        done_by_s=job.done_by_s,
+    )
+
+
+def _ends_sooner(event: ev.PlanRevised, books: Books, situation: Situation) -> bool:
+    """Return whether the plates of a new plan end before those of the present one."""
+    after, _ = apply(event, books)
+    job = after.job(event.job)
+    new = tuple(describe_plates(after.plates_of(job), after))
+    others = tuple(view for view in situation.waiting if view.job != job.id)
+    before_s = find_end_s(set(books.job(job.id).plates), situation)
+    return find_end_s(set(job.plates), situation.with_waiting((*others, *new))) < before_s
