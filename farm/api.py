@@ -133,6 +133,7 @@ class Targets(_View):
 
 class Reel(_View):
     material: str
+    kind: str | None = None  # of the material, like PLA; null if it is not known
     colour: str | None
     grams: float | None  # left; null if it is not known
     nozzle_mm: float

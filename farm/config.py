@@ -14,6 +14,7 @@ from pydantic import (
     BeforeValidator,
     ConfigDict,
     Field,
+    PrivateAttr,
     SecretStr,
     field_validator,
     model_validator,
@@ -152,6 +153,7 @@ class FleetSection(_Section):
     first_layers_attended: bool = False  # first layers must end in attended hours
     max_heating: Annotated[int, Field(ge=1)] | None = None  # printers that may heat up at the same time
     approve: bool = False  # no job prints before `farm approve`
+    materials: Path | None = None  # folder with material files of your own, in Cura's format
     group: Group = "farm"  # group that may use the daemon's socket, if it exists
     notify: tuple[SecretStr, ...] = ()  # addresses to notify, as URLs of apprise
     operators: Group | None = None  # group that may approve, clear and resume; None: everybody
@@ -188,6 +190,23 @@ class PrinterSection(_Section):
     enabled: bool = True
     unattended: bool = True  # may print while nobody is present
     power_off_cmd: str | None = None  # switches its mains power off; {printer} is replaced by its name
+
+    _material_kind: str | None = PrivateAttr(default=None)
+
+    @property
+    def material_kind(self) -> str | None:
+        """Kind of its material, like PLA; None if it is not known."""
+        return self._material_kind
+
+    def has_material(self, wanted: str | None) -> bool:
+        """Return whether its material is the one that a job asks for, by its file's name or its kind."""
+        return wanted in (None, self.material, self._material_kind)
+
+    def with_filament(self, material: str, kind: str | None, colour: str | None) -> Self:
+        """Return the section with another material, by its file's name, and colour."""
+        section = self.model_copy(update={"material": material, "colour": colour})
+        section._material_kind = kind
+        return section
 
     @property
     def simulated(self) -> bool:

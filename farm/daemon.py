@@ -51,6 +51,7 @@ from farm.state.storage import NightlyBackup, open_books
 from farm.upkeep.upkeep import Upkeep
 from farm.web import NetworkServer, find_host_names, has_valid_key, make_web_app
 from slicing.cache import trim_cache
+from slicing.settings import OWN_MATERIALS
 
 log = logging.getLogger(__name__)
 
@@ -239,6 +240,8 @@ def run(fleet: Fleet, places: Places) -> None:
     logging.basicConfig(level=logging.INFO, force=True, format="%(asctime)s %(name)s %(message)s")
     logging.getLogger("apscheduler").setLevel(logging.WARNING)
     check_operators(fleet.fleet.operators)
+    if fleet.fleet.materials is not None:
+        os.environ[OWN_MATERIALS] = str(fleet.fleet.materials)  # for the workers
     places.state.make()
     try:
         with _only_one(places.state):

@@ -59,11 +59,13 @@ _PATTERNS = {
 }
 """Descriptions of the keys that must match a pattern."""
 
-Check = Callable[[PrinterSection], "tuple[str, str] | None"]
-"""Checks a printer: returns the wrong key and what to write instead; None if it is valid."""
+Completion = Callable[[PrinterSection, FleetSection], PrinterSection]
+"""Checks a printer and fills in what follows from it; raises FieldError with the wrong key."""
 
 
-def load_fleet(path: Path, models: frozenset[str], check: Check = lambda _: None) -> Fleet:
+def load_fleet(
+    path: Path, models: frozenset[str], complete: Completion = lambda printer, _: printer
+) -> Fleet:
     """Read and check a fleet file.
 
     Parameters
@@ -72,8 +74,8 @@ def load_fleet(path: Path, models: frozenset[str], check: Check = lambda _: None
         The file.
     models
         The printer models that the drivers know.
-    check
-        Checks each printer whose keys are valid.
+    complete
+        Checks and completes each printer whose keys are valid.
 
     Raises
     ------
@@ -91,11 +93,18 @@ def load_fleet(path: Path, models: frozenset[str], check: Check = lambda _: None
         fleet = Fleet.model_validate(values)
     except ValidationError as error:
         raise document.describe(error.errors()[0]) from error
+    house = fleet.fleet
+    if house.materials is not None:
+        house = house.model_copy(update={"materials": path.absolute().parent / house.materials})
+    sections = []
     for index, section in enumerate(fleet.printers):
-        found = check(section)
-        if found is not None:
-            raise document.error_at(("printers", index, found[0]), found[1])
-    return fleet
+        try:
+            sections.append(complete(section, house))
+        except FieldError as error:
+            of_fleet = error.place[0] == "fleet"
+            place = error.place if of_fleet else ("printers", index, *error.place)
+            raise document.error_at(place, str(error)) from error
+    return fleet.model_copy(update={"fleet": house, "printers": tuple(sections)})
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,10 +6,11 @@ import asyncio
 from collections.abc import Iterable
 
 from farm import api
+from farm.config import FieldError
 from farm.control.controller import Controller
 from farm.errors import Refused
 from farm.model import Print, PrintState, Reel, Verdict
-from farm.planning.inspection import find_mistake
+from farm.planning.inspection import complete_section
 from farm.state import PlateState, failed_print_on, part_name, reprinting_printers, section_with_reel
 from farm.state import events as ev
 from farm.text import parse_part_number
@@ -115,9 +116,13 @@ class PrinterCommands:
             nozzle_mm=request.nozzle_mm or section.nozzle_mm,
             uncertain=same is not None and same.uncertain and request.grams is None,
         )
-        mistake = await asyncio.to_thread(find_mistake, section_with_reel(section, reel))
-        if mistake is not None:
-            raise Refused(f"{printer}: {mistake[1]}")
+        house = self._controller.fleet.fleet
+        try:
+            loaded = await asyncio.to_thread(complete_section, section_with_reel(section, reel), house)
+        except FieldError as error:
+            raise Refused(f"{printer}: {error}") from error
+        filament = {"material": loaded.material, "kind": loaded.material_kind, "colour": loaded.colour}
+        reel = reel.model_copy(update=filament)
         self._refuse_printing(printer)  # a print may have started meanwhile
         at_s = self._controller.clock.now()
         self._controller.handle(ev.ReelLoaded(at_s=at_s, printer=printer, reel=reel, by=by))

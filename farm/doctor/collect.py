@@ -38,7 +38,7 @@ from farm.errors import FarmError
 from farm.fleet_file import load_fleet
 from farm.model import Job
 from farm.paths import Places, StateFolder, read_anchor
-from farm.planning.inspection import find_mistake
+from farm.planning.inspection import complete_section
 from farm.state import Books
 from farm.state.retention import DiskUse
 from farm.state.storage import read_books, sha256_of
@@ -91,7 +91,7 @@ def collect_facts(places: Places, daemon_version: str | None, daemon_error: str 
 
 def _read_fleet(path: Path) -> tuple[Fleet | None, str | None]:
     try:
-        return load_fleet(path, frozenset(PROFILES), find_mistake), None
+        return load_fleet(path, frozenset(PROFILES), complete_section), None
     except FarmError as error:
         return None, str(error)
 

@@ -23,7 +23,11 @@ def printer_routes(services: Services, printers: PrinterCommands, parts: PartCom
     async def load_reel(name: str, request: api.LoadRequest, by: OperatorName) -> api.Reel:
         reel = await printers.load_reel(name, request, by)
         return api.Reel(
-            material=reel.material, colour=reel.colour, grams=reel.grams, nozzle_mm=reel.nozzle_mm
+            material=reel.material,
+            kind=reel.kind,
+            colour=reel.colour,
+            grams=reel.grams,
+            nozzle_mm=reel.nozzle_mm,
         )
 
     @router.post("/printers/{name}/pause")

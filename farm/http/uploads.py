@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import shutil
 import uuid
 from collections.abc import AsyncIterator, Sequence
@@ -22,6 +23,7 @@ from farm.http.callers import CallerName
 from farm.http.services import Services
 from farm.model import JobOptions
 from farm.planning import InspectedSubmission, step_file
+from farm.planning.inspection import name_filament
 from farm.planning.tasks import inspect_submission
 from farm.text import flatten_text, format_count
 
@@ -47,6 +49,8 @@ def upload_routes(services: Services, jobs: JobCommands) -> APIRouter:
         if known is not None:
             return api.Submitted(job=known, again=True)
         jobs.check_submission(wanted)
+        fleet = services.controller.fleet
+        wanted = await asyncio.to_thread(name_filament, wanted, fleet.printers, fleet.fleet.materials)
         name = clean_name(name)
         model = await uploads.receive_model(request.stream(), request_id, name, size, wanted)
         number, again = jobs.submit(request_id, name, model, wanted, by)

@@ -23,6 +23,7 @@ class Reel(Entity):
     """Filament on a printer, and its nozzle, as last reported by a person."""
 
     material: str
+    kind: str | None = None  # of the material, like PLA; None: not known
     colour: str | None = None
     grams: float | None = None  # left; None: unknown
     nozzle_mm: float

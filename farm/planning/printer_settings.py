@@ -26,15 +26,19 @@ def matching_printers(printers: Sequence[PrinterSection], options: JobOptions) -
     matching = [
         section
         for section in enabled
-        if options.material in (None, section.material) and options.colour in (None, section.colour)
+        if section.has_material(options.material) and options.colour in (None, section.colour)
     ]
     if not matching:
-        have = sorted({f"{s.material} {s.colour}" if s.colour else s.material for s in enabled})
+        have = sorted({_describe_filament(section) for section in enabled})
         description = " ".join(filter(None, (options.material, options.colour))) or "a printer"
         raise Refused(
             f"no printer of the fleet has {description}; there is {', '.join(have) or 'no printer at all'}"
         )
     return matching
+
+
+def _describe_filament(section: PrinterSection) -> str:
+    return " ".join(filter(None, (section.colour, section.material_kind or section.material)))
 
 
 def settings_request(section: PrinterSection, quality: str) -> SettingsRequest:

@@ -33,6 +33,11 @@ class Capabilities:
     colour: str | None
     nozzle_mm: float
     family: str | None = None
+    material_kind: str | None = None
+
+    def has_material(self, wanted: str | None) -> bool:
+        """Return whether the material is the one that is asked for, by its file's name or its kind."""
+        return wanted in (None, self.material, self.material_kind)
 
     @cached_property
     def height_mm(self) -> float:
@@ -42,7 +47,7 @@ class Capabilities:
         """Return whether a plate of some size with this demand matches."""
         material, colour, nozzle_mm, family = demand
         return (
-            material in (None, self.material)
+            self.has_material(material)
             and colour in (None, self.colour)
             and nozzle_mm in (None, self.nozzle_mm)
             and family in (None, self.family)
@@ -143,9 +148,10 @@ class Requirements:
     def describe(self, lacking: tuple[Capabilities, ...] = ()) -> str:
         """List the requirements as text; with `lacking`, only those that one of these does not meet."""
         texts = []
-        for value, key in ((self.material, "material"), (self.colour, "colour")):
-            if value and (not lacking or any(getattr(kind, key) != value for kind in lacking)):
-                texts.append(value)
+        if self.material and (not lacking or not all(kind.has_material(self.material) for kind in lacking)):
+            texts.append(self.material)
+        if self.colour and (not lacking or any(kind.colour != self.colour for kind in lacking)):
+            texts.append(self.colour)
         if self.nozzle_mm and (not lacking or any(kind.nozzle_mm != self.nozzle_mm for kind in lacking)):
             texts.append(f"nozzle {self.nozzle_mm} mm")
         if self.family and (not lacking or any(kind.family != self.family for kind in lacking)):

@@ -56,8 +56,14 @@ def _describe_printer(
 
 def describe_capabilities(section: PrinterSection, rooms: BuildVolumes) -> Capabilities:
     """Describe what a printer can print, whatever its state."""
-    family = PROFILES[section.model].family
-    return Capabilities(rooms(section), section.material, section.colour, section.nozzle_mm, family)
+    return Capabilities(
+        room=rooms(section),
+        material=section.material,
+        colour=section.colour,
+        nozzle_mm=section.nozzle_mm,
+        family=PROFILES[section.model].family,
+        material_kind=section.material_kind,
+    )
 
 
 def _why_attended(section: PrinterSection, report: AgentSnapshot | None) -> str:

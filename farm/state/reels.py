@@ -41,8 +41,9 @@ def section_with_reel(section: PrinterSection, reel: Reel | None) -> PrinterSect
     """Return the section of a printer with the loaded reel."""
     if reel is None:
         return section
-    has = {"material": reel.material, "colour": reel.colour, "nozzle_mm": reel.nozzle_mm}
-    return section.model_copy(update=has)
+    kind = reel.kind or (section.material_kind if reel.material == section.material else None)
+    loaded = section.with_filament(reel.material, kind, reel.colour)
+    return loaded.model_copy(update={"nozzle_mm": reel.nozzle_mm})
 
 
 def fleet_with_reels(fleet: Fleet, printers: Mapping[str, Printer]) -> Fleet:

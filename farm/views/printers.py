@@ -67,6 +67,7 @@ def _last_print(context: ViewContext, printer: str) -> api.LastPrint | None:
 def _reel(section: PrinterSection, entry: Printer) -> api.Reel:
     return api.Reel(
         material=section.material,
+        kind=section.material_kind,
         colour=section.colour,
         grams=entry.reel.grams if entry.reel is not None else None,
         nozzle_mm=section.nozzle_mm,

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 from slicing.errors import BadSetting
 
-_SPACE = {"m": "http://www.ultimaker.com/material"}
-_CURA_SETTING = "{http://www.ultimaker.com/cura}setting"
+SPACE = {"m": "http://www.ultimaker.com/material"}
+CURA_SETTING = "{http://www.ultimaker.com/cura}setting"
 
 # Cura 4.13, XmlMaterialProfile: the file's names that are settings by another name.
 _KEYS = {
@@ -93,23 +93,23 @@ def read_material(root: ET.Element, name: str, product: str, hotend: str) -> Mat
     BadSetting
         Where the material is not for this printer, or its density is missing.
     """
-    settings = root.find("m:settings", _SPACE)
+    settings = root.find("m:settings", SPACE)
     values: dict[str, str] = {}
     compatible = True
     sections = [] if settings is None else [settings, *_printer_sections(settings, product, hotend)]
     for section in sections:
-        for entry in section.findall("m:setting", _SPACE):
+        for entry in section.findall("m:setting", SPACE):
             key, text = entry.get("key", ""), (entry.text or "").strip()
             if key == "hardware compatible":
                 compatible = text in ("yes", "unknown")
             elif key in _KEYS:
                 values[_KEYS[key]] = text
             elif key == _GRAPH:
-                points = entry.findall("m:point", _SPACE)
+                points = entry.findall("m:point", SPACE)
                 values[_GRAPH_KEY] = str(
                     [[float(p.get(of, 0)) for of in ("flow", "temperature")] for p in points]
                 )
-        for entry in section.findall(_CURA_SETTING):
+        for entry in section.findall(CURA_SETTING):
             text = (entry.text or "").strip()
             values[entry.get("key", "")] = _WORDS.get(text.lower(), text)
     if not compatible:
@@ -118,10 +118,10 @@ def read_material(root: ET.Element, name: str, product: str, hotend: str) -> Mat
             "nozzle"
         )
     for key, path in (("material_diameter", "properties/m:diameter"), ("material_guid", "metadata/m:GUID")):
-        found = root.findtext(f"m:{path}", namespaces=_SPACE)
+        found = root.findtext(f"m:{path}", namespaces=SPACE)
         if found:
             values[key] = found
-    density = root.findtext("m:properties/m:density", namespaces=_SPACE)
+    density = root.findtext("m:properties/m:density", namespaces=SPACE)
     if density is None:
         raise BadSetting(f"material {name} has no density in its file; take another one, like generic_pla")
     return Material(values, float(density), material_kind(root))
@@ -129,16 +129,16 @@ def read_material(root: ET.Element, name: str, product: str, hotend: str) -> Mat
 
 def material_kind(root: ET.Element) -> str:
     """Read the kind of a material, like PLA: all colours and brands of it share their qualities."""
-    return root.findtext("m:metadata/m:name/m:material", default="", namespaces=_SPACE)
+    return root.findtext("m:metadata/m:name/m:material", default="", namespaces=SPACE)
 
 
 def _printer_sections(settings: ET.Element, product: str, hotend: str) -> Iterator[ET.Element]:
     """Yield the sections of this printer, then of this nozzle in it: the later one wins."""
-    for machine in settings.findall("m:machine", _SPACE):
-        products = {i.get("product") for i in machine.findall("m:machine_identifier", _SPACE)}
+    for machine in settings.findall("m:machine", SPACE):
+        products = {i.get("product") for i in machine.findall("m:machine_identifier", SPACE)}
         if product in products:
             yield machine
-            yield from (h for h in machine.findall("m:hotend", _SPACE) if h.get("id") == hotend)
+            yield from (h for h in machine.findall("m:hotend", SPACE) if h.get("id") == hotend)
 
 
 def shrinkage_factors(kind: str) -> tuple[float, float]:

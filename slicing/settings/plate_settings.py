@@ -158,6 +158,8 @@ def _is_cura_value(found: Violation, resources: Resources, lookup: _RequestKey) 
     """Check whether a value beyond Cura's limits is from Cura's own profiles: Cura prints those anyway."""
     bare = replace(lookup, overrides=())
     stacks = find_stacks(resources, lookup.printer.name, lookup.nozzle_mm, lookup.material, lookup.quality)
+    if lookup.material in resources.own_material_names() and found.key in stacks.material.values:
+        return False
     return bool(_resolver(stacks, bare, ANY_PART, None).value(found.scope, found.key) == found.value)
 
 

@@ -16,7 +16,10 @@ from typing import Any
 from slicing.errors import BadSetting, EngineMissing, ResourcesMissing, suggest_names
 from slicing.settings.definitions import Setting, merge_definitions
 from slicing.settings.material import material_kind
+from slicing.settings.own_materials import SUFFIX, list_own_materials, read_own_material
 
+OWN_MATERIALS = "FARM_MATERIALS"
+"""Environment variable with the folder of a person's own material files."""
 FOLDERS = ("definitions", "extruders", "variants", "quality", "materials")
 _ANY_MACHINE = "fdmprinter"
 """Definition whose qualities are for all machines that have none of their own, with any material."""
@@ -34,8 +37,15 @@ def find_engine(environ: Mapping[str, str] = os.environ) -> Path:
     return Path(found)
 
 
-def find_resources(environ: Mapping[str, str] = os.environ) -> Resources:
+def find_resources(environ: Mapping[str, str] = os.environ, own: Path | None = None) -> Resources:
     """Find Cura's files: `FARM_CURA_RESOURCES`, else `.cura/resources` of the checkout, else Debian's folder.
+
+    Parameters
+    ----------
+    environ
+        The environment.
+    own
+        Folder with own material files; None for that of `FARM_MATERIALS`, if it is set.
 
     Raises
     ------
@@ -48,7 +58,8 @@ def find_resources(environ: Mapping[str, str] = os.environ) -> Resources:
     )
     for place in places:
         if all((place / folder).is_dir() for folder in FOLDERS):
-            return Resources(place)
+            folder = environ.get(OWN_MATERIALS)
+            return Resources(place, own or (Path(folder) if folder else None))
     problem = f"FARM_CURA_RESOURCES={named} lacks" if named else "Cura's files are missing:"
     raise ResourcesMissing(
         f"{problem} the folders {', '.join(FOLDERS)}: {_ADVICE.format('FARM_CURA_RESOURCES to their folder')}"
@@ -81,9 +92,10 @@ class Profile:
 
 @dataclass(frozen=True, slots=True)
 class Resources:
-    """Cura's folder of resources; every file is read once in a process."""
+    """Cura's folder of resources, and that of own materials; every file is read once in a process."""
 
     root: Path
+    own_materials: Path | None = None
 
     def machine(self, model: str) -> Machine:
         """Read a printer model by Cura's definition id. Raises BadSetting where there is none."""
@@ -94,8 +106,16 @@ class Resources:
         return _profiles(self.root, kind, definition)
 
     def material(self, name: str) -> ET.Element:
-        """Read a material's XML. Raises BadSetting where there is none."""
-        return _material(self.root, name)
+        """Read a material's XML. Raises BadSetting where there is none, or an own one is not usable."""
+        return _material(self.root, self.own_materials, name)
+
+    def own_material_names(self) -> tuple[str, ...]:
+        """List the names of a person's own materials. Raises BadSetting where their folder is not usable."""
+        return tuple(_own_materials(self.root, self.own_materials))
+
+    def material_names(self) -> tuple[str, ...]:
+        """List the names of all materials, own ones first."""
+        return (*self.own_material_names(), *_cura_materials(self.root))
 
     def material_kind(self, name: str) -> str | None:
         """Read the kind of a material, like PLA; None where there is no such material."""
@@ -179,16 +199,32 @@ def _profiles(root: Path, kind: str, definition: str) -> tuple[Profile, ...]:
     return tuple(found)
 
 
-@lru_cache(maxsize=256)
-def _material(root: Path, name: str) -> ET.Element:
-    suffix = ".xml.fdm_material"
-    path = root / "materials" / f"{name}{suffix}"
-    known = {p.name.removesuffix(suffix) for p in path.parent.glob(f"*{suffix}")}
+@lru_cache(maxsize=4)
+def _cura_materials(root: Path) -> Mapping[str, Path]:
+    paths = sorted((root / "materials").glob(f"*{SUFFIX}"))
+    return {path.name.removesuffix(SUFFIX): path for path in paths}
+
+
+@lru_cache(maxsize=4)
+def _own_materials(root: Path, folder: Path | None) -> Mapping[str, Path]:
+    own = {} if folder is None else list_own_materials(folder)
+    for name in own:
+        if name in _cura_materials(root):
+            raise BadSetting(f"{own[name]}: Cura has a material {name} of its own; rename the file")
+    return own
+
+
+@lru_cache(maxsize=1024)
+def _material(root: Path, folder: Path | None, name: str) -> ET.Element:
+    own, curas = _own_materials(root, folder), _cura_materials(root)
+    if name in own:
+        return read_own_material(own[name])
+    known = {*own, *curas}
     if name not in known:
         generic = f"generic_{name.lower()}"  # PLA is a kind, and Cura has a generic material of each
         hint = suggest_names(generic if generic in known else name, known)
         raise BadSetting(f"{name}: Cura has no such material{hint}")
     try:
-        return ET.fromstring(path.read_text(encoding="utf-8"))
+        return ET.fromstring(curas[name].read_text(encoding="utf-8"))
     except (OSError, ET.ParseError) as error:
-        raise ResourcesMissing(f"{path}: {error}") from error
+        raise ResourcesMissing(f"{curas[name]}: {error}") from error

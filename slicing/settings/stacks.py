@@ -9,6 +9,7 @@ from slicing.errors import BadSetting, suggest_names
 from slicing.settings.definitions import parse_literal, parse_value
 from slicing.settings.formula import Formula
 from slicing.settings.material import Material, read_material
+from slicing.settings.own_materials import RELATIVES
 from slicing.settings.qualities import FARM_QUALITIES
 from slicing.settings.resolver import Layer, Place, Scope
 from slicing.settings.resources import Machine, Profile, Resources
@@ -70,6 +71,17 @@ def _known(machine: Machine, key: str) -> bool:
     return key in machine.settings or key in machine.extruder
 
 
+def _check_values(machine: Machine, material: Material, name: str) -> None:
+    """Check that the values of an own material are of their settings' types."""
+    for key, text in material.values.items():
+        setting = machine.settings.get(key) or machine.extruder.get(key)
+        if setting is not None:
+            try:
+                parse_value(setting, text)
+            except BadSetting as error:
+                raise BadSetting(f"material {name}: {error}") from error
+
+
 def _written(machine: Machine, key: str, text: str) -> object:
     """Read a profile's value: a formula where it starts with an equals sign."""
     if text.startswith("="):
@@ -104,6 +116,8 @@ def _material(machine: Machine, hotend: str, name: str, resources: Resources) ->
         like = next(pla for pla in _GENERIC if pla not in machine.excluded_materials)
         raise BadSetting(f"material {name} is not for the {machine.name}; take another one, like {like}")
     material = read_material(root, name, machine.name, hotend)
+    if name in resources.own_material_names():
+        _check_values(machine, material, name)
     diameter_mm = float(material.values.get("material_diameter", machine.diameter_mm))
     if abs(diameter_mm - machine.diameter_mm) > _MOST_APART_MM:
         raise BadSetting(
@@ -123,7 +137,9 @@ def _qualities(
     if machine.has_materials:
         fitting = [p for p in profiles if p.metadata.get("variant") == hotend]
         chosen = [p for p in fitting if p.metadata.get("material") == material]
-        chosen = chosen or [p for p in fitting if _is_kind(p.metadata.get("material"), kind, resources)]
+        kinds = [kind, RELATIVES.get(kind, kind)] if material in resources.own_material_names() else [kind]
+        for each in kinds:
+            chosen = chosen or [p for p in fitting if _is_kind(p.metadata.get("material"), each, resources)]
         candidates = {p.metadata["quality_type"]: p for p in chosen}
     available = sorted(candidates.keys() & shared.keys())
     bases = FARM_QUALITIES[quality].bases if quality in FARM_QUALITIES else (quality,)

@@ -7,7 +7,7 @@ import pytest
 
 from farm.errors import ExitCode, FleetFileError
 from farm.fleet_file import load_fleet
-from farm.planning.inspection.fleet_check import find_mistake
+from farm.planning.inspection.fleet_check import complete_section
 
 MODELS = frozenset({"ultimaker2_plus", "ultimaker2_extended_plus"})
 ROOT = Path(__file__).parents[2]
@@ -157,28 +157,46 @@ def test_a_mistake_is_named_in_one_line(tmp_path, text, said):
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        (GOOD.replace("model: ultimaker2_plus", "model: ultimaker2_plus, material: PLA"), "3: defaults.mat"),
-        (GOOD.replace("colour: blue", "material: PLA"), "did you mean generic_pla,"),
+        (GOOD.replace("model: ultimaker2_plus", "model: ultimaker2_plus, material: PAL"), "3: defaults.mat"),
+        (GOOD.replace("colour: blue", "material: PETG"), "6: printers.1.material: PETG: Cura has no profile"),
         (
             GOOD.replace("colour: blue", "material: generic_plaa"),
-            "6: printers.1.material: generic_plaa",
+            "6: printers.1.material: generic_plaa: there is no such material; it prints ABS, CPE,",
         ),
-        (GOOD.replace("colour: blue", "material: generic_plaa"), "did you mean generic_pla"),
+        (
+            GOOD.replace("name: lab", "name: lab, materials: mine"),
+            "2: fleet.materials: the folder of materials ",
+        ),
         (GOOD.replace("colour: blue", "nozzle_mm: 7"), "6: printers.1.nozzle_mm: nozzle 7 mm"),
         (GOOD.replace("colour: blue", "nozzle_mm: 7"), "it has 0.25 mm, 0.4 mm, 0.6 mm, 0.8 mm"),
     ],
 )
 def test_unknown_cura_material_is_reported_as_a_field_error(tmp_path, text, said):
     with pytest.raises(FleetFileError) as error:
-        load(tmp_path, text, find_mistake)
+        load(tmp_path, text, complete_section)
     assert said in str(error.value)
     assert error.value.exit_code == ExitCode.USAGE
 
 
 def test_a_printer_that_cura_has_files_for_is_well_and_none_is_judged_without_files(tmp_path, monkeypatch):
-    assert len(load(tmp_path, GOOD, find_mistake).printers) == 2
+    assert len(load(tmp_path, GOOD, complete_section).printers) == 2
     monkeypatch.setenv("FARM_CURA_RESOURCES", str(tmp_path))
-    assert len(load(tmp_path, GOOD.replace("colour: blue", "nozzle_mm: 7"), find_mistake).printers) == 2
+    assert len(load(tmp_path, GOOD.replace("colour: blue", "nozzle_mm: 7"), complete_section).printers) == 2
+
+
+def test_a_printer_s_material_is_named_as_people_do(tmp_path):
+    fleet = load(tmp_path, GOOD.replace("colour: blue", "material: red ABS"), complete_section)
+    assert [(p.material, p.material_kind) for p in fleet.printers] == [
+        ("generic_pla", "PLA"),
+        ("generic_abs", "ABS"),
+    ]
+    assert fleet.printers[1].colour == "red"
+
+
+def test_a_folder_of_materials_is_relative_to_the_fleet_file(tmp_path):
+    (tmp_path / "mine").mkdir()
+    fleet = load(tmp_path, GOOD.replace("name: lab", "name: lab, materials: mine"), complete_section)
+    assert fleet.fleet.materials == tmp_path / "mine"
 
 
 def test_two_ways_to_write_one_port_are_one_port(tmp_path):

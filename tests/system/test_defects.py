@@ -122,10 +122,13 @@ def test_fleet_with_an_unknown_key(make_farm):
 
 def test_fleet_with_an_unknown_material(make_farm):
     farm = make_farm({"one": SIM})
-    farm.fleet.write_text(farm.fleet.read_text().replace("name: one", "name: one, material: PLA"))
+    farm.fleet.write_text(farm.fleet.read_text().replace("name: one", "name: one, material: PLAA"))
     result = farm.run("up")
     assert result.returncode == 2
-    assert re.search(r"fleet.yaml:3: printers.0.material: .* generic_pla", one_line(result.stderr))
+    assert re.search(
+        r"fleet.yaml:3: printers.0.material: .*PLAA: there is no such material; it prints ABS",
+        one_line(result.stderr),
+    )
 
 
 def test_two_printers_on_one_port(make_farm, tmp_path):

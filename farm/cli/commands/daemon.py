@@ -56,9 +56,9 @@ def up(
 
 
 def _load_fleet(places: Places) -> Fleet:
-    from farm.planning.inspection import find_mistake
+    from farm.planning.inspection import complete_section
 
-    return load_fleet(places.fleet, frozenset(PROFILES), find_mistake)
+    return load_fleet(places.fleet, frozenset(PROFILES), complete_section)
 
 
 def _warn(fleet: Fleet, places: Places) -> None:

@@ -134,7 +134,7 @@ def slice_model(
     out: Annotated[Path, typer.Option("-o", "--out", help="The G-code file.")],
     printer_model: Annotated[str, typer.Option(help="Cura's definition id.")] = "ultimaker2_plus",
     quality: Quality = "glue",
-    material: Annotated[str, typer.Option(help="Cura's material id.")] = "generic_pla",
+    material: Annotated[str, typer.Option(help="PLA, or a name of Cura's.")] = "generic_pla",
     nozzle: Annotated[float, typer.Option(help="Nozzle size, mm.")] = 0.4,
     set_: Annotated[list[str] | None, typer.Option("--set", help="A Cura setting, KEY=VALUE.")] = None,
     longest_side: LongestSide = None,

@@ -199,19 +199,27 @@ def _format_target(target: str) -> str:
 def load(
     places: Places,
     printer: Printer,
-    material: Annotated[str | None, typer.Option(help="Material of the new reel, by Cura's name.")] = None,
+    filament: Annotated[
+        str | None, typer.Argument(help="The new reel: a material, with or without its colour: 'black PLA'.")
+    ] = None,
+    material: Annotated[
+        str | None, typer.Option(help="Material of the new reel: PLA, or a name of Cura's.")
+    ] = None,
     colour: Annotated[str | None, typer.Option(help="Colour of the new reel.")] = None,
     grams: Annotated[float | None, typer.Option(help="Filament on the new reel, g.", min=0)] = None,
     nozzle: Annotated[float | None, typer.Option(help="Size of the mounted nozzle, mm.", min=0.1)] = None,
 ) -> None:
     """Record a new reel or nozzle. No print starts with too little filament left."""
+    if filament is not None and material is not None:
+        raise typer.BadParameter("give the material once", param_hint="--material")
+    material = filament or material
     if material is None and colour is None and grams is None and nozzle is None:
-        raise typer.BadParameter("give at least one of --material, --colour, --grams and --nozzle")
+        raise typer.BadParameter("give the filament, or one of --material, --colour, --grams and --nozzle")
     request = LoadRequest(material=material, colour=colour, grams=grams, nozzle_mm=nozzle)
     reel = connect(places).load(printer, request)
     amount = f", {reel.grams:.0f} g" if reel.grams is not None else ", amount not known"
-    colours = f" {reel.colour}" if reel.colour else ""
-    print(f"{printer}: {reel.material}{colours}{amount}, nozzle {reel.nozzle_mm:g} mm")
+    colour_and_kind = " ".join(filter(None, (reel.colour, reel.kind or reel.material)))
+    print(f"{printer}: {colour_and_kind}{amount}, nozzle {reel.nozzle_mm:g} mm")
 
 
 @with_farm

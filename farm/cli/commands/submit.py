@@ -32,7 +32,10 @@ def submit(
     longest_side: LongestSide = None,
     scale: Scale = None,
     engine: Annotated[Engine, typer.Option(help="The algorithm that decomposes it.")] = Engine.BEST,
-    material: Annotated[str | None, typer.Option(help="Use only printers with this material.")] = None,
+    material: Annotated[
+        str | None,
+        typer.Option(help="Use only printers with this material, like PLA or 'black PLA'."),
+    ] = None,
     colour: Annotated[str | None, typer.Option(help="Use only printers with this colour.")] = None,
     quality: Quality = "glue",
     priority: Annotated[int, typer.Option(help="Jobs of higher priority print first.")] = 0,

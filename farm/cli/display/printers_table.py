@@ -67,7 +67,7 @@ def _list_cells(printer: api.PrinterView, now: str) -> tuple[str, ...]:
 
 
 def _format_reel(reel: api.Reel) -> str:
-    words = [reel.material.removeprefix("generic_").upper(), reel.colour or ""]
+    words = [reel.kind or reel.material.removeprefix("generic_").upper(), reel.colour or ""]
     if reel.grams is not None:
         words.append(f"{reel.grams:.0f}g")
     return " ".join(filter(None, words))

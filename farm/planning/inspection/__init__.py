@@ -3,8 +3,10 @@
 Functions that run in workers are listed in `farm.planning.tasks`; their modules load numpy.
 """
 
-from farm.planning.inspection.fleet_check import find_mistake
+from farm.planning.inspection.fleet_check import complete_section
+from farm.planning.inspection.materials import name_filament
 
 __all__ = [
-    "find_mistake",
+    "complete_section",
+    "name_filament",
 ]

@@ -3,34 +3,60 @@
 from __future__ import annotations
 
 from drivers.printers import PROFILES
-from farm.config import PrinterSection
+from farm.config import FieldError, FleetSection, PrinterSection
+from farm.planning.inspection.materials import choose_material
 from farm.planning.printer_settings import slicing_printer
 from slicing.errors import BadSetting, SlicingError
-from slicing.settings import SettingsRequest, find_resources, resolve_settings
+from slicing.settings import Resources, SettingsRequest, find_resources, resolve_settings
 
 
-def find_mistake(section: PrinterSection) -> tuple[str, str] | None:
-    """Find the first value in a printer's section that Cura's files do not know.
+def complete_section(section: PrinterSection, house: FleetSection) -> PrinterSection:
+    """Check a printer's section against Cura's files, and name its material by its file.
+
+    Parameters
+    ----------
+    section
+        The section, with the material as a person named it, like PLA.
+    house
+        The keys under `fleet`, for the folder of own materials.
 
     Returns
     -------
-    tuple[str, str] | None
-        The key, and the known values. None if all are known, or if Cura's files are missing (a
-        submission reports that).
+    PrinterSection
+        The section with the name of the material's file, its kind and its colour; unchanged if Cura's
+        files are missing (a submission reports that).
+
+    Raises
+    ------
+    FieldError
+        With the key whose value Cura's files do not know, and the known values.
     """
-    request = SettingsRequest(
-        slicing_printer(PROFILES[section.model]), material=section.material, nozzle_mm=section.nozzle_mm
-    )
     try:
-        resources = find_resources()
-        for key, look in (("model", resources.machine), ("material", resources.material)):
-            try:
-                look(getattr(section, key))
-            except BadSetting as error:
-                return key, str(error)
+        resources = find_resources(own=house.materials)
+    except SlicingError:
+        return section
+    _check_own_materials(resources)
+    key = "model"
+    try:
+        resources.machine(section.model)
+        key = "material"
+        printer = slicing_printer(PROFILES[section.model])
+        named = choose_material(section.material, printer, section.nozzle_mm, resources)
+        section = section.with_filament(named.name, named.kind, section.colour or named.colour)
+        request = SettingsRequest(printer, material=section.material, nozzle_mm=section.nozzle_mm)
         resolve_settings(request, resources)
     except BadSetting as error:
-        return ("nozzle_mm" if str(error).startswith("nozzle ") else "material"), str(error)
+        key = "nozzle_mm" if str(error).startswith("nozzle ") else key
+        raise FieldError(str(error), key) from error
     except SlicingError:
-        return None
-    return None
+        return section
+    return section
+
+
+def _check_own_materials(resources: Resources) -> None:
+    """Read every own material: a mistake in one is told before it is used."""
+    try:
+        for name in resources.own_material_names():
+            resources.material(name)
+    except BadSetting as error:
+        raise FieldError(str(error), "fleet", "materials") from error

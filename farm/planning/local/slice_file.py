@@ -6,7 +6,7 @@ import os
 import shutil
 import tempfile
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ from drivers.printers import BEDS, Profile, RoomBox, part_room, place
 from farm.compute import process_bytes
 from farm.errors import ErrorCode, FarmError
 from farm.planning.error_translation import translate_errors
+from farm.planning.inspection.materials import choose_material
 from farm.planning.part_records import SliceTask
 from farm.planning.parts.slice_part import settings_of, slice_part
 from farm.planning.plate_times import plate_seconds
@@ -86,6 +87,8 @@ def slice_to_file(
     _check_writable(out, path)
     with translate_errors():
         resources, engine = find_resources(), find_engine()
+        named = choose_material(options.material, request.printer, options.nozzle_mm, resources)
+        request = replace(request, material=named.name)
         settings = resolve_settings(request, resources)
         model = _read_model(path, options, on_step)
     room = _find_room(path.name, model, settings, profile)

@@ -181,7 +181,7 @@ def waits_for_its_printer_kind(code: HoldCode) -> bool:
 
 def _same_filament(plate: WaitingPlate, printer: FleetPrinter) -> bool:
     requirements, offered = plate.requirements, printer.capabilities
-    return requirements.material in (None, offered.material) and requirements.colour in (None, offered.colour)
+    return offered.has_material(requirements.material) and requirements.colour in (None, offered.colour)
 
 
 def is_other_kind(demand: Demand, kind: Capabilities) -> bool:

@@ -8,6 +8,7 @@ from datetime import datetime
 import pytest
 
 from farm.api import LoadRequest
+from farm.config import FieldError
 from farm.control import job_commands, printer_commands
 from farm.errors import ErrorCode, FarmError, Refused
 from farm.model import HoldCode, JobOptions, JobState, OwnGcode
@@ -87,10 +88,11 @@ def test_changes_during_an_approval_are_noticed(farm, state, monkeypatch):
     other = submit(farm, "s", hold=True)
     farm.controller.on_plan(other, plan_for(other, state))
 
-    def start(section):
+    def start(section, house):
         farm.controller.handle(ev.JobApproved(at_s=1.0, job=other, by="ann"))
+        return section
 
-    monkeypatch.setattr(printer_commands, "find_mistake", start)
+    monkeypatch.setattr(printer_commands, "complete_section", start)
     monkeypatch.setattr(printer_commands, "asyncio", NoThreads)
     with pytest.raises(Refused, match="a is printing"):
         asyncio.run(farm.printers.load_reel("a", LoadRequest(grams=500.0), "ann"))
@@ -142,7 +144,7 @@ def test_a_fleet_can_ask_for_approval_of_every_job(tmp_path, state):
 def test_a_reel_is_kept_over_a_restart_and_a_plate_never_starts_on_too_little(
     farm, state, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr(printer_commands, "find_mistake", lambda section: None)
+    monkeypatch.setattr(printer_commands, "complete_section", lambda section, house: section)
     asyncio.run(farm.printers.load_reel("a", LoadRequest(grams=4.0, colour="white"), "ann"))
     reel = asyncio.run(
         farm.printers.load_reel("b", LoadRequest(material="generic_abs", grams=700.0, nozzle_mm=0.8), "ann")
@@ -165,9 +167,10 @@ def test_a_reel_is_kept_over_a_restart_and_a_plate_never_starts_on_too_little(
 
 
 def test_a_reel_that_cura_does_not_know_is_refused(farm, state, monkeypatch):
-    monkeypatch.setattr(
-        printer_commands, "find_mistake", lambda section: ("material", "there is no generic_gold")
-    )
+    def refuse(section, house):
+        raise FieldError("there is no generic_gold", "material")
+
+    monkeypatch.setattr(printer_commands, "complete_section", refuse)
     with pytest.raises(Refused, match="a: there is no generic_gold"):
         asyncio.run(farm.printers.load_reel("a", LoadRequest(material="generic_gold"), "ann"))
 
@@ -308,7 +311,7 @@ def test_timeline_of_a_job_waits_for_the_plates_of_jobs_before_it(farm, state):
 
 
 def test_tasks_name_the_approval_and_the_short_reel(farm, state, monkeypatch):
-    monkeypatch.setattr(printer_commands, "find_mistake", lambda section: None)
+    monkeypatch.setattr(printer_commands, "complete_section", lambda section, house: section)
     first = submit(farm, hold=True)
     farm.controller.on_plan(first, plan_for(first, state))
     for name in "ab":

@@ -59,7 +59,7 @@ def test_second_slice_is_from_the_cache_and_equal(box, tmp_path):
 REFUSED = {
     "folder": ({}, ErrorCode.FAILED, "it is a folder"),
     "printer": ({"printer_model": "ultimaker2_pls"}, ErrorCode.SETTINGS, "did you mean ultimaker2_plus"),
-    "material": ({"material": "PLA"}, ErrorCode.SETTINGS, "did you mean generic_pla"),
+    "material": ({"material": "PETG"}, ErrorCode.SETTINGS, "it prints ABS, CPE,"),
     "nozzle": ({"nozzle_mm": 0.5}, ErrorCode.SETTINGS, "0.4 mm, 0.6 mm"),
     "setting": ({"overrides": {"laier_height": "1"}}, ErrorCode.SETTINGS, "did you mean layer_height"),
     "both": ({"scale": 1.0, "longest_side_mm": 9.0}, ErrorCode.SETTINGS, "exclude each other"),
@@ -124,3 +124,19 @@ def test_a_cache_that_cannot_be_written_is_none(tmp_path):
     assert default_cache({"XDG_CACHE_HOME": str(tmp_path)}) == tmp_path / "farm" / "slices"
     assert default_cache({"HOME": "/proc"}) is None
     assert default_cache({"HOME": str(tmp_path)}) == Path(tmp_path) / ".cache" / "farm" / "slices"
+
+
+OWN = """<fdmmaterial xmlns="http://www.ultimaker.com/material" version="1.3">
+  <metadata><name><brand>Own</brand><material>PETG</material></name></metadata>
+  <properties><density>1.27</density><diameter>2.85</diameter></properties>
+  <settings><setting key="print temperature">233</setting></settings>
+</fdmmaterial>"""
+
+
+def test_an_own_material_s_settings_reach_the_g_code(box, tmp_path, monkeypatch):
+    (tmp_path / "petg.xml.fdm_material").write_text(OWN)
+    monkeypatch.setenv("FARM_MATERIALS", str(tmp_path))
+    report = slice_(box, tmp_path / "box.gcode", material="black PETG")
+    lines = (tmp_path / "box.gcode").read_text().splitlines()
+    assert "M109 S233" in lines
+    assert report["grams"] == pytest.approx(report["filament_mm3"] * 1.27e-3)

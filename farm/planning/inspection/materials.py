@@ -1,0 +1,161 @@
+"""Materials as people name them, such as `black PETG`, and Cura's names for them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+from farm.config import PrinterSection
+from farm.model import JobOptions
+from farm.planning.printer_settings import matching_printers
+from slicing.errors import BadSetting, SlicingError
+from slicing.printer import PrinterModel
+from slicing.settings import Resources, SettingsRequest, find_resources, resolve_settings
+
+_GENERIC = "generic_"
+
+
+@dataclass(frozen=True, slots=True)
+class NamedMaterial:
+    """Material as a person named it.
+
+    Attributes
+    ----------
+    name
+        Name of a material file, or the kind that the person named, like PLA.
+    kind
+        Its kind.
+    colour
+        The other words; None if there are none.
+    """
+
+    name: str
+    kind: str
+    colour: str | None = None
+
+
+def parse_material(text: str, kinds: Mapping[str, str]) -> NamedMaterial | None:
+    """Find the material that a person means: a file's name, or a kind, with or without a colour.
+
+    Parameters
+    ----------
+    text
+        Like `generic_pla`, `pla`, `black PETG` or `CPE+`.
+    kinds
+        The kind of each material, by the name of its file.
+
+    Returns
+    -------
+    NamedMaterial | None
+        None if no word of the text is a material.
+    """
+    known = {name.casefold(): NamedMaterial(name, kind) for name, kind in kinds.items()}
+    known |= {_normalise(kind): NamedMaterial(kind, kind) for kind in kinds.values() if kind}
+    for name, kind in kinds.items():
+        if name.startswith(_GENERIC):  # TPU is Cura's generic_tpu, of the kind TPU 95A
+            known[_normalise(name.removeprefix(_GENERIC))] = NamedMaterial(kind, kind)
+    words = text.split()
+    for length in range(len(words), 0, -1):
+        for first in range(len(words) - length + 1):
+            middle = " ".join(words[first : first + length])
+            found = known.get(middle.casefold()) or known.get(_normalise(middle))
+            if found is not None:
+                colour = " ".join(words[:first] + words[first + length :])
+                return NamedMaterial(found.name, found.kind, colour or None)
+    return None
+
+
+def _normalise(name: str) -> str:
+    return " ".join(name.casefold().replace("_", " ").replace("-", " ").split())
+
+
+def list_kinds(resources: Resources) -> dict[str, str]:
+    """Return the kind of each material, by the name of its file."""
+    return {name: resources.material_kind(name) or "" for name in resources.material_names()}
+
+
+def choose_material(
+    text: str, printer: PrinterModel, nozzle_mm: float, resources: Resources
+) -> NamedMaterial:
+    """Choose the material file for a printer by what a person wrote.
+
+    A kind stands for Cura's generic material of it that the printer can print, else for the only other one.
+
+    Raises
+    ------
+    BadSetting
+        If there is none, or several; the message lists what this printer can print.
+    """
+    kinds = list_kinds(resources)
+    meant = parse_material(text, kinds)
+    if meant is None:
+        printable = _describe_printable(printer, nozzle_mm, kinds, resources)
+        raise BadSetting(f"{text}: there is no such material{printable}")
+    if meant.name in kinds:
+        return meant
+    of_kind = [name for name, kind in kinds.items() if kind == meant.kind]
+    generic = [name for name in of_kind if name.startswith(_GENERIC)]
+    chosen: list[str] = []
+    for names in (generic, of_kind):
+        chosen = chosen or [name for name in names if _can_print(name, printer, nozzle_mm, resources)]
+    if len(chosen) == 1:
+        return NamedMaterial(chosen[0], meant.kind, meant.colour)
+    if chosen:
+        raise BadSetting(f"{meant.kind}: there are several; name one of {', '.join(chosen)}")
+    raise BadSetting(
+        f"{meant.kind}: Cura has no profile for it on the {printer.title} with a nozzle of {nozzle_mm:g} mm"
+        f"{_describe_printable(printer, nozzle_mm, kinds, resources)}"
+    )
+
+
+def name_filament(options: JobOptions, printers: Sequence[PrinterSection], own: Path | None) -> JobOptions:
+    """Replace the material that a person asked for by its kind or the name of its file, and find its colour.
+
+    Parameters
+    ----------
+    options
+        The options of a job as submitted.
+    printers
+        The fleet.
+    own
+        Folder of own materials.
+
+    Raises
+    ------
+    Refused
+        If no printer of the fleet has it; the message lists what they have.
+    """
+    if options.material is not None:
+        with suppress(SlicingError):  # Cura's files are missing, which the inspection reports
+            meant = parse_material(options.material, list_kinds(find_resources(own=own)))
+            if meant is not None:
+                filament = {"material": meant.name, "colour": options.colour or meant.colour}
+                options = options.model_copy(update=filament)
+    matching_printers(printers, options)
+    return options
+
+
+def _can_print(name: str, printer: PrinterModel, nozzle_mm: float, resources: Resources) -> bool:
+    """Return whether a printer can print a material with its nozzle in the farm's quality."""
+    try:
+        resolve_settings(SettingsRequest(printer, material=name, nozzle_mm=nozzle_mm), resources)
+    except SlicingError:
+        return False
+    return True
+
+
+def _describe_printable(
+    printer: PrinterModel, nozzle_mm: float, kinds: Mapping[str, str], resources: Resources
+) -> str:
+    """List the kinds that a printer can print: Cura's generic ones, and a person's own."""
+    own = resources.own_material_names()
+    names = [name for name in kinds if name.startswith(_GENERIC) or name in own]
+    printable = {kinds[name] for name in names if _can_print(name, printer, nozzle_mm, resources)}
+    if not printable:
+        return ""
+    return (
+        f"; it prints {', '.join(sorted(printable, key=str.casefold))}, and others with a material file of "
+        "your own (`fleet.materials` in fleet.yaml)"
+    )

@@ -1,0 +1,137 @@
+"""A person's own material files, in Cura's format: read with the care that files of others need."""
+
+from __future__ import annotations
+
+import math
+import re
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+from slicing.errors import BadSetting
+from slicing.settings.limits import find_reserved_reason
+from slicing.settings.material import CURA_SETTING, SPACE, material_kind
+
+SUFFIX = ".xml.fdm_material"
+LARGEST_BYTES = 256 * 1024  # Cura's own have up to 40 KiB
+MOST_FILES = 500
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._+-]{0,60}")
+_KIND = re.compile(r"[A-Za-z0-9][A-Za-z0-9 ._+-]{0,30}")
+_DENSITY_G_CM3 = (0.1, 20.0)
+_DIAMETER_MM = (1.0, 4.0)
+_ROOT = f"{{{SPACE['m']}}}fdmmaterial"
+
+# Kinds of material whose profiles fit an own material of a kind for which Cura has none. [assumed]: they are
+# printed in much the same way; temperatures and cooling are those of the material's file.
+RELATIVES = {
+    "PETG": "CPE",
+    "PET": "CPE",
+    "PLA+": "PLA",
+    "Tough PLA": "PLA",
+    "ASA": "ABS",
+    "HIPS": "ABS",
+    "PA": "Nylon",
+    "TPU": "TPU 95A",
+    "TPE": "TPU 95A",
+}
+
+
+class _NoDocumentType(ET.TreeBuilder):
+    """Builder of elements that refuses a DOCTYPE: entities can expand without bound, or name other files."""
+
+    def doctype(self, name: str, pubid: str | None, system: str | None) -> None:
+        raise BadSetting("a DOCTYPE is not allowed")
+
+
+def list_own_materials(folder: Path) -> dict[str, Path]:
+    """Find the material files of a folder, by the names of their materials.
+
+    Raises
+    ------
+    BadSetting
+        Where the folder cannot be read, has too many files, or a name is not usable.
+    """
+    try:
+        paths = sorted(path for path in folder.iterdir() if path.name.endswith(SUFFIX))
+    except OSError as error:
+        raise BadSetting(f"the folder of materials {folder} cannot be read ({error.strerror})") from error
+    if len(paths) > MOST_FILES:
+        raise BadSetting(f"{folder} has {len(paths)} materials; {MOST_FILES} at most")
+    named = {path.name.removesuffix(SUFFIX): path for path in paths}
+    for name in named:
+        if not _NAME.fullmatch(name):
+            raise BadSetting(
+                f"{folder}: {name + SUFFIX!r}: name it with letters, digits, '.', '_', '+' and '-'"
+            )
+    return named
+
+
+def read_own_material(path: Path) -> ET.Element:
+    """Read and check a material file.
+
+    Raises
+    ------
+    BadSetting
+        Where it is no material file of Cura's format, or sets what a material must not set.
+    """
+    try:
+        root = _parse(path)
+        _check_properties(root)
+        _check_settings(root)
+    except BadSetting as error:
+        raise BadSetting(f"{path}: {error}") from error
+    return root
+
+
+def _parse(path: Path) -> ET.Element:
+    try:
+        if not path.is_file():
+            raise BadSetting("is no file")
+        with path.open("rb") as file:
+            data = file.read(LARGEST_BYTES + 1)
+    except OSError as error:
+        raise BadSetting(f"cannot be read ({error.strerror})") from error
+    if len(data) > LARGEST_BYTES:
+        raise BadSetting(f"is larger than {LARGEST_BYTES // 1024} KiB: no material file")
+    try:
+        root = ET.fromstring(data, ET.XMLParser(target=_NoDocumentType()))
+    except (ET.ParseError, ValueError, LookupError) as error:  # LookupError: an unknown encoding
+        raise BadSetting(f"is not XML: {error}") from error
+    if root.tag != _ROOT:
+        raise BadSetting("is not a material file of Cura's: its first element is not `fdmmaterial`")
+    return root
+
+
+def _check_properties(root: ET.Element) -> None:
+    if not _KIND.fullmatch(material_kind(root)):
+        raise BadSetting("needs its kind, like PETG, in metadata/name/material")
+    for name, (least, greatest) in (("density", _DENSITY_G_CM3), ("diameter", _DIAMETER_MM)):
+        text = root.findtext(f"m:properties/m:{name}", default="", namespaces=SPACE)
+        number = _parse_number(text)
+        if number is None or not least <= number <= greatest:
+            raise BadSetting(
+                f"properties/{name} must be a number from {least:g} to {greatest:g}, not {text!r}"
+            )
+
+
+def _check_settings(root: ET.Element) -> None:
+    for entry in root.iter(CURA_SETTING):
+        key, text = entry.get("key", ""), (entry.text or "").strip()
+        why = find_reserved_reason(key)
+        if why is not None:
+            raise BadSetting(f"{key}: {why}")
+        if text.startswith("="):
+            raise BadSetting(f"{key}: formulas are not read in a material file; write the value")
+    for point in root.iter(f"{{{SPACE['m']}}}point"):
+        if None in (_parse_number(point.get("flow", "0")), _parse_number(point.get("temperature", "0"))):
+            raise BadSetting("a point of its temperature graph is not two numbers")
+    for entry in root.iter(f"{{{SPACE['m']}}}setting"):
+        if (entry.text or "").strip().startswith("="):
+            raise BadSetting(f"{entry.get('key')}: formulas are not read in a material file; write the value")
+
+
+def _parse_number(text: str) -> float | None:
+    try:
+        number = float(text)
+    except ValueError:
+        return None
+    return number if math.isfinite(number) else None

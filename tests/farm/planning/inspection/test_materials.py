@@ -1,0 +1,121 @@
+"""Materials as people name them."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivers.printers import PROFILES
+from farm.config import FieldError, FleetSection, PrinterSection
+from farm.errors import Refused
+from farm.model import JobOptions
+from farm.planning.inspection import complete_section, name_filament
+from farm.planning.inspection.materials import NamedMaterial, choose_material, parse_material
+from farm.planning.printer_settings import slicing_printer
+from farm.scheduling.matching import Requirements
+from farm.scheduling.situation_builder import describe_capabilities
+from slicing.errors import BadSetting, SlicingError
+from slicing.settings import find_resources
+
+KINDS = {
+    "generic_pla": "PLA",
+    "ultimaker_pla_black": "PLA",
+    "generic_cpe_plus": "CPE+",
+    "generic_cpe": "CPE",
+    "generic_tpu": "TPU 95A",
+    "fiberlogy_tpu": "TPU",
+    "generic_tough_pla": "Tough PLA",
+}
+
+
+@pytest.fixture(scope="module")
+def resources():
+    try:
+        return find_resources()
+    except SlicingError as error:
+        pytest.skip(str(error))
+
+
+def choose(text, resources, model="ultimaker2_plus"):
+    named = choose_material(text, slicing_printer(PROFILES[model]), 0.4, resources)
+    return named.name, named.kind, named.colour
+
+
+@pytest.mark.parametrize(
+    ("text", "meant"),
+    [
+        ("PLA", ("PLA", "PLA", None)),
+        ("pla", ("PLA", "PLA", None)),
+        ("black PLA", ("PLA", "PLA", "black")),
+        ("PLA light blue", ("PLA", "PLA", "light blue")),
+        ("tough-pla", ("Tough PLA", "Tough PLA", None)),
+        ("red tough PLA", ("Tough PLA", "Tough PLA", "red")),
+        ("CPE+", ("CPE+", "CPE+", None)),
+        ("cpe", ("CPE", "CPE", None)),
+        ("TPU", ("TPU 95A", "TPU 95A", None)),
+        ("generic_pla", ("generic_pla", "PLA", None)),
+        ("Ultimaker_PLA_black", ("ultimaker_pla_black", "PLA", None)),
+        ("generic_cpe clear", ("generic_cpe", "CPE", "clear")),
+    ],
+)
+def test_a_material_is_found_by_its_kind_or_its_file_and_the_rest_is_its_colour(text, meant):
+    assert parse_material(text, KINDS) == NamedMaterial(*meant)
+
+
+@given(st.text(max_size=30))
+def test_any_text_is_a_known_material_or_none(text):
+    found = parse_material(text, KINDS)
+    assert found is None or found.kind in KINDS.values()
+
+
+def test_a_kind_is_cura_s_generic_material_that_fits_the_printer(resources):
+    assert choose("PLA", resources) == ("generic_pla", "PLA", None)
+    assert choose("white ABS", resources) == ("generic_abs", "ABS", "white")
+    assert choose("PETG", resources, "creality_ender3")[0] == "generic_petg_175"
+
+
+@pytest.mark.parametrize("text", ["PETG", "unobtainium"])
+def test_a_refusal_lists_what_the_printer_prints(resources, text):
+    with pytest.raises(BadSetting) as error:
+        choose(text, resources)
+    assert "it prints ABS, CPE, CPE+, Nylon, PLA, PP, TPU 95A, and others with a material file" in str(
+        error.value
+    )
+
+
+def section(**values):
+    base = {"name": "a", "model": "ultimaker2_plus", "port": "/dev/a"}
+    return PrinterSection.model_validate({**base, **values})
+
+
+def test_a_printer_s_section_names_the_file_the_kind_and_the_colour(resources):
+    found = complete_section(section(material="black PLA"), FleetSection())
+    assert (found.material, found.material_kind, found.colour) == ("generic_pla", "PLA", "black")
+    kept = complete_section(section(material="black PLA", colour="white"), FleetSection())
+    assert kept.colour == "white"
+
+
+def test_a_folder_of_own_materials_is_read_and_its_mistakes_are_told(resources, tmp_path):
+    path = tmp_path / "x.xml.fdm_material"
+    path.write_text("<html/>")
+    with pytest.raises(FieldError, match="is not a material file of Cura's") as error:
+        complete_section(section(), FleetSection(materials=tmp_path))
+    assert error.value.place == ("fleet", "materials")
+    with pytest.raises(FieldError, match="cannot be read"):
+        complete_section(section(), FleetSection(materials=tmp_path / "no"))
+
+
+def test_a_job_s_material_matches_every_printer_of_that_kind(resources):
+    printers = [
+        section(name="a").with_filament("generic_pla", "PLA", "white"),
+        section(name="b", port="/dev/b").with_filament("ultimaker_pla_black", "PLA", "black"),
+    ]
+    asked = name_filament(JobOptions(material="pla"), printers, None)
+    assert [p.has_material(asked.material) for p in printers] == [True, True]
+    wanted = Requirements(material=asked.material, colour=None, nozzle_mm=None)
+    assert all(wanted.matches(describe_capabilities(p, lambda _: ())) for p in printers)
+    asked = name_filament(JobOptions(material="black PLA"), printers, None)
+    assert (asked.material, asked.colour) == ("PLA", "black")
+    with pytest.raises(Refused, match="no printer of the fleet has ABS; there is black PLA, white PLA"):
+        name_filament(JobOptions(material="abs"), printers, None)
+    with pytest.raises(Refused, match="no printer of the fleet has gold; there is black PLA"):
+        name_filament(JobOptions(material="gold"), printers, None)

@@ -1,0 +1,117 @@
+"""A person's own material files: what is read, what is refused, and that it reaches the settings."""
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from slicing.errors import BadSetting, SlicingError
+from slicing.settings import OWN_MATERIALS, SettingsRequest, find_resources, resolve_settings
+from slicing_printers import UM2_PLUS
+
+FILE = """<?xml version="1.0" encoding="UTF-8"?>
+<fdmmaterial version="1.3"
+  xmlns="http://www.ultimaker.com/material" xmlns:cura="http://www.ultimaker.com/cura">
+  <metadata><name><brand>Own</brand><material>PETG</material><color>Black</color></name></metadata>
+  <properties><density>1.27</density><diameter>2.85</diameter></properties>
+  <settings>
+    <setting key="print temperature">233</setting>
+    <setting key="heated bed temperature">77</setting>
+    <cura:setting key="retraction_speed">31</cura:setting>
+  </settings>
+</fdmmaterial>
+"""
+REQUEST = SettingsRequest(UM2_PLUS, material="my_petg")
+
+
+@pytest.fixture
+def write(tmp_path, monkeypatch):
+    """Write an own material file, and return the resources with it."""
+    monkeypatch.setenv(OWN_MATERIALS, str(tmp_path))
+
+    def write_file(text, name="my_petg"):
+        data = text if isinstance(text, bytes) else text.encode()
+        (tmp_path / f"{name}.xml.fdm_material").write_bytes(data)
+        try:
+            found = find_resources()
+        except SlicingError as error:
+            pytest.skip(str(error))
+        _forget()
+        return found
+
+    yield write_file
+    _forget()
+
+
+def _forget():
+    """Forget files that were read: in a process, each is read once."""
+    from slicing.settings import plate_settings, resources
+
+    for cached in (resources._own_materials, resources._material, plate_settings._resolve):
+        cached.cache_clear()
+
+
+def test_the_settings_of_an_own_material_are_used(write):
+    found = resolve_settings(REQUEST, write(FILE))
+    assert (found.nozzle_c, found.bed_c) == (233.0, 77.0)
+    assert float(found.extruder["retraction_speed"]) == 31.0
+    assert found.density_g_cm3 == 1.27
+
+
+def test_a_kind_without_a_profile_of_its_own_takes_that_of_its_relative(write):
+    resources = write(FILE)
+    cpe = resolve_settings(SettingsRequest(UM2_PLUS, material="generic_cpe"), resources)
+    assert resolve_settings(REQUEST, resources).extruder["speed_print"] == cpe.extruder["speed_print"]
+    with pytest.raises(BadSetting, match="there is none for my_petg"):
+        resolve_settings(REQUEST, write(FILE.replace("PETG", "Wood")))
+
+
+BOMB = '<!DOCTYPE lolz [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;">]>'
+REFUSED = {
+    "bomb": (FILE.replace("<fdmmaterial", f"{BOMB}<fdmmaterial", 1), "a DOCTYPE is not allowed"),
+    "entity": (
+        FILE.replace("<fdmmaterial", '<!DOCTYPE a SYSTEM "file:///etc/passwd"><fdmmaterial', 1),
+        "DOCTYPE",
+    ),
+    "huge": (FILE + " " * 300_000, "is larger than 256 KiB"),
+    "binary": (b"\x00\x01\xff", "is not XML"),
+    "encoding": ('<?xml version="1.0" encoding="klingon"?><a/>', "is not XML"),
+    "other": ("<html/>", "its first element is not `fdmmaterial`"),
+    "cut": (FILE[:200], "is not XML"),
+    "kind": (FILE.replace("PETG", "\n"), "needs its kind"),
+    "density": (FILE.replace("1.27", "nan"), "properties/density must be a number from 0.1 to 20, not 'nan'"),
+    "diameter": (FILE.replace("2.85", "thick"), "properties/diameter must be a number"),
+    "start code": (
+        FILE.replace("retraction_speed", "machine_start_gcode"),
+        "machine_start_gcode: set by this program",
+    ),
+    "formula": (FILE.replace(">31<", ">=9**9<"), "retraction_speed: formulas are not read"),
+    "formula of Cura's": (FILE.replace(">233<", ">=233<"), "print temperature: formulas are not read"),
+    "hot": (FILE.replace(">233<", ">400<"), "material_print_temperature=400"),
+    "word": (FILE.replace(">233<", ">warm<"), "warm"),
+    "speed": (FILE.replace(">31<", ">-5<"), "retraction_speed=-5"),
+    "thin": (FILE.replace("2.85", "1.75"), "has a diameter of 1.75 mm"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_a_file_that_is_no_good_material_is_refused_with_the_reason(write, case):
+    text, said = REFUSED[case]
+    with pytest.raises(BadSetting) as error:
+        resolve_settings(REQUEST, write(text))
+    assert said in str(error.value)
+    assert len(str(error.value).splitlines()) == 1
+
+
+def test_an_own_material_does_not_replace_one_of_cura_s(write):
+    with pytest.raises(BadSetting, match="Cura has a material generic_pla of its own; rename the file"):
+        resolve_settings(SettingsRequest(UM2_PLUS), write(FILE, "generic_pla"))
+
+
+@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(at=st.integers(0, len(FILE)), junk=st.binary(max_size=8), cut=st.integers(0, 40))
+def test_any_damage_is_a_reason_or_a_material(write, at, junk, cut):
+    data = FILE.encode()
+    try:
+        resolve_settings(REQUEST, write(data[:at] + junk + data[at + cut :]))
+    except SlicingError as error:
+        assert len(str(error).splitlines()) == 1
