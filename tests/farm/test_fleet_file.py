@@ -71,6 +71,14 @@ def test_the_repositorys_own_fleet_is_good():
             "a has `unattended: false`: this needs `attended` hours",
         ),
         (
+            GOOD.replace("name: lab", "keep: {days: 1}"),
+            "fleet.yaml:2: fleet.keep.days: must be at least 2",
+        ),
+        (
+            GOOD.replace("name: lab", "keep: {nights: 3}"),
+            "fleet.yaml:2: fleet.keep.nights: unknown key; known are days, gb",
+        ),
+        (
             GOOD.replace("colour: blue", "price_per_kg: -1"),
             "fleet.yaml:6: printers.1.price_per_kg: must be at least 0",
         ),

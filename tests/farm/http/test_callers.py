@@ -75,6 +75,7 @@ LIMITED = (
     ("/jobs/1/approve", {"plan": ""}),
     ("/outage/confirm", {}),
     ("/down", {}),
+    ("/prune", {}),
 )
 
 

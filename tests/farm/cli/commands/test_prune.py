@@ -1,0 +1,62 @@
+"""`farm prune`: what goes, in lines, or as JSON."""
+
+import json
+
+import pytest
+
+from farm import api
+from farm.cli.client import Client
+from farm.cli.main import main
+
+ANSWER = api.Pruned(
+    dry_run=True,
+    jobs=[
+        api.PrunedJob(id=3, name="bunny.stl", size_bytes=480_000_000),
+        api.PrunedJob(id=4, name="gear.3mf", size_bytes=20_000_000),
+    ],
+    freed_bytes=490_000_000,
+    stored_bytes=44_000_000_000,
+    events=1,
+)
+
+
+@pytest.fixture
+def prune(monkeypatch, capsys, tmp_path):
+    """Run `farm prune` with a daemon that answers; return what it asked for and what was printed."""
+    asked = []
+
+    def answer(self, dry_run):
+        asked.append(dry_run)
+        return ANSWER.model_copy(update={"dry_run": dry_run})
+
+    monkeypatch.setattr(Client, "prune", answer)
+
+    def run(*words):
+        monkeypatch.setattr("sys.argv", ["farm", "prune", "--state", str(tmp_path), *words])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        assert ended.value.code == 0
+        return asked, capsys.readouterr().out
+
+    return run
+
+
+def test_a_dry_run_says_what_would_go(prune):
+    asked, text = prune("--dry-run")
+    assert asked == [True]
+    assert text.splitlines() == [
+        "job 3  0.48 GB  bunny.stl",
+        "job 4  0.02 GB  gear.3mf",
+        "2 jobs would be pruned: 0.49 GB freed, 44.00 GB kept, 1 old event deleted",
+    ]
+
+
+def test_a_prune_says_what_went(prune):
+    asked, text = prune()
+    assert asked == [False]
+    assert text.splitlines()[-1].startswith("2 jobs pruned: 0.49 GB freed")
+
+
+def test_a_program_reads_the_same(prune):
+    _, text = prune("--json", "--dry-run")
+    assert json.loads(text) == ANSWER.model_dump(by_alias=True)
