@@ -3,9 +3,9 @@
     python -m bench.years --json
     python -m bench.years --measure STATE_FOLDER    # sizes of the files of a planned job, for NIGHT below
 
-Every night a job is planned, printed on eight printers, judged and backed up; its files have the sizes of one
-real night and take no space (they are sparse). The state, its events, the backup and the prune are the
-daemon's own. The pictures of parts are not drawn: a file of the usual size stands for each.
+Every night a job is planned, printed on eight printers and judged, and the database is backed up. Its files
+have the sizes of one real night and take no space (they are sparse). The state, its events, the backup and
+the prune are the daemon's own. The pictures of parts are not drawn: a file of the usual size stands for each.
 """
 
 from __future__ import annotations
@@ -40,11 +40,18 @@ from farm.upkeep.upkeep import Upkeep
 
 DAY_S = 86400.0
 BEGIN_S = 1_790_000_000.0
-PRINTERS = 8
-PICTURE_BYTES = 12_000
+PARTS = 8
+PICTURE_BYTES = 17_000  # the mean of its parts
 STORED_BEFORE_S = 7200.0  # wall seconds: files that were just stored are kept
-NIGHT: dict[str, list[int]] = {}
-"""Bytes of the files of one night, by kind."""
+NIGHT = {
+    "model": [1009943],
+    "stl": [703584, 484884, 408684, 480384, 511284, 579384, 311584, 446084],
+    "gcode": [22400779, 12443729, 10703633, 10851730, 12796205, 15853277, 10104921, 10837877],
+    "picture": [396072],
+    "assembly": [3774900],
+    "report": [10635],
+}
+"""Bytes of the files of one job: the Stanford bunny, 350 mm long, 1.65 kg in eight parts of 14 h each."""
 
 
 class Calendar(Clock):
@@ -73,7 +80,14 @@ def write_sparse(files: Path, name: str, size: int) -> str:
     return name
 
 
-def list_night_events(number: int, at_s: float, names: dict[str, list[str]]) -> Iterator[ev.AnyEvent]:
+def list_printers(jobs: int) -> list[str]:
+    """List the printers that some jobs a night need."""
+    return [f"um2-{number:02d}" for number in range(1, PARTS * jobs + 1)]
+
+
+def list_job_events(
+    number: int, at_s: float, names: dict[str, list[str]], printers: list[str]
+) -> Iterator[ev.AnyEvent]:
     """Yield the events of a job that is planned, printed and judged good in one night.
 
     Parameters
@@ -84,8 +98,9 @@ def list_night_events(number: int, at_s: float, names: dict[str, list[str]]) -> 
         When it is submitted, in farm seconds.
     names
         Its files in the store, by kind.
+    printers
+        Its printers, one for each part.
     """
-    printers = [f"um2-{n:02d}" for n in range(1, PRINTERS + 1)]
     (model,) = names["model"]
     job = Job(
         id=number, request_id=f"request-{number}", name="bunny.stl", model_file=model, options=JobOptions(),
@@ -124,7 +139,7 @@ def list_night_events(number: int, at_s: float, names: dict[str, list[str]]) -> 
 class Year:
     """State folder of a farm that prints every night."""
 
-    def __init__(self, root: Path, keep: dict[str, float]) -> None:
+    def __init__(self, root: Path, keep: dict[str, float], jobs: int) -> None:
         self.state = StateFolder(root)
         self.state.make()
         self.store, self.clock = Store(self.state.books), Calendar()
@@ -133,8 +148,9 @@ class Year:
         self.controller.start(NoEffects())
         self.upkeep = Upkeep(self.controller, self.store, self.state, cast(Workers, StandIns()))
         self.prune_s: list[float] = []
-        for number in range(1, PRINTERS + 1):
-            self._commit(ev.PrinterAdded(at_s=BEGIN_S, printer=f"um2-{number:02d}", bed=Bed.CLEAR))
+        self._jobs = jobs
+        for name in list_printers(jobs):
+            self._commit(ev.PrinterAdded(at_s=BEGIN_S, printer=name, bed=Bed.CLEAR))
 
     def _commit(self, event: ev.AnyEvent) -> None:
         after, _ = apply(event, self.controller.books)
@@ -145,18 +161,24 @@ class Year:
         """Print for some nights, each followed by the upkeep."""
         for night in range(1, nights + 1):
             self.clock.now_s = BEGIN_S + night * DAY_S
-            names = {
-                kind: [
-                    write_sparse(self.state.files, f"{night}-{at}.{kind}", size)
-                    for at, size in enumerate(sizes)
-                ]
-                for kind, sizes in NIGHT.items()
-            }
-            for event in list_night_events(night, self.clock.now_s - 14 * 3600.0, names):
-                self._commit(event)
+            for place in range(self._jobs):
+                number = (night - 1) * self._jobs + place + 1
+                printers = list_printers(self._jobs)[PARTS * place :][:PARTS]
+                for event in list_job_events(
+                    number, self.clock.now_s - 14 * 3600.0, self._write_files(number), printers
+                ):
+                    self._commit(event)
             begun_s = time.perf_counter()
             await self.upkeep.prune("the bench", dry_run=False)
             self.prune_s.append(time.perf_counter() - begun_s)
+
+    def _write_files(self, number: int) -> dict[str, list[str]]:
+        return {
+            kind: [
+                write_sparse(self.state.files, f"{number}-{at}.{kind}", size) for at, size in enumerate(sizes)
+            ]
+            for kind, sizes in NIGHT.items()
+        }
 
     def measure(self) -> dict[str, Any]:
         """Return the sizes at the end of the year; the store is closed."""
@@ -204,10 +226,10 @@ def measure_job(state: StateFolder, number: int) -> dict[str, list[int]]:
     return {kind: [(state.files / name).stat().st_size for name in names] for kind, names in kinds.items()}
 
 
-def run(nights: int, keep: dict[str, float]) -> dict[str, Any]:
+def run(nights: int, keep: dict[str, float], jobs: int) -> dict[str, Any]:
     """Simulate a farm in a new folder."""
     with tempfile.TemporaryDirectory(prefix="farm-years-") as folder:
-        year = Year(Path(folder), keep)
+        year = Year(Path(folder), keep, jobs)
         asyncio.run(year.print_nights(nights))
         return year.measure()
 
@@ -218,6 +240,7 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--nights", type=int, default=365)
+    parser.add_argument("--jobs", type=int, default=1, help="jobs a night, each on eight printers")
     parser.add_argument("--days", type=float, default=90.0, help="as `fleet.keep.days`")
     parser.add_argument("--gb", type=float, default=50.0, help="as `fleet.keep.gb`")
     parser.add_argument("--measure", type=Path, metavar="FOLDER", help="only measure job 1 of a state folder")
@@ -229,15 +252,16 @@ def main() -> None:
     logging.disable()
     everything = {"days": 1e6, "gb": 1e6}
     figures = {
-        "night_gb": sum(map(sum, NIGHT.values())) / 1e9,
+        "night_gb": args.jobs * sum(map(sum, NIGHT.values())) / 1e9,
         "nights": args.nights,
-        "kept": run(args.nights, {"days": args.days, "gb": args.gb}),
-        "everything": run(args.nights, everything),
+        "printers": PARTS * args.jobs,
+        "kept": run(args.nights, {"days": args.days, "gb": args.gb}, args.jobs),
+        "everything": run(args.nights, everything, args.jobs),
     }
     if args.json:
         print(json.dumps(figures))
         return
-    print(f"{args.nights} nights of {figures['night_gb']:.2f} GB")
+    print(f"{args.nights} nights of {figures['printers']} printers, {figures['night_gb']:.2f} GB each")
     for name, keep in (("without prune", "everything"), ("with prune", "kept")):
         one = figures[keep]
         print(

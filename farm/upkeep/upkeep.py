@@ -22,6 +22,7 @@ from farm.state.retention import (
     describe_shortage,
     file_names_of_job,
     find_need,
+    given_up_files,
     list_lost_jobs,
     named_files,
     select_jobs,
@@ -140,7 +141,13 @@ class Upkeep:
         after = books
         for number in numbers:
             after, _ = apply(ev.JobPruned(at_s=now_s, job=number, by=THE_FARM), after)
-        going = _list_unnamed(files, after)
+        wall_s = time.time()
+        going = {
+            name
+            for names, least_age_s in self._list_deletions(files, after)
+            for name in names
+            if wall_s - files[name].stored_s >= least_age_s
+        }
         old = self._store.find_last_old_event(now_s - self._rules.days * _DAY_S, MOST_EVENTS)
         return api.Pruned(
             dry_run=True,
@@ -211,20 +218,33 @@ class Upkeep:
             return {}
 
     async def _finish(self) -> int:
-        """Delete every file that the books do not name; returns the bytes.
+        """Delete the files of pruned jobs, and old ones that no job has; returns the bytes.
 
-        A daemon that was killed while it pruned, or while it stored files, left such files. An older backup
-        that was restored names files that are gone: those jobs count as pruned.
+        A daemon that was killed while it pruned left the first, one that was killed while it stored files the
+        others. An older backup that was restored names files that are gone: those jobs count as pruned.
         """
         controller, folder = self._controller, self._state.files
         files = await asyncio.to_thread(list_files, folder)
         for number in list_lost_jobs(controller.books, files):
             log.warning("job %d: its files are gone; it counts as pruned", number)
             controller.handle(ev.JobPruned(at_s=controller.clock.now(), job=number, by=THE_FARM))
-        unnamed = files.keys() - named_files(controller.books)
-        freed = await asyncio.to_thread(delete_files, folder, unnamed, time.time())
+        freed = 0
+        for names, least_age_s in self._list_deletions(files, controller.books):
+            freed += await asyncio.to_thread(delete_files, folder, names, time.time(), least_age_s)
         await asyncio.to_thread(unlink_dead_names, self._state.jobs)
         return freed
+
+    def _list_deletions(
+        self, files: dict[str, StoredFile], books: Books
+    ) -> list[tuple[frozenset[str], float]]:
+        """List the files that are not kept, with the wall seconds since they were stored.
+
+        Files that no job has may belong to a database that a person puts back: they stay for `days`.
+        """
+        given_up = given_up_files(books)
+        unknown = files.keys() - given_up - named_files(books)
+        days_s = self._rules.days * _DAY_S / self._controller.clock.scale
+        return [(given_up & files.keys(), GRACE_S), (frozenset(unknown), max(GRACE_S, days_s))]
 
     def _select(
         self, files: dict[str, StoredFile], books: Books, now_s: float, backup_s: float | None = None
@@ -239,9 +259,3 @@ class Upkeep:
             name=job.name,
             size_bytes=sum(files[name].size_bytes for name in names if name in files),
         )
-
-
-def _list_unnamed(files: dict[str, StoredFile], books: Books) -> set[str]:
-    """List the files that the books do not name and that are old enough to be deleted."""
-    named, wall_s = named_files(books), time.time()
-    return {n for n, file in files.items() if n not in named and wall_s - file.stored_s >= GRACE_S}

@@ -5,12 +5,24 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from farm.model import Job
-from farm.state.books import Books
+from farm.state.books import Books, replace_fields
 
 
 def named_files(books: Books) -> frozenset[str]:
     """List every file that the books name, and that must exist; of pruned jobs only the pictures."""
     return frozenset().union(*file_names_by_job(books).values())
+
+
+def given_up_files(books: Books) -> frozenset[str]:
+    """List the files of pruned jobs that no other job needs; they may be deleted."""
+    whole = Books.from_entities(
+        [
+            *(replace_fields(job, pruned_s=None) for job in books.jobs.values() if job.pruned_s is not None),
+            *books.parts.values(),
+            *books.plates.values(),
+        ]
+    )
+    return named_files(whole) - named_files(books)
 
 
 def file_names_of_job(books: Books, job: Job) -> frozenset[str]:

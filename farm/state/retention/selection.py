@@ -105,12 +105,20 @@ def list_prunable_files(books: Books, names: Iterable[str], now_s: float) -> set
 
 
 def list_lost_jobs(books: Books, names: Container[str]) -> list[int]:
-    """List the jobs that may be pruned and whose files are gone already: they are in an older backup."""
+    """List the jobs that may be pruned and were, by their files: they are in an older backup.
+
+    A prune keeps pictures. Where those are missing too, the store itself may be away, and no job is listed.
+    """
     on_beds = _list_parts_on_beds(books)
+    by_job = file_names_by_job(books)
+    if not any(name in names for own in by_job.values() for name in own):
+        return []
     return [
         number
-        for number, own in file_names_by_job(books).items()
-        if any(name not in names for name in own) and _find_need(books, books.jobs[number], on_beds) is None
+        for number, own in by_job.items()
+        if any(name not in names for name in own)
+        and all(name in names for name in _kept_names(books.jobs[number]))
+        and _find_need(books, books.jobs[number], on_beds) is None
     ]
 
 

@@ -3,6 +3,7 @@
 import asyncio
 import os
 import signal
+import time
 from datetime import datetime
 from pathlib import Path
 
@@ -172,6 +173,19 @@ def test_the_parts_of_a_pruned_job_keep_small_pictures(tmp_path):
     assert all(Path(part.picture).read_bytes().startswith(b"\x89PNG") for part in view.parts)
     assert {path.name for path in state.job(1).iterdir()} == {"assembly.png", "p01.png", "p02.png"}
     check_whole(state, books, before)
+
+
+def test_files_of_an_unknown_database_stay_for_the_kept_days(tmp_path):
+    """A person may have moved the database away, and put it back."""
+    state, before = fill(tmp_path)
+    for name in named_files(before):
+        stored_s = time.time() - (89 if name.endswith("gcode") else 91) * DAY_S
+        os.utime(state.files / name, (stored_s, stored_s))
+    state.books.rename(tmp_path / "moved.db")
+    farm, run = begin(state)
+    with farm.store:
+        asyncio.run(finish(run))
+    assert list_files(state.files).keys() == {name for name in named_files(before) if name.endswith("gcode")}
 
 
 def test_events_older_than_the_kept_days_go_after_the_backup_and_the_audit_stays(tmp_path):

@@ -13,6 +13,7 @@ from farm.state.retention import (
     KeepRules,
     file_names_of_job,
     find_need,
+    given_up_files,
     list_lost_jobs,
     list_prunable_files,
     named_files,
@@ -132,6 +133,15 @@ def test_jobs_of_an_older_backup_whose_files_are_gone_are_found():
     assert list_lost_jobs(prune(books, 1), files) == []
 
 
+def test_a_store_that_is_away_prunes_no_job():
+    """Its disk is not mounted, or a person moved it."""
+    books = books_of((JobState.DONE, 100), (JobState.PRINTING, 0))
+    assert list_lost_jobs(books, set()) == []
+    assert list_lost_jobs(books, named_files(books) - {"picture-1.png", "1-p01.stl"}) == []
+    unplanned = put(books, replace_fields(books.jobs[1], picture=None, parts=(), plates=()))
+    assert list_lost_jobs(unplanned, set()) == []
+
+
 _jobs = st.lists(st.tuples(st.sampled_from(JobState), st.floats(0, 400)), min_size=1, max_size=8)
 
 
@@ -149,6 +159,7 @@ def test_what_goes_is_needed_by_nobody_and_what_stays_is_whole(jobs, days, most,
         assert books.jobs[number].ended_s < NOW_S - LEAST_AGE_S
         after = prune(after, number)
     deleted = named_files(books) - named_files(after)
+    assert given_up_files(after) == deleted and not given_up_files(books)
     assert deleted <= list_prunable_files(books, named_files(books), NOW_S)
     for number, entry in books.jobs.items():
         if number not in selected:
