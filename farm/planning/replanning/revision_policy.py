@@ -72,7 +72,7 @@ def choose_revision(
     ends_s = {}
     for names in candidates:
         if _may_help(job, names, before_s):
-            plates = _estimate_plates(job, names)
+            plates = estimate_plates(job, names)
             others = tuple(p for p in ahead.waiting if p.id not in own)
             end_s = find_end_s({p.id for p in plates}, ahead.with_waiting((*others, *plates)))
             joining_s = JOIN_S * max(0, len(names) - len(job.plates))
@@ -96,7 +96,7 @@ def _may_help(job: PlannedJob, names: Sequence[str], before_s: float) -> bool:
     return len(names) < len(job.plates)
 
 
-def _estimate_plates(job: PlannedJob, names: Sequence[str]) -> tuple[WaitingPlate, ...]:
+def estimate_plates(job: PlannedJob, names: Sequence[str]) -> tuple[WaitingPlate, ...]:
     """Estimate the plates of a plan for these printers: equal parts, one for each."""
     first = job.plates[0]
     layers_s = sum((p.expected_s - p.heating_s) / p.time_factor for p in job.plates)

@@ -1,0 +1,145 @@
+"""Plans that are made again before their job starts: through the controller, with recorded effects."""
+
+import pytest
+
+from farm.control.controller import Controller
+from farm.errors import FarmError
+from farm.model import HoldCode, JobOptions, JobState, Link
+from farm.planning.plan import Plan
+from farm.state import PlateState, validate_books
+from farm.state import events as ev
+from farm.state.lifecycles import InvalidTransition
+from make_books import plan as planned
+from recording_controller import MODEL, PLUS, Farm
+
+HOUR = 3600.0
+
+
+def plan_of(number, hours, printers):
+    """Return a plan with a plate of each of these lengths."""
+    event = planned(number, len(hours))
+    plates = tuple(
+        plate.model_copy(
+            update={
+                "sliced_s": each * HOUR,
+                "expected_s": each * HOUR + 300.0,
+                "printer": printers[at % len(printers)],
+                "kin": PLUS,
+            }
+        )
+        for at, (plate, each) in enumerate(zip(event.plates, hours, strict=True))
+    )
+    return Plan(event.parts, plates, (), 1.0, 500.0, 100.0)
+
+
+@pytest.fixture
+def farm(tmp_path):
+    """A farm of eight printers, whose only job is planned for the two that were not broken."""
+    farm = Farm(tmp_path, [PLUS] * 8)
+    farm.ready(*"ab", bed_clear=False)
+    farm.ready(*"cdefgh", link=Link.ABSENT, reason="unplugged")
+    submit_planned(farm)
+    return farm
+
+
+def submit_planned(farm, **options):
+    farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions(**options))
+    assert farm.effects.plans == [(1, ["a", "b"], 1)]
+    farm.controller.on_plan(1, plan_of(1, [8.0, 8.0], "ab"))
+    assert farm.controller.books.jobs[1].planned_for == ("a", "b")
+
+
+def printing(farm):
+    return {attempt.printer: attempt.plate for attempt in farm.controller.books.open_prints()}
+
+
+def connect_at_once(farm):
+    """Clear the beds of all but the first two printers in one step."""
+    controller: Controller = farm.controller
+    at_s = controller.clock.now()
+    controller.stopping = True
+    farm.ready(*"cdefgh")
+    controller.handle(*(ev.BedCleared(at_s=at_s, printer=name, by="ann") for name in "cdefgh"))
+    controller.stopping = False
+    controller.handle()
+
+
+def test_job_is_planned_again_for_more_printers_and_starts_only_then(farm):
+    connect_at_once(farm)
+    assert farm.effects.plans[1:] == [(1, list("abcdefgh"), 1)]
+    assert printing(farm) == {}
+    assert {hold.code for hold in farm.controller.plate_holds().values()} == {HoldCode.BEING_REPLANNED}
+    assert farm.controller.books.jobs[1].state is JobState.PRINTING  # with its times, as before
+    farm.controller.on_plan(1, plan_of(1, [3.0] * 6, "cdefgh"))
+    job = farm.controller.books.jobs[1]
+    assert (len(job.plates), job.revisions) == (6, 1)
+    assert set(printing(farm)) == set("cdefgh")
+    assert [plan for plan in farm.effects.plans if plan[0] == 1][2:] == []  # it is not planned a third time
+    assert validate_books(farm.controller.books) == []
+
+
+def test_plan_stays_if_the_new_one_fails_or_is_not_sooner(farm):
+    connect_at_once(farm)
+    farm.controller.on_plan(1, FarmError("the engine died"))
+    assert farm.controller.books.jobs[1].plates == ("1/01", "1/02")
+    assert len(printing(farm)) == 2
+    assert len(farm.effects.plans) == 2
+
+
+def test_new_plan_that_ends_later_is_not_used(farm):
+    connect_at_once(farm)
+    farm.controller.on_plan(1, plan_of(1, [9.0] * 6, "cdefgh"))
+    assert farm.controller.books.jobs[1].revisions == 0
+    assert set(printing(farm).values()) == {"1/01", "1/02"}
+
+
+def test_fewer_plates_replace_more(farm):
+    farm.controller.handle(
+        ev.PlanRevised(**dict(farm_event(farm, [1.0] * 3, "abc"), job=1)),
+    )
+    farm.controller.handle(ev.PlanRevised(**dict(farm_event(farm, [9.0], "a"), job=1)))
+    books = farm.controller.books
+    assert books.jobs[1].plates == ("1/01",)
+    assert books.plate_state(books.plates["1/03"]) is PlateState.REPLACED
+    farm.controller.handle(ev.PlanRevised(**dict(farm_event(farm, [1.0] * 3, "abc"), job=1)))
+    books = farm.controller.books
+    assert books.plate_state(books.plates["1/03"]) is PlateState.WAITING
+    assert validate_books(books) == []
+
+
+def farm_event(farm, hours, printers):
+    plan = plan_of(1, hours, printers)
+    event = planned(1, len(hours))
+    return event.model_copy(update={"plates": plan.plates, "at_s": farm.controller.clock.now()})
+
+
+def test_plan_of_a_started_job_is_never_replaced(farm):
+    farm.clear_bed("a")
+    assert printing(farm) == {"a": "1/01"}
+    with pytest.raises(InvalidTransition, match="has started"):
+        farm.controller.handle(ev.PlanRevised(**dict(farm_event(farm, [1.0] * 3, "abc"), job=1)))
+    connect_at_once(farm)
+    assert len(farm.effects.plans) == 1
+
+
+def test_cancelled_job_is_no_longer_planned_again(farm):
+    connect_at_once(farm)
+    farm.jobs.cancel(1, "ann")
+    assert ev.StopPlanning(job=1) in farm.effects.instructions
+    farm.controller.on_plan(1, plan_of(1, [3.0] * 6, "cdefgh"))
+    assert farm.controller.books.jobs[1].state is JobState.CANCELLED
+    assert printing(farm) == {}
+
+
+def test_new_daemon_examines_the_job_again(farm, tmp_path):
+    connect_at_once(farm)
+    before = farm.effects.plans[-1]
+    farm.store.close()
+    again = Farm(tmp_path, [PLUS] * 8)
+    again.controller.stopping = True
+    again.ready(*"ab", bed_clear=False)
+    again.ready(*"cdefgh")
+    again.controller.stopping = False
+    again.controller.handle()
+    assert again.effects.plans == [before]
+    assert printing(again) == {}

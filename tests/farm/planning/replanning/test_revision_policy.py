@@ -1,0 +1,120 @@
+"""Policy of plan revisions: they pay, and they end."""
+
+from dataclasses import replace
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from farm.model import Bed
+from farm.planning.replanning.policy import LEAST_GAIN_S, MARGIN
+from farm.planning.replanning.revision_policy import PlannedJob, choose_revision, estimate_plates, find_end_s
+from farm.scheduling.matching import Requirements
+from scheduling_examples import plate, printer, rules, situation
+
+HOUR = 3600.0
+ANY = Requirements(None, None, None)
+
+
+def planned(hours, names, **changes):
+    """Return a planned job with a plate of each of these lengths, for these printers in turn."""
+    plates = tuple(
+        plate(f"1/{at:02d}", names[at % len(names)], expected_s=each * HOUR + 300.0, heating_s=300.0)
+        for at, each in enumerate(hours, 1)
+    )
+    facts = {"planned_for": tuple(names), "requirements": ANY, "planning_s": 300.0}
+    return PlannedJob(1, plates, **{**facts, **changes})
+
+
+def choose(job, fleet, *candidates, house=None, others=()):
+    return choose_revision(job, situation([*others, *job.plates], fleet, house), candidates)
+
+
+def test_plan_for_more_free_printers_pays():
+    fleet = [printer(name) for name in "abcdefgh"]
+    assert choose(planned([8.0, 8.0], "ab"), fleet, "abcdefgh") == tuple("abcdefgh")
+    assert choose(planned([8.0, 8.0], "ab"), fleet, "abc", "abcdefgh") == tuple("abcdefgh")
+
+
+def test_plan_stays_where_little_would_be_gained():
+    fleet = [printer(name) for name in "abc"]
+    assert choose(planned([2.0, 2.0], "ab"), fleet, "abc") is None
+    assert choose(planned([8.0, 8.0], "ab"), fleet, "ab") is None
+    assert choose(planned([2.0, 2.0], "ab", planning_s=5 * HOUR), fleet, "abc") is None
+
+
+def test_plan_that_left_printers_out_would_leave_more_out():
+    fleet = [printer(name) for name in "abcdefgh"]
+    assert choose(planned([8.0, 8.0], "abcd"), fleet, "abcdefgh") is None
+
+
+def test_few_large_parts_pay_where_nobody_clears_beds_at_night():
+    fleet = [printer("a"), printer("b"), *(printer(name, bed=Bed.NOT_CLEAR) for name in "cdef")]
+    night = rules(attended=["08:00-18:00"])
+    job = planned([1.0] * 6, "abcdef")
+    moment = replace(situation(job.plates, fleet, night), now_s=20 * HOUR)
+    assert choose_revision(job, moment, ["ab"]) == ("a", "b")
+    by_day = replace(moment, now_s=9 * HOUR)
+    assert choose_revision(job, by_day, ["ab"]) is None
+
+
+def test_plan_with_a_deadline_that_is_met_stays():
+    fleet = [printer(name) for name in "abcdefgh"]
+    job = planned([8.0, 8.0], "ab", done_by_s=9 * HOUR)
+    assert choose(job, fleet, "abcdefgh") is None
+    assert choose(replace(job, done_by_s=7 * HOUR), fleet, "abcdefgh") == tuple("abcdefgh")
+
+
+def test_plan_in_rounds_is_not_made_for_fewer_printers():
+    fleet = [printer(name) for name in "ab"]
+    assert choose(planned([8.0] * 5, "ab"), fleet, "a") is None
+
+
+def test_plan_that_no_printer_can_print_is_made_again():
+    job = planned([8.0], "z")
+    tall = tuple(replace(p, requirements=Requirements("generic_pla", None, 0.8)) for p in job.plates)
+    assert choose(replace(job, plates=tall), [printer("a"), printer("b")], "ab") == ("a", "b")
+
+
+fleets = st.lists(
+    st.sampled_from([{}, {"bed": Bed.NOT_CLEAR}, {"booked": True, "free_s": 5 * HOUR}]), max_size=8
+)
+works = st.lists(st.integers(1, 40).map(lambda quarters: quarters / 4), min_size=1, max_size=8)
+
+
+@given(fleets, works, st.integers(1, 8), st.integers(0, 4 * 3600), st.booleans())
+def test_revision_saves_the_margin_with_its_planning_time_and_is_the_last(
+    states, hours, used, planning_s, night
+):
+    """If the new plan comes out as estimated, none follows it while the printers stay as they are."""
+    fleet = [printer("abcdefgh"[at], **facts) for at, facts in enumerate(states)]
+    names = tuple(p.name for p in fleet)
+    free = tuple(p.name for p in fleet if p.obstacle() is None)
+    job = planned(hours, "abcdefgh"[:used], planning_s=float(planning_s))
+    house = rules(attended=["08:00-18:00"]) if night else rules()
+    moment = replace(situation(job.plates, fleet, house), now_s=20 * HOUR)
+    chosen = choose_revision(job, moment, (free, names))
+    if chosen is None:
+        return
+    assert chosen in (free, names)
+    before_s = find_end_s({p.id for p in job.plates}, moment)
+    plates = estimate_plates(job, chosen)
+    after = moment.with_waiting(plates)
+    after_s = find_end_s({p.id for p in plates}, after)
+    gain_s = before_s - (after_s + planning_s)
+    assert gain_s >= max(LEAST_GAIN_S, MARGIN * (before_s - moment.now_s))
+    again = replace(job, plates=plates, planned_for=chosen)
+    assert choose_revision(again, after, (free, names)) is None
+
+
+@pytest.mark.parametrize("priority", [0, 5])
+def test_jobs_that_go_first_are_taken_into_account(priority):
+    """The free printers are about to print a job of higher priority."""
+    fleet = [printer(name) for name in "abcd"]
+    others = [
+        plate(f"9/0{at}", name, job=9, priority=priority, expected_s=40 * HOUR)
+        for at, name in enumerate("cd")
+    ]
+    job = planned([8.0, 8.0], "ab")
+    chosen = choose(job, fleet, "abcd", others=others)
+    assert chosen == (("a", "b", "c", "d") if priority == 0 else None)
