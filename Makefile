@@ -16,7 +16,7 @@ LOCK_OPTIONS := --quiet --generate-hashes --allow-unsafe --strip-extras --all-bu
 	clean engine
 .DELETE_ON_ERROR:
 
-install: engine $(VENV)/.installed
+install: engine $(VENV)/.compiled
 
 # CuraEngine and the settings of the same version; quick where they are there.
 engine:
@@ -27,6 +27,12 @@ $(VENV)/.installed: requirements.lock pyproject.toml deploy/install-venv.sh
 	@echo "Installing the pinned dependencies into $(VENV) ..."
 	@$(PIP) --require-hashes -r requirements.lock
 	@$(PIP) --no-deps --no-build-isolation -e .
+	@touch $@
+
+# The machine code of the planning; a new version of its sources is compiled anew.
+$(VENV)/.compiled: $(VENV)/.installed $(shell find decompose -name '*.py')
+	@echo "Compiling the planning code: one to five minutes ..."
+	@$(BIN)/python -m decompose.compilation
 	@touch $@
 	@echo "Installed: $(BIN)/farm"
 

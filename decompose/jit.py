@@ -2,16 +2,25 @@
 
 Compiled code contains functions and constants of other files, and numba compares the time stamp of one file
 only: after an update it would use stale code. So the folder is named by a hash of all compiled files.
+
+The folder lies beside the sources, where `make install` fills it (`decompose.compilation`). A user who may
+not write there gets a copy in their own cache, as numba uses only a folder that it can write to.
 """
 
 from __future__ import annotations
 
+import atexit
+import contextlib
 import hashlib
 import os
-from collections.abc import Callable
+import shutil
+import sysconfig
+import tempfile
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import TypeVar, cast
 
+import llvmlite.binding
 import numba
 
 F = TypeVar("F", bound=Callable[..., object])
@@ -22,29 +31,95 @@ def hash_sources(folder: Path) -> str:
     digest = hashlib.sha256()
     for path in sorted(folder.rglob("*.py")):
         text = path.read_bytes()
-        if b"decompose.jit" in text:
+        if b"decompose.jit import jit" in text:
             digest.update(path.relative_to(folder).as_posix().encode() + b"\0" + text)
     return digest.hexdigest()[:16]
 
 
-def _kept_in() -> Path:
-    """Find the folder of the machine code: beside the sources where writable, else in the user's cache."""
-    here = Path(__file__).parent
-    home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    root = here / "__pycache__" if os.access(here, os.W_OK) else home / "farm"
-    return root / hash_sources(here)
+def find_code_folder(installed: Path, others: Iterable[Path]) -> Path | None:
+    """Find the folder for machine code, and make it.
+
+    Parameters
+    ----------
+    installed
+        Folder beside the sources.
+    others
+        Folders to use if that one cannot be written, in this order; they get a copy of what is installed.
+
+    Returns
+    -------
+    Path or None
+        The first folder that can be written; None if there is none.
+    """
+    if is_writable(installed):
+        return installed
+    for folder in others:
+        if not folder.is_dir() and installed.is_dir():
+            with contextlib.suppress(OSError):
+                _copy(installed, folder)
+        if is_writable(folder):
+            return folder
+    return None
 
 
-numba.config.CACHE_DIR = str(_kept_in())  # type: ignore[attr-defined]
-numba.config.CACHE_LOCATOR_CLASSES = "UserProvidedCacheLocator"  # type: ignore[attr-defined]
+def is_writable(folder: Path) -> bool:
+    """Make a folder if it is missing, and return whether files can be written into it."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            return True
+    except OSError:
+        return False
+
+
+def is_compiled() -> bool:
+    """Return whether all compiled functions are kept for this processor."""
+    return CODE_FOLDER is not None and (CODE_FOLDER / _MARK).exists()
+
+
+def mark_compiled() -> None:
+    """Record that all compiled functions are kept for this processor."""
+    if CODE_FOLDER is not None:
+        (CODE_FOLDER / _MARK).touch()
+
+
+def _copy(source: Path, target: Path) -> None:
+    """Copy a folder so that no process sees a part of it."""
+    target.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=target.parent) as scratch:
+        copy = Path(scratch) / target.name
+        shutil.copytree(source, copy, copy_function=shutil.copyfile)
+        copy.rename(target)
+
+
+def _list_others(name: str) -> Iterator[Path]:
+    """List the folders for a user who may not write beside the sources: the last one is for this process."""
+    with contextlib.suppress(RuntimeError):  # a user without a home
+        yield Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "farm" / name
+    with contextlib.suppress(OSError):
+        own = tempfile.mkdtemp(prefix="farm-code-")
+        atexit.register(shutil.rmtree, own, ignore_errors=True)
+        yield Path(own) / name
+
+
+_HERE = Path(__file__).parent
+_HASH = hash_sources(_HERE)
+INSTALLED = _HERE / "__pycache__" / _HASH
+"""Folder beside the sources, for all users."""
+CODE_FOLDER = find_code_folder(INSTALLED, _list_others(_HASH))
+"""Folder of the machine code; None if it cannot be kept."""
+_MARK = (
+    f"compiled-{numba.__version__}-{sysconfig.get_config_var('SOABI')}-{llvmlite.binding.get_host_cpu_name()}"
+)
+
+if CODE_FOLDER is not None:
+    numba.config.CACHE_DIR = str(CODE_FOLDER)  # type: ignore[attr-defined]
+    numba.config.CACHE_LOCATOR_CLASSES = "UserProvidedCacheLocator"  # type: ignore[attr-defined]
 
 
 def jit(function: F) -> F:
     """Compile a function to machine code, and keep the code on disk where there is a place to write."""
-    try:
-        return cast(F, numba.njit(cache=True, nogil=True)(function))
-    except RuntimeError:  # no writable folder: it is compiled on each run
-        return cast(F, numba.njit(nogil=True)(function))
+    return cast(F, numba.njit(cache=CODE_FOLDER is not None, nogil=True)(function))
 
 
 def jit_inline(function: F) -> F:

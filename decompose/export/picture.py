@@ -7,10 +7,6 @@ from pathlib import Path
 from textwrap import fill
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.colors import hsv_to_rgb
-from matplotlib.figure import Figure
-from matplotlib.patheffects import withStroke
 from scipy.ndimage import distance_transform_edt, find_objects
 
 from decompose.arrays import Floats, Ints
@@ -64,6 +60,8 @@ def _rasterise(
 
 def part_colours(count: int) -> Floats:
     """Choose colours (count, 3), red, green and blue from 0 to 1: no two alike, and neighbours far apart."""
+    from matplotlib.colors import hsv_to_rgb  # slow to load
+
     i = np.arange(count)
     saturation, value = 0.35 + 0.15 * (i % 3), 0.95 - 0.12 * (i // 3 % 2)
     return np.asarray(hsv_to_rgb(np.stack([(0.58 + GOLDEN * i) % 1.0, saturation, value], axis=1)))
@@ -114,6 +112,10 @@ def draw_assembly(parts: Sequence[Part], path: Path, longest_px: int = 1100) -> 
 
 def _write(picture: Floats, visible: Ints, names: Sequence[str], path: Path) -> None:
     """Write the picture (h, w, 3), first row at the bottom, with each part's name where it is seen most."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg  # slow to load
+    from matplotlib.figure import Figure
+    from matplotlib.patheffects import withStroke
+
     height, width = visible.shape
     figure = Figure(figsize=(width / DPI, height / DPI), dpi=DPI)
     FigureCanvasAgg(figure)

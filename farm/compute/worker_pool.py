@@ -124,6 +124,12 @@ class Workers:
         """Return the pool for the tasks of one group; with `urgent`, they are started before other work."""
         return WorkerShare(self, group, urgent)
 
+    @property
+    def starting(self) -> str | None:
+        """Step of the start of the workers, in words, while none of them is ready; else None."""
+        steps = [worker.starting for worker in self._alive]
+        return steps[0] if steps and all(steps) else None
+
     async def run(
         self, work: Callable[..., T], *args: object, limit: Limit = CHECKING, group: Hashable = None
     ) -> T:
@@ -207,11 +213,12 @@ class Workers:
             asyncio.get_running_loop().call_later(_RETRY_S, self._replace)
 
     async def _take(self, group: Hashable, urgent: bool) -> Worker:
-        """Wait for a free worker."""
-        for worker in reversed(self._idle):
-            if urgent or worker is not self._urgent_worker:
-                self._idle.remove(worker)
-                return worker
+        """Wait for a free worker, at best one whose start has ended."""
+        free = [worker for worker in self._idle if urgent or worker is not self._urgent_worker]
+        if free:
+            worker = max(free, key=lambda worker: worker.starting is None)
+            self._idle.remove(worker)
+            return worker
         turn = _Turn(group, urgent, asyncio.get_running_loop().create_future())
         self._waiting.append(turn)
         if urgent:

@@ -20,10 +20,14 @@ from typing import Any
 
 from farm.errors import FarmError
 
-Warm = Callable[[], None]
+Warm = Callable[[Callable[[str], object]], None]
+"""Prepares a process for its tasks; called with a function that reports its step in words."""
 
 _PR_SET_PDEATHSIG = 1
 _ENDING_S = 2.0  # from the closing of its pipe to its exit
+_START_NICE, _WORK_NICE = 5, 19
+"""Priorities. Somebody may wait for the start, which takes minutes at the lowest priority on a busy host."""
+_STEP = "step"
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +54,7 @@ class Worker:
 
     def __init__(self, scratch: Path, memory_bytes: int, warm: Warm | None) -> None:
         self.folder = Path(tempfile.mkdtemp(prefix="worker-", dir=scratch))
+        (self.folder / _STEP).write_text("loading the planning code")
         context = multiprocessing.get_context("spawn")  # the daemon has threads: a fork could hang
         self._pipe, child_pipe = context.Pipe()
         arguments = (child_pipe, os.getpid(), self.folder, memory_bytes, warm)
@@ -57,6 +62,14 @@ class Worker:
         self._process.start()
         self.pid = self._process.pid or 0
         child_pipe.close()  # else the end of the process would not close the pipe
+
+    @property
+    def starting(self) -> str | None:
+        """Step of the start, in words; None once it takes work at once."""
+        try:
+            return (self.folder / _STEP).read_text() or "starting"
+        except OSError:
+            return None
 
     def call(self, work: Callable[..., Any], args: tuple[object, ...]) -> Any:
         """Run a function in the process, and wait for it.
@@ -96,9 +109,11 @@ def _serve(pipe: Connection, daemon: int, folder: Path, memory_bytes: int, warm:
     _prepare(daemon, folder, memory_bytes)
     if warm is not None:
         try:
-            warm()
+            warm((folder / _STEP).write_text)
         except Exception:
             traceback.print_exc()  # the task that needs it fails with a message
+    os.nice(_WORK_NICE - _START_NICE)
+    (folder / _STEP).unlink(missing_ok=True)
     while True:
         try:
             request = pipe.recv_bytes()
@@ -129,7 +144,7 @@ def _answer(request: bytes) -> bytes:
 
 def _prepare(daemon: int, folder: Path, memory_bytes: int) -> None:
     """Lower the priority, limit memory, set the temporary folder, and die with the daemon (Linux)."""
-    os.nice(19)
+    os.nice(_START_NICE)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)

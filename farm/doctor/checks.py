@@ -231,6 +231,23 @@ def check_room(facts: Facts) -> Iterator[Finding]:
         yield passed("room", f"{shared.folder} can be used")
 
 
+def check_code(facts: Facts) -> Iterator[Finding]:
+    """Check that the machine code of the planning is there, and kept."""
+    code = facts.code
+    if code is None:
+        return
+    if code.folder is None:
+        text = f"neither {code.installed} nor {facts.user.name}'s cache can be written"
+        yield warning("code", f"{text}: each worker compiles for minutes", "make ~/.cache writable")
+    elif not code.compiled:
+        yield warning(
+            "code", "the planning code is not compiled: the first plan takes minutes", "`make install`"
+        )
+    else:
+        copied = "" if code.folder == code.installed else f", a copy of {code.installed}"
+        yield passed("code", f"the planning code is compiled in {code.folder}{copied}")
+
+
 _CHECKS: tuple[Callable[[Facts], Iterator[Finding]], ...] = (
     check_fleet,
     check_user,
@@ -240,6 +257,7 @@ _CHECKS: tuple[Callable[[Facts], Iterator[Finding]], ...] = (
     check_agents,
     check_ports,
     check_cura,
+    check_code,
     check_clock,
     check_room,
 )

@@ -27,6 +27,7 @@ from farm.doctor.facts import (
     AgentFacts,
     BooksFacts,
     ClockFacts,
+    CodeFacts,
     CuraFacts,
     Facts,
     FileFacts,
@@ -85,6 +86,7 @@ def collect_facts(places: Places, daemon_version: str | None, daemon_error: str 
         ports=tuple(_check_port(section) for section in local_printers if section.port.startswith("/")),
         disk=_measure_disk(places.state, books.books),
         rooms=tuple(_measure_rooms(places.state)),
+        code=_find_code(),
         shared_memory=_measure_room(_SHARED_MEMORY),
     )
 
@@ -201,6 +203,12 @@ def _read_settings_version(resources: Path) -> str | None:
         return None
     found = _SETTINGS_VERSION.search(text)
     return found.group(1) if found else None
+
+
+def _find_code() -> CodeFacts:
+    from decompose.jit import CODE_FOLDER, INSTALLED, is_compiled  # slow to load
+
+    return CodeFacts(str(INSTALLED), None if CODE_FOLDER is None else str(CODE_FOLDER), is_compiled())
 
 
 def _read_clock(state: StateFolder) -> ClockFacts:

@@ -107,6 +107,25 @@ class CuraFacts:
 
 
 @dataclass(frozen=True, slots=True)
+class CodeFacts:
+    """Machine code of the planning (`decompose.jit`).
+
+    Attributes
+    ----------
+    installed
+        Folder beside the sources.
+    folder
+        Folder that this user's processes use; None if none can be written.
+    compiled
+        True if all of it is there.
+    """
+
+    installed: str
+    folder: str | None
+    compiled: bool
+
+
+@dataclass(frozen=True, slots=True)
 class ClockFacts:
     """The clocks.
 
@@ -191,4 +210,5 @@ class Facts:
     ports: tuple[PortFacts, ...] = ()
     rooms: tuple[RoomFacts, ...] = ()
     disk: DiskUse | None = None
+    code: CodeFacts | None = None
     shared_memory: RoomFacts = RoomFacts("/dev/shm", None)

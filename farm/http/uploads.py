@@ -145,13 +145,17 @@ class Uploads:
         """Describe the progress of an upload. Raises NoSuchThing."""
         for path, upload in self._open.items():
             if upload.request_id == request_id:
-                step = "waiting for a worker" if upload.missing_bytes == 0 else "sending"
+                step = "sending" if upload.missing_bytes else self._describe_wait()
                 with suppress(OSError):  # inspection has not started, or has ended
                     step = step_file(path).read_text() or step
                 return api.UploadView(
                     step=step, received=upload.size - upload.missing_bytes, size=upload.size
                 )
         raise NoSuchThing(f"there is no open upload {request_id}")
+
+    def _describe_wait(self) -> str:
+        starting = self._services.workers.starting
+        return "waiting for a worker" if starting is None else f"waiting for the workers to start: {starting}"
 
     async def receive_model(
         self, content: AsyncIterator[bytes], request_id: str, name: str, size: int, options: JobOptions

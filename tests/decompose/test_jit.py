@@ -1,10 +1,13 @@
-"""Machine code is kept for as long as nothing of what is compiled changes."""
+"""Machine code is kept until a compiled file changes, also where the sources cannot be written."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from decompose.jit import hash_sources
+import pytest
+
+from decompose import jit
+from decompose.jit import find_code_folder, hash_sources
 
 
 def test_a_change_in_any_compiled_file_is_seen(tmp_path: Path) -> None:
@@ -17,3 +20,42 @@ def test_a_change_in_any_compiled_file_is_seen(tmp_path: Path) -> None:
     assert hash_sources(tmp_path) == before
     cost.write_text("from decompose.jit import jit\nPRICE = 2.0\n")
     assert hash_sources(tmp_path) != before
+
+
+@pytest.fixture
+def read_only(monkeypatch: pytest.MonkeyPatch) -> set[Path]:
+    """Folders that cannot be written, also if the tests run as root."""
+    folders: set[Path] = set()
+    writable = jit.is_writable
+    monkeypatch.setattr(jit, "is_writable", lambda folder: folder not in folders and writable(folder))
+    return folders
+
+
+def test_code_is_kept_beside_the_sources_where_they_can_be_written(tmp_path: Path) -> None:
+    assert find_code_folder(tmp_path / "installed", [tmp_path / "own"]) == tmp_path / "installed"
+    assert not (tmp_path / "own").exists()
+
+
+def test_installed_code_is_copied_for_a_user_who_may_not_write_it(
+    tmp_path: Path, read_only: set[Path]
+) -> None:
+    installed, own = tmp_path / "installed", tmp_path / "home" / "own"
+    (installed / "grid").mkdir(parents=True)
+    (installed / "grid" / "boxes.nbc").write_bytes(b"code")
+    read_only.add(installed)
+    assert find_code_folder(installed, [own]) == own
+    assert (own / "grid" / "boxes.nbc").read_bytes() == b"code"
+    assert [path.name for path in own.parent.iterdir()] == ["own"]
+    (own / "grid" / "rays.nbc").write_bytes(b"more")
+    find_code_folder(installed, [own])
+    assert (own / "grid" / "rays.nbc").exists()  # it is not copied again
+
+
+def test_a_home_that_cannot_be_written_leaves_a_folder_of_the_process(
+    tmp_path: Path, read_only: set[Path]
+) -> None:
+    (tmp_path / "file").write_text("no folder")
+    read_only.add(tmp_path / "installed")
+    others = [tmp_path / "file" / "own", tmp_path / "scratch"]
+    assert find_code_folder(tmp_path / "installed", others) == tmp_path / "scratch"
+    assert find_code_folder(tmp_path / "installed", others[:1]) is None

@@ -41,3 +41,19 @@ def test_a_page_names_commands_and_options_that_exist(page: Path):
 def test_a_wrong_command_and_a_wrong_option_are_found():
     text = "Type `farm sumbit x.stl`.\n\n```text\n$ farm submit x.stl --overnite --wait\n```\n"
     assert mistakes_in(text) == ["farm sumbit", "farm submit --overnite"]
+
+
+def test_the_readme_submits_a_file_that_is_there_or_was_made_before():
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    lines = [line for block in re.findall(r"```\n(.*?)```", text, re.DOTALL) for line in block.splitlines()]
+    made = set[str]()
+    submitted = 0
+    for line in lines:
+        words = line.partition("#")[0].split()
+        if words[:1] == ["python"]:
+            assert (ROOT / words[1]).exists()
+            made.update(words[2:])
+        elif words[:2] == ["farm", "submit"]:
+            submitted += 1
+            assert words[2] in made or (ROOT / words[2]).exists(), line
+    assert submitted

@@ -65,6 +65,16 @@ def slice_rod(folder):
     return report["layers"]
 
 
+def start_after(fifo, first, report):
+    """Prepare a worker: the first one reports a step, and waits until somebody writes into the FIFO."""
+    try:
+        first.mkdir()
+    except FileExistsError:
+        return
+    report("compiling")
+    fifo.read_text()
+
+
 def temporary_folder():
     return Path(tempfile.gettempdir())
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,6 +14,7 @@ from decompose.decompose import decompose_model
 from decompose.errors import NoFit
 from decompose.export import write_decomposition
 from decompose.geometry import Model, Solid
+from decompose.jit import is_compiled
 from decompose.options import BestOptions, Engine, Options
 from decompose.print_time import CostModel, Recipe
 from decompose.printers import PrinterRoom
@@ -32,8 +33,10 @@ from farm.planning.plate_times import reassign_loads
 from slicing.settings import find_resources
 
 
-def warm() -> None:
-    """Import and compile the code of planning before the first job, by cutting a small box in two."""
+def warm(report: Callable[[str], object]) -> None:
+    """Load the code of planning before the first job by cutting a small box; what is missing is compiled."""
+    if not is_compiled():
+        report("compiling the planning code, which takes minutes and `make install` does ahead")
     box = Model(Solid.box((0.0, 0.0, 0.0), (30.0, 10.0, 10.0)), (), 1.0)
     rooms = [PrinterRoom(name, ((20.0, 20.0, 20.0),)) for name in "ab"]
     decompose_model(box, rooms, Options(prove=False), CostModel.from_recipe(Recipe()))

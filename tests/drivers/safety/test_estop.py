@@ -146,16 +146,14 @@ def test_queued_moves_and_heat_end_on_a_board_that_dtr_does_not_reset(tmp_path: 
             one.process.wait(10.0)
             asyncio.run(left())
         else:
-            farm = [Path(sys.executable).with_name("farm"), "estop", "--json"]
-            farm += ["--state", tmp_path / "state", "--fleet", tmp_path / "none.yaml"]
-            done = subprocess.run(farm, check=False, capture_output=True, timeout=100)
-            assert done.returncode == 0, done.stderr
-            [row] = json.loads(done.stdout)["printers"]
-            assert (row["seen_off"], row["still"]) == (True, True)
-            assert "not reset" in row["text"] and "stands still" in row["text"]
+            # In this process, and patiently: on a busy host the firmware's dead-man may precede `farm estop`.
+            [target] = list_targets(one.folder.parent).values()
+            result = stop_printer(target, show_s=100.0)
+            assert (result.seen_off, result.still) == (True, True), result.text
+            assert "not reset" in result.text and "stands still" in result.text
         was = read_status(emulator)
         assert (was.nozzle_target_c, was.bed_target_c) == (0.0, 0.0)
-        assert was.resets <= int(dies)  # on a busy host the dead-man may be sooner than the next agent
+        assert was.resets <= 1  # on a busy host the firmware's dead-man, 20 s at this scale, may be sooner
         assert settled(emulator, lambda status: status.time_s > was.time_s + 500.0)  # two moves and a half
         assert read_status(emulator).position_mm == was.position_mm
     finally:

@@ -3,6 +3,7 @@
 import asyncio
 import os
 import signal
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -55,6 +56,35 @@ def test_work_that_kills_every_worker_is_named_and_the_next_goes_on(pool, tmp_pa
         return await workers.run(work.whoami)
 
     assert gone(pool.run(use))
+
+
+async def until(condition):
+    async with asyncio.timeout(120.0):
+        while not condition():
+            await asyncio.sleep(0.01)
+
+
+def test_the_step_of_the_start_is_told_until_a_worker_is_ready(pool, tmp_path):
+    os.mkfifo(tmp_path / "fifo")
+
+    async def use(workers):
+        await until(lambda: workers.starting == "compiling")
+        await asyncio.to_thread((tmp_path / "fifo").write_text, "go on")
+        await until(lambda: workers.starting is None)
+        return await workers.run(work.whoami)
+
+    assert pool.run(use, warm=partial(work.start_after, tmp_path / "fifo", tmp_path / "first"))
+
+
+def test_work_goes_to_a_worker_that_is_ready(pool, tmp_path):
+    os.mkfifo(tmp_path / "fifo")
+
+    async def use(workers):
+        await until(lambda: workers.starting is None)
+        return [await workers.run(work.whoami) for _ in range(3)]
+
+    warm = partial(work.start_after, tmp_path / "fifo", tmp_path / "first")
+    assert len(set(pool.run(use, count=2, warm=warm))) == 1
 
 
 @pytest.mark.parametrize("how", ["dies", "is cancelled"])

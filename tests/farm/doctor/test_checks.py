@@ -11,6 +11,7 @@ from farm.doctor.facts import (
     AgentFacts,
     BooksFacts,
     ClockFacts,
+    CodeFacts,
     CuraFacts,
     Facts,
     FileFacts,
@@ -48,6 +49,7 @@ SOUND = Facts(
     agents=(AgentFacts("a", True, PROTOCOL),),
     ports=(PortFacts("a", "/dev/ttyUSB0", True, True, "dialout"),),
     rooms=(RoomFacts("/s", 10**11),),
+    code=CodeFacts("/opt/code", "/home/farm/code", True),
     shared_memory=RoomFacts("/dev/shm", 10**9),
 )
 STRANGER = UserFacts("farm", frozenset(), frozenset({"ops"}), "farm")
@@ -85,6 +87,18 @@ CASES = {
         "problem",
         "database",
         "printer a: its bed is clear, and print x on it is not judged",
+    ),
+    "code that is not compiled": (
+        {"code": CodeFacts("/opt/code", "/opt/code", False)},
+        "warning",
+        "code",
+        "is not compiled",
+    ),
+    "code that is not kept": (
+        {"code": CodeFacts("/opt/code", None, False)},
+        "warning",
+        "code",
+        "neither /opt/code nor farm's cache",
     ),
     "missing file": ({"files": FileFacts(3, ("job 1: g",))}, "problem", "files", "job 1: g is missing"),
     "changed file": (

@@ -91,7 +91,18 @@ def test_the_command_prints_every_check_and_ends_with_1_where_there_is_a_problem
     answer = json.loads(run.stdout)
     assert (run.exit_code, answer["schema"]) == (1, 1)
     checks = {one["check"] for one in answer["findings"]}
-    assert {"fleet", "user", "daemon", "database", "files", "agents", "cura", "clock", "room"} <= checks
+    assert {
+        "fleet",
+        "user",
+        "daemon",
+        "database",
+        "files",
+        "agents",
+        "cura",
+        "code",
+        "clock",
+        "room",
+    } <= checks
     assert all(one["action"] for one in answer["findings"] if one["level"] != "ok")
     lines = CliRunner().invoke(app, ["doctor", *options]).stdout.splitlines()
     assert any(line.startswith("problem  database: ") for line in lines)

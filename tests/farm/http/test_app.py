@@ -28,6 +28,8 @@ MODEL = "ultimaker2_plus"
 class SameProcess:
     """Workers that work at once."""
 
+    starting = None
+
     async def run(self, work, *args):
         return work(*args)
 

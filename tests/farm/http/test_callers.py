@@ -36,6 +36,8 @@ NO_GROUP = "no-such-group-here"
 class SameProcess:
     """Workers that find every model good."""
 
+    starting = None
+
     async def run(self, work, *args):
         return InspectedSubmission(file="m.npz", scale=1.0, repairs=())
 

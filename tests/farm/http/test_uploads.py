@@ -59,15 +59,16 @@ def test_uploads_under_way_count_until_they_are_checked(tmp_path, monkeypatch):
         controller = SimpleNamespace(
             fleet=fleet().model_copy(update={"fleet": section}), books=SimpleNamespace(jobs={})
         )
-        uploads = Uploads(
-            SimpleNamespace(controller=controller, state=state, workers=SimpleNamespace(run=run))
-        )
+        workers = SimpleNamespace(run=run, starting="loading the planning code")
+        uploads = Uploads(SimpleNamespace(controller=controller, state=state, workers=workers))
 
         async def content():
             yield b"solid"
 
         first = asyncio.create_task(uploads.receive_model(content(), "a", "a.stl", 5, JobOptions()))
         await checking.wait()
+        assert uploads.describe("a").step == "waiting for the workers to start: loading the planning code"
+        workers.starting = None
         assert uploads.describe("a").step == "waiting for a worker"
         step_file(next(state.work.glob("upload-*"))).write_text("repairing")
         assert uploads.describe("a") == UploadView(step="repairing", received=5, size=5)

@@ -1,0 +1,76 @@
+"""Compilation of all functions that run as machine code, ahead of the first model: `make install` runs it.
+
+``python -m decompose.compilation`` takes about a minute, and a few seconds where the code is there.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import sys
+import tempfile
+from contextlib import ExitStack
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import trimesh
+
+from decompose.decompose import decompose_model
+from decompose.export import write_decomposition
+from decompose.geometry import load_model, write_stl
+from decompose.jit import CODE_FOLDER, INSTALLED, is_compiled, mark_compiled
+from decompose.options import BestOptions, Engine, Options, ParalleloboxOptions
+from decompose.print_time import CostModel, Recipe
+from decompose.printers import PrinterRoom
+
+_ROOM = PrinterRoom("", ((90.0, 90.0, 60.0),))
+_ONCE = Options(granularity=6, best=BestOptions(budget_s=0.0), parallelobox=ParalleloboxOptions(tries=1))
+_ENGINES = (
+    replace(_ONCE, engine=Engine.GUILLOTINE),
+    replace(_ONCE, engine=Engine.PARALLELOBOX),
+    replace(_ONCE, engine=Engine.PARALLELOBOX, faithful=True),
+    replace(_ONCE, engine=Engine.SYMMETRY),
+    replace(_ONCE, engine=Engine.CUBE_SKELETON),
+)
+
+
+def compile_all() -> None:
+    """Compile every function for the types that decompositions call it with, and keep the code.
+
+    Processes that do this at the same time wait for the first one.
+    """
+    with ExitStack() as stack:
+        if CODE_FOLDER is not None and not is_compiled():
+            lock = stack.enter_context((CODE_FOLDER / "lock").open("w"))
+            fcntl.flock(lock, fcntl.LOCK_EX)
+        _cut_small_models()
+        mark_compiled()
+
+
+def _cut_small_models() -> None:
+    """Repair a ring that lacks some triangles and has a loose one, and cut it by each engine."""
+    with tempfile.TemporaryDirectory() as scratch:
+        path = Path(scratch) / "ring.stl"
+        ring: Any = trimesh.creation.torus(60.0, 25.0, major_sections=24, minor_sections=12)
+        sheet = np.array([[[0, 0, 0], [15, 0, 0], [0, 15, 0]]])
+        write_stl(path, np.concatenate([ring.triangles[5:], sheet]).astype(np.float32))
+        model = load_model(path)
+        cost = CostModel.from_recipe(Recipe())
+        for options in _ENGINES:
+            printers = [replace(_ROOM, name=name) for name in "abcdefghij"]
+            found = decompose_model(model, printers, options, cost)
+        write_decomposition(found, Path(scratch) / "parts")
+
+
+def main() -> None:
+    """Compile, and print where the code is kept."""
+    compile_all()
+    kept = "nowhere: no folder can be written" if CODE_FOLDER is None else f"in {CODE_FOLDER}"
+    if CODE_FOLDER not in (None, INSTALLED):
+        kept += f", as {INSTALLED} cannot be written"
+    sys.stdout.write(f"Machine code is kept {kept}\n")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,57 @@
+"""All machine code is made ahead: a decomposition compiles nothing more."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+CHECK = """
+import sys
+from pathlib import Path
+
+import numpy as np
+import trimesh
+from numba.core.dispatcher import Dispatcher
+
+from decompose.compilation import compile_all
+from decompose.decompose import decompose_model
+from decompose.export import write_decomposition
+from decompose.geometry import load_model
+from decompose.options import BestOptions, Engine, Interior, Options
+from decompose.print_time import CostModel, Recipe
+from decompose.printers import PrinterRoom
+
+
+def signatures():
+    for name, module in tuple(sys.modules.items()):
+        for one in vars(module).values() if name.startswith("decompose.") else ():
+            if isinstance(one, Dispatcher):
+                yield from (f"{one.__module__}.{one.__name__}{made}" for made in one.signatures)
+
+
+compile_all()
+before = set(signatures())
+assert len(before) > 15
+folder = Path(sys.argv[1])
+torus = trimesh.creation.torus(90.0, 30.0)
+cross = trimesh.util.concatenate([trimesh.creation.box(size) for size in ((200, 60, 60), (60, 200, 60))])
+cross.update_faces(np.arange(len(cross.faces)) != 7)
+rooms = [PrinterRoom(f"{n}", ((120.0, 120.0, 110.0 + n % 2),)) for n in range(9)]
+for name, mesh, options in (
+    ("cross", cross, Options(best=BestOptions(0.0), interior=Interior.KEEP)),
+    ("torus", torus, Options(engine=Engine.GUILLOTINE, seed=1)),
+):
+    mesh.export(folder / f"{name}.stl")
+    model = load_model(folder / f"{name}.stl")
+    found = decompose_model(model, rooms, options, CostModel.from_recipe(Recipe()))
+    write_decomposition(found, folder / name)
+print(sorted(set(signatures()) - before))
+"""
+
+
+def test_a_decomposition_compiles_nothing_that_was_not_compiled_ahead(tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", CHECK, tmp_path], capture_output=True, text=True, check=False
+    )
+    assert (done.stdout, done.returncode) == ("[]\n", 0), done.stderr
