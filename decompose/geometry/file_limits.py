@@ -6,20 +6,23 @@ import re
 
 import numpy as np
 
-from decompose.errors import ModelTooDetailed, ModelUnreadable
-from decompose.geometry.stl import header_face_count, is_binary_stl
+from decompose.errors import ModelUnreadable
+from decompose.triangle_limit import (
+    HEAD_BYTES,
+    check_triangles,
+    count_off_faces,
+    count_ply_faces,
+    header_face_count,
+    is_binary_stl,
+)
 
 MOST_CORNERS = 10_000  # greatest number in one face: more triangles about one corner take hours to repair
-LONGEST_PLY_HEADER_BYTES = 64 * 1024
-BYTES_PER_TRIANGLE = 1500  # greatest memory for reading and repairing, measured per triangle
-OTHER_BYTES = 256 * 2**20  # memory of a process with the libraries that this needs
+LONGEST_PLY_HEADER_BYTES = HEAD_BYTES
 
 _COMMENTS = (b"#", b"comment")
 _CORNER_BYTES = 4  # of a binary PLY
 _CONTINUED = re.compile(rb"\\\r?\n")
 _PLY_BINARY = re.compile(rb"format\s+binary")
-_PLY_FACES = re.compile(rb"element\s+face\s+(\d+)")
-_OFF_COUNTS = re.compile(rb"(?:\s|#[^\n]*\n)*C?OFF(?:\s|#[^\n]*\n)+\d+\s+(\d+)")
 
 
 def check_limits(name: str, data: bytes, suffix: str, memory_bytes: int | None) -> None:
@@ -46,11 +49,8 @@ def check_limits(name: str, data: bytes, suffix: str, memory_bytes: int | None) 
             "a part of one; copy or export it again"
         )
     triangles = count_triangles(data, suffix)
-    if memory_bytes is not None and triangles > most_triangles(memory_bytes):
-        raise ModelTooDetailed(
-            f"{name}: has {triangles / 1e6:.1f} million triangles, and {memory_bytes / 2**30:.1f} GB of "
-            f"memory suffice for {most_triangles(memory_bytes) / 1e6:.1f} million: simplify its mesh"
-        )
+    if memory_bytes is not None:
+        check_triangles(name, triangles, memory_bytes)
     if suffix == ".ply" and _PLY_BINARY.search(data, 0, LONGEST_PLY_HEADER_BYTES):
         if triangles and len(data) > triangles * MOST_CORNERS * _CORNER_BYTES:
             raise ModelUnreadable(
@@ -70,13 +70,7 @@ def count_triangles(data: bytes, suffix: str) -> int:
             return header_face_count(data) if is_binary_stl(data) else data.count(b"endloop")
         case ".obj":
             return data.count(b"\nf ")
-    found = (_PLY_FACES.search if suffix == ".ply" else _OFF_COUNTS.match)(data, 0, LONGEST_PLY_HEADER_BYTES)
-    return int(found[1]) if found else 0
-
-
-def most_triangles(memory_bytes: int) -> int:
-    """Compute the number of triangles that can be read and repaired in some memory."""
-    return max(0, memory_bytes - OTHER_BYTES) // BYTES_PER_TRIANGLE
+    return count_ply_faces(data) if suffix == ".ply" else count_off_faces(data)
 
 
 def _count_corners(data: bytes) -> int:

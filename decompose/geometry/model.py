@@ -22,19 +22,20 @@ from decompose.errors import (
     ModelTiny,
     ModelUnreadable,
 )
-from decompose.geometry.file_limits import check_limits, most_triangles
+from decompose.geometry.file_limits import check_limits
 from decompose.geometry.repair import Report, close_surface
 from decompose.geometry.solid import Solid
 from decompose.geometry.step import read_step
-from decompose.geometry.stl import (
-    COUNT_BYTES,
-    FACE_BYTES,
-    HEADER_BYTES,
+from decompose.geometry.stl import stored_face_count
+from decompose.geometry.threemf import read_3mf
+from decompose.triangle_limit import (
+    STL_COUNT_BYTES,
+    STL_FACE_BYTES,
+    STL_HEADER_BYTES,
     header_face_count,
     is_binary_stl,
-    stored_face_count,
+    most_triangles,
 )
-from decompose.geometry.threemf import read_3mf
 
 SUFFIXES = (".stl", ".obj", ".ply", ".off", ".3mf", ".step", ".stp")
 TINY_MM = 5.0  # longest side below which the unit is probably not the mm
@@ -190,7 +191,7 @@ def _check_stl(name: str, data: bytes) -> tuple[bytes, tuple[str, ...]]:
         if b"endsolid" not in data[-1000:].lower():
             raise ModelUnreadable(f"{name}: breaks off before its end; copy or export it again")
         return data, ()
-    if len(data) < HEADER_BYTES + COUNT_BYTES:
+    if len(data) < STL_HEADER_BYTES + STL_COUNT_BYTES:
         raise ModelUnreadable(f"{name}: {len(data)} bytes are not an STL; export the model again")
     promised, present = header_face_count(data), stored_face_count(data)
     if promised > present:
@@ -201,7 +202,7 @@ def _check_stl(name: str, data: bytes) -> tuple[bytes, tuple[str, ...]]:
     if promised == present:
         return data, ()
     # Some programs put colours or their name after the last triangle.
-    stl_bytes = HEADER_BYTES + COUNT_BYTES + promised * FACE_BYTES
+    stl_bytes = STL_HEADER_BYTES + STL_COUNT_BYTES + promised * STL_FACE_BYTES
     return data[:stl_bytes], (f"Left out {len(data) - stl_bytes} bytes after the last triangle.",)
 
 

@@ -10,8 +10,7 @@ import numpy.typing as npt
 import trimesh
 
 from decompose.arrays import Floats, Ints
-
-HEADER_BYTES, COUNT_BYTES, FACE_BYTES = 80, 4, 50
+from decompose.triangle_limit import STL_COUNT_BYTES, STL_FACE_BYTES, STL_HEADER_BYTES
 
 
 def round_triangles(vertices: Floats, faces: Ints) -> npt.NDArray[np.float32] | None:
@@ -54,16 +53,6 @@ def write_stl(path: Path, corners: npt.NDArray[np.float32]) -> None:
     path.write_bytes(mesh.export(file_type="stl"))
 
 
-def is_binary_stl(data: bytes) -> bool:
-    """Check whether an STL is binary: an ASCII one begins with `solid` and has `facet` soon after."""
-    return not (data[:5].lower() == b"solid" and b"facet" in data[:1000].lower())
-
-
-def header_face_count(data: bytes) -> int:
-    """Read the number of faces from a binary STL's header."""
-    return int(np.frombuffer(data[HEADER_BYTES : HEADER_BYTES + COUNT_BYTES], dtype="<u4")[0])
-
-
 def stored_face_count(data: bytes) -> float:
     """Compute the number of faces for which a binary STL has bytes."""
-    return max(0, len(data) - HEADER_BYTES - COUNT_BYTES) / FACE_BYTES
+    return max(0, len(data) - STL_HEADER_BYTES - STL_COUNT_BYTES) / STL_FACE_BYTES

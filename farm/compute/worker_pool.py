@@ -120,6 +120,11 @@ class Workers:
         """Ids of the running processes."""
         return frozenset(worker.pid for worker in self._alive)
 
+    @property
+    def memory_bytes(self) -> int:
+        """Memory that each worker may use, in bytes."""
+        return self._memory
+
     def share(self, group: Hashable, urgent: bool = False) -> WorkerShare:
         """Return the pool for the tasks of one group; with `urgent`, they are started before other work."""
         return WorkerShare(self, group, urgent)

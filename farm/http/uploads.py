@@ -15,6 +15,8 @@ from fastapi import APIRouter, Query, Request
 from pydantic import ValidationError
 from starlette.requests import ClientDisconnect
 
+from decompose.errors import ModelTooDetailed
+from decompose.triangle_limit import HEAD_BYTES, check_head
 from farm import api
 from farm.config import UploadsSection
 from farm.control import JobCommands
@@ -180,18 +182,23 @@ class Uploads:
         Refused
             As `check_quota`; or if the number of bytes differs from the announced size.
         FarmError
-            If the model cannot be printed.
+            If the model cannot be printed; `limit` as soon as its first bytes give too many triangles.
         """
         self._check_quota(name, size)
         controller, state = self._services.controller, self._services.state
         path = state.work / f"upload-{uuid.uuid4().hex}"
         upload = self._open[path] = _Upload(request_id, size, size)
         try:
+            head = b""
             with path.open("wb") as file, suppress(ClientDisconnect):  # detected below by the number of bytes
                 async for chunk in content:
                     upload.missing_bytes -= len(chunk)
                     if upload.missing_bytes < 0:
                         break
+                    if len(head) < HEAD_BYTES:
+                        head += chunk[:HEAD_BYTES]
+                        if len(head) >= min(size, HEAD_BYTES):
+                            self._check_head(name, head, size)
                     file.write(chunk)
             if upload.missing_bytes:
                 received = size - upload.missing_bytes
@@ -205,6 +212,14 @@ class Uploads:
             path.unlink(missing_ok=True)
             step_file(path).unlink(missing_ok=True)
             del self._open[path]
+
+    def _check_head(self, name: str, head: bytes, size: int) -> None:
+        """Refuse a model whose first bytes give more triangles than a worker has memory for."""
+        try:
+            check_head(name, head, size, Path(name).suffix.lower(), self._services.workers.memory_bytes)
+        except ModelTooDetailed as error:
+            detail = f"{error}, or raise `fleet.compute.memory_gb` in fleet.yaml"
+            raise FarmError(detail, ErrorCode.LIMIT) from error
 
     def _check_quota(self, name: str, size: int) -> None:
         """Refuse an upload that exceeds a limit in the present state of the farm."""

@@ -22,7 +22,7 @@ _COLUMNS = (
     Column("REEL", rank=2, least=9),
     Column("NOZZLE", rank=4),
     Column("BED", rank=5),
-    Column("ACTION", rank=1, least=12),
+    Column("ACTION", rank=1, least=18),
 )
 _STATES = {"look": "inspect"}
 """States that the table words differently from `--json`."""

@@ -181,7 +181,8 @@ def _waits_in_queue(job: api.JobView) -> bool:
 
 def _list_job_lines(job: api.JobView, now: str, width: int | None) -> list[Text]:
     first, *more = _list_job_facts(job, now)
-    facts = [f"{job.name[:_NAME_WIDTH]}: {first}", *more]
+    by = f" by {job.submitted_by}" if job.submitted_by else ""
+    facts = [f"{job.name[:_NAME_WIDTH]}{by}: {first}", *more]
     texts = [f"{fact};" for fact in facts[:-1]] + facts[-1:]
     style, body = (NOTE, NOTE) if _is_over(job) else (HEADING, "")
     lines = _fold_texts(f"JOB {job.id}", texts, " ", width, style, body)
@@ -227,6 +228,4 @@ def _list_job_facts(job: api.JobView, now: str) -> list[str]:
         parts.append(f"planned again: {format_planning(job.progress)}")
     if job.hold is not None:
         parts.append(job.hold.text)
-    if job.submitted_by:
-        parts.append(f"by {job.submitted_by}")
     return parts

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -13,6 +14,8 @@ from farm.cli.display.console import HEADING
 
 _GAP = 2  # spaces between two columns
 _INDENT = 2  # of the further lines of a row that needs several
+_COMMAND = re.compile(r"`[^`]*`")
+_GLUE = "\ue000"  # stands for a space that is no place to break a line
 _CONSOLE = Console(width=80)  # `Text.wrap` asks for one; nothing is printed on it
 
 
@@ -68,16 +71,24 @@ def lay_out_table(columns: Sequence[Column], rows: Sequence[Sequence[str]], widt
 
 
 def wrap_text(text: Text, width: int | None, indent: int) -> list[Text]:
-    """Break a text into lines of at most `width` columns at its spaces; further lines are indented."""
+    """Break a text into lines of at most `width` columns at its spaces; further lines are indented.
+
+    A command in backticks stays on one line if it fits.
+    """
     if width is None or text.cell_len <= width:
         return [text]
+    text = text.copy()
+    text.plain = _COMMAND.sub(lambda command: command[0].replace(" ", _GLUE), text.plain)
     first, *rest = _wrap(text, width)
-    if not rest:
-        return [first]
-    left = text[len(first.plain) :]
-    left = left[len(left.plain) - len(left.plain.lstrip()) :]
-    below = _wrap(left, max(1, width - indent))
-    return [first, *(Text.assemble(" " * min(indent, width - 1), line) for line in below)]
+    lines = [first]
+    if rest:
+        left = text[len(first.plain) :]
+        left = left[len(left.plain) - len(left.plain.lstrip()) :]
+        below = _wrap(left, max(1, width - indent))
+        lines += [Text.assemble(" " * min(indent, width - 1), line) for line in below]
+    for line in lines:
+        line.plain = line.plain.replace(_GLUE, " ")
+    return lines
 
 
 def _wrap(text: Text, width: int) -> list[Text]:

@@ -3,17 +3,17 @@
 import numpy as np
 import pytest
 import trimesh
+from hypothesis import given
+from hypothesis import strategies as st
 
 from decompose.errors import ModelTooDetailed, ModelUnreadable
 from decompose.geometry.file_limits import (
-    BYTES_PER_TRIANGLE,
     LONGEST_PLY_HEADER_BYTES,
     MOST_CORNERS,
-    OTHER_BYTES,
     check_limits,
     count_triangles,
-    most_triangles,
 )
+from decompose.triangle_limit import BYTES_PER_TRIANGLE, OTHER_BYTES, check_head, most_triangles
 
 SPHERE = trimesh.creation.icosphere(2, 10.0)
 
@@ -69,6 +69,28 @@ def test_the_triangles_of_each_format_are_counted_and_limited_by_memory(kind: st
     check_limits("a", data, suffix, enough)
     with pytest.raises(ModelTooDetailed, match=r"suffice for 0.0 million: simplify its mesh"):
         check_limits("a", data, suffix, enough - 1)
+
+
+@pytest.mark.parametrize("kind", ["stl", "ply", "off"])
+def test_first_bytes_of_a_file_suffice_to_refuse_it(kind: str) -> None:
+    written = SPHERE.export(file_type=kind)
+    data = written if isinstance(written, bytes) else written.encode()
+    head, enough = data[:400], OTHER_BYTES + len(SPHERE.faces) * BYTES_PER_TRIANGLE
+    check_head("a", head, len(data), f".{kind}", enough)
+    with pytest.raises(ModelTooDetailed, match=r"a: has 0.0 million triangles.*simplify its mesh"):
+        check_head("a", head, len(data), f".{kind}", enough - 1)
+
+
+@given(st.binary(max_size=200), st.integers(0, 2**40), st.sampled_from([".stl", ".ply", ".off", ".3mf", ""]))
+def test_any_first_bytes_pass_or_have_too_many_triangles(head: bytes, size: int, suffix: str) -> None:
+    try:
+        check_head("a", head, size, suffix, OTHER_BYTES)
+    except ModelTooDetailed as error:
+        assert len(str(error).splitlines()) == 1
+
+
+def test_an_stl_that_promises_more_than_it_holds_is_left_to_its_reader() -> None:
+    check_head("a", b"\0" * 80 + b"\xff" * 4, 134, ".stl", OTHER_BYTES + BYTES_PER_TRIANGLE)
 
 
 def test_no_memory_is_enough_for_no_triangle() -> None:

@@ -6,9 +6,10 @@ from types import SimpleNamespace
 
 import pytest
 
+from decompose.triangle_limit import HEAD_BYTES
 from farm.api import UploadView
 from farm.config import UploadsSection
-from farm.errors import NoSuchThing, Refused
+from farm.errors import ErrorCode, FarmError, NoSuchThing, Refused
 from farm.http.uploads import Uploads, check_quota
 from farm.model import JobOptions
 from farm.paths import StateFolder
@@ -59,7 +60,7 @@ def test_uploads_under_way_count_until_they_are_checked(tmp_path, monkeypatch):
         controller = SimpleNamespace(
             fleet=fleet().model_copy(update={"fleet": section}), books=SimpleNamespace(jobs={})
         )
-        workers = SimpleNamespace(run=run, starting="loading the planning code")
+        workers = SimpleNamespace(run=run, starting="loading the planning code", memory_bytes=GB)
         uploads = Uploads(SimpleNamespace(controller=controller, state=state, workers=workers))
 
         async def content():
@@ -84,3 +85,25 @@ def test_uploads_under_way_count_until_they_are_checked(tmp_path, monkeypatch):
         assert list(state.work.iterdir()) == []
 
     asyncio.run(story())
+
+
+def test_an_stl_with_too_many_triangles_is_refused_before_the_rest_of_it_arrives(tmp_path, monkeypatch):
+    state = StateFolder(tmp_path)
+    state.make()
+    usage = shutil.disk_usage(tmp_path)
+    monkeypatch.setattr("shutil.disk_usage", lambda _: usage._replace(free=100 * GB))
+    controller = SimpleNamespace(fleet=fleet(), books=SimpleNamespace(jobs={}))
+    services = SimpleNamespace(controller=controller, state=state, workers=SimpleNamespace(memory_bytes=GB))
+    size = 84 + 50 * 4_000_000
+
+    async def content():
+        yield b"\0" * 40  # the header may come in pieces
+        yield b"\0" * 40 + (4_000_000).to_bytes(4, "little")
+        yield b"\0" * HEAD_BYTES
+        raise AssertionError("nothing more is read")
+
+    said = r"big.STL: has 4.0 million triangles.*simplify its mesh, or raise `fleet.compute.memory_gb`"
+    with pytest.raises(FarmError, match=said) as error:
+        asyncio.run(Uploads(services).receive_model(content(), "a", "big.STL", size, JobOptions()))
+    assert error.value.code is ErrorCode.LIMIT
+    assert list(state.work.iterdir()) == []

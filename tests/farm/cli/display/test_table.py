@@ -57,3 +57,11 @@ def test_wrapped_text_is_complete(text, width, indent):
     lines = plain(wrap_text(Text(text), width, indent))
     assert all(len(line) <= width for line in lines) or text.isspace()
     assert "".join("".join(lines).split()) == "".join(text.split())
+
+
+def test_a_command_is_not_broken_where_a_line_has_room_for_it():
+    text = Text("resume um2-02 by Mon 04:19, or it ends: `farm resume um2-02`")
+    assert plain(wrap_text(text, 50, 2)) == [
+        "resume um2-02 by Mon 04:19, or it ends:",
+        "  `farm resume um2-02`",
+    ]

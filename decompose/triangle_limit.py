@@ -1,0 +1,95 @@
+"""Limit on triangles by memory, checked on the first bytes of a file. Pure, and quick to import."""
+
+from __future__ import annotations
+
+import re
+import struct
+from collections.abc import Callable, Mapping
+
+from decompose.errors import ModelTooDetailed
+
+BYTES_PER_TRIANGLE = 1500  # greatest memory for reading and repairing, measured per triangle
+OTHER_BYTES = 256 * 2**20  # memory of a process with the libraries that this needs
+HEAD_BYTES = 64 * 1024
+"""Number of first bytes of a file that suffice here."""
+
+STL_HEADER_BYTES, STL_COUNT_BYTES, STL_FACE_BYTES = 80, 4, 50
+_PLY_FACES = re.compile(rb"element\s+face\s+(\d{1,18})")
+_OFF_COUNTS = re.compile(rb"(?:\s|#[^\n]*\n)*C?OFF(?:\s|#[^\n]*\n)+\d+\s+(\d{1,18})")
+
+
+def check_head(name: str, head: bytes, size: int, suffix: str, memory_bytes: int) -> None:
+    """Refuse a file whose first bytes give more triangles than fit the memory.
+
+    Parameters
+    ----------
+    name
+        Name of the file, for messages.
+    head
+        Its first bytes, up to `HEAD_BYTES`.
+    size
+        Number of bytes of the whole file.
+    suffix
+        Its format, like `.stl`; a format that does not give its number of triangles first passes.
+    memory_bytes
+        Memory of the process that will read it.
+
+    Raises
+    ------
+    ModelTooDetailed
+    """
+    count = _COUNTS.get(suffix)
+    if count is not None:
+        check_triangles(name, count(head, size), memory_bytes)
+
+
+def check_triangles(name: str, triangles: int, memory_bytes: int) -> None:
+    """Refuse a number of triangles that does not fit the memory. Raises ModelTooDetailed."""
+    most = most_triangles(memory_bytes)
+    if triangles > most:
+        raise ModelTooDetailed(
+            f"{name}: has {triangles / 1e6:.1f} million triangles, and {memory_bytes / 2**30:.1f} GB of "
+            f"memory suffice for {most / 1e6:.1f} million: simplify its mesh"
+        )
+
+
+def most_triangles(memory_bytes: int) -> int:
+    """Compute the number of triangles that can be read and repaired in some memory."""
+    return max(0, memory_bytes - OTHER_BYTES) // BYTES_PER_TRIANGLE
+
+
+def is_binary_stl(data: bytes) -> bool:
+    """Check whether an STL is binary: an ASCII one begins with `solid` and has `facet` soon after."""
+    return not (data[:5].lower() == b"solid" and b"facet" in data[:1000].lower())
+
+
+def header_face_count(data: bytes) -> int:
+    """Read the number of faces from a binary STL's header."""
+    return int(struct.unpack_from("<I", data, STL_HEADER_BYTES)[0])
+
+
+def count_ply_faces(head: bytes) -> int:
+    """Read the number of faces from a PLY's header; 0 where it does not say."""
+    found = _PLY_FACES.search(head, 0, HEAD_BYTES)
+    return int(found[1]) if found else 0
+
+
+def count_off_faces(head: bytes) -> int:
+    """Read the number of faces from the first lines of an OFF; 0 where they do not say."""
+    found = _OFF_COUNTS.match(head, 0, HEAD_BYTES)
+    return int(found[1]) if found else 0
+
+
+def _count_stl_faces(head: bytes, size: int) -> int:
+    """Count the faces of a binary STL: those that its header promises, if the file is large enough."""
+    begin = STL_HEADER_BYTES + STL_COUNT_BYTES
+    if len(head) < begin or not is_binary_stl(head):
+        return 0
+    return min(header_face_count(head), (size - begin) // STL_FACE_BYTES)
+
+
+_COUNTS: Mapping[str, Callable[[bytes, int], int]] = {
+    ".stl": _count_stl_faces,
+    ".ply": lambda head, _: count_ply_faces(head),
+    ".off": lambda head, _: count_off_faces(head),
+}
