@@ -13,6 +13,7 @@ import shutil
 import time
 from collections.abc import Iterator
 from functools import partial
+from pathlib import Path
 from typing import IO
 
 import uvicorn
@@ -97,6 +98,7 @@ class Daemon:
         self._change_s: float | None = None  # for which a timer is set
         self._server: uvicorn.Server | None = None
         self._ending: asyncio.Task[None] | None = None
+        self._inspections: dict[Path, str] = {}  # models that are being inspected
 
     # -- run --------------------------------------------------------------------------------------------
 
@@ -112,6 +114,7 @@ class Daemon:
             self._shut_down,
             self._agents.replace,
             upkeep.prune,
+            inspections=self._inspections,
         )
         dry_runs = DryRuns(self._controller)
         app = make_app(services, dry_runs)
@@ -124,8 +127,9 @@ class Daemon:
             timeout_graceful_shutdown=_GRACE_S,
         )
         workers = self._fleet.fleet.compute.workers or len(os.sched_getaffinity(0))
+        workers += 1  # for urgent work
         most = connection_limit(descriptor_limit(), len(self._fleet.printers), workers)
-        self._server = BoundedServer(config, most)
+        self._server = BoundedServer(config, most, self._stop_work)
         self._controller.start(self._effects, self._restored_s)
         self._agents.start({attempt.printer for attempt in self._controller.books.open_prints()})
         gc.freeze()  # else each full collection would go through large books in the middle of an event
@@ -208,12 +212,19 @@ class Daemon:
             abort_prints(self._controller)
         self._ending = asyncio.get_running_loop().create_task(self._end(now))
 
+    def _stop_work(self) -> None:
+        """End all work in workers; requests that wait for it are answered with an error."""
+        self._planner.stop()
+        self._replan_worker.stop()
+        self._workers.close()
+
     async def _end(self, now: bool) -> None:
-        """Wait for open plans (unless `now`) and prints, then end.
+        """Wait for open plans and inspections (unless `now`) and prints, then end.
 
         Prints that do not end keep the farm running, so that a person can inspect them.
         """
-        while not now and self._controller.planning.list_running(self._controller.books):
+        planning = self._controller.planning
+        while not now and (self._inspections or planning.list_running(self._controller.books)):
             await asyncio.sleep(0.1)
         give_up = asyncio.get_running_loop().time() + _ABORT_S if now else math.inf
         while open_prints := sorted({attempt.printer for attempt in self._controller.books.open_prints()}):

@@ -28,6 +28,7 @@ T = TypeVar("T")
 _TRIES = 2
 _RETRY_S = 5.0
 _GB = 2**30
+_CLOSED = "the daemon is shutting down: submit it again after `farm up`"
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,7 +173,7 @@ class Workers:
                 ) from None
             except EOFError:
                 if self._closed:
-                    raise FarmError(f"{limit.what} was stopped: the daemon is shutting down") from None
+                    raise FarmError(_CLOSED) from None
                 ended = worker.wait()
                 log.warning("worker %d ended by itself (%s)", worker.pid, ended)
                 continue
@@ -199,6 +200,9 @@ class Workers:
         for worker in self._alive:
             worker.end()
         self._alive.clear()
+        for turn in self._waiting:
+            if not turn.slot.done():
+                turn.slot.set_exception(FarmError(_CLOSED))
         self._threads.shutdown(wait=False, cancel_futures=True)
         shutil.rmtree(self._scratch, ignore_errors=True)
 
@@ -218,7 +222,9 @@ class Workers:
             asyncio.get_running_loop().call_later(_RETRY_S, self._replace)
 
     async def _take(self, group: Hashable, urgent: bool) -> Worker:
-        """Wait for a free worker, at best one whose start has ended."""
+        """Wait for a free worker, at best one whose start has ended. Raises FarmError in a closed pool."""
+        if self._closed:
+            raise FarmError(_CLOSED)
         free = [worker for worker in self._idle if urgent or worker is not self._urgent_worker]
         if free:
             worker = max(free, key=lambda worker: worker.starting is None)
@@ -233,7 +239,7 @@ class Workers:
         except asyncio.CancelledError:
             if turn in self._waiting:
                 self._waiting.remove(turn)
-            else:  # cancelled just when a worker became free
+            elif turn.slot.exception() is None:  # cancelled just when a worker became free
                 self._give(turn.slot.result())
             raise
 

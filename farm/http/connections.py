@@ -14,7 +14,7 @@ import math
 import resource
 import signal
 import socket
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import Protocol, cast
 
 import uvicorn
@@ -110,11 +110,22 @@ class BoundedServer(uvicorn.Server):
 
     It accepts connections itself: asyncio's servers accept without a limit, and log every error when
     descriptors run out.
+
+    Parameters
+    ----------
+    config
+        uvicorn's configuration.
+    limit
+        Most connections at a time.
+    stop_work
+        Called before the server waits for its open requests: ends the work that they wait for.
     """
 
-    def __init__(self, config: uvicorn.Config, limit: int) -> None:
+    def __init__(
+        self, config: uvicorn.Config, limit: int, stop_work: Callable[[], None] = lambda: None
+    ) -> None:
         super().__init__(config)
-        self._limit = limit
+        self._limit, self._stop_work = limit, stop_work
         self._tasks: list[asyncio.Task[None]] = []
         self._handshakes: dict[asyncio.Task[None], None] = {}  # of TLS, the oldest first
         self._rate_limited_log = RateLimitedLog()
@@ -139,6 +150,7 @@ class BoundedServer(uvicorn.Server):
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
+        self._stop_work()
         await super().shutdown(sockets)
 
     @property

@@ -63,6 +63,8 @@ class Services:
         State of the server for callers on the network.
     key_uses_s
         Time of the last use of each key since the daemon started.
+    inspections
+        Names of the models that are being inspected, by the files of their uploads.
     """
 
     controller: Controller
@@ -74,6 +76,7 @@ class Services:
     prune: Callable[[str, bool], Awaitable[api.Pruned]] = refuse_pruning
     network: NetworkState = field(default_factory=NetworkState)
     key_uses_s: dict[str, float] = field(default_factory=dict)
+    inspections: dict[Path, str] = field(default_factory=dict)
     since_s: float = field(init=False)
 
     def __post_init__(self) -> None:

@@ -71,6 +71,11 @@ def status_routes(services: Services) -> APIRouter:
                 f"being planned: {jobs}; use --wait to finish planning, or --now to plan again "
                 "after `farm up`"
             )
+        inspected = ", ".join(services.inspections.values())
+        if inspected and not (request.now or request.wait):
+            raise Refused(
+                f"being checked: {inspected}; use --wait to accept what can be printed, or --now to refuse it"
+            )
         await services.shut_down(request.now)
 
     return router

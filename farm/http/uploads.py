@@ -205,6 +205,7 @@ class Uploads:
                 raise Refused(
                     f"the upload of {name} stopped after {received} of {size} bytes; submit it again"
                 )
+            self._services.inspections[path] = name
             return await self._services.workers.run(
                 inspect_submission, path, name, options, controller.fleet.printers, state.files
             )
@@ -212,6 +213,7 @@ class Uploads:
             path.unlink(missing_ok=True)
             step_file(path).unlink(missing_ok=True)
             del self._open[path]
+            self._services.inspections.pop(path, None)
 
     def _check_head(self, name: str, head: bytes, size: int) -> None:
         """Refuse a model whose first bytes give more triangles than a worker has memory for."""

@@ -11,7 +11,9 @@ import pytest
 from farm.cli import commands
 from farm.daemon import Daemon, run
 from farm.errors import FarmError
+from farm.model import Job, JobOptions, JobState, PlanProgress, PlanStep
 from farm.paths import Places, StateFolder
+from farm.state import Books
 from farm.state import events as ev
 from recording_controller import fleet
 
@@ -88,3 +90,34 @@ def test_down_waits_for_a_plan_in_progress_unless_now(tmp_path, monkeypatch, now
     daemon._workers.close()
     daemon._store.close()
     assert len(ended[0]) == looks
+
+
+def test_down_waits_for_inspections_but_not_for_a_plan_that_waits_for_disk_space(tmp_path, monkeypatch):
+    state = StateFolder(tmp_path / "state")
+    state.make()
+    daemon = Daemon(fleet(), Places(state, tmp_path / "farm.sock", tmp_path / "fleet.yaml"))
+    controller, waited = daemon._controller, []
+    controller.books = Books.from_entities([planned_job(1)])
+    controller.on_plan_progress(1, PlanProgress(step=PlanStep.SLICING))
+    daemon._inspections[tmp_path] = "bunny.stl"
+
+    async def sleep(_):
+        waited.append(list(daemon._inspections.values()))
+        daemon._inspections.clear()
+        if len(waited) == 2:
+            controller.on_plan_progress(1, PlanProgress(step=PlanStep.NO_ROOM))
+
+    async def shut_down_agents():
+        pass
+
+    monkeypatch.setattr("farm.daemon.asyncio.sleep", sleep)
+    monkeypatch.setattr(daemon._agents, "shut_down_agents", shut_down_agents)
+    asyncio.run(daemon._end(now=False))
+    daemon._workers.close()
+    daemon._store.close()
+    assert waited == [["bunny.stl"], []]
+
+
+def planned_job(number):
+    facts = {"name": "m", "model_file": "m.npz", "options": JobOptions(), "submitted_s": 0.0}
+    return Job(id=number, request_id="r" * 8, state=JobState.PLANNING, **facts)

@@ -129,7 +129,7 @@ def down(
     ] = False,
     now: Annotated[bool, typer.Option("--now", help="Stop open prints safely first.")] = False,
 ) -> None:
-    """Stop the daemon and the agents. While a printer prints, --wait or --now is needed."""
+    """Stop the daemon and the agents. While the farm prints or plans, --wait or --now is needed."""
     if wait and now:
         raise typer.BadParameter("--wait and --now exclude each other", param_hint="--now")
     client = Client(places.socket)

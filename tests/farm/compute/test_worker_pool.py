@@ -204,6 +204,20 @@ def test_a_quick_task_does_not_wait_while_all_workers_are_busy(pool):
     pool.run(use)
 
 
+def test_all_work_is_refused_once_the_pool_is_closed(pool):
+    """A model that is being checked, and one that waits for a worker, while the daemon ends."""
+
+    async def use(workers):
+        tasks = [asyncio.ensure_future(workers.run(work.pause, limit=DECOMPOSING)) for _ in range(2)]
+        await asyncio.sleep(0)
+        workers.close()
+        for task in (*tasks, asyncio.ensure_future(workers.run(work.whoami))):
+            with pytest.raises(FarmError, match="shutting down"):
+                await task
+
+    pool.run(use)
+
+
 def test_groups_share_the_workers_evenly(pool, tmp_path):
     """A job with many parts to slice does not keep the next job waiting."""
     for name in ("one", "two"):

@@ -3,6 +3,7 @@
 import asyncio
 import io
 import shutil
+from pathlib import Path
 
 import httpx
 import pytest
@@ -50,9 +51,9 @@ def daemon(tmp_path):
     async def down(now):
         went_down.append(now)
 
-    app = make_app(
-        Services(controller, state, tmp_path / "fleet.yaml", SameProcess(), down), DryRuns(controller)
-    )
+    services = Services(controller, state, tmp_path / "fleet.yaml", SameProcess(), down)
+    app = make_app(services, DryRuns(controller))
+    app.state.inspections = services.inspections
     app.state.controller, app.state.went_down, app.state.folder = controller, went_down, state
     return app
 
@@ -295,6 +296,15 @@ def test_down_is_refused_while_a_plan_is_made(daemon):
 )
 def test_request_for_too_many_printers_is_reported(daemon, options, notices):
     assert submit(daemon, stl(), options=options).json().get("notices") == notices
+
+
+def test_down_is_refused_while_a_model_is_checked(daemon):
+    daemon.state.inspections[Path("upload-1")] = "bunny.stl"
+    answer = ask(daemon, "POST", "/down", json={})
+    assert (answer.status_code, answer.json()["exit_code"]) == (409, 5)
+    assert "being checked: bunny.stl; use --wait" in answer.json()["error"]
+    for how in ("wait", "now"):
+        assert ask(daemon, "POST", "/down", json={how: True}).status_code == 200
 
 
 def test_down_goes_down(daemon):

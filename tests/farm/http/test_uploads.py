@@ -2,6 +2,7 @@
 
 import asyncio
 import shutil
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -60,8 +61,11 @@ def test_uploads_under_way_count_until_they_are_checked(tmp_path, monkeypatch):
         controller = SimpleNamespace(
             fleet=fleet().model_copy(update={"fleet": section}), books=SimpleNamespace(jobs={})
         )
+        inspections: dict[Path, str] = {}
         workers = SimpleNamespace(run=run, starting="loading the planning code", memory_bytes=GB)
-        uploads = Uploads(SimpleNamespace(controller=controller, state=state, workers=workers))
+        uploads = Uploads(
+            SimpleNamespace(controller=controller, state=state, workers=workers, inspections=inspections)
+        )
 
         async def content():
             yield b"solid"
@@ -71,6 +75,7 @@ def test_uploads_under_way_count_until_they_are_checked(tmp_path, monkeypatch):
         assert uploads.describe("a").step == "waiting for the workers to start: loading the planning code"
         workers.starting = None
         assert uploads.describe("a").step == "waiting for a worker"
+        assert list(inspections.values()) == ["a.stl"]
         step_file(next(state.work.glob("upload-*"))).write_text("repairing")
         assert uploads.describe("a") == UploadView(step="repairing", received=5, size=5)
         with pytest.raises(NoSuchThing):
@@ -83,6 +88,7 @@ def test_uploads_under_way_count_until_they_are_checked(tmp_path, monkeypatch):
             await uploads.receive_model(content(), "c", "c.stl", 6, JobOptions())
         assert await uploads.receive_model(content(), "d", "d.stl", 5, JobOptions()) == "inspected"
         assert list(state.work.iterdir()) == []
+        assert inspections == {}
 
     asyncio.run(story())
 
@@ -93,7 +99,9 @@ def test_an_stl_with_too_many_triangles_is_refused_before_the_rest_of_it_arrives
     usage = shutil.disk_usage(tmp_path)
     monkeypatch.setattr("shutil.disk_usage", lambda _: usage._replace(free=100 * GB))
     controller = SimpleNamespace(fleet=fleet(), books=SimpleNamespace(jobs={}))
-    services = SimpleNamespace(controller=controller, state=state, workers=SimpleNamespace(memory_bytes=GB))
+    services = SimpleNamespace(
+        controller=controller, state=state, workers=SimpleNamespace(memory_bytes=GB), inspections={}
+    )
     size = 84 + 50 * 4_000_000
 
     async def content():
