@@ -31,9 +31,11 @@ from farm.state.storage import (
     GRACE_S,
     Store,
     StoredFile,
+    StoreError,
     back_up,
     backup_time_s,
     delete_files,
+    list_backups,
     list_files,
     unlink_dead_names,
 )
@@ -125,13 +127,21 @@ class Upkeep:
         Raises
         ------
         FarmError
-            If the backup fails; nothing is deleted then.
+            If the backup fails and there is no earlier one; nothing is deleted then.
         """
         async with self._running:
             now_s = self._controller.clock.now()
             if dry_run:
                 return await self._preview(now_s)
-            return await self._run(await asyncio.to_thread(back_up, self._state, now_s), by)
+            try:
+                backup = await asyncio.to_thread(back_up, self._state, now_s)
+            except StoreError as error:  # the disk may be full: what had ended before the last one can go
+                earlier = list_backups(self._state)
+                if not earlier:
+                    raise
+                backup = earlier[0]
+                log.error("%s; jobs that ended before %s are pruned", error, backup)
+            return await self._run(backup, by)
 
     async def _preview(self, now_s: float) -> api.Pruned:
         """List what a run would delete now."""

@@ -1,6 +1,6 @@
 """Books and files on disk: SQLite, migrations, nightly backups, files named by their hash."""
 
-from farm.state.storage.backups import NightlyBackup, back_up, backup_time_s, open_books
+from farm.state.storage.backups import NightlyBackup, back_up, backup_time_s, list_backups, open_books
 from farm.state.storage.file_store import (
     GRACE_S,
     StoredFile,
@@ -24,6 +24,7 @@ __all__ = [
     "back_up",
     "backup_time_s",
     "delete_files",
+    "list_backups",
     "list_files",
     "name_files",
     "open_books",

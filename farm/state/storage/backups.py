@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import shutil
 from collections.abc import Awaitable, Callable
 from datetime import UTC, datetime, timedelta, tzinfo
 from pathlib import Path
@@ -12,11 +13,13 @@ from drivers.clock import Clock
 from farm.errors import FarmError
 from farm.paths import StateFolder
 from farm.state.storage.store import DamagedBooks, Store, StoreError, copy_books
+from slicing.cache import trim_cache
 
 log = logging.getLogger(__name__)
 
 KEPT = 7
 _LEAST_S = 60.0  # least wall seconds between two backups, for fast simulated clocks
+_SPARE_BYTES = 64 * 2**20
 _HOUR = 4  # local time, after any change of daylight saving
 _STAMP = "books-%Y%m%dT%H%M%SZ"
 _NAMES = f"books-{'[0-9]' * 8}T{'[0-9]' * 6}Z.db"
@@ -25,6 +28,8 @@ _NAMES = f"books-{'[0-9]' * 8}T{'[0-9]' * 6}Z.db"
 def back_up(state: StateFolder, now_s: float) -> Path:
     """Back up the books into a folder beside them, verify it, and delete the oldest. May run in a thread.
 
+    Where the disk is full, the slice cache is emptied first: all of it can be made again.
+
     Raises
     ------
     StoreError
@@ -32,8 +37,13 @@ def back_up(state: StateFolder, now_s: float) -> Path:
     """
     try:
         state.backups.mkdir(mode=0o700, exist_ok=True)
+        free_bytes = shutil.disk_usage(state.root).free
     except OSError as error:
         raise StoreError(f"the database cannot be backed up: {error}") from error
+    needed_bytes = 2 * state.books.stat().st_size + _SPARE_BYTES if state.books.exists() else 0
+    if free_bytes < needed_bytes:
+        log.warning("the disk is full: the slice cache %s is emptied for the backup", state.slices)
+        trim_cache(state.slices, 0)
     target = state.backups / f"{datetime.fromtimestamp(now_s, UTC).strftime(_STAMP)}.db"
     copy_books(state.books, target, now_s)
     try:
@@ -59,7 +69,7 @@ class NightlyBackup:
     report
         Called with a message after a failure, with None after a success.
     tidy
-        Called after a backup, with it: begins to delete what is no longer kept.
+        Called with the newest backup, also after a failure: begins to delete what is no longer kept.
     """
 
     def __init__(
@@ -92,6 +102,8 @@ class NightlyBackup:
             self._report(
                 f"the nightly backup of the database failed ({error}): check the folder {self._state.backups}"
             )
+            for earlier in list_backups(self._state)[:1]:
+                self._tidy(earlier)  # the disk may be full: what had ended before it can go
         finally:
             least_s = self._clock.now() + _LEAST_S * self._clock.scale
             self._at(max(next_backup_s(now_s, self._zone), least_s), "copy the books", self.run)

@@ -19,7 +19,7 @@ from farm.state import events as ev
 from farm.state import validate_books
 from farm.state.books import Books
 from farm.state.retention import named_files
-from farm.state.storage import Store, back_up, list_files, name_files, open_books
+from farm.state.storage import Store, StoreError, back_up, list_files, name_files, open_books
 from farm.state.storage.backups import list_backups
 from farm.upkeep import upkeep
 from farm.upkeep.upkeep import Upkeep
@@ -265,6 +265,25 @@ def test_a_run_that_fails_is_told_and_the_next_one_goes_on(tmp_path, monkeypatch
         asyncio.run(nights())
         assert farm.view_context(state).warnings == ()
         assert list_files(state.files).keys() == named_files(farm.controller.books)
+
+
+def test_on_a_full_disk_what_ended_before_the_last_backup_goes(tmp_path, monkeypatch):
+    """Otherwise a full disk would keep the backup, and with it the prune, from making room."""
+    state, _ = fill(tmp_path)
+    back_up(state, NOW_S - 97 * DAY_S)
+
+    def fail(*_):
+        raise StoreError("the disk is full")
+
+    monkeypatch.setattr(upkeep, "back_up", fail)
+    farm, run = begin(state)
+    with farm.store:
+        answer = asyncio.run(run.prune("ann", dry_run=False))
+        assert [job.id for job in answer.jobs] == [1, 2]  # job 3 ended since
+        for copy in list_backups(state):
+            copy.unlink()
+        with pytest.raises(StoreError, match="the disk is full"):
+            asyncio.run(run.prune("ann", dry_run=False))
 
 
 def run_until_killed(state, step):

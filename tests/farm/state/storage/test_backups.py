@@ -211,3 +211,30 @@ def test_restored_books_start_nothing_before_a_person_has_looked(tmp_path):
     assert not [i for i in farm.effects.instructions[told:] if isinstance(i, ev.SendStart)]
     farm.controller.handle(ev.JobApproved(at_s=farm.controller.clock.now(), job=1, by="ann"))
     assert len([i for i in farm.effects.instructions[told:] if isinstance(i, ev.SendStart)]) == 2
+
+
+def test_a_full_disk_gives_up_the_slice_cache_for_the_backup(state, monkeypatch):
+    fill(state)
+    state.slices.mkdir()
+    entry = state.slices / f"{'0' * 64}.json"
+    entry.write_text("{}")
+    back_up(state, NIGHT_S)
+    assert entry.exists()
+    monkeypatch.setattr(backups.shutil, "disk_usage", lambda _: Mock(free=10**6))
+    back_up(state, NIGHT_S + DAY_S)
+    assert not entry.exists() and len(list_backups(state)) == 2
+
+
+def test_a_copy_that_cannot_be_read_back_counts_as_none(state, monkeypatch):
+    fill(state)
+    back_up(state, NIGHT_S)
+    copy = backups.copy_books
+
+    def garble(source, target, now_s):
+        copy(source, target, now_s)
+        target.write_bytes(target.read_bytes()[:-4096] + b"x" * 4096)
+
+    monkeypatch.setattr(backups, "copy_books", garble)
+    with pytest.raises(StoreError):
+        back_up(state, NIGHT_S + DAY_S)
+    assert [backup_time_s(found) for found in list_backups(state)] == [NIGHT_S]
