@@ -1,0 +1,55 @@
+"""What an agent writes is bounded, over years and during a print."""
+
+import json
+import signal
+import time
+from pathlib import Path
+
+import pytest
+
+from agent_with_emulator import gcode, printer, run
+from drivers import messages as m
+from drivers.records import AGENT_LOG, JOURNAL, Journal
+from drivers.records.journal import MOST_BYTES
+
+
+def fill_journal(path: Path) -> None:
+    """Write a journal of thousands of prints, the last of them parked."""
+    journal = Journal(path)
+    ended = m.PrintSnapshot(print_id="p-0", phase=m.PrintPhase.DONE, ended_s=time.time(), reason="x" * 400)
+    line = ended.model_dump_json()
+    with path.open("a") as file:
+        for number in range(MOST_BYTES // len(line) + 100):
+            file.write(f'{{"at_s": 1.0, "print": {line.replace("p-0", f"old-{number}")}}}\n')
+    journal = Journal(path)
+    journal.write(2.0, print=None, filament="parked")
+
+
+@pytest.mark.system
+def test_a_full_log_and_a_long_journal_are_continued_without_losing_a_line(tmp_path: Path):
+    async def story() -> None:
+        async with printer(tmp_path) as one:
+            assert one.process is not None
+            one.process.send_signal(signal.SIGTERM)
+            one.process.wait(10.0)
+            before = (one.folder / AGENT_LOG).read_text()
+            with (one.folder / AGENT_LOG).open("a") as log:
+                log.write("x" * 3_000_000 + "\n")
+            fill_journal(one.folder / JOURNAL)
+            one.spawn()
+            await one.connect()
+            await one.ready()
+            assert (await one.start(gcode(50))).error is None
+            await one.phase(m.PrintPhase.DONE)
+            old, new = (one.folder / f"{AGENT_LOG}.1").read_text(), (one.folder / AGENT_LOG).read_text()
+            assert old.startswith(before + "x" * 100) and len(new) < 10_000
+            records = (json.loads(line) for line in (one.folder / JOURNAL).read_text().splitlines())
+            prints = (record["print"] for record in records if record.get("print"))
+            phases = [known["phase"] for known in prints if known["print_id"] == "p-1"]
+            logged = [line.rpartition("print p-1: ")[2] for line in new.splitlines() if "print p-1: " in line]
+            assert phases[0] == "spooled" and logged == phases[1:] and logged[-1] == "done"
+            assert (one.folder / JOURNAL).stat().st_size < MOST_BYTES
+            state = Journal(one.folder / JOURNAL).state
+            assert len(state.recent) == 1000 and state.recent[-1].print_id == "p-1"
+
+    run(story())
