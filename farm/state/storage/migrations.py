@@ -8,6 +8,8 @@ from __future__ import annotations
 from farm.model import Entity, Job, Key, Outage, Part, Plate, Print, Printer
 
 SCHEMA_VERSION = 4
+CHECKSUMS_VERSION = 3
+"""First schema version whose rows have checksums."""
 TABLES: dict[type[Entity], str] = {
     Job: "job",
     Part: "part",

@@ -18,6 +18,7 @@ from farm.state.books import Books, changed_entities
 from farm.state.events import BooksRestored, Event
 from farm.state.lifecycles import InvalidTransition
 from farm.state.storage.migrations import (
+    CHECKSUMS_VERSION,
     CREATE_COPIED,
     EXPECTED_TABLES,
     FIND_CHANGED_ROW,
@@ -103,7 +104,8 @@ def read_books(path: Path) -> tuple[Books, int]:
             (version,) = db.execute("PRAGMA user_version").fetchone()
             if version not in STEPS:
                 raise StoreError(f"the database {path} is of a newer version of farm ({version})")
-            for table in TABLES.values() if version == SCHEMA_VERSION else ():
+            kinds = _list_kinds(version) if version >= CHECKSUMS_VERSION else ()
+            for table in (TABLES[kind] for kind in kinds):
                 bad = db.execute(FIND_CHANGED_ROW.format(table)).fetchone()
                 if bad is not None:
                     raise DamagedBooks(f"the database {path} is damaged: {table} {bad[0]} was changed")
@@ -113,8 +115,12 @@ def read_books(path: Path) -> tuple[Books, int]:
 
 
 def _load(db: sqlite3.Connection, version: int = SCHEMA_VERSION) -> Books:
-    kinds = (kind for kind in TABLES if FIRST_VERSIONS.get(kind, 0) <= version)
-    return Books.from_entities(entity for kind in kinds for entity in _read_rows(db, kind))
+    return Books.from_entities(entity for kind in _list_kinds(version) for entity in _read_rows(db, kind))
+
+
+def _list_kinds(version: int) -> list[type[Entity]]:
+    """List the kinds of entities that a version of the schema has tables for."""
+    return [kind for kind in TABLES if FIRST_VERSIONS.get(kind, 0) <= version]
 
 
 def _read_rows(db: sqlite3.Connection, kind: type[E]) -> list[E]:
