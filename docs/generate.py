@@ -47,6 +47,8 @@ SCHEMAS: tuple[tuple[str, type[BaseModel]], ...] = (
     ("farm status JOB --json and farm submit --json", api.JobStatus),
     ("farm submit --dry-run --json", api.Timeline),
     ("farm history --json", api.History),
+    ("farm queue --json", api.Queue),
+    ("farm submit of several models, --json", api.Submissions),
     ("farm prune --json", api.Pruned),
     ("One printer of farm estop --json", StopReport),
     ("farm key --json", api_keys.Keys),

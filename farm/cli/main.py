@@ -56,6 +56,11 @@ COMMANDS = {
         ),
         CommandEntry("approve", "submit.approve", "Release a held job, to print exactly as planned."),
         CommandEntry(
+            "queue",
+            "queue.queue",
+            "Show the jobs in the order in which they get printers, and move one.",
+        ),
+        CommandEntry(
             "pause",
             "operate.pause",
             "Pause prints, or all of a job: the head moves aside, the nozzle cools, the bed stays warm.",

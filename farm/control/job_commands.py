@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Sequence
 
+from farm import api
 from farm.control.controller import Controller
 from farm.control.printer_commands import PrinterCommands
 from farm.errors import ErrorCode, FarmError, Refused
@@ -14,6 +16,7 @@ from farm.scheduling import StartRules, parse_moment_s
 from farm.state import events as ev
 from farm.state.storage import sha256_of
 from farm.text import format_count
+from farm.views.queue import list_queue
 
 
 class JobCommands:
@@ -111,6 +114,18 @@ class JobCommands:
         at_s = self._controller.clock.now()
         self._controller.handle(ev.JobPaused(at_s=at_s, job=number, wanted=wanted, by=by))
 
+    def move(self, number: int, move: api.QueueMove, by: str) -> None:
+        """Move a job in the queue: up, down, to its front or end, or before another job."""
+        books = self._controller.books
+        if books.job(number).state.ended:
+            raise Refused(f"job {number} has already ended: it is {books.job(number).state}")
+        order = [job.id for job in list_queue(books)]
+        if number not in order:
+            raise Refused(f"nothing of job {number} waits: all of its plates have started")
+        before = find_successor(order, number, move)
+        at_s = self._controller.clock.now()
+        self._controller.handle(ev.JobMoved(at_s=at_s, job=number, before=before, by=by))
+
     async def approve(self, number: int, plan: str, state: StateFolder, by: str) -> None:
         """Release a held job to print, with exactly the plan and files that the user has reviewed.
 
@@ -142,6 +157,39 @@ class JobCommands:
         if job.state is not JobState.HELD:
             raise Refused(f"job {number} is not waiting for approval: it is {job.state}")
         return job
+
+
+def find_successor(order: Sequence[int], number: int, move: api.QueueMove) -> int | None:
+    """Find the job before which a job is moved; None for the end of the queue.
+
+    Parameters
+    ----------
+    order
+        The numbers of the jobs in the queue.
+    number
+        The job that is moved, one of them.
+
+    Raises
+    ------
+    Refused
+        If it is there already, or the other job is not in the queue.
+    """
+    place = order.index(number)
+    rest = [other for other in order if other != number]
+    if move.before is not None:
+        if move.before not in rest:
+            raise Refused(f"job {move.before} is no other job in the queue: `farm queue` lists it")
+        return move.before
+    places = {
+        api.QueuePlace.UP: place - 1,
+        api.QueuePlace.DOWN: place + 1,
+        api.QueuePlace.FIRST: 0 if place else -1,
+        api.QueuePlace.LAST: len(rest) if place < len(rest) else len(order),
+    }
+    target = places[move.to or api.QueuePlace.LAST]
+    if not 0 <= target <= len(rest):
+        raise Refused(f"job {number} is already {'first' if place == 0 else 'last'} in the queue")
+    return rest[target] if target < len(rest) else None
 
 
 def abort_prints(controller: Controller) -> None:

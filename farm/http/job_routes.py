@@ -11,6 +11,7 @@ from farm.control import DryRuns, JobCommands, PartCommands
 from farm.http.callers import CallerName, OperatorName
 from farm.http.services import Services
 from farm.views import describe_job, describe_timeline
+from farm.views.queue import describe_queue
 
 
 def job_routes(services: Services, jobs: JobCommands, dry_runs: DryRuns) -> APIRouter:
@@ -33,6 +34,15 @@ def job_routes(services: Services, jobs: JobCommands, dry_runs: DryRuns) -> APIR
     @router.post("/jobs/{number}/approve")
     async def approve(number: int, request: api.ApproveRequest, by: OperatorName) -> None:
         await jobs.approve(number, request.plan, services.state, by)
+
+    @router.get("/queue")
+    async def queue() -> api.Queue:
+        return describe_queue(controller.build_view_context(services.state))
+
+    @router.post("/jobs/{number}/move")
+    async def move(number: int, request: api.QueueMove, by: OperatorName) -> api.Queue:
+        jobs.move(number, request, by)
+        return await queue()
 
     @router.post("/jobs/{number}/cancel")
     async def cancel(number: int, by: CallerName) -> api.JobStatus:

@@ -108,6 +108,8 @@ class Job(Entity):
     plates: tuple[str, ...] = ()
     parts: tuple[str, ...] = ()
     paused: bool = False  # by a person: no plate of it starts
+    moved_priority: int | None = None  # instead of its options' priority, once a person moved it in the queue
+    moved_rank: float | None = None  # instead of its number, among jobs of equal priority
     restored: bool = False  # from a backup: more may have been printed than is recorded
     planned_s: float | None = None
     planned_for: tuple[str, ...] = ()  # printers that its plan could use; empty: unknown
@@ -117,6 +119,16 @@ class Job(Entity):
     pruned_s: float | None = None  # when its files were given up; `picture` and `part_pictures` stay
     part_pictures: Mapping[str, str] = Field(default_factory=dict)  # of a pruned job: by part, in the store
     reopenings: tuple[Reopening, ...] = ()
+
+    @property
+    def priority(self) -> int:
+        """Return the priority by which it is served."""
+        return self.options.priority if self.moved_priority is None else self.moved_priority
+
+    @property
+    def turn(self) -> tuple[int, float, int]:
+        """Return the sort key of the queue: the smallest is served first."""
+        return -self.priority, self.id if self.moved_rank is None else self.moved_rank, self.id
 
 
 class PlanStep(StrEnum):

@@ -248,7 +248,7 @@ class JobAdmission:
 
     def list_promises(self, books: Books) -> list[Promise]:
         """List the jobs that are being planned, with their printers."""
-        return [Promise(n, books.job(n).options.priority, names) for n, names in self._planned.items()]
+        return [Promise(n, books.job(n).priority, names) for n, names in self._planned.items()]
 
     def decide(
         self, books: Books, situation: Situation, fleet: Availability
@@ -277,12 +277,12 @@ class JobAdmission:
                 decision = Hold(code=HoldCode.NOT_FIRST, text=f"{first} are planned first")
             if decision is None:
                 availability = limit_availability(fleet, situation, job)
-                request, priority = self._request(job, situation.now_s), job.options.priority
+                request, priority = self._request(job, situation.now_s), job.priority
                 decision = choose_printers_beside(request, availability, priority, promises)
             if isinstance(decision, Hold):
                 yield HoldJob(job.id, decision)
                 continue
-            promises.append(Promise(job.id, job.options.priority, frozenset(decision.printers)))
+            promises.append(Promise(job.id, job.priority, frozenset(decision.printers)))
             long += [] if quick else [job.id]
             yield StartPlanning(job.id, decision.printers, decision.rounds, quick)
 

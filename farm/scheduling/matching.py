@@ -178,6 +178,7 @@ class WaitingPlate:
     planned: str  # printer of its plan
     expected_s: float  # on the planned printer, heating included
     priority: int = 0  # higher prints earlier
+    rank: float | None = None  # among jobs of equal priority; None: the job's number
     grams: float = 0.0
     heating_s: float = 0.0  # of `expected_s`: everything but the layers
     time_factor: float = 1.0  # of the planned printer, in `expected_s`
@@ -188,7 +189,7 @@ class WaitingPlate:
     not_before_s: float | None = None
 
     @cached_property
-    def priority_key(self) -> tuple[int, int, float, str]:
+    def priority_key(self) -> tuple[int, float, int, float, str]:
         """Sort key: priority, order of submission, then the longest first (LPT)."""
         return *self.turn, -self.expected_s, self.id
 
@@ -198,6 +199,6 @@ class WaitingPlate:
         return self.requirements.demand
 
     @cached_property
-    def turn(self) -> tuple[int, int]:
+    def turn(self) -> tuple[int, float, int]:
         """Sort key of its job."""
-        return -self.priority, self.job
+        return -self.priority, self.job if self.rank is None else self.rank, self.job

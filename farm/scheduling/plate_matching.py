@@ -9,8 +9,8 @@ from farm.scheduling.matching import Capabilities, FleetPrinter, WaitingPlate
 from farm.scheduling.spares import takes_spare
 from farm.scheduling.start_rules import StartRules, StartWindow, needed_grams
 
-Turn = tuple[int, int]
-"""Negative priority and number of a job; the smallest is served first."""
+Turn = tuple[int, float, int]
+"""Negative priority, rank and number of a job; the smallest is served first."""
 Queue = Iterable[tuple[Turn, Iterable[WaitingPlate]]]
 """Waiting plates by job; jobs and their plates in the order in which they are served."""
 
@@ -93,7 +93,7 @@ def match_plates(queue: Queue, inputs: MatchingInputs) -> dict[str, WaitingPlate
     most = min(inputs.starts, len(inputs.free))
     places = dict(inputs.places)
     unplaced: list[WaitingPlate] = []
-    for (_, job), plates in queue:
+    for (*_, job), plates in queue:
         for plate in plates:
             if len(matching.taken) >= most:
                 return matching.taken

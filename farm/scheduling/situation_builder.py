@@ -147,7 +147,7 @@ class SituationBuilder:
     def waiting(self, books: Books) -> tuple[WaitingPlate, ...]:
         """Describe the waiting plates of printing jobs, in the order in which they are served."""
         printing = [job for job in books.jobs.values() if job.state is JobState.PRINTING]
-        printing.sort(key=lambda job: (-job.options.priority, job.id))
+        printing.sort(key=lambda job: job.turn)
         known = {job.id: self._plates(books, job) for job in printing}
         self._jobs = {number: self._jobs[number] for number in known}
         return tuple(chain.from_iterable(plates.waiting for plates in known.values()))
@@ -194,7 +194,8 @@ def describe_plates(plates: Iterable[Plate], books: Books) -> Iterator[WaitingPl
             requirements=plate_requirements(plate, job.options.colour),
             planned=plate.printer,
             expected_s=plate.expected_s,
-            priority=job.options.priority,
+            priority=job.priority,
+            rank=job.moved_rank,
             grams=plate.grams,
             heating_s=plate.prelude_s,
             time_factor=plate.time_factor,

@@ -129,10 +129,14 @@ class Books:
         for job in sorted(printing, key=lambda j: j.id):
             yield from (p for p in self.plates_of(job) if self.plate_state(p) is PlateState.WAITING)
 
+    def open_jobs(self) -> list[Job]:
+        """List the jobs that have not ended, in the order in which they are served."""
+        return sorted((job for job in self.jobs.values() if not job.state.ended), key=lambda job: job.turn)
+
     def queue(self) -> list[Job]:
-        """List the jobs in planning, then the queued ones by priority and submission."""
+        """List the jobs in planning, then the queued ones in the order in which they are served."""
         jobs = (j for j in self.jobs.values() if j.state in (JobState.QUEUED, JobState.PLANNING))
-        return sorted(jobs, key=lambda j: (j.state is not JobState.PLANNING, -j.options.priority, j.id))
+        return sorted(jobs, key=lambda j: (j.state is not JobState.PLANNING, j.turn))
 
 
 def replace_fields(entity: E, **changes: object) -> E:

@@ -6,6 +6,16 @@ from pydantic import BaseModel, ConfigDict
 
 from farm.errors import ErrorCode
 from farm.model import Bed, FilamentState, Hold, Job, Key, Part, Plate, PrintState, Reel, Verdict
+from farm.model.instruction import AnyInstruction as AnyInstruction
+from farm.model.instruction import Instruction as Instruction
+from farm.model.instruction import NameFiles as NameFiles
+from farm.model.instruction import SendCancel as SendCancel
+from farm.model.instruction import SendCleared as SendCleared
+from farm.model.instruction import SendEndBy as SendEndBy
+from farm.model.instruction import SendForget as SendForget
+from farm.model.instruction import SendPause as SendPause
+from farm.model.instruction import SendStart as SendStart
+from farm.model.instruction import StopPlanning as StopPlanning
 
 A_PERSON = "a person"
 """Name for an unknown caller of a command."""
@@ -197,6 +207,14 @@ class ReprintRequested(Event):
     by: str
 
 
+class JobMoved(Event):
+    """A person moved a job in the queue, before another one; to the end if there is none."""
+
+    job: int
+    before: int | None
+    by: str = A_PERSON
+
+
 class JobPaused(Event):
     """A person paused a job (its prints pause, and none starts) or resumed it."""
 
@@ -329,6 +347,7 @@ AnyEvent = (
     | PlatePaused
     | PlateCancelled
     | ReprintRequested
+    | JobMoved
     | JobPaused
     | MaintenanceStarted
     | MaintenanceEnded
@@ -344,60 +363,4 @@ AnyEvent = (
     | PrinterAlarmed
     | KeyAdded
     | KeyRevoked
-)
-
-
-class Instruction(BaseModel):
-    model_config = ConfigDict(frozen=True)
-
-
-class SendStart(Instruction):
-    """Start a print, within the limits of hours when it is sent."""
-
-    print_id: str
-    printer: str
-    not_after_s: float | None = None
-    ends_by_s: float | None = None
-
-
-class SendEndBy(Instruction):
-    print_id: str
-    printer: str
-    ends_by_s: float | None
-
-
-class SendCancel(Instruction):
-    print_id: str
-    printer: str
-    reason: str
-
-
-class SendPause(Instruction):
-    print_id: str
-    printer: str
-    wanted: bool
-
-
-class SendForget(Instruction):
-    print_id: str
-    printer: str
-
-
-class SendCleared(Instruction):
-    printer: str
-    filament: FilamentState | None
-
-
-class StopPlanning(Instruction):
-    job: int
-
-
-class NameFiles(Instruction):
-    """Link a planned job's files under readable names."""
-
-    job: int
-
-
-AnyInstruction = (
-    SendStart | SendEndBy | SendCancel | SendPause | SendForget | SendCleared | StopPlanning | NameFiles
 )

@@ -82,6 +82,12 @@ class Client:
     def approve(self, number: int, request: api.ApproveRequest) -> None:
         self._call("POST", f"/jobs/{number}/approve", body=request)
 
+    def queue(self) -> api.Queue:
+        return self._ask(api.Queue, "GET", "/queue")
+
+    def move(self, number: int, request: api.QueueMove) -> api.Queue:
+        return self._ask(api.Queue, "POST", f"/jobs/{number}/move", body=request)
+
     def timeline(self, number: int) -> api.Timeline:
         return self._ask(api.Timeline, "GET", f"/jobs/{number}/timeline")
 

@@ -38,7 +38,7 @@ def find_target_path(target: str) -> str:
     """Return the HTTP path of a job (3), a part (3/p01 or 3/01) or a printer."""
     if target.isdigit():
         return f"/jobs/{target}"
-    if re.fullmatch(r"\d+/p?\d+[a-z]*", target):
+    if re.fullmatch(r"\d+/p?\d+(\.\d+)?[a-z]*", target):
         job, _, part = target.partition("/")
         return f"/jobs/{job}/parts/{part}"
     return f"/printers/{target}"

@@ -70,6 +70,7 @@ JOB = Lifecycle(
         _row(ev.JobApproved, [_J.HELD], _DERIVED),
         _row(ev.JobFailed, [_J.PLANNING], [_J.FAILED]),
         _row(ev.JobPaused, _LIVE, None),
+        _row(ev.JobMoved, _LIVE, None),
         _row(ev.JobCancelled, _LIVE, [_J.CANCELLED]),
         _row(ev.JobPruned, [_J.DONE, _J.FAILED, _J.CANCELLED], None),
     ),

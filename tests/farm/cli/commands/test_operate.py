@@ -17,6 +17,8 @@ from farm.model import Hold, HoldCode
         ("3/p01", "/jobs/3/parts/p01"),
         ("3/1", "/jobs/3/parts/1"),
         ("3/p01a", "/jobs/3/parts/p01a"),
+        ("3/p01.2", "/jobs/3/parts/p01.2"),
+        ("3/01.12b", "/jobs/3/parts/01.12b"),
         ("um2-03", "/printers/um2-03"),
     ],
 )

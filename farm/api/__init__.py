@@ -5,24 +5,28 @@ Times are ISO 8601 in the fleet's time zone, by the farm's clock; durations are 
 
 from __future__ import annotations
 
-from typing import Annotated
-
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+from pydantic import ConfigDict, Field
 
 from drivers.messages import PrinterReadings, PrintReadings
+from farm.api.base import SCHEMA as SCHEMA
+from farm.api.base import Line as Line
+from farm.api.base import View
+from farm.api.requests import ApproveRequest as ApproveRequest
+from farm.api.requests import Cleared as Cleared
+from farm.api.requests import ClearedRequest as ClearedRequest
+from farm.api.requests import DownRequest as DownRequest
+from farm.api.requests import LoadRequest as LoadRequest
+from farm.api.requests import Named as Named
+from farm.api.requests import PruneRequest as PruneRequest
+from farm.api.requests import Queue as Queue
+from farm.api.requests import QueueEntry as QueueEntry
+from farm.api.requests import QueueMove as QueueMove
+from farm.api.requests import QueuePlace as QueuePlace
+from farm.api.requests import Reason as Reason
 from farm.model import Bed, FilamentState, Hold, JobOptions, JobState, PlanProgress, PrintState, Verdict
-from farm.text import flatten_text
-
-SCHEMA = 1
-Line = Annotated[str, AfterValidator(flatten_text)]
-"""Free text written by a user and shown to others."""
 
 
-class _View(BaseModel):
-    model_config = ConfigDict(extra="forbid")
-
-
-class PrintView(_View):
+class PrintView(View):
     """One attempt to print the plate of a part."""
 
     part: str  # its name at that time: a piece also has the prints of the part that it was cut from
@@ -36,7 +40,7 @@ class PrintView(_View):
     ended: str | None
 
 
-class PartView(_View):
+class PartView(View):
     id: str
     cut_from: str | None = None  # the failed part that it is a piece of
     copy_number: int = 1  # of the copies of the model
@@ -52,7 +56,7 @@ class PartView(_View):
         return [one for one in self.prints if one.part == self.id]
 
 
-class PlateStatus(_View):
+class PlateStatus(View):
     id: str
     parts: list[str]
     printer: str  # of its last print, or of the plan
@@ -67,14 +71,14 @@ class PlateStatus(_View):
     hold: Hold | None
 
 
-class RunView(_View):
+class RunView(View):
     """Interval in which a job was printed."""
 
     started: str
     ended: str | None  # null for the present one
 
 
-class JobView(_View):
+class JobView(View):
     id: int
     name: str
     state: JobState
@@ -126,12 +130,12 @@ class JobView(_View):
         return list(each.values())
 
 
-class Targets(_View):
+class Targets(View):
     nozzle_c: float | None
     bed_c: float | None
 
 
-class Reel(_View):
+class Reel(View):
     material: str
     kind: str | None = None  # of the material, like PLA; null if it is not known
     colour: str | None
@@ -139,7 +143,7 @@ class Reel(_View):
     nozzle_mm: float
 
 
-class PrintProgress(PrintReadings, _View):
+class PrintProgress(PrintReadings, View):
     """Progress of an open print."""
 
     job: int
@@ -151,7 +155,7 @@ class PrintProgress(PrintReadings, _View):
     pause_ends: str | None  # while it is paused: when it is cancelled unless it is resumed
 
 
-class LastPrint(_View):
+class LastPrint(View):
     """The last print on a printer; its part is on the bed until that is cleared."""
 
     plate: str
@@ -161,7 +165,7 @@ class LastPrint(_View):
     verdict: Verdict | None
 
 
-class PrinterView(PrinterReadings, _View):
+class PrinterView(PrinterReadings, View):
     name: str
     model: str
     state: str
@@ -181,7 +185,7 @@ class PrinterView(PrinterReadings, _View):
     kept_for: str | None = None  # plate or job that it is kept for while it is free
 
 
-class Todo(_View):
+class Todo(View):
     """A task of a person."""
 
     code: str
@@ -190,7 +194,7 @@ class Todo(_View):
     brief: str = ""  # the text in a few words
 
 
-class NightView(_View):
+class NightView(View):
     """Counts of the plates since the afternoon before; each plate is counted once."""
 
     since: str
@@ -216,7 +220,7 @@ class HistoryRow(PrintView):
     wasted: bool
 
 
-class History(_View):
+class History(View):
     model_config = ConfigDict(populate_by_name=True)
 
     schema_: int = Field(default=SCHEMA, alias="schema")
@@ -224,21 +228,21 @@ class History(_View):
     prints: list[HistoryRow]  # oldest first
 
 
-class JobName(_View):
+class JobName(View):
     id: int
     name: str
     state: JobState
     parts: list[str]
 
 
-class Names(_View):
+class Names(View):
     """Names of printers, jobs and parts, for shell completion."""
 
     printers: list[str]
     jobs: list[JobName]
 
 
-class FleetView(_View):
+class FleetView(View):
     name: str
     timezone: str
     time_scale: float
@@ -246,13 +250,13 @@ class FleetView(_View):
     file: str
 
 
-class DaemonView(_View):
+class DaemonView(View):
     pid: int
     version: str
     since: str
 
 
-class Status(_View):
+class Status(View):
     model_config = ConfigDict(populate_by_name=True)
 
     schema_: int = Field(default=SCHEMA, alias="schema")
@@ -264,7 +268,7 @@ class Status(_View):
     night: NightView | None  # null if no print ended in it
 
 
-class JobStatus(_View):
+class JobStatus(View):
     model_config = ConfigDict(populate_by_name=True)
 
     schema_: int = Field(default=SCHEMA, alias="schema")
@@ -272,15 +276,16 @@ class JobStatus(_View):
     job: JobView
 
 
-class Submitted(_View):
+class Submitted(View):
     """Response to a submission; `again` if this request id was submitted before."""
 
     job: int
     again: bool
-    notices: list[str] = []  # requests that cannot be met, such as more printers than the fleet has
+    # requests that cannot be met, such as more printers than the fleet has
+    notices: list[str] = Field(default_factory=list)
 
 
-class UploadView(_View):
+class UploadView(View):
     """Progress of a submission that has no answer yet."""
 
     step: str  # in words
@@ -288,13 +293,7 @@ class UploadView(_View):
     size: int  # bytes
 
 
-class PruneRequest(_View):
-    """Request to delete what `fleet.keep` does not keep; with `dry_run` it is only listed."""
-
-    dry_run: bool = False
-
-
-class PrunedJob(_View):
+class PrunedJob(View):
     """Job whose files go; its figures and pictures stay."""
 
     id: int
@@ -302,7 +301,7 @@ class PrunedJob(_View):
     size_bytes: int  # some files may be shared with other jobs, which keep them
 
 
-class Pruned(_View):
+class Pruned(View):
     """What was deleted, or would be."""
 
     model_config = ConfigDict(populate_by_name=True)
@@ -315,7 +314,7 @@ class Pruned(_View):
     events: int  # entries of the database's log
 
 
-class Problem(_View):
+class Problem(View):
     """Error of a request."""
 
     error: str
@@ -323,51 +322,7 @@ class Problem(_View):
     exit_code: int
 
 
-class Reason(_View):
-    """Reason for a command, as the user wrote it."""
-
-    why: Line = Field(default="", max_length=200)
-
-
-class ClearedRequest(_View):
-    """Request to record that a bed is clear, and that its part is good, or bad."""
-
-    filament: FilamentState | None = None
-    bad: bool = False
-    why: Line | None = Field(default=None, max_length=200)
-    good: Line | None = Field(default=None, max_length=40)  # the part of a failed print that is usable
-
-
-class Cleared(_View):
-    """Response to a cleared bed. A bad part is printed again, unless it was cancelled."""
-
-    again: str | None = None  # the part that is printed again
-    good: str | None = None  # the part of a failed print that is good
-    printed_on: list[str] = []  # printers that already print that part again
-
-
-class Named(_View):
-    """Name of the part or printer that a command acted on."""
-
-    name: str
-
-
-class LoadRequest(_View):
-    """Request to record a new reel or nozzle; fields that are None stay as they were."""
-
-    material: str | None = Field(default=None, max_length=100)
-    colour: Line | None = Field(default=None, max_length=40)
-    grams: float | None = Field(default=None, ge=0, allow_inf_nan=False)
-    nozzle_mm: float | None = Field(default=None, gt=0, allow_inf_nan=False)
-
-
-class ApproveRequest(_View):
-    """Request to release a job with the plan that the user has reviewed."""
-
-    plan: str
-
-
-class SlotView(_View):
+class SlotView(View):
     """Time of a plate on a printer: actual or expected."""
 
     plate: str
@@ -379,7 +334,7 @@ class SlotView(_View):
     price: float | None
 
 
-class Timeline(_View):
+class Timeline(View):
     """Times and printers of the plates of a planned job."""
 
     model_config = ConfigDict(populate_by_name=True)
@@ -398,7 +353,7 @@ class Timeline(_View):
     currency: str | None
 
 
-class Submission(_View):
+class Submission(View):
     """Outcome of one of several models that were submitted at once."""
 
     model: str
@@ -408,17 +363,10 @@ class Submission(_View):
     exit_code: int = 0
 
 
-class Submissions(_View):
+class Submissions(View):
     """Outcomes of several models that were submitted at once."""
 
     model_config = ConfigDict(populate_by_name=True)
 
     schema_: int = Field(default=SCHEMA, alias="schema")
     submissions: list[Submission]
-
-
-class DownRequest(_View):
-    """Request to shut down the farm: `now` stops open prints safely first, `wait` lets them finish."""
-
-    now: bool = False
-    wait: bool = False

@@ -1,0 +1,104 @@
+"""Requests of commands, and their answers."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+
+from pydantic import ConfigDict, Field
+
+from farm.api.base import SCHEMA, Line, View
+from farm.model import FilamentState, JobState
+
+
+class QueuePlace(StrEnum):
+    """Place to which a job is moved in the queue."""
+
+    UP = "up"
+    DOWN = "down"
+    FIRST = "first"
+    LAST = "last"
+
+
+class PruneRequest(View):
+    """Request to delete what `fleet.keep` does not keep; with `dry_run` it is only listed."""
+
+    dry_run: bool = False
+
+
+class Reason(View):
+    """Reason for a command, as the user wrote it."""
+
+    why: Line = Field(default="", max_length=200)
+
+
+class ClearedRequest(View):
+    """Request to record that a bed is clear, and that its part is good, or bad."""
+
+    filament: FilamentState | None = None
+    bad: bool = False
+    why: Line | None = Field(default=None, max_length=200)
+    good: Line | None = Field(default=None, max_length=40)  # the part of a failed print that is usable
+
+
+class Cleared(View):
+    """Response to a cleared bed. A bad part is printed again, unless it was cancelled."""
+
+    again: str | None = None  # the part that is printed again
+    good: str | None = None  # the part of a failed print that is good
+    printed_on: list[str] = Field(default_factory=list)  # printers that already print that part again
+
+
+class Named(View):
+    """Name of the part or printer that a command acted on."""
+
+    name: str
+
+
+class LoadRequest(View):
+    """Request to record a new reel or nozzle; fields that are None stay as they were."""
+
+    material: str | None = Field(default=None, max_length=100)
+    colour: Line | None = Field(default=None, max_length=40)
+    grams: float | None = Field(default=None, ge=0, allow_inf_nan=False)
+    nozzle_mm: float | None = Field(default=None, gt=0, allow_inf_nan=False)
+
+
+class ApproveRequest(View):
+    """Request to release a job with the plan that the user has reviewed."""
+
+    plan: str
+
+
+class DownRequest(View):
+    """Request to shut down the farm: `now` stops open prints safely first, `wait` lets them finish."""
+
+    now: bool = False
+    wait: bool = False
+
+
+class QueueMove(View):
+    """Request to move a job in the queue: by a word, or before another job."""
+
+    to: QueuePlace | None = None
+    before: int | None = None
+
+
+class QueueEntry(View):
+    """One open job of the queue."""
+
+    id: int
+    name: str
+    state: JobState
+    waiting: int  # plates that have not started; 0 before it is planned
+    eta: str | None
+    submitted_by: str | None
+
+
+class Queue(View):
+    """Open jobs with anything left to print, in the order in which they are served."""
+
+    model_config = ConfigDict(populate_by_name=True)
+
+    schema_: int = Field(default=SCHEMA, alias="schema")
+    now: str
+    jobs: list[QueueEntry]

@@ -1,0 +1,67 @@
+"""`farm queue`: the order in which jobs are served."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from farm import api
+from farm.cli import completion
+from farm.cli.client import connect
+from farm.cli.display import format_time, open_console, print_json, terminal_width
+from farm.cli.display.table import Column, lay_out_table
+from farm.cli.options import Json, with_farm
+from farm.paths import Places
+
+_COLUMNS = (
+    Column("PLACE"),
+    Column("JOB"),
+    Column("MODEL", rank=1, least=12),
+    Column("STATE"),
+    Column("WAITING", rank=3),
+    Column("ENDS"),
+    Column("BY", rank=2),
+)
+
+
+@with_farm
+def queue(
+    places: Places,
+    job: Annotated[
+        int | None, typer.Argument(help="The job to move; none: only show.", autocompletion=completion.jobs)
+    ] = None,
+    to: Annotated[api.QueuePlace | None, typer.Argument(help="Where to move it.")] = None,
+    before: Annotated[
+        int | None, typer.Option(help="Move it before this job.", autocompletion=completion.jobs)
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Show the jobs in the order in which they get printers, and move one."""
+    if job is not None and (to is None) == (before is None):
+        raise typer.BadParameter("give up, down, first or last, or --before JOB", param_hint="TO")
+    if job is None and before is not None:
+        raise typer.BadParameter("give the job to move too", param_hint="--before")
+    client = connect(places)
+    answer = client.queue() if job is None else client.move(job, api.QueueMove(to=to, before=before))
+    if json:
+        print_json(answer)
+        return
+    if not answer.jobs:
+        print("no job waits")
+        return
+    rows = [
+        (
+            str(place),
+            str(entry.id),
+            entry.name,
+            str(entry.state),
+            str(entry.waiting or ""),
+            format_time(entry.eta, answer.now),
+            entry.submitted_by or "",
+        )
+        for place, entry in enumerate(answer.jobs, 1)
+    ]
+    screen = open_console()
+    for line in lay_out_table(_COLUMNS, rows, terminal_width(screen)):
+        screen.print(line)

@@ -1,0 +1,55 @@
+"""Rule for a job that is moved in the queue. Pure.
+
+A moved job takes the priority of the job that follows it, and a rank between its neighbours. The rank of a
+job that was never moved is its number, so that jobs submitted later stand behind all of its priority.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from farm.model import Job
+from farm.state import events as ev
+from farm.state.books import Books, put, replace_fields
+from farm.state.consequences import Result
+from farm.state.lifecycles import JOB, InvalidTransition
+from farm.state.transitions.rules import change
+
+
+@change.register
+def _(event: ev.JobMoved, books: Books) -> Result:
+    others = [job for job in books.open_jobs() if job.id != event.job]
+    numbers = [job.id for job in others]
+    if event.before is not None and event.before not in numbers:
+        target = books.job(event.before)
+        raise InvalidTransition(event, JOB, target.id, target.state, "not in the queue")
+    place = len(others) if event.before is None else numbers.index(event.before)
+    return put(books, *_place_job(books.job(event.job), others, place, max(books.jobs))), ()
+
+
+def _place_job(job: Job, others: list[Job], place: int, last_number: int) -> Iterator[Job]:
+    """Yield a job with its new rank and, where there is no rank left for it, the others with new ones.
+
+    Parameters
+    ----------
+    others
+        The other open jobs, in their order.
+    place
+        Index in `others` before which the job is put.
+    last_number
+        Largest number of any job: the next one that is submitted ranks behind it.
+    """
+    before, after = others[:place], others[place:]
+    if not others:
+        return
+    priority = (after[0] if after else before[-1]).priority
+    high = after[0].turn[1] if after else last_number + 1.0
+    low = before[-1].turn[1] if before and before[-1].priority == priority else high - 2.0
+    rank = (low + high) / 2.0
+    job = replace_fields(job, moved_priority=priority, moved_rank=rank)
+    if low < rank < high:
+        yield job
+        return
+    ordered = [*before, job, *after]
+    for i, each in enumerate(ordered):
+        yield replace_fields(each, moved_rank=last_number - len(ordered) + 1.0 + i)

@@ -1,0 +1,39 @@
+"""View of the queue: open jobs with anything left to print, in the order in which they are served. Pure."""
+
+from __future__ import annotations
+
+from farm import api
+from farm.model import Job, JobState
+from farm.state import Books, PlateState
+from farm.views.context import ViewContext
+from farm.views.job_times import measure_times
+
+
+def list_queue(books: Books) -> list[Job]:
+    """List the jobs that wait for printers, wholly or in part, in the order in which they are served."""
+    return [
+        job for job in books.open_jobs() if job.state is not JobState.PRINTING or count_waiting(books, job)
+    ]
+
+
+def count_waiting(books: Books, job: Job) -> int:
+    """Count the plates of a job that have not started."""
+    return sum(books.plate_state(plate) is PlateState.WAITING for plate in books.plates_of(job))
+
+
+def describe_queue(context: ViewContext) -> api.Queue:
+    """Describe the queue, with the expected end of each job."""
+    return api.Queue(
+        now=context.format_time(context.now_s) or "",
+        jobs=[
+            api.QueueEntry(
+                id=job.id,
+                name=job.name,
+                state=job.state,
+                waiting=count_waiting(context.books, job),
+                eta=context.format_time(measure_times(context, job).end_s),
+                submitted_by=job.submitted_by,
+            )
+            for job in list_queue(context.books)
+        ],
+    )

@@ -1,0 +1,53 @@
+"""`farm queue`, against a daemon in memory."""
+
+import pytest
+from typer.testing import CliRunner
+
+from farm import api
+from farm.cli.commands import queue
+from farm.cli.main import app
+
+ENTRY = {"state": "printing", "waiting": 2, "eta": None, "submitted_by": "ann"}
+
+
+@pytest.fixture
+def moves(monkeypatch):
+    """The moves that were asked for."""
+    asked = []
+
+    class Daemon:
+        def __init__(self, _):
+            pass
+
+        def queue(self):
+            jobs = [api.QueueEntry(id=n, name=f"m{n}.stl", **ENTRY) for n in (7, 3)]
+            return api.Queue(now="2026-01-01T00:00:00+00:00", jobs=jobs)
+
+        def move(self, number, request):
+            asked.append((number, request.to, request.before))
+            return self.queue()
+
+    monkeypatch.setattr(queue, "connect", Daemon)
+    return asked
+
+
+def test_jobs_are_listed_in_their_order(moves):
+    lines = CliRunner().invoke(app, ["queue"]).stdout.splitlines()
+    assert [line.split()[:3] for line in lines] == [
+        ["PLACE", "JOB", "MODEL"],
+        ["1", "7", "m7.stl"],
+        ["2", "3", "m3.stl"],
+    ]
+    assert moves == []
+
+
+def test_a_job_is_moved_by_a_word_or_before_another(moves):
+    assert CliRunner().invoke(app, ["queue", "3", "up"]).exit_code == 0
+    assert CliRunner().invoke(app, ["queue", "3", "--before", "7"]).exit_code == 0
+    assert moves == [(3, "up", None), (3, None, 7)]
+
+
+@pytest.mark.parametrize("words", [["3"], ["3", "up", "--before", "7"], ["--before", "7"], ["3", "sideways"]])
+def test_a_move_that_says_too_little_or_too_much_is_refused(moves, words):
+    assert CliRunner().invoke(app, ["queue", *words]).exit_code == 2
+    assert moves == []

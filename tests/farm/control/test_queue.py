@@ -1,0 +1,81 @@
+"""Jobs moved in the queue, through the daemon's own rules."""
+
+from pathlib import Path
+
+import pytest
+
+from farm.api import QueueMove, QueuePlace
+from farm.errors import NoSuchThing, Refused
+from farm.model import JobOptions
+from farm.paths import StateFolder
+from farm.planning.plan import Plan
+from farm.views.queue import describe_queue
+from make_books import plan as planned
+from recording_controller import MODEL, Farm
+
+STATE = StateFolder(Path("/state"))
+
+
+@pytest.fixture
+def farm(tmp_path):
+    """Three jobs of three plates on two printers, planned in turn: two plates of the first are printed."""
+    farm = Farm(tmp_path)
+    farm.ready("a", "b")
+    for number in (1, 2, 3):
+        farm.jobs.submit(f"request-{number}", f"m{number}.stl", MODEL, JobOptions())
+        event = planned(number, 3)
+        plates = tuple(plate.model_copy(update={"printer": "a"}) for plate in event.plates)
+        farm.controller.on_plan(number, Plan(event.parts, plates, (), 1.0, 500.0, 100.0, None))
+    return farm
+
+
+def shown(farm):
+    return [entry.id for entry in describe_queue(farm.view_context(STATE)).jobs]
+
+
+def move(farm, number, to=None, before=None):
+    farm.jobs.move(number, QueueMove(to=to and QueuePlace(to), before=before), "ann")
+    return shown(farm)
+
+
+def test_jobs_move_up_down_first_last_and_before_each_other(farm):
+    assert shown(farm) == [1, 2, 3]
+    assert move(farm, 3, "up") == [1, 3, 2]
+    assert move(farm, 1, "down") == [3, 1, 2]
+    assert move(farm, 3, "last") == [1, 2, 3]
+    assert move(farm, 2, "first") == [2, 1, 3]
+    assert move(farm, 3, before=1) == [2, 3, 1]
+    assert move(farm, 2, "down") == [3, 2, 1]
+    assert move(farm, 2, "down") == [3, 1, 2]
+
+
+def test_what_cannot_be_moved_is_refused_with_the_reason(farm):
+    for number, to in ((1, "up"), (1, "first"), (3, "down"), (3, "last")):
+        with pytest.raises(Refused, match="already"):
+            move(farm, number, to)
+    for before in (1, 9):
+        with pytest.raises(Refused, match="no other job in the queue"):
+            move(farm, 1, before=before)
+    with pytest.raises(NoSuchThing):
+        move(farm, 9, "up")
+    farm.jobs.cancel(2, "ann")
+    with pytest.raises(Refused, match="already ended"):
+        move(farm, 2, "up")
+    assert shown(farm) == [1, 3]
+
+
+def test_the_next_free_printer_serves_the_job_that_was_moved_and_the_forecast_follows(farm, tmp_path):
+    def ends():
+        farm.controller.handle()
+        context = farm.view_context(STATE)
+        return {entry.id: entry.eta for entry in describe_queue(context).jobs}
+
+    before = ends()
+    assert before[1] <= before[2] <= before[3]
+    move(farm, 3, "first")
+    waiting = farm.controller.expected_situation().by_priority
+    assert [plate.job for plate in waiting[:3]] == [3, 3, 3]
+    farm.store.close()
+    again = Farm(tmp_path)  # the order is in the books
+    assert shown(again) == [3, 1, 2]
+    assert [plate.job for plate in again.controller.expected_situation().by_priority[:3]] == [3, 3, 3]

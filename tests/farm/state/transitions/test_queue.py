@@ -1,0 +1,91 @@
+"""Order of the jobs, as people move them."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from farm.model import JobOptions
+from farm.scheduling.situation_builder import describe_plates
+from farm.state import events as ev
+from farm.state.books import Books
+from farm.state.lifecycles import InvalidTransition
+from make_books import fleet, job, plan, run
+
+
+def queued(*priorities):
+    """Books with a queued job of each priority."""
+    events = (
+        ev.JobSubmitted(at_s=0.0, job=job(n).model_copy(update={"options": JobOptions(priority=priority)}))
+        for n, priority in enumerate(priorities, 1)
+    )
+    return run(Books(), *fleet(), *events)[0]
+
+
+def order(books):
+    return [entry.id for entry in books.open_jobs()]
+
+
+def move(books, number, before):
+    return run(books, ev.JobMoved(at_s=1.0, job=number, before=before, by="ann"))[0]
+
+
+def test_jobs_are_served_by_priority_and_submission_until_they_are_moved():
+    books = queued(0, 0, 5, 0)
+    assert order(books) == [3, 1, 2, 4]
+    books = move(books, 4, before=1)
+    assert order(books) == [3, 4, 1, 2]
+    assert order(move(books, 2, before=3)) == [2, 3, 4, 1]  # before a job of higher priority
+    assert order(move(books, 3, before=None)) == [4, 1, 2, 3]
+    assert [entry.id for entry in move(books, 2, before=3).queue()] == [2, 3, 4, 1]
+
+
+@given(
+    st.lists(st.integers(-2, 2), min_size=1, max_size=6),
+    st.lists(st.tuples(st.integers(1, 6), st.one_of(st.none(), st.integers(1, 6))), max_size=12),
+)
+def test_a_moved_job_stands_where_it_was_put_and_the_others_keep_their_order(priorities, moves):
+    books = queued(*priorities)
+    for number, before in moves:
+        if number > len(priorities) or before == number or (before or 0) > len(priorities):
+            continue
+        others = [n for n in order(books) if n != number]
+        place = len(others) if before is None else others.index(before)
+        books = move(books, number, before)
+        assert order(books) == [*others[:place], number, *others[place:]]
+    later = ev.JobSubmitted(at_s=2.0, job=job(len(priorities) + 1))
+    last = order(run(books, later)[0])
+    same = [n for n in last if books.jobs.get(n, later.job).priority == 0]
+    assert same[-1] == len(priorities) + 1  # behind all jobs of its priority
+
+
+def test_two_jobs_may_pass_each_other_for_ever():
+    books = queued(0, 0, 0)
+    for _ in range(200):
+        first, second, _last = order(books)
+        books = move(books, second, before=first)
+        assert order(books)[:2] == [second, first]
+    for _ in range(200):
+        _first, second, last = order(books)
+        books = move(books, second, before=None)
+        assert order(books)[1:] == [last, second]
+    later = run(books, ev.JobSubmitted(at_s=2.0, job=job(4)))[0]
+    assert order(later)[-1] == 4
+
+
+def test_a_job_cannot_be_put_before_one_that_is_not_in_the_queue():
+    books = queued(0, 0)
+    books, _ = run(books, ev.JobCancelled(at_s=1.0, job=1))
+    with pytest.raises(InvalidTransition, match="not in the queue"):
+        move(books, 2, before=1)
+    with pytest.raises(InvalidTransition):
+        move(books, 1, before=2)
+
+
+def test_plates_are_served_in_the_order_of_their_jobs():
+    books = run(Books(), *fleet())[0]
+    for number in (1, 2):
+        submitted = ev.JobSubmitted(at_s=0.0, job=job(number))
+        books, _ = run(books, submitted, ev.PlanningStarted(at_s=0.0, job=number), plan(number, plates=2))
+    books = move(books, 2, before=1)
+    waiting = sorted(describe_plates(books.waiting_plates(), books), key=lambda plate: plate.priority_key)
+    assert [plate.id for plate in waiting] == ["2/01", "2/02", "1/01", "1/02"]
