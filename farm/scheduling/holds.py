@@ -196,6 +196,10 @@ class HoldReasons:
         return Hold(code=hold.code, text=f"needs {needs}: {hold.text}", reel=hold.reel) if needs else hold
 
     def _among(self, plate: WaitingPlate, names: tuple[str, ...]) -> Hold:
+        rules, now_s = self._situation.rules, self._situation.now_s
+        if plate.not_before_s is not None and plate.not_before_s > now_s:
+            text = f"its job starts {rules.format_moment(plate.not_before_s, now_s)}"
+            return Hold(code=HoldCode.START_TIME, text=text)  # no printer would start it now
         short: Hold | None = None
         for name in self._idle_among(names):
             held = self._held(plate, name)

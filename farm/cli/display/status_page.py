@@ -216,7 +216,9 @@ def _list_job_facts(job: api.JobView, now: str) -> list[str]:
         parts.append(f"paused, `farm resume {job.id}`")
     parts.append(f"expected {format_duration(job.estimated_s)}")
     if job.elapsed_s is not None and job.current_s is not None:
-        parts[-1] += f", {'actual' if JobState(job.state).ended else 'now'} {format_duration(job.current_s)}"
+        ended, now_s = JobState(job.state).ended, format_duration(job.current_s)
+        if ended or now_s != format_duration(job.estimated_s):
+            parts[-1] += f", {'actual' if ended else 'now'} {now_s}"
     if job.state == JobState.PRINTING and job.eta:
         parts[-1] += f" (ends {format_time(job.eta, now)})"
     if job.speedup and job.utilisation and len(job.plates) > 1:

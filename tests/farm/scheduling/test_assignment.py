@@ -36,6 +36,13 @@ def test_printers_and_plates_that_match_nothing_cost_nothing(monkeypatch):
     assert assign(waiting, fleet[1:])[0] == [] and len(placed) == 1
 
 
+def test_a_plate_of_a_later_job_waits_for_its_time_whatever_the_printers_do():
+    fleet = [printer("a", booked=True), printer("b", bed=Bed.NOT_CLEAR)]
+    _, holds = assign([plate("1/01", "a", not_before_s=NOW_S + 60.0), plate("1/02", "a")], fleet)
+    assert (holds["1/01"].code, holds["1/02"].code) == (HoldCode.START_TIME, HoldCode.PRINTER_BUSY)
+    assert "farm cleared b" in holds["1/02"].text and "cleared" not in holds["1/01"].text
+
+
 printers = st.lists(
     st.builds(
         printer,

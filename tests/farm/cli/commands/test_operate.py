@@ -3,7 +3,7 @@
 import pytest
 from typer.testing import CliRunner
 
-from farm.api import JobStatus, JobView, PlateStatus, PrinterView
+from farm.api import JobStatus, JobView, LoadRequest, PlateStatus, PrinterView, Reel
 from farm.cli.commands import operate, submit
 from farm.cli.commands.operate import find_target_path, select_beds_to_clear
 from farm.cli.main import app
@@ -74,3 +74,28 @@ def test_interrupted_upload_may_have_been_submitted(tmp_path, monkeypatch):
     ended = CliRunner().invoke(app, ["submit", str(tmp_path / "part.stl")])
     assert ended.exit_code == 130
     assert "part.stl may have been submitted" in ended.stderr
+
+
+class Reels:
+    """Daemon that loads what it is asked for."""
+
+    def __init__(self):
+        self.requests = []
+
+    def load(self, printer, request):
+        self.requests.append((printer, request))
+        return Reel(material="generic_abs", kind="ABS", colour="black", grams=750.0, nozzle_mm=0.6)
+
+
+def test_a_reel_is_named_in_words(monkeypatch):
+    daemon = Reels()
+    monkeypatch.setattr(operate, "connect", lambda places: daemon)
+    result = CliRunner().invoke(app, ["load", "um2-01", "black ABS", "--grams", "750"])
+    assert result.stdout == "um2-01: black ABS, 750 g, nozzle 0.6 mm\n"
+    assert daemon.requests == [("um2-01", LoadRequest(material="black ABS", grams=750.0))]
+
+
+def test_a_material_is_given_once(monkeypatch):
+    monkeypatch.setattr(operate, "connect", lambda places: Reels())
+    result = CliRunner().invoke(app, ["load", "um2-01", "ABS", "--material", "PLA"])
+    assert result.exit_code != 0
