@@ -39,7 +39,7 @@ class ProgressFile:
 
     def __init__(self, folder: Path) -> None:
         self._path = folder / PROGRESS
-        self._began_s: float | None = None
+        self._first: tuple[float, float] | None = None  # share and time of the first report above 0
         self._due_s = -math.inf
 
     def report(self, share: float, now_s: float) -> None:
@@ -52,14 +52,15 @@ class ProgressFile:
         now_s
             Seconds of a monotonic clock.
         """
-        if share > 0.0 and self._began_s is None:
-            self._began_s = now_s
+        if share > 0.0 and self._first is None:
+            self._first = share, now_s
         if now_s < self._due_s:
             return
         self._due_s = now_s + _APART_S
         remaining_s = None
-        if self._began_s is not None and now_s > self._began_s:
-            remaining_s = (now_s - self._began_s) * (1.0 - share) / share
+        if self._first is not None and share > self._first[0]:
+            first_share, began_s = self._first
+            remaining_s = (now_s - began_s) * (1.0 - share) / (share - first_share)
         text = DecomposeProgress(share=share, remaining_s=remaining_s).model_dump_json()
         written = self._path.with_suffix(".new")
         with suppress(OSError):  # on a full disk the decomposition itself may still succeed

@@ -21,6 +21,7 @@ from decompose.print_time import CostModel
 from decompose.printers import PrinterRoom
 from decompose.problem import Problem, Work
 from decompose.problem.effort import WORK_NS
+from decompose.progress import listen_to_progress
 from decompose.results import Decomposition
 
 BOUND_S = 1000.0
@@ -90,6 +91,14 @@ def test_other_grids_are_tried_and_none_twice(cost: CostModel, result: Decomposi
     assert best.makespan_s == 1.2 * BOUND_S - max(grids)
     assert [(a.engine, a.granularity) for a in best.attempts] == engines.tried
     assert best.options.granularity == "auto"
+
+
+def test_spent_share_of_the_budget_is_reported(cost: CostModel, result: Decomposition) -> None:
+    shares: list[float] = []
+    with listen_to_progress(shares.append):
+        find_best(problem(cost, best=BestOptions(4.0)), Engines(result, far))
+    assert shares[:4] == pytest.approx([0.25, 0.5, 0.75, 1.0], abs=1e-3)
+    assert max(shares) <= 1.0
 
 
 def test_no_bound_is_proven_for_a_worse_result(cost: CostModel, result: Decomposition) -> None:

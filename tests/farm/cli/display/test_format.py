@@ -38,6 +38,9 @@ def test_moments():
 
 def test_how_far_a_plan_is():
     assert format_planning(PlanProgress(step=PlanStep.DECOMPOSING)) == "decomposing"
+    half = PlanProgress(step=PlanStep.DECOMPOSING, share=0.42, remaining_s=95.0)
+    assert format_planning(half) == "decomposing 42 %, at most 95 s left"
+    assert format_planning(PlanProgress(step=PlanStep.WAITING)) == "waiting for a worker"
     assert (
         format_planning(PlanProgress(step=PlanStep.LEVELLING)) == "balancing the parts by their sliced times"
     )

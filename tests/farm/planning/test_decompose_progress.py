@@ -1,0 +1,71 @@
+"""Progress of a decomposition: written by its worker, read by the daemon."""
+
+import asyncio
+
+import pytest
+
+from decompose.progress import listen_to_progress, report_progress
+from farm.model import PlanStep
+from farm.paths import StateFolder
+from farm.planning import plan_builder
+from farm.planning.decompose_progress import PROGRESS, DecomposeProgress, ProgressFile, read_progress
+from farm.planning.plan_builder import PlanBuilder
+from farm.planning.tasks import decompose_job
+
+
+def test_remaining_time_follows_from_the_rate_so_far(tmp_path):
+    progress = ProgressFile(tmp_path)
+    assert read_progress(tmp_path) is None
+    progress.report(0.0, 100.0)
+    assert read_progress(tmp_path) == DecomposeProgress(share=0.0)
+    progress.report(0.1, 110.0)
+    progress.report(0.1, 110.2)  # too soon after the last one
+    assert read_progress(tmp_path) == DecomposeProgress(share=0.1)
+    progress.report(0.25, 120.0)
+    found = read_progress(tmp_path)
+    assert found is not None
+    assert (found.share, found.remaining_s) == (0.25, pytest.approx(50.0))
+
+
+def test_unreadable_and_unwritable_files_are_no_error(tmp_path):
+    (tmp_path / PROGRESS).write_text('{"share": ')
+    assert read_progress(tmp_path) is None
+    ProgressFile(tmp_path / "missing").report(0.5, 1.0)
+
+
+def test_only_the_listener_of_a_context_hears_of_its_search():
+    heard = []
+    with listen_to_progress(heard.append):
+        report_progress(0.5)
+    report_progress(0.6)
+    assert heard == [0.5]
+
+
+def test_planner_shows_what_the_worker_of_a_decomposition_reports(tmp_path, monkeypatch):
+    """The worker of this test decomposes until it has been seen to be half done."""
+    monkeypatch.setattr(plan_builder, "_LOOK_S", 0.0)
+    shown, half = [], asyncio.Event()
+
+    class Worker:
+        async def run(self, work, task, limit=None):
+            assert work is decompose_job
+            progress = ProgressFile(tmp_path)
+            progress.report(0.0, 0.0)
+            progress.report(0.25, 10.0)
+            progress.report(0.5, 20.0)
+            await half.wait()
+            raise RuntimeError("ended")
+
+    def show(progress):
+        shown.append(progress)
+        if progress.share == 0.5:
+            half.set()
+
+    class Task:
+        folder = tmp_path
+
+    with pytest.raises(RuntimeError, match="ended"):
+        asyncio.run(PlanBuilder(Task(), Worker(), StateFolder(tmp_path), show).plan_model())
+    assert shown[0].step is PlanStep.WAITING
+    last = shown[-1]
+    assert (last.step, last.share, last.remaining_s) == (PlanStep.DECOMPOSING, 0.5, pytest.approx(20.0))

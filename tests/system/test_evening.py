@@ -1,0 +1,58 @@
+"""Several jobs of one evening in real processes: each is planned and answered though no bed is free."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+import trimesh
+
+from real_farm import BUDGET_S, wait_for
+
+pytestmark = pytest.mark.system
+
+MODEL = "ultimaker2_plus"
+
+
+@pytest.fixture
+def models(tmp_path):
+    """A box that one printer can hold, and a sphere whose search for parts takes minutes."""
+    trimesh.creation.box((60.0, 30.0, 12.0)).export(tmp_path / "box.stl")
+    trimesh.creation.icosphere(subdivisions=5, radius=160.0).export(tmp_path / "sphere.stl")
+    return {name: tmp_path / f"{name}.stl" for name in ("box", "sphere")}
+
+
+@pytest.fixture
+def evening(make_farm):
+    """Two printers, one worker, and a large budget for the search for parts."""
+    farm = make_farm({"one": (MODEL, f"sim://{MODEL}?seed=1"), "two": (MODEL, f"sim://{MODEL}?seed=2")})
+    text = farm.fleet.read_text()
+    farm.fleet.write_text(text.replace(f"budget_s: {BUDGET_S}", "budget_s: 600, workers: 1"))
+    farm.up()
+    return farm
+
+
+def test_jobs_are_planned_while_all_beds_are_taken_and_a_dry_run_while_a_large_model_is(evening, bar, models):
+    farm = evening
+    farm.ok("submit", bar, "--engine", "guillotine")
+    wait_for("both printers to print", lambda: len(farm.job()["prints"]) == 2)
+
+    # Nobody clears a bed from now on: both jobs have their figures all the same.
+    farm.ok("submit", bar, "--engine", "guillotine")
+    farm.ok("submit", models["box"])
+    wait_for("two plans", lambda: all(farm.job(number)["parts"] for number in (2, 3)))
+    for number, parts in ((2, 2), (3, 1)):
+        job = farm.job(number)
+        assert len(job["parts"]) == parts
+        assert job["grams"] > 0 and job["estimated_s"] > 0 and job["eta"]
+        assert {plate["hold"]["code"] for plate in job["plates"]} <= {"printer_busy", "bed_not_clear"}
+        assert job["prints"] == []
+
+    farm.ok("submit", models["sphere"])
+    wait_for("the search for parts", lambda: (farm.job(4)["progress"] or {}).get("share"))
+    timeline = json.loads(farm.ok("submit", models["box"], "--dry-run", "--json"))
+    assert len(timeline["slots"]) == 1 and timeline["grams"] > 0
+    far = farm.job(4)["progress"]
+    assert far["step"] == "decomposing" and far["remaining_s"] > 0
+    assert "decomposing" in farm.ok("status")
+    farm.ok("cancel", 4)
