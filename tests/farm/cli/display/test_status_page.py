@@ -37,7 +37,7 @@ def test_row_of_a_free_printer_says_what_it_is_kept_for():
     kept = view.printers[1].model_copy(update={"hold": None, "kept_for": "6/03"})
     printers = [*view.printers[:1], kept, *view.printers[2:]]
     lines = shown(view.model_copy(update={"printers": printers}), width=160)
-    assert [line for line in lines if line.endswith("kept for 6/03")][0].startswith("um2-02")
+    assert next(line for line in lines if line.endswith("kept for 6/03")).startswith("um2-02")
 
 
 def test_manually_used_printer_needs_an_inspection_with_its_time():
