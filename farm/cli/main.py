@@ -19,7 +19,7 @@ COMMANDS = {
         CommandEntry(
             "down",
             "daemon.down",
-            "Stop the daemon and the agents. While a printer prints, --wait or --now is needed.",
+            "Stop the daemon and the agents. While the farm prints or plans, --wait or --now is needed.",
         ),
         CommandEntry(
             "status",
