@@ -57,7 +57,7 @@ class Engines:
 
     @property
     def tried(self) -> list[tuple[Engine, str | int]]:
-        return [(one.options.engine, one.options.granularity) for one in self.asked]
+        return [(item.options.engine, item.options.granularity) for item in self.asked]
 
 
 def problem(cost: CostModel, printers: int = 20, **options: object) -> Problem:
@@ -104,8 +104,8 @@ def test_spent_share_of_the_budget_is_reported(cost: CostModel, result: Decompos
 def test_no_bound_is_proven_for_a_worse_result(cost: CostModel, result: Decomposition) -> None:
     engines = Engines(result, far)
     find_best(problem(cost), engines)
-    ends = [far(one.options) for one in engines.asked]
-    assert [one.best_known_s for one in engines.asked] == [
+    ends = [far(item.options) for item in engines.asked]
+    assert [item.best_known_s for item in engines.asked] == [
         min(ends[:i], default=math.inf) for i in range(len(ends))
     ]
 
@@ -144,7 +144,7 @@ def test_where_the_model_lies_best_other_grids_are_tried_too(cost: CostModel, re
     assert best.makespan_s == 1.2 * BOUND_S
     assert later
     assert {attempt.yaw_deg for attempt in later} == {yaw_deg}
-    lengths = [one.model.extents_mm[0] for one in engines.asked]
+    lengths = [item.model.extents_mm[0] for item in engines.asked]
     assert lengths[-1] == pytest.approx(lengths[2 + len(first) + 1])
     assert lengths[-1] == pytest.approx(300 * math.cos(math.radians(15)) + 90 * math.sin(math.radians(15)))
 
@@ -208,30 +208,30 @@ def test_result_with_faults_is_the_last_choice(cost: CostModel, result: Decompos
     engines = Engines(result, ends_s, faulty=(Engine.GUILLOTINE,))
     best = find_best(problem(cost, granularity=8), engines)
     assert best.engine is Engine.PARALLELOBOX
-    assert [one.best_known_s for one in engines.asked] == [math.inf, math.inf]
+    assert [item.best_known_s for item in engines.asked] == [math.inf, math.inf]
 
 
 @pytest.mark.parametrize(
-    ("error", "told"),
+    ("error", "reported"),
     [
         (NoFit("one part too many"), "nothing was found before the budget was spent"),
         (GeometryError(Rule.WALL, "p01", "is too thin"), "p01: is too thin (rule wall)"),
     ],
 )
 def test_broken_rule_is_reported_after_the_budget_was_spent(
-    error: DecomposeError, told: str, cost: CostModel, result: Decomposition
+    error: DecomposeError, reported: str, cost: CostModel, result: Decomposition
 ) -> None:
     engines = Engines(result, far)
 
-    def late(asked: Problem) -> Decomposition:
-        if asked.options.engine is Engine.GUILLOTINE:
-            return engines(asked)
-        asked.effort.record(Work.SUM, round(1e12))
-        assert asked.effort.is_spent()
+    def late(task: Problem) -> Decomposition:
+        if task.options.engine is Engine.GUILLOTINE:
+            return engines(task)
+        task.effort.record(Work.SUM, round(1e12))
+        assert task.effort.is_spent()
         raise error
 
     second = find_best(problem(cost, granularity=8), late).attempts[1]
-    assert second.reason.startswith(told)
+    assert second.reason.startswith(reported)
     assert not second.finished
 
 

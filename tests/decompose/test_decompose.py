@@ -36,9 +36,9 @@ def test_a_ball_for_eight(ball: Model, fleet: list[PrinterRoom], cost: CostModel
     assert result.gap == pytest.approx(result.grid_makespan_s / result.lower_bound_s - 1.0)
     assert result.serial_s <= result.serial_as_is_s
     assert result.coverage.surface_error < 1e-6
-    again = decompose_model(ball, fleet, COARSE, cost)
-    assert boxes_of(again) == boxes_of(result)
-    assert all((a.to_model == b.to_model).all() for a, b in zip(again.parts, result.parts, strict=True))
+    repeated = decompose_model(ball, fleet, COARSE, cost)
+    assert boxes_of(repeated) == boxes_of(result)
+    assert all((a.to_model == b.to_model).all() for a, b in zip(repeated.parts, result.parts, strict=True))
 
 
 def test_more_printers_never_take_longer(lump: Solid, fleet: list[PrinterRoom], cost: CostModel) -> None:
@@ -71,9 +71,9 @@ def test_interior_is_left_out_where_it_saves(fleet: list[PrinterRoom], cost: Cos
 def test_too_few_printers_are_reported_with_the_required_number(
     ball: Model, fleet: list[PrinterRoom], cost: CostModel
 ) -> None:
-    with pytest.raises(NoFit, match=r"needs \d+ parts.*there are 2.*--longest-side") as caught:
+    with pytest.raises(NoFit, match=r"needs \d+ parts.*there are 2.*--longest-side") as raised:
         decompose_model(ball, fleet[:2], COARSE, cost)
-    needed = caught.value.printers_needed
+    needed = raised.value.printers_needed
     assert needed is not None
     assert needed > 2
     decompose_model(ball, [replace(fleet[0], name=f"p{i}") for i in range(needed)], COARSE, cost)

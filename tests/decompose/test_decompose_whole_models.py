@@ -113,9 +113,9 @@ def test_model_that_fits_one_printer_is_not_cut(cost: CostModel) -> None:
 
 
 def test_how_many_printers_would_do(cost: CostModel) -> None:
-    with pytest.raises(NoFit, match=r"400 x 400 x 400 mm needs \d+ parts.*there are 2") as caught:
+    with pytest.raises(NoFit, match=r"400 x 400 x 400 mm needs \d+ parts.*there are 2") as raised:
         run(cube(400.0)(), cost, 2, 8)
-    needed = caught.value.printers_needed
+    needed = raised.value.printers_needed
     assert needed is not None
     assert len(run(cube(400.0)(), cost, needed, 8).parts) <= needed
 
@@ -134,13 +134,13 @@ def test_a_rod_of_100_m_is_refused_before_any_grid_is_laid(
         raise AssertionError("lays a grid over it")
 
     monkeypatch.setattr("decompose.problem.problem.build_grid", never)
-    with pytest.raises(NoFit, match=r"100000 x 4 x 4 mm needs 320 parts at least.*there are 20") as caught:
+    with pytest.raises(NoFit, match=r"100000 x 4 x 4 mm needs 320 parts at least.*there are 20") as raised:
         run(box((0, 0, 0), (100_000, 4, 4)), cost, 20, 10)
-    assert "\n" not in str(caught.value)
-    assert caught.value.printers_needed is None
-    with pytest.raises(NoFit, match=r"needs 5 parts at least.*there are 3") as caught:
+    assert "\n" not in str(raised.value)
+    assert raised.value.printers_needed is None
+    with pytest.raises(NoFit, match=r"needs 5 parts at least.*there are 3") as raised:
         run(box((0, 0, 0), (1_300, 4, 4)), cost, 3, 10)
-    assert caught.value.printers_needed == 5
+    assert raised.value.printers_needed == 5
     far_apart = Solid.union([box((0, 0, 0), (50, 50, 50)), box((99_950, 0, 0), (100_000, 50, 50))])
     with pytest.raises(AssertionError, match="lays a grid"):
         run(far_apart, cost, 20, 10)

@@ -95,8 +95,8 @@ def test_second_relevel_continues_from_the_first(cut: Decomposition, cost: CostM
 def test_a_model_that_was_turned_is_cut_as_it_lay(cost: CostModel) -> None:
     from decompose.decompose import _by_engine
 
-    asked = rotate_about_z(Problem(MODEL, ROOMS, cost, OPTIONS), -20.0)
-    cut = _by_engine(asked, serial=(1.0, 1.0))
+    task = rotate_about_z(Problem(MODEL, ROOMS, cost, OPTIONS), -20.0)
+    cut = _by_engine(task, serial=(1.0, 1.0))
     after = relevel_planes(MODEL, bare(cut), took_s(cut, 1), cost)
     assert after is not None
     assert sum(p.solid.volume_mm3 for p in after.parts) == pytest.approx(MODEL.solid.volume_mm3)

@@ -111,8 +111,8 @@ class TestInstall:
     @pytest.mark.parametrize("version", ["4.13", "5.0"])
     def test_everything_is_fetched_of_one_version(self, tmp_path, version):
         host = Host(tmp_path, apt=version)
-        code, said, calls = host.run()
-        assert (code, said.splitlines()[-1]) == (
+        code, message, calls = host.run()
+        assert (code, message.splitlines()[-1]) == (
             0,
             f"install: CuraEngine {version} and Cura's settings are in place.",
         )
@@ -132,8 +132,8 @@ class TestInstall:
         host = Host(tmp_path)
         engine = host.engine(version, tmp_path / "mine")
         given = resources(tmp_path / "cura", version)
-        code, said, calls = host.run(FARM_CURA_ENGINE=str(engine), FARM_CURA_RESOURCES=str(given))
-        assert (code, said, calls) == (0, "", "")
+        code, message, calls = host.run(FARM_CURA_ENGINE=str(engine), FARM_CURA_RESOURCES=str(given))
+        assert (code, message, calls) == (0, "", "")
 
     @pytest.mark.parametrize(
         ("engine", "settings", "wrong"),
@@ -148,9 +148,9 @@ class TestInstall:
         host = Host(tmp_path)
         folder = resources(tmp_path / "cura", settings) if settings else tmp_path
         program = host.engine(engine, tmp_path / "mine")
-        code, said, _ = host.run(FARM_CURA_ENGINE=str(program), FARM_CURA_RESOURCES=str(folder))
+        code, message, _ = host.run(FARM_CURA_ENGINE=str(program), FARM_CURA_RESOURCES=str(folder))
         assert code == 1
-        assert wrong in said
+        assert wrong in message
 
     def test_settings_of_another_version_are_replaced(self, tmp_path):
         host = Host(tmp_path, apt="5.0")
@@ -164,21 +164,21 @@ class TestInstall:
     def test_an_apt_of_another_version_than_the_engine_is_no_help(self, tmp_path):
         host = Host(tmp_path, apt="5.0")
         host.engine("4.13")
-        code, said, _ = host.run()
+        code, message, _ = host.run()
         assert code == 1
-        assert "apt has no version 4.13 of: cura fdm-materials" in said
+        assert "apt has no version 4.13 of: cura fdm-materials" in message
         assert not host.settings.exists()
 
     @pytest.mark.parametrize(
-        ("host", "said"),
+        ("host", "message"),
         [
             ({}, "There is no apt here"),
             ({"apt": "4.8"}, "apt has no version 4.13 or 5"),
             ({"apt": "5.0", "packaged": "4.13"}, "has not the settings of CuraEngine 5.0"),
         ],
     )
-    def test_unavailable_engine_is_reported_with_its_requirements(self, tmp_path, host, said):
+    def test_unavailable_engine_is_reported_with_its_requirements(self, tmp_path, host, message):
         code, errors, _ = Host(tmp_path, **host).run()
         assert code == 1
-        assert said in errors
+        assert message in errors
         assert "FARM_CURA_ENGINE" in errors

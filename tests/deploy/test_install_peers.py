@@ -74,16 +74,16 @@ def test_missing_packages_are_unpacked_and_not_installed(install, tmp_path: Path
     assert downloaded(tmp_path) == {"libx", "openssh-server", "ser2net", "tcc"}
     assert not (tmp_path / "other-calls").exists()
     here = tmp_path / "env" / "debian" / "usr"
-    said = subprocess.check_output([tmp_path / "env" / "bin" / "sshd", "-D", "a b"], text=True, env={})
-    assert said == f"{here}/sbin/sshd {here}/lib -D a b\n"
-    said = subprocess.check_output([tmp_path / "env" / "bin" / "tcc", "x.c"], text=True, env={})
-    assert said.endswith(f" -B{here}/lib/tcc x.c\n")
+    message = subprocess.check_output([tmp_path / "env" / "bin" / "sshd", "-D", "a b"], text=True, env={})
+    assert message == f"{here}/sbin/sshd {here}/lib -D a b\n"
+    message = subprocess.check_output([tmp_path / "env" / "bin" / "tcc", "x.c"], text=True, env={})
+    assert message.endswith(f" -B{here}/lib/tcc x.c\n")
     assert install() == ""
 
 
 def test_unavailable_package_is_reported_without_failure(install, tmp_path: Path):
-    said = install(NO_APT="1", NO_PIP="1")
-    assert said.count("skipped") == 2
+    message = install(NO_APT="1", NO_PIP="1")
+    assert message.count("skipped") == 2
     assert not (tmp_path / "env" / "bin" / "sshd").exists()
     assert not (tmp_path / "env" / ".installed").exists()
 

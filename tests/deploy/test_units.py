@@ -62,8 +62,8 @@ def test_the_service_of_farm_estop_takes_the_listening_socket_of_its_unit(tmp_pa
                     asking.settimeout(60.0)
                     asking.connect(str(path))
                     asking.sendall(b'{"printers":["um2-01"]}\n')
-                    said = asking.makefile().read()
-                assert '"over":true' in said and "fleet.yaml" in said
+                    message = asking.makefile().read()
+                assert '"over":true' in message and "fleet.yaml" in message
         finally:
             serving.kill()
 

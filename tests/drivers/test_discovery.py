@@ -78,16 +78,16 @@ def test_a_board_that_prints_from_its_card_is_not_reset():
     master, slave = pty.openpty()
     tty.setraw(slave)
     path = Path(os.ttyname(slave))  # the slave stays open: a close would be seen by the master
-    heard = b""
+    received = b""
 
     def board() -> None:
-        nonlocal heard
+        nonlocal received
         while True:
             try:
                 data = os.read(master, 4096)
             except OSError:
                 return
-            heard += data
+            received += data
             for line in data.split(b"\n")[:-1]:
                 if b"M27" in line:
                     os.write(master, b"SD printing byte 77/900\n")
@@ -98,7 +98,7 @@ def test_a_board_that_prints_from_its_card_is_not_reset():
     try:
         with pytest.raises(PortError, match="SD card"):
             commission(str(path), None, ULTIMAKER2, answer_s=30.0)
-        assert b"M27" in heard
+        assert b"M27" in received
     finally:
         os.close(slave)
         os.close(master)

@@ -45,9 +45,9 @@ def test_a_host_s_clock_that_is_set_is_taken_over_by_all_that_keep_hours(tmp_pat
     state = StateFolder(tmp_path / "state")
     state.make()
     daemon = Daemon(fleet(), Places(state, tmp_path / "farm.sock", tmp_path / "fleet.yaml"))
-    real, told = time.time, []
-    monkeypatch.setattr(daemon._timers, "clock_set", lambda: told.append("timers"))
-    monkeypatch.setattr(daemon._controller, "handle", lambda *events: told.extend(events))
+    real, reported = time.time, []
+    monkeypatch.setattr(daemon._timers, "clock_set", lambda: reported.append("timers"))
+    monkeypatch.setattr(daemon._controller, "handle", lambda *events: reported.extend(events))
     monkeypatch.setattr(time, "time", lambda: real() + 6 * 3600.0)
     before_s = daemon._clock.now()
 
@@ -61,8 +61,8 @@ def test_a_host_s_clock_that_is_set_is_taken_over_by_all_that_keep_hours(tmp_pat
     daemon._workers.close()
     daemon._store.close()
     assert daemon._clock.now() - before_s == pytest.approx(6 * 3600.0, abs=60.0)
-    assert told[0] == "timers"
-    (event,) = [event for event in told if isinstance(event, ev.ClockSet)]
+    assert reported[0] == "timers"
+    (event,) = [event for event in reported if isinstance(event, ev.ClockSet)]
     assert event.by_s == pytest.approx(6 * 3600.0, abs=60.0)
 
 

@@ -52,7 +52,7 @@ def test_without_a_runtime_folder_a_long_path_s_socket_lies_in_a_folder_of_one_s
 
 
 @pytest.mark.parametrize(
-    ("prepare", "why"),
+    ("prepare", "reason"),
     [
         (lambda folder: folder.mkdir(mode=0o755), "is open to other users .mode 755."),
         (lambda folder: folder.mkdir(mode=0o710), "is open to other users .mode 710."),
@@ -60,10 +60,10 @@ def test_without_a_runtime_folder_a_long_path_s_socket_lies_in_a_folder_of_one_s
         (lambda folder: folder.touch(), "cannot be used"),
     ],
 )
-def test_a_temporary_folder_that_others_may_have_made_is_refused(temporary, prepare, why):
+def test_a_temporary_folder_that_others_may_have_made_is_refused(temporary, prepare, reason):
     folder, find_socket = temporary
     prepare(folder)
-    with pytest.raises(Refused, match=f"{folder} {why}.*name a shorter --socket"):
+    with pytest.raises(Refused, match=f"{folder} {reason}.*name a shorter --socket"):
         find_socket()
 
 

@@ -171,8 +171,8 @@ def test_session_prints_a_part_to_a_virtual_ender_3(tmp_path: Path):
             wait_s = max(0.0, min(clock.wall_seconds(due_s), 1.0))
             data = port.read() if select.select([port.fileno()], [], [], wait_s)[0] else b""
             now_s = clock.now()
-            heard = (link.receive(data, now_s) or ()) if data else ()
-            session.advance([*heard, *link.tick(now_s)], now_s)
+            received = (link.receive(data, now_s) or ()) if data else ()
+            session.advance([*received, *link.tick(now_s)], now_s)
             assert not context.wants_reset, context.reason
             port.write(link.take())
     assert (context.phase, context.fault) == (PrintPhase.DONE, None), context.reason

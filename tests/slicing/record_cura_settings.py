@@ -84,21 +84,21 @@ class Registry:
     def addContainer(self, container):
         self.containers[container.getId()] = container
 
-    def findContainers(self, **wanted):
-        return [self.containers[wanted["id"]]] if wanted.get("id") in self.containers else []
+    def findContainers(self, **expected):
+        return [self.containers[expected["id"]]] if expected.get("id") in self.containers else []
 
     findInstanceContainers = findContainers
 
-    def findDefinitionContainers(self, **wanted):
-        return [self.load(wanted["id"])]
+    def findDefinitionContainers(self, **expected):
+        return [self.load(expected["id"])]
 
-    def findInstanceContainersMetadata(self, **wanted):
+    def findInstanceContainersMetadata(self, **expected):
         return []
 
     findContainersMetadata = findInstanceContainersMetadata
 
-    def findDefinitionContainersMetadata(self, **wanted):
-        path = self.folder / "definitions" / f"{wanted['id']}.def.json"
+    def findDefinitionContainersMetadata(self, **expected):
+        path = self.folder / "definitions" / f"{expected['id']}.def.json"
         return [json.loads(path.read_text()).get("metadata", {})] if path.is_file() else []
 
 
@@ -179,7 +179,7 @@ class Cura:
             (root / "usr/lib/cura/plugins/XmlMaterialProfile/product_to_id.json").read_text()
         )
         self.Material.getProductIdMap = classmethod(
-            lambda cls: {name: [one] for name, one in products.items()}
+            lambda cls: {name: [item] for name, item in products.items()}
         )
         # The files are of this version: nothing is upgraded.
         of("UM.Settings.Interfaces", "ContainerInterface")._updateSerialized = classmethod(
@@ -245,36 +245,38 @@ class Cura:
             self.registry.addContainer(container)
             container.deserialize((self.folder / "materials" / f"{name}.xml.fdm_material").read_text(), name)
         names = (f"{name}_{machine}_{hotend.replace(' ', '_')}", f"{name}_{machine}", name)
-        return next(self.registry.containers[one] for one in names if one in self.registry.containers)
+        return next(self.registry.containers[item] for item in names if item in self.registry.containers)
 
     def record(self, machine, hotend, material, quality, user):
         definition = self.definition(machine)
         metadata = definition.getMetaData()
         base = metadata.get("quality_definition", machine)
         qualities = [
-            one for one in self.profiles("quality", base) if one.getMetaDataEntry("quality_type") == quality
+            item
+            for item in self.profiles("quality", base)
+            if item.getMetaDataEntry("quality_type") == quality
         ]
-        shared = next(one for one in qualities if one.getMetaDataEntry("global_quality") == "True")
+        shared = next(item for item in qualities if item.getMetaDataEntry("global_quality") == "True")
         variant, own = self.empty("variant"), shared
         kind = self.material(material, machine, hotend).getMetaDataEntry("material")
         if metadata.get("has_variants"):
-            variant = next(one for one in self.profiles("variants", machine) if one.getName() == hotend)
-            fitting = [one for one in qualities if one.getMetaDataEntry("variant") == hotend]
+            variant = next(item for item in self.profiles("variants", machine) if item.getName() == hotend)
+            fitting = [item for item in qualities if item.getMetaDataEntry("variant") == hotend]
             own = next(
-                (one for one in fitting if one.getMetaDataEntry("material") == material), None
+                (item for item in fitting if item.getMetaDataEntry("material") == material), None
             ) or next(
-                one
-                for one in fitting
-                if self.material(one.getMetaDataEntry("material"), machine, hotend).getMetaDataEntry(
+                item
+                for item in fitting
+                if self.material(item.getMetaDataEntry("material"), machine, hotend).getMetaDataEntry(
                     "material"
                 )
                 == kind
             )
-        everything = self.Global("global")
+        all_values = self.Global("global")
         train = self.Extruder("extruder")
-        self.managers.activeMachine = everything
+        self.managers.activeMachine = all_values
         number = self.definition(metadata["machine_extruder_trains"]["0"], "extruders")
-        self.fill(everything, [None, None, None, shared, None, None, None, definition], user, machine)
+        self.fill(all_values, [None, None, None, shared, None, None, None, definition], user, machine)
         self.fill(
             train,
             [None, None, None, own, self.material(material, machine, hotend), variant, None, number],
@@ -282,8 +284,8 @@ class Cura:
             machine,
         )
         train.setMetaDataEntry("position", "0")
-        train.setNextStack(everything)
-        everything._extruders["0"] = train
+        train.setNextStack(all_values)
+        all_values._extruders["0"] = train
         keys = sorted(definition.getAllKeys() | number.getAllKeys())
         settings = [
             key
@@ -292,7 +294,7 @@ class Cura:
         ]
         return {
             "global": {
-                key: str(everything.getProperty(key, "value"))
+                key: str(all_values.getProperty(key, "value"))
                 for key in settings
                 if definition.findDefinitions(key=key)
             },
@@ -314,7 +316,7 @@ class Cura:
             "definition_changes",
             "",
         )
-        stack._containers = [one or self.empty(name) for one, name in zip(containers, names, strict=True)]
+        stack._containers = [item or self.empty(name) for item, name in zip(containers, names, strict=True)]
         changes = self.Instance("changes")
         changes.getDefinition = lambda: self.definition(machine)
         changes.setDefinition(machine)
@@ -330,8 +332,8 @@ def main():
     recorded = [cura.record(*combination) for combination in COMBINATIONS]
     tables = {}
     for scope in ("global", "extruder"):
-        keys = sorted({key for one in recorded for key in one[scope]})
-        tables[scope] = {key: [one[scope].get(key) for one in recorded] for key in keys}
+        keys = sorted({key for item in recorded for key in item[scope]})
+        tables[scope] = {key: [item[scope].get(key) for item in recorded] for key in keys}
     content = json.dumps({"combinations": COMBINATIONS, **tables}, indent=0)
     out.write_bytes(gzip.compress(content.encode(), 9, mtime=0))
 

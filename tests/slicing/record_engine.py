@@ -40,13 +40,13 @@ def main():
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "model.stl"
         path.write_bytes(stl)
-        ran = run_engine(engine, path, settings.global_, settings.extruder, EngineLimits(30, 60.0))
+        result = run_engine(engine, path, settings.global_, settings.extruder, EngineLimits(30, 60.0))
     record = {
         "version": engine_version(engine),
         "settings": dataclasses.asdict(settings),
         "stl": base64.b64encode(stl).decode(),
-        "gcode": ran.gcode.decode(),
-        "log": ran.log,
+        "gcode": result.gcode.decode(),
+        "log": result.log,
     }
     Path(sys.argv[1]).write_bytes(gzip.compress(json.dumps(record).encode(), 9, mtime=0))
 

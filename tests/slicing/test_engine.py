@@ -46,20 +46,20 @@ def writers(fifo):
     """Wait for all who hold the writing end of a fifo to be gone."""
     os.mkfifo(fifo)
     reader = os.open(fifo, os.O_RDONLY | os.O_NONBLOCK)
-    gone = select.poll()
-    gone.register(reader, 0)
+    removed = select.poll()
+    removed.register(reader, 0)
     try:
-        yield lambda: bool(gone.poll(20_000))
+        yield lambda: bool(removed.poll(20_000))
     finally:
         os.close(reader)
 
 
 def test_output_and_log_are_returned(run):
-    ran = run("echo out; echo err >&2; echo G28 > part.gcode; cat global.json; ls")
-    assert ran.gcode == b"G28\n"
-    assert ran.log.startswith("out\nerr\n")
-    assert '"default_value": "1"' in ran.log
-    assert "part.stl" in ran.log
+    result = run("echo out; echo err >&2; echo G28 > part.gcode; cat global.json; ls")
+    assert result.gcode == b"G28\n"
+    assert result.log.startswith("out\nerr\n")
+    assert '"default_value": "1"' in result.log
+    assert "part.stl" in result.log
 
 
 def test_nothing_written_is_an_empty_file(run):
@@ -67,7 +67,7 @@ def test_nothing_written_is_an_empty_file(run):
 
 
 @pytest.mark.parametrize(
-    ("body", "error", "says"),
+    ("body", "error", "message"),
     [
         ("echo '[ERROR] no such luck' >&2; exit 3", EngineFailed, r"exit code 3\): \[ERROR\] no such luck"),
         ("exit 3", EngineFailed, "log is empty"),
@@ -83,8 +83,8 @@ def test_nothing_written_is_an_empty_file(run):
         ),
     ],
 )
-def test_each_end_has_its_name(run, body, error, says):
-    with pytest.raises(error, match=says) as failed:
+def test_each_end_has_its_name(run, body, error, message):
+    with pytest.raises(error, match=message) as failed:
         run(body)
     assert type(failed.value) is error
     assert isinstance(failed.value, SlicingError)
@@ -98,17 +98,17 @@ def test_success_at_the_second_attempt_counts(run, tmp_path):
 
 def test_hanging_engine_is_killed_with_its_children(run, tmp_path):
     fifo = tmp_path / "fifo"
-    with writers(fifo) as gone:
+    with writers(fifo) as removed:
         with pytest.raises(EngineTimeout, match=r"did not finish within 0\.5 s; scale"):
             run(f"sleep 600 > {fifo} & sleep 600 > {fifo}", timeout_s=0.5)
-        assert gone()
+        assert removed()
 
 
 def test_children_left_running_are_killed(run, tmp_path):
     fifo = tmp_path / "fifo"
-    with writers(fifo) as gone:
+    with writers(fifo) as removed:
         assert run(f"exec 3> {fifo}; sleep 600 & echo done").log == "done\n"
-        assert gone()
+        assert removed()
 
 
 def test_engine_with_closed_streams_is_awaited(run):
@@ -144,22 +144,22 @@ def test_the_real_one_without_memory(engine, tmp_path, settings_of, cube_20):
 
 def test_progress_is_read_from_the_log(run):
     shares = []
-    said = r"printf 'Progress:inset+skin:1:100 \t0.250000%%\nProgress:export:9:9 \t0.750000%%\n'"
-    run(f"[ $3 = -p ] || exit 1; {said}", progress=shares.append)
+    message = r"printf 'Progress:inset+skin:1:100 \t0.250000%%\nProgress:export:9:9 \t0.750000%%\n'"
+    run(f"[ $3 = -p ] || exit 1; {message}", progress=shares.append)
     assert shares == [0.75]
     run("[ $3 = -m1 ] || exit 1")
 
 
 def test_engine_dies_with_its_caller(tmp_path, script):
     fifo = tmp_path / "fifo"
-    asked = script(f"exec sleep 600 > {fifo}")
+    requested = script(f"exec sleep 600 > {fifo}")
     code = (
         "import sys, pathlib\n"
         "from slicing.engine import EngineLimits, run_engine\n"
         f"limits = EngineLimits(1, 600)\n"
-        f"run_engine(pathlib.Path({str(asked)!r}), pathlib.Path('none'), {{}}, {{}}, limits)"
+        f"run_engine(pathlib.Path({str(requested)!r}), pathlib.Path('none'), {{}}, {{}}, limits)"
     )
-    with writers(fifo) as gone:
+    with writers(fifo) as removed:
         root = Path(engine_module.__file__).parents[1]
         environ = {"TMPDIR": str(tmp_path), "PYTHONPATH": str(root), "PATH": os.environ["PATH"]}
         worker = subprocess.Popen([sys.executable, "-c", code], env=environ)
@@ -167,7 +167,7 @@ def test_engine_dies_with_its_caller(tmp_path, script):
         os.close(reader)
         worker.send_signal(signal.SIGKILL)
         worker.wait()
-        assert gone()
+        assert removed()
 
 
 @pytest.mark.parametrize(

@@ -163,10 +163,10 @@ def test_bad_input_is_rejected_and_leaves_no_file(request_for, content, rule):
 def test_the_same_again_runs_no_engine(request_for, cube_20, tmp_path, settings_of):
     request = request_for(cube_20, cache=tmp_path / "cache")
     first = slice_plate(request)
-    again = slice_plate(replace(request, out=tmp_path / "again.gcode"))
-    assert (first.cached, again.cached) == (False, True)
-    assert again == replace(first, gcode=again.gcode, cached=True)
-    assert again.gcode.read_bytes() == first.gcode.read_bytes()
+    repeated = slice_plate(replace(request, out=tmp_path / "again.gcode"))
+    assert (first.cached, repeated.cached) == (False, True)
+    assert repeated == replace(first, gcode=repeated.gcode, cached=True)
+    assert repeated.gcode.read_bytes() == first.gcode.read_bytes()
     assert not slice_plate(replace(request, settings=settings_of("paper"))).cached
     with pytest.raises(SliceRejected, match="build volume"):
         slice_plate(replace(request, bed=((-5.0, -5.0, 5.0, 5.0, 205.0),)))
@@ -198,8 +198,8 @@ def test_a_damaged_cache_is_sliced_anew(request_for, cube_20, tmp_path):
     first = slice_plate(request)
     for path in cache.glob("*.gcode"):
         path.write_text("G28")
-    again = slice_plate(request)
-    assert (again.cached, again.sha256) == (False, first.sha256)
+    repeated = slice_plate(request)
+    assert (repeated.cached, repeated.sha256) == (False, first.sha256)
     for path in cache.glob("*.json"):
         path.write_text("{}")
     assert not slice_plate(request).cached

@@ -15,8 +15,8 @@ MODEL = "creality_ender3"
 
 @pytest.mark.parametrize("quality", ["glue", "paper", "standard"])
 def test_a_part_passes_all_checks_of_a_slice(tmp_path, engine, resources, quality):
-    wanted = SettingsRequest(PRINTERS[MODEL], quality, material="generic_pla_175")
-    settings = resolve_settings(wanted, resources)
+    expected = SettingsRequest(PRINTERS[MODEL], quality, material="generic_pla_175")
+    settings = resolve_settings(expected, resources)
     assert settings.filament_diameter_mm == 1.75
     boxes = part_room(BEDS[MODEL], 0.0)
     bed = tuple((*corners(box.rect), box.height_mm) for box in boxes)
@@ -40,6 +40,6 @@ def test_thick_filament_is_refused_and_a_thin_one_named(resources):
 
 
 def test_missing_nozzle_is_refused(resources):
-    wanted = SettingsRequest(PRINTERS[MODEL], material="generic_pla_175", nozzle_mm=0.7)
+    expected = SettingsRequest(PRINTERS[MODEL], material="generic_pla_175", nozzle_mm=0.7)
     with pytest.raises(BadSetting, match=r"nozzle 0.7 mm.*0.4mm Nozzle"):
-        resolve_settings(wanted, resources)
+        resolve_settings(expected, resources)

@@ -121,14 +121,14 @@ class Printer:
 
 @asynccontextmanager
 async def printer(folder: Path, faults: str = "") -> AsyncIterator[Printer]:
-    one = Printer(folder / "agent", f"sim://{MODEL}{faults}")
-    one.spawn()
+    item = Printer(folder / "agent", f"sim://{MODEL}{faults}")
+    item.spawn()
     try:
-        await one.connect()
-        await one.ready()
-        yield one
+        await item.connect()
+        await item.ready()
+        yield item
     finally:
-        await one.close()
+        await item.close()
 
 
 def run(story: Coroutine[Any, Any, None]) -> None:

@@ -42,7 +42,7 @@ def join_slices(work, cut, tasks, slices):
     """A sliced job of these slices."""
     sections = {section.name: section for section in work.printers}
     each = zip(cut.parts, tasks, slices, strict=True)
-    parts = (SlicedPart(part, sections[part.printer], one, result) for part, one, result in each)
+    parts = (SlicedPart(part, sections[part.printer], item, result) for part, item, result in each)
     return SlicedJob(work, cut, tuple(parts))
 
 

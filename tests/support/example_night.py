@@ -68,6 +68,6 @@ def status_of(books):
             name="farm", timezone="UTC", time_scale=1, now=context.format_time(NOW_S), file="f"
         ),
         printers=[describe_printer(context, FLEET.printer(name), HOLD) for name in PRINTERS],
-        jobs=[describe_job(context, one) for one in select_shown_jobs(books)],
+        jobs=[describe_job(context, item) for item in select_shown_jobs(books)],
         night=describe_night(context),
     )

@@ -44,13 +44,13 @@ class Host:
 
     def say(self, line: str, seconds: float = 600.0) -> list[str]:
         """Send a line and wait for its ok (that may be glued behind other words)."""
-        said = self.put(line)
+        message = self.put(line)
         end_s = self.now_s + seconds
-        while not any(word.endswith("ok") or word.startswith("ok") for word in said):
+        while not any(word.endswith("ok") or word.startswith("ok") for word in message):
             due_s = self.firmware.deadline_s()
-            assert due_s <= end_s, f"no ok to {line!r}, only {said}"
-            said += self.until(due_s)
-        return said
+            assert due_s <= end_s, f"no ok to {line!r}, only {message}"
+            message += self.until(due_s)
+        return message
 
     def number(self, body: str) -> list[str]:
         """Send a line with number and checksum."""

@@ -112,8 +112,8 @@ class KilledFarm(RealFarm):
 
     def submission(self, number, **options):
         """Return the path and the body of a submission."""
-        text, wanted = self.gcode.read_bytes(), quote(json.dumps(options))
-        words = f"request_id=request-{number}&name=plate.gcode&size={len(text)}&options={wanted}"
+        text, expected = self.gcode.read_bytes(), quote(json.dumps(options))
+        words = f"request_id=request-{number}&name=plate.gcode&size={len(text)}&options={expected}"
         return f"/jobs?{words}", text
 
     def approve(self):
@@ -123,7 +123,7 @@ class KilledFarm(RealFarm):
 
     def find_good(self, failing=()):
         """Find all jobs good as they are printed; `failing` are those of all prints begun that fail."""
-        begun = []
+        started = []
         give_up = time.monotonic() + PATIENCE_S
         while True:
             view = self.insist("GET", "/status")
@@ -132,10 +132,10 @@ class KilledFarm(RealFarm):
             assert time.monotonic() < give_up, (view, self.log())
             for printer in view["printers"]:
                 key = printer["print"] and (printer["name"], printer["print"]["plate"])
-                if key and printer["print"]["layer"] and key not in begun:
-                    if len(begun) in failing:
+                if key and printer["print"]["layer"] and key not in started:
+                    if len(started) in failing:
                         control(self.emulator(printer["name"]), Command.RESET)
-                    begun.append(key)
+                    started.append(key)
             self.clear_beds(view)
             time.sleep(LOOK_S)
 
@@ -157,9 +157,9 @@ class KilledFarm(RealFarm):
         found = {}
         for name in self.printers:
             for line in (self.state / "agents" / name / JOURNAL).read_text().splitlines():
-                said = json.loads(line).get("print")
-                if said is not None:
-                    found[said["print_id"]] = (name, said)
+                message = json.loads(line).get("print")
+                if message is not None:
+                    found[message["print_id"]] = (name, message)
         return found
 
     def books(self):
@@ -176,23 +176,23 @@ class KilledFarm(RealFarm):
         self.stop_keeping()
         books = self.books()
         assert len(books.jobs) == self.submitted
-        begun = [p for p in books.prints.values() if p.started_s is not None]
-        booked = {p.id: (p.printer, p.state, p.started_s, p.ended_s) for p in begun}
+        started = [p for p in books.prints.values() if p.started_s is not None]
+        booked = {p.id: (p.printer, p.state, p.started_s, p.ended_s) for p in started}
         journals = {
-            name: (printer, said["phase"], said["started_s"], said["ended_s"])
-            for name, (printer, said) in self.journals().items()
+            name: (printer, message["phase"], message["started_s"], message["ended_s"])
+            for name, (printer, message) in self.journals().items()
         }
         assert booked == journals
-        done = [p for p in begun if p.state is PrintState.DONE]
+        done = [p for p in started if p.state is PrintState.DONE]
         assert sorted(p.plate for p in done) == sorted(books.plates)
         for key in (attrgetter("plate"), attrgetter("printer")):  # one after the other
-            in_turn = sorted(begun, key=attrgetter("started_s"))
+            in_turn = sorted(started, key=attrgetter("started_s"))
             for _, prints in itertools.groupby(sorted(in_turn, key=key), key):
                 assert all(one.ended_s <= then.started_s for one, then in itertools.pairwise(prints))
         assert {p.bed for p in books.printers.values()} == {Bed.CLEAR}
         # What the printers themselves fed: every plate once, and of a failed print no more than a plate. A
         # board that was reset in its last print has its filament at the nozzle yet.
         each_mm = PRIMED_MM + self.fed_mm
-        seen = [self.emulator_status(name) for name in self.printers]
-        fed_mm = sum(one.filament_mm - (one.filament_end_mm + ULTIMAKER2_PLUS.parked_mm) for one in seen)
-        assert len(done) * each_mm - 1.0 < fed_mm < len(begun) * each_mm + 1.0, (fed_mm, seen)
+        observed = [self.emulator_status(name) for name in self.printers]
+        fed_mm = sum(one.filament_mm - (one.filament_end_mm + ULTIMAKER2_PLUS.parked_mm) for one in observed)
+        assert len(done) * each_mm - 1.0 < fed_mm < len(started) * each_mm + 1.0, (fed_mm, observed)

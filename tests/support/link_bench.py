@@ -40,8 +40,8 @@ class Firmware:
                 return self.wrong(b"Line Number is not Last Line Number+1")
             if star < 0:
                 return self.wrong(b"No Checksum with line number")
-            said = re.match(rb"\d*", line[star + 1 :])
-            if reduce(xor, line[:star], 0) != int((said and said[0]) or b"-1"):
+            message = re.match(rb"\d*", line[star + 1 :])
+            if reduce(xor, line[:star], 0) != int((message and message[0]) or b"-1"):
                 return self.wrong(b"checksum mismatch")
             self.last = n
             body = remove_frame(line)

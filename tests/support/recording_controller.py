@@ -81,6 +81,6 @@ class Farm(Commands):
     def report(self, name, *prints):
         """An agent lists what it printed since the books were copied, and says how things are."""
         facts = {"link": Link.READY, "agent_pid": 9, "filament": FilamentState.PARKED}
-        said = AgentSnapshot(printer=name, print=prints[-1] if prints else None, **facts)
-        self.controller.on_journal(said, prints)
-        self.controller.on_snapshot(said)
+        message = AgentSnapshot(printer=name, print=prints[-1] if prints else None, **facts)
+        self.controller.on_journal(message, prints)
+        self.controller.on_snapshot(message)

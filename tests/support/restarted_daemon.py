@@ -95,5 +95,5 @@ def keep(fates):
 
 
 if __name__ == "__main__":
-    _, told, *sys.argv[1:] = sys.argv
-    keep(json.loads(told))
+    _, reported, *sys.argv[1:] = sys.argv
+    keep(json.loads(reported))

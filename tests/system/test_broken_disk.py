@@ -43,7 +43,7 @@ def tended(farm):
     view = farm.insist("GET", "/status")
     farm.clear_beds(view)
     prints = [printer["print"] for printer in view["printers"] if printer["print"]]
-    return {one["plate"] for one in prints if one["layer"]}
+    return {rig["plate"] for rig in prints if rig["layer"]}
 
 
 def both_are_off(farm):
@@ -55,11 +55,13 @@ def both_are_off(farm):
 def cannot_start(farm, read_only=False):
     """Return the line in which the daemon gives the reason."""
     command = [sys.executable, "-P", "-m", "farm.cli.main", *farm.daemon()]
-    tried = subprocess.run(farm.disk.command(command, read_only), check=False, capture_output=True, text=True)
-    assert tried.returncode == 1, tried.stderr
-    (line,) = (line for line in tried.stderr.splitlines() if line.startswith("farm: "))
+    attempted = subprocess.run(
+        farm.disk.command(command, read_only), check=False, capture_output=True, text=True
+    )
+    assert attempted.returncode == 1, attempted.stderr
+    (line,) = (line for line in attempted.stderr.splitlines() if line.startswith("farm: "))
     assert str(farm.told) in line
-    assert "Traceback" not in tried.stderr, tried.stderr
+    assert "Traceback" not in attempted.stderr, attempted.stderr
     return line
 
 
@@ -69,10 +71,10 @@ def test_full_disk_stops_and_loses_no_print(disk_farm):
     farm.submit(2)
     wait_for("both to print", lambda: tended(farm) == {"1/01", "2/01"})
     farm.disk.fill()
-    status, said = farm.answer("POST", *farm.submission(9))
+    status, message = farm.answer("POST", *farm.submission(9))
     assert status == 500
-    assert "No space left" in said["error"]
-    assert "check its disk space" in said["error"]
+    assert "No space left" in message["error"]
+    assert "check its disk space" in message["error"]
     assert len(farm.insist("GET", "/status")["jobs"]) == 2
     wait_for("both to end, and nobody can write that down", lambda: both_are_off(farm))
     (first, *_) = farm.insist("GET", "/status")["todo"]

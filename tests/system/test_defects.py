@@ -89,12 +89,12 @@ def one_line(stderr):
 
 @pytest.mark.parametrize("defect", REFUSED)
 def test_unusable_model_is_refused(shared_farm, tmp_path, defect):
-    make, said = REFUSED[defect]
+    make, message = REFUSED[defect]
     path = tmp_path / "model.stl"
     path = make(path) or path
     result = shared_farm.run("submit", path, "--wait")
     assert result.returncode == 5, result.stderr
-    assert said in one_line(result.stderr)
+    assert message in one_line(result.stderr)
     assert shared_farm.status()["jobs"] == []
 
 

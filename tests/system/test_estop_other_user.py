@@ -26,9 +26,9 @@ app(["estop", "--json", "--socket", sys.argv[2]])
 
 
 def connected(path):
-    one = socket.socket(socket.AF_UNIX)
-    one.connect(str(path))
-    return one
+    rig = socket.socket(socket.AF_UNIX)
+    rig.connect(str(path))
+    return rig
 
 
 @pytest.mark.system
@@ -62,10 +62,10 @@ def test_member_of_the_group_stops_a_printer_whose_daemon_and_agent_hang(tmp_pat
             idle = [connected(path) for _ in range(CROWD)]
             serving = subprocess.Popen(command, stdin=listening)  # as systemd does it
             asking = subprocess.Popen(words, stdout=subprocess.PIPE)
-            said, _ = asking.communicate(timeout=120)
-            for one in idle:
-                one.close()
-            [row] = json.loads(said)["printers"]
+            message, _ = asking.communicate(timeout=120)
+            for rig in idle:
+                rig.close()
+            [row] = json.loads(message)["printers"]
             assert (asking.returncode, row["printer"], row["seen_off"]) == (0, "um2-01", True)
         finally:
             if serving is not None:

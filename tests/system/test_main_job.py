@@ -49,9 +49,9 @@ def test_model_is_printed_to_its_last_part(farm, bar):
     for name in ("one", "two"):
         printer = farm.printer(name)
         assert (printer["bed"], printer["filament"], printer["heaters_off"]) == ("not_clear", "parked", True)
-        seen = farm.emulator_status(name)
-        assert (seen.nozzle_target_c, seen.bed_target_c, seen.bed_clear) == (0.0, 0.0, False)
-        assert seen.filament_mm > 0
+        observed = farm.emulator_status(name)
+        assert (observed.nozzle_target_c, observed.bed_target_c, observed.bed_clear) == (0.0, 0.0, False)
+        assert observed.filament_mm > 0
     todo = farm.status()["todo"]
     assert [item["code"] for item in todo] == ["clear"]
     text = farm.ok("status")
@@ -119,8 +119,8 @@ def test_printer_of_a_dead_agent_is_cooled(farm, bar):
     killed = time.monotonic()
 
     def cold():
-        seen = farm.emulator_status("one")
-        return seen.nozzle_target_c == 0 and seen.bed_target_c == 0
+        observed = farm.emulator_status("one")
+        return observed.nozzle_target_c == 0 and observed.bed_target_c == 0
 
     # Not a benchmark but the promise itself: five seconds from an agent's death to no heat.
     wait_for("targets 0", cold, patience_s=5.0)
@@ -165,8 +165,8 @@ def test_farm_down_is_refused_during_a_print_without_an_option(farm, bar):
     farm.ok("down", "--now")
     assert farm.run("status").returncode == 3
     for name in ("one", "two"):
-        seen = farm.emulator_status(name)
-        assert (seen.nozzle_target_c, seen.bed_target_c) == (0.0, 0.0)
+        observed = farm.emulator_status(name)
+        assert (observed.nozzle_target_c, observed.bed_target_c) == (0.0, 0.0)
 
 
 def test_cancelled_job_ends_safely_and_is_not_repeated(farm, bar):

@@ -32,8 +32,8 @@ def printed(farm, number, path):
         assert job["elapsed_s"] > 0.95 * job["estimated_s"]
     assert job["serial_s"] == job["estimated_s"]
     assert Path(job["parts"][0]["file"]).read_bytes() == path.read_bytes()
-    seen = farm.emulator_status("one")
-    assert (seen.nozzle_target_c, seen.bed_target_c, seen.bed_clear) == (0.0, 0.0, False)
+    observed = farm.emulator_status("one")
+    assert (observed.nozzle_target_c, observed.bed_target_c, observed.bed_clear) == (0.0, 0.0, False)
     assert farm.printer("one")["filament"] == "parked"
     assert {f.name for f in Path(job["folder"]).iterdir()} == {"p01.gcode", "plate-01.gcode"}
     return job
@@ -76,18 +76,18 @@ def test_unprintable_gcode_is_refused_at_submission(one, tmp_path):
 
 def test_truncated_file_is_refused_and_foreign_machine_is_a_warning(one, tmp_path):
     path, whole = tmp_path / "tower.gcode", [";LAYER_COUNT:3", *marlin()]
-    for cut, said in (
+    for cut, message in (
         ("\n".join(whole[: whole.index(";LAYER:2")]) + "\n", "names 3 layers, and 2 of them"),
         ("\n".join(whole), "no newline"),
     ):
         path.write_text(cut)
         result = one.run("submit", path)
-        assert (result.returncode, said in result.stderr, "--force" in result.stderr) == (5, True, False)
+        assert (result.returncode, message in result.stderr, "--force" in result.stderr) == (5, True, False)
     path.write_text("\n".join([*whole, "; printer_model = MK3S"]) + "\n")
     warning = "Warning: it was sliced for 'MK3S'."
     assert warning in one.ok("submit", path)
     assert warning in " ".join(one.ok("status", "1").split())
-    (said,) = [
+    (message,) = [
         line for line in json.loads(one.ok("status", "1", "--json"))["job"]["repairs"] if "MK3S" in line
     ]
-    assert said.startswith(warning)
+    assert message.startswith(warning)

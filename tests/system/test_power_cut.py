@@ -85,8 +85,8 @@ def test_database_keeps_every_committed_event(tmp_path):
     with subprocess.Popen(words, env=env, stdin=pipe, stdout=pipe, text=True) as process:
         assert process.stdin is not None and process.stdout is not None
         committed: list[str] = []
-        while said := process.stdout.readline().strip():
-            committed.append(said)
+        while message := process.stdout.readline().strip():
+            committed.append(message)
             left = tmp_path / f"left-{len(committed)}"
             left.mkdir()
             for file in synced.iterdir():

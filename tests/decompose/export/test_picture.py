@@ -34,12 +34,12 @@ def test_colours_differ() -> None:
 
 def test_the_glb_has_each_part_where_it_is_in_metres_with_y_up(parts: list[Part], tmp_path: Path) -> None:
     write_glb(parts, tmp_path / "assembly.glb")
-    scene = trimesh.load_scene(tmp_path / "assembly.glb")
-    assert sorted(scene.geometry) == ["p01", "p02", "p03", "p04"]
-    assert scene.bounds == pytest.approx(np.array([[0.0, 0.0, -0.09], [0.29, 0.09, 0.0]]))
-    colours = {tuple(mesh.visual.material.baseColorFactor) for mesh in scene.geometry.values()}
+    view_context = trimesh.load_scene(tmp_path / "assembly.glb")
+    assert sorted(view_context.geometry) == ["p01", "p02", "p03", "p04"]
+    assert view_context.bounds == pytest.approx(np.array([[0.0, 0.0, -0.09], [0.29, 0.09, 0.0]]))
+    colours = {tuple(mesh.visual.material.baseColorFactor) for mesh in view_context.geometry.values()}
     assert len(colours) == 4
-    mesh = scene.geometry["p02"]
+    mesh = view_context.geometry["p02"]
     mesh.merge_vertices(merge_norm=True, merge_tex=True)
     assert mesh.is_watertight
     assert mesh.volume == pytest.approx(parts[1].solid.volume_mm3, rel=1e-5)
@@ -51,8 +51,8 @@ def test_the_picture_shows_the_parts_that_are_seen(parts: list[Part], tmp_path: 
     height, width, _ = picture.shape
     assert abs(max(height, width) - 300) <= 1
     tops = (255 * part_colours(4)).astype(int)
-    for seen in range(3):  # a face is lit between half and all of its colour
-        shares = picture / np.maximum(1, tops[seen])
+    for observed in range(3):  # a face is lit between half and all of its colour
+        shares = picture / np.maximum(1, tops[observed])
         alike = (np.ptp(shares, axis=2) < 0.03) & (shares.max(axis=2) > 0.5) & (shares.max(axis=2) < 1.01)
         assert alike.sum() > 300
     assert (picture[: height // 8] == 255).all(axis=2).mean() > 0.5
@@ -61,7 +61,7 @@ def test_the_picture_shows_the_parts_that_are_seen(parts: list[Part], tmp_path: 
 def test_picture_names_hidden_parts(
     parts: list[Part], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    said: list[str] = []
-    monkeypatch.setattr("decompose.export.picture.fill", lambda text, width: said.append(text) or text)
+    message: list[str] = []
+    monkeypatch.setattr("decompose.export.picture.fill", lambda text, width: message.append(text) or text)
     draw_assembly(parts, tmp_path / "assembly.png", longest_px=300)
-    assert said == ["behind: 4"]
+    assert message == ["behind: 4"]

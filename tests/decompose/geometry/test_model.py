@@ -78,9 +78,9 @@ def test_scale_and_longest_side(tmp_path: Path) -> None:
 
 def test_model_in_metres_needs_a_scale(tmp_path: Path) -> None:
     path = save(tmp_path / "metres.stl", block((0, 0, 0), (0.1, 0.2, 0.26)))
-    with pytest.raises(ModelTiny, match=r"--longest-side MM, or --scale 1000 if it is in metres") as caught:
+    with pytest.raises(ModelTiny, match=r"--longest-side MM, or --scale 1000 if it is in metres") as raised:
         load_model(path)
-    assert "\n" not in str(caught.value)
+    assert "\n" not in str(raised.value)
     assert load_model(path, scale=1000.0).extents_mm.max() == pytest.approx(260.0)
 
 
@@ -116,10 +116,10 @@ def test_unreadable_and_empty(tmp_path: Path) -> None:
 def test_random_bytes_are_refused_in_one_line(tmp_path: Path, data: bytes, suffix: str) -> None:
     path = tmp_path / f"random{suffix}"
     path.write_bytes(data)
-    with pytest.raises(DecomposeError) as caught:
+    with pytest.raises(DecomposeError) as raised:
         load_model(path)
-    assert "\n" not in str(caught.value)
-    assert str(caught.value).startswith("random")
+    assert "\n" not in str(raised.value)
+    assert str(raised.value).startswith("random")
 
 
 def test_numbers_that_are_none(tmp_path: Path) -> None:
@@ -151,10 +151,10 @@ def test_loose_triangles_by_the_thousand_are_refused_before_any_is_closed(
 
     monkeypatch.setattr("decompose.geometry.repair._mesh_fix", never)
     soup = np.random.default_rng(3).uniform(0.0, 100.0, (12_000, 3, 3))
-    with pytest.raises(ModelNotSolid, match="12000 loose surfaces") as caught:
+    with pytest.raises(ModelNotSolid, match="12000 loose surfaces") as raised:
         load_model(save(tmp_path / "soup.stl", soup))
-    assert str(MAX_BODIES) in str(caught.value)
-    assert "\n" not in str(caught.value)
+    assert str(MAX_BODIES) in str(raised.value)
+    assert "\n" not in str(raised.value)
 
 
 def test_hundreds_of_bodies_are_one_solid(tmp_path: Path) -> None:
@@ -179,8 +179,8 @@ def test_half_a_model_is_not_closed_by_force(tmp_path: Path) -> None:
 def test_small_holes_are_closed(tmp_path: Path) -> None:
     triangles = np.delete(ball(), [10, 500, 900], axis=0)
     model = load_model(save(tmp_path / "holes.stl", triangles))
-    (said,) = model.repairs
-    assert "9 open edges" in said
+    (message,) = model.repairs
+    assert "9 open edges" in message
     assert model.mesh.is_watertight
     assert model.solid.volume_mm3 == pytest.approx(trimesh.creation.icosphere(3, 20.0).volume, rel=1e-3)
 
@@ -238,16 +238,16 @@ def test_messages_use_the_given_name_of_a_file(tmp_path: Path) -> None:
         load_model(path)
     with pytest.raises(ModelUnreadable, match=r"^gone\.stl: cannot be read"):
         load_model(tmp_path / "nowhere", name="gone.stl")
-    with pytest.raises(ModelUnreadable, match=r"^two\?lines\.stl: ") as caught:
+    with pytest.raises(ModelUnreadable, match=r"^two\?lines\.stl: ") as raised:
         load_model(path, name="two\nlines.stl")
-    assert "\n" not in str(caught.value)
+    assert "\n" not in str(raised.value)
     with pytest.raises(ModelUnreadable, match="cannot be read"):
         load_model(Path("nul\0byte.stl"))
 
 
 @pytest.mark.skipif(not MODELS.is_dir(), reason="the models from the wild are not here")
 @pytest.mark.parametrize(
-    ("name", "side", "said"),
+    ("name", "side", "message"),
     [
         ("stanford-bunny.stl", 260.0, "223 open edges"),
         ("3DBenchy.stl", None, "Dropped"),
@@ -256,12 +256,12 @@ def test_messages_use_the_given_name_of_a_file(tmp_path: Path) -> None:
         ("fandisk.stl", 100.0, None),
     ],
 )
-def test_models_from_the_wild(name: str, side: float | None, said: str | None) -> None:
+def test_models_from_the_wild(name: str, side: float | None, message: str | None) -> None:
     model = load_model(MODELS / name, longest_side_mm=side)
     assert model.mesh.is_watertight
     if side:
         assert model.extents_mm.max() == pytest.approx(side, rel=0.02)
-    assert any(said in r for r in model.repairs) if said else model.repairs == ()
+    assert any(message in r for r in model.repairs) if message else model.repairs == ()
 
 
 @pytest.mark.skipif(not MODELS.is_dir(), reason="the models from the wild are not here")

@@ -36,9 +36,9 @@ def test_any_unit_is_taken_with_a_longest_side(tmp_path: Path, factor: float) ->
     path = write_obj(tmp_path / "unit.obj", ball() * factor)
     model = load_model(path, longest_side_mm=100.0)
     assert model.extents_mm.max() == pytest.approx(100.0)
-    with pytest.raises((ModelTiny, ModelHuge)) as caught:
+    with pytest.raises((ModelTiny, ModelHuge)) as raised:
         load_model(path, scale=1.0)
-    assert "\n" not in str(caught.value)
+    assert "\n" not in str(raised.value)
 
 
 @pytest.mark.parametrize("offset", [1e8, 1e10, 1e12])
@@ -67,9 +67,9 @@ def test_senseless_sizes(
 ) -> None:
     path = tmp_path / "ball.stl"
     write_stl(path, ball().astype(np.float32))
-    with pytest.raises(error) as caught:
+    with pytest.raises(error) as raised:
         load_model(path, scale=scale, longest_side_mm=longest_side_mm)
-    assert "\n" not in str(caught.value)
+    assert "\n" not in str(raised.value)
 
 
 def test_a_speck_beside_a_point_is_no_solid(tmp_path: Path) -> None:
@@ -103,11 +103,11 @@ LYING = {
 @pytest.mark.parametrize("name", sorted(LYING))
 def test_files_that_lie(tmp_path: Path, name: str) -> None:
     (tmp_path / name).write_bytes(LYING[name])
-    with pytest.raises(DecomposeError) as caught:
+    with pytest.raises(DecomposeError) as raised:
         load_model(tmp_path / name)
-    assert "\n" not in str(caught.value)
-    assert str(caught.value).startswith(name)
-    assert "No module" not in str(caught.value)
+    assert "\n" not in str(raised.value)
+    assert str(raised.value).startswith(name)
+    assert "No module" not in str(raised.value)
 
 
 @pytest.mark.parametrize("encoding", ["binary", "ascii"])
@@ -129,9 +129,9 @@ def test_a_ply_with_a_lying_header(tmp_path: Path, encoding: str, true: bytes, l
     data = path.read_bytes()
     assert true in data
     path.write_bytes(data.replace(true, lie, 1))
-    with pytest.raises(DecomposeError, match=r"^lie\.ply: ") as caught:
+    with pytest.raises(DecomposeError, match=r"^lie\.ply: ") as raised:
         load_model(path)
-    assert "\n" not in str(caught.value)
+    assert "\n" not in str(raised.value)
 
 
 def test_bytes_behind_the_triangles_of_an_stl_are_left_out(tmp_path: Path) -> None:

@@ -32,9 +32,9 @@ def volume(data: bytes) -> float:
 
 
 def refused(data: bytes, kind: type[DecomposeError] = ModelUnreadable) -> str:
-    with pytest.raises(kind) as caught:
+    with pytest.raises(kind) as raised:
         read_3mf("a.3mf", data)
-    text = str(caught.value)
+    text = str(raised.value)
     assert text.startswith("a.3mf: ") and len(text) < 250 and "\n" not in text
     return text
 

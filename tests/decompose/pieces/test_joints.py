@@ -45,8 +45,8 @@ def test_two_halves() -> None:
 
 
 def test_a_plane_that_is_given_twice_counts_once() -> None:
-    one, other = cut(block((0, 0, 0), (60, 40, 30)), x=(25.0,))
-    twice = Piece(one.solid, np.concatenate([one.planes, -one.planes]), one.boxes_mm)
+    item, other = cut(block((0, 0, 0), (60, 40, 30)), x=(25.0,))
+    twice = Piece(item.solid, np.concatenate([item.planes, -item.planes]), item.boxes_mm)
     (joint,) = find_joints([twice, other])
     assert joint.area_mm2 == pytest.approx(1200.0)
 

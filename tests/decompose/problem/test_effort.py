@@ -128,8 +128,8 @@ def test_affordable_work_keeps_the_budget_unspent(budget_s: float, units: int) -
 @given(work=st.lists(st.tuples(st.sampled_from(Work), st.integers(0, 10**9))), budget_s=st.floats(0.0, 100.0))
 def test_sum_of_work_is_independent_of_order(work: list[tuple[Work, int]], budget_s: float) -> None:
     there, back = Effort(budget_s), Effort(budget_s)
-    for one, other in zip(work, reversed(work), strict=True):
-        there.record(*one)
+    for item, other in zip(work, reversed(work), strict=True):
+        there.record(*item)
         back.record(*other)
     assert there.spent_s == back.spent_s
     assert there.spent_s == pytest.approx(sum(WORK_NS[kind] * units for kind, units in work) / 1e9)

@@ -143,10 +143,10 @@ def test_a_broken_rule_is_named(
     name: str | None,
 ) -> None:
     spoilt = replace(good, parts=tuple(spoil(list(good.parts), model, grid)))
-    with pytest.raises(GeometryError) as caught:
+    with pytest.raises(GeometryError) as raised:
         check_result(spoilt.parts, in_mm(grid, halves), model, PRINTERS, 5.0)
-    assert (caught.value.rule, caught.value.part) == (rule, name)
-    assert str(rule) in str(caught.value)
+    assert (raised.value.rule, raised.value.part) == (rule, name)
+    assert str(rule) in str(raised.value)
 
 
 def test_what_is_missing_must_be_whole_cells_away_from_the_surface(cost: CostModel) -> None:
@@ -167,13 +167,13 @@ def test_what_is_missing_must_be_whole_cells_away_from_the_surface(cost: CostMod
 
     hollow = replace(base, parts=(part(shell, "p01", "p"),))
     check_missing(hollow.parts, in_mm(grid, around(4)), block, 15.0)
-    with pytest.raises(GeometryError) as caught:
+    with pytest.raises(GeometryError) as raised:
         check_missing(hollow.parts, in_mm(grid, [(0, 0, 0, 10, 10, 10)]), block, 15.0)
-    assert caught.value.rule == Rule.INSIDE
+    assert raised.value.rule == Rule.INSIDE
     thin = replace(base, parts=(part(near, "p01", "p"),))
-    with pytest.raises(GeometryError) as caught:
+    with pytest.raises(GeometryError) as raised:
         check_missing(thin.parts, in_mm(grid, around(1)), block, 15.0)
-    assert caught.value.rule == Rule.WALL
+    assert raised.value.rule == Rule.WALL
 
 
 @pytest.mark.parametrize(("top", "gap"), [(199.0, 1.0), (189.0, None)])
@@ -199,9 +199,9 @@ def test_the_wall_is_measured_to_faces_not_only_to_their_corners(
     if gap is None:
         check_missing(hollow.parts, in_mm(grid, around), cube, 10.0)
         return
-    with pytest.raises(GeometryError, match=f"is {gap:.2f} mm from the surface") as caught:
+    with pytest.raises(GeometryError, match=f"is {gap:.2f} mm from the surface") as raised:
         check_missing(hollow.parts, in_mm(grid, around), cube, 10.0)
-    assert caught.value.rule == Rule.WALL
+    assert raised.value.rule == Rule.WALL
 
 
 def test_a_spoilt_file_is_refused(good: Decomposition, tmp_path: Path) -> None:

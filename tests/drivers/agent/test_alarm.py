@@ -39,9 +39,9 @@ class Agent:
             self.board._on_idle_report(Report(nozzle_c, 0.0, 21.0, 0.0), 0.0)
             self.recorder.record_changes()
 
-    def until(self, seen: Callable[[], bool]) -> None:
+    def until(self, observed: Callable[[], bool]) -> None:
         until_s = time.monotonic() + DEADLINE_S
-        while not seen():
+        while not observed():
             assert time.monotonic() < until_s
             select.select([], [], [], 0.01)
             self.recorder.record_changes()
@@ -222,13 +222,13 @@ def test_mains_are_cut_once_at_the_end_of_a_print_with_a_short_reason(
     rig.firmware.trigger_fault(f"{heater}_burns_after", rig.now_s)
     go_on(agent, rig, lambda: agent.alarm is not None)
     assert rig.session.context.phase is PrintPhase.ENDING  # while it still ends, people are told
-    told = read_journal(tmp_path / JOURNAL)[0].alarm
-    assert told is not None and told.suspected and f"the {heater} went up to" in told.text
+    reported = read_journal(tmp_path / JOURNAL)[0].alarm
+    assert reported is not None and reported.suspected and f"the {heater} went up to" in reported.text
     go_on(agent, rig, lambda: agent.board.session is None)
     ended = agent.journal.state.print
     assert ended is not None and ended.phase is PrintPhase.FAILED
-    said = CUT if command else NO_COMMAND
-    assert str(ended.reason).count(said) == 1 and len(str(ended.reason)) < 250
+    message = CUT if command else NO_COMMAND
+    assert str(ended.reason).count(message) == 1 and len(str(ended.reason)) < 250
     assert runs(mark) == command
     assert agent.look == ended.reason
     agent.report(300.0)

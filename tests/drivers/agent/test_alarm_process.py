@@ -26,46 +26,46 @@ def test_shorted_nozzle_cuts_the_mains_once(tmp_path: Path, killed: bool):
     script = tmp_path / "relay.sh"
     script.write_text(f'#!/bin/sh\necho "$1" >> {mark}\nread go < {gate}\n')
     script.chmod(0o700)
-    one = Printer(tmp_path / "agent", f"sim://{MODEL}")
-    one.clock, one.power_off_cmd = Clock(SCALE, time.time()), f"{script} {{printer}}"
+    rig = Printer(tmp_path / "agent", f"sim://{MODEL}")
+    rig.clock, rig.power_off_cmd = Clock(SCALE, time.time()), f"{script} {{printer}}"
 
     async def story() -> None:
         try:
-            one.spawn()
-            await one.connect()
-            await one.ready()
+            rig.spawn()
+            await rig.connect()
+            await rig.ready()
             text = gcode(5000).replace("M140 S40\n", "").replace("M190 S40\n", "")
-            assert (await one.start(text)).error is None
-            await one.phase(m.PrintPhase.PRINTING)
-            control(one.folder / "emulator", "break", fault="nozzle_burns_after")
-            found = await one.until(lambda s: s.alarm is not None)
+            assert (await rig.start(text)).error is None
+            await rig.phase(m.PrintPhase.PRINTING)
+            control(rig.folder / "emulator", "break", fault="nozzle_burns_after")
+            found = await rig.until(lambda s: s.alarm is not None)
             assert "went up to" in str(found.alarm) and found.nozzle is not None
             if killed:
-                assert one.process is not None
-                one.process.send_signal(signal.SIGKILL)
-                one.process.wait(10.0)
-                await one.client.close()
-                one.spawn()
-                await one.connect()
+                assert rig.process is not None
+                rig.process.send_signal(signal.SIGKILL)
+                rig.process.wait(10.0)
+                await rig.client.close()
+                rig.spawn()
+                await rig.connect()
             # While the command hangs, the loop reads on.
-            cut = await one.until(lambda s: mark.exists() and s.nozzle is not None)
+            cut = await rig.until(lambda s: mark.exists() and s.nozzle is not None)
             assert cut.print is not None and cut.print.phase is m.PrintPhase.ENDING
             at_c = cut.nozzle.now_c if cut.nozzle else 0.0
-            await one.until(lambda s: s.nozzle is not None and s.nozzle.now_c > at_c + 2.0)
+            await rig.until(lambda s: s.nozzle is not None and s.nozzle.now_c > at_c + 2.0)
             await asyncio.to_thread(gate.write_text, "go\n")
-            told = await one.until(lambda s: "cut its mains" in str(s.alarm))
-            assert str(told.alarm).count("cut its mains") == 1
+            reported = await rig.until(lambda s: "cut its mains" in str(s.alarm))
+            assert str(reported.alarm).count("cut its mains") == 1
             assert mark.read_text() == "um2-01\n"
         finally:
-            await one.close()
+            await rig.close()
 
     run(story())
 
 
 def test_only_faults_that_count_lines_can_be_triggered(tmp_path: Path):
     async def story() -> None:
-        async with printer(tmp_path) as one:
+        async with printer(tmp_path) as rig:
             with pytest.raises(PortError, match="no fault 'fire'; use one of reset_after"):
-                await asyncio.to_thread(control, one.folder / "emulator", "break", fault="fire")
+                await asyncio.to_thread(control, rig.folder / "emulator", "break", fault="fire")
 
     run(story())

@@ -22,63 +22,63 @@ OTHER = REST.replace(b"E:-20.00", b"E:80.00")
 async def printed(folder: Path) -> AsyncIterator[Printer]:
     """Let a printer on a port, which does not tell its bed, print one file, and end its agent."""
     emulator = folder / "emulator"
-    one = Printer(folder / "agent", str(emulator / "tty"))
-    launch(f"sim://{MODEL}", emulator, one.clock)
+    printer = Printer(folder / "agent", str(emulator / "tty"))
+    launch(f"sim://{MODEL}", emulator, printer.clock)
     dtr = None
     try:
-        one.spawn()
-        await one.connect()
-        await one.until(lambda s: s.link is m.LinkState.FAULT)
+        printer.spawn()
+        await printer.connect()
+        await printer.until(lambda s: s.link is m.LinkState.FAULT)
         cleared = m.BedCleared(id=0, filament=m.Filament.PARKED)
-        assert (await one.client.request(cleared)).error is None
-        await one.ready()
-        assert (await one.start(gcode(10))).error is None
-        await one.phase(m.PrintPhase.DONE)
-        await one.until(lambda s: s.link is m.LinkState.READY and s.filament is m.Filament.PARKED)
-        assert (await one.client.request(m.ForgetPrint(id=0, print_id="p-1"))).error is None
-        await _await_rest(one, '"X:')
+        assert (await printer.client.request(cleared)).error is None
+        await printer.ready()
+        assert (await printer.start(gcode(10))).error is None
+        await printer.phase(m.PrintPhase.DONE)
+        await printer.until(lambda s: s.link is m.LinkState.READY and s.filament is m.Filament.PARKED)
+        assert (await printer.client.request(m.ForgetPrint(id=0, print_id="p-1"))).error is None
+        await _await_rest(printer, '"X:')
         dtr = os.open(emulator / "tty", os.O_RDWR | os.O_NOCTTY)  # stays up while no agent has the port
-        await _end(one)
-        yield one
+        await _end(printer)
+        yield printer
     finally:
-        await one.close()
+        await printer.close()
         control(emulator, Command.POWER_OFF)
         if dtr is not None:
             os.close(dtr)
 
 
-async def _await_rest(one: Printer, record: str) -> None:
+async def _await_rest(printer: Printer, record: str) -> None:
     """Wait until the last line of the agent's journal has this position of rest."""
     async with asyncio.timeout(DEADLINE_S):
-        while f'"rest": {record}' not in (one.folder / JOURNAL).read_text().splitlines()[-1]:
+        while f'"rest": {record}' not in (printer.folder / JOURNAL).read_text().splitlines()[-1]:
             await asyncio.sleep(0.02)
 
 
-async def _end(one: Printer) -> None:
-    assert (await one.client.request(m.Shutdown(id=0))).error is None
-    assert one.process is not None
-    await asyncio.to_thread(one.process.wait, 30.0)
-    await one.client.close()
+async def _end(printer: Printer) -> None:
+    assert (await printer.client.request(m.Shutdown(id=0))).error is None
+    assert printer.process is not None
+    await asyncio.to_thread(printer.process.wait, 30.0)
+    await printer.client.close()
 
 
-async def _start_again(one: Printer) -> m.Snapshot:
-    one.client = type(one.client)(one.folder)
-    one.spawn()
-    await one.connect()
-    return await one.until(lambda s: s.nozzle is not None)
+async def _start_again(printer: Printer) -> m.Snapshot:
+    printer.client = type(printer.client)(printer.folder)
+    printer.spawn()
+    await printer.connect()
+    return await printer.until(lambda s: s.nozzle is not None)
 
 
 @pytest.mark.system
 def test_filament_is_parked_after_a_restart_of_the_agent(tmp_path: Path) -> None:
     async def story() -> None:
-        async with printed(tmp_path) as one:
+        async with printed(tmp_path) as printer:
             for _ in range(2):
-                first = await _start_again(one)
+                first = await _start_again(printer)
                 assert first.bed_unknown_reason is not None
-                known = await one.until(lambda s: s.filament is not m.Filament.UNKNOWN)
+                known = await printer.until(lambda s: s.filament is not m.Filament.UNKNOWN)
                 assert known.filament is m.Filament.PARKED
                 assert known.bed_unknown_reason is not None  # a person looks at the bed all the same
-                await _end(one)
+                await _end(printer)
 
     run(story())
 
@@ -89,14 +89,14 @@ def test_filament_is_unknown_if_the_printer_was_used_while_no_agent_watched(
     tmp_path: Path, deed: dict[str, object]
 ) -> None:
     async def story() -> None:
-        async with printed(tmp_path) as one:
+        async with printed(tmp_path) as printer:
             await asyncio.to_thread(control, tmp_path / "emulator", **deed)
-            await _start_again(one)
-            await _await_rest(one, "null")
-            assert one.last is not None and one.last.filament is m.Filament.UNKNOWN
+            await _start_again(printer)
+            await _await_rest(printer, "null")
+            assert printer.last is not None and printer.last.filament is m.Filament.UNKNOWN
             cleared = m.BedCleared(id=0, filament=m.Filament.AT_NOZZLE)
-            assert (await one.client.request(cleared)).error is None
-            await one.until(lambda s: s.filament is m.Filament.AT_NOZZLE)
+            assert (await printer.client.request(cleared)).error is None
+            await printer.until(lambda s: s.filament is m.Filament.AT_NOZZLE)
 
     run(story())
 
@@ -115,11 +115,13 @@ def test_position_counts_only_after_a_print_and_until_a_reset() -> None:
     assert watch.rest is None
 
 
-@pytest.mark.parametrize(("seen", "certain"), [(REST, True), (OTHER, False)])
-def test_next_agent_knows_the_filament_if_the_printer_rests_where_it_was(seen: bytes, certain: bool) -> None:
+@pytest.mark.parametrize(("observed", "certain"), [(REST, True), (OTHER, False)])
+def test_next_agent_knows_the_filament_if_the_printer_rests_where_it_was(
+    observed: bytes, certain: bool
+) -> None:
     watch = FilamentWatch(rest=REST.decode())
     assert not watch.certain
-    watch.judge_position(seen)
+    watch.judge_position(observed)
     assert (watch.certain, watch.rest) == (certain, REST.decode() if certain else None)
     watch.judge_position(REST)
     assert watch.certain is certain  # once in doubt, a person has to say it

@@ -10,9 +10,9 @@ FED = b"X:0.00Y:224.50Z:215.00E:5.00 Count X: 0.00Y:224.50Z:215.00"
 def test_moved_position_is_detected_when_reported_twice():
     for new in (AWAY, FED):
         watch = IdleWatch()
-        heard = [watch.judge_answer(text) for text in (HOME, HOME, new, HOME, new, new, new, HOME, HOME)]
-        doubts = [doubt for understood, doubt in heard]
-        assert all(understood for understood, _ in heard)
+        received = [watch.judge_answer(text) for text in (HOME, HOME, new, HOME, new, new, new, HOME, HOME)]
+        doubts = [doubt for understood, doubt in received]
+        assert all(understood for understood, _ in received)
         assert doubts == [None, None, None, None, None, MOVED, None, None, MOVED]
 
 

@@ -16,33 +16,33 @@ from drivers.remote import is_alive, spawn_agent
 @pytest.mark.system
 def test_print_runs_once_and_leaves_the_bed_not_clear(tmp_path: Path):
     async def story() -> None:
-        async with printer(tmp_path) as one:
-            assert one.last is not None
-            assert (one.last.bed_clear, one.last.filament) == (True, m.Filament.PARKED)
+        async with printer(tmp_path) as rig:
+            assert rig.last is not None
+            assert (rig.last.bed_clear, rig.last.filament) == (True, m.Filament.PARKED)
             text = gcode(200)
-            assert (await one.start(text)).error is None
-            assert (await one.start(text)).error is None  # told again: nothing changes
-            done = await one.phase(m.PrintPhase.DONE)
+            assert (await rig.start(text)).error is None
+            assert (await rig.start(text)).error is None  # told again: nothing changes
+            done = await rig.phase(m.PrintPhase.DONE)
             assert (done.line, done.progress_s, done.fault) == (done.lines, 60.0, None)
             assert (done.layer, done.layers, done.feature) == (1, 1, "FILL")
             assert done.extruded and done.started_s is not None and done.ended_s is not None
-            last = await one.until(lambda s: s.bed_clear is False)
+            last = await rig.until(lambda s: s.bed_clear is False)
             assert last.heaters_off and last.filament is m.Filament.PARKED
-            assert one.targets() == (0.0, 0.0)
-            moves = read_status(one.folder / "emulator").moves
-            assert (await one.start(text)).error is None  # ended: never printed twice
-            assert (await one.client.request(m.ForgetPrint(id=0, print_id="p-1"))).error is None
-            await one.until(lambda s: s.print is None)
-            assert (await one.client.request(m.BedCleared(id=0))).error is None
-            await one.until(lambda s: s.bed_clear is True and s.link is m.LinkState.READY)
-            told = await one.start(text)  # ended and forgotten: never printed twice either
-            assert told.error is None
-            assert told.snapshot is not None and told.snapshot.print is None
-            assert read_status(one.folder / "emulator").moves == moves
-            assert (await one.client.request(m.Shutdown(id=0))).error is None
-            assert one.process is not None
-            assert await asyncio.to_thread(one.process.wait, 10.0) == 0
-            assert not is_alive(one.folder)
+            assert rig.targets() == (0.0, 0.0)
+            moves = read_status(rig.folder / "emulator").moves
+            assert (await rig.start(text)).error is None  # ended: never printed twice
+            assert (await rig.client.request(m.ForgetPrint(id=0, print_id="p-1"))).error is None
+            await rig.until(lambda s: s.print is None)
+            assert (await rig.client.request(m.BedCleared(id=0))).error is None
+            await rig.until(lambda s: s.bed_clear is True and s.link is m.LinkState.READY)
+            reported = await rig.start(text)  # ended and forgotten: never printed twice either
+            assert reported.error is None
+            assert reported.snapshot is not None and reported.snapshot.print is None
+            assert read_status(rig.folder / "emulator").moves == moves
+            assert (await rig.client.request(m.Shutdown(id=0))).error is None
+            assert rig.process is not None
+            assert await asyncio.to_thread(rig.process.wait, 10.0) == 0
+            assert not is_alive(rig.folder)
 
     run(story())
 
@@ -50,22 +50,22 @@ def test_print_runs_once_and_leaves_the_bed_not_clear(tmp_path: Path):
 @pytest.mark.system
 def test_next_agent_confirms_heaters_off_and_fails_the_open_print(tmp_path: Path):
     async def story() -> None:
-        async with printer(tmp_path) as one:
-            await one.start(gcode(50_000))
-            await one.phase(m.PrintPhase.PRINTING)
-            assert one.process is not None
-            one.process.kill()
-            one.process.wait(10.0)
-            assert not is_alive(one.folder)
-            assert one.targets() != (0.0, 0.0)  # closing the port switches nothing off
-            one.spawn()
-            await one.connect()
-            failed = await one.phase(m.PrintPhase.FAILED)
+        async with printer(tmp_path) as rig:
+            await rig.start(gcode(50_000))
+            await rig.phase(m.PrintPhase.PRINTING)
+            assert rig.process is not None
+            rig.process.kill()
+            rig.process.wait(10.0)
+            assert not is_alive(rig.folder)
+            assert rig.targets() != (0.0, 0.0)  # closing the port switches nothing off
+            rig.spawn()
+            await rig.connect()
+            failed = await rig.phase(m.PrintPhase.FAILED)
             assert failed.fault == "agent_died"
             assert failed.extruded
-            last = await one.ready()
+            last = await rig.ready()
             assert last.heaters_off
-            assert one.targets() == (0.0, 0.0)
+            assert rig.targets() == (0.0, 0.0)
 
     run(story())
 
@@ -73,31 +73,31 @@ def test_next_agent_confirms_heaters_off_and_fails_the_open_print(tmp_path: Path
 @pytest.mark.system
 def test_print_continues_without_a_daemon_and_sigterm_ends_the_agent_afterwards(tmp_path: Path):
     async def story() -> None:
-        async with printer(tmp_path) as one:
-            await one.start(gcode(3000))
-            first = await one.phase(m.PrintPhase.PRINTING)
-            await one.client.close()
-            assert one.process is not None
-            one.process.send_signal(signal.SIGTERM)
-            await one.connect()
-            last = await one.until(lambda s: s.print is not None and s.print.line > first.line)
-            assert last.agent_pid == one.process.pid
-            refused = await one.client.request(m.Shutdown(id=0))
+        async with printer(tmp_path) as rig:
+            await rig.start(gcode(3000))
+            first = await rig.phase(m.PrintPhase.PRINTING)
+            await rig.client.close()
+            assert rig.process is not None
+            rig.process.send_signal(signal.SIGTERM)
+            await rig.connect()
+            last = await rig.until(lambda s: s.print is not None and s.print.line > first.line)
+            assert last.agent_pid == rig.process.pid
+            refused = await rig.client.request(m.Shutdown(id=0))
             assert refused.error is not None and "now" in refused.error
-            await one.client.request(m.CancelPrint(id=0, print_id="another"))
-            assert (await one.client.request(m.Hello(id=0))).snapshot.link is m.LinkState.BUSY  # type: ignore[union-attr]
-            await one.client.request(m.CancelPrint(id=0, print_id="p-1", reason="enough"))
-            cancelled = await one.phase(m.PrintPhase.CANCELLED)
+            await rig.client.request(m.CancelPrint(id=0, print_id="another"))
+            assert (await rig.client.request(m.Hello(id=0))).snapshot.link is m.LinkState.BUSY  # type: ignore[union-attr]
+            await rig.client.request(m.CancelPrint(id=0, print_id="p-1", reason="enough"))
+            cancelled = await rig.phase(m.PrintPhase.CANCELLED)
             assert cancelled.reason == "enough"
             assert cancelled.ended_s is not None
-            assert await asyncio.to_thread(one.process.wait, 10.0) == 0  # as the signal asked
-            assert one.targets() == (0.0, 0.0)
-            one.spawn()
-            await one.connect()
-            last = await one.until(lambda s: s.heaters_off)
+            assert await asyncio.to_thread(rig.process.wait, 10.0) == 0  # as the signal asked
+            assert rig.targets() == (0.0, 0.0)
+            rig.spawn()
+            await rig.connect()
+            last = await rig.until(lambda s: s.heaters_off)
             assert last.filament is m.Filament.PARKED
-            one.process.send_signal(signal.SIGTERM)  # idle now
-            assert await asyncio.to_thread(one.process.wait, 10.0) == 0
+            rig.process.send_signal(signal.SIGTERM)  # idle now
+            assert await asyncio.to_thread(rig.process.wait, 10.0) == 0
 
     run(story())
 
@@ -105,14 +105,14 @@ def test_print_continues_without_a_daemon_and_sigterm_ends_the_agent_afterwards(
 @pytest.mark.system
 def test_sigint_ends_the_print_safely_and_then_the_agent(tmp_path: Path):
     async def story() -> None:
-        async with printer(tmp_path) as one:
-            await one.start(gcode(50_000))
-            await one.phase(m.PrintPhase.PRINTING)
-            assert one.process is not None
-            one.process.send_signal(signal.SIGINT)
-            await one.phase(m.PrintPhase.CANCELLED)
-            assert await asyncio.to_thread(one.process.wait, 10.0) == 0
-            assert one.targets() == (0.0, 0.0)
+        async with printer(tmp_path) as rig:
+            await rig.start(gcode(50_000))
+            await rig.phase(m.PrintPhase.PRINTING)
+            assert rig.process is not None
+            rig.process.send_signal(signal.SIGINT)
+            await rig.phase(m.PrintPhase.CANCELLED)
+            assert await asyncio.to_thread(rig.process.wait, 10.0) == 0
+            assert rig.targets() == (0.0, 0.0)
 
     run(story())
 
@@ -127,14 +127,14 @@ def test_cancel_parks_the_filament_after_any_retraction(tmp_path: Path, lines: i
     )
 
     async def story() -> None:
-        async with printer(tmp_path) as one:
-            await one.start(HEAD.replace("S180", "S210") + "".join(strokes) + TAIL)
-            await one.until(lambda s: s.print is not None and s.print.line >= lines)
-            await one.client.request(m.CancelPrint(id=0, print_id="p-1"))
-            await one.phase(m.PrintPhase.CANCELLED)
-            last = await one.ready()
+        async with printer(tmp_path) as rig:
+            await rig.start(HEAD.replace("S180", "S210") + "".join(strokes) + TAIL)
+            await rig.until(lambda s: s.print is not None and s.print.line >= lines)
+            await rig.client.request(m.CancelPrint(id=0, print_id="p-1"))
+            await rig.phase(m.PrintPhase.CANCELLED)
+            last = await rig.ready()
             assert last.heaters_off and last.filament is m.Filament.PARKED
-            assert settled(one.folder / "emulator", lambda s: abs(s.filament_end_mm + 20.0) <= 0.5)
+            assert settled(rig.folder / "emulator", lambda s: abs(s.filament_end_mm + 20.0) <= 0.5)
 
     run(story())
 
@@ -142,20 +142,20 @@ def test_cancel_parks_the_filament_after_any_retraction(tmp_path: Path, lines: i
 @pytest.mark.system
 def test_print_is_paused_and_resumed(tmp_path: Path):
     async def story() -> None:
-        async with printer(tmp_path) as one:
-            await one.start(gcode(1500))
-            await one.until(lambda s: s.print is not None and s.print.line >= 100)
-            await one.client.request(m.PausePrint(id=0, print_id="p-1"))
-            paused = await one.phase(m.PrintPhase.PAUSED)
-            await one.until(lambda s: s.filament is m.Filament.PARKED)
-            assert await asyncio.to_thread(settled, one.folder / "emulator", lambda s: s.nozzle_target_c == 0)
-            assert one.targets() == (0.0, 40.0)
-            await one.until(lambda s: s.print is not None and s.print.pause_ends_s is not None)
-            await one.client.request(m.ResumePrint(id=0, print_id="p-1"))
-            done = await one.phase(m.PrintPhase.DONE)
+        async with printer(tmp_path) as rig:
+            await rig.start(gcode(1500))
+            await rig.until(lambda s: s.print is not None and s.print.line >= 100)
+            await rig.client.request(m.PausePrint(id=0, print_id="p-1"))
+            paused = await rig.phase(m.PrintPhase.PAUSED)
+            await rig.until(lambda s: s.filament is m.Filament.PARKED)
+            assert await asyncio.to_thread(settled, rig.folder / "emulator", lambda s: s.nozzle_target_c == 0)
+            assert rig.targets() == (0.0, 40.0)
+            await rig.until(lambda s: s.print is not None and s.print.pause_ends_s is not None)
+            await rig.client.request(m.ResumePrint(id=0, print_id="p-1"))
+            done = await rig.phase(m.PrintPhase.DONE)
             assert done.line == done.lines > paused.line
             assert done.pause_ends_s is None
-            assert one.targets() == (0.0, 0.0)
+            assert rig.targets() == (0.0, 0.0)
 
     run(story())
 
@@ -165,20 +165,20 @@ def test_pulled_cable_fails_the_print_and_heaters_are_confirmed_off_later(
     tmp_path: Path,
 ):
     async def story() -> None:
-        async with printer(tmp_path) as one:
-            await one.start(gcode(50_000))
-            await one.phase(m.PrintPhase.PRINTING)
-            before = read_status(one.folder / "emulator").tty
-            control(one.folder / "emulator", "unplug")
-            await one.until(lambda s: s.reason is not None)
-            assert one.targets() != (0.0, 0.0)
-            control(one.folder / "emulator", "plug")
-            failed = await one.phase(m.PrintPhase.FAILED)
+        async with printer(tmp_path) as rig:
+            await rig.start(gcode(50_000))
+            await rig.phase(m.PrintPhase.PRINTING)
+            before = read_status(rig.folder / "emulator").tty
+            control(rig.folder / "emulator", "unplug")
+            await rig.until(lambda s: s.reason is not None)
+            assert rig.targets() != (0.0, 0.0)
+            control(rig.folder / "emulator", "plug")
+            failed = await rig.phase(m.PrintPhase.FAILED)
             assert failed.fault == "port_lost"
-            last = await one.until(lambda s: s.link is not m.LinkState.BUSY)
+            last = await rig.until(lambda s: s.link is not m.LinkState.BUSY)
             assert last.heaters_off
-            assert one.targets() == (0.0, 0.0)
-            assert read_status(one.folder / "emulator").tty != before
+            assert rig.targets() == (0.0, 0.0)
+            assert read_status(rig.folder / "emulator").tty != before
 
     run(story())
 
@@ -186,24 +186,24 @@ def test_pulled_cable_fails_the_print_and_heaters_are_confirmed_off_later(
 @pytest.mark.system
 def test_swapped_cables_are_reported_until_a_person_confirms(tmp_path: Path):
     async def story() -> None:
-        one = Printer(tmp_path / "agent", f"sim://{MODEL}?levelled=100")
+        rig = Printer(tmp_path / "agent", f"sim://{MODEL}?levelled=100")
         for print_id, levelled, phase in (("p-1", 100, "done"), ("p-2", 250, "failed"), ("p-3", 250, "done")):
-            one.url = f"sim://{MODEL}?levelled={levelled}"
-            one.spawn()
+            rig.url = f"sim://{MODEL}?levelled={levelled}"
+            rig.spawn()
             try:
-                await one.connect()
+                await rig.connect()
                 if print_id == "p-3":
-                    await one.until(lambda s: s.link is m.LinkState.FAULT)
-                    assert (await one.client.request(m.BedCleared(id=0))).error is None
-                await one.ready()
-                assert (await one.start(gcode(20), print_id)).error is None
-                ended = await one.phase(m.PrintPhase(phase))
+                    await rig.until(lambda s: s.link is m.LinkState.FAULT)
+                    assert (await rig.client.request(m.BedCleared(id=0))).error is None
+                await rig.ready()
+                assert (await rig.start(gcode(20), print_id)).error is None
+                ended = await rig.phase(m.PrintPhase(phase))
                 assert ended.fault == ("wrong_printer" if phase == "failed" else None)
                 assert ended.extruded == (phase == "done")
                 if phase == "done":
-                    await one.client.request(m.ForgetPrint(id=0, print_id=print_id))
+                    await rig.client.request(m.ForgetPrint(id=0, print_id=print_id))
             finally:
-                await one.close()
+                await rig.close()
 
     run(story())
 
@@ -211,16 +211,16 @@ def test_swapped_cables_are_reported_until_a_person_confirms(tmp_path: Path):
 @pytest.mark.system
 def test_file_with_another_hash_heats_nothing(tmp_path: Path):
     async def story() -> None:
-        async with printer(tmp_path) as one:
-            await one.start(gcode(10), sha256="0" * 64)
-            failed = await one.phase(m.PrintPhase.FAILED)
+        async with printer(tmp_path) as rig:
+            await rig.start(gcode(10), sha256="0" * 64)
+            failed = await rig.phase(m.PrintPhase.FAILED)
             assert failed.fault == "bad_file" and not failed.extruded
-            await one.start(gcode(10) + "M0\n", print_id="p-2")
-            failed = (await one.until(lambda s: s.print is not None and s.print.print_id == "p-2")).print  # type: ignore[assignment]
+            await rig.start(gcode(10) + "M0\n", print_id="p-2")
+            failed = (await rig.until(lambda s: s.print is not None and s.print.print_id == "p-2")).print  # type: ignore[assignment]
             assert failed.fault == "bad_file" and "M0" in str(failed.reason)
-            reply = await one.start(gcode(10), print_id="../p")
+            reply = await rig.start(gcode(10), print_id="../p")
             assert reply.error is not None
-            assert one.targets() == (0.0, 0.0)
+            assert rig.targets() == (0.0, 0.0)
 
     run(story())
 
@@ -228,11 +228,11 @@ def test_file_with_another_hash_heats_nothing(tmp_path: Path):
 @pytest.mark.system
 def test_checksum_errors_and_lost_oks_are_recovered(tmp_path: Path):
     async def story() -> None:
-        async with printer(tmp_path, "?checksum=0.004&drop_ok=0.0005&seed=5") as one:
-            await one.start(gcode(1000))
-            done = await one.phase(m.PrintPhase.DONE)
+        async with printer(tmp_path, "?checksum=0.004&drop_ok=0.0005&seed=5") as rig:
+            await rig.start(gcode(1000))
+            done = await rig.phase(m.PrintPhase.DONE)
             assert done.line == done.lines
-            assert read_status(one.folder / "emulator").errors > 0
+            assert read_status(rig.folder / "emulator").errors > 0
 
     run(story())
 
@@ -240,13 +240,13 @@ def test_checksum_errors_and_lost_oks_are_recovered(tmp_path: Path):
 @pytest.mark.system
 def test_printer_switched_off_is_absent_and_reconnects(tmp_path: Path):
     async def story() -> None:
-        async with printer(tmp_path) as one:
-            control(one.folder / "emulator", "power_off")
-            gone = await one.until(lambda s: s.link is m.LinkState.ABSENT)
-            assert gone.reason is not None
-            refused = await one.start(gcode(10))
+        async with printer(tmp_path) as rig:
+            control(rig.folder / "emulator", "power_off")
+            removed = await rig.until(lambda s: s.link is m.LinkState.ABSENT)
+            assert removed.reason is not None
+            refused = await rig.start(gcode(10))
             assert refused.error is not None and "absent" in refused.error
-            await one.ready()  # a simulated printer is switched on again by opening its port
+            await rig.ready()  # a simulated printer is switched on again by opening its port
 
     run(story())
 
@@ -255,12 +255,12 @@ def test_printer_switched_off_is_absent_and_reconnects(tmp_path: Path):
 def test_second_agent_of_a_printer_is_refused_and_the_socket_is_private(tmp_path: Path):
     async def story() -> None:
         deep = tmp_path / ("x" * 60) / ("y" * 60)
-        async with printer(deep) as one:
-            assert len(str(one.folder / "agent.sock")) > 107
-            assert stat.S_IMODE((one.folder / "agent.sock").stat().st_mode) == 0o600
-            assert is_alive(one.folder)
-            second = spawn_agent("um2-01", MODEL, one.url, one.folder, one.clock)
+        async with printer(deep) as rig:
+            assert len(str(rig.folder / "agent.sock")) > 107
+            assert stat.S_IMODE((rig.folder / "agent.sock").stat().st_mode) == 0o600
+            assert is_alive(rig.folder)
+            second = spawn_agent("um2-01", MODEL, rig.url, rig.folder, rig.clock)
             assert await asyncio.to_thread(second.wait, 20.0) == 1
-            assert (await one.client.request(m.Hello(id=0))).snapshot is not None
+            assert (await rig.client.request(m.Hello(id=0))).snapshot is not None
 
     run(story())

@@ -32,9 +32,9 @@ def signals() -> Iterator[None]:
 
 
 def agent(folder: Path) -> Agent:
-    one = Agent(StartFile("a", MODEL, f"sim://{MODEL}"), folder)
-    one._board.state.bed_unknown_reason = None
-    return one
+    printer = Agent(StartFile("a", MODEL, f"sim://{MODEL}"), folder)
+    printer._board.state.bed_unknown_reason = None
+    return printer
 
 
 def start(folder: Path, print_id: str) -> m.StartPrint:
@@ -54,13 +54,13 @@ def test_forgotten_print_is_not_started_a_second_time(tmp_path: Path):
         done = m.PrintSnapshot(print_id=print_id, phase=m.PrintPhase.DONE, ended_s=1.0)
         journal.write(1.0, print=done.model_dump(mode="json"), filament="parked")
     journal.write(2.0, print=None)
-    one = agent(tmp_path)
+    printer = agent(tmp_path)
     for print_id in ("p-1", "p-2"):
-        reply = one._answer(start(tmp_path, print_id))
+        reply = printer._answer(start(tmp_path, print_id))
         assert reply.error is None
         assert reply.snapshot is not None and reply.snapshot.print is None
-        assert one._board.session is None
-    assert one._answer(start(tmp_path, "p-3")).error is None  # as any other is
-    assert one._board.session is not None
-    one._requests.ended = True
-    one.run()
+        assert printer._board.session is None
+    assert printer._answer(start(tmp_path, "p-3")).error is None  # as any other is
+    assert printer._board.session is not None
+    printer._requests.ended = True
+    printer.run()

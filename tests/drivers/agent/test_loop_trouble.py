@@ -83,20 +83,20 @@ def test_agent_with_an_internal_error_switches_the_heaters_off(driven: Driven, t
 @pytest.mark.system
 def test_agent_without_a_writable_journal_ends_the_heat_of_the_previous_one(tmp_path: Path):
     async def story() -> None:
-        async with printer(tmp_path) as one:
-            await one.start(gcode(20_000))
-            await one.phase(m.PrintPhase.PRINTING)
-            assert one.process is not None
-            one.process.kill()
-            one.process.wait(10.0)
-            assert max(one.targets()) > 0
-            words = ["prlimit", "--fsize=0", sys.executable, "-m", "drivers.agent", "--folder", one.folder]
+        async with printer(tmp_path) as rig:
+            await rig.start(gcode(20_000))
+            await rig.phase(m.PrintPhase.PRINTING)
+            assert rig.process is not None
+            rig.process.kill()
+            rig.process.wait(10.0)
+            assert max(rig.targets()) > 0
+            words = ["prlimit", "--fsize=0", sys.executable, "-m", "drivers.agent", "--folder", rig.folder]
             done = await asyncio.to_thread(
                 subprocess.run, words, check=False, capture_output=True, text=True, timeout=DEADLINE_S
             )
             assert done.returncode == 1
             assert "cannot be written" in done.stdout and "seen off" in done.stdout
-            assert one.targets() == (0.0, 0.0)
+            assert rig.targets() == (0.0, 0.0)
 
     run(story())
 
@@ -107,7 +107,7 @@ def test_full_disk_stops_no_print_and_starts_none(
 ):
     full = False
     tell = Journal.write
-    seen: list[m.PrintPhase] = []
+    observed: list[m.PrintPhase] = []
 
     def write(journal: Journal, at_s: float, **record: object) -> None:
         if full:
@@ -127,7 +127,7 @@ def test_full_disk_stops_no_print_and_starts_none(
             assert agent.start(tmp_path / "a.gcode", gcode(300)).error is None
             full = True
         elif told.print is not None:
-            seen.append(told.print.phase)
+            observed.append(told.print.phase)
             if told.print.phase is m.PrintPhase.DONE:
                 if full:
                     assert told.link is m.LinkState.BUSY  # it is not over before it is written down
@@ -137,7 +137,7 @@ def test_full_disk_stops_no_print_and_starts_none(
 
     driven.do = do
     driven.run()
-    assert m.PrintPhase.PRINTING in seen
+    assert m.PrintPhase.PRINTING in observed
     memory = Journal(tmp_path / "journal.jsonl").state
     assert memory.ended == {"p-1"} and memory.filament is m.Filament.PARKED
 
@@ -145,7 +145,7 @@ def test_full_disk_stops_no_print_and_starts_none(
 @pytest.mark.system
 def test_agent_lists_its_prints_including_forgotten_ones(driven: Driven, tmp_path: Path):
     text = gcode(300)
-    seen: list[m.PrintPhase] = []
+    observed: list[m.PrintPhase] = []
 
     def listed(since_s: float) -> tuple[m.PrintSnapshot, ...]:
         return driven._answer(m.ListPrints(id=3, since_s=since_s)).prints
@@ -156,19 +156,19 @@ def test_agent_lists_its_prints_including_forgotten_ones(driven: Driven, tmp_pat
             assert listed(0.0) == ()
             assert agent.start(tmp_path / "a.gcode", text).error is None
         elif told.print is not None and told.link is m.LinkState.BUSY:
-            (one,) = listed(told.now_s)
-            assert one.sha256 == hashlib.sha256(text.encode()).hexdigest()
-            seen.append(one.phase)
+            (rig,) = listed(told.now_s)
+            assert rig.sha256 == hashlib.sha256(text.encode()).hexdigest()
+            observed.append(rig.phase)
         elif told.print is not None:
             assert agent._answer(m.ForgetPrint(id=2, print_id="p-1")).error is None
-            (one,) = listed(0.0)
-            assert (one.phase, one.ended_s) == (m.PrintPhase.DONE, told.print.ended_s)
+            (rig,) = listed(0.0)
+            assert (rig.phase, rig.ended_s) == (m.PrintPhase.DONE, told.print.ended_s)
             assert listed(told.now_s + 1.0) == ()
             assert agent._answer(m.Shutdown(id=4)).error is None
 
     driven.do = do
     driven.run()
-    assert m.PrintPhase.PRINTING in seen
+    assert m.PrintPhase.PRINTING in observed
 
 
 def test_agent_stays_while_heat_may_be_on(driven: Driven) -> None:

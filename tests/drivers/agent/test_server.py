@@ -31,14 +31,14 @@ class ServerBench:
         self.clients: list[socket.socket] = []
 
     def client(self, said: bytes = b"") -> socket.socket:
-        one = socket.socket(socket.AF_UNIX)
-        self.clients.append(one)
-        one.connect(self.path)
-        one.settimeout(5.0)
+        printer = socket.socket(socket.AF_UNIX)
+        self.clients.append(printer)
+        printer.connect(self.path)
+        printer.settimeout(5.0)
         self.run_once()
-        one.sendall(said)
+        printer.sendall(said)
         self.run_once()
-        return one
+        return printer
 
     def run_once(self) -> None:
         """Handle all pending events."""
@@ -54,8 +54,8 @@ def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[ServerBen
     bench = ServerBench(tmp_path, monkeypatch)
     yield bench
     bench.server.close()
-    for one in bench.clients:
-        one.close()
+    for printer in bench.clients:
+        printer.close()
 
 
 def is_open(client: socket.socket) -> bool:

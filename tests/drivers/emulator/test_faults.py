@@ -15,9 +15,9 @@ from drivers.printers import PROFILES
 
 
 def test_a_plain_url_is_a_printer_in_good_health() -> None:
-    wanted = parse_url("sim://ultimaker2_extended_plus")
-    assert wanted.profile.model == "ultimaker2_extended_plus"
-    assert wanted.faults == Faults() and wanted.seed == 0 and not wanted.faults.on_lines
+    expected = parse_url("sim://ultimaker2_extended_plus")
+    assert expected.profile.model == "ultimaker2_extended_plus"
+    assert expected.faults == Faults() and expected.seed == 0 and not expected.faults.on_lines
 
 
 def test_faults_may_be_named_in_two_ways() -> None:
@@ -29,7 +29,7 @@ def test_faults_may_be_named_in_two_ways() -> None:
 
 
 @pytest.mark.parametrize(
-    ("url", "says"),
+    ("url", "message"),
     [
         ("/dev/ttyUSB0", "not an emulator's url"),
         (
@@ -43,10 +43,10 @@ def test_faults_may_be_named_in_two_ways() -> None:
         ("sim://ultimaker2_plus?seed=x", "seed 'x' is not a whole number"),
     ],
 )
-def test_wrong_url_names_the_mistake_and_the_choices(url: str, says: str) -> None:
-    with pytest.raises(PortError, match=r"^[^\n]*$") as caught:
+def test_wrong_url_names_the_mistake_and_the_choices(url: str, message: str) -> None:
+    with pytest.raises(PortError, match=r"^[^\n]*$") as raised:
         parse_url(url)
-    assert says in str(caught.value)
+    assert message in str(raised.value)
 
 
 @given(st.binary(min_size=1, max_size=95), st.integers(0, 1000))

@@ -36,11 +36,11 @@ class Link:
         self.port = os.open(tty, os.O_RDWR | os.O_NOCTTY)
 
     def read_until(self, word: bytes) -> bytes:
-        said = b""
-        while word not in said:
-            assert select.select([self.port], [], [], PATIENCE_S)[0], f"only {said!r}"
-            said += os.read(self.port, 4096)
-        return said
+        message = b""
+        while word not in message:
+            assert select.select([self.port], [], [], PATIENCE_S)[0], f"only {message!r}"
+            message += os.read(self.port, 4096)
+        return message
 
     def ask(self, line: bytes, word: bytes = b"ok") -> bytes:
         os.write(self.port, line + b"\n")
@@ -107,14 +107,14 @@ def test_a_closed_port_changes_nothing_and_an_opened_one_resets(printer: Printer
     wait_for(lambda: printer.status().nozzle_target_c == 200.0)
     link.close()
     wait_for(lambda: not printer.status().link_open)
-    seen = printer.status()
-    wait_for(lambda: printer.status().time_s > seen.time_s + 25.0)
-    assert printer.status().nozzle_target_c == 200.0 and printer.status().nozzle_c > seen.nozzle_c
-    again = Link(printer.on())
-    wait_for(lambda: printer.status().resets == seen.resets + 1)
+    observed = printer.status()
+    wait_for(lambda: printer.status().time_s > observed.time_s + 25.0)
+    assert printer.status().nozzle_target_c == 200.0 and printer.status().nozzle_c > observed.nozzle_c
+    repeated = Link(printer.on())
+    wait_for(lambda: printer.status().resets == observed.resets + 1)
     assert printer.status().nozzle_target_c == 0.0
-    assert again.read_until(b"SD init fail\n").startswith(b"start\n")
-    again.close()
+    assert repeated.read_until(b"SD init fail\n").startswith(b"start\n")
+    repeated.close()
 
 
 def test_a_port_closed_and_opened_at_once_is_a_reset_each_time(printer: Printer) -> None:
@@ -192,13 +192,13 @@ def test_the_wire_may_be_slow(printer: Printer) -> None:
 
 def test_no_reader_ever_sees_half_a_status(printer: Printer) -> None:
     link = printer.booted()
-    seen = set()
+    observed = set()
     for k in range(60):  # each target is written at once, and read in the middle of it
         os.write(link.port, b"M104 S%d\n" % (k % 2 * 50))
         for _ in range(20):
-            seen.add(printer.status().nozzle_target_c)
+            observed.add(printer.status().nozzle_target_c)
         link.read_until(b"ok")
-    assert seen == {0.0, 50.0}
+    assert observed == {0.0, 50.0}
     link.close()
 
 
@@ -216,10 +216,10 @@ def test_a_cable_that_is_pulled_hangs_up_and_comes_back_as_another_device_while_
     assert printer.status().nozzle_target_c == 200.0
     control(printer.folder, Command.PLUG)
     assert printer.status().tty != before.tty
-    again = Link(printer.folder / "tty")  # which resets the board, as any opening does
-    again.read_until(b"start\n")
+    repeated = Link(printer.folder / "tty")  # which resets the board, as any opening does
+    repeated.read_until(b"start\n")
     assert printer.status().resets == before.resets + 1
-    again.close()
+    repeated.close()
 
 
 def test_actions_at_the_display_show_in_queries_only(printer: Printer) -> None:

@@ -101,9 +101,9 @@ def test_a_frame_holds_its_command_and_fits(line):
     assume(len(command) <= ULTIMAKER2.command_bytes)
     sent = add_frame(number, command)
     assert remove_frame(sent) == command
-    text, _, said = sent.removesuffix(b"\n").rpartition(b"*")
+    text, _, message = sent.removesuffix(b"\n").rpartition(b"*")
     assert text.split() == [b"N%d" % number, *command.split()]
-    assert int(said) == checksum(text)
+    assert int(message) == checksum(text)
     assert len(sent) <= LINE_BYTES + 1
 
 

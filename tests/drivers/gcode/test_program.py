@@ -136,7 +136,7 @@ def test_commands_are_kept_and_the_timeline_rises(lines: list[str]):
 
 
 @pytest.mark.parametrize(
-    ("line", "says"),
+    ("line", "message"),
     [
         ("M16 12:30", "':'"),
         ("M16 Nozzle", "'N'"),
@@ -180,11 +180,11 @@ def test_commands_are_kept_and_the_timeline_rises(lines: list[str]):
         ("G1 X1 ;" + 70_000 * "a", "characters"),
     ],
 )
-def test_lines_that_the_firmware_would_misread_are_refused_by_number(line: str, says: str):
+def test_lines_that_the_firmware_would_misread_are_refused_by_number(line: str, message: str):
     with pytest.raises(BadGcode) as refused:
         program("G28\n" + line + "\n")
     assert str(refused.value).startswith("line 2: ")
-    assert says in str(refused.value)
+    assert message in str(refused.value)
     assert "\n" not in str(refused.value)
 
 

@@ -158,8 +158,8 @@ def test_a_question_with_a_flipped_bit_commands_nothing():
     query = ULTIMAKER2.last_line_query
     for at in range(len(query)):
         for bit in range(8):
-            asked = query[:at] + bytes((query[at] ^ 1 << bit,)) + query[at + 1 :]
-            for line in re.split(rb"[\n\r:]", asked):
+            requested = query[:at] + bytes((query[at] ^ 1 << bit,)) + query[at + 1 :]
+            for line in re.split(rb"[\n\r:]", requested):
                 assert not re.search(rb"[GMTN;]", line)
 
 
@@ -167,11 +167,11 @@ def silence_s(bench: Bench, *commands: bytes) -> float:
     """Return the seconds for which the link waits for a silent board."""
     bench.run()
     bench.firmware.mute = True
-    began_s = bench.now_s
-    bench.link.send(began_s, *commands)
+    started_s = bench.now_s
+    bench.link.send(started_s, *commands)
     bench.run()
     assert bench.faults() == [Fault.NO_ANSWER]
-    return bench.now_s - began_s
+    return bench.now_s - started_s
 
 
 def test_no_time_out_is_shorter_than_the_floor():
@@ -249,7 +249,7 @@ def test_a_plain_ok_never_answers_a_poll_and_a_report_never_acknowledges_a_line(
 
 
 @pytest.mark.parametrize(
-    ("said", "fault"),
+    ("message", "fault"),
     [
         (b"start\n", Fault.REBOOT),
         (b"\xfe\x00start\n", Fault.REBOOT),
@@ -265,12 +265,12 @@ def test_a_plain_ok_never_answers_a_poll_and_a_report_never_acknowledges_a_line(
         (b"echo: too long extrusion prevented\n", Fault.BAD_FILE),
     ],
 )
-def test_troubles_of_the_firmware_stop_the_stream_at_once(said: bytes, fault: Fault):
+def test_troubles_of_the_firmware_stop_the_stream_at_once(message: bytes, fault: Fault):
     bench = Bench().boot()
     stream(bench, lines(50))
     bench.run(until_s=0.1)
     bench.link.take()
-    bench.events += bench.link.receive(said, bench.now_s) or ()
+    bench.events += bench.link.receive(message, bench.now_s) or ()
     assert bench.faults() == [fault]
     bench.link.receive(b"ok\n", bench.now_s)
     assert bench.link.take() == b""
@@ -325,18 +325,18 @@ def test_polls_between_the_lines_change_neither_their_order_nor_the_count(
     program = lines(count)
     bench.link.send(0.0, b"M82")
     stream(bench, program)
-    seen = [0]
+    observed = [0]
     for _ in range(200):
         if bench.link.drained or bench.link.phase is Phase.DEAD:
             break
         bench.run(until_s=bench.now_s + 0.5)
-        seen.append(bench.link.streamed)
+        observed.append(bench.link.streamed)
     if bench.link.phase is not Phase.DEAD:
         assert len(bench.firmware.done) == count + 1
         assert bench.link.streamed == count
         if not changed:
             assert [body for _, body in bench.firmware.done] == [b"M82", *program]
-            assert seen == sorted(seen)
+            assert observed == sorted(observed)
             assert bench.link.repeated == 0
 
 
@@ -351,8 +351,8 @@ def test_distant_last_line_is_accepted_when_reported_twice():
         bench.events += bench.link.receive(b"Resend: %d\n" % resend, bench.now_s) or ()
     for last in (5, 6, 6):
         assert bench.link.phase is Phase.LIVE and bench.faults() == []
-        said = b"Error:No Line Number with checksum, Last Line: %d\n" % last
-        bench.events += bench.link.receive(said, bench.now_s) or ()
+        message = b"Error:No Line Number with checksum, Last Line: %d\n" % last
+        bench.events += bench.link.receive(message, bench.now_s) or ()
     assert bench.faults() == [Fault.REBOOT]
     assert bench.link.phase is Phase.DEAD
 
@@ -364,8 +364,8 @@ def test_board_with_contradicting_last_lines_is_given_up():
     bench.link.receive(b"Resend: 5\n", bench.now_s)
     for last in range(20, 20 + TRIES + 1):
         assert bench.link.phase is Phase.LIVE
-        said = b"Error:No Line Number with checksum, Last Line: %d\n" % last
-        bench.events += bench.link.receive(said, bench.now_s) or ()
+        message = b"Error:No Line Number with checksum, Last Line: %d\n" % last
+        bench.events += bench.link.receive(message, bench.now_s) or ()
     assert bench.faults() == [Fault.NOISY_LINE]
 
 

@@ -108,17 +108,17 @@ def test_agent_opens_the_port_after_a_person_confirms_it_idle(tmp_path: Path, ur
 
     async def story() -> None:
         client = AgentClient(folder)
-        asked = False
+        requested = False
         await client.connect()
         try:
             async with asyncio.timeout(DEADLINE_S):
-                async for said in client.snapshots():
-                    if said.link is m.LinkState.FAULT and not asked:
-                        asked = True
+                async for message in client.snapshots():
+                    if message.link is m.LinkState.FAULT and not requested:
+                        requested = True
                         assert not read_status(tmp_path / "emulator").link_open
                         assert (await client.request(m.BedCleared(id=0))).error is None
-                    if said.link is m.LinkState.READY and said.nozzle is not None:
-                        assert asked and said.reset_verified
+                    if message.link is m.LinkState.READY and message.nozzle is not None:
+                        assert requested and message.reset_verified
                         break
         finally:
             await client.close()

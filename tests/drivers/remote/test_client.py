@@ -26,7 +26,7 @@ def test_without_an_agent_connecting_and_asking_fail(tmp_path: Path):
 
 def test_unknown_fields_are_ignored_in_snapshots_and_refused_in_requests():
     heater = {"now_c": 20.0, "target_c": 0.0, "power": 0.5}
-    said = {
+    message = {
         "kind": "snapshot",
         "printer": "a",
         "agent_pid": 1,
@@ -34,14 +34,14 @@ def test_unknown_fields_are_ignored_in_snapshots_and_refused_in_requests():
         "bed": heater,
         "humidity": 40,
     }
-    snapshot = m.from_agent_adapter.validate_python(said)
+    snapshot = m.from_agent_adapter.validate_python(message)
     assert isinstance(snapshot, m.Snapshot) and snapshot.bed == m.Heater(now_c=20.0, target_c=0.0)
     with pytest.raises(ValidationError):
         m.request_adapter.validate_python({"do": "hello", "id": 1, "loudly": True})
 
 
 def test_a_message_that_cannot_be_read_still_counts_as_a_sign_of_life(tmp_path: Path):
-    heard: list[bool] = []
+    received: list[bool] = []
 
     async def speak(_: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         writer.write(b'{"kind": "snapshot", "printer": "a", "agent_pid": 1, "link": "floating"}\n')
@@ -50,11 +50,11 @@ def test_a_message_that_cannot_be_read_still_counts_as_a_sign_of_life(tmp_path: 
 
     async def story() -> None:
         server = await asyncio.start_unix_server(speak, tmp_path / "agent.sock")
-        client = AgentClient(tmp_path, on_message=lambda: heard.append(True))
+        client = AgentClient(tmp_path, on_message=lambda: received.append(True))
         await client.connect()
-        assert [said async for said in client.snapshots()] == []
+        assert [message async for message in client.snapshots()] == []
         await client.close()
         server.close()
 
     run(story())
-    assert heard  # the agent is alive: its print must not be ended for silence
+    assert received  # the agent is alive: its print must not be ended for silence

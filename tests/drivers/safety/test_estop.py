@@ -43,11 +43,11 @@ async def print_until_hot(folder: Path, process: subprocess.Popen[bytes]) -> Non
     path.write_text(text)
     client = AgentClient(folder)
     await client.connect()
-    asked = False
+    requested = False
     async with asyncio.timeout(DEADLINE_S):
-        async for said in client.snapshots():
-            if said.link is m.LinkState.READY and not asked:
-                asked = True
+        async for message in client.snapshots():
+            if message.link is m.LinkState.READY and not requested:
+                requested = True
                 sha256 = hashlib.sha256(text.encode()).hexdigest()
                 start = m.StartPrint(
                     id=0,
@@ -58,7 +58,7 @@ async def print_until_hot(folder: Path, process: subprocess.Popen[bytes]) -> Non
                     filament=m.Filament.PARKED,
                 )
                 assert (await client.request(start)).error is None
-            if said.print is not None and said.print.phase is m.PrintPhase.PRINTING:
+            if message.print is not None and message.print.phase is m.PrintPhase.PRINTING:
                 break
     assert process.poll() is None
     await client.close()
@@ -70,9 +70,9 @@ async def ended(folder: Path) -> m.PrintSnapshot:
     await client.connect()
     try:
         async with asyncio.timeout(DEADLINE_S):
-            async for said in client.snapshots():
-                if said.print is not None and said.print.phase.ended:
-                    return said.print
+            async for message in client.snapshots():
+                if message.print is not None and message.print.phase.ended:
+                    return message.print
     finally:
         await client.close()
     raise AssertionError("the agent is gone")
@@ -102,9 +102,9 @@ def test_a_printer_with_a_hung_agent_is_stopped_and_needs_attention_afterwards(
         assert Journal(folder / "journal.jsonl").state.board.attention_reason == ESTOPPED
         assert not is_alive(folder)
         process = spawn_agent("um2-01", MODEL, url, folder, Clock(SCALE, time.time()))
-        told = asyncio.run(ended(folder))
-        assert (told.phase, told.fault) == (m.PrintPhase.FAILED, "estop")
-        assert told.reason == "a person stopped it by `farm estop`"
+        reported = asyncio.run(ended(folder))
+        assert (reported.phase, reported.fault) == (m.PrintPhase.FAILED, "estop")
+        assert reported.reason == "a person stopped it by `farm estop`"
     finally:
         process.kill()
         process.wait(10.0)
@@ -117,33 +117,33 @@ def test_a_printer_with_a_hung_agent_is_stopped_and_needs_attention_afterwards(
 def test_queued_moves_and_heat_end_on_a_board_that_dtr_does_not_reset(tmp_path: Path, dies: bool):
     """The planner holds half a minute of moves."""
     emulator = tmp_path / "emulator"
-    one = Printer(tmp_path / "state" / "agents" / "um2-01", str(emulator / "tty"))
+    printer = Printer(tmp_path / "state" / "agents" / "um2-01", str(emulator / "tty"))
     slow = HEAD + "".join(f"G1 F6 X{50 + 20 * (i % 2)} Y50 Z0.3 E{i * 0.1}\n" for i in range(1000))
 
     async def print_slowly() -> None:
-        await one.connect()
-        await one.until(lambda s: s.link is m.LinkState.FAULT)
-        assert (await one.client.request(m.BedCleared(id=0))).error is None
-        await one.ready()
-        assert (await one.start(slow)).error is None
-        await one.phase(m.PrintPhase.PRINTING)
+        await printer.connect()
+        await printer.until(lambda s: s.link is m.LinkState.FAULT)
+        assert (await printer.client.request(m.BedCleared(id=0))).error is None
+        await printer.ready()
+        assert (await printer.start(slow)).error is None
+        await printer.phase(m.PrintPhase.PRINTING)
         assert await asyncio.to_thread(settled, emulator, lambda status: status.position_mm[2] < 1.0)
-        await one.client.close()
+        await printer.client.close()
 
     async def left() -> None:
-        one.spawn()
-        await one.connect()
-        assert (await one.phase(m.PrintPhase.FAILED)).fault == "agent_died"
-        await one.client.close()
+        printer.spawn()
+        await printer.connect()
+        assert (await printer.phase(m.PrintPhase.FAILED)).fault == "agent_died"
+        await printer.client.close()
 
     try:
-        launch(f"sim://{MODEL}?no_reset=1", emulator, one.clock)
-        one.spawn()
+        launch(f"sim://{MODEL}?no_reset=1", emulator, printer.clock)
+        printer.spawn()
         asyncio.run(print_slowly())
-        assert one.process is not None
-        one.process.send_signal(signal.SIGKILL if dies else signal.SIGSTOP)
+        assert printer.process is not None
+        printer.process.send_signal(signal.SIGKILL if dies else signal.SIGSTOP)
         if dies:
-            one.process.wait(10.0)
+            printer.process.wait(10.0)
             asyncio.run(left())
         else:
             # In this process, and patiently: on a busy host the firmware's dead-man may precede `farm estop`.
@@ -157,14 +157,16 @@ def test_queued_moves_and_heat_end_on_a_board_that_dtr_does_not_reset(tmp_path: 
         assert settled(emulator, lambda status: status.time_s > was.time_s + 500.0)  # two moves and a half
         assert read_status(emulator).position_mm == was.position_mm
     finally:
-        if one.process is not None:
-            one.process.kill()
-            one.process.wait(10.0)
+        if printer.process is not None:
+            printer.process.kill()
+            printer.process.wait(10.0)
         control(emulator, "power_off")
 
 
-@pytest.mark.parametrize(("relay", "said"), [("exit 0", "cut its"), ("echo stuck >&2; exit 3", "stuck")])
-def test_a_board_that_does_not_show_its_heaters_off_has_its_mains_cut(tmp_path: Path, relay: str, said: str):
+@pytest.mark.parametrize(("relay", "message"), [("exit 0", "cut its"), ("echo stuck >&2; exit 3", "stuck")])
+def test_a_board_that_does_not_show_its_heaters_off_has_its_mains_cut(
+    tmp_path: Path, relay: str, message: str
+):
     master, slave = pty.openpty()
     tty.setraw(slave)
     port = os.ttyname(slave)
@@ -176,7 +178,7 @@ def test_a_board_that_does_not_show_its_heaters_off_has_its_mains_cut(tmp_path: 
         target = StopTarget("um2-01", port, tmp_path / "um2-01", ULTIMAKER2, f"{script} {{printer}}")
         stopped = stop_printer(target, show_s=0.05)
         assert not stopped.seen_off and stopped.cut_s is not None
-        assert "shows no temperatures" in stopped.text and said in stopped.text
+        assert "shows no temperatures" in stopped.text and message in stopped.text
         assert (tmp_path / "cut").read_text() == "um2-01\n"
     finally:
         os.close(master)
@@ -198,10 +200,10 @@ def test_a_heater_that_does_not_cool_is_not_reported_as_off(
                 for line in data.split(b"\n")[:-1]:
                     os.write(master, b"ok T:200.0 /0.0 B:60.0 /0.0\n" if b"M105" in line else b"ok\n")
 
-    heard: list[str] = []
+    received: list[str] = []
 
     def tell(text: str) -> None:
-        heard.append(text)
+        received.append(text)
         if not listens:
             raise BrokenPipeError
 
@@ -209,7 +211,7 @@ def test_a_heater_that_does_not_cool_is_not_reported_as_off(
     try:
         stopped = stop_printer(StopTarget("a", os.ttyname(slave), tmp_path / "a", ULTIMAKER2), notify=tell)
         assert not stopped.seen_off and "not seen to cool" in stopped.text
-        assert len(heard) == 1 and "both targets 0" in heard[0]
+        assert len(received) == 1 and "both targets 0" in received[0]
         assert Journal(tmp_path / "a" / "journal.jsonl").state.board.hot
     finally:
         os.close(slave)
@@ -284,12 +286,12 @@ def test_targets_are_read_from_start_files_and_broken_files_are_skipped(tmp_path
 
 
 def test_an_unchanged_start_file_is_not_written_again(tmp_path: Path):
-    begun = StartFile("d", MODEL, "/dev/null")
-    begun.write(tmp_path)
+    started = StartFile("d", MODEL, "/dev/null")
+    started.write(tmp_path)
     (tmp_path / ".start.json.new").mkdir()  # nothing can be written there
-    begun.write(tmp_path)
+    started.write(tmp_path)
     with pytest.raises(OSError):
-        replace(begun, port="/dev/zero").write(tmp_path)
+        replace(started, port="/dev/zero").write(tmp_path)
 
 
 def test_no_process_is_killed_for_the_pid_of_a_former_agent(tmp_path: Path):

@@ -94,13 +94,13 @@ def test_a_heater_that_leaves_its_target_is_found(name: HeaterName, on: bool):
 def test_off_is_confirmed_by_falling_temperatures_only(name: HeaterName):
     warm_c = 200.0 if name is NOZZLE else 60.0
     falls, stays, late = HeaterWatch(4.0), HeaterWatch(4.0), HeaterWatch(4.0)
-    curve, again = Curve(name, warm_c), Curve(name, warm_c)
+    curve, repeated = Curve(name, warm_c), Curve(name, warm_c)
     found = None
     for second in range(1, 200):
         now_s = float(second)
         assert look(falls, name, curve.step(False, 1.0), 0.0, now_s) is None
         found = found or look(stays, name, warm_c, 0.0, now_s)
-        look(late, name, again.step(second > 60, 1.0), 0.0, now_s)
+        look(late, name, repeated.step(second > 60, 1.0), 0.0, now_s)
         if second == 40:
             assert falls.cools and not stays.cools and late.cools
     assert falls.cools and not stays.cools and not late.cools

@@ -9,17 +9,17 @@ from drivers.safety import cut_mains
 
 
 def test_the_command_gets_the_printer_and_no_shell_sees_its_words(tmp_path: Path):
-    seen = tmp_path / "seen"
+    observed = tmp_path / "seen"
     relay = tmp_path / "relay"
-    relay.write_text(f'#!/bin/sh\nprintf "%s|" "$@" > {seen}\n')
+    relay.write_text(f'#!/bin/sh\nprintf "%s|" "$@" > {observed}\n')
     relay.chmod(0o700)
-    said = cut_mains(f"{relay} {{printer}} 'a b' $(touch${{IFS}}x) ; &", "um2-01")
-    assert said == "power_off_cmd cut its mains"
-    assert seen.read_text() == "um2-01|a b|$(touch${IFS}x)|;|&|"
+    message = cut_mains(f"{relay} {{printer}} 'a b' $(touch${{IFS}}x) ; &", "um2-01")
+    assert message == "power_off_cmd cut its mains"
+    assert observed.read_text() == "um2-01|a b|$(touch${IFS}x)|;|&|"
 
 
 @pytest.mark.parametrize(
-    ("command", "why"),
+    ("command", "reason"),
     [
         ("", "could not be run"),
         ("'", "could not be run"),
@@ -32,6 +32,6 @@ def test_the_command_gets_the_printer_and_no_shell_sees_its_words(tmp_path: Path
         ("sh -c 'exec sleep 2 & exec sleep 60'", "did not end"),
     ],
 )
-def test_every_failure_is_reported_and_asks_for_a_person(command: str, why: str):
-    said = cut_mains(command, "um2-01", timeout_s=0.2)
-    assert why in said and said.endswith("switch it off by hand")
+def test_every_failure_is_reported_and_asks_for_a_person(command: str, reason: str):
+    message = cut_mains(command, "um2-01", timeout_s=0.2)
+    assert reason in message and message.endswith("switch it off by hand")

@@ -18,8 +18,8 @@ def test_the_board_of_another_model_is_refused_before_anything_heats():
 def test_printer_is_identified_by_its_home_offset():
     first = Rig(Faults(levelled=243)).run()
     assert first.session.context.identity == "X0.00 Y0.00 Z-12.43"
-    again = Rig(Faults(levelled=243), identity=first.session.context.identity).run()
-    assert_ended_off(again, PrintPhase.DONE, None)
+    repeated = Rig(Faults(levelled=243), identity=first.session.context.identity).run()
+    assert_ended_off(repeated, PrintPhase.DONE, None)
     other = Rig(Faults(levelled=187), identity=first.session.context.identity).run()
     assert_ended_off(other, PrintPhase.FAILED, Fault.WRONG_PRINTER)
     assert b"M140" not in other.sent.replace(b"M140 S0", b"") and not other.session.context.extruded

@@ -150,8 +150,8 @@ def test_a_firmware_that_stopped_and_acknowledges_everything_is_found_by_its_tar
     listen = rig.link.receive
 
     def deaf(data: bytes, now_s: float) -> object:
-        heard = data.replace(b"Printer stopped", b"Pr#nter st#pped").replace(b"MAXTEMP", b"M#XT#MP")
-        return listen(heard, now_s)
+        received = data.replace(b"Printer stopped", b"Pr#nter st#pped").replace(b"MAXTEMP", b"M#XT#MP")
+        return listen(received, now_s)
 
     rig.link.receive = deaf  # type: ignore[method-assign, assignment]
     assert_ended_off(rig.run(), PrintPhase.FAILED, Fault.TARGET_CHANGED)
@@ -287,13 +287,13 @@ class DyingDisk(MemoryStore):
         return self._bad
 
 
-@pytest.mark.parametrize(("bad", "says"), [(None, "cannot be read"), (b"G1 X1\n" * 256, "has changed")])
-def test_a_disk_that_dies_in_a_print_ends_it_safely_and_no_line_is_left_out(bad: bytes | None, says: str):
+@pytest.mark.parametrize(("bad", "message"), [(None, "cannot be read"), (b"G1 X1\n" * 256, "has changed")])
+def test_a_disk_that_dies_in_a_print_ends_it_safely_and_no_line_is_left_out(bad: bytes | None, message: str):
     text = gcode(1500)
     disk = DyingDisk(bad)
     rig = Rig(text=text, store=disk).run()
     assert_ended_off(rig, PrintPhase.FAILED, Fault.BAD_FILE)
-    assert rig.session.context.reason is not None and says in rig.session.context.reason
+    assert rig.session.context.reason is not None and message in rig.session.context.reason
     disk.mended = True
     sent = rig.moves()
     assert 0 < len(sent) < 1500

@@ -47,8 +47,8 @@ def test_a_print_on_a_link_that_has_printed_begins_at_nothing():
     rig = Rig()
     rig.run()
     assert rig.session.context.streamed == rig.program.count
-    again = Session(SessionContext(rig.link, rig.program, PLUS, Filament.PARKED, Pace(), rig.now_s))
-    assert again.context.streamed == 0
+    repeated = Session(SessionContext(rig.link, rig.program, PLUS, Filament.PARKED, Pace(), rig.now_s))
+    assert repeated.context.streamed == 0
 
 
 def test_the_dead_man_is_shorter_once_hot_shorter_in_a_pause_and_off_when_cold():
@@ -71,9 +71,9 @@ def test_a_heat_up_that_takes_longer_than_the_dead_man_does_not_trip_it(monkeypa
     monkeypatch.setattr("drivers.session.heat.FEED_S", 20.0)
     rig = Rig()
     rig.run(until=lambda: rig.session.context.phase is PrintPhase.HEATING)
-    began_s = rig.now_s
+    started_s = rig.now_s
     rig.run(until=lambda: rig.session.context.phase is PrintPhase.PRINTING)
-    assert rig.now_s - began_s > 2 * 60.0
+    assert rig.now_s - started_s > 2 * 60.0
     assert_ended_off(rig.run(), PrintPhase.DONE, None)
 
 

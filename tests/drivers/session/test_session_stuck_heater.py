@@ -75,9 +75,9 @@ def test_a_nozzle_that_burns_after_a_cancel_or_in_a_pause_is_found_soon():
         lambda rig: rig.session.pause(rig.now_s),
     ):
         rig = burning(NOZZLE)
-        begun_s = rig.now_s
+        started_s = rig.now_s
         stop(rig)
-        assert asked(rig) - begun_s <= 45.0  # a pause first draws the filament back, hot
+        assert asked(rig) - started_s <= 45.0  # a pause first draws the filament back, hot
         rig.run()
         assert (
             rig.session.context.suspicion is not None
@@ -91,8 +91,8 @@ def test_a_nozzle_that_burns_at_the_end_of_the_file_is_found_soon(lines_before_t
     rig.printing(rig.program.count - lines_before_the_end)
     rig.firmware.trigger_fault("nozzle_burns_after", rig.now_s)
     rig.run(until=lambda: rig.session.context.phase is PrintPhase.ENDING)
-    begun_s = rig.now_s
-    assert asked(rig) - begun_s <= LIMIT_S
+    started_s = rig.now_s
+    assert asked(rig) - started_s <= LIMIT_S
     rig.run()
     assert rig.session.context.phase is PrintPhase.FAILED
     assert rig.session.context.fault in (Fault.HEATER_STUCK_ON, Fault.MAXTEMP)
@@ -139,14 +139,14 @@ def test_the_session_after_a_dead_agent_keeps_the_finding(burns: bool):
 def test_old_finding_requests_power_off_after_the_time_to_cool(burns: bool):
     rig = Rig()
     rig.firmware.board.nozzle.burns = burns
-    begun_s = rig.now_s
+    started_s = rig.now_s
     old = Suspicion("the nozzle went up to 250 C, above 210", rig.now_s - 3600.0)
     rig.session = Session(
         SessionContext(rig.link, None, PLUS, Filament.UNKNOWN, Pace(), rig.now_s, suspicion=old)
     )
     if burns:
         rig.firmware.board.nozzle._temperature_c = 200.0
-        assert asked(rig) - begun_s <= LIMIT_S / 2
+        assert asked(rig) - started_s <= LIMIT_S / 2
     rig.run()
     assert rig.session.context.wants_power_off is burns and rig.session.context.heaters_off is not burns
 

@@ -55,7 +55,9 @@ prints = st.fixed_dictionaries(
         "sha256": st.sampled_from([None, "0" * 64]),
     },
 )
-alike = prints.map(lambda one: {"started_s": NOW_S + 9.0, **one, "sha256": "0" * 64})  # of a file that waits
+alike = prints.map(
+    lambda item: {"started_s": NOW_S + 9.0, **item, "sha256": "0" * 64}
+)  # of a file that waits
 snapshots = st.fixed_dictionaries(
     {
         "printer": st.just("a"),
@@ -76,22 +78,22 @@ snapshots = st.fixed_dictionaries(
 
 def lines(said):
     """Snapshots of an agent that can be read at all."""
-    for one in said:
+    for item in said:
         try:
-            heard = read_line(json.dumps({"kind": "snapshot", **one}).encode())
+            received = read_line(json.dumps({"kind": "snapshot", **item}).encode())
         except MessageError:
             continue
-        assert isinstance(heard, Snapshot)
-        yield heard
+        assert isinstance(received, Snapshot)
+        yield received
 
 
 def look(controller, folder):
     """All that is shown to people, and sent to them."""
-    scene = controller.build_view_context(StateFolder(folder))
-    shown = [describe_job(scene, job) for job in controller.books.jobs.values()]
-    shown += [describe_printer(scene, section, None) for section in controller.fleet.printers]
-    shown += [*list_tasks(scene), *list_history(scene)]
-    night = describe_night(scene)
+    view_context = controller.build_view_context(StateFolder(folder))
+    shown = [describe_job(view_context, job) for job in controller.books.jobs.values()]
+    shown += [describe_printer(view_context, section, None) for section in controller.fleet.printers]
+    shown += [*list_tasks(view_context), *list_history(view_context)]
+    night = describe_night(view_context)
     for view in [*shown, *([night] if night else [])]:
         assert "\\u001b" not in view.model_dump_json()
 
@@ -118,8 +120,8 @@ def test_any_snapshot_can_be_recorded_shown_and_read(said, tmp_path_factory):
     folder = tmp_path_factory.mktemp("lies")
     farm = busy(folder)
     other = farm.controller.books.prints["theirs"]
-    for heard in lines(said):
-        farm.controller.on_snapshot(to_farm_snapshot(heard, Clock()))
+    for received in lines(said):
+        farm.controller.on_snapshot(to_farm_snapshot(received, Clock()))
         look(farm.controller, folder)
     assert farm.controller.books.prints["theirs"] == other
     with Store(folder / "farm.db") as store:
@@ -134,10 +136,10 @@ def test_any_journal_since_the_backup_can_be_recorded(last, told, tmp_path_facto
     farm = busy(folder)
     farm.controller.start(farm.effects, restored_s=NOW_S + 1.0)
     other = farm.controller.books.prints["theirs"]
-    for heard in lines([last]):
-        shown = [one.print for one in lines({**last, "print": shot} for shot in told)]
-        shot = [to_farm_print(one, clock_offset_s(heard, Clock())) for one in shown]
-        farm.controller.on_journal(to_farm_snapshot(heard, Clock()), shot)
+    for received in lines([last]):
+        shown = [item.print for item in lines({**last, "print": shot} for shot in told)]
+        shot = [to_farm_print(item, clock_offset_s(received, Clock())) for item in shown]
+        farm.controller.on_journal(to_farm_snapshot(received, Clock()), shot)
         assert farm.controller.unreported_since_s("a") is None
         look(farm.controller, folder)
     assert farm.controller.books.prints["theirs"] == other

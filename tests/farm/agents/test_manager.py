@@ -101,13 +101,13 @@ def test_moments_of_an_agent_whose_host_has_another_time_are_put_right(apart_s: 
     clock = Clock()
     began_s = clock.now() + apart_s
     shot = m.PrintSnapshot(print_id="p", phase=m.PrintPhase.PRINTING, started_s=began_s)
-    said = m.Snapshot(
+    message = m.Snapshot(
         protocol=m.PROTOCOL, printer="a", agent_pid=1, now_s=began_s, link=m.LinkState.BUSY, print=shot
     )
-    heard = to_farm_snapshot(said, clock).print
-    assert heard is not None
-    assert heard.started_s == pytest.approx(began_s + shift_s, abs=30.0)
-    assert clock_offset_s(said, clock) == pytest.approx(shift_s, abs=30.0)
+    received = to_farm_snapshot(message, clock).print
+    assert received is not None
+    assert received.started_s == pytest.approx(began_s + shift_s, abs=30.0)
+    assert clock_offset_s(message, clock) == pytest.approx(shift_s, abs=30.0)
 
 
 @pytest.mark.parametrize("step_s", [30.0, -30.0, 6 * 3600.0, -6 * 3600.0])
@@ -117,15 +117,15 @@ def test_agents_agree_on_deadlines_with_a_daemon_whose_clock_was_set(step_s: flo
     daemon, agent = Clock(ahead_s=step_s), Clock(ahead_s=step_s if later else 0.0)
     began_s = agent.now()
     shot = m.PrintSnapshot(print_id="p", phase=m.PrintPhase.PRINTING, started_s=began_s)
-    said = m.Snapshot(
+    message = m.Snapshot(
         protocol=m.PROTOCOL, printer="a", agent_pid=1, now_s=began_s, link=m.LinkState.BUSY, print=shot
     )
-    heard = to_farm_snapshot(said, daemon).print
-    assert heard is not None and heard.started_s is not None
+    received = to_farm_snapshot(message, daemon).print
+    assert received is not None and received.started_s is not None
     off_s = 30.0 if later and abs(step_s) < 60.0 else 5.0  # less than a minute may be a word's way alone
-    assert daemon.now() - heard.started_s == pytest.approx(0.0, abs=off_s + 5.0)
+    assert daemon.now() - received.started_s == pytest.approx(0.0, abs=off_s + 5.0)
     deadline_s = daemon.now() + 600.0
-    sent = to_agent_clock(start(None, deadline_s), clock_offset_s(said, daemon), deadline_s)
+    sent = to_agent_clock(start(None, deadline_s), clock_offset_s(message, daemon), deadline_s)
     assert isinstance(sent, m.StartPrint)
     assert sent.not_after_s is not None and sent.not_after_s - agent.now() == pytest.approx(600.0, abs=35.0)
     assert sent.ends_by_s == sent.not_after_s
@@ -341,7 +341,7 @@ def test_a_print_that_is_cancelled_while_its_file_is_sent_is_not_begun(tmp_path:
         client.let.set()
 
     client, _ = told(tmp_path, story)
-    assert {type(one) for one in client.sent} == {m.Upload, m.CancelPrint}
+    assert {type(item) for item in client.sent} == {m.Upload, m.CancelPrint}
 
 
 @pytest.mark.system

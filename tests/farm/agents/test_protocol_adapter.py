@@ -24,16 +24,16 @@ def snapshot(**fields):
     )
 
 
-def trusted(said, simulated=False, bed_cleared=False):
-    return to_trusted_snapshot(said, CLOCK, "a", simulated, bed_cleared)
+def trusted(message, simulated=False, bed_cleared=False):
+    return to_trusted_snapshot(message, CLOCK, "a", simulated, bed_cleared)
 
 
 @pytest.mark.parametrize("field", ["alarm", "bed_unknown_reason"])
 def test_a_cleared_bed_is_not_doubted_by_a_snapshot_that_was_sent_before(field):
     """Such a snapshot left its agent before the command arrived: the alarm in it is out of date."""
-    said = snapshot(alarm="the nozzle stays hot", doubt="the board was reset")
-    assert getattr(trusted(said), field) is not None
-    assert getattr(trusted(said, bed_cleared=True), field) is None
+    message = snapshot(alarm="the nozzle stays hot", doubt="the board was reset")
+    assert getattr(trusted(message), field) is not None
+    assert getattr(trusted(message, bed_cleared=True), field) is None
 
 
 def test_readings_of_a_printer_reach_the_page_without_a_line_for_each():
@@ -48,9 +48,9 @@ def test_readings_of_a_printer_reach_the_page_without_a_line_for_each():
 
 
 def test_only_an_emulator_sees_its_bed():
-    said = snapshot(bed_clear=True)
-    assert trusted(said, simulated=True).bed_clear is True
-    assert trusted(said).bed_clear is None
+    message = snapshot(bed_clear=True)
+    assert trusted(message, simulated=True).bed_clear is True
+    assert trusted(message).bed_clear is None
 
 
 def test_agent_reports_its_own_printer_only():

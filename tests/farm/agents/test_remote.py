@@ -207,9 +207,9 @@ def test_a_network_that_is_gone_for_ten_minutes_in_a_print_loses_nothing(
     gcode = tmp_path / "only-here.gcode"
     gcode.write_bytes(text)
 
-    async def until(seen: Any) -> AgentSnapshot:
+    async def until(observed: Any) -> AgentSnapshot:
         async with asyncio.timeout(DEADLINE_S):
-            while not seen(listener.last):
+            while not observed(listener.last):
                 await asyncio.sleep(0.05)
             return listener.last
 
@@ -231,11 +231,11 @@ def test_a_network_that_is_gone_for_ten_minutes_in_a_print_loses_nothing(
             )
             await until(lambda s: s.print is not None and s.print.state is PrintState.PRINTING)
             first = agent_pid(there)
-            began_s = clock.now()
+            started_s = clock.now()
             way.cut()
             await until(lambda s: s.link is Link.STARTING)
             async with asyncio.timeout(DEADLINE_S):
-                while clock.now() < began_s + GONE_S:
+                while clock.now() < started_s + GONE_S:
                     assert is_alive(there)
                     await asyncio.sleep(0.05)
             way.mend()
@@ -299,9 +299,9 @@ def test_idle_agent_of_a_removed_printer_is_ended_on_its_host(tmp_path: Path, wa
         raw = {"fleet": {"name": "test"}, "printers": printers}
         return AgentManager(Fleet.model_validate(raw), state, clock, RecordingListener())
 
-    async def until(seen: Callable[[], bool]) -> None:
+    async def until(observed: Callable[[], bool]) -> None:
         async with asyncio.timeout(DEADLINE_S):
-            while not seen():
+            while not observed():
                 await asyncio.sleep(0.05)
 
     async def story() -> None:

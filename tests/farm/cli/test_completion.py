@@ -91,14 +91,14 @@ def test_completion_is_empty_and_silent_without_a_daemon(tmp_path, capfd):
     ],
 )
 def test_bash_completion_calls_the_command(daemon, line, words):
-    asked = {
+    requested = {
         "COMP_WORDS": line,
         "COMP_CWORD": str(len(line.split(" ")) - 1),
         "_FARM_COMPLETE": "complete_bash",
     }
     done = subprocess.run(
         [FARM],
-        env={**os.environ, **asked, "FARM_SOCKET": str(daemon)},
+        env={**os.environ, **requested, "FARM_SOCKET": str(daemon)},
         capture_output=True, text=True, check=True, timeout=120,
     )  # fmt: skip
     assert (done.stdout.split(), done.stderr) == (words, "")

@@ -39,15 +39,15 @@ class Bench:
         self.begun.append((request, work))
         return work
 
-    def connect(self, uid, said=b""):
+    def connect(self, uid, message=b""):
         self.uid = uid
-        one = socket.socket(socket.AF_UNIX)
-        self.ends.append(one)
-        one.connect(self.path)
-        one.sendall(said)
+        item = socket.socket(socket.AF_UNIX)
+        self.ends.append(item)
+        item.connect(self.path)
+        item.sendall(message)
         self.serve_once()
         self.serve_once()
-        return one
+        return item
 
     def serve_once(self, later_s=0.0):
         self.now_s += later_s
@@ -58,39 +58,39 @@ class Bench:
 def bench(tmp_path):
     bench = Bench(tmp_path)
     yield bench
-    for one in (bench.listening, *bench.ends, *bench.server._pending):
-        one.close()
+    for item in (bench.listening, *bench.ends, *bench.server._pending):
+        item.close()
 
 
-def refused(one):
-    one.settimeout(0.0)
+def refused(item):
+    item.settimeout(0.0)
     try:
-        said = one.recv(4096)
+        message = item.recv(4096)
     except BlockingIOError:
         return False
-    return not said or "too many" in json.loads(said)["error"]
+    return not message or "too many" in json.loads(message)["error"]
 
 
 def test_a_request_is_handed_on_whole_when_it_is_whole(bench):
-    one = bench.connect(1000, REQUEST[:5])
+    item = bench.connect(1000, REQUEST[:5])
     assert bench.begun == []
-    one.sendall(REQUEST[5:])
+    item.sendall(REQUEST[5:])
     bench.serve_once()
-    assert [said for said, _ in bench.begun] == [REQUEST]
+    assert [message for message, _ in bench.begun] == [REQUEST]
 
 
-@pytest.mark.parametrize("said", [b"", REQUEST[:5]], ids=["nothing", "half a request"])
-def test_connection_without_a_request_is_ended_after_two_seconds(bench, said):
-    one = bench.connect(1000, said)
+@pytest.mark.parametrize("message", [b"", REQUEST[:5]], ids=["nothing", "half a request"])
+def test_connection_without_a_request_is_ended_after_two_seconds(bench, message):
+    item = bench.connect(1000, message)
     bench.serve_once(REQUEST_S)
-    assert not refused(one)
+    assert not refused(item)
     bench.serve_once(0.1)
-    assert refused(one) and bench.begun == []
+    assert refused(item) and bench.begun == []
 
 
 def test_requests_are_limited_per_user(bench):
-    crowd = [bench.connect(1000) for _ in range(CROWD)]
-    assert sum(not refused(one) for one in crowd) == MAX_PER_USER
+    clients = [bench.connect(1000) for _ in range(CROWD)]
+    assert sum(not refused(item) for item in clients) == MAX_PER_USER
     bench.connect(2000, REQUEST)
     assert len(bench.begun) == 1
 

@@ -6,7 +6,7 @@ from farm.cli.main import main
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "message"),
     [
         (["submit"], "Missing argument"),
         (["submit", "x.stl", "--printers", "0"], "of at least 1, or auto; see `farm submit --help`"),
@@ -16,13 +16,13 @@ from farm.cli.main import main
         (["load", "a", "--wrong"], "No such option: --wrong"),
     ],
 )
-def test_wrong_usage_gets_one_line(words, said, monkeypatch, capsys):
+def test_wrong_usage_gets_one_line(words, message, monkeypatch, capsys):
     monkeypatch.setattr("sys.argv", ["farm", *words])
     with pytest.raises(SystemExit) as ended:
         main()
     out, err = capsys.readouterr()
     assert (ended.value.code, out, err.count("\n")) == (2, "", 1)
-    assert err.startswith("farm: ") and said in err
+    assert err.startswith("farm: ") and message in err
 
 
 def test_commands_are_listed_without_arguments(monkeypatch, capsys):

@@ -139,10 +139,10 @@ def test_instruction_is_sent_once_and_repeated_by_a_new_daemon(farm, plan, tmp_p
     starts = [i for i in farm.effects.instructions if isinstance(i, ev.SendStart)]
     assert [s.printer for s in starts] == ["a", "b"]
     farm.store.close()
-    again = Farm(tmp_path)
-    assert again.controller.books == farm.controller.books
-    again.ready("a")
-    assert [i for i in again.effects.instructions if isinstance(i, ev.SendStart)] == [starts[0]]
+    repeated = Farm(tmp_path)
+    assert repeated.controller.books == farm.controller.books
+    repeated.ready("a")
+    assert [i for i in repeated.effects.instructions if isinstance(i, ev.SendStart)] == [starts[0]]
 
 
 def test_unattended_start_is_not_repeated_at_night(farm, plan, tmp_path):
@@ -163,9 +163,9 @@ def test_a_daemon_that_died_while_it_planned_plans_again(farm, tmp_path):
     farm.ready("a", "b")
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
     farm.store.close()
-    again = Farm(tmp_path)
-    again.ready("a", "b")
-    assert again.effects.plans == [(1, ["a", "b"], 1)]
+    repeated = Farm(tmp_path)
+    repeated.ready("a", "b")
+    assert repeated.effects.plans == [(1, ["a", "b"], 1)]
 
 
 def test_a_job_is_planned_while_every_bed_is_full_and_the_beds_are_shown(farm, plan):
@@ -218,7 +218,7 @@ def test_paused_print_is_a_task_with_its_time_limit(farm, plan):
     paused = ev.SendPause(print_id=attempt.id, printer="a", wanted=True)
 
     def told_last():
-        pauses = [told for told in farm.effects.instructions if isinstance(told, ev.SendPause)]
+        pauses = [reported for reported in farm.effects.instructions if isinstance(reported, ev.SendPause)]
         return pauses[-1]
 
     farm.printers.pause("a", True, "ann")
@@ -227,8 +227,8 @@ def test_paused_print_is_a_task_with_its_time_limit(farm, plan):
     def word(state, **changes):
         facts = {"fault": None, "reason": None, "progress_s": 5.0, "print_time_s": 90.0, "extruded": True}
         facts |= {"started_s": 2.0, "ended_s": None, **changes}
-        said = AgentPrint(print_id=attempt.id, state=state, **facts)
-        farm.controller.on_snapshot(AgentSnapshot(printer="a", link=Link.BUSY, print=said))
+        message = AgentPrint(print_id=attempt.id, state=state, **facts)
+        farm.controller.on_snapshot(AgentSnapshot(printer="a", link=Link.BUSY, print=message))
         scene = farm.view_context(STATE)
         view = describe_printer(scene, farm.controller.fleet.printer("a"), None)
         return view, [item for item in list_tasks(scene) if item.code == "resume"]
@@ -263,12 +263,12 @@ def test_temperatures_and_progress_run_no_scheduler(farm, plan, monkeypatch):
     monkeypatch.setattr(module, "assign_plates", counted)
 
     def report(step, link=Link.BUSY, state=PrintState.PRINTING):
-        said = AgentPrint(
+        message = AgentPrint(
             print_id=attempt.id, state=state, fault=None, reason=None, progress_s=1.0 * step,
             print_time_s=90.0, extruded=True, started_s=2.0, ended_s=None, layer=step, layers=90,
         )  # fmt: skip
         heat = {"nozzle_c": 20.0 + step, "bed_c": 20.0 + step, "nozzle_target_c": 210.0}
-        farm.controller.on_snapshot(AgentSnapshot(printer="a", link=link, print=said, **heat))
+        farm.controller.on_snapshot(AgentSnapshot(printer="a", link=link, print=message, **heat))
 
     report(0)
     assert len(runs) == 1  # it prints: that is in the books
@@ -301,11 +301,11 @@ def test_hold_is_derived_when_shown_without_a_commit(farm):
     now_s = farm.controller.clock.now()
     for name in "ab":
         attempt = farm.controller.books.open_print_on(name)
-        said = AgentPrint(
+        message = AgentPrint(
             print_id=attempt.id, state=PrintState.PRINTING, fault=None, reason=None, progress_s=1.0,
             print_time_s=90.0, extruded=True, started_s=now_s + 3600.0, ended_s=None,
         )  # fmt: skip
-        farm.controller.on_snapshot(AgentSnapshot(printer=name, link=Link.BUSY, print=said))
+        farm.controller.on_snapshot(AgentSnapshot(printer=name, link=Link.BUSY, print=message))
     assert shown().text != first.text
     kinds = [kind for _, kind, _ in farm.store.events()]
     assert kinds[-5:] == ["JobPlanned", *["PlateAssigned"] * 2, *["PrintProgressed"] * 2]

@@ -74,14 +74,14 @@ class Night:
             self.controller.on_plan(number, FarmError("no better plan"))
 
     def say(self, name, print_id, state, started_s, ended_s=None):
-        said = AgentPrint(
+        message = AgentPrint(
             print_id=print_id, state=state, fault=None, reason=None, progress_s=1.0, print_time_s=1.0,
             extruded=state is not PrintState.HEATING, started_s=started_s, ended_s=ended_s,
         )  # fmt: skip
         link = Link.READY if state.ended else Link.BUSY
         filament = FilamentState.PARKED
         self.controller.on_snapshot(
-            AgentSnapshot(printer=name, link=link, filament=filament, agent_pid=9, print=said)
+            AgentSnapshot(printer=name, link=link, filament=filament, agent_pid=9, print=message)
         )
 
     def begin_prints(self):
@@ -179,8 +179,8 @@ def test_forecast_is_exact_without_failures(work, house, printers, hour, reels):
             mine = [name for name in foreseen if night.controller.books.plates[name].job == number]
             if mine:
                 expected_s = max(foreseen[name] for name in mine) - now_s
-                took_s = max(reached[name] for name in mine) - now_s
-                assert abs(took_s - expected_s) <= 0.02 * took_s, (number, expected_s, took_s)
+                elapsed_s = max(reached[name] for name in mine) - now_s
+                assert abs(elapsed_s - expected_s) <= 0.02 * elapsed_s, (number, expected_s, elapsed_s)
         assert all(p.bed is not Bed.UNKNOWN for p in night.controller.books.printers.values())
         assert not any(
             night.controller.books.plate_state(p) is PlateState.PRINTING

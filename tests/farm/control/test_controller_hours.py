@@ -53,8 +53,10 @@ def word(farm, state=PrintState.PRINTING, **changes):
     attempt = farm.controller.books.open_print_on("a")
     facts = {"fault": None, "reason": None, "progress_s": 5.0, "print_time_s": 90.0, "extruded": True}
     facts |= {"started_s": FRIDAY, "ended_s": None, "ends_by_s": STOP, **changes}
-    said = AgentPrint(print_id=attempt.id, state=state, **facts)
-    farm.controller.on_snapshot(AgentSnapshot(printer="a", link=Link.BUSY, reset_verified=False, print=said))
+    message = AgentPrint(print_id=attempt.id, state=state, **facts)
+    farm.controller.on_snapshot(
+        AgentSnapshot(printer="a", link=Link.BUSY, reset_verified=False, print=message)
+    )
     return attempt
 
 
@@ -72,16 +74,16 @@ def test_print_gets_its_latest_start_and_end(farm):
 
 def test_changed_hours_are_sent_to_the_agent(farm):
     attempt = word(farm)
-    told = [i for i in farm.effects.instructions if isinstance(i, ev.SendEndBy)]
-    assert told == []
+    reported = [i for i in farm.effects.instructions if isinstance(i, ev.SendEndBy)]
+    assert reported == []
     word(farm, ends_by_s=STOP - 3600.0)
     assert farm.effects.instructions[-1] == ev.SendEndBy(print_id=attempt.id, printer="a", ends_by_s=STOP)
     word(farm, ends_by_s=None)
     assert farm.effects.instructions[-1].ends_by_s == STOP
     before = len(farm.effects.instructions)
-    [gone] = (p for p in farm.controller.fleet.printers if p.name == "b")
+    [removed] = (p for p in farm.controller.fleet.printers if p.name == "b")
     fleet = farm.controller.fleet
-    farm.controller.fleet = fleet.model_copy(update={"printers": (gone,)})  # `a` was taken out of it
+    farm.controller.fleet = fleet.model_copy(update={"printers": (removed,)})  # `a` was taken out of it
     word(farm, ends_by_s=STOP - 3600.0)
     farm.controller.fleet = fleet
     word(farm, PrintState.ENDING)

@@ -20,21 +20,21 @@ from simulated_fleet import World
 PLATES = 3
 
 
-def check(world):
+def check(simulation):
     """Compare the books with what happened, for the daemon and for the next one that reads them."""
-    good = [plate for plate, _, verdict in world.made if verdict is Verdict.GOOD]
+    good = [plate for plate, _, verdict in simulation.made if verdict is Verdict.GOOD]
     assert sorted(good) == [f"1/0{i}" for i in range(1, PLATES + 1)]  # none lost, none twice
-    books = world.controller.books
-    world.store.close()
-    with Store(world.path) as store:
+    books = simulation.controller.books
+    simulation.store.close()
+    with Store(simulation.path) as store:
         assert store.load() == books
-    begun = {name: p for name, p in books.prints.items() if p.started_s is not None}
-    assert {name: (p.printer, p.started_s, p.ended_s) for name, p in begun.items()} == world.prints
+    started = {name: p for name, p in books.prints.items() if p.started_s is not None}
+    assert {name: (p.printer, p.started_s, p.ended_s) for name, p in started.items()} == simulation.prints
     for printer in "ab":  # one print at a time
-        times = sorted((p.started_s, p.ended_s) for p in begun.values() if p.printer == printer)
+        times = sorted((p.started_s, p.ended_s) for p in started.values() if p.printer == printer)
         assert all(before[1] <= after[0] for before, after in itertools.pairwise(times))
     for plate in books.plates.values():
-        times = sorted((p.started_s, p.ended_s) for p in begun.values() if p.plate == plate.id)
+        times = sorted((p.started_s, p.ended_s) for p in started.values() if p.plate == plate.id)
         assert all(before[1] <= after[0] for before, after in itertools.pairwise(times))
     failed = [p for p in books.prints.values() if p.state is PrintState.FAILED]
     assert len(failed) == 1
@@ -43,10 +43,10 @@ def check(world):
 
 @pytest.fixture(scope="module")
 def undisturbed(tmp_path_factory):
-    world = World(tmp_path_factory.mktemp("undisturbed"), PLATES)
-    world.run()
-    commits = world.commits
-    check(world)
+    simulation = World(tmp_path_factory.mktemp("undisturbed"), PLATES)
+    simulation.run()
+    commits = simulation.commits
+    check(simulation)
     return commits
 
 
@@ -56,22 +56,22 @@ def test_killed_at_every_commit(after, undisturbed, tmp_path):
     for number in range(1, undisturbed + 1):
         folder = tmp_path / str(number)
         folder.mkdir()
-        world = World(folder, PLATES, kills=[number], after=after)
-        world.run()
-        assert world.restarts == 1
-        check(world)
+        simulation = World(folder, PLATES, kills=[number], after=after)
+        simulation.run()
+        assert simulation.restarts == 1
+        check(simulation)
 
 
 @settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(kills=st.sets(st.integers(4, 60), min_size=2, max_size=8), after=st.booleans())
 def test_repeated_kills(kills, after, tmp_path_factory):
-    world = World(tmp_path_factory.mktemp("again"), PLATES, kills=kills, after=after)
-    world.run()
-    check(world)
+    simulation = World(tmp_path_factory.mktemp("again"), PLATES, kills=kills, after=after)
+    simulation.run()
+    check(simulation)
 
 
 @pytest.mark.parametrize(
-    ("broken", "mended", "said"),
+    ("broken", "repaired", "message"),
     [
         ("PRAGMA max_page_count = 1", "PRAGMA max_page_count = 100000", "full"),
         ("PRAGMA query_only = 1", "PRAGMA query_only = 0", "readonly"),
@@ -79,31 +79,31 @@ def test_repeated_kills(kills, after, tmp_path_factory):
     ids=["disk full", "read-only"],
 )
 @pytest.mark.parametrize("first", range(0, 16, 5))
-def test_books_that_cannot_be_written_for_a_while(first, broken, mended, said, tmp_path):
-    world = World(tmp_path, PLATES)
-    tell, minutes = world.tell, itertools.count()
+def test_books_that_cannot_be_written_for_a_while(first, broken, repaired, message, tmp_path):
+    simulation = World(tmp_path, PLATES)
+    tell, minutes = simulation.tell, itertools.count()
 
     def tell_while_broken():
         minute = next(minutes)
         if minute == first:
-            world.store._db.execute(broken)
+            simulation.store._db.execute(broken)
         elif minute == first + 4:
-            world.store._db.execute(mended)
+            simulation.store._db.execute(repaired)
         tell()
 
-    world.tell = tell_while_broken
-    world.run()
-    check(world)
+    simulation.tell = tell_while_broken
+    simulation.run()
+    check(simulation)
 
 
 def test_full_disk_is_reported_and_starts_nothing(tmp_path):
-    world = World(tmp_path, PLATES)
-    world.tell()
-    world.store._db.execute("PRAGMA max_page_count = 1")
+    simulation = World(tmp_path, PLATES)
+    simulation.tell()
+    simulation.store._db.execute("PRAGMA max_page_count = 1")
     with pytest.raises(FarmError, match="full; nothing was started"):
         for number in range(200):
-            world.jobs.submit(f"request-{number}", "m.stl", MODEL, JobOptions())
-    assert all(agent.print_id is None for agent in world.agents.values())
+            simulation.jobs.submit(f"request-{number}", "m.stl", MODEL, JobOptions())
+    assert all(agent.print_id is None for agent in simulation.agents.values())
 
 
 def test_printers_whose_disk_takes_no_file_cost_no_plate_an_attempt(tmp_path):

@@ -32,38 +32,38 @@ PLATES = 4
 PLANNED_S = 1_790_000_000.0
 
 
-def run(world, folder, copied, damaged, away=(), away_for=0):
+def run(simulation, folder, copied, damaged, away=(), away_for=0):
     """A job to its end, with books that were copied in one minute and damaged in a later one."""
     planned, copy = None, folder / "copy.db"
     for minute in itertools.count():
-        assert minute < 300, world.controller.books
-        if planned is None and world.controller.books.plates:
+        assert minute < 300, simulation.controller.books
+        if planned is None and simulation.controller.books.plates:
             planned = minute
         if planned is not None and minute == planned + copied:
-            copy_books(world.path, copy, world.clock.now())
+            copy_books(simulation.path, copy, simulation.clock.now())
         if planned is not None and minute == planned + copied + damaged:
-            world.restore(copy)
-            world.away = frozenset(away)
+            simulation.restore(copy)
+            simulation.away = frozenset(away)
         if planned is not None and minute == planned + copied + damaged + away_for:
-            world.away = frozenset()
+            simulation.away = frozenset()
         yield minute
-        job = world.controller.books.jobs.get(1)
-        if job is not None and job.state is JobState.DONE and world.copied:
+        job = simulation.controller.books.jobs.get(1)
+        if job is not None and job.state is JobState.DONE and simulation.copied:
             return
         if job is not None and job.state is JobState.HELD:  # a person who does not look
-            world.controller.handle(ev.JobApproved(at_s=world.clock.now(), job=1, by="ann"))
-        world.step()
+            simulation.controller.handle(ev.JobApproved(at_s=simulation.clock.now(), job=1, by="ann"))
+        simulation.step()
 
 
-def check(world):
-    books = world.controller.books
+def check(simulation):
+    books = simulation.controller.books
     done = [p for p in books.prints.values() if p.state is PrintState.DONE]
-    assert len(done) == len(world.made) == PLATES
-    assert {verdict for *_, verdict in world.made} == {Verdict.GOOD}
-    begun = {name: p for name, p in books.prints.items() if p.started_s is not None}
-    assert {name: (p.printer, p.started_s, p.ended_s) for name, p in begun.items()} == world.prints
+    assert len(done) == len(simulation.made) == PLATES
+    assert {verdict for *_, verdict in simulation.made} == {Verdict.GOOD}
+    started = {name: p for name, p in books.prints.items() if p.started_s is not None}
+    assert {name: (p.printer, p.started_s, p.ended_s) for name, p in started.items()} == simulation.prints
     assert not list(books.open_prints())
-    assert len([p for p in begun.values() if p.state is PrintState.FAILED]) == 1
+    assert len([p for p in started.values() if p.state is PrintState.FAILED]) == 1
 
 
 @settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -79,12 +79,12 @@ def test_no_plate_is_printed_twice_or_lost_whenever_the_books_were_copied(
 ):
     """Even where a person approves at once what the books hold, and some agents are heard only later."""
     folder = tmp_path_factory.mktemp("copied")
-    world = World(folder, PLATES, bad=(), files=files)
-    for _ in run(world, folder, copied, damaged, away, away_for):
+    simulation = World(folder, PLATES, bad=(), files=files)
+    for _ in run(simulation, folder, copied, damaged, away, away_for):
         pass
     if files == PLATES:
-        assert sorted(plate for plate, *_ in world.made) == [f"1/0{i + 1}" for i in range(PLATES)]
-    check(world)
+        assert sorted(plate for plate, *_ in simulation.made) == [f"1/0{i + 1}" for i in range(PLATES)]
+    check(simulation)
 
 
 def copied(folder, plates=1, printing=None):

@@ -80,7 +80,7 @@ def test_a_tick_sends_a_start_again_that_its_agent_has_not_confirmed(farm):
     tick(farm, MORNING)
     farm.effects.instructions.clear()
     tick(farm, MORNING + 1.0)
-    assert [type(one) for one in farm.effects.instructions] == [ev.SendStart]
+    assert [type(item) for item in farm.effects.instructions] == [ev.SendStart]
 
 
 def test_telemetry_alone_does_not_schedule(farm, calls):

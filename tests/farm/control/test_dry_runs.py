@@ -14,20 +14,20 @@ def submit(farm, name, **options):
 
 def test_abandoned_dry_run_is_cancelled(tmp_path):
     farm = Farm(tmp_path)
-    wanted, gone = (submit(farm, name, dry_run=True, hold=True) for name in "ab")
+    expected, removed = (submit(farm, name, dry_run=True, hold=True) for name in "ab")
     held = submit(farm, "c", hold=True)
     dry_runs = DryRuns(farm.controller)
     dry_runs.cancel_abandoned(0.0)
-    dry_runs.keep(wanted, PATIENCE_S)
+    dry_runs.keep(expected, PATIENCE_S)
     dry_runs.cancel_abandoned(PATIENCE_S)
     jobs = farm.controller.books.jobs
     assert not any(job.state.ended for job in jobs.values())
     dry_runs.cancel_abandoned(PATIENCE_S + 1.0)
     jobs = farm.controller.books.jobs
-    assert [jobs[n].state.ended for n in (wanted, gone, held)] == [False, True, False]
-    assert jobs[gone].reason == "cancelled by the farm: nobody waits for its plan any more"
+    assert [jobs[n].state.ended for n in (expected, removed, held)] == [False, True, False]
+    assert jobs[removed].reason == "cancelled by the farm: nobody waits for its plan any more"
     dry_runs.cancel_abandoned(3 * PATIENCE_S)
-    assert farm.controller.books.jobs[wanted].state is JobState.CANCELLED
+    assert farm.controller.books.jobs[expected].state is JobState.CANCELLED
 
 
 def test_dry_run_needs_no_approval():

@@ -68,7 +68,7 @@ def night_of(farm, state, number):
 
 
 def starts(farm):
-    return [told.printer for told in farm.effects.instructions if isinstance(told, ev.SendStart)]
+    return [reported.printer for reported in farm.effects.instructions if isinstance(reported, ev.SendStart)]
 
 
 def test_changes_during_an_approval_are_noticed(farm, state, monkeypatch):
@@ -157,13 +157,13 @@ def test_a_reel_is_kept_over_a_restart_and_a_plate_never_starts_on_too_little(
     assert hold.code is HoldCode.REEL_TOO_SHORT
     assert "a has 4 g, it needs 8 g" in hold.text
     farm.store.close()
-    again = Farm(tmp_path)
-    again.ready("a", "b")
-    assert again.controller.fleet.printer("b").material == "generic_abs"
-    asyncio.run(again.printers.load_reel("a", LoadRequest(grams=300.0), "ann"))
-    assert starts(again) == ["a"]
+    repeated = Farm(tmp_path)
+    repeated.ready("a", "b")
+    assert repeated.controller.fleet.printer("b").material == "generic_abs"
+    asyncio.run(repeated.printers.load_reel("a", LoadRequest(grams=300.0), "ann"))
+    assert starts(repeated) == ["a"]
     with pytest.raises(Refused, match="is printing"):
-        asyncio.run(again.printers.load_reel("a", LoadRequest(grams=300.0), "ann"))
+        asyncio.run(repeated.printers.load_reel("a", LoadRequest(grams=300.0), "ann"))
 
 
 def test_a_reel_that_cura_does_not_know_is_refused(farm, state, monkeypatch):

@@ -52,19 +52,19 @@ def test_notice_is_sent_once_over_restarts(server, tmp_path, caplog):
     file = tmp_path / "told.json"
     notifier = Notifier(urls, "lab", file, 0.0)
     notifier.notify(printed(), 500.0)
-    said = posts.get(timeout=PATIENCE_S)
-    assert said["title"] == "lab"
-    assert said["message"].splitlines() == [
+    message = posts.get(timeout=PATIENCE_S)
+    assert message["title"] == "lab"
+    assert message["message"].splitlines() == [
         "job 1 (bracket.stl) is printed: 1 part in 3 min",
         "all jobs have ended",
     ]
     notifier.notify(printed(), 510.0)
-    again = Notifier(urls, "lab", file, 520.0)
-    again.notify(printed(), 530.0)
+    repeated = Notifier(urls, "lab", file, 520.0)
+    repeated.notify(printed(), 530.0)
     failed = ended("y", "failed", at_s=600.0, fault="kill", reason="it was killed")
     more = ev.PlateAssigned(at_s=550.0, plate="1/02", printer="b", print_id="y")
     books, _ = run(printing(plates=2), more, failed)
-    again.notify(books, 700.0)
+    repeated.notify(books, 700.0)
     assert posts.get(timeout=PATIENCE_S)["message"] == "1/p02 failed on b: it was killed"
     assert posts.empty()
     assert "secret" not in caplog.text
@@ -84,14 +84,14 @@ def test_events_before_the_first_notification_are_not_sent(server, tmp_path):
 
 
 def test_unknown_address_is_refused_without_printing_it(tmp_path):
-    with pytest.raises(FleetFileError, match="address 2") as caught:
+    with pytest.raises(FleetFileError, match="address 2") as raised:
         Notifier(
             [SecretStr("json://localhost"), SecretStr("nonsense://secret")],
             "lab",
             tmp_path / "told.json",
             0.0,
         )
-    assert "secret" not in str(caught.value)
+    assert "secret" not in str(raised.value)
 
 
 def test_addresses_are_never_shown():

@@ -45,9 +45,9 @@ def ends(farm, printer, state=PrintState.DONE, **changes):
     attempt = farm.controller.books.open_print_on(printer)
     facts = {"fault": None, "reason": "so", "progress_s": 5.0, "print_time_s": 90.0, "extruded": True}
     facts |= {"started_s": 2.0, "ended_s": 50.0, **changes}
-    said = AgentPrint(print_id=attempt.id, state=state, **facts)
+    message = AgentPrint(print_id=attempt.id, state=state, **facts)
     idle = {"link": Link.READY, "agent_pid": 9, "filament": FilamentState.PARKED}
-    farm.controller.on_snapshot(AgentSnapshot(printer=printer, print=said, **idle))
+    farm.controller.on_snapshot(AgentSnapshot(printer=printer, print=message, **idle))
     farm.ready(printer)
     return attempt
 
@@ -115,9 +115,9 @@ def test_nothing_of_a_paused_job_starts(farm):
 def test_plates_waiting_for_a_bed_are_counted(farm):
     """Its printers print for a while yet, and then somebody has to clear one."""
     now_s = farm.controller.clock.now()
-    begun = {"at_s": now_s, "state": PrintState.PRINTING, "started_s": now_s, "extruded": True}
+    started = {"at_s": now_s, "state": PrintState.PRINTING, "started_s": now_s, "extruded": True}
     for attempt in list(farm.controller.books.open_prints()):
-        farm.controller.handle(ev.PrintProgressed(print_id=attempt.id, **begun))
+        farm.controller.handle(ev.PrintProgressed(print_id=attempt.id, **started))
     view = describe_job(farm.view_context(STATE), farm.controller.books.job(1))
     assert view.estimated_s == pytest.approx(200.0 + CLEARING_S)
     assert view.current_s == pytest.approx(view.estimated_s, abs=120.0)  # ends are foreseen in whole minutes
@@ -253,8 +253,8 @@ def test_part_stopped_by_estop_waits_for_a_person(farm, say):
     assert farm.controller.books.open_print_on("b") is None
     hold = farm.controller.plate_holds().get("1/01")
     assert hold.code is HoldCode.STOPPED and "`farm resume 1/p01`" in hold.text
-    [asked] = [item for item in list_tasks(farm.view_context(STATE)) if item.code == "stopped"]
-    assert "part 1/p01 stopped by `farm estop`" in asked.text and "`farm resume 1/p01`" in asked.text
+    [requested] = [item for item in list_tasks(farm.view_context(STATE)) if item.code == "stopped"]
+    assert "part 1/p01 stopped by `farm estop`" in requested.text and "`farm resume 1/p01`" in requested.text
     say(farm)
     assert farm.controller.books.open_print_on("b").plate == "1/01"
     assert not [item for item in list_tasks(farm.view_context(STATE)) if item.code == "stopped"]
@@ -263,7 +263,7 @@ def test_part_stopped_by_estop_waits_for_a_person(farm, say):
 def test_parts_stopped_by_estop_are_one_task(farm):
     for printer in "ab":
         ends(farm, printer, PrintState.FAILED, fault="estop")
-    [asked] = [item for item in list_tasks(farm.view_context(STATE)) if item.code == "stopped"]
-    assert asked.text.startswith(
+    [requested] = [item for item in list_tasks(farm.view_context(STATE)) if item.code == "stopped"]
+    assert requested.text.startswith(
         "2 parts of job 1 stopped by `farm estop`: print them again with `farm resume 1`"
     )

@@ -59,19 +59,21 @@ WHO = [("1", "ab"), ("1/p01", "a"), ("1/2", "b"), ("b", "b")]
 
 @pytest.mark.parametrize(("target", "printers"), WHO)
 def test_paused_part_continues_when_resumed(farm, target, printers):
-    for verb, wanted in (("pause", True), ("resume", False)):
+    for verb, expected in (("pause", True), ("resume", False)):
         assert farm.ask(target, verb).status_code == 200
-        told = {
-            (one.printer, one.wanted) for one in farm.effects.instructions if isinstance(one, ev.SendPause)
+        reported = {
+            (item.printer, item.wanted)
+            for item in farm.effects.instructions
+            if isinstance(item, ev.SendPause)
         }
-        assert told == {(printer, wanted) for printer in printers}
+        assert reported == {(printer, expected) for printer in printers}
     assert farm.ask(target, "resume").status_code == 409
 
 
 @pytest.mark.parametrize(("target", "printers"), WHO)
 def test_cancelled_part_is_not_printed_again(farm, target, printers):
     assert farm.ask(target, "cancel").status_code == 200
-    assert {one.printer for one in farm.effects.instructions if isinstance(one, ev.SendCancel)} == set(
+    assert {item.printer for item in farm.effects.instructions if isinstance(item, ev.SendCancel)} == set(
         printers
     )
     plates = [farm.controller.books.plates[f"1/0{'ab'.index(printer) + 1}"] for printer in printers]

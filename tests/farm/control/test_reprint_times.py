@@ -29,13 +29,13 @@ class Night:
         """Say by the agent of a printer how its print goes."""
         attempt = self.farm.controller.books.open_print_on(printer)
         ended = state.ended
-        said = AgentPrint(
+        message = AgentPrint(
             print_id=attempt.id, state=state, fault=None, reason=None, progress_s=90.0, print_time_s=90.0,
             extruded=True, started_s=began_s, ended_s=self.clock.now_s if ended else None,
         )  # fmt: skip
         link, filament = Link.READY if ended else Link.BUSY, FilamentState.PARKED
         self.farm.controller.on_snapshot(
-            AgentSnapshot(printer=printer, link=link, agent_pid=9, filament=filament, print=said)
+            AgentSnapshot(printer=printer, link=link, agent_pid=9, filament=filament, print=message)
         )
 
     def finish(self, *printers):
@@ -66,8 +66,8 @@ def test_reprint_a_day_later_adds_the_time_of_its_print(tmp_path):
 
     night.clock.now_s += DAY_S
     night.farm.parts.reprint(1, "p01", "it fell", "ann")
-    asked = night.job()
-    assert (asked.state, asked.elapsed_s, asked.current_s, asked.speedup) == (
+    requested = night.job()
+    assert (requested.state, requested.elapsed_s, requested.current_s, requested.speedup) == (
         JobState.PRINTING,
         100.0,
         200.0,
@@ -75,20 +75,20 @@ def test_reprint_a_day_later_adds_the_time_of_its_print(tmp_path):
     )
     night.finish("a")
 
-    again = night.job()
-    assert (again.state, again.elapsed_s, again.current_s, again.speedup) == (
+    repeated = night.job()
+    assert (repeated.state, repeated.elapsed_s, repeated.current_s, repeated.speedup) == (
         JobState.DONE,
         200.0,
         200.0,
         2.5,
     )
-    assert again.utilisation == pytest.approx(2 / 3)
-    assert again.runs[0].ended < again.runs[1].started
-    assert (again.wasted_s, again.good) == (100.0, 2)
+    assert repeated.utilisation == pytest.approx(2 / 3)
+    assert repeated.runs[0].ended < repeated.runs[1].started
+    assert (repeated.wasted_s, repeated.good) == (100.0, 2)
     rows = list_history(night.farm.view_context(night.state), job=1)
     assert [row.took_s for row in rows] == [100.0] * 3
     assert [row.part for row in rows if row.wasted] == ["1/p01"]
 
     night.farm.store.close()
     night.farm = Farm(tmp_path, clock=night.clock)  # its books say the same after a restart
-    assert night.job() == again
+    assert night.job() == repeated

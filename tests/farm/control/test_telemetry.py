@@ -14,10 +14,10 @@ SECONDS = st.floats(0.0, 1e5)
 
 def printing_books():
     assigned = ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="p")
-    begun = ev.PrintProgressed(
+    started = ev.PrintProgressed(
         at_s=3.0, print_id="p", state=PrintState.PRINTING, started_s=3.0, extruded=True
     )
-    return run(printing(), assigned, begun)[0]
+    return run(printing(), assigned, started)[0]
 
 
 BOOKS = printing_books()
@@ -32,9 +32,9 @@ BUSY = AgentSnapshot(printer="a", link=Link.BUSY, agent_pid=9, print=SAID)
 def test_telemetry_alone_is_no_news(nozzle_c, bed_c, target_c, progress_s, layer):
     telemetry = Telemetry()
     assert telemetry.store(BUSY)
-    said = SAID.model_copy(update={"progress_s": progress_s, "layer": layer, "z_mm": layer * 0.1})
+    message = SAID.model_copy(update={"progress_s": progress_s, "layer": layer, "z_mm": layer * 0.1})
     heat = {"nozzle_c": nozzle_c, "bed_c": bed_c, "nozzle_target_c": target_c, "bed_target_c": target_c}
-    later = BUSY.model_copy(update={"print": said, **heat})
+    later = BUSY.model_copy(update={"print": message, **heat})
     assert not telemetry.store(later)
     reading = read_snapshot(BOOKS, later, BUSY, True, 60.0)
     assert (reading.events, reading.instructions, reading.misfit) == ((), (), None)
@@ -61,4 +61,4 @@ def test_a_snapshot_is_compared_step_by_step():
     reading = read_snapshot(BOOKS, ready, BUSY, True, 60.0)
     kinds = [type(event).__name__ for event in reading.events]
     assert kinds == ["PrintEnded", "BedBecameUnknown"]
-    assert [type(one).__name__ for one in reading.instructions] == ["SendForget"]
+    assert [type(item).__name__ for item in reading.instructions] == ["SendForget"]

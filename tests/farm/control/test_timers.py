@@ -16,11 +16,11 @@ def test_work_runs_on_the_event_loop(plain):
     """The daemon's state belongs to one thread: a timer in another would change it in mid-turn."""
 
     async def run() -> threading.Thread:
-        ran: asyncio.Future[threading.Thread] = asyncio.get_running_loop().create_future()
+        result: asyncio.Future[threading.Thread] = asyncio.get_running_loop().create_future()
 
         def work() -> None:
-            if not ran.done():
-                ran.get_loop().call_soon_threadsafe(ran.set_result, threading.current_thread())
+            if not result.done():
+                result.get_loop().call_soon_threadsafe(result.set_result, threading.current_thread())
 
         async def patient_work() -> None:
             work()
@@ -29,7 +29,7 @@ def test_work_runs_on_the_event_loop(plain):
         timers.every(0.01, "work", work if plain else patient_work)
         timers.start()
         try:
-            return await ran
+            return await result
         finally:
             timers.stop()
 
@@ -38,17 +38,17 @@ def test_work_runs_on_the_event_loop(plain):
 
 def test_a_timer_for_a_moment_runs_once_late_rather_than_never_and_can_be_moved():
     async def run() -> list[str]:
-        ran: list[str] = []
+        result: list[str] = []
         done = asyncio.Event()
         timers = Timers(Clock())
-        timers.at(0.0, "long ago", lambda: ran.append("long ago"))
-        timers.at(4e9, "moved", lambda: ran.append("far"))
+        timers.at(0.0, "long ago", lambda: result.append("long ago"))
+        timers.at(4e9, "moved", lambda: result.append("far"))
         timers.start()
-        timers.at(1.0, "moved", lambda: (ran.append("near"), done.set()))
+        timers.at(1.0, "moved", lambda: (result.append("near"), done.set()))
         try:
             await done.wait()
         finally:
             timers.stop()
-        return ran
+        return result
 
     assert asyncio.run(run()) == ["long ago", "near"]

@@ -92,11 +92,11 @@ def test_the_books_are_copied_once_a_night(begin, tmp_path, first, asleep):
     time = begin(f"{first} 12:00")
     state = StateFolder(tmp_path)
     Store(state.books).close()
-    told, tidied = [], []
+    reported, tidied = [], []
 
     async def nights():
         timers = Timers(time)
-        nightly = NightlyBackup(state, time, BERLIN, timers.at, told.append, tidied.append)
+        nightly = NightlyBackup(state, time, BERLIN, timers.at, reported.append, tidied.append)
         timers.start()
         await nightly.begin()
         if asleep:
@@ -116,4 +116,4 @@ def test_the_books_are_copied_once_a_night(begin, tmp_path, first, asleep):
     if asleep:
         due[1] = days[1].replace(hour=6, minute=30)
     assert made[::-1] == due
-    assert not any(told)
+    assert not any(reported)

@@ -171,15 +171,15 @@ CASES = {
 
 def test_a_sound_installation_has_nothing_to_do():
     findings = check_installation(SOUND)
-    assert {one.level for one in findings} == {Level.OK}
-    assert not any(one.action for one in findings)
+    assert {item.level for item in findings} == {Level.OK}
+    assert not any(item.action for item in findings)
 
 
 @pytest.mark.parametrize(("changes", "level", "check", "text"), CASES.values(), ids=CASES)
 def test_problem_is_named_with_an_action(changes, level, check, text):
-    wrong = [one for one in check_installation(replace(SOUND, **changes)) if one.level is not Level.OK]
-    found = [one for one in wrong if one.check == check and text in one.text]
-    assert [one.level for one in found] == [level]
+    wrong = [item for item in check_installation(replace(SOUND, **changes)) if item.level is not Level.OK]
+    found = [item for item in wrong if item.check == check and text in item.text]
+    assert [item.level for item in found] == [level]
     assert found[0].action
 
 
@@ -187,19 +187,21 @@ def test_a_farm_that_is_not_up_has_no_agents_and_no_books_yet():
     facts = replace(
         SOUND, daemon_error="down", agents=(AgentFacts("a", False),), books=BooksFacts("/s", False)
     )
-    wrong = [one.check for one in check_installation(facts) if one.level is not Level.OK]
+    wrong = [item.check for item in check_installation(facts) if item.level is not Level.OK]
     assert wrong == ["daemon"]
 
 
 def test_action_adds_the_user_to_the_group_of_the_port():
     facts = replace(SOUND, user=STRANGER, ports=(PortFacts("a", "/dev/ttyUSB0", True, False, "dialout"),))
-    (port,) = (one for one in check_installation(facts) if one.check == "ports")
+    (port,) = (item for item in check_installation(facts) if item.check == "ports")
     assert port.action == "`sudo usermod -aG dialout farm`, then log in again"
 
 
 def test_many_contradictions_are_counted():
     names = tuple(f"job 1: {number}" for number in range(9))
     found = [
-        one for one in check_installation(replace(SOUND, files=FileFacts(9, names))) if one.check == "files"
+        item
+        for item in check_installation(replace(SOUND, files=FileFacts(9, names)))
+        if item.check == "files"
     ]
     assert len(found) == 6 and "and 4 more" in found[-1].text

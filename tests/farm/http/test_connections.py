@@ -93,9 +93,9 @@ async def ask(path, *pieces):
     for piece in pieces:
         writer.write(piece)
         await writer.drain()
-    said = await reader.read()
+    message = await reader.read()
     writer.close()
-    return said
+    return message
 
 
 def test_idle_clients_make_room_for_one_that_asks(tmp_path):
@@ -135,18 +135,18 @@ def test_a_head_has_its_time_as_a_whole_and_a_body_each_of_its_pieces(tmp_path):
     async def story(server, path):
         async def since():
             await asyncio.sleep(0.01)
-            [one] = server.server_state.connections
-            return one.waiting_since_s
+            [item] = server.server_state.connections
+            return item.waiting_since_s
 
         _, writer = await asyncio.open_unix_connection(path)
         while not server.server_state.connections:
             await asyncio.sleep(0.0)
-        began_s = await since()
+        started_s = await since()
         writer.write(HALF)
-        assert await since() == began_s
+        assert await since() == started_s
         writer.write(b"Content-Length: 9\r\n\r\nhalf")
         body_s = await since()
-        assert body_s > began_s
+        assert body_s > started_s
         writer.write(b"more")
         assert await since() > body_s
         writer.close()
@@ -202,9 +202,9 @@ def test_no_error_ends_accepting_and_each_is_logged(tmp_path, monkeypatch, caplo
 
     with caplog.at_level(logging.WARNING, logger="farm"):
         serve(tmp_path, 4, story)
-    said = " ".join(record.getMessage() for record in caplog.records)
+    message = " ".join(record.getMessage() for record in caplog.records)
     for words in ("no socket", "no room", "no protocol"):
-        assert words in said
+        assert words in message
 
 
 ENDING = """
@@ -265,8 +265,8 @@ def test_an_agent_that_is_killed_is_started_again_although_idle_clients_want_all
             os.kill(killed, signal.SIGKILL)
 
             def started():
-                said = farm.run("status", "--json")
-                [printer] = json.loads(said.stdout)["printers"] if said.returncode == 0 else [{}]
+                message = farm.run("status", "--json")
+                [printer] = json.loads(message.stdout)["printers"] if message.returncode == 0 else [{}]
                 return printer.get("agent_pid") not in (None, killed) and printer["state"] == "idle"
 
             wait_for("another agent", started, 60.0)

@@ -22,7 +22,7 @@ MB, GB = 10**6, 10**9
 
 
 @pytest.mark.parametrize(
-    ("size", "missing", "free", "jobs", "why"),
+    ("size", "missing", "free", "jobs", "reason"),
     [
         (2 * GB + 1, (), 100 * GB, 0, r"a.stl has 2.0 GB.*fleet.uploads.model_gb"),
         (MB, (MB, MB), 100 * GB, 0, "2 models being received.*again in a moment.*fleet.uploads.at_once"),
@@ -32,8 +32,8 @@ MB, GB = 10**6, 10**9
         (GB, (), GB // 2, 0, "would leave 0.0 GB"),
     ],
 )
-def test_each_limit_of_uploads_is_named_with_its_key(size, missing, free, jobs, why):
-    with pytest.raises(Refused, match=why):
+def test_each_limit_of_uploads_is_named_with_its_key(size, missing, free, jobs, reason):
+    with pytest.raises(Refused, match=reason):
         check_quota(QUOTA, "a.stl", size, missing, free, jobs)
 
 

@@ -17,7 +17,7 @@ def test_a_plan_is_whole(bar, files, tmp_path):
     work = decompose_task(bar, files, tmp_path)
     cut = decompose_job(work)
     tasks = slice_tasks(work, cut)
-    slices = [slice_part(one) for one in tasks]
+    slices = [slice_part(item) for item in tasks]
     thin = Unprinted(120.0, 1.0, 9.0, 3.0, -4.0)
     cut = replace(
         cut, parts=(cut.parts[0], replace(cut.parts[1], print_options=PartPrintOptions(stands=False)))

@@ -131,5 +131,5 @@ def test_a_model_is_quick_only_if_it_is_plain_and_one_printer_can_hold_it():
 
 
 def test_requirements_name_the_missing_room():
-    asked = Requirements(None, None, None, (-50.0, -20.0, 50.0, 40.0, 30.0))
-    assert asked.describe() == "100 mm of width, 60 mm of depth and 30 mm of height"
+    requested = Requirements(None, None, None, (-50.0, -20.0, 50.0, 40.0, 30.0))
+    assert requested.describe() == "100 mm of width, 60 mm of depth and 30 mm of height"

@@ -24,14 +24,14 @@ def test_printers_and_plates_that_match_nothing_cost_nothing(monkeypatch):
     placed = []
     place = plate_matching._Matching.place
     monkeypatch.setattr(
-        plate_matching._Matching, "place", lambda self, one: (placed.append(one.id), place(self, one))[1]
+        plate_matching._Matching, "place", lambda self, item: (placed.append(item.id), place(self, item))[1]
     )
     fleet = [printer("a"), *(printer(name, material="generic_abs") for name in "bcd")]
     tpu = Requirements(material="generic_tpu", colour=None, nozzle_mm=0.4)
     waiting = [plate(f"1/{number:02d}", "a") for number in range(50)]
     others = [plate(f"2/{number:02d}", "a", requirements=tpu, job=2) for number in range(50)]
     given_, _ = assign([*waiting, *others], fleet)
-    assert [one.printer for one in given_] == ["a"]
+    assert [item.printer for item in given_] == ["a"]
     assert len(placed) == 1
     assert assign(waiting, fleet[1:])[0] == [] and len(placed) == 1
 

@@ -63,61 +63,63 @@ houses = st.builds(
 @given(waiting, fleets, houses, st.floats(0, 7 * 24 * HOUR), st.randoms())
 def test_the_laws_of_a_forecast(plates, fleet, house, after_s, random):
     now_s = MONDAY_S + after_s
-    seen = forecast(plates, fleet, house, now_s)
+    observed = forecast(plates, fleet, house, now_s)
     by_id, by_name = {p.id: p for p in plates}, {p.name: p for p in fleet}
-    assert sorted([slot.plate for slot in seen.slots] + list(seen.left)) == sorted(by_id)
-    for name, slots in itertools.groupby(sorted(seen.slots, key=lambda s: s.printer), lambda s: s.printer):
+    assert sorted([slot.plate for slot in observed.slots] + list(observed.left)) == sorted(by_id)
+    for name, slots in itertools.groupby(
+        sorted(observed.slots, key=lambda s: s.printer), lambda s: s.printer
+    ):
         mine = sorted(slots, key=lambda slot: slot.starts_s)
-        for one, following in itertools.pairwise(mine):
-            assert following.starts_s >= one.ends_s + CLEARING_S
+        for item, following in itertools.pairwise(mine):
+            assert following.starts_s >= item.ends_s + CLEARING_S
         on_reel = by_name[name].grams
         assert on_reel is None or sum(by_id[slot.plate].grams for slot in mine) <= on_reel
-    for slot in seen.slots:
+    for slot in observed.slots:
         what, where = by_id[slot.plate], by_name[slot.printer]
         assert what.requirements.matches(where.capabilities)
         assert slot.starts_s >= now_s
         assert slot.ends_s - slot.starts_s == pytest.approx(seconds_on(what, where))
         assert house.find_start(what, where, slot.starts_s).at_s == slot.starts_s
-        heats = [s for s in seen.slots if s.starts_s <= slot.starts_s < s.starts_s + 300.0]
+        heats = [s for s in observed.slots if s.starts_s <= slot.starts_s < s.starts_s + 300.0]
         assert house.max_heating is None or len(heats) <= house.max_heating
-    assert now_s <= seen.lower_bound_s <= seen.ends_s
+    assert now_s <= observed.lower_bound_s <= observed.ends_s
     for mixed in (plates, fleet):
         random.shuffle(mixed)
-    assert forecast(plates, fleet, house, now_s) == seen
+    assert forecast(plates, fleet, house, now_s) == observed
 
 
 @given(st.lists(st.floats(600, 9 * HOUR), min_size=1, max_size=6), st.integers(1, 3))
 def test_the_bound_is_below_every_order_of_the_plates(times, count):
     names = "abc"[:count]
     plates = [plate(f"1/{i}", "a", expected_s=seconds) for i, seconds in enumerate(times)]
-    seen = forecast(plates, [printer(name) for name in names], rules(), 0.0)
+    observed = forecast(plates, [printer(name) for name in names], rules(), 0.0)
     best = min(
         max(sum(t for t, where in zip(times, places, strict=True) if where == name) for name in names)
         for places in itertools.product(names, repeat=len(times))
     )
-    assert seen.lower_bound_s <= best * (1 + 1e-9)
+    assert observed.lower_bound_s <= best * (1 + 1e-9)
     rounds = -(-len(times) // count)
-    assert seen.ends_s <= 4 / 3 * best + len(times) * CLEARING_S
-    assert rounds > 1 or seen.ends_s == pytest.approx(best)
+    assert observed.ends_s <= 4 / 3 * best + len(times) * CLEARING_S
+    assert rounds > 1 or observed.ends_s == pytest.approx(best)
 
 
 def test_second_round_waits_for_a_cleared_bed():
     house = rules(attended=("mon-fri 08:00-18:00",))
     plates = [plate("1/01", "a", expected_s=4 * HOUR), plate("1/02", "a", expected_s=2 * HOUR)]
-    seen = forecast(plates, [printer("a")], house, MONDAY_S + 17 * HOUR)
-    assert [slot.starts_s - MONDAY_S for slot in seen.slots] == [17 * HOUR, 32 * HOUR + CLEARING_S]
+    observed = forecast(plates, [printer("a")], house, MONDAY_S + 17 * HOUR)
+    assert [slot.starts_s - MONDAY_S for slot in observed.slots] == [17 * HOUR, 32 * HOUR + CLEARING_S]
 
 
 def test_heating_up_is_staggered():
     plates = [plate(f"1/{i}", "abc"[i], expected_s=HOUR, heating_s=600.0) for i in range(3)]
-    seen = forecast(plates, [printer(name) for name in "abc"], rules(max_heating=2), 0.0)
-    assert [slot.starts_s for slot in seen.slots] == [0.0, 0.0, 600.0]
+    observed = forecast(plates, [printer(name) for name in "abc"], rules(max_heating=2), 0.0)
+    assert [slot.starts_s for slot in observed.slots] == [0.0, 0.0, 600.0]
 
 
 def test_a_printer_that_is_away_is_not_counted_on():
     plates = [plate(f"1/{i}", "a", expected_s=HOUR) for i in range(2)]
-    seen = forecast(plates, [printer("a"), printer("b", link=Link.ABSENT)], rules(), 0.0)
-    assert {slot.printer for slot in seen.slots} == {"a"}
+    observed = forecast(plates, [printer("a"), printer("b", link=Link.ABSENT)], rules(), 0.0)
+    assert {slot.printer for slot in observed.slots} == {"a"}
 
 
 def test_time_of_a_plate_scales_with_the_time_factor():
@@ -130,12 +132,12 @@ def test_bound_includes_plates_for_some_printers_only():
     low, tall = (Requirements(None, None, None, box(height_mm)) for height_mm in (100.0, 250.0))
     needs = enumerate((tall, low, low))
     plates = [plate(f"1/{i}", "b", requirements=need, expected_s=2 * HOUR) for i, need in needs]
-    seen = forecast(plates, [printer("a", room=LOW), printer("b", room=TALL)], rules(), 0.0)
-    assert seen.lower_bound_s == pytest.approx(3 * HOUR)
+    observed = forecast(plates, [printer("a", room=LOW), printer("b", room=TALL)], rules(), 0.0)
+    assert observed.lower_bound_s == pytest.approx(3 * HOUR)
 
 
 def test_a_plate_for_which_the_reel_of_the_next_printer_is_too_short_waits_for_another():
     plates = [plate(f"1/{i}", "a", expected_s=HOUR, grams=40.0) for i in range(2)]
     fleet = [printer("a", grams=50.0), printer("b", booked=True, free_s=10 * HOUR)]
-    seen = forecast(plates, fleet, rules(), 0.0)
-    assert (seen.left, [slot.printer for slot in seen.slots]) == ((), ["a", "b"])
+    observed = forecast(plates, fleet, rules(), 0.0)
+    assert (observed.left, [slot.printer for slot in observed.slots]) == ((), ["a", "b"])

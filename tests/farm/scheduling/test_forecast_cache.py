@@ -7,11 +7,11 @@ from scheduling_examples import printer, situation
 
 
 def test_forecast_is_computed_again_after_changes_with_a_minimum_interval():
-    asked = []
+    requested = []
 
     def ends_s(books, now_s):
         def moment():
-            asked.append(True)
+            requested.append(True)
             waiting = describe_plates(books.waiting_plates(), books)
             return situation(waiting, [printer("a")], now_s=now_s)
 
@@ -25,4 +25,4 @@ def test_forecast_is_computed_again_after_changes_with_a_minimum_interval():
     assert ends_s(other, 1009.0) is first  # 4.5 s of the wall later
     assert ends_s(other, 1011.0) == {"1/01": 1111.0}
     assert ends_s(other, 1072.0) == {"1/01": 1172.0}  # nobody has come for a minute
-    assert len(asked) == 3
+    assert len(requested) == 3

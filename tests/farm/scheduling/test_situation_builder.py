@@ -52,8 +52,8 @@ def test_cached_description_equals_a_new_one(steps, away):
         assert builder.printers(FLEET, books, snapshots) == fresh.printers(FLEET, books, snapshots)
         held = find_plate_holds(books, SECTIONS, 210.0)
         assert find_plate_holds(books, SECTIONS, 210.0, builder.may_hold_back) == held
-        everything = find_plate_holds(books, SECTIONS, 210.0, lambda *_: True)
-        assert everything == held
+        all_values = find_plate_holds(books, SECTIONS, 210.0, lambda *_: True)
+        assert all_values == held
         away = not away
 
 
@@ -62,9 +62,9 @@ def test_firmware_with_an_unobserved_dead_man_prints_only_attended():
     simulated = real.model_copy(update={"port": "sim://creality_ender3"})
     plus = real.model_copy(update={"model": "ultimaker2_plus"})
     books, builder = printing(plates=1), SituationBuilder(bed_boxes)
-    fleets = [Fleet(printers=(one,)) for one in (real, simulated, plus)]
+    fleets = [Fleet(printers=(item,)) for item in (real, simulated, plus)]
     found = [builder.printers(fleet, books, {})[0] for fleet in fleets]
-    assert [one.unattended for one in found] == [False, True, True]
+    assert [item.unattended for item in found] == [False, True, True]
     reason = "it is not verified that Marlin 2 switches the heaters off when its host dies"
     assert found[0].why_attended == reason
 

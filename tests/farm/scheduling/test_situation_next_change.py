@@ -55,8 +55,8 @@ def start_plates(moment):
     starts = []
     while given_ := assign_plates(moment):
         starts += given_
-        taken = {one.printer for one in given_}
-        moment = moment.without({one.plate for one in given_}).with_printers(
+        taken = {item.printer for item in given_}
+        moment = moment.without({item.plate for item in given_}).with_printers(
             tuple(replace(p, booked=True) if p.name in taken else p for p in moment.printers)
         )
     return moment, starts

@@ -117,9 +117,9 @@ def test_attended_printer_ends_before_the_hours_and_names_the_next_start():
     house, alone = rules(attended=WEEK[0]), printer("a", unattended=False, why_attended="so")
     assert house.ends_by_s(alone, FRIDAY) == at("2026-11-20 17:45")
     assert house.unattended_reason(alone, at("2026-11-20 17:44")) is None
-    says = "a prints only in attended hours (so): from Mon 08:00"
-    assert house.unattended_reason(alone, at("2026-11-20 17:45")) == says
-    assert house.unattended_reason(alone, at("2026-11-21 03:00")) == says
+    message = "a prints only in attended hours (so): from Mon 08:00"
+    assert house.unattended_reason(alone, at("2026-11-20 17:45")) == message
+    assert house.unattended_reason(alone, at("2026-11-21 03:00")) == message
     assert house.ends_by_s(alone, at("2026-11-21 03:00")) == at("2026-11-21 03:00")
     assert rules().unattended_reason(alone, FRIDAY) == "a prints only in attended hours (so)"
     assert house.unattended_reason(printer("a"), at("2026-11-21 03:00")) is None
@@ -189,7 +189,7 @@ def only(what, where, house=None, now_s=FRIDAY, **changes):
 
 
 @pytest.mark.parametrize(
-    ("what", "where", "house", "code", "says"),
+    ("what", "where", "house", "code", "message"),
     [
         ({"expected_s": 6 * HOUR}, {}, {"quiet": ["22:00-06:00"]}, "quiet_hours", "to Sat 06:00"),
         ({"expected_s": 17 * HOUR}, {}, {"quiet": ["22:00-06:00"]}, "too_long", "takes 17h00"),
@@ -207,10 +207,10 @@ def only(what, where, house=None, now_s=FRIDAY, **changes):
         ({}, {"heating": True}, {"max_heating": 1}, "heating_limit", "1 printers are heating up"),
     ],
 )
-def test_hold_has_a_code_and_a_reason(what, where, house, code, says):
+def test_hold_has_a_code_and_a_reason(what, where, house, code, message):
     hold = only(plate("1/01", "a", **what), printer("a", **where), rules(**house))
     assert hold.code == code
-    assert says in hold.text
+    assert message in hold.text
     assert only(plate("1/01", "a"), printer("a")) == "a"
 
 

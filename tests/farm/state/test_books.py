@@ -190,12 +190,12 @@ class AnyNight(RuleBasedStateMachine):
 
     @precondition(lambda self: self.books.plates)
     @rule(data=st.data(), again=st.booleans())
-    def cancel_or_ask_again(self, data, again):
+    def cancel_or_ask_again(self, data, repeated):
         plate = self.books.plates[data.draw(st.sampled_from(sorted(self.books.plates)))]
         stands = self.books.plate_state(plate)
-        if again and stands not in (PlateState.WAITING, PlateState.PRINTING):
+        if repeated and stands not in (PlateState.WAITING, PlateState.PRINTING):
             self.happen(ev.ReprintRequested(at_s=self.now, plate=plate.id, why="more", by="ann"))
-        elif not again and stands is not PlateState.CANCELLED:
+        elif not repeated and stands is not PlateState.CANCELLED:
             self.happen(ev.PlateCancelled(at_s=self.now, plate=plate.id, by="ann"))
 
     @rule(printer=st.sampled_from(PRINTERS))
@@ -206,7 +206,7 @@ class AnyNight(RuleBasedStateMachine):
     @precondition(lambda self: any(not job.state.ended for job in self.books.jobs.values()))
     @rule(data=st.data())
     def cancel(self, data):
-        live = sorted(number for number, one in self.books.jobs.items() if not one.state.ended)
+        live = sorted(number for number, item in self.books.jobs.items() if not item.state.ended)
         self.happen(ev.JobCancelled(at_s=self.now, job=data.draw(st.sampled_from(live))))
 
     @invariant()
@@ -239,10 +239,10 @@ class AnyNight(RuleBasedStateMachine):
 
     @invariant()
     def no_plate_is_lost(self):
-        for one in self.books.jobs.values():
-            stand = {self.books.plate_state(plate) for plate in self.books.plates_of(one)}
+        for item in self.books.jobs.values():
+            stand = {self.books.plate_state(plate) for plate in self.books.plates_of(item)}
             coming = bool(stand & {PlateState.WAITING, PlateState.PRINTING})
-            match one.state:
+            match item.state:
                 case JobState.PRINTING:
                     assert coming
                 case JobState.PRINTED:

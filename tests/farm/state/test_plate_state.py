@@ -70,9 +70,9 @@ def test_clearing_a_bed_judges_only_what_was_printed_last():
 
 @pytest.mark.parametrize("end", [PrintState.CANCELLED, PrintState.DONE])
 def test_a_print_that_a_person_saw_go_wrong_is_made_again(end):
-    asked = ev.PrintFailRequested(at_s=50.0, print_id="x", why="a blob", by="ann")
-    books, told = run(printing(plates=1), assigned("1/01", "a", "x"), asked, ended("x", end))
-    assert told[1] == ev.SendCancel(print_id="x", printer="a", reason="a blob")
+    requested = ev.PrintFailRequested(at_s=50.0, print_id="x", why="a blob", by="ann")
+    books, reported = run(printing(plates=1), assigned("1/01", "a", "x"), requested, ended("x", end))
+    assert reported[1] == ev.SendCancel(print_id="x", printer="a", reason="a blob")
     assert stands(books) is PlateState.WAITING
     assert books.printers["a"].bed is Bed.NOT_CLEAR
     if end is PrintState.CANCELLED:
@@ -83,9 +83,9 @@ def test_a_print_that_a_person_saw_go_wrong_is_made_again(end):
 
 
 def test_a_fault_while_a_print_is_ended_by_a_person_is_charged_to_nobody():
-    asked = ev.PrintFailRequested(at_s=50.0, print_id="x", why="a blob", by="ann")
+    requested = ev.PrintFailRequested(at_s=50.0, print_id="x", why="a blob", by="ann")
     hot = ended("x", PrintState.FAILED, fault="heater_stuck_on", reason="it does not cool")
-    books, _ = run(printing(plates=1), assigned("1/01", "a", "x"), asked, hot)
+    books, _ = run(printing(plates=1), assigned("1/01", "a", "x"), requested, hot)
     assert (books.prints["x"].fault, books.prints["x"].charged) == ("heater_stuck_on", False)
     assert books.printers["a"].attention_reason == "it does not cool"
 
@@ -102,7 +102,7 @@ def test_a_plate_out_of_attempts_stops_none_of_the_others():
 
 
 def test_reprint_of_failed_cancelled_and_good_parts():
-    again = ev.ReprintRequested(at_s=400.0, plate="1/01", why="it broke", by="ann")
+    repeated = ev.ReprintRequested(at_s=400.0, plate="1/01", why="it broke", by="ann")
     for books in (
         failed(printing(plates=1), ATTEMPTS),
         run(printing(plates=1), ev.JobCancelled(at_s=5.0, job=1))[0],
@@ -110,7 +110,7 @@ def test_reprint_of_failed_cancelled_and_good_parts():
         printed(1),
     ):
         assert books.jobs[1].state.ended
-        books, _ = run(books, again)
+        books, _ = run(books, repeated)
         job = books.jobs[1]
         assert (job.state, job.error, job.reason, job.ended_s) == (JobState.PRINTING, None, None, None)
         assert stands(books) is PlateState.WAITING
@@ -120,8 +120,10 @@ def test_reprint_of_failed_cancelled_and_good_parts():
 
 def test_cancelled_part_is_not_repeated_while_others_continue():
     cancelled = ev.PlateCancelled(at_s=5.0, plate="1/01", by="ann")
-    books, told = run(printing(plates=2), assigned("1/01", "a", "x"), assigned("1/02", "b", "y"), cancelled)
-    assert [t for t in told if isinstance(t, ev.SendCancel)] == [
+    books, reported = run(
+        printing(plates=2), assigned("1/01", "a", "x"), assigned("1/02", "b", "y"), cancelled
+    )
+    assert [t for t in reported if isinstance(t, ev.SendCancel)] == [
         ev.SendCancel(print_id="x", printer="a", reason="cancelled by ann")
     ]
     books, _ = run(books, ended("x", PrintState.FAILED, reason="no heat"), cleared("a"))
@@ -133,13 +135,16 @@ def test_cancelled_part_is_not_repeated_while_others_continue():
 
 
 def test_a_job_that_is_paused_parks_all_its_prints():
-    books, told = run(
+    books, reported = run(
         printing(plates=2), assigned("1/01", "a", "x"), ev.JobPaused(at_s=9.0, job=1, wanted=True)
     )
     assert books.jobs[1].paused
-    assert told[-1] == ev.SendPause(print_id="x", printer="a", wanted=True)
-    books, told = run(books, ev.JobPaused(at_s=9.0, job=1, wanted=False))
-    assert (books.jobs[1].paused, told) == (False, [ev.SendPause(print_id="x", printer="a", wanted=False)])
+    assert reported[-1] == ev.SendPause(print_id="x", printer="a", wanted=True)
+    books, reported = run(books, ev.JobPaused(at_s=9.0, job=1, wanted=False))
+    assert (books.jobs[1].paused, reported) == (
+        False,
+        [ev.SendPause(print_id="x", printer="a", wanted=False)],
+    )
 
 
 def test_a_printer_is_in_maintenance_until_a_person_has_done_it():

@@ -18,34 +18,35 @@ from make_books import fleet, printing, run
 
 
 def test_manual_use_makes_bed_and_filament_unknown_until_inspected():
-    said = AgentSnapshot(
+    message = AgentSnapshot(
         printer="a",
         link=Link.READY,
         bed_clear=True,
         filament=FilamentState.UNKNOWN,
         bed_unknown_reason="its board was reset, but not by the farm",
     )
-    books, _ = run(printing(), *observe_idle_printer(printing().printers["a"], said, 5.0))
+    books, _ = run(printing(), *observe_idle_printer(printing().printers["a"], message, 5.0))
     printer = books.printers["a"]
     assert (printer.bed, printer.filament) == (Bed.UNKNOWN, FilamentState.UNKNOWN)
     assert "reset" in printer.attention_reason
-    assert list(observe_idle_printer(printer, said, 6.0)) == []
+    assert list(observe_idle_printer(printer, message, 6.0)) == []
     # Not even an emulator's word makes up for the look.
     assert (
-        list(observe_idle_printer(printer, said.model_copy(update={"bed_unknown_reason": None}), 7.0)) == []
+        list(observe_idle_printer(printer, message.model_copy(update={"bed_unknown_reason": None}), 7.0))
+        == []
     )
 
 
 def test_agent_that_was_started_again_knows_the_filament_but_not_the_bed():
-    said = AgentSnapshot(
+    message = AgentSnapshot(
         printer="a",
         link=Link.READY,
         filament=FilamentState.UNKNOWN,
         bed_unknown_reason="it was not watched before its agent was started",
     )
-    known = said.model_copy(update={"filament": FilamentState.PARKED})
+    known = message.model_copy(update={"filament": FilamentState.PARKED})
     books = printing()
-    for at_s, snapshot in enumerate((said, known, known, known)):
+    for at_s, snapshot in enumerate((message, known, known, known)):
         books, _ = run(books, *observe_idle_printer(books.printers["a"], snapshot, float(at_s)))
     printer = books.printers["a"]
     assert (printer.bed, printer.filament) == (Bed.UNKNOWN, FilamentState.PARKED)
@@ -57,17 +58,17 @@ def test_agent_that_was_started_again_knows_the_filament_but_not_the_bed():
 
 
 def test_bed_of_an_emulator_is_used_only_if_unknown():
-    said = AgentSnapshot(printer="a", link=Link.READY, bed_clear=True, filament=FilamentState.PARKED)
+    message = AgentSnapshot(printer="a", link=Link.READY, bed_clear=True, filament=FilamentState.PARKED)
     books, _ = run(Books(), *fleet(Bed.UNKNOWN))
-    books, _ = run(books, *observe_idle_printer(books.printers["a"], said, 5.0))
+    books, _ = run(books, *observe_idle_printer(books.printers["a"], message, 5.0))
     assert books.printers["a"].bed is Bed.CLEAR
-    assert list(observe_idle_printer(books.printers["a"], said, 6.0)) == []
+    assert list(observe_idle_printer(books.printers["a"], message, 6.0)) == []
 
 
 def test_real_printer_does_not_report_its_bed():
-    said = AgentSnapshot(printer="a", link=Link.READY, filament=FilamentState.PARKED)
+    message = AgentSnapshot(printer="a", link=Link.READY, filament=FilamentState.PARKED)
     books, _ = run(Books(), *fleet(Bed.UNKNOWN))
-    assert list(observe_idle_printer(books.printers["a"], said, 5.0)) == []
+    assert list(observe_idle_printer(books.printers["a"], message, 5.0)) == []
 
 
 def word(print_id="x", state=PrintState.PRINTING, link=Link.BUSY, **changes):
@@ -80,8 +81,8 @@ def word(print_id="x", state=PrintState.PRINTING, link=Link.BUSY, **changes):
         "started_s": 2.0,
         "ended_s": None,
     }
-    said = AgentPrint(print_id=print_id, state=state, **{**facts, **changes})
-    return AgentSnapshot(printer="a", link=link, filament=FilamentState.PARKED, print=said)
+    message = AgentPrint(print_id=print_id, state=state, **{**facts, **changes})
+    return AgentSnapshot(printer="a", link=link, filament=FilamentState.PARKED, print=message)
 
 
 def assigned():
@@ -141,9 +142,9 @@ def test_unstartable_print_is_reassigned_after_its_agent_confirms(link):
     began, _ = run(
         books, *reconcile_print(books.prints["x"], word(state=PrintState.HEATING, extruded=False), 5.0)
     )
-    assert [type(one) for one in pending_instructions(began.prints["x"], word(state=PrintState.HEATING))] == [
-        ev.SendCancel
-    ]
+    assert [
+        type(item) for item in pending_instructions(began.prints["x"], word(state=PrintState.HEATING))
+    ] == [ev.SendCancel]
     last = word(state=PrintState.CANCELLED, link=Link.READY, extruded=False, ended_s=9.0)
     began, _ = run(began, *reconcile_print(began.prints["x"], last, 9.0))
     assert began.prints["x"].state is PrintState.CANCELLED
@@ -177,11 +178,11 @@ def restored(*states):
 def test_restored_books_adopt_the_print_of_an_agent(state):
     books = restored(state)
     assert list(pending_instructions(books.prints["a"], empty())) == []  # it is not begun (again)
-    said = word("a")
-    books, sent = run(books, *reconcile_print(books.prints["a"], said, 51.0))
-    assert (sent, list(pending_instructions(books.prints["a"], said))) == ([], [])
+    message = word("a")
+    books, sent = run(books, *reconcile_print(books.prints["a"], message, 51.0))
+    assert (sent, list(pending_instructions(books.prints["a"], message))) == ([], [])
     assert (books.prints["a"].state, books.prints["a"].restored) == (PrintState.PRINTING, False)
-    assert list(reconcile_print(books.prints["a"], said, 52.0)) == []
+    assert list(reconcile_print(books.prints["a"], message, 52.0)) == []
     last = word("a", state=PrintState.DONE, link=Link.READY, ended_s=90.0)
     books, _ = run(books, *reconcile_print(books.prints["a"], last, 100.0))
     assert books.plate_state(books.plates["1/01"]) is PlateState.PRINTED
@@ -193,8 +194,8 @@ def test_restored_books_adopt_the_print_of_an_agent(state):
 def test_print_unknown_to_its_agent_is_no_outage_and_no_attempt():
     books = restored(PrintState.PRINTING, PrintState.PRINTING)
     for name in "ab":
-        said = empty().model_copy(update={"printer": name})
-        books, _ = run(books, *reconcile_print(books.prints[name], said, 51.0))
+        message = empty().model_copy(update={"printer": name})
+        books, _ = run(books, *reconcile_print(books.prints[name], message, 51.0))
     assert books.outage is None
     assert {(p.state, p.charged) for p in books.prints.values()} == {(PrintState.FAILED, False)}
     assert "check what became of it" in books.printers["a"].attention_reason
@@ -207,18 +208,18 @@ def test_a_print_that_the_books_have_ended_is_ended_at_the_printer_too():
     books = assigned()
     books, _ = run(books, *reconcile_print(books.prints["x"], empty(Link.ABSENT, None), 3.0))
     heating = word(state=PrintState.HEATING, extruded=False)
-    told = list(handle_unknown_print(books.printers["a"], books.prints["x"], heating, 4.0))
-    assert [type(one) for one in told] == [ev.SendCancel]
-    for said in (word(), word(state=PrintState.CANCELLED, link=Link.READY, ended_s=9.0)):
-        doubted, _ = handle_unknown_print(books.printers["a"], books.prints["x"], said, 4.0)
+    reported = list(handle_unknown_print(books.printers["a"], books.prints["x"], heating, 4.0))
+    assert [type(item) for item in reported] == [ev.SendCancel]
+    for message in (word(), word(state=PrintState.CANCELLED, link=Link.READY, ended_s=9.0)):
+        doubted, _ = handle_unknown_print(books.printers["a"], books.prints["x"], message, 4.0)
         assert run(books, doubted)[0].printers["a"].bed is Bed.UNKNOWN  # something lies on it by now
 
 
 def test_a_print_that_the_books_never_had_goes_on_and_leaves_the_bed_in_doubt():
     books, _ = run(Books(), *fleet())
-    told = list(handle_unknown_print(books.printers["a"], None, word("stranger"), 4.0))
-    assert [type(one) for one in told] == [ev.BedBecameUnknown]
-    books, _ = run(books, *told)
+    reported = list(handle_unknown_print(books.printers["a"], None, word("stranger"), 4.0))
+    assert [type(item) for item in reported] == [ev.BedBecameUnknown]
+    books, _ = run(books, *reported)
     assert books.printers["a"].bed is Bed.UNKNOWN
     last = word("stranger", state=PrintState.DONE, ended_s=9.0)
     assert list(handle_unknown_print(books.printers["a"], None, last, 9.0)) == [
@@ -227,7 +228,7 @@ def test_a_print_that_the_books_never_had_goes_on_and_leaves_the_bed_in_doubt():
 
 
 @pytest.mark.parametrize(
-    ("wanted", "state", "told"),
+    ("expected", "state", "reported"),
     [
         (True, PrintState.HEATING, None),  # it is told once it prints
         (True, PrintState.PRINTING, True),
@@ -237,11 +238,13 @@ def test_a_print_that_the_books_never_had_goes_on_and_leaves_the_bed_in_doubt():
         (True, PrintState.ENDING, None),
     ],
 )
-def test_unconfirmed_pause_is_repeated(wanted, state, told):
-    books, sent = run(assigned(), ev.PauseRequested(at_s=3.0, print_id="x", wanted=wanted))
-    assert sent == [ev.SendPause(print_id="x", printer="a", wanted=wanted)]
-    again = list(pending_instructions(books.prints["x"], word(state=state)))
-    assert again == ([] if told is None else [ev.SendPause(print_id="x", printer="a", wanted=told)])
+def test_unconfirmed_pause_is_repeated(expected, state, reported):
+    books, sent = run(assigned(), ev.PauseRequested(at_s=3.0, print_id="x", wanted=expected))
+    assert sent == [ev.SendPause(print_id="x", printer="a", wanted=expected)]
+    repeated = list(pending_instructions(books.prints["x"], word(state=state)))
+    assert repeated == (
+        [] if reported is None else [ev.SendPause(print_id="x", printer="a", wanted=reported)]
+    )
 
 
 def test_cancelled_print_is_not_paused():
@@ -254,17 +257,17 @@ def test_cancelled_print_is_not_paused():
         ev.JobPaused(at_s=4.0, job=1, wanted=True),
     )
     assert books.prints["x"].pause_requested is False
-    assert not any(isinstance(one, ev.SendPause) for one in sent)
+    assert not any(isinstance(item, ev.SendPause) for item in sent)
 
 
 @pytest.mark.parametrize("known", ["bed", "filament"])
 def test_emulator_provides_the_unknown_bed_or_filament(known):
-    said = AgentSnapshot(printer="a", link=Link.READY, bed_clear=True, filament=FilamentState.PARKED)
+    message = AgentSnapshot(printer="a", link=Link.READY, bed_clear=True, filament=FilamentState.PARKED)
     unknown = {"bed": Bed.UNKNOWN, "filament": FilamentState.UNKNOWN}
     unknown[known] = Bed.NOT_CLEAR if known == "bed" else FilamentState.AT_NOZZLE
     printer = Printer(name="a", **unknown)
-    (seen,) = observe_idle_printer(printer, said, 5.0)
-    books, _ = run(Books.from_entities([printer]), seen)
+    (observed,) = observe_idle_printer(printer, message, 5.0)
+    books, _ = run(Books.from_entities([printer]), observed)
     took = books.printers["a"]
     bed = Bed.NOT_CLEAR if known == "bed" else Bed.CLEAR
     filament = FilamentState.AT_NOZZLE if known == "filament" else FilamentState.PARKED

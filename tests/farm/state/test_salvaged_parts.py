@@ -41,7 +41,7 @@ def asked(books):
 def test_a_part_that_is_whole_is_good_and_not_printed_again():
     books = died()
     assert books.plate_state(books.plates["1/01"]) is PlateState.WAITING
-    books, told = run(books, whole())
+    books, reported = run(books, whole())
     assert books.plate_state(books.plates["1/01"]) is PlateState.GOOD
     assert books.jobs[1].state is JobState.DONE
     assert list(books.waiting_plates()) == []
@@ -50,7 +50,7 @@ def test_a_part_that_is_whole_is_good_and_not_printed_again():
     assert "confirmed good by ann" in found.verdict_why and DIED["reason"] in found.verdict_why
     printer = books.printer("a")
     assert (printer.bed, printer.attention_reason) == (Bed.CLEAR, None)
-    assert told == [ev.SendCleared(printer="a", filament=None)]
+    assert reported == [ev.SendCleared(printer="a", filament=None)]
 
 
 def test_a_job_that_was_out_of_attempts_is_done_when_its_last_one_was_whole():
@@ -78,24 +78,24 @@ def test_salvaged_part_uses_its_full_filament():
 
 def test_a_reprint_that_has_not_begun_is_taken_back():
     books, _ = run(died(), given("1/01", "b", "y", 120.0))
-    books, told = run(books, whole())
-    assert [type(one) for one in told] == [ev.SendCancel, ev.SendCleared]
-    assert (told[0].print_id, told[0].printer) == ("y", "b")
+    books, reported = run(books, whole())
+    assert [type(one) for one in reported] == [ev.SendCancel, ev.SendCleared]
+    assert (reported[0].print_id, reported[0].printer) == ("y", "b")
     assert reprinting_printers(books, books.prints["x"]) == []
     books, _ = run(books, ended("y", PrintState.CANCELLED, 130.0, started_s=None, extruded=False))
     assert books.jobs[1].state is JobState.DONE and books.printer("b").bed is Bed.CLEAR
 
 
 def test_a_reprint_that_has_begun_goes_on_until_a_person_ends_it():
-    begun = ev.PrintProgressed(
+    started = ev.PrintProgressed(
         at_s=130.0, print_id="y", state=PrintState.PRINTING, started_s=125.0, extruded=True
     )
-    books, _ = run(died(), given("1/01", "b", "y", 120.0), begun)
-    books, told = run(books, whole())
-    assert [type(one) for one in told] == [ev.SendCleared]
+    books, _ = run(died(), given("1/01", "b", "y", 120.0), started)
+    books, reported = run(books, whole())
+    assert [type(one) for one in reported] == [ev.SendCleared]
     assert reprinting_printers(books, books.prints["x"]) == ["b"]
-    stopped, told = run(books, ev.PlateCancelled(at_s=510.0, plate="1/01", by="ann"))
-    assert [(type(one), one.print_id) for one in told] == [(ev.SendCancel, "y")]
+    stopped, reported = run(books, ev.PlateCancelled(at_s=510.0, plate="1/01", by="ann"))
+    assert [(type(one), one.print_id) for one in reported] == [(ev.SendCancel, "y")]
     assert reprinting_printers(stopped, stopped.prints["x"]) == []
     assert not stopped.plates["1/01"].cancelled
     for state in (PrintState.DONE, PrintState.FAILED):
@@ -112,9 +112,9 @@ def test_a_part_that_was_cut_again_meanwhile_is_whole_with_all_its_pieces():
     replaced = ev.PlateReplaced(at_s=115.0, plate="1/01", parts=tuple(parts), plates=tuple(plates))
     books, _ = run(books, replaced, given("1/01a", "b", "y", 120.0))
     assert possibly_whole_print(books, "a").id == "x"
-    books, told = run(books, whole())
+    books, reported = run(books, whole())
     assert books.jobs[1].state is JobState.DONE
-    assert told[0].print_id == "y"
+    assert reported[0].print_id == "y"
 
 
 def test_task_asks_for_the_verdict_with_part_and_command():
@@ -153,7 +153,7 @@ def test_no_verdict_is_requested_for_an_incomplete_part(facts):
 
 def test_a_print_that_a_person_ended_is_none_that_may_be_whole():
     fail = ev.PrintFailRequested(at_s=100.0, print_id="x", why="a blob", by="ann")
-    gone = ended("x", PrintState.CANCELLED, 110.0, filament=FilamentState.PARKED)
-    books, _ = run(printing(1), given("1/01", "a", "x"), fail, gone)
+    removed = ended("x", PrintState.CANCELLED, 110.0, filament=FilamentState.PARKED)
+    books, _ = run(printing(1), given("1/01", "a", "x"), fail, removed)
     assert books.prints["x"].state is PrintState.FAILED
     assert possibly_whole_print(books, "a") is None

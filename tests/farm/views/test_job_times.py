@@ -44,8 +44,8 @@ def done():
 def test_time_between_the_end_of_a_job_and_a_reprint_is_not_counted(done):
     first = times(done, DAY_S)
     assert (first.elapsed_s, first.speedup, first.utilisation) == (100.0, 5.0, 1.0)
-    again = ev.ReprintRequested(at_s=DAY_S, plate="1/01", why="lost", by="ann")
-    books, _ = run(done, again, *attempt("z", "1/01", "c", DAY_S + 50.0, DAY_S + 150.0))
+    repeated = ev.ReprintRequested(at_s=DAY_S, plate="1/01", why="lost", by="ann")
+    books, _ = run(done, repeated, *attempt("z", "1/01", "c", DAY_S + 50.0, DAY_S + 150.0))
     second = times(books, 3 * DAY_S)
     assert [(each.started_s, each.ended_s) for each in second.runs] == [
         (0.0, 100.0),
@@ -57,8 +57,8 @@ def test_time_between_the_end_of_a_job_and_a_reprint_is_not_counted(done):
 
 
 def test_reprint_that_waits_for_a_printer_is_expected_to_take_its_own_time(done):
-    again = ev.ReprintRequested(at_s=DAY_S, plate="1/01", why="lost", by="ann")
-    waiting = times(run(done, again)[0], DAY_S + 5000.0)
+    repeated = ev.ReprintRequested(at_s=DAY_S, plate="1/01", why="lost", by="ann")
+    waiting = times(run(done, repeated)[0], DAY_S + 5000.0)
     assert (waiting.elapsed_s, waiting.makespan_s) == (100.0, 200.0)
     assert waiting.end_s == DAY_S + 5100.0
 
@@ -67,14 +67,14 @@ def test_wait_for_a_printer_within_a_run_is_counted():
     books, _ = run(
         printing(), *attempt("x", "1/01", "a", 0.0, 100.0), *attempt("y", "1/02", "a", 400.0, 500.0)
     )
-    seen = times(books, DAY_S)
-    assert (len(seen.runs), seen.elapsed_s, seen.utilisation) == (1, 500.0, pytest.approx(0.4))
+    observed = times(books, DAY_S)
+    assert (len(observed.runs), observed.elapsed_s, observed.utilisation) == (1, 500.0, pytest.approx(0.4))
 
 
 def test_cancelled_reprint_leaves_the_figures_as_they_were(done):
     before = times(done, DAY_S)
-    again = ev.ReprintRequested(at_s=DAY_S, plate="1/01", why="lost", by="ann")
-    cancelled, _ = run(done, again, ev.PlateCancelled(at_s=DAY_S + 9.0, plate="1/01", by="ann"))
+    repeated = ev.ReprintRequested(at_s=DAY_S, plate="1/01", why="lost", by="ann")
+    cancelled, _ = run(done, repeated, ev.PlateCancelled(at_s=DAY_S + 9.0, plate="1/01", by="ann"))
     after = times(cancelled, 2 * DAY_S)
     assert (after.elapsed_s, after.speedup) == (before.elapsed_s, before.speedup)
 
@@ -96,15 +96,15 @@ def test_runs_are_disjoint_and_each_print_is_in_one(spans):
     for number, (wait_s, took_s) in enumerate(spans):
         at_s += 1.0 + wait_s
         if number:
-            asked = ev.ReprintRequested(at_s=at_s, plate="1/01", why="", by="ann")
-            books, _ = run(books, asked)
+            requested = ev.ReprintRequested(at_s=at_s, plate="1/01", why="", by="ann")
+            books, _ = run(books, requested)
         books, _ = run(books, *attempt(f"x{number}", "1/01", "a", at_s, at_s + took_s))
         at_s += took_s
     job = books.job(1)
     runs = list(list_runs(job, books.prints_of_job(job), at_s + DAY_S))
     assert len(runs) == len(spans) == len(job.reopenings) + 1
-    assert all(one.ended_s <= following.started_s for one, following in pairwise(runs))
-    assert sum(one.length_s for one in runs) == pytest.approx(sum(took_s for _, took_s in spans))
+    assert all(item.ended_s <= following.started_s for item, following in pairwise(runs))
+    assert sum(item.length_s for item in runs) == pytest.approx(sum(took_s for _, took_s in spans))
 
 
 def test_job_of_older_books_has_one_run():

@@ -39,10 +39,10 @@ def view(books):
 
 
 def test_a_job_costs_what_its_plates_cost():
-    seen = view(priced(1.25, 0.5))
-    assert [plate.price for plate in seen.plates] == [1.25, 0.5]
-    assert (seen.price, seen.currency) == (pytest.approx(1.75), "EUR")
-    assert (seen.grams, seen.filament_mm) == (pytest.approx(6.0), pytest.approx(800.0))
+    observed = view(priced(1.25, 0.5))
+    assert [plate.price for plate in observed.plates] == [1.25, 0.5]
+    assert (observed.price, observed.currency) == (pytest.approx(1.75), "EUR")
+    assert (observed.grams, observed.filament_mm) == (pytest.approx(6.0), pytest.approx(800.0))
 
 
 def test_no_printer_waited_for_longer_than_it_printed():
@@ -53,8 +53,8 @@ def test_no_printer_waited_for_longer_than_it_printed():
         given = ev.PlateAssigned(at_s=begun_s, plate="1/01", printer="a", print_id=name)
         done = ended(name, at_s=begun_s + 100.0, started_s=begun_s, starved_s=80.0)
         cleared = ev.BedCleared(at_s=begun_s + 150.0, printer="a", by="ann", filament=None)
-        again = ev.ReprintRequested(at_s=begun_s + 160.0, plate="1/01", why="", by="ann")
-        books, _ = run(books, given, done, cleared, again)
+        repeated = ev.ReprintRequested(at_s=begun_s + 160.0, plate="1/01", why="", by="ann")
+        books, _ = run(books, given, done, cleared, repeated)
     assert view(books).starved_share == pytest.approx(0.8)
 
 
@@ -66,10 +66,10 @@ def test_cancelled_parts_are_shown_with_the_job():
     books = printing(plates=1)
     name, plate = next(iter(books.plates.items()))
     thin = "walls too thin to print: 90 mm2 at X4 Y0, Z 6.1..13.5 mm"
-    seen = view(dataclasses.replace(books, plates={name: plate.model_copy(update={"warnings": (thin,)})}))
-    assert seen.plates[0].warnings == [thin]
+    observed = view(dataclasses.replace(books, plates={name: plate.model_copy(update={"warnings": (thin,)})}))
+    assert observed.plates[0].warnings == [thin]
     console = Console(width=120, record=True, file=io.StringIO())
-    console.print(render_job(seen))
+    console.print(render_job(observed))
     assert f"plate {name}: {thin}" in console.export_text()
 
 
@@ -78,9 +78,9 @@ def test_a_job_that_is_given_up_was_not_quick():
     going = view(books)
     assert going.speedup and going.utilisation
     cancelled, _ = run(books, ev.JobCancelled(at_s=5.0, job=1))
-    seen = view(cancelled)
-    assert (seen.speedup, seen.utilisation) == (None, None)
-    assert seen.estimated_s == going.estimated_s
+    observed = view(cancelled)
+    assert (observed.speedup, observed.utilisation) == (None, None)
+    assert observed.estimated_s == going.estimated_s
 
 
 def context(books, now_s, progress=None, **snapshots):
@@ -106,7 +106,7 @@ def test_remaining_time_uses_the_factor_of_the_printer(progress_s, remaining_s):
     )
     books, _ = run(books, began)
     books.printers["a"] = books.printers["a"].model_copy(update={"time_factor": 1.2})
-    said = AgentPrint(
+    message = AgentPrint(
         print_id="x",
         state=PrintState.PRINTING,
         fault=None,
@@ -121,7 +121,7 @@ def test_remaining_time_uses_the_factor_of_the_printer(progress_s, remaining_s):
         feature="FILL",
     )
     view = describe_printer(
-        context(books, 7.0, a=AgentSnapshot(printer="a", link=Link.BUSY, print=said)),
+        context(books, 7.0, a=AgentSnapshot(printer="a", link=Link.BUSY, print=message)),
         FLEET.printer("a"),
         None,
     )
@@ -134,22 +134,22 @@ def test_remaining_time_uses_the_factor_of_the_printer(progress_s, remaining_s):
 def test_a_print_that_is_resumed_is_not_shown_as_paused():
     """Its nozzle heats for minutes before the printer goes on."""
     books, _ = run(printing(), ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"))
-    for wanted, state, shown in (
+    for expected, state, shown in (
         (True, PrintState.PRINTING, "printing"),
         (True, PrintState.PAUSED, "paused"),
         (False, PrintState.PAUSED, "heating"),
         (False, PrintState.PRINTING, "printing"),
     ):
         now = ev.PrintProgressed(at_s=3.0, print_id="x", state=state, started_s=2.0, extruded=True)
-        books, _ = run(books, ev.PauseRequested(at_s=3.0, print_id="x", wanted=wanted), now)
+        books, _ = run(books, ev.PauseRequested(at_s=3.0, print_id="x", wanted=expected), now)
         printer = describe_printer(context(books, 7.0), FLEET.printer("a"), None)
         (part,) = [part for part in view(books).parts if part.prints]
         assert (printer.state, printer.print.state, part.prints[0].state) == (shown, shown, shown)
 
 
 def test_bad_part_takes_its_time_again():
-    begun = ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x")
+    started = ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x")
     bad = ev.BedCleared(at_s=300.0, printer="a", by="ann", verdict=Verdict.BAD, why="warped")
-    books, _ = run(printing(1), begun, ended("x", at_s=102.0), bad)
-    seen = view(books)
-    assert seen.current_s == pytest.approx(seen.elapsed_s + seen.estimated_s)
+    books, _ = run(printing(1), started, ended("x", at_s=102.0), bad)
+    observed = view(books)
+    assert observed.current_s == pytest.approx(observed.elapsed_s + observed.estimated_s)

@@ -72,9 +72,9 @@ def test_lost_printer_is_notified_with_its_part():
 
 
 def test_outage_is_notified_once_for_all_printers():
-    gone = {"fault": "port_lost", "reason": "its port is gone"}
+    removed = {"fault": "port_lost", "reason": "its port is gone"}
     books, _ = run(
-        begun(3), *(ended(name, PrintState.FAILED, 200.0 + i, **gone) for i, name in enumerate("xyz"))
+        begun(3), *(ended(name, PrintState.FAILED, 200.0 + i, **removed) for i, name in enumerate("xyz"))
     )
     assert told(books) == ["a b c were lost at the same time; nothing starts before `farm resume`"]
     books, _ = run(books, ev.OutageConfirmed(at_s=400.0, by="ann"), ev.PrinterLost(at_s=600.0, printer="a"))
@@ -82,8 +82,8 @@ def test_outage_is_notified_once_for_all_printers():
 
 
 def test_ended_dry_run_is_not_notified():
-    tried = job(2).model_copy(update={"options": job().options.model_copy(update={"dry_run": True})})
-    books, _ = run(printing(), ev.JobSubmitted(at_s=3.0, job=tried), ev.JobCancelled(at_s=4.0, job=2))
+    attempted = job(2).model_copy(update={"options": job().options.model_copy(update={"dry_run": True})})
+    books, _ = run(printing(), ev.JobSubmitted(at_s=3.0, job=attempted), ev.JobCancelled(at_s=4.0, job=2))
     assert told(books) == []
 
 

@@ -120,7 +120,7 @@ def broken(change):
 
 
 @pytest.mark.parametrize(
-    ("change", "says"),
+    ("change", "message"),
     [
         (lambda layer: [], r"layer 5 \(Z 1.30 mm\) leaves out 5\d\d"),
         (lambda layer: layer[:1], r"layer 5 .* prints 7\d.\d mm2 outside"),
@@ -133,8 +133,8 @@ def broken(change):
     ],
     ids=["nothing", "no hole", "shifted", "shrunk", "something beside it"],
 )
-def test_a_layer_that_is_not_the_model_is_refused(change, says):
-    with pytest.raises(SliceRejected, match=says) as refused:
+def test_a_layer_that_is_not_the_model_is_refused(change, message):
+    with pytest.raises(SliceRejected, match=message) as refused:
         checked(TUBE, broken(change))
     assert refused.value.rule is Rule.OUTLINE
     assert "repair the mesh" in str(refused.value)
@@ -231,5 +231,5 @@ def test_a_real_slice_of_thin_fins(request_for, tmp_path):
     assert all(
         (wall.from_z_mm, wall.to_z_mm) == pytest.approx((5, 13.5), abs=0.2) for wall in result.unprinted
     )
-    again = slice_plate(request)
-    assert again == replace(result, cached=True)
+    repeated = slice_plate(request)
+    assert repeated == replace(result, cached=True)

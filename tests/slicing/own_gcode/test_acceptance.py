@@ -127,14 +127,14 @@ def prints(draw):
 @given(prints())
 @settings(max_examples=40, deadline=None)
 def test_the_same_print_in_every_dialect_is_the_same_print(layers):
-    wanted = [move for layer in layers for move in layer if move[3]]
+    expected = [move for layer in layers for move in layer if move[3]]
     no_comments = marlin(layers, comments=False)
     for lines in (marlin(layers), marlin(layers, relative=True), ultigcode(layers), no_comments):
         accepted = take(lines)
         safe(accepted)
         moves = followed(body(accepted))
         printed = [m for m, before in zip(moves[1:], moves, strict=False) if m[3] > 0 and m[:3] != before[:3]]
-        assert printed == [pytest.approx(move, abs=5e-5) for move in wanted]
+        assert printed == [pytest.approx(move, abs=5e-5) for move in expected]
         assert accepted.layers == len(layers)
 
 

@@ -18,10 +18,12 @@ def test_a_start_that_draws_the_filament_out_of_the_hot_end_is_refused(tail):
     refused([*lines[: at - 2], ";LAYER:0", *tail, *lines[at + 1 :]], "60.0 mm back, out of the hot end")
 
 
-@pytest.mark.parametrize(("z", "said"), [("-3", "to Z -3, into the bed"), ("0", "at Z 0: .* above the bed")])
-def test_a_start_that_leaves_the_head_in_the_bed_is_refused(z, said):
+@pytest.mark.parametrize(
+    ("z", "message"), [("-3", "to Z -3, into the bed"), ("0", "at Z 0: .* above the bed")]
+)
+def test_a_start_that_leaves_the_head_in_the_bed_is_refused(z, message):
     tail = [f"G1 X100 Y100 Z{z}", ";LAYER:0", "G1 F1800 X120 Z0.2 E0.25", "G1 X140 E0.5"]
-    refused(marlin([], tail=tail), said)
+    refused(marlin([], tail=tail), message)
 
 
 def test_objects_one_after_the_other_are_printed_only_as_high_as_the_head_clears_them():
@@ -33,7 +35,7 @@ def test_objects_one_after_the_other_are_printed_only_as_high_as_the_head_clears
 
 
 @pytest.mark.parametrize(
-    ("line", "said"),
+    ("line", "message"),
     [
         *((f"M{n}", rf"line \d+: M{n} ") for n in (0, 1, 226, 600, 601, 20, 23, 24, 28, 30, 92, 112, 200)),
         *((f"M{n} P1", rf"line \d+: M{n} .*take it out") for n in (301, 302, 303, 500, 501, 502, 999)),
@@ -90,8 +92,8 @@ def test_objects_one_after_the_other_are_printed_only_as_high_as_the_head_clears
         ("(open", "not a command"),
     ],
 )
-def test_forbidden_command_of_a_print_is_refused_with_its_line(line, said):
-    refused(marlin(body=[line]), said)
+def test_forbidden_command_of_a_print_is_refused_with_its_line(line, message):
+    refused(marlin(body=[line]), message)
 
 
 @pytest.mark.parametrize(
@@ -103,7 +105,7 @@ def test_command_that_changes_the_meaning_is_refused_in_the_start_too(line):
 
 
 @pytest.mark.parametrize(
-    ("lines", "said"),
+    ("lines", "message"),
     [
         ([], "start of its print"),
         ([";FLAVOR:Griffin", *marlin()[1:]], "flavour is 'Griffin'.*Marlin"),
@@ -123,8 +125,8 @@ def test_command_that_changes_the_meaning_is_refused_in_the_start_too(line):
         ([line for line in ultigcode() if "LAYER" not in line], "start of its print"),
     ],
 )
-def test_a_file_that_means_something_else_is_refused(lines, said):
-    refused(lines, said)
+def test_a_file_that_means_something_else_is_refused(lines, message):
+    refused(lines, message)
 
 
 LINES = st.one_of(

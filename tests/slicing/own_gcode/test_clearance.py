@@ -115,9 +115,9 @@ STYLES = {
 def test_output_of_cura_is_accepted(model, style, engine, settings_of, tmp_path):
     stl, own = tmp_path / "model.stl", settings_of()
     stl.write_bytes(stl_bytes(MODELS[model]))
-    told = [{**settings, **STYLES[style]} for settings in (own.global_, own.extruder)]
-    ran = run_engine(engine, stl, *told, EngineLimits(200, 60.0))
-    safe(take(ran.gcode.splitlines(keepends=True)))
+    reported = [{**settings, **STYLES[style]} for settings in (own.global_, own.extruder)]
+    result = run_engine(engine, stl, *reported, EngineLimits(200, 60.0))
+    safe(take(result.gcode.splitlines(keepends=True)))
 
 
 @pytest.mark.parametrize(("apart_mm", "clear"), [(150.0, True), (25.0, False)])
@@ -127,8 +127,8 @@ def test_one_at_a_time_output_is_accepted_with_room_for_the_head(
     """The second object's coordinates are from the bed's centre, which the engine adds only from it on."""
     own = settings_of()
     for scope, values in (("global", own.global_), ("extruder", own.extruder)):
-        told = {**values, "print_sequence": "one_at_a_time"}
-        entries = {key: {"default_value": value} for key, value in told.items()}
+        reported = {**values, "print_sequence": "one_at_a_time"}
+        entries = {key: {"default_value": value} for key, value in reported.items()}
         (tmp_path / f"{scope}.json").write_text(json.dumps({"settings": entries}))
     for name, x, centre in (("a", -apart_mm / 2, 111.5), ("b", apart_mm / 2, 0.0)):
         post = trimesh.creation.cylinder(5, 8, transform=AT((centre + x, centre, 4)))

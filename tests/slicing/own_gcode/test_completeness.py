@@ -175,10 +175,10 @@ def test_a_file_that_lost_any_of_its_layers_is_refused_where_it_names_its_filame
 
 
 def test_empty_layers_are_no_matter_where_all_filament_is_there():
-    said = [line.replace("COUNT:20", "COUNT:40") for line in ultigcode(square(layers=20))]
-    refused(said, "names 40 layers")
+    message = [line.replace("COUNT:20", "COUNT:40") for line in ultigcode(square(layers=20))]
+    refused(message, "names 40 layers")
     volume = round(take(ultigcode(square(layers=20))).filament_mm * FILAMENT_MM2)
-    figures = [line.replace("TIME:6666", "TIME:60").replace(":6666", f":{volume}") for line in said]
+    figures = [line.replace("TIME:6666", "TIME:60").replace(":6666", f":{volume}") for line in message]
     assert not any("layers" in line for line in take(figures).notices)
     more = [line.replace(f":{volume}", f":{volume + 2}") for line in figures]
     refused(more, rf"line 3 says that it takes {volume + 2} mm3 of filament, and {volume}")
@@ -226,9 +226,9 @@ def test_e_restarted_without_g92_is_refused_with_its_line(mm_a_layer):
     """In a whole file of 100 layers the last 40 were dropped in silence."""
     lines, layers = marlin(square(side_mm=mm_a_layer / 4 / 0.0125, at_mm=20.0, layers=100)), 60
     at = lines.index(f";LAYER:{layers}")
-    said = take([*lines[:at], "G92 E0", *renumbered(lines[at:])])
-    assert said.layers == 100
-    assert len(fed(followed(body(said)))) == 400
+    message = take([*lines[:at], "G92 E0", *renumbered(lines[at:])])
+    assert message.layers == 100
+    assert len(fed(followed(body(message)))) == 400
     refused([*lines[:at], *renumbered(lines[at:])], rf"drawn .* mm back since line {at + 3}: .*G92 E0")
 
 

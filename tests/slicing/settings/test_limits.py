@@ -18,13 +18,13 @@ LIMITS = UM2_PLUS.limits
 def refused(resources, overrides, **rest):
     with pytest.raises(BadSetting) as error:
         resolve_settings(SettingsRequest(UM2_PLUS, overrides=overrides, **rest), resources)
-    said = str(error.value)
-    assert "\n" not in said
-    return said
+    message = str(error.value)
+    assert "\n" not in message
+    return message
 
 
 @pytest.mark.parametrize(
-    ("key", "value", "why"),
+    ("key", "value", "reason"),
     [
         ("machine_gcode_flavor", "UltiGCode", "for streaming"),
         ("machine_start_gcode", "M502", "for streaming"),
@@ -56,10 +56,10 @@ def refused(resources, overrides, **rest):
         ("jerk_enabled", "true", "accelerations"),
     ],
 )
-def test_settings_of_the_program_are_reserved(resources, key, value, why):
-    said = refused(resources, {key: value})
-    assert said.startswith(f"{key}: ")
-    assert why in said
+def test_settings_of_the_program_are_reserved(resources, key, value, reason):
+    message = refused(resources, {key: value})
+    assert message.startswith(f"{key}: ")
+    assert reason in message
 
 
 def test_hardly_anything_that_a_quality_sets_is_reserved(resources):
@@ -68,7 +68,7 @@ def test_hardly_anything_that_a_quality_sets_is_reserved(resources):
 
 
 @pytest.mark.parametrize(
-    ("overrides", "said"),
+    ("overrides", "message"),
     [
         ({"material_print_temperature": "300"}, "=300 is out of range; at least 0, at most 260"),
         ({"default_material_print_temperature": "262"}, "temperature=262 is out of range"),
@@ -105,17 +105,17 @@ def test_hardly_anything_that_a_quality_sets_is_reserved(resources):
         ({"layer_heigth": "0.2"}, "did you mean layer_height"),
     ],
 )
-def test_bad_value_is_refused_with_the_allowed_range(resources, overrides, said):
-    assert said in refused(resources, overrides)
+def test_bad_value_is_refused_with_the_allowed_range(resources, overrides, message):
+    assert message in refused(resources, overrides)
 
 
 def test_a_value_that_only_follows_is_refused_with_its_cause(resources):
-    said = refused(
+    message = refused(
         resources, {"default_material_print_temperature": "259", "material_initial_print_temperature": "261"}
     )
-    assert said.startswith("material_initial_print_temperature=261 is out of range")
-    said = refused(resources, {"infill_sparse_density": "1000"})
-    assert said.startswith(
+    assert message.startswith("material_initial_print_temperature=261 is out of range")
+    message = refused(resources, {"infill_sparse_density": "1000"})
+    assert message.startswith(
         "infill_line_distance=0.035 follows from infill_sparse_density and is out of range"
     )
 
@@ -133,9 +133,9 @@ def test_disabled_setting_is_not_a_violation(resources):
 
 
 def test_material_too_hot_for_the_printer_is_reported_and_printable_colder(resources):
-    said = refused(resources, {}, material="generic_pc")
-    assert "default_material_print_temperature=270, from glue with generic_pc" in said
-    assert "take another material" in said
+    message = refused(resources, {}, material="generic_pc")
+    assert "default_material_print_temperature=270, from glue with generic_pc" in message
+    assert "take another material" in message
     colder = {"default_material_print_temperature": "260"}
     request = SettingsRequest(UM2_PLUS, material="generic_pc", overrides=colder)
     assert resolve_settings(request, resources).nozzle_c == LIMITS.max_nozzle_c
@@ -167,15 +167,15 @@ def test_any_text_for_any_key_resolves_or_is_refused_in_one_line(resources, data
     key = data.draw(st.sampled_from(sorted({**machine.settings, **machine.extruder})))
     request = SettingsRequest(UM2_PLUS, overrides={key: data.draw(ANY_TEXT)})
     try:
-        told = resolve_settings(request, resources)
+        reported = resolve_settings(request, resources)
     except BadSetting as refused:
         assert str(refused).isprintable()
         assert len(str(refused)) < 400
     else:
-        assert 0 <= told.nozzle_c <= LIMITS.max_nozzle_c
-        assert 0 <= told.bed_c <= LIMITS.max_bed_c
-        assert 0 < told.layer_height_mm <= 0.32
-        assert told.global_["machine_gcode_flavor"] == "RepRap (Marlin/Sprinter)"
+        assert 0 <= reported.nozzle_c <= LIMITS.max_nozzle_c
+        assert 0 <= reported.bed_c <= LIMITS.max_bed_c
+        assert 0 < reported.layer_height_mm <= 0.32
+        assert reported.global_["machine_gcode_flavor"] == "RepRap (Marlin/Sprinter)"
 
 
 def test_limits_are_those_of_the_printer_model(resources):

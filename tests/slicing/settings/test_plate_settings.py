@@ -75,9 +75,9 @@ def test_override_changes_dependent_settings(settings_of):
 
 
 def test_crossing_patterns_count_all_their_lines(settings_of):
-    one, two = (settings_of("paper", infill_pattern=pattern) for pattern in ("zigzag", "grid"))
-    assert float(two.extruder["infill_line_distance"]) == 2 * float(one.extruder["infill_line_distance"])
-    assert two.infill_line_distance_mm == one.infill_line_distance_mm
+    item, two = (settings_of("paper", infill_pattern=pattern) for pattern in ("zigzag", "grid"))
+    assert float(two.extruder["infill_line_distance"]) == 2 * float(item.extruder["infill_line_distance"])
+    assert two.infill_line_distance_mm == item.infill_line_distance_mm
 
 
 def test_temperatures_reach_the_start_code(settings_of):

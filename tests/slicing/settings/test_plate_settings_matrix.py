@@ -57,9 +57,9 @@ def test_every_combination(resources, model, nozzle_mm):
                     SettingsRequest(PRINTERS[model], quality, material, nozzle_mm), resources
                 )
             except BadSetting as refused:
-                said = str(refused)
-                assert any(reason in said for reason in REASONS), said
-                assert "\n" not in said
+                message = str(refused)
+                assert any(reason in message for reason in REASONS), message
+                assert "\n" not in message
                 outcome["refused"] += 1
                 continue
             outcome["resolved"] += 1
@@ -86,7 +86,7 @@ def test_violations_of_cura_s_own_profiles_are_listed(resources, model):
                     continue
                 resolver = Resolver(stacks.machine.settings, stacks.machine.extruder, stacks.layers)
                 beyond |= {
-                    one.key for one in find_violations(resolver, PRINTERS[model]) if not one.is_farm_limit
+                    item.key for item in find_violations(resolver, PRINTERS[model]) if not item.is_farm_limit
                 }
     assert beyond <= CURA_S
 

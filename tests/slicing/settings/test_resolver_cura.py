@@ -45,7 +45,7 @@ def same(ours, cura):
 
 @pytest.mark.parametrize(
     ("version", "number"),
-    [(version, number) for version, one in RECORDED.items() for number in range(len(one["combinations"]))],
+    [(version, number) for version, item in RECORDED.items() for number in range(len(item["combinations"]))],
 )
 def test_every_setting_is_cura_s(version, number):
     recorded, resources = RECORDED[version], resources_of(version)

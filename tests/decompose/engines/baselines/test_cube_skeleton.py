@@ -115,16 +115,16 @@ def test_a_cube_in_a_block_grows_until_it_reaches_the_wall(
     size: tuple[float, float, float], wall_mm: float, share: tuple[float, float, float]
 ) -> None:
     middle = wall_mm + 5.0 + np.array(share) * (np.array(size) - 2.0 * (wall_mm + 5.0))
-    begun = np.array([middle - 5.0, middle + 5.0])
+    started = np.array([middle - 5.0, middle + 5.0])
     least_mm = max(wall_mm, CLOSE_MM)
-    cube = refine_cube(Solid.box((0, 0, 0), size), begun, 100.0, wall_mm)
+    cube = refine_cube(Solid.box((0, 0, 0), size), started, 100.0, wall_mm)
     edges = cube[1] - cube[0]
     assert edges == pytest.approx([edges[0]] * 3)
     assert min(size) - 2.0 * least_mm - 4.0 * CLOSE_MM <= edges[0] <= min(size) - 2.0 * least_mm + 1e-6
     assert (cube[0] >= least_mm - 1e-6).all() and (cube[1] <= np.array(size) - least_mm + 1e-6).all()
-    assert (cube[0] <= begun[0]).all() and (cube[1] >= begun[1]).all()
-    near = refine_cube(Solid.box((0, 0, 0), size), begun, 1.0, wall_mm)
-    assert (near[0] >= begun[0] - 2.0).all() and (near[1] <= begun[1] + 2.0).all()
+    assert (cube[0] <= started[0]).all() and (cube[1] >= started[1]).all()
+    near = refine_cube(Solid.box((0, 0, 0), size), started, 1.0, wall_mm)
+    assert (near[0] >= started[0] - 2.0).all() and (near[1] <= started[1] + 2.0).all()
 
 
 def test_the_planes_of_the_grid_go_to_the_sides_of_the_refined_cube(cost: CostModel) -> None:
@@ -132,15 +132,15 @@ def test_the_planes_of_the_grid_go_to_the_sides_of_the_refined_cube(cost: CostMo
     body = ball(100.0).solid
     vertices, faces = body.arrays()
     rough = build_grid(vertices[faces], 20, GridRules(12.0, False, cost.overhang_cos, cost.skin_cos))
-    begun = largest_cube(hollow_model(body, rough).cavity)
-    assert begun is not None
-    side_mm = float(refine_cube(body, np.array(rough.bounds_mm(begun)), 10.0, 12.0)[0, 2])
+    started = largest_cube(hollow_model(body, rough).cavity)
+    assert started is not None
+    side_mm = float(refine_cube(body, np.array(rough.bounds_mm(started)), 10.0, 12.0)[0, 2])
     solid = Solid.union([body, Solid.box((-90, -90, side_mm - 20.0), (90, 90, side_mm + 0.5))])
     vertices, faces = solid.arrays()
     grid = build_grid(vertices[faces], 20, GridRules(12.0, False, cost.overhang_cos, cost.skin_cos))
-    begun = largest_cube(hollow_model(solid, grid).cavity)
-    assert begun is not None
-    cube_mm = refine_cube(solid, np.array(grid.bounds_mm(begun)), 10.0, 12.0)
+    started = largest_cube(hollow_model(solid, grid).cavity)
+    assert started is not None
+    cube_mm = refine_cube(solid, np.array(grid.bounds_mm(started)), 10.0, 12.0)
     planes, cube = planes_at(solid, grid, cube_mm)
     assert all((np.diff(own) > 0.0).all() for own in planes)
     moved = np.array([[planes[a][cube[a]] for a in range(3)], [planes[a][cube[a + 3]] for a in range(3)]])
@@ -148,7 +148,7 @@ def test_the_planes_of_the_grid_go_to_the_sides_of_the_refined_cube(cost: CostMo
     for axis in range(3):
         flats = flat_coordinates(vertices[faces], axis)
         assert np.abs(moved[:, axis, None] - flats).min(initial=np.inf) >= CLEAR_MM - 1e-9
-    before = grid.bounds_mm(begun)
+    before = grid.bounds_mm(started)
     assert np.prod(moved[1] - moved[0]) > 1.1 * np.prod(before[1] - before[0])
     grid = fill_grid(vertices[faces], planes, GridRules(12.0, False, cost.overhang_cos, cost.skin_cos))
     inside = tuple(slice(cube[a], cube[a + 3]) for a in range(3))
@@ -206,8 +206,8 @@ def test_the_whole_engine(interior: Interior, cost: CostModel) -> None:
         assert ROOM.fits(*(np.ptp(part.printing_mesh()[0], axis=0) - 1e-6))
     printed = sum(p.solid.volume_mm3 for p in result.parts)
     assert (0.3 if interior is Interior.LEAVE else 0.5) < printed / model.solid.volume_mm3 < 0.9
-    again = decompose_model(model, printers(20), options, cost)
-    assert [p.solid.volume_mm3 for p in again.parts] == [p.solid.volume_mm3 for p in result.parts]
+    repeated = decompose_model(model, printers(20), options, cost)
+    assert [p.solid.volume_mm3 for p in repeated.parts] == [p.solid.volume_mm3 for p in result.parts]
 
 
 def test_fewer_printers_get_merged_pieces(cost: CostModel) -> None:
@@ -219,9 +219,9 @@ def test_fewer_printers_get_merged_pieces(cost: CostModel) -> None:
 
 def test_faithful_form_reproduces_the_published_parts(cost: CostModel) -> None:
     faithful = replace(MENDED, faithful=True)
-    with pytest.raises(NoFit, match="each on a printer of its own, and there are 2") as caught:
+    with pytest.raises(NoFit, match="each on a printer of its own, and there are 2") as raised:
         decompose_model(ball(95.0), printers(2), faithful, cost)
-    needed = caught.value.printers_needed
+    needed = raised.value.printers_needed
     assert needed is not None and needed >= 13  # pairs, once, of 26
     assert len(decompose_model(ball(95.0), printers(26), faithful, cost).parts) == needed
     with pytest.raises(NoFit, match=r"of the \d+ parts that cube-skeleton makes for 26 printers fit none"):

@@ -117,8 +117,8 @@ def test_parts_add_up_and_are_the_same_each_time(options: Options, cost: CostMod
     assert 2 <= len(result.parts) <= 6
     assert sum(p.solid.volume_mm3 for p in result.parts) == pytest.approx(model.solid.volume_mm3, rel=1e-9)
     assert result.makespan_s < result.serial_s
-    again = decompose_model(model, printers(6), options, cost)
-    assert [p.solid.volume_mm3 for p in again.parts] == [p.solid.volume_mm3 for p in result.parts]
+    repeated = decompose_model(model, printers(6), options, cost)
+    assert [p.solid.volume_mm3 for p in repeated.parts] == [p.solid.volume_mm3 for p in result.parts]
 
 
 def test_the_room_forces_cuts(rough_ball: Model, cost: CostModel) -> None:
@@ -131,9 +131,9 @@ def test_the_room_forces_cuts(rough_ball: Model, cost: CostModel) -> None:
 def test_parts_that_do_not_fit_are_counted(rough_ball: Model, cost: CostModel) -> None:
     with pytest.raises(NoFit, match=r"4 of the 4 parts that symmetry makes for 4 printers fit none"):
         decompose_model(rough_ball, printers(4), FAITHFUL, cost)
-    with pytest.raises(NoFit, match="need at least 8 parts, and there are 4 printers") as caught:
+    with pytest.raises(NoFit, match="need at least 8 parts, and there are 4 printers") as raised:
         decompose_model(rough_ball, printers(4), MENDED, cost)
-    assert caught.value.printers_needed == 8
+    assert raised.value.printers_needed == 8
 
 
 def test_one_printer_gets_an_uncut_model_that_fits(lump: Solid, cost: CostModel) -> None:

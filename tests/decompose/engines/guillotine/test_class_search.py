@@ -62,10 +62,10 @@ def test_too_few_printers_are_reported_with_the_required_kind(cost: CostModel) -
     options = replace(OPTIONS, granularity=8)
     lows = [PrinterRoom(f"low-{i}", LOW) for i in range(3)]
     highs = [PrinterRoom(f"high-{i}", HIGH) for i in range(3)]
-    told = r"needs 6 parts.*there are 4: free 2 more with room for 100 x 100 x 160 mm"
-    with pytest.raises(NoFit, match=told) as caught:
+    reported = r"needs 6 parts.*there are 4: free 2 more with room for 100 x 100 x 160 mm"
+    with pytest.raises(NoFit, match=reported) as raised:
         decompose_model(model, [*lows, highs[0]], options, cost)
-    assert caught.value.printers_needed == 6
+    assert raised.value.printers_needed == 6
     assert len(decompose_model(model, [*lows, *highs], options, cost).parts) == 6
     with pytest.raises(NoFit, match="there are 5: free 1 more"):
         decompose_model(model, [*lows, *highs[:2]], options, cost)

@@ -57,12 +57,12 @@ def cone() -> Solid:
 
 
 def test_a_cone_is_cut_where_both_ends_take_equally_long(cone: Solid, cost: CostModel) -> None:
-    asked = problem(cone, cost, 2, cells=2)
-    nx, ny, nz = asked.build_grid(asked.model).shape
+    task = problem(cone, cost, 2, cells=2)
+    nx, ny, nz = task.build_grid(task.model).shape
     middle = nx // 2
-    before, after = run(asked, [(0, 0, 0, middle, ny, nz), (middle, 0, 0, nx, ny, nz)])
-    assert longest_s(asked, after) < 0.95 * longest_s(asked, before)
-    times = [pose.price_s for pose in asked.find_poses(after) if pose is not None]
+    before, after = run(task, [(0, 0, 0, middle, ny, nz), (middle, 0, 0, nx, ny, nz)])
+    assert longest_s(task, after) < 0.95 * longest_s(task, before)
+    times = [pose.price_s for pose in task.find_poses(after) if pose is not None]
     assert max(times) <= 1.02 * min(times)
     assert sum(piece.solid.volume_mm3 for piece in after) == pytest.approx(cone.volume_mm3)
     assert after[0].boxes_mm[0, 1, 0] == after[1].boxes_mm[0, 0, 0] < before[0].boxes_mm[0, 1, 0]
@@ -72,11 +72,11 @@ def test_where_one_part_would_be_posed_worse_the_others_are_evened(
     cone: Solid, cost: CostModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The thin end, longer, would have to lie in another pose: it stays, and the other cut moves."""
-    asked = problem(cone, cost, 3, cells=4)
-    nx, ny, nz = asked.build_grid(asked.model).shape
+    task = problem(cone, cost, 3, cells=4)
+    nx, ny, nz = task.build_grid(task.model).shape
     thirds = [0, nx // 3, 2 * nx // 3, nx]
     boxes = [(a, 0, 0, b, ny, nz) for a, b in pairwise(thirds)]
-    end_mm = asked.build_grid(asked.model).planes[0][thirds[2]]
+    end_mm = task.build_grid(task.model).planes[0][thirds[2]]
     pose = Problem.find_pose
 
     def worse(self: Problem, piece: Piece) -> Pose | None:
@@ -85,8 +85,8 @@ def test_where_one_part_would_be_posed_worse_the_others_are_evened(
         return replace(found, price_s=10.0 * found.price_s) if found and longer else found
 
     monkeypatch.setattr(Problem, "find_pose", worse)
-    before, after = run(asked, boxes)
-    assert longest_s(asked, after) < 0.96 * longest_s(asked, before)
+    before, after = run(task, boxes)
+    assert longest_s(task, after) < 0.96 * longest_s(task, before)
     assert max(piece.solid.bounds_mm[0, 0] for piece in after) >= end_mm - 0.1
 
 
@@ -104,19 +104,19 @@ class Rounds:
         monkeypatch.setattr(_PlaneShift, "_take_steps", counted)
 
 
-def halves(asked: Problem) -> list[Box]:
-    nx, ny, nz = asked.build_grid(asked.model).shape
+def halves(task: Problem) -> list[Box]:
+    nx, ny, nz = task.build_grid(task.model).shape
     return [(0, 0, 0, nx // 2, ny, nz), (nx // 2, 0, 0, nx, ny, nz)]
 
 
-def evening(asked: Problem) -> tuple[_PlaneShift, list[BoxPart]]:
+def evening(task: Problem) -> tuple[_PlaneShift, list[BoxPart]]:
     """The search for the two halves of a model, and the halves posed."""
-    grid = asked.build_grid(asked.model)
-    cut = {box: cut_cells(asked.model.solid, grid, box) for box in halves(asked)}
+    grid = task.build_grid(task.model)
+    cut = {box: cut_cells(task.model.solid, grid, box) for box in halves(task)}
     boxes_mm = np.array([grid.bounds_mm(box) for box in cut])
     cell_mm = np.array([np.diff(each).min() for each in grid.planes])
     cells = NeededCells(grid.planes, grid.needed)
-    found = _PlaneShift(asked, cells, cell_mm, boxes_mm, list(cut.values()))
+    found = _PlaneShift(task, cells, cell_mm, boxes_mm, list(cut.values()))
     return found, found.pose_start()
 
 
@@ -124,21 +124,21 @@ def test_planes_move_once_after_the_budget_is_spent(
     cone: Solid, cost: CostModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     rounds = Rounds(monkeypatch)
-    asked = replace(problem(cone, cost, 2, cells=2), effort=Effort(0.0))
-    before, after = run(asked, halves(asked))
-    assert longest_s(asked, after) < 0.95 * longest_s(asked, before)
+    task = replace(problem(cone, cost, 2, cells=2), effort=Effort(0.0))
+    before, after = run(task, halves(task))
+    assert longest_s(task, after) < 0.95 * longest_s(task, before)
     assert rounds.begun == 1
-    assert asked.effort.cut_short
+    assert task.effort.cut_short
 
 
 def test_the_last_round_leaves_nothing_out(
     cone: Solid, cost: CostModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(plane_shift, "ROUNDS", 1)
-    asked = replace(problem(cone, cost, 2, cells=2), effort=Effort(0.0))
-    before, after = run(asked, halves(asked))
-    assert longest_s(asked, after) < 0.95 * longest_s(asked, before)
-    assert not asked.effort.cut_short
+    task = replace(problem(cone, cost, 2, cells=2), effort=Effort(0.0))
+    before, after = run(task, halves(task))
+    assert longest_s(task, after) < 0.95 * longest_s(task, before)
+    assert not task.effort.cut_short
 
 
 @pytest.mark.parametrize("faulty", [False, True])
@@ -146,50 +146,50 @@ def test_a_round_in_vain_is_not_made_again_once_the_budget_is_spent(
     faulty: bool, cone: Solid, cost: CostModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """All that has moved is ten times slower in its true pose, or bad to glue."""
-    asked = replace(problem(cone, cost, 2, cells=2), effort=Effort(0.0))
-    grid = asked.build_grid(asked.model)
+    task = replace(problem(cone, cost, 2, cells=2), effort=Effort(0.0))
+    grid = task.build_grid(task.model)
     pose = Problem.find_pose
 
     def worse(self: Problem, piece: Piece) -> Pose | None:
         found = pose(self, piece)
         return found and replace(found, price_s=10.0 * found.price_s)
 
-    cut = {box: cut_cells(cone, grid, box) for box in halves(asked)}
-    asked.find_poses([piece for pieces in cut.values() for piece in pieces])
+    cut = {box: cut_cells(cone, grid, box) for box in halves(task)}
+    task.find_poses([piece for pieces in cut.values() for piece in pieces])
     if faulty:
         monkeypatch.setattr(_PlaneShift, "_has_faults", lambda *_: True)
     else:
         monkeypatch.setattr(Problem, "find_pose", worse)
     rounds = Rounds(monkeypatch)
-    shift_planes(asked, grid, cut)
+    shift_planes(task, grid, cut)
     assert rounds.begun == 1
-    assert asked.effort.cut_short
+    assert task.effort.cut_short
 
 
 def test_a_longest_part_that_stays_where_it_is_bars_nothing(
     cone: Solid, cost: CostModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """No round is made again that would be the same."""
-    begun = []
+    started = []
     monkeypatch.setattr(
-        _PlaneShift, "_take_steps", lambda _, parts, slopes: begun.append(len(parts)) or [*parts]
+        _PlaneShift, "_take_steps", lambda _, parts, slopes: started.append(len(parts)) or [*parts]
     )
-    asked = problem(cone, cost, 2, cells=2)
-    run(asked, halves(asked))
-    assert begun == [2]
+    task = problem(cone, cost, 2, cells=2)
+    run(task, halves(task))
+    assert started == [2]
 
 
 def test_only_broken_parts_are_recut_to_find_the_face(cone: Solid, cost: CostModel) -> None:
-    asked = problem(cone, cost, 2, cells=2)
-    search, parts = evening(asked)
+    task = problem(cone, cost, 2, cells=2)
+    search, parts = evening(task)
     box = parts[0].box_mm + np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
     slower = replace(parts[0], box_mm=box, seconds=2.0 * parts[0].seconds)
     assert search._bar_faces(parts, [slower, parts[1]], parts[0].seconds)
-    assert asked.effort.done[Work.FACE_CUT] == 0
+    assert task.effort.done[Work.FACE_CUT] == 0
     search.free[:] = True
     broken = replace(slower, pieces=slower.pieces * 2, seconds=np.inf)
     assert search._bar_faces(parts, [broken, parts[1]])
-    assert asked.effort.done[Work.FACE_CUT] == search.near[0].faces
+    assert task.effort.done[Work.FACE_CUT] == search.near[0].faces
     assert not search._bar_faces(parts, [broken, parts[1]])  # it is barred already
 
 
@@ -208,17 +208,17 @@ def test_new_pose_is_computed_once_and_recorded(
 
     monkeypatch.setattr(_PlaneShift, "_measure", tall)
     monkeypatch.setattr(Problem, "find_pose", counted)
-    asked = problem(cone, cost, 2, cells=2)
-    before, after = run(asked, halves(asked))
+    task = problem(cone, cost, 2, cells=2)
+    before, after = run(task, halves(task))
     assert after[0].solid is not before[0].solid
-    assert len({*posed}) == len(posed) == asked.effort.done[Work.PIECE_POSED] > 4
+    assert len({*posed}) == len(posed) == task.effort.done[Work.PIECE_POSED] > 4
 
 
 def test_the_slower_of_two_printers_gets_less(cone: Solid, cost: CostModel) -> None:
-    asked = problem(cone, cost, 2, cells=2)
+    task = problem(cone, cost, 2, cells=2)
     slow, quick = PrinterRoom("slow", ROOM, 1.2), PrinterRoom("quick", ROOM, 0.9)
-    asked = replace(asked, printers=(slow, quick))
-    grid = asked.build_grid(asked.model)
+    task = replace(task, printers=(slow, quick))
+    grid = task.build_grid(task.model)
     nx, ny, nz = grid.shape
     cut = {
         box: [replace(piece, printer=printer) for piece in cut_cells(cone, grid, box)]
@@ -227,25 +227,25 @@ def test_the_slower_of_two_printers_gets_less(cone: Solid, cost: CostModel) -> N
             ((nx // 2, 0, 0, nx, ny, nz), slow),
         )
     }
-    before_s = longest_s(asked, [piece for pieces in cut.values() for piece in pieces])
-    after = shift_planes(asked, grid, cut)
-    times = {p.printer: asked.find_pose(p).price_s * p.time_factor for p in after}  # type: ignore[union-attr]
-    assert longest_s(asked, after) < before_s
+    before_s = longest_s(task, [piece for pieces in cut.values() for piece in pieces])
+    after = shift_planes(task, grid, cut)
+    times = {p.printer: task.find_pose(p).price_s * p.time_factor for p in after}  # type: ignore[union-attr]
+    assert longest_s(task, after) < before_s
     assert times[quick] == pytest.approx(times[slow], rel=0.03)
 
 
 def test_a_lid_gives_way_to_the_hollow_behind_it(cost: CostModel) -> None:
     """Two cells, of 45 mm, lie before the hollow, and a wall of 24 mm will do."""
     block = Solid.box((0.0, 0.0, 0.0), (180.0, 180.0, 180.0))
-    asked = problem(block, cost, 6, cells=8, interior=Interior.LEAVE)
-    asked = replace(asked, options=replace(asked.options, min_wall_mm=24.0))
-    grid = asked.build_grid(asked.model)
+    task = problem(block, cost, 6, cells=8, interior=Interior.LEAVE)
+    task = replace(task, options=replace(task.options, min_wall_mm=24.0))
+    grid = task.build_grid(task.model)
     assert grid.shape == (8, 8, 8)
     assert not grid.needed[2:6, 2:6, 2:6].any()
     lids = [(0, 0, 0, 8, 8, 2), (0, 0, 6, 8, 8, 8)]
     walls = [(0, 0, 2, 2, 8, 6), (6, 0, 2, 8, 8, 6), (2, 0, 2, 6, 2, 6), (2, 6, 2, 6, 8, 6)]
-    before, after = run(asked, [*lids, *walls])
-    assert longest_s(asked, after) < 0.85 * longest_s(asked, before)
+    before, after = run(task, [*lids, *walls])
+    assert longest_s(task, after) < 0.85 * longest_s(task, before)
     assert 24.0 <= after[0].boxes_mm[0, 1, 2] < 32.0
 
 
@@ -253,26 +253,26 @@ def test_another_search_begins_where_one_has_ended(
     cone: Solid, cost: CostModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A plane that can move by little from each start gets where it has to be, where that is asked for."""
-    asked = replace(problem(cone, cost, 2, cells=2), thorough=True)
-    _, far = run(asked, halves(asked))
+    task = replace(problem(cone, cost, 2, cells=2), thorough=True)
+    _, far = run(task, halves(task))
     monkeypatch.setattr(plane_shift, "REACH", 0.05)
-    before, near = run(asked, halves(asked))
-    assert longest_s(asked, near) < 1.03 * longest_s(asked, far)
-    assert longest_s(asked, near) < 0.95 * longest_s(asked, before)
-    _, once = run(replace(asked, thorough=False), halves(asked))
-    assert longest_s(asked, once) > 1.05 * longest_s(asked, near)
+    before, near = run(task, halves(task))
+    assert longest_s(task, near) < 1.03 * longest_s(task, far)
+    assert longest_s(task, near) < 0.95 * longest_s(task, before)
+    _, once = run(replace(task, thorough=False), halves(task))
+    assert longest_s(task, once) > 1.05 * longest_s(task, near)
 
 
 def test_time_ratio_of_a_slice_is_used(cone: Solid, cost: CostModel) -> None:
-    asked = problem(cone, cost, 2, cells=2)
-    grid = asked.build_grid(asked.model)
+    task = problem(cone, cost, 2, cells=2)
+    grid = task.build_grid(task.model)
     cut = {
         box: [replace(piece, time_ratio=slower) for piece in cut_cells(cone, grid, box)]
-        for box, slower in zip(halves(asked), (1.0, 1.3), strict=True)
+        for box, slower in zip(halves(task), (1.0, 1.3), strict=True)
     }
-    a, b = shift_planes(asked, grid, cut)
+    a, b = shift_planes(task, grid, cut)
     assert (a.time_ratio, b.time_ratio) == (1.0, 1.3)
-    a_s, b_s = (pose.price_s for pose in asked.find_poses([a, b]) if pose is not None)
+    a_s, b_s = (pose.price_s for pose in task.find_poses([a, b]) if pose is not None)
     assert a_s == pytest.approx(1.3 * b_s, rel=0.02)
 
 
@@ -281,10 +281,10 @@ def test_keeps_clear_of_a_flat_face(cost: CostModel) -> None:
     bar = Solid.union(
         [Solid.box((0.0, 0.0, 0.0), (300.0, 40.0, 40.0)), Solid.box((0.0, -20.0, -20.0), (95.0, 60.0, 60.0))]
     )
-    asked = problem(bar, cost, 3, cells=4)
-    nx, ny, nz = asked.build_grid(asked.model).shape
+    task = problem(bar, cost, 3, cells=4)
+    nx, ny, nz = task.build_grid(task.model).shape
     thirds = [0, nx // 3, 2 * nx // 3, nx]
-    before, after = run(asked, [(a, 0, 0, b, ny, nz) for a, b in pairwise(thirds)])
+    before, after = run(task, [(a, 0, 0, b, ny, nz) for a, b in pairwise(thirds)])
     vertices, faces = bar.arrays()
     flats = flat_coordinates(vertices[faces], 0)
     moved = {float(piece.boxes_mm[0, 0, 0]) for piece in after} - {
@@ -292,7 +292,7 @@ def test_keeps_clear_of_a_flat_face(cost: CostModel) -> None:
     }
     assert moved
     assert all(np.abs(flats - place).min() >= CLEAR_MM - 1e-6 for place in moved)
-    assert longest_s(asked, after) < longest_s(asked, before)
+    assert longest_s(task, after) < longest_s(task, before)
 
 
 def test_a_part_that_has_to_fit_stays_in_its_printer(cost: CostModel) -> None:
@@ -300,12 +300,12 @@ def test_a_part_that_has_to_fit_stays_in_its_printer(cost: CostModel) -> None:
     bar = Solid.union(
         [Solid.box((0.0, 10.0, 10.0), (280.0, 50.0, 50.0)), Solid.box((215.0, 0.0, 0.0), (400.0, 60.0, 60.0))]
     )
-    asked = problem(bar, cost, 2, cells=8)
-    grid = asked.build_grid(asked.model)
+    task = problem(bar, cost, 2, cells=8)
+    grid = task.build_grid(task.model)
     nx, ny, nz = grid.shape
     at = int(np.searchsorted(grid.planes[0], 220.0)) - 1
-    _, after = run(asked, [(0, 0, 0, at, ny, nz), (at, 0, 0, nx, ny, nz)])
-    assert all(pose is not None for pose in asked.find_poses(after))
+    _, after = run(task, [(0, 0, 0, at, ny, nz), (at, 0, 0, nx, ny, nz)])
+    assert all(pose is not None for pose in task.find_poses(after))
     assert max(np.ptp(piece.solid.bounds_mm[:, 0]) for piece in after) <= 220.0
 
 
@@ -314,16 +314,16 @@ def test_a_part_that_has_to_fit_stays_in_its_printer(cost: CostModel) -> None:
 def test_never_slower_never_in_more_pieces_and_nothing_missing(
     lump: Solid, cost: CostModel, at: tuple[int, int, int]
 ) -> None:
-    asked = problem(lump, cost, 8, cells=6)
-    grid = asked.build_grid(asked.model)
+    task = problem(lump, cost, 8, cells=6)
+    grid = task.build_grid(task.model)
     nx, ny, nz = grid.shape
     x, y, z = (min(a, n - 1) for a, n in zip(at, grid.shape, strict=True))
     left: list[Box] = [(0, 0, 0, x, y, nz), (0, y, 0, x, ny, z), (0, y, z, x, ny, nz)]
     chosen: list[Box] = [*left, (x, 0, 0, nx, ny, z), (x, 0, z, nx, ny, nz)]
     chosen = [box for box in chosen if cut_cells(lump, grid, box)]
-    before, after = run(asked, chosen)
+    before, after = run(task, chosen)
     assert len(after) <= len(before)
-    assert longest_s(asked, after) <= longest_s(asked, before)
+    assert longest_s(task, after) <= longest_s(task, before)
     assert sum(piece.solid.volume_mm3 for piece in after) == pytest.approx(lump.volume_mm3)
-    again = run(asked, chosen)[1]
-    assert [p.boxes_mm.tolist() for p in again] == [p.boxes_mm.tolist() for p in after]
+    repeated = run(task, chosen)[1]
+    assert [p.boxes_mm.tolist() for p in repeated] == [p.boxes_mm.tolist() for p in after]

@@ -16,7 +16,7 @@ FLAT = ((250.0, 150.0, 100.0),)
 
 
 def printers(*each: tuple[tuple[tuple[float, float, float], ...], float]) -> list[PrinterRoom]:
-    return [PrinterRoom(str(i), *one) for i, one in enumerate(each)]
+    return [PrinterRoom(str(i), *item) for i, item in enumerate(each)]
 
 
 def test_equal_printers_are_one_class() -> None:

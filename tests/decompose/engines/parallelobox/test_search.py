@@ -280,9 +280,9 @@ def test_the_whole_engine(options: Options, skewed: Model, plus_room: PrinterRoo
         across = turn(0.4, (0.0, 0.0, 1.0))[:, 0]
         sides = [part.solid.arrays()[0] @ across for part in result.parts]
         assert all(side.min() > -1e-6 or side.max() < 1e-6 for side in sides)
-    again = decompose_model(skewed, printers, options, cost)
-    assert [p.solid.volume_mm3 for p in again.parts] == [p.solid.volume_mm3 for p in result.parts]
-    assert again.makespan_s == result.makespan_s
+    repeated = decompose_model(skewed, printers, options, cost)
+    assert [p.solid.volume_mm3 for p in repeated.parts] == [p.solid.volume_mm3 for p in result.parts]
+    assert repeated.makespan_s == result.makespan_s
 
 
 def test_faithful_is_the_papers_table(
@@ -290,15 +290,15 @@ def test_faithful_is_the_papers_table(
 ) -> None:
     """Very fine, three tries, symmetry, an overhang tolerance of 1 degree, both speeds 20 mm/s; not infill,
     of which neither the paper's formulas nor its program know anything."""
-    seen: list[tuple[str, int, float]] = []
+    observed: list[tuple[str, int, float]] = []
     build, drawn = problem_module.build_grid, search.draw_seed_sets
 
     def gridded(*args: Any) -> Grid:
-        seen.append(("grid", args[1], args[2].overhang_cos))
+        observed.append(("grid", args[1], args[2].overhang_cos))
         return build(*args)
 
     def seeded(*args: Any) -> list[Any]:
-        seen.append(("draws", args[1], args[2]))
+        observed.append(("draws", args[1], args[2]))
         return drawn(*args)
 
     monkeypatch.setattr(problem_module, "build_grid", gridded)
@@ -309,9 +309,12 @@ def test_faithful_is_the_papers_table(
     )
     result = decompose_model(skewed, printers, options, cost)
     assert result.options.granularity == "vfine" and result.options.parallelobox.tries == 3
-    assert {size for what, size, _ in seen if what == "grid"} == {15}
-    assert math.sin(math.radians(1.0)) in {steep for what, _, steep in seen if what == "grid"}
-    assert sorted(each[1:] for each in seen if each[0] == "draws") == [(4, 3), (5, 3)]  # of the two halves
+    assert {size for what, size, _ in observed if what == "grid"} == {15}
+    assert math.sin(math.radians(1.0)) in {steep for what, _, steep in observed if what == "grid"}
+    assert sorted(each[1:] for each in observed if each[0] == "draws") == [
+        (4, 3),
+        (5, 3),
+    ]  # of the two halves
     assert SPEED_MM_S == 20.0
     assert result.options.parallelobox.score is Score.HIGH
     assert (
@@ -348,8 +351,8 @@ def test_a_model_is_turned_for_its_overhangs(cost: CostModel) -> None:
     assert overhang_mm2(straight[on], cost.overhang_cos) == pytest.approx(0.0, abs=1.0)
     assert aligned.rotation @ aligned.rotation.T == pytest.approx(np.eye(3), abs=1e-9)
     assert np.linalg.det(aligned.rotation) == pytest.approx(1.0)
-    again = align_model(Model(solid, (), 1.0), 1, cost.overhang_cos)
-    assert (again.rotation == np.eye(3)).all()  # what stands straight is left so
+    repeated = align_model(Model(solid, (), 1.0), 1, cost.overhang_cos)
+    assert (repeated.rotation == np.eye(3)).all()  # what stands straight is left so
 
 
 def test_too_few_printers_are_reported(ball: Model, plus_room: PrinterRoom, cost: CostModel) -> None:

@@ -27,16 +27,16 @@ def host() -> Host:
 def test_the_banner_comes_a_second_after_power_and_the_card_fails_2_3_s_later() -> None:
     host = Host(boot=False)
     assert host.until(0.99) == []
-    said = host.until(1.05)
-    assert said[:3] == [
+    message = host.until(1.05)
+    assert message[:3] == [
         "start",
         "echo:Marlin 1.0.0",
         "echo: Last Updated: Mar 15 2018 13:04:08 | Author: Vers:_3.3.0",
     ]
-    assert "echo: Free Memory: 2055  PlannerBufferBytes: 1232" in said
-    assert "echo:  M92 X80.00 Y80.00 Z200.00 E369.00" in said
-    assert "echo:  M201 X9000 Y9000 Z100 E10000" in said
-    assert said[-1] == "echo:   M301 P10.03 I1.50 D70.00"
+    assert "echo: Free Memory: 2055  PlannerBufferBytes: 1232" in message
+    assert "echo:  M92 X80.00 Y80.00 Z200.00 E369.00" in message
+    assert "echo:  M201 X9000 Y9000 Z100 E10000" in message
+    assert message[-1] == "echo:   M301 P10.03 I1.50 D70.00"
     assert host.until(3.29) == []
     assert host.until(3.31) == ["echo:SD init fail"]
 
@@ -47,9 +47,9 @@ def test_bytes_to_the_bootloader_are_lost_and_later_ones_wait() -> None:
     assert host.put("M105") == []
     host.until(1.1)
     assert host.put("M114") == []
-    said = host.until(3.0)
-    assert [line for line in said if line.startswith(("ok", "X:"))][1:] == ["ok"]
-    assert not any("T:" in line for line in said)
+    message = host.until(3.0)
+    assert [line for line in message if line.startswith(("ok", "X:"))][1:] == ["ok"]
+    assert not any("T:" in line for line in message)
 
 
 def test_extended_model_differs_in_banner_and_height() -> None:
@@ -103,18 +103,20 @@ def test_answers_equal_those_of_the_firmware(host: Host, line: str, answer: list
 
 
 def test_m115_reports_no_capabilities(host: Host) -> None:
-    said = host.say("M115")
-    assert said[0].startswith("FIRMWARE_NAME:Marlin Ultimaker2; Sprinter/grbl mashup for gen6 FIRMWARE_URL:")
-    assert said[0].endswith("PROTOCOL_VERSION:1.0 MACHINE_TYPE:Ultimaker EXTRUDER_COUNT:1")
-    assert said[1:] == ["ok"]
+    message = host.say("M115")
+    assert message[0].startswith(
+        "FIRMWARE_NAME:Marlin Ultimaker2; Sprinter/grbl mashup for gen6 FIRMWARE_URL:"
+    )
+    assert message[0].endswith("PROTOCOL_VERSION:1.0 MACHINE_TYPE:Ultimaker EXTRUDER_COUNT:1")
+    assert message[1:] == ["ok"]
 
 
 def test_the_position_is_the_last_target_and_the_count_is_where_the_head_is(host: Host) -> None:
     host.say("G28")
     host.say("G1 X100 F6000")  # 100 mm/s
     host.wait(0.5)
-    asked, count = host.say("M114")[0].split(" Count X: ")
-    assert asked == "X:100.00Y:224.50Z:215.00E:0.00"
+    requested, count = host.say("M114")[0].split(" Count X: ")
+    assert requested == "X:100.00Y:224.50Z:215.00E:0.00"
     assert 40 < float(count.split("Y:")[0]) < 60
     host.say("M400")
     assert host.say("M114")[0] == "X:100.00Y:224.50Z:215.00E:0.00 Count X: 100.00Y:224.50Z:215.00"
@@ -159,9 +161,9 @@ def test_a_metre_at_once_is_refused(host: Host) -> None:
 def test_a_move_is_acknowledged_when_parsed_and_all_else_when_done(host: Host) -> None:
     """The oks of both moves come before the answer to the M105 in front of them."""
     assert host.put("G28", "M105", "G1 X10 F6000", "M114", "G1 X20") == ["ok", "ok"]
-    said = host.wait(30.0)
-    assert said[0] == "ok" and said[1].startswith("ok T:") and said[2].startswith("X:10.00")
-    assert said[3:] == ["ok"]
+    message = host.wait(30.0)
+    assert message[0] == "ok" and message[1].startswith("ok T:") and message[2].startswith("X:10.00")
+    assert message[3:] == ["ok"]
 
 
 def test_seventeen_moves_are_acknowledged_at_once_then_one_for_each_that_ends(host: Host) -> None:
@@ -183,30 +185,30 @@ def test_a_late_host_does_not_stretch_what_is_queued() -> None:
     for late_s in (0.0, 0.15):
         host = Host()
         for k in range(1, 60):
-            said = host.put(f"G1 X{2 * k} F1200")  # 0.1 s each
-            while "ok" not in said:
-                said += host.until(host.firmware.deadline_s() + late_s)
+            message = host.put(f"G1 X{2 * k} F1200")  # 0.1 s each
+            while "ok" not in message:
+                message += host.until(host.firmware.deadline_s() + late_s)
         host.say("M400")
         ends.append(host.firmware.machine.planner.idle_since_s)
     assert ends[0] == pytest.approx(ends[1], abs=1e-6)
 
 
 def test_m400_is_done_when_the_last_move_is_and_not_before(host: Host) -> None:
-    began_s = host.now_s
+    started_s = host.now_s
     for k in range(1, 11):
         host.put(f"G1 X{10 * k} F600")  # 1 s each
     host.say("M400")
     assert host.now_s == pytest.approx(host.firmware.machine.planner.idle_since_s)
-    assert host.now_s - began_s == pytest.approx(10.0, abs=0.5)
-    assert host.firmware.printing_s == pytest.approx(host.now_s - began_s)
+    assert host.now_s - started_s == pytest.approx(10.0, abs=0.5)
+    assert host.firmware.printing_s == pytest.approx(host.now_s - started_s)
 
 
 def test_relative_moves_and_a_new_zero(host: Host) -> None:
     for line in ("G28", "G91", "G1 X5 F3000", "G1 X5 Y-10", "G90", "G92 X100 E7", "G1 X101"):
         host.say(line)
     host.say("M400")
-    said = host.say("M114")[0]
-    assert said.startswith("X:101.00Y:214.50Z:215.00E:7.00 Count X: 101.00")
+    message = host.say("M114")[0]
+    assert message.startswith("X:101.00Y:214.50Z:215.00E:7.00 Count X: 101.00")
     assert host.firmware.machine.planner.position(host.now_s)[0] == pytest.approx(11.0)
 
 
@@ -225,8 +227,8 @@ def test_quick_stop_empties_the_planner_and_knows_where_it_is(host: Host) -> Non
         host.put(f"G1 X{x} F6000")
     host.wait(0.5)
     assert host.put("M401") == ["ok"]
-    asked, count = host.say("M114")[0].removeprefix("X:").split(" Count X: ")
-    assert asked.split("Y:")[0] == count.split("Y:")[0]
+    requested, count = host.say("M114")[0].removeprefix("X:").split(" Count X: ")
+    assert requested.split("Y:")[0] == count.split("Y:")[0]
     assert 40 < float(count.split("Y:")[0]) < 60
     before = host.firmware.machine.planner.position(host.now_s)
     host.wait(10.0)
@@ -244,27 +246,27 @@ def test_m0_never_comes_back(host: Host) -> None:
 
 
 def test_m109_reports_each_second_and_stays_three(host: Host) -> None:
-    began_s = host.now_s
-    said = host.say("M109 S60")
-    assert [line[-3:] for line in said[-4:-1]] == ["W:2", "W:1", "W:0"] and said[-1] == "ok"
-    assert all(line.startswith("T:") and " E:0 W:" in line for line in said[:-1])
-    assert said[0].endswith("W:?")
+    started_s = host.now_s
+    message = host.say("M109 S60")
+    assert [line[-3:] for line in message[-4:-1]] == ["W:2", "W:1", "W:0"] and message[-1] == "ok"
+    assert all(line.startswith("T:") and " E:0 W:" in line for line in message[:-1])
+    assert message[0].endswith("W:?")
     expected_s = PROFILES["ultimaker2_plus"].nozzle.seconds_to(59.0) + 3.0
-    assert host.now_s - began_s == pytest.approx(expected_s, abs=0.05)
-    assert len(said) - 1 == int(expected_s)
+    assert host.now_s - started_s == pytest.approx(expected_s, abs=0.05)
+    assert len(message) - 1 == int(expected_s)
 
 
 def test_m109_waits_for_cooling_down_too(host: Host) -> None:
     host.warm(200.0)
-    began_s = host.now_s
+    started_s = host.now_s
     host.say("M109 S100")
-    assert host.now_s - began_s > 60.0
+    assert host.now_s - started_s > 60.0
     assert host.board.nozzle.temperature_c(host.now_s) < 101.0
 
 
 def test_m190_reports_the_bed_and_is_done_at_once_when_hotter(host: Host) -> None:
-    said = host.say("M190 S40", 5000)
-    assert said[0].startswith("T:21.00 E:0 B:21.") and said[-1] == "ok"
+    message = host.say("M190 S40", 5000)
+    assert message[0].startswith("T:21.00 E:0 B:21.") and message[-1] == "ok"
     assert host.put("M190 S30") == ["ok"]
 
 

@@ -24,44 +24,44 @@ def test_stopped_firmware_acknowledges_moves_and_heats() -> None:
     host.say("M140 S60")
     host.say("M104 S210")
     host.say("G4 P0")
-    said = host.wait(1.0)
+    message = host.wait(1.0)
     assert host.board.nozzle.target_c == host.board.bed.target_c == 0.0
     assert host.put("G1 X5") == [STOPPED, "ok"]
     assert host.say("M104 S200") == ["ok"]
     assert host.board.nozzle.target_c == 200.0
     host.say("G28")
     assert host.firmware.machine.homed
-    assert said == []
+    assert message == []
 
 
 def test_open_sensor_stops_the_print_with_its_message() -> None:
     host = Host(faults=Faults(stop_after=1))
-    said = host.put("G4 P0")
-    assert said == ["Error:0", ": Extruder switched off. MAXTEMP triggered !", f"Error:{STOPPED}", "ok"]
+    message = host.put("G4 P0")
+    assert message == ["Error:0", ": Extruder switched off. MAXTEMP triggered !", f"Error:{STOPPED}", "ok"]
     assert host.put("M999") == ["Resend: 1", "ok", "ok"]
     assert host.put("G1 X5") == ["ok"]
 
 
 def test_a_target_beyond_275_degrees_trips(host: Host) -> None:
     host.say("M104 S300")
-    said = host.wait(1000.0)
-    assert said[:2] == ["Error:0", ": Extruder switched off. MAXTEMP triggered !"]
+    message = host.wait(1000.0)
+    assert message[:2] == ["Error:0", ": Extruder switched off. MAXTEMP triggered !"]
     assert host.board.nozzle.target_c == 0.0
 
 
 def test_a_dead_nozzle_is_noticed_after_30_s_and_m109_goes_on() -> None:
     host = Host(faults=Faults(dead_nozzle=True))
-    began_s = host.now_s
-    said = host.say("M109 S210")
-    assert f"Error:{STOPPED}" in said and said[-1] == "ok"
-    assert host.now_s - began_s == pytest.approx(33.0, abs=1.1)
+    started_s = host.now_s
+    message = host.say("M109 S210")
+    assert f"Error:{STOPPED}" in message and message[-1] == "ok"
+    assert host.now_s - started_s == pytest.approx(33.0, abs=1.1)
 
 
 def test_a_dead_bed_is_never_noticed() -> None:
     host = Host(faults=Faults(dead_bed=True))
     host.put("M190 S60")
-    said = host.wait(3600.0)
-    assert len(said) > 3500 and all(line.startswith("T:21.00 E:0 B:21.0") for line in said)
+    message = host.wait(3600.0)
+    assert len(message) > 3500 and all(line.startswith("T:21.00 E:0 B:21.0") for line in message)
 
 
 def test_the_dead_man_kills_and_the_watchdog_resets(host: Host) -> None:

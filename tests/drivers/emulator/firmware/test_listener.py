@@ -100,16 +100,16 @@ def test_one_command_a_line(host: Host) -> None:
 
 def test_a_line_is_cut_at_95_characters(host: Host) -> None:
     assert host.put("M117 " + "a" * 90) == ["ok"]
-    said = host.put("M117 " + "a" * 95)
-    assert said == ["ok", 'echo:Unknown command: "aaaa"', "ok"]
+    message = host.put("M117 " + "a" * 95)
+    assert message == ["ok", 'echo:Unknown command: "aaaa"', "ok"]
 
 
 def test_full_ring_loses_bytes_silently(host: Host) -> None:
     line = "M105" + " " * 57  # with its newline 62 bytes: two fit the ring's 127, the third loses its end
     assert host.put("G4 S5") == []
     assert host.put(line, line, line) == []
-    said = host.wait(10.0)
-    assert [word[:5] for word in said] == ["ok", "ok T:", "ok T:"]
+    message = host.wait(10.0)
+    assert [word[:5] for word in message] == ["ok", "ok T:", "ok T:"]
 
 
 def test_flipped_bytes_are_refused_and_asked_for_again() -> None:
@@ -117,8 +117,8 @@ def test_flipped_bytes_are_refused_and_asked_for_again() -> None:
     done, tries = 0, 0
     while done < 200:
         tries += 1
-        said = host.put(numbered(done + 1, "G4 P0"))
-        if not said or said[0] != "ok":
+        message = host.put(numbered(done + 1, "G4 P0"))
+        if not message or message[0] != "ok":
             continue  # nothing, or an error: the line has to be sent again
         done += 1
     assert host.firmware._last_number == 200

@@ -171,7 +171,7 @@ def test_moves_added_late_do_not_stretch_a_queue_that_is_not_empty() -> None:
 
 
 def test_short_moves_are_stretched_only_while_few_are_queued() -> None:
-    took_s = []
+    elapsed_s = []
     for slowdown, fed_every_s in ((False, 0.0), (True, 0.0), (True, 0.004)):
         planner = Planner(Limits.from_profile(PROFILE), START, lambda e_mm, z_mm: None, slowdown)
         now_s = 0.0
@@ -180,8 +180,8 @@ def test_short_moves_are_stretched_only_while_few_are_queued() -> None:
             planner.advance(now_s)
             planner.add((100 + k * 0.2, 100.0, 50.0, 0.0), 100.0, now_s)  # 2 ms each
         planner.advance(math.inf)
-        took_s.append(planner.idle_since_s)
-    plain_s, full_s, late_s = took_s
+        elapsed_s.append(planner.idle_since_s)
+    plain_s, full_s, late_s = elapsed_s
     assert plain_s == pytest.approx(0.8, rel=0.1)
     assert plain_s < full_s < plain_s + 8 * 0.02  # only its first moves found a short queue
     assert late_s > 2 * plain_s

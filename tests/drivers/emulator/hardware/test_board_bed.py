@@ -58,9 +58,9 @@ def test_a_retraction_and_its_end_move_the_filament_and_print_nothing(host: Host
 
 def stream(host: Host, pause_s: float) -> None:
     for k in range(1, 40):
-        said = host.put(f"G1 X{50 + k} E{k * 0.05:.3f} F3000")
-        while "ok" not in said:
-            said += host.until(host.firmware.deadline_s())
+        message = host.put(f"G1 X{50 + k} E{k * 0.05:.3f} F3000")
+        while "ok" not in message:
+            message += host.until(host.firmware.deadline_s())
         if k == 20:
             host.wait(pause_s)
 

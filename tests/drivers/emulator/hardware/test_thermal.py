@@ -50,12 +50,12 @@ def test_the_bed_switches_each_five_seconds_and_stays_within_a_degree() -> None:
     heater = Heater(BED, period_s=5.0)
     heater.set_target(60.0, 0.0)
     now_s = BED.seconds_to(60.0) + 10.0
-    seen = set()
+    observed = set()
     while now_s < 3000.0:
         assert heater.temperature_c(now_s) == pytest.approx(60.0, abs=1.0)
-        seen.add(heater.power(now_s))
+        observed.add(heater.power(now_s))
         now_s += 1.0
-    assert seen == {0, FULL_POWER}
+    assert observed == {0, FULL_POWER}
 
 
 @given(target_c=st.floats(30, 250), wait_s=st.floats(1, 2000))

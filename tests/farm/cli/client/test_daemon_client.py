@@ -104,9 +104,9 @@ def test_daemon_that_dies_during_an_answer_is_unreachable(tmp_path, client):
 def test_refusal_of_the_daemon_keeps_its_code_and_message(daemon, client):
     problem = {"error": "there is no job 9", "code": "no_such_thing", "exit_code": 4}
     daemon.answer = (404, json.dumps(problem).encode())
-    with pytest.raises(FarmError, match="there is no job 9") as told:
+    with pytest.raises(FarmError, match="there is no job 9") as reported:
         client.job(9)
-    assert told.value.exit_code == NoSuchThing("").exit_code
+    assert reported.value.exit_code == NoSuchThing("").exit_code
     for text in (b"<html>", b'{"detail": "no"}', b'{"error": "no", "code": "a newer one", "exit_code": 9}'):
         daemon.answer = (502, text)
         with pytest.raises(FarmError, match="the daemon answered 502: "):
@@ -192,11 +192,11 @@ def minute(monkeypatch):
 
 def test_client_waits_while_the_daemon_reports_progress(tmp_path, minute):
     """An hour, say: it waits for a worker, and a large broken model is repaired."""
-    model, heard = tmp_path / "box.stl", []
+    model, received = tmp_path / "box.stl", []
     model.write_bytes(b"solid")
     daemon = SlowDaemon(tmp_path, [NOT_YET, *[REPAIRING] * 60])
-    assert daemon.submit(model, JobOptions(), report=heard.append).job == 7
-    assert {view.step for view in heard} == {"repairing"}
+    assert daemon.submit(model, JobOptions(), report=received.append).job == 7
+    assert {view.step for view in received} == {"repairing"}
 
 
 def test_client_gives_up_when_the_daemon_is_silent(tmp_path, minute):

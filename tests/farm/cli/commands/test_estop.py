@@ -25,48 +25,48 @@ def pressed(tmp_path):
 
             def serve():
                 talk, _ = listening.accept()
-                with talk, talk.makefile("r", encoding="utf-8") as asked, talk.makefile("w") as said:
-                    estop_socket.serve_request(asked, said, stop)
+                with talk, talk.makefile("r", encoding="utf-8") as requested, talk.makefile("w") as message:
+                    estop_socket.serve_request(requested, message, stop)
 
             serving = threading.Thread(target=serve)
             serving.start()
-            heard = []
+            received = []
             try:
-                estop_socket.request_stop(path, printers, heard.append)
+                estop_socket.request_stop(path, printers, received.append)
             finally:
                 serving.join()
-            return heard
+            return received
 
     return press
 
 
 def test_results_are_printed_as_they_arrive(pressed):
     words = [StopReport(printer="a", text="it cools"), StopReport(printer="a", text="off", seen_off=True)]
-    asked = []
+    requested = []
 
     def stop(printers, say):
-        asked.extend(printers)
+        requested.extend(printers)
         for word in words:
             say(word)
 
     assert pressed(stop, ["a"]) == words
-    assert asked == ["a"]
+    assert requested == ["a"]
 
 
 def test_error_of_the_server_is_an_error_of_the_client(pressed):
     def stop(printers, say):
         raise NoSuchThing("there is no printer z")
 
-    with pytest.raises(FarmError, match="there is no printer z") as caught:
+    with pytest.raises(FarmError, match="there is no printer z") as raised:
         pressed(stop, ["z"])
-    assert caught.value.code is ErrorCode.NO_SUCH_THING
+    assert raised.value.code is ErrorCode.NO_SUCH_THING
 
 
 @pytest.mark.parametrize("rubbish", [b"\xff\xfe\n", b"\n", b'{"printers": "all"}\n', b"[" * 100_000 + b"\n"])
 def test_invalid_request_is_refused_and_stops_nothing(tmp_path, rubbish):
-    asked, said = io.TextIOWrapper(io.BytesIO(rubbish), encoding="utf-8"), io.StringIO()
-    estop_socket.serve_request(asked, said, lambda printers, say: pytest.fail(f"stopped {printers}"))
-    assert '"code":"refused"' in said.getvalue()
+    requested, message = io.TextIOWrapper(io.BytesIO(rubbish), encoding="utf-8"), io.StringIO()
+    estop_socket.serve_request(requested, message, lambda printers, say: pytest.fail(f"stopped {printers}"))
+    assert '"code":"refused"' in message.getvalue()
 
 
 @pytest.mark.parametrize("rubbish", [b"\xff\xfe\n", b"{}\n", b"\n"])
@@ -84,7 +84,7 @@ def test_an_end_that_answers_rubbish_is_no_printer_that_is_off(tmp_path, rubbish
         answering = threading.Thread(target=answer)
         answering.start()
         with pytest.raises(FarmError, match="switch the printers off by hand"):
-            estop_socket.request_stop(path, [], lambda said: None)
+            estop_socket.request_stop(path, [], lambda message: None)
         answering.join()
 
 
@@ -96,10 +96,10 @@ def test_an_end_that_dies_is_no_printer_that_is_off(tmp_path):
         dying = threading.Thread(target=lambda: listening.accept()[0].close())
         dying.start()
         with pytest.raises(FarmError, match="switch the printers off by hand"):
-            estop_socket.request_stop(path, [], lambda said: None)
+            estop_socket.request_stop(path, [], lambda message: None)
         dying.join()
     with pytest.raises(FarmError, match="switch the printers off by hand"):
-        estop_socket.request_stop(path, [], lambda said: None)
+        estop_socket.request_stop(path, [], lambda message: None)
 
 
 def test_another_users_farm_without_a_button_is_not_taken_for_ones_own(tmp_path, monkeypatch):
@@ -155,7 +155,7 @@ def test_line_of_a_printer_is_written_whole(monkeypatch):
 
 def test_lines_of_several_printers_do_not_mix(tmp_path, monkeypatch):
     all_there = threading.Barrier(8)
-    busy, overlaps, heard = [], [], []
+    busy, overlaps, received = [], [], []
 
     def ends(name):
         def end(tell):
@@ -166,29 +166,29 @@ def test_lines_of_several_printers_do_not_mix(tmp_path, monkeypatch):
 
         return end
 
-    def say(said):
-        busy.append(said)
+    def say(message):
+        busy.append(message)
         threading.Event().wait(0.0001)  # lets another thread in
         overlaps.extend(busy[1:])
-        busy.remove(said)
-        heard.append(said.printer)
+        busy.remove(message)
+        received.append(message.printer)
 
     targets = {name: ends(name) for name in "abcdefgh"}
     monkeypatch.setattr(estop, "find_targets", lambda places: (targets, None))
     estop.stop_all(find_places(tmp_path, None, None), [], say)
-    assert overlaps == [] and len(heard) == 8 * 21
+    assert overlaps == [] and len(received) == 8 * 21
 
 
 @pytest.mark.parametrize(
-    ("seen_off", "still", "said"),
+    ("seen_off", "still", "message"),
     [(False, True, "heaters not confirmed off: a"), (True, False, "standstill not confirmed: a")],
 )
 def test_a_printer_that_was_not_seen_to_stop_is_an_error_that_names_it(
-    tmp_path, monkeypatch, seen_off, still, said
+    tmp_path, monkeypatch, seen_off, still, message
 ):
     targets = {"a": lambda tell: StopResult("a", 0.0, seen_off, "hm", still)}
     monkeypatch.setattr(estop, "find_targets", lambda places: (targets, None))
-    heard = []
-    with pytest.raises(FarmError, match=said):
-        estop.stop_all(find_places(tmp_path, None, None), [], heard.append)
-    assert [(one.seen_off, one.still) for one in heard] == [(seen_off, still)]
+    received = []
+    with pytest.raises(FarmError, match=message):
+        estop.stop_all(find_places(tmp_path, None, None), [], received.append)
+    assert [(item.seen_off, item.still) for item in received] == [(seen_off, still)]

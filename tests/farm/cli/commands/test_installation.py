@@ -23,9 +23,9 @@ def test_the_lines_for_new_printers_are_those_of_a_fleet_file(
         PluggedDevice(Path("/dev/serial/by-path/pci-0:2:1.0"), Path("/dev/ttyACM2"), "a board", None),
     ]
     monkeypatch.setattr(discovery, "list_plugged", lambda _: rows)
-    said = CliRunner().invoke(app, ["discover", "--fleet", str(fleet), "--state", str(tmp_path)]).stdout
-    assert "/dev/known  a board  um2-01" in said
-    lines = [line for line in said.splitlines() if line.startswith("  - {")]
+    message = CliRunner().invoke(app, ["discover", "--fleet", str(fleet), "--state", str(tmp_path)]).stdout
+    assert "/dev/known  a board  um2-01" in message
+    lines = [line for line in message.splitlines() if line.startswith("  - {")]
     fleet.write_text(fleet.read_text() + "\n".join(lines) + "\n")
     printers = load_fleet(fleet, frozenset(PROFILES)).printers
     assert [(printer.name, printer.port) for printer in printers] == [

@@ -44,8 +44,8 @@ def test_a_good_result() -> None:
 
 
 def test_turned_cuts_are_reported() -> None:
-    (_, said, *_) = summarise_decomposition(report(yaw_deg=15.0), 4, Path("out"))
-    assert said.startswith("By guillotine, turned by 15 degrees about Z: at most 8%")
+    (_, message, *_) = summarise_decomposition(report(yaw_deg=15.0), 4, Path("out"))
+    assert message.startswith("By guillotine, turned by 15 degrees about Z: at most 8%")
 
 
 def test_summary_has_six_lines_at_most() -> None:

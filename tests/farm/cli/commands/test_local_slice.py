@@ -37,9 +37,9 @@ def test_json_is_one_object_and_slicing_again_is_from_the_cache(box, env, tmp_pa
     assert (first.returncode, first.stderr) == (0, "")
     report = json.loads(first.stdout)
     assert (report["schema"], report["cached"]) == (1, False)
-    again = farm(env, box, "-o", tmp_path / "b.gcode", "--price-per-kg", "20")
-    assert again.returncode == 0
-    assert again.stdout.endswith("from the cache\n")
+    repeated = farm(env, box, "-o", tmp_path / "b.gcode", "--price-per-kg", "20")
+    assert repeated.returncode == 0
+    assert repeated.stdout.endswith("from the cache\n")
     assert (tmp_path / "b.gcode").read_bytes() == (tmp_path / "a.gcode").read_bytes()
     assert not list((tmp_path / "tmp").iterdir())
 
@@ -70,8 +70,8 @@ def test_a_signal_ends_the_engine_and_leaves_no_file(box, env, tmp_path, number,
         assert fifo.readline() == "slicing\n"
         process.send_signal(number)
         fifo.read()
-    _, said = process.communicate()
+    _, message = process.communicate()
     assert process.returncode == code
-    assert "Traceback" not in said
+    assert "Traceback" not in message
     assert not list(tmp_path.glob("*.gcode"))
     assert not list((tmp_path / "tmp").iterdir())

@@ -50,8 +50,8 @@ def test_manually_used_printer_needs_an_inspection_with_its_time():
 
 
 def test_text_of_users_is_not_interpreted():
-    begun = ev.MaintenanceStarted(at_s=1.0, printer="um2-03", why="[/b] new [belt]", by="ann")
-    books, _ = run(night_books(), begun)
+    started = ev.MaintenanceStarted(at_s=1.0, printer="um2-03", why="[/b] new [belt]", by="ann")
+    books, _ = run(night_books(), started)
     assert any(line.endswith("maintenance --done ([/b] new [belt])") for line in shown(status_of(books), 200))
 
 
@@ -84,8 +84,8 @@ def test_printer_in_maintenance_shows_its_reason():
 @pytest.mark.parametrize(("link", "needs"), [("absent", "connect"), ("starting", "wait (connecting)")])
 def test_a_printer_that_is_away_has_to_be_connected_and_one_that_comes_has_not(link, needs):
     hold = Hold(code=HoldCode.PRINTER_ABSENT, text="")
-    seen = status_of(night_books()).printers[0].model_copy(update={"state": link, "hold": hold})
-    view = status_of(night_books()).model_copy(update={"printers": [seen]})
+    observed = status_of(night_books()).printers[0].model_copy(update={"state": link, "hold": hold})
+    view = status_of(night_books()).model_copy(update={"printers": [observed]})
     assert shown(view)[-1].endswith(needs)
 
 
@@ -134,15 +134,15 @@ def test_names_that_count_on_are_drawn_together(printers, text):
 def test_jobs_that_are_over_leave_the_board_but_those_to_be_judged_stay():
     books, _ = run(Books(), *(ev.JobSubmitted(at_s=0.0, job=job(i)) for i in range(1, 31)))
     books, _ = run(books, *(ev.JobCancelled(at_s=1.0, job=i) for i in range(2, 31)))
-    assert [one.id for one in select_shown_jobs(books)] == [1, *range(21, 31)]
+    assert [item.id for item in select_shown_jobs(books)] == [1, *range(21, 31)]
 
 
 def test_a_dry_run_is_on_the_board_only_while_it_is_made():
-    tried = job(2).model_copy(update={"options": JobOptions(dry_run=True, hold=True)})
-    books, _ = run(Books(), *(ev.JobSubmitted(at_s=0.0, job=one) for one in (job(1), tried)))
-    assert [one.id for one in select_shown_jobs(books)] == [1, 2]
+    attempted = job(2).model_copy(update={"options": JobOptions(dry_run=True, hold=True)})
+    books, _ = run(Books(), *(ev.JobSubmitted(at_s=0.0, job=item) for item in (job(1), attempted)))
+    assert [item.id for item in select_shown_jobs(books)] == [1, 2]
     books, _ = run(books, *(ev.JobCancelled(at_s=1.0, job=i) for i in (1, 2)))
-    assert [one.id for one in select_shown_jobs(books)] == [1]
+    assert [item.id for item in select_shown_jobs(books)] == [1]
 
 
 def test_a_heater_that_cannot_be_switched_off_comes_before_all_else():

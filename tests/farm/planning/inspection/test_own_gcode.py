@@ -78,9 +78,9 @@ def test_g_code_is_recognised_by_its_name(name):
 
 @pytest.mark.parametrize("name", ["a.gcode.gz", "a.g.zip", "a.bgcode", "a.ufp"])
 def test_packed_g_code_is_refused_with_advice(name):
-    with pytest.raises(FarmError, match=r"unpack|plain|package") as caught:
+    with pytest.raises(FarmError, match=r"unpack|plain|package") as raised:
         is_gcode(name)
-    assert caught.value.code is ErrorCode.GCODE
+    assert raised.value.code is ErrorCode.GCODE
 
 
 def test_packed_models_are_not_taken_for_g_code():
@@ -107,9 +107,9 @@ def test_file_is_stored_with_its_requirements(inspect, files):
     ],
 )
 def test_options_that_g_code_has_decided_are_refused(inspect, options, flags):
-    with pytest.raises(FarmError, match=flags) as caught:
+    with pytest.raises(FarmError, match=flags) as raised:
         inspect(marlin(), **options)
-    assert caught.value.code is ErrorCode.SETTINGS
+    assert raised.value.code is ErrorCode.SETTINGS
 
 
 def test_one_printer_may_be_requested(inspect):
@@ -117,7 +117,7 @@ def test_one_printer_may_be_requested(inspect):
 
 
 @pytest.mark.parametrize(
-    ("lines", "said"),
+    ("lines", "message"),
     [
         (ultigcode(nozzle="0.8"), "nozzle of 0.8 mm, and a has 0.4 mm"),
         (marlin(square(at_mm=210.0)), "X 210.0..230.0"),
@@ -127,17 +127,17 @@ def test_one_printer_may_be_requested(inspect):
         (marlin(body=["G0 Z400"]), "moves to Z 400.0"),
     ],
 )
-def test_file_that_fits_no_printer_is_refused(inspect, lines, said):
-    with pytest.raises(FarmError, match=said) as caught:
+def test_file_that_fits_no_printer_is_refused(inspect, lines, message):
+    with pytest.raises(FarmError, match=message) as raised:
         inspect(lines)
-    assert caught.value.code is ErrorCode.NO_FIT
+    assert raised.value.code is ErrorCode.NO_FIT
 
 
 def test_file_without_a_nozzle_needs_printers_with_one_size(inspect):
     fleet = [printer("a"), printer("b", nozzle_mm=0.8, colour="red")]
-    with pytest.raises(FarmError, match=r"nozzle_diameter = 0\.4") as caught:
+    with pytest.raises(FarmError, match=r"nozzle_diameter = 0\.4") as raised:
         inspect(marlin(), fleet)
-    assert caught.value.code is ErrorCode.GCODE
+    assert raised.value.code is ErrorCode.GCODE
     assert (
         inspect(marlin(square(e_per_mm=0.8 * 0.2 / 6.379)), fleet, colour="red").own_gcode.nozzle_mm is None
     )
@@ -145,9 +145,9 @@ def test_file_without_a_nozzle_needs_printers_with_one_size(inspect):
 
 
 def test_a_refusal_names_the_line(inspect):
-    with pytest.raises(FarmError, match=r"tower.gcode: line \d+: M500 changes the printer's") as caught:
+    with pytest.raises(FarmError, match=r"tower.gcode: line \d+: M500 changes the printer's") as raised:
         inspect(marlin(body=["M500"]))
-    assert caught.value.code is ErrorCode.GCODE
+    assert raised.value.code is ErrorCode.GCODE
 
 
 def test_a_plan_is_one_plate_on_the_lowest_printer_that_fits(plan, files):
@@ -175,15 +175,15 @@ def test_temperatures_of_ultigcode_are_those_of_the_printers_material(plan, file
     assert not abs_c & {"M109 S200", "M190 S60"}
 
 
-@pytest.mark.parametrize(("nozzle_c", "asked"), [(250, True), (215, False)])
-def test_file_for_another_material_is_a_warning(plan, inspect, nozzle_c, asked):
+@pytest.mark.parametrize(("nozzle_c", "requested"), [(250, True), (215, False)])
+def test_file_for_another_material_is_a_warning(plan, inspect, nozzle_c, requested):
     lines = [line.replace("S205", f"S{nozzle_c}") for line in marlin()]
     for notices in (inspect(lines).repairs, plan(lines).repairs):
-        assert any(f"{nozzle_c} C, and generic_pla on a" in line for line in notices) is asked
+        assert any(f"{nozzle_c} C, and generic_pla on a" in line for line in notices) is requested
 
 
 @pytest.mark.parametrize(
-    ("said", "material", "warned"),
+    ("message", "material", "warned"),
     [
         ("PLA", "generic_pla", False),
         ("PLA+", "generic_pla", False),
@@ -192,11 +192,11 @@ def test_file_for_another_material_is_a_warning(plan, inspect, nozzle_c, asked):
         ("ABS", "generic_cpe", True),
     ],
 )
-def test_a_file_that_names_another_material_is_warned_of(plan, inspect, said, material, warned):
-    lines, fleet = [*marlin(), f"; filament_type = {said}"], [printer("a", material=material)]
+def test_a_file_that_names_another_material_is_warned_of(plan, inspect, message, material, warned):
+    lines, fleet = [*marlin(), f"; filament_type = {message}"], [printer("a", material=material)]
     for notices in (inspect(lines, fleet).repairs, plan(lines, fleet).repairs):
-        told = [line for line in notices if line.startswith("Warning: it was sliced for")]
-        assert [repr(said) in line and material in line for line in told] == [True] * warned
+        reported = [line for line in notices if line.startswith("Warning: it was sliced for")]
+        assert [repr(message) in line and material in line for line in reported] == [True] * warned
 
 
 def test_another_machine_is_warned_of_on_the_job(plan, inspect):

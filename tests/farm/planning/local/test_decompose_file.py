@@ -50,7 +50,7 @@ def test_an_engine_by_name(bar, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("wrong", "said"),
+    ("wrong", "message"),
     [
         ({"engine": "saw"}, "--engine saw: best, guillotine, parallelobox, symmetry, cube-skeleton"),
         ({"engine": "parallelobox", "score": "up"}, "--score up: low, high or both"),
@@ -58,7 +58,7 @@ def test_an_engine_by_name(bar, tmp_path):
         ({"faithful": True}, "--faithful is for the engines of papers, not guillotine"),
     ],
 )
-def test_a_wrong_option_is_named(bar, tmp_path, wrong, said):
-    with pytest.raises(FarmError, match=said):
+def test_a_wrong_option_is_named(bar, tmp_path, wrong, message):
+    with pytest.raises(FarmError, match=message):
         decompose_to_folder(bar, tmp_path / "out", DecomposeRequest(**USUAL | wrong))
     assert not (tmp_path / "out").exists()

@@ -41,13 +41,13 @@ def refused(path, out, **options):
 
 def test_second_slice_is_from_the_cache_and_equal(box, tmp_path):
     cache, out = tmp_path / "cache", tmp_path / "new folder" / "box.gcode"
-    told = []
-    first = slice_(box, out, cache=cache, on_step=told.append)
+    reported = []
+    first = slice_(box, out, cache=cache, on_step=reported.append)
     content = out.read_bytes()
-    assert told[:3] == ["box.stl: reading", "box.stl: checking its surface", "slicing box.stl"]
-    assert all(re.fullmatch(r"slicing box.stl, \d+%", text) for text in told[3:])
-    again = slice_(box, out, cache=cache)
-    assert (first["cached"], again["cached"]) == (False, True)
+    assert reported[:3] == ["box.stl: reading", "box.stl: checking its surface", "slicing box.stl"]
+    assert all(re.fullmatch(r"slicing box.stl, \d+%", text) for text in reported[3:])
+    repeated = slice_(box, out, cache=cache)
+    assert (first["cached"], repeated["cached"]) == (False, True)
     assert out.read_bytes() == content
     assert [path.name for path in out.parent.iterdir()] == ["box.gcode"]
     promised = {"schema", "print_time_s", "filament_mm", "filament_mm3", "grams", "layers", "cached"}
@@ -68,11 +68,11 @@ REFUSED = {
 
 @pytest.mark.parametrize("mistake", REFUSED)
 def test_a_mistake_is_named_and_nothing_is_written(box, tmp_path, mistake):
-    options, code, said = REFUSED[mistake]
+    options, code, message = REFUSED[mistake]
     out = tmp_path if mistake == "folder" else tmp_path / "new" / "deep" / "out.gcode"
     error = refused(box, out, **options)
     assert error.code is code
-    assert said in str(error)
+    assert message in str(error)
     assert [path.name for path in tmp_path.iterdir()] == ["box.stl"]
 
 
@@ -92,8 +92,8 @@ def test_a_file_is_no_folder_for_the_file(box):
 def test_model_in_inches_or_metres_is_refused_with_scales(tmp_path):
     path = tmp_path / "m.stl"
     trimesh.creation.box((0.3, 0.2, 0.1)).export(path)
-    said = str(refused(path, tmp_path / "out.gcode"))
-    assert "--scale 1000 if it is in metres" in said and "--scale 25.4 if it is in inches" in said
+    message = str(refused(path, tmp_path / "out.gcode"))
+    assert "--scale 1000 if it is in metres" in message and "--scale 25.4 if it is in inches" in message
 
 
 def test_no_engine_is_no_fault_of_the_model(box, tmp_path, monkeypatch):
@@ -107,8 +107,8 @@ def test_no_engine_is_no_fault_of_the_model(box, tmp_path, monkeypatch):
 def test_proposed_scale_of_a_large_model_fits(tmp_path, monkeypatch, size, by_scale):
     path = tmp_path / "large.stl"
     trimesh.creation.box(size).export(path)
-    said = str(refused(path, tmp_path / "out.gcode"))
-    scale, longest = re.search(r"--scale (\S+) or --longest-side (\S+)$", said).groups()
+    message = str(refused(path, tmp_path / "out.gcode"))
+    scale, longest = re.search(r"--scale (\S+) or --longest-side (\S+)$", message).groups()
 
     def engine(task, progress):
         raise FarmError("it fits")

@@ -76,7 +76,7 @@ def test_the_first_layer_is_chosen_in_glue_alone(bar, files, tmp_path):
         )  # it was cut across, and that face meets the bed
     cut = decompose_job(paper)
     assert {part.print_options for part in cut.parts} == {PartPrintOptions()}
-    assert {one.print_options for one in slice_tasks(paper, cut)} == {PartPrintOptions()}
+    assert {item.print_options for item in slice_tasks(paper, cut)} == {PartPrintOptions()}
 
 
 def test_parts_that_overlap_are_found_and_the_job_is_refused(bar, files, tmp_path, monkeypatch):
@@ -109,10 +109,10 @@ def test_parts_that_overlap_are_found_and_the_job_is_refused(bar, files, tmp_pat
 
 
 def test_another_nozzle_makes_a_printer_slower_or_quicker(bar, files, tmp_path, monkeypatch):
-    seen = []
+    observed = []
 
     def caught(model, rooms, options, cost, executor):
-        seen.extend(rooms)
+        observed.extend(rooms)
         raise NoFit("seen enough")
 
     monkeypatch.setattr("farm.planning.parts.decompose_job.decompose_model", caught)
@@ -125,8 +125,8 @@ def test_another_nozzle_makes_a_printer_slower_or_quicker(bar, files, tmp_path, 
     work = replace(work, printers=tuple(printers), options=JobOptions(printers=4), time_factors={"p3": 1.1})
     with pytest.raises(FarmError, match="seen enough"):
         decompose_job(work)
-    assert [room.name for room in seen] == ["p0", "p1", "p2", "p3"]  # nobody asked for the coarse one
-    first, fine, wide, worn = (room.time_factor for room in seen)
+    assert [room.name for room in observed] == ["p0", "p1", "p2", "p3"]  # nobody asked for the coarse one
+    first, fine, wide, worn = (room.time_factor for room in observed)
     assert (first, worn) == (1.0, 1.1)
     assert wide < 0.8 and fine > 1.5
 
@@ -144,9 +144,9 @@ def test_each_part_is_cut_and_sliced_for_the_printer_that_it_goes_to(files, tmp_
     work = replace(decompose_task(tower, files, tmp_path), printers=(low, high), options=options)
     cut = decompose_job(work)
     assert {part.printer for part in cut.parts} == {"p0", "high"}
-    for one, part in zip(slice_tasks(work, cut), cut.parts, strict=True):
-        height = np.ptp(trimesh.load_mesh(one.stl).bounds[:, 2])
+    for item, part in zip(slice_tasks(work, cut), cut.parts, strict=True):
+        height = np.ptp(trimesh.load_mesh(item.stl).bounds[:, 2])
         assert height > 205.0 if part.printer == "high" else height <= 205.0
         section = {"p0": low, "high": high}[part.printer]
-        assert one.request == settings_request(section, "glue")
-        assert max(box.height_mm for box in one.room) == (305.0 if part.printer == "high" else 205.0)
+        assert item.request == settings_request(section, "glue")
+        assert max(box.height_mm for box in item.room) == (305.0 if part.printer == "high" else 205.0)

@@ -44,12 +44,12 @@ def fails(farm, printer, plate):
     attempt = farm.controller.books.open_print_on(printer)
     assert attempt.plate == plate
     now_s = farm.controller.clock.now()
-    said = AgentPrint(
+    message = AgentPrint(
         print_id=attempt.id, state=PrintState.FAILED, fault="mintemp", reason="no heat", progress_s=5.0,
         print_time_s=90.0, extruded=True, started_s=now_s - 60.0, ended_s=now_s,
     )  # fmt: skip
     idle = {"link": Link.READY, "agent_pid": 9, "filament": FilamentState.PARKED}
-    farm.controller.on_snapshot(AgentSnapshot(printer=printer, print=said, **idle))
+    farm.controller.on_snapshot(AgentSnapshot(printer=printer, print=message, **idle))
 
 
 def pieces(farm, plate, hours, printers):
@@ -127,11 +127,13 @@ def test_replan_is_repeated_after_a_restart(tmp_path):
     farm = begun(tmp_path, [PLUS] * 4, plates=1)
     fails(farm, "a", "1/01")
     farm.store.close()
-    again = Farm(tmp_path, [PLUS] * 4, farm.controller.clock, attended=["08:00-18:00"])
-    again.controller.on_replan("1/01", pieces(farm, "1/01", 4.0, "bcd"))  # it has begun nothing of the kind
-    assert again.controller.books.jobs[1].plates == ("1/01",)
-    again.ready("b", "c", "d")
-    assert printing(again) == {"b": "1/01"}  # which was there first
+    repeated = Farm(tmp_path, [PLUS] * 4, farm.controller.clock, attended=["08:00-18:00"])
+    repeated.controller.on_replan(
+        "1/01", pieces(farm, "1/01", 4.0, "bcd")
+    )  # it has begun nothing of the kind
+    assert repeated.controller.books.jobs[1].plates == ("1/01",)
+    repeated.ready("b", "c", "d")
+    assert printing(repeated) == {"b": "1/01"}  # which was there first
 
 
 def test_a_part_that_is_cancelled_while_it_is_cut_is_not_replaced(tmp_path):
@@ -155,7 +157,7 @@ def sliced(farm, plate, printer, hours):
     name = next_plate_id(plate)
     time = {"expected_s": hours * HOUR, "sliced_s": hours * HOUR - 300.0, "prints": ()}
     new = old.model_copy(update={"id": name, "family": PLAIN, "printer": printer, **time})
-    (part,) = (farm.controller.books.parts[one].model_copy(update={"plate": name}) for one in old.parts)
+    (part,) = (farm.controller.books.parts[item].model_copy(update={"plate": name}) for item in old.parts)
     return ReplannedPlate((part,), (new,))
 
 

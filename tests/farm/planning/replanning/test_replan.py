@@ -74,9 +74,9 @@ def in_model(path, to_model):
 
 
 def test_a_part_that_is_sooner_whole_is_not_cut(state):
-    with pytest.raises(FarmError, match="in one piece") as told:
+    with pytest.raises(FarmError, match="in one piece") as reported:
         cut_part(task_of(state, (30.0, 20.0, 5.0)))
-    assert told.value.code is ErrorCode.NO_FIT
+    assert reported.value.code is ErrorCode.NO_FIT
 
 
 def run_replan(state, task, cut):
@@ -118,12 +118,12 @@ def test_pieces_fill_their_part_exactly_and_are_sliced_each_for_its_own_printer(
     kins = {"a": PLUS, "b": PLUS, "c": PLAIN}
     assert all(plate.family == kins[plate.printer] for plate in result.plates)
     report = json.loads((state.files / result.decomposition).read_text())
-    assert [(one["id"], one["file"]) for one in report["parts"]] == [
+    assert [(item["id"], item["file"]) for item in report["parts"]] == [
         (f"p01{letter}", f"p01{letter}.stl") for letter in letters
     ]
-    for one, part in zip(report["parts"], result.parts, strict=True):
-        assert np.allclose(np.ravel(one["to_model"]), part.geometry.to_model)
-    assert {one["a"] for one in report["joints"]} <= {one["id"] for one in report["parts"]}
+    for item, part in zip(report["parts"], result.parts, strict=True):
+        assert np.allclose(np.ravel(item["to_model"]), part.geometry.to_model)
+    assert {item["a"] for item in report["joints"]} <= {item["id"] for item in report["parts"]}
     for name in (
         result.picture,
         result.assembly,

@@ -13,7 +13,7 @@ def test_every_event_is_about_something():
     assert about == set(get_args(ev.AnyEvent))
 
 
-@pytest.mark.parametrize("lifecycle", LIFECYCLES, ids=lambda one: one.entity)
+@pytest.mark.parametrize("lifecycle", LIFECYCLES, ids=lambda item: item.entity)
 def test_every_state_is_reached_from_the_beginning(lifecycle):
     rows = [*lifecycle.transitions, *lifecycle.consequences]
     reached = {NEW}
@@ -25,6 +25,6 @@ def test_every_state_is_reached_from_the_beginning(lifecycle):
     assert reached - {NEW} == set(lifecycle.states)
 
 
-@pytest.mark.parametrize("lifecycle", LIFECYCLES, ids=lambda one: one.entity)
+@pytest.mark.parametrize("lifecycle", LIFECYCLES, ids=lambda item: item.entity)
 def test_every_event_about_an_entity_names_it(lifecycle):
     assert all(lifecycle.key in kind.model_fields for kind in lifecycle.kinds)

@@ -116,9 +116,9 @@ def test_no_file_vanishes_between_one_who_stores_it_again_and_one_who_deletes(tm
 def test_links_to_deleted_files_go_and_others_stay(tmp_path):
     store, jobs = tmp_path / "files", tmp_path / "jobs"
     store.mkdir()
-    kept, gone = stored(store, tmp_path, b"a"), stored(store, tmp_path, b"b")
-    name_files(jobs / "1", store, {"p01.stl": kept, "p02.stl": gone})
+    kept, removed = stored(store, tmp_path, b"a"), stored(store, tmp_path, b"b")
+    name_files(jobs / "1", store, {"p01.stl": kept, "p02.stl": removed})
     (jobs / "1" / "notes.txt").write_text("mine")
-    (store / gone).unlink()
+    (store / removed).unlink()
     unlink_dead_names(jobs)
     assert {path.name for path in (jobs / "1").iterdir()} == {"p01.stl", "notes.txt"}

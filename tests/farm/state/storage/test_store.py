@@ -66,8 +66,8 @@ def test_an_event_that_cannot_be_written_leaves_nothing(tmp_path):
     store.close()
     with pytest.raises(StoreError, match="cannot be written"):
         store.commit(fleet()[0], before, after)
-    with Store(tmp_path / "farm.db") as again:
-        assert again.load() == before
+    with Store(tmp_path / "farm.db") as repeated:
+        assert repeated.load() == before
 
 
 def test_books_that_are_no_database_are_named(tmp_path):

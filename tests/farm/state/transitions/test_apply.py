@@ -62,9 +62,9 @@ UNFIT = {
 @pytest.mark.parametrize(("before", "event", "message"), UNFIT.values(), ids=UNFIT)
 def test_invalid_transition_names_its_cause(before, event, message):
     books, _ = run(printing(), *before)
-    with pytest.raises(InvalidTransition, match=message) as caught:
+    with pytest.raises(InvalidTransition, match=message) as raised:
         apply(event, books)
-    assert type(event).__name__ in str(caught.value)
+    assert type(event).__name__ in str(raised.value)
 
 
 @pytest.mark.parametrize(
@@ -84,9 +84,9 @@ def test_unknown_entity_is_named(event):
 
 def test_a_rule_that_leads_where_the_table_does_not_is_an_error():
     books, _ = run(Books(), *fleet(Bed.UNKNOWN))
-    begun = job().model_copy(update={"state": "printing"})
+    started = job().model_copy(update={"state": "printing"})
     with pytest.raises(InvalidTransition, match="would be printing"):
-        apply(ev.JobSubmitted(at_s=1.0, job=begun), books)
+        apply(ev.JobSubmitted(at_s=1.0, job=started), books)
 
 
 def test_error_has_the_history_of_its_entity_only(tmp_path):
@@ -106,18 +106,18 @@ def test_error_has_the_history_of_its_entity_only(tmp_path):
             after, _ = apply(event, books)
             store.commit(event, books, after)
             books = after
-        with pytest.raises(InvalidTransition) as caught:
+        with pytest.raises(InvalidTransition) as raised:
             apply(HEATING, books)
-        told = store.add_history(caught.value)
-        with pytest.raises(InvalidTransition) as caught:
+        reported = store.add_history(raised.value)
+        with pytest.raises(InvalidTransition) as raised:
             apply(ev.PlanningStarted(at_s=9.0, job=1), books)
-        of_the_job = store.add_history(caught.value)
-    assert [line.partition(" ")[2].partition(" ")[2] for line in told.history] == [
+        of_the_job = store.add_history(raised.value)
+    assert [line.partition(" ")[2].partition(" ")[2] for line in reported.history] == [
         "PlateAssigned",
         "PrintProgressed heating",
         "PrintEnded done",
     ]
-    assert "print x is done; before that: 1970-01-01 00:00:02 PlateAssigned, " in str(told)
+    assert "print x is done; before that: 1970-01-01 00:00:02 PlateAssigned, " in str(reported)
     assert [line.split()[2] for line in of_the_job.history] == [
         "JobSubmitted",
         "PlanningStarted",

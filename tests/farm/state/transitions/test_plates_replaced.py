@@ -48,11 +48,11 @@ def failed_once():
 
 def test_pieces_take_the_place_of_their_part_and_go_on_with_its_attempts():
     books = failed_once()
-    books, told = run(books, replaced(books, "1/02"))
+    books, reported = run(books, replaced(books, "1/02"))
     job = books.jobs[1]
     assert job.plates == ("1/01", "1/02a", "1/02b", "1/03")
     assert job.parts == ("1/p01", "1/p02a", "1/p02b", "1/p03")
-    assert (job.picture, told) == ("n.png", [ev.NameFiles(job=1)])
+    assert (job.picture, reported) == ("n.png", [ev.NameFiles(job=1)])
     assert list_job_files(job, (), ())["decomposition-p02.json"] == "c.json"
     assert books.plates["1/02"].replaced_by == ("1/02a", "1/02b")
     assert books.parts["1/p02a"].cut_from == "1/p02"
@@ -150,7 +150,7 @@ def test_failures_of_a_cut_part_are_shown_once():
     books = failed_once()
     books, _ = run(books, replaced(books, "1/02"), begun("1/02a", "a", "y"))
     view = describe_job(view_context_of(books), books.jobs[1])
-    shown = {part.id: [one.part for one in part.prints] for part in view.parts}
+    shown = {part.id: [item.part for item in part.prints] for part in view.parts}
     assert shown == {
         "1/p01": [],
         "1/p02a": ["1/p02", "1/p02a"],
@@ -158,5 +158,5 @@ def test_failures_of_a_cut_part_are_shown_once():
         "1/p03": [],
     }
     assert [len(part.own_prints) for part in view.parts] == [0, 1, 0, 0]
-    assert [(one.part, one.printer) for one in view.prints] == [("1/p02", "b"), ("1/p02a", "a")]
+    assert [(item.part, item.printer) for item in view.prints] == [("1/p02", "b"), ("1/p02a", "a")]
     assert {plate.id: plate.printer for plate in view.plates}["1/02b"] == "b"  # as it was planned

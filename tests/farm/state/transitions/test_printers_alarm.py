@@ -21,13 +21,13 @@ FLEET = Fleet.model_validate(
 
 def word(alarm: str | None = FOUND, **more: object) -> AgentSnapshot:
     """Build a snapshot of the agent of a while its print ends."""
-    said = AgentPrint(
+    message = AgentPrint(
         print_id="x", state=PrintState.ENDING, fault=None, reason=None, progress_s=1.0, print_time_s=9.0,
         extruded=True, started_s=2.0, ended_s=None,
     )  # fmt: skip
     known = {
         "printer": "a", "link": Link.BUSY, "agent_pid": 7, "nozzle_c": 271.4, "bed_c": 60.2,
-        "nozzle_target_c": 0.0, "bed_target_c": 0.0, "alarm": alarm, "print": said,
+        "nozzle_target_c": 0.0, "bed_target_c": 0.0, "alarm": alarm, "print": message,
     }  # fmt: skip
     return AgentSnapshot.model_validate(known | more)
 
@@ -38,12 +38,12 @@ def begun():
     return run(printing(), given, going)[0]
 
 
-def context(books, said):
-    return ViewContext(FLEET, books, {"a": said}, StateFolder(Path("/state")), now_s=60.0)
+def context(books, message):
+    return ViewContext(FLEET, books, {"a": message}, StateFolder(Path("/state")), now_s=60.0)
 
 
-def heard(books, said, at_s=50.0):
-    return run(books, *detect_alarm(books.printers["a"], said, at_s))[0]
+def heard(books, message, at_s=50.0):
+    return run(books, *detect_alarm(books.printers["a"], message, at_s))[0]
 
 
 def test_alarm_is_the_first_task_with_state_and_temperatures():
@@ -52,8 +52,8 @@ def test_alarm_is_the_first_task_with_state_and_temperatures():
     assert (first.code, first.printers) == ("alarm", ["a"])
     assert first.text == f"go to a now: {FOUND} (ending, nozzle 271 C, target 0, bed 60 C, target 0)"
     assert [thing.printers for thing in list_tasks(context(books, word()))].count(["a"]) == 1
-    seen = describe_printer(context(books, word()), FLEET.printers[0], None)
-    assert (seen.state, seen.look) == ("look", FOUND)
+    observed = describe_printer(context(books, word()), FLEET.printers[0], None)
+    assert (observed.state, observed.look) == ("look", FOUND)
     idle = word(link=Link.FAULT, print=None, reason=f"{FOUND}: switch it off")
     assert "(fault, nozzle 271 C" in list_tasks(context(printing(), idle))[0].text
 
@@ -72,12 +72,12 @@ def test_alarm_precedes_other_states_of_the_printer(hand: str):
 
 def test_alarm_is_notified_once_and_its_outcome_later():
     books = heard(begun(), word())
-    told = list_due_notices(books, 50.0, 0.0, ())
-    assert [notice.text for notice in told] == [f"go to a now: {FOUND}"]
+    reported = list_due_notices(books, 50.0, 0.0, ())
+    assert [notice.text for notice in reported] == [f"go to a now: {FOUND}"]
     books = heard(books, word(), 51.0)
-    assert list_due_notices(books, 51.0, 0.0, {notice.key for notice in told}) == []
+    assert list_due_notices(books, 51.0, 0.0, {notice.key for notice in reported}) == []
     books = heard(books, word(CUT), 52.0)
-    assert [n.text for n in list_due_notices(books, 52.0, 0.0, {n.key for n in told})] == [
+    assert [n.text for n in list_due_notices(books, 52.0, 0.0, {n.key for n in reported})] == [
         f"go to a now: {CUT}"
     ]
 

@@ -44,7 +44,7 @@ def test_loss_before_a_backward_clock_step_is_notified_and_repeated():
     books, _ = run(printing(plates=1), *lost, ev.ClockSet(at_s=1000.0, by_s=-4000.0))
     assert find_plate_holds(books, [], 5005.0)["1/01"].code is HoldCode.JUST_LOST
     assert find_plate_holds(books, [], 1000.0) == {}
-    assert [one.key for one in list_due_notices(books, 1000.0, 0.0, ())] == ["print x"]
+    assert [item.key for item in list_due_notices(books, 1000.0, 0.0, ())] == ["print x"]
 
 
 def test_an_open_print_is_as_old_as_it_was_where_the_clock_was_set_and_an_ended_one_stays():

@@ -35,9 +35,9 @@ def test_time_factor_converges_to_the_true_ratio(start, true, expected_s):
 
 @given(FACTORS, ANY_TIME, ANY_TIME, ANY_TIME)
 def test_time_factor_is_bounded_and_changes_slowly(factor, expected_s, reached_s, starved_s):
-    one = update_time_factor(factor, expected_s, reached_s, starved_s)
-    assert LEAST <= one <= MOST
-    assert abs(one - factor) <= 0.025 + 1e-12
+    item = update_time_factor(factor, expected_s, reached_s, starved_s)
+    assert LEAST <= item <= MOST
+    assert abs(item - factor) <= 0.025 + 1e-12
 
 
 @given(st.lists(st.floats(0.9, 1.2), min_size=1, max_size=5), FACTORS)
@@ -77,11 +77,11 @@ def long_plate(books, factor):
     return books
 
 
-def printed(state=PrintState.DONE, planned=1.0, took_s=1.1 * HOUR_S + 100.0):
+def printed(state=PrintState.DONE, planned=1.0, elapsed_s=1.1 * HOUR_S + 100.0):
     return run(
         long_plate(printing(plates=2), planned),
         ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"),
-        ended("x", state, at_s=2.0 + took_s, fault=None, reason="r"),
+        ended("x", state, at_s=2.0 + elapsed_s, fault=None, reason="r"),
     )[0]
 
 
