@@ -119,7 +119,7 @@ def marks(event: dict[str, str]) -> dict[str, str]:
 
 @pytest.mark.parametrize("subsystem", ["usb", "tty"])
 @pytest.mark.parametrize("product", ["0010", "0042"])
-def test_modem_manager_is_kept_from_our_boards_and_from_no_others(subsystem: str, product: str):
+def test_modem_manager_ignores_printer_boards_only(subsystem: str, product: str):
     event = {"ACTION": "add", "SUBSYSTEM": subsystem, "ATTRS{idVendor}": "2341", "ATTRS{idProduct}": product}
     ours = marks(event)
     assert (ours["ENV{ID_MM_DEVICE_IGNORE}"], ours["ENV{ID_MM_PORT_IGNORE}"]) == ("1", "1")

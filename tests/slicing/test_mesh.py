@@ -63,7 +63,7 @@ def test_the_same_part_but_for_hundredths_of_a_mm(mesh):
     assert away_mm.max() <= 1.01 * np.hypot(WAVE_MM, WAVE_MM)
 
 
-def test_what_turns_lies_on_the_crests():
+def test_corners_lie_on_the_crests():
     """So that a flat side is straight from crest to trough, and no longer."""
     block = trimesh.creation.box((130.0, 40.0, 10.0))
     new = merged(add_waves(np.asarray(block.triangles)))

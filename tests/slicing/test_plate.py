@@ -192,7 +192,7 @@ def test_reading_an_entry_counts_as_use(request_for, cube_20, tmp_path):
     assert entry.stat().st_mtime > 1000
 
 
-def test_a_damaged_cache_is_sliced_anew(request_for, cube_20, tmp_path):
+def test_damaged_cache_entry_is_sliced_again(request_for, cube_20, tmp_path):
     cache = tmp_path / "cache"
     request = request_for(cube_20, cache=cache)
     first = slice_plate(request)

@@ -86,7 +86,7 @@ def test_a_tip_in_mid_air_gets_a_tower() -> None:
     assert seen(cup).towers_mm == 0.0  # what looks up is no tip
 
 
-def test_islands_are_what_is_apart_in_a_layer() -> None:
+def test_islands_are_separate_areas_of_a_layer() -> None:
     legs = [Solid.box((x, y, 0), (x + 8, y + 8, 30)) for x in (0, 32) for y in (0, 32)]
     table = Solid.union([*legs, Solid.box((0, 0, 30), (40, 40, 40))])
     assert seen(legs[0]).islands_mm == 0.0

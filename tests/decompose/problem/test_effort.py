@@ -107,7 +107,7 @@ def test_engines_skipped_by_the_budget_are_reported(within: Within, whole: Decom
     assert whole.makespan_s <= none.makespan_s
 
 
-def test_draws_that_the_budget_cannot_pay_for_are_not_begun(within: Within, whole: Decomposition) -> None:
+def test_draws_beyond_the_budget_do_not_start(within: Within, whole: Decomposition) -> None:
     result = within(whole.attempts[0].effort_s + 1e-4)
     second = result.attempts[1]
     assert result.attempts[0].finished

@@ -64,7 +64,7 @@ def test_part_that_does_not_fit_never_ends(cost: CostModel) -> None:
 
 
 @pytest.mark.parametrize("factor", [0.5, 1.0, 2.0])
-def test_a_bound_is_proven_of_what_may_be_the_best(factor: float, cost: CostModel) -> None:
+def test_bound_is_proven_for_candidates_only(factor: float, cost: CostModel) -> None:
     """Of two that end together the one with fewer parts is: it must not be the one without a proof."""
     problem = asked(cost, fleet(factor, factor), prove=True)
     pieces = [block(30.0), block(60.0)]
@@ -89,7 +89,7 @@ def test_twice_as_quick_printers_take_half_as_long_and_can_take_no_less(
     assert quick.possible_gain(fleet(*[0.5] * 8)) == pytest.approx(usual.possible_gain(fleet(*[1.0] * 8)))
 
 
-def test_the_bound_holds_on_unequal_printers_for_what_fits_them_all(lump: Solid, cost: CostModel) -> None:
+def test_bound_holds_on_unequal_printers_for_common_boxes(lump: Solid, cost: CostModel) -> None:
     options = replace(OPTIONS, engine=Engine.PARALLELOBOX, prove=True)
     result = decompose_model(Model(lump, (), 1.0), fleet(0.5, *[1.0] * 7), options, cost)
     equal = decompose_model(Model(lump, (), 1.0), fleet(*[1.0] * 8), options, cost)

@@ -152,7 +152,7 @@ def test_a_print_makes_the_bed_not_clear_until_a_person_clears_it(printer: Print
     link.close()
 
 
-def test_the_power_goes_and_comes_again(printer: Printer) -> None:
+def test_power_is_cut_and_restored(printer: Printer) -> None:
     link = printer.booted()
     link.ask(b"M104 S200")
     control(printer.folder, Command.POWER_OFF)
@@ -202,7 +202,7 @@ def test_no_reader_ever_sees_half_a_status(printer: Printer) -> None:
     link.close()
 
 
-def test_a_cable_that_is_pulled_hangs_up_and_comes_back_as_another_device_while_the_board_goes_on(
+def test_pulled_cable_hangs_up_and_returns_as_another_device(
     printer: Printer,
 ) -> None:
     link = printer.booted()

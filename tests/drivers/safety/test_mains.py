@@ -8,7 +8,7 @@ import pytest
 from drivers.safety import cut_mains
 
 
-def test_the_command_gets_the_printer_and_no_shell_sees_its_words(tmp_path: Path):
+def test_command_gets_the_printer_without_a_shell(tmp_path: Path):
     observed = tmp_path / "seen"
     relay = tmp_path / "relay"
     relay.write_text(f'#!/bin/sh\nprintf "%s|" "$@" > {observed}\n')
@@ -32,6 +32,6 @@ def test_the_command_gets_the_printer_and_no_shell_sees_its_words(tmp_path: Path
         ("sh -c 'exec sleep 2 & exec sleep 60'", "did not end"),
     ],
 )
-def test_every_failure_is_reported_and_asks_for_a_person(command: str, reason: str):
+def test_every_failure_is_reported_and_needs_a_person(command: str, reason: str):
     message = cut_mains(command, "um2-01", timeout_s=0.2)
     assert reason in message and message.endswith("switch it off by hand")

@@ -10,7 +10,7 @@ from print_rig import GCODE, Rig, assert_ended_off, gcode, hopping
 
 
 @pytest.mark.parametrize("lines", [14, 40, 77, 111, 190, 260])
-def test_a_pause_parks_keeps_the_bed_warm_and_goes_on_as_if_nothing_had_been(lines: int):
+def test_pause_parks_keeps_the_bed_warm_and_resumes_exactly(lines: int):
     text = hopping(60)
     straight = Rig(text=text).run()
     rig = Rig(text=text).printing(lines)
@@ -90,7 +90,7 @@ def test_a_cancel_at_the_lowest_place_of_the_bed_does_not_drive_it_further():
     assert rig.session.context.heaters_off
 
 
-def test_a_pause_that_nobody_ends_ends_the_print_safely():
+def test_pause_beyond_its_limit_ends_the_print_safely():
     rig = Rig(text=gcode(200)).printing(100)
     rig.session.pause(rig.now_s)
     assert_ended_off(rig.run(), PrintPhase.FAILED, Fault.PAUSE_TIMEOUT)
@@ -118,7 +118,7 @@ def test_the_head_passes_over_the_highest_part_also_where_the_file_names_no_laye
 
 
 @pytest.mark.parametrize("steps", range(12))
-def test_a_pause_that_comes_while_the_file_ends_its_heat_pushes_no_cold_filament(steps: int):
+def test_pause_during_the_end_of_heat_pushes_no_cold_filament(steps: int):
     ends = Rig().program.lines(0, 10_000).index(b"M104 S0")
     rig = Rig().printing(ends - 2)
     for _ in range(steps):

@@ -176,14 +176,14 @@ def test_cold_extrusion_ends_the_print():
     assert_ended_off(Rig(text=text).run(), PrintPhase.FAILED, Fault.COLD_EXTRUSION)
 
 
-def test_a_target_that_somebody_else_changed_ends_the_print():
+def test_target_changed_by_a_person_ends_the_print():
     rig = Rig(text=gcode(2000)).printing(100)
     rig.firmware.board.set_nozzle(150.0, rig.now_s)
     rig.run()
     assert_ended_off(rig, PrintPhase.FAILED, Fault.TARGET_CHANGED)
 
 
-def test_a_second_cancel_and_a_cancel_of_what_has_ended_change_nothing():
+def test_repeated_and_late_cancels_change_nothing():
     rig = Rig().printing(100)
     rig.session.cancel("first", rig.now_s)
     rig.session.cancel("second", rig.now_s)
@@ -199,7 +199,7 @@ def test_an_accelerated_pace_is_bounded_in_wall_time():
     assert Pace.from_clock(Clock()).printing_s == 3.0
 
 
-def test_a_report_is_asked_for_by_a_numbered_line():
+def test_report_is_requested_by_a_numbered_line():
     """A bare M105 with one flipped bit may be an M1, which never comes back."""
     rig = Rig().run()
     assert b"\nM105\n" not in rig.sent

@@ -15,7 +15,7 @@ from drivers.session import Pace, Session, SessionContext
 from print_rig import PLUS, Rig, assert_ended_off, gcode
 
 
-def test_a_port_that_went_away_fails_the_print_and_nobody_claims_heaters_off():
+def test_lost_port_fails_the_print_without_heaters_confirmed_off():
     rig = Rig().printing(100)
     rig.plugged = False
     rig.link.on_closed()
@@ -26,7 +26,7 @@ def test_a_port_that_went_away_fails_the_print_and_nobody_claims_heaters_off():
     assert "switch the printer off" in str(rig.session.context.reason)
 
 
-def test_a_port_that_comes_back_is_reset_and_shown_off():
+def test_returned_port_is_reset_and_confirmed_off():
     rig = Rig().printing(100)
     rig.plugged = False
     rig.link.on_closed()
@@ -108,7 +108,7 @@ def test_a_board_that_nothing_resets_prints_and_is_as_a_new_one_before():
     assert board.filament_end_mm == pytest.approx(-20.0, abs=0.1)
 
 
-def test_another_board_that_nothing_resets_is_noticed_all_the_same():
+def test_another_board_without_reset_is_detected():
     rig = Rig(Faults(no_reset=True, levelled=3), identity="X0.00 Y0.00 Z-10.00").run()
     assert_ended_off(rig, PrintPhase.FAILED, Fault.WRONG_PRINTER)
 

@@ -39,7 +39,7 @@ def asked(rig: Rig) -> float:
 
 
 @pytest.mark.parametrize("heater", [NOZZLE, BED])
-def test_the_mains_are_asked_for_soon_after_a_heater_was_found_stuck_on(heater: HeaterName):
+def test_power_off_is_requested_soon_after_a_stuck_heater(heater: HeaterName):
     rig = burning(heater)
     found_s = found(rig)
     assert asked(rig) - found_s <= LIMIT_S

@@ -141,7 +141,7 @@ class RecordingConnection:
         self.requests.append(request)
 
 
-def test_a_start_goes_out_with_its_hours_and_so_do_hours_that_have_changed(tmp_path: Path):
+def test_start_is_sent_with_its_limits_and_changed_limits_later(tmp_path: Path):
     books, _ = booked(printing(), ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="p"))
     links = AgentManager(
         Fleet.model_validate({"printers": []}), StateFolder(tmp_path), Clock(), RecordingListener()
@@ -324,7 +324,7 @@ def test_snapshot_of_another_printer_is_ignored_and_only_an_emulator_reports_its
     )
 
 
-def test_a_print_that_is_cancelled_while_its_file_is_sent_is_not_begun(tmp_path: Path):
+def test_print_cancelled_during_its_upload_does_not_start(tmp_path: Path):
     gcode = tmp_path / "x.gcode"
     gcode.write_text("G28\n")
     start = m.StartPrint(

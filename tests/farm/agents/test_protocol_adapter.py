@@ -57,7 +57,7 @@ def test_agent_reports_its_own_printer_only():
     assert trusted(snapshot(printer="b")).printer == "a"
 
 
-def test_agent_of_an_older_version_does_not_doubt_its_filament_so_the_farm_does():
+def test_filament_of_an_older_agent_is_unknown_to_the_farm():
     facts = {"filament": "parked", "doubt": "the board was reset"}
     assert trusted(snapshot(**facts)).filament is FilamentState.PARKED
     assert trusted(snapshot(**facts, protocol=2)).filament is FilamentState.UNKNOWN

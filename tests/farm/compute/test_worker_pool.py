@@ -49,7 +49,7 @@ def test_work_of_a_dead_worker_is_repeated(pool, tmp_path):
     assert pool.run(lambda workers: workers.run(work.die_once, tmp_path / "died")) == "alive"
 
 
-def test_work_that_kills_every_worker_is_named_and_the_next_goes_on(pool, tmp_path):
+def test_work_that_kills_every_worker_is_reported_and_the_next_runs(pool, tmp_path):
     async def use(workers):
         with pytest.raises(FarmError, match=r"decomposing ended its worker process 2 times \(SIGSEGV\)"):
             await workers.run(work.die, signal.SIGSEGV, limit=DECOMPOSING)

@@ -108,7 +108,7 @@ def test_a_model_that_needs_more_parts_than_there_are_printers_goes_in_rounds(fa
     assert farm.effects.plans[-1] == (1, ["a", "b"], 3)
 
 
-def test_a_plan_that_fails_fails_its_job_and_the_next_one_goes_on(farm):
+def test_failed_plan_fails_its_job_and_the_next_one_starts(farm):
     farm.ready("a", "b")
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
     for request in "st":

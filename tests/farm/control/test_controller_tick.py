@@ -104,7 +104,7 @@ def test_a_decision_that_could_not_be_written_is_made_at_the_next_tick(farm, cal
     assert farm.controller.books.open_print_on("a") is not None
 
 
-def test_a_plate_goes_on_when_its_printer_was_lost_alone(farm, calls):
+def test_plate_of_a_single_lost_printer_is_reassigned(farm, calls):
     tick(farm, MORNING)
     lost = farm.controller.books.open_print_on("a")
     ended = {

@@ -58,7 +58,7 @@ def test_missed_timer_runs_once(begin):
 
 
 @pytest.mark.parametrize("step_h", [6.0, -6.0])
-def test_a_host_whose_clock_is_set_goes_on_at_once_and_keeps_the_new_hours(begin, step_h):
+def test_clock_step_takes_effect_at_once(begin, step_h):
     """A periodic timer is late by one period at most; an alarm follows the calendar."""
     time = begin("2026-11-20 12:00")
     turns, alarms = [], []

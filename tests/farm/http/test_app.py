@@ -97,7 +97,7 @@ def test_g_code_goes_the_same_road_as_a_model(daemon):
         ("t.stl", "{}", "model"),
     ],
 )
-def test_g_code_that_cannot_be_printed_so_is_refused_by_name(daemon, name, options, code):
+def test_unprintable_g_code_is_refused_by_name(daemon, name, options, code):
     answer = submit(daemon, ("\n".join(marlin()) + "\n").encode(), name=name, options=options).json()
     assert answer["code"] == code
     assert daemon.state.controller.books.jobs == {}
@@ -214,7 +214,7 @@ def test_name_without_a_known_suffix_is_refused(daemon, name):
     assert "not a known kind of model" in answer.json()["error"]
 
 
-def test_a_printer_that_nobody_has_is_refused_at_once(daemon):
+def test_unknown_printer_is_refused_at_once(daemon):
     answer = submit(daemon, stl(), options='{"material": "generic_pal"}')
     assert answer.status_code == 409
     assert "no printer of the fleet has generic_pal; there is generic_pla" in answer.json()["error"]

@@ -104,7 +104,7 @@ def test_a_request_without_a_caller_is_refused_on_every_route(tmp_path, group):
 
 
 @pytest.mark.parametrize("group", [None, OURS])
-def test_a_member_may_and_so_may_everybody_where_no_group_is_named(tmp_path, group):
+def test_members_are_operators_or_all_users_without_a_group(tmp_path, group):
     app = make(tmp_path, operators=group)
     member = Person(uid=54321, gid=os.getgid())
     assert ask(app, member, "POST", "/printers/a/cleared", json={}).status_code == 200

@@ -51,7 +51,7 @@ def test_incomplete_requests_are_ended_the_oldest_first():
     assert find_longest_waiting([busy]) is None
 
 
-def test_a_trouble_that_comes_a_thousand_times_is_logged_once_a_minute(caplog):
+def test_repeated_error_is_logged_once_a_minute(caplog):
     seldom = RateLimitedLog()
     with caplog.at_level(logging.WARNING):
         for number in range(1000):
@@ -98,7 +98,7 @@ async def ask(path, *pieces):
     return message
 
 
-def test_idle_clients_make_room_for_one_that_asks(tmp_path):
+def test_idle_connections_are_closed_for_a_request(tmp_path):
     async def story(server, path):
         idle = [await asyncio.open_unix_connection(path) for _ in range(40)]
         for _, writer in idle[::2]:

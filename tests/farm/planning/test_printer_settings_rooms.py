@@ -37,7 +37,7 @@ def test_a_printer_without_a_heated_bed_is_sliced_for_and_not_driven(resources):
     assert set(PROFILES) == heated
 
 
-def test_a_model_s_room_is_smaller_by_what_the_material_shrinks(resources):
+def test_room_of_a_model_is_reduced_by_the_shrinkage(resources):
     section = PrinterSection(name="a", model="ultimaker2_plus", port="/dev/ttyACM0")
     settings = resolve_settings(SettingsRequest(UM2_PLUS, material="generic_abs"), resources)
     room = printer_room(section, settings.brim_width_mm)

@@ -116,7 +116,7 @@ def test_heating_up_is_staggered():
     assert [slot.starts_s for slot in observed.slots] == [0.0, 0.0, 600.0]
 
 
-def test_a_printer_that_is_away_is_not_counted_on():
+def test_absent_printer_is_not_used():
     plates = [plate(f"1/{i}", "a", expected_s=HOUR) for i in range(2)]
     observed = forecast(plates, [printer("a"), printer("b", link=Link.ABSENT)], rules(), 0.0)
     assert {slot.printer for slot in observed.slots} == {"a"}

@@ -64,7 +64,7 @@ def test_a_night_is_an_hour_longer_or_shorter_when_the_clock_changes():
     assert lengths == [7, 9, 8]
 
 
-def test_edges_that_the_clock_skips_or_brings_twice():
+def test_edges_skipped_or_repeated_by_the_clock():
     skipped = hours("01:30-04:00").span(at("2026-03-29 03:00"))
     assert skipped == (at("2026-03-29 02:30"), at("2026-03-29 04:00"))
     twice = hours("00:30-01:30").span(at("2026-10-25 01:10", fold=1))
@@ -84,7 +84,7 @@ def test_edges_that_the_clock_skips_or_brings_twice():
         ("22:00-02:30", "2026-10-24T22:00:00+02:00", "2026-10-25T02:30:00+01:00"),  # and the second ends
     ],
 )
-def test_edges_in_the_hour_that_is_skipped_or_comes_twice(window, begin, end):
+def test_edges_in_a_skipped_or_repeated_hour(window, begin, end):
     """Attended and quiet hours alike."""
     berlin = Hours((parse_window(window),), ZoneInfo("Europe/Berlin"))
     span = tuple(datetime.fromisoformat(text).timestamp() for text in (begin, end))

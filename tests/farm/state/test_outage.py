@@ -57,7 +57,7 @@ def test_failure_counts_as_an_attempt(second):
     assert [books.prints[name].charged for name in "ab"] == [True, True]
 
 
-def test_a_job_that_an_outage_seemed_to_fail_goes_on():
+def test_job_continues_after_failures_by_an_outage():
     books = printing(plates=1)
     for attempt in range(ATTEMPTS - 1):
         name = f"x{attempt}"

@@ -63,7 +63,7 @@ def test_a_bad_part_is_printed_again_and_costs_no_attempt():
     assert (books.jobs[1].state, books.jobs[1].ended_s) == (JobState.DONE, 900.0)
 
 
-def test_clearing_a_bed_judges_only_what_was_printed_last():
+def test_clearing_a_bed_judges_the_last_print_only():
     books, _ = run(printed(1), cleared("a"), cleared("a", Verdict.BAD))
     assert books.prints["a"].verdict is Verdict.GOOD
 
@@ -82,7 +82,7 @@ def test_a_print_that_a_person_saw_go_wrong_is_made_again(end):
         assert books.printers["a"].attention_reason == "a blob"
 
 
-def test_a_fault_while_a_print_is_ended_by_a_person_is_charged_to_nobody():
+def test_fault_while_a_print_is_ended_by_a_person_is_no_attempt():
     requested = ev.PrintFailRequested(at_s=50.0, print_id="x", why="a blob", by="ann")
     hot = ended("x", PrintState.FAILED, fault="heater_stuck_on", reason="it does not cool")
     books, _ = run(printing(plates=1), assigned("1/01", "a", "x"), requested, hot)
@@ -158,7 +158,7 @@ def test_a_printer_is_in_maintenance_until_a_person_has_done_it():
     assert books.printers["a"].maintenance is None
 
 
-def test_a_print_that_began_unheard_and_was_cancelled_by_nobody_here_has_failed():
+def test_unconfirmed_print_cancelled_elsewhere_has_failed():
     """Its agent was told to end before it had said that it began: something may lie there, a person looks."""
     assigned = ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x")
     books, _ = run(printing(1), assigned, ended("x", PrintState.CANCELLED, 50.0, started_s=10.0))

@@ -215,7 +215,7 @@ def test_a_print_that_the_books_have_ended_is_ended_at_the_printer_too():
         assert run(books, doubted)[0].printers["a"].bed is Bed.UNKNOWN  # something lies on it by now
 
 
-def test_a_print_that_the_books_never_had_goes_on_and_leaves_the_bed_in_doubt():
+def test_unknown_print_continues_and_makes_the_bed_unknown():
     books, _ = run(Books(), *fleet())
     reported = list(handle_unknown_print(books.printers["a"], None, word("stranger"), 4.0))
     assert [type(item) for item in reported] == [ev.BedBecameUnknown]

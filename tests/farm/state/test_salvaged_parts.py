@@ -76,7 +76,7 @@ def test_salvaged_part_uses_its_full_filament():
     assert books.prints["x"].grams == pytest.approx(3.0)
 
 
-def test_a_reprint_that_has_not_begun_is_taken_back():
+def test_reprint_that_has_not_started_is_cancelled():
     books, _ = run(died(), given("1/01", "b", "y", 120.0))
     books, reported = run(books, whole())
     assert [type(one) for one in reported] == [ev.SendCancel, ev.SendCleared]
@@ -86,7 +86,7 @@ def test_a_reprint_that_has_not_begun_is_taken_back():
     assert books.jobs[1].state is JobState.DONE and books.printer("b").bed is Bed.CLEAR
 
 
-def test_a_reprint_that_has_begun_goes_on_until_a_person_ends_it():
+def test_started_reprint_continues_until_a_person_ends_it():
     started = ev.PrintProgressed(
         at_s=130.0, print_id="y", state=PrintState.PRINTING, started_s=125.0, extruded=True
     )
@@ -104,7 +104,7 @@ def test_a_reprint_that_has_begun_goes_on_until_a_person_ends_it():
         assert after.plate_state(after.plates["1/01"]) is PlateState.GOOD
 
 
-def test_a_part_that_was_cut_again_meanwhile_is_whole_with_all_its_pieces():
+def test_part_recut_before_is_complete_with_all_pieces():
     books = died()
     old = books.plates["1/01"]
     parts = [books.parts["1/p01"].model_copy(update={"id": f"1/p01{x}", "plate": f"1/01{x}"}) for x in "ab"]

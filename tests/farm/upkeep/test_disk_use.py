@@ -30,7 +30,7 @@ def test_files_of_open_jobs_are_not_counted_as_prunable(tmp_path):
     assert use.free_bytes == pytest.approx(shutil.disk_usage(tmp_path).free, rel=0.05)
 
 
-def test_do_now_says_when_the_disk_would_be_full_within_two_nights(tmp_path, monkeypatch):
+def test_task_names_a_disk_that_fills_within_two_nights(tmp_path, monkeypatch):
     state = StateFolder(tmp_path / "farm")
     farm = Farm(state.root)
     state.make()

@@ -232,7 +232,7 @@ def test_a_backup_from_before_a_compaction_is_restored(tmp_path):
     assert named_files(books) <= list_files(state.files).keys()
 
 
-def test_a_pruned_job_says_so_when_it_is_to_be_printed_again(tmp_path):
+def test_reprint_of_a_pruned_job_is_refused_with_its_reason(tmp_path):
     state, _ = fill(tmp_path)
     farm, run = begin(state)
     with farm.store:
@@ -243,7 +243,7 @@ def test_a_pruned_job_says_so_when_it_is_to_be_printed_again(tmp_path):
         farm.parts.reprint(4, "p01", "", "ann")
 
 
-def test_a_run_that_fails_is_told_and_the_next_one_goes_on(tmp_path, monkeypatch):
+def test_failed_run_is_reported_and_the_next_one_continues(tmp_path, monkeypatch):
     state, _ = fill(tmp_path)
     farm, run = begin(state)
 

@@ -38,7 +38,7 @@ def view(books):
     return describe_job(ViewContext(FLEET, books, {}, StateFolder(Path("/state")), now_s=10.0), books.job(1))
 
 
-def test_a_job_costs_what_its_plates_cost():
+def test_price_of_a_job_is_the_sum_of_its_plates():
     observed = view(priced(1.25, 0.5))
     assert [plate.price for plate in observed.plates] == [1.25, 0.5]
     assert (observed.price, observed.currency) == (pytest.approx(1.75), "EUR")

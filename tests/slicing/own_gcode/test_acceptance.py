@@ -29,7 +29,7 @@ def test_a_marlin_file_keeps_its_print_and_loses_its_start_and_end():
     assert accepted.max_mm == pytest.approx((120, 120, 0.6))
 
 
-def test_the_head_comes_to_the_first_point_from_above():
+def test_head_approaches_the_first_point_from_above():
     moves = followed(body(take(marlin())))
     assert [move[2] for move in moves[:2]] == [20.0, pytest.approx(0.2)]
     assert moves[0][:2] == moves[1][:2] == (100.0, 100.0)

@@ -71,7 +71,7 @@ def test_setting_that_is_not_per_extruder_has_the_global_value():
     assert resolver(extruder={"height": 9.0}, shared={"height": 0.2}).value(Scope.EXTRUDER, "height") == 0.2
 
 
-def test_resolve_asks_the_extruder_unless_the_value_is_set():
+def test_resolve_uses_the_extruder_unless_the_value_is_set():
     assert resolver(extruder={"warmth": 70.0}).value(Scope.GLOBAL, "bed") == 70.0
     assert resolver(user={"bed": 45.0}).value(Scope.GLOBAL, "bed") == 45.0
 
@@ -166,7 +166,7 @@ def test_only_the_extruders_own_keys_are_listed_for_it():
         ("int(anyExtruderWithMaterial('flag')) + int(anyExtruderNrWithOrDefault('flag'))", 0),
     ],
 )
-def test_cura_5_asks_below_a_profile(formula, value):
+def test_cura_5_formula_reads_the_value_below_its_profile(formula, value):
     user = {"width": 3.0, "height": 0.9, "warmth": Formula(formula)}
     below = resolver(user=user, extruder={"width": 2.0}, shared={"height": 0.2})
     assert below.value(Scope.EXTRUDER, "warmth") == value

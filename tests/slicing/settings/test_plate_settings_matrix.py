@@ -100,7 +100,7 @@ def test_a_brand_has_the_qualities_of_its_kind_where_it_has_none_of_its_own(reso
     assert brand.layer_height_mm == generic.layer_height_mm
 
 
-def test_a_bed_that_cannot_be_heated_is_not_asked_to(resources):
+def test_unheated_bed_gets_no_target(resources):
     settings = resolve_settings(SettingsRequest(PRINTERS["ultimaker2_go"]), resources)
     start = settings.global_["machine_start_gcode"]
     assert "M109 S" in start
@@ -120,9 +120,7 @@ def test_a_bed_that_cannot_be_heated_is_not_asked_to(resources):
         ("fast", "generic_abs", {"material_shrinkage_percentage": "102"}, (1.02, 1.02)),
     ],
 )
-def test_parts_are_printed_larger_by_what_they_shrink_and_only_once(
-    resources, quality, material, overrides, scale
-):
+def test_parts_are_enlarged_by_their_shrinkage_once(resources, quality, material, overrides, scale):
     request = SettingsRequest(UM2_PLUS, quality, material, overrides=overrides)
     settings = resolve_settings(request, resources)
     assert (settings.scale_xy, settings.scale_z) == pytest.approx(scale)

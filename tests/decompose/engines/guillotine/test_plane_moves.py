@@ -89,7 +89,7 @@ def test_a_face_gives_way_only_to_a_box_that_covers_it() -> None:
 
 @settings(max_examples=60, deadline=None)
 @given(seed=st.integers(0, 10**6), cuts=st.integers(1, 4))
-def test_boxes_grow_only_over_empty_cells_of_nobody(seed: int, cuts: int) -> None:
+def test_boxes_grow_over_free_empty_cells_only(seed: int, cuts: int) -> None:
     rng = np.random.default_rng(seed)
     boxes = guillotine(rng, (0, 0, 0, 6, 6, 6), cuts)
     boxes = [box for box in boxes if rng.random() < 0.7] or boxes

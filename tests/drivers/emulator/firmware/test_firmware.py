@@ -180,7 +180,7 @@ def test_seventeen_moves_are_acknowledged_at_once_then_one_for_each_that_ends(ho
         host.put("G1 X100 F6000")
 
 
-def test_a_late_host_does_not_stretch_what_is_queued() -> None:
+def test_late_host_does_not_delay_queued_moves() -> None:
     ends = []
     for late_s in (0.0, 0.15):
         host = Host()
@@ -235,7 +235,7 @@ def test_quick_stop_empties_the_planner_and_knows_where_it_is(host: Host) -> Non
     assert host.firmware.machine.planner.position(host.now_s) == before
 
 
-def test_m0_never_comes_back(host: Host) -> None:
+def test_m0_never_finishes(host: Host) -> None:
     assert host.put("M0", "M105") == []
     assert host.wait(1e6) == []
     host.firmware.reset(host.now_s)

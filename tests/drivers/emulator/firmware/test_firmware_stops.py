@@ -49,7 +49,7 @@ def test_a_target_beyond_275_degrees_trips(host: Host) -> None:
     assert host.board.nozzle.target_c == 0.0
 
 
-def test_a_dead_nozzle_is_noticed_after_30_s_and_m109_goes_on() -> None:
+def test_dead_nozzle_is_detected_after_30_s_and_m109_continues() -> None:
     host = Host(faults=Faults(dead_nozzle=True))
     started_s = host.now_s
     message = host.say("M109 S210")
@@ -104,7 +104,7 @@ def test_reset_keeps_physical_state_only(host: Host) -> None:
     ]
 
 
-def test_without_a_host_moves_and_heat_go_on(host: Host) -> None:
+def test_moves_and_heat_continue_without_a_host(host: Host) -> None:
     host.say("M104 S210")
     host.say("G28")
     host.say("G1 X200 F600")
@@ -126,7 +126,7 @@ def test_a_brown_out_resets_the_board_unasked() -> None:
         assert host.say("G4 P0") == ["ok"]
 
 
-def test_a_mute_board_goes_on_heating_until_it_is_reset() -> None:
+def test_mute_board_continues_to_heat_until_it_is_reset() -> None:
     host = Host(faults=Faults(silent_after=2))
     host.say("M104 S210")
     assert host.put("G4 P0") == []

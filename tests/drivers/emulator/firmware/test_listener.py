@@ -19,7 +19,7 @@ def host() -> Host:
     return Host()
 
 
-def test_a_repeated_or_skipped_number_asks_for_the_next(host: Host) -> None:
+def test_repeated_or_skipped_number_requests_the_next_line(host: Host) -> None:
     assert host.number("M110") == ["ok"]
     assert host.number("G4 P0") == ["ok"]
     for n in (2, 7):
@@ -31,11 +31,11 @@ def test_a_repeated_or_skipped_number_asks_for_the_next(host: Host) -> None:
     assert not host.firmware.machine.homed
 
 
-def test_a_bad_checksum_asks_for_the_same_line(host: Host) -> None:
+def test_bad_checksum_requests_the_same_line(host: Host) -> None:
     assert host.put("N1 G28*1") == ["Error:checksum mismatch, Last Line: 0", "Resend: 1", "ok"]
 
 
-def test_a_number_without_checksum_asks_for_the_same_line(host: Host) -> None:
+def test_number_without_checksum_requests_the_same_line(host: Host) -> None:
     assert host.put("N1 G28") == ["Error:No Checksum with line number, Last Line: 0", "Resend: 1", "ok"]
 
 
@@ -44,7 +44,7 @@ def test_a_checksum_without_number_gets_no_ok_at_all(host: Host) -> None:
     assert host.wait(60.0) == []
 
 
-def test_an_error_flushes_what_came_behind_it(host: Host) -> None:
+def test_error_flushes_later_bytes(host: Host) -> None:
     burst = ["N1 G4 P0*99", *(numbered(n, "G4 P0") for n in (2, 3, 4))]
     assert host.put(*burst) == ["Error:checksum mismatch, Last Line: 0", "Resend: 1", "ok"]
     assert host.put(numbered(1, "G4 P0")) == ["ok"]
@@ -112,7 +112,7 @@ def test_full_ring_loses_bytes_silently(host: Host) -> None:
     assert [word[:5] for word in message] == ["ok", "ok T:", "ok T:"]
 
 
-def test_flipped_bytes_are_refused_and_asked_for_again() -> None:
+def test_flipped_bytes_are_refused_and_requested_again() -> None:
     host = Host(faults=Faults(checksum=0.3))
     done, tries = 0, 0
     while done < 200:

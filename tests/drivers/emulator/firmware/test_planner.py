@@ -146,7 +146,7 @@ def test_entry_speeds_can_be_reached_and_braked_from(moves: list[Point], v: floa
             assert block.entry_2 <= block.max_entry_2 + 1e-9 <= block.v**2 * (1 + 1e-9) + 1e-6
 
 
-def test_a_stop_leaves_the_head_on_its_way_and_counts_what_was_fed() -> None:
+def test_stop_keeps_the_position_and_counts_fed_filament() -> None:
     bench = Bench()
     bench.go((200, 100, 50, 10), 100.0)
     bench.go((200, 200, 50, 20), 100.0)

@@ -69,7 +69,7 @@ def test_missing_daemon_is_reported_with_the_command_to_start_it(client):
         client.status()  # and no socket is left open: that would be a warning, and so an error here
 
 
-def test_a_daemon_that_hangs_is_not_taken_for_one_that_is_not_there(tmp_path):
+def test_hanging_daemon_is_not_reported_as_missing(tmp_path):
     with socket.socket(socket.AF_UNIX) as hanging:
         hanging.bind(str(tmp_path / "farm.sock"))
         hanging.listen()
@@ -113,7 +113,7 @@ def test_refusal_of_the_daemon_keeps_its_code_and_message(daemon, client):
             client.job(9)
 
 
-def test_a_daemon_of_another_version_is_called_so(daemon, client):
+def test_daemon_of_another_version_is_reported(daemon, client):
     for text in (b"{}", b"[]", b'{"daemon": {"pid": 1, "version": "9", "since": "", "news": 1}, "job": 3}'):
         daemon.answer = (200, text)
         with pytest.raises(FarmError, match=r"has another version than this command .*: end it with SIGTERM"):

@@ -102,7 +102,7 @@ def test_an_end_that_dies_is_no_printer_that_is_off(tmp_path):
         estop_socket.request_stop(path, [], lambda message: None)
 
 
-def test_another_users_farm_without_a_button_is_not_taken_for_ones_own(tmp_path, monkeypatch):
+def test_farm_of_another_user_without_a_socket_is_reported(tmp_path, monkeypatch):
     (tmp_path / "farm.sock").touch()
     places = find_places(tmp_path / "state", tmp_path / "farm.sock", None)
     monkeypatch.setattr(estop_socket.os, "geteuid", lambda: 4711)

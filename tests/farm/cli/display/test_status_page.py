@@ -82,7 +82,7 @@ def test_printer_in_maintenance_shows_its_reason():
 
 
 @pytest.mark.parametrize(("link", "needs"), [("absent", "connect"), ("starting", "wait (connecting)")])
-def test_a_printer_that_is_away_has_to_be_connected_and_one_that_comes_has_not(link, needs):
+def test_absent_printer_is_a_task_and_a_connecting_one_is_not(link, needs):
     hold = Hold(code=HoldCode.PRINTER_ABSENT, text="")
     observed = status_of(night_books()).printers[0].model_copy(update={"state": link, "hold": hold})
     view = status_of(night_books()).model_copy(update={"printers": [observed]})
@@ -145,7 +145,7 @@ def test_a_dry_run_is_on_the_board_only_while_it_is_made():
     assert [item.id for item in select_shown_jobs(books)] == [1]
 
 
-def test_a_heater_that_cannot_be_switched_off_comes_before_all_else():
+def test_stuck_heater_is_the_first_task():
     view = status_of(night_books())
     alarm = api.Todo(code="alarm", printers=["um2-05"], text="go to um2-05 now: it burns")
     lines = shown(view.model_copy(update={"todo": [alarm, *view.todo]}))

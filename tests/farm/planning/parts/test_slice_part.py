@@ -41,7 +41,7 @@ def task(tmp_path):
     return make
 
 
-def test_abs_is_printed_larger_by_what_it_shrinks(task):
+def test_abs_is_enlarged_by_its_shrinkage(task):
     cube = trimesh.creation.box((100.0, 100.0, 100.0))
     for material, xy, z in (("generic_abs", 1.007, 1.0035), ("generic_pla", 1.002, 1.001)):
         work = task(cube, material=material, brim_width_mm=0.0)

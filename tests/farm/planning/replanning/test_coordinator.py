@@ -172,7 +172,7 @@ def test_plate_of_a_full_bed_is_resliced_overnight(tmp_path):
     assert farm.controller.books.plates["1/01"].replaced_by == ("1/01-2",)
 
 
-def test_a_host_s_clock_that_is_set_back_does_not_put_off_the_next_search(tmp_path):
+def test_backward_clock_step_does_not_delay_the_next_search(tmp_path):
     farm = begun(tmp_path, [PLUS, PLUS, PLAIN], plates=2)
     fails(farm, "a", "1/01")
     farm.controller.on_replan("1/01", FarmError("too thin"))

@@ -78,7 +78,7 @@ def test_plate_waits_if_its_printer_is_free_soon():
     assert wish(4.0) is not None
 
 
-def test_a_part_whose_kind_of_printer_is_gone_for_good_is_sliced_for_another():
+def test_part_of_a_removed_printer_model_is_sliced_for_another():
     other = printer_of("b", PLAIN)
     assert policy.choose_reslice(part(), situation([part()], [other], rules(), NOW_S), [other]) is not None
 

@@ -51,7 +51,7 @@ def test_the_oldest_go_until_the_rest_fits():
     assert select_jobs(books, sizes_of(books), KeepRules(90, 3500), NOW_S, NOW_S) == []
 
 
-def test_what_another_job_uses_frees_nothing():
+def test_printers_of_another_job_are_not_free():
     books = books_of((JobState.DONE, 20), (JobState.DONE, 10), shared=(1, 2))
     sizes = dict.fromkeys(named_files(books), 0) | {"shared.npz": 500}
     assert select_jobs(books, sizes, KeepRules(90, 400), NOW_S, NOW_S) == [1, 2]
@@ -146,7 +146,7 @@ _jobs = st.lists(st.tuples(st.sampled_from(JobState), st.floats(0, 400)), min_si
 
 
 @given(jobs=_jobs, days=st.floats(2, 365), most=st.integers(0, 6000), data=st.data())
-def test_what_goes_is_needed_by_nobody_and_what_stays_is_whole(jobs, days, most, data):
+def test_deleted_files_are_unused_and_kept_ones_complete(jobs, days, most, data):
     shared = data.draw(st.sets(st.integers(1, len(jobs))))
     bed = data.draw(st.sampled_from(Bed))
     books = books_of(*jobs, shared=shared)

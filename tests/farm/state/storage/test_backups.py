@@ -74,7 +74,7 @@ def test_a_copy_is_made_while_the_books_are_in_use_and_the_oldest_go(state):
 
 
 @pytest.mark.parametrize("damage", ["no database", "a page", "nothing left"])
-def test_damaged_books_are_put_back_from_the_newest_whole_copy(state, damage):
+def test_damaged_database_is_restored_from_the_newest_intact_backup(state, damage):
     books = fill(state)
     back_up(state, NIGHT_S)
     back_up(state, NIGHT_S + DAY_S).write_bytes(b"half a copy" * 100)
@@ -118,7 +118,7 @@ def test_missing_backup_is_reported_with_advice(state):
     assert state.books.read_bytes() == b"no books" * 999
 
 
-def test_books_of_a_newer_farm_are_not_taken_for_damaged(state):
+def test_database_of_a_newer_version_is_not_reported_as_damaged(state):
     import sqlite3
 
     fill(state)
@@ -172,7 +172,7 @@ def test_failed_backup_is_reported_and_retried(state, trouble, tmp_path, monkeyp
     assert "farm" not in [item.code for item in list_tasks(farm.view_context(state))]
 
 
-def test_the_next_copy_is_at_four_whatever_the_clock_does():
+def test_next_backup_is_at_four_after_any_clock_change():
     zone = ZoneInfo("Europe/London")
 
     def at(text):
@@ -183,7 +183,7 @@ def test_the_next_copy_is_at_four_whatever_the_clock_does():
     assert next_backup_s(at("2026-10-25 04:00"), zone) == at("2026-10-26 04:00")
 
 
-def test_restored_books_start_nothing_before_a_person_has_looked(tmp_path):
+def test_restored_database_starts_nothing_before_an_inspection(tmp_path):
     farm = Farm(tmp_path)
     farm.ready("a", "b")
     event = planned(1, 3)

@@ -91,7 +91,7 @@ def test_a_file_that_was_made_long_ago_counts_from_when_it_was_stored(tmp_path):
     assert delete_files(store, [name], time.time()) == 0
 
 
-def test_no_file_vanishes_between_one_who_stores_it_again_and_one_who_deletes(tmp_path):
+def test_file_stored_during_a_deletion_is_kept(tmp_path):
     store = tmp_path / "files"
     store.mkdir()
     stop = threading.Event()

@@ -76,7 +76,7 @@ def test_books_that_are_no_database_are_named(tmp_path):
         Store(tmp_path / "farm.db")
 
 
-def test_books_of_the_first_form_are_brought_up_to_date(tmp_path):
+def test_database_of_the_first_schema_is_migrated(tmp_path):
     import sqlite3
 
     path = tmp_path / "farm.db"

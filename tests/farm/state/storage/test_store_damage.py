@@ -103,7 +103,7 @@ def test_a_wrong_bit_anywhere(night, tmp_path_factory, of, at, bit):
 
 @settings(max_examples=30, deadline=None)
 @given(share=st.floats(0, 0.999))
-def test_a_log_that_lost_its_end_is_not_taken_for_all_there_was(night, tmp_path_factory, share):
+def test_truncated_write_ahead_log_is_detected(night, tmp_path_factory, share):
     """SQLite says nothing where its log was cut: yesterday's clear beds would be taken for today's."""
 
     def cut(state):
@@ -113,7 +113,7 @@ def test_a_log_that_lost_its_end_is_not_taken_for_all_there_was(night, tmp_path_
     assert check(night, tmp_path_factory.getbasetemp() / "cut", cut)
 
 
-def test_books_that_nobody_harmed_are_opened_as_they_are(night, tmp_path):
+def test_intact_database_is_opened_unchanged(night, tmp_path):
     assert check(night, tmp_path / "state", lambda state: None) is False
     state = StateFolder(tmp_path / "state")
     for path in state.root.glob("farm.db*"):  # moved away by a person, or most of it

@@ -46,7 +46,7 @@ def failed_once():
     return run(printing(3), begun("1/02", "b", "x"), ended("x", PrintState.FAILED, fault="mintemp"))[0]
 
 
-def test_pieces_take_the_place_of_their_part_and_go_on_with_its_attempts():
+def test_pieces_replace_their_part_and_continue_its_attempts():
     books = failed_once()
     books, reported = run(books, replaced(books, "1/02"))
     job = books.jobs[1]

@@ -86,7 +86,7 @@ def printed(state=PrintState.DONE, planned=1.0, elapsed_s=1.1 * HOUR_S + 100.0):
 
 
 @pytest.mark.parametrize("planned", [1.0, 0.9])
-def test_a_printer_learns_from_a_print_that_it_ended_whatever_the_plan_took_for_it(planned):
+def test_time_factor_learns_from_a_completed_print(planned):
     books = printed(planned=planned)
     assert books.printers["a"].time_factor == pytest.approx(1.025)
     assert books.printers["b"].time_factor == 1.0
