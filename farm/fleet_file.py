@@ -151,11 +151,11 @@ class _Document:
             visited.add(id(node))
             keys: set[Any] = set()
             for key, child in _children(node):
-                here = (*place, key)
+                key_path = (*place, key)
                 if key in keys:
-                    return here
+                    return key_path
                 keys.add(key)
-                found = search(child, here)
+                found = search(child, key_path)
                 if found is not None:
                     return found
             return None

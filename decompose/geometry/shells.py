@@ -46,7 +46,7 @@ def orient_faces(faces: Ints) -> Ints | None:
 def split_shells(vertices: Floats, faces: Ints) -> list[tuple[Floats, Ints]] | None:
     """Split triangles into their surfaces, each with vertices (n, 3) of its own and faces (m, 3).
 
-    Where more than two triangles meet at an edge, each goes on to the next one around the edge on the side
+    Where more than two triangles meet at an edge, each continues to the next one around the edge on the side
     where the solid is: bodies that only touch come apart. After it each edge of a shell has one or two faces,
     and the rim of a hole meets itself nowhere.
 

@@ -1,6 +1,6 @@
 """Closed solids in double precision. The only module that imports manifold3d.
 
-Manifold reports a failed operation as a status value and goes on with an empty solid; here every operation
+Manifold reports a failed operation as a status value and continues with an empty solid; here every operation
 is checked and raises.
 """
 

@@ -85,7 +85,7 @@ def sweep_columns(triangles: Floats, marked: Floats, rays: Rays, height: float, 
     touched = 0.0
     supports = np.zeros((nx, ny))
     propped = np.zeros((nx, ny), np.bool_)
-    passing = np.zeros((LEVELS, 4))  # runs up to each level that go on above it
+    passing = np.zeros((LEVELS, 4))  # runs up to each level that continue above it
     ending = np.zeros((LEVELS, 4))  # and those that end below it, and not below the one before
     for column in range(nx * ny):
         i, j = column // ny, column % ny
@@ -161,7 +161,7 @@ def _add_run(
     Parameters
     ----------
     passing, ending
-        (LEVELS, 4) float64 sums of the runs that go on above a level, and of those that end below it.
+        (LEVELS, 4) float64 sums of the runs that continue above a level, and of those that end below it.
     place
         x and y of the column in mm.
     run

@@ -40,7 +40,7 @@ class Alarms:
         self._printer, self._command = printer, command
         self.alarm = alarm
         self._run: PowerOff | None = None
-        self._asked_by: Session | None = None  # the session that asked for the mains to be cut
+        self._requested_by: Session | None = None  # the session that asked for the mains to be cut
 
     @property
     def pending(self) -> bool:
@@ -70,8 +70,8 @@ class Alarms:
         """Take over the finding of a session, and add it to the reason of its print."""
         found, alarm = session.context.suspicion, self.alarm
         if session.context.wants_power_off:
-            if session is not self._asked_by:
-                self._asked_by = session
+            if session is not self._requested_by:
+                self._requested_by = session
                 self._request_power_off(found.text if found is not None else _NOT_OFF, now_s)
                 assert self.alarm is not None
                 session.add_reason(self.alarm.text)

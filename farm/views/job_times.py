@@ -98,7 +98,7 @@ def measure_times(context: ViewContext, job: Job) -> JobTimes:
 def list_runs(job: Job, prints: Sequence[Print], now_s: float) -> Iterator[Run]:
     """Yield the intervals in which a job was printed, oldest first.
 
-    A run begins with its first print command. It ends when the job ends, and goes on while plates wait. A
+    A run begins with its first print command. It ends when the job ends, and continues while plates wait. A
     print belongs to the run in which its printer was chosen.
     """
     since_s = float("-inf")

@@ -22,7 +22,7 @@ MOST_SECTION = 4.0
 """Greatest section of a line, over the nozzle's diameter squared: more than any slicer's."""
 MOST_JUMP_MM = MOST_PRIMED_MM
 """Filament that a move may feed beyond what was drawn back and what its line takes:
-where lines are missing from a file whose E counts on, all of their filament comes in one move."""
+where lines are missing from a file whose E continues, all of their filament comes in one move."""
 MOST_DROP_MM = 10.0
 """Height by which the head is raised before it parks in a pause, or homes when cancelled."""
 TRAVEL_MM_S, LOWER_MM_S = 120.0, 20.0

@@ -109,9 +109,9 @@ def read_model_part(name: str, part: str, chunks: Iterator[bytes], most_triangle
     try:
         parse_chunks(parser, name, part, chunks)
     except (KeyError, ValueError, OverflowError) as error:
-        what = f"has no {error}" if isinstance(error, KeyError) else str(error)
+        problem = f"has no {error}" if isinstance(error, KeyError) else str(error)
         raise ModelUnreadable(
-            f"{name}: line {parser.CurrentLineNumber} of its model {what[:80]}; export it again"
+            f"{name}: line {parser.CurrentLineNumber} of its model {problem[:80]}; export it again"
         ) from error
     if not reader.is_model:
         raise ModelUnreadable(f"{name}: its part {part[:80]} is not a 3MF model; export it again")

@@ -178,13 +178,13 @@ class Planner:
         block = self._blocks[0]
         v0, top, up_s, top_s = self._ramps
         s = now_s - self._begin_s
-        way_mm = v0 * min(s, up_s) + 0.5 * block.a * min(s, up_s) ** 2
+        distance_mm = v0 * min(s, up_s) + 0.5 * block.a * min(s, up_s) ** 2
         if s > up_s:
-            way_mm += top * min(s - up_s, top_s)
+            distance_mm += top * min(s - up_s, top_s)
         if s > up_s + top_s:
             down_s = s - up_s - top_s
-            way_mm += top * down_s - 0.5 * block.a * down_s**2
-        part = min(1.0, max(0.0, way_mm / block.mm))
+            distance_mm += top * down_s - 0.5 * block.a * down_s**2
+        part = min(1.0, max(0.0, distance_mm / block.mm))
         x, y, z, e = (a + (b - a) * part for a, b in zip(self._head, block.target, strict=True))
         return (x, y, z, e)
 

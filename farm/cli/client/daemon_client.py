@@ -66,8 +66,8 @@ class Client:
         return self._ask(api.Cleared, "POST", f"/printers/{printer}/cleared", body=request)
 
     def history(self, job: int | None, printer: str | None, last: int) -> api.History:
-        asked = {"job": job, "printer": printer, "last": last}
-        params = {name: value for name, value in asked.items() if value is not None}
+        filters = {"job": job, "printer": printer, "last": last}
+        params = {name: value for name, value in filters.items() if value is not None}
         return self._ask(api.History, "GET", "/history", params=params)
 
     def send_command(self, path: str, why: str | None = None) -> str:
@@ -157,19 +157,19 @@ class Client:
                 submitted.set_exception(error)
 
         Thread(target=send, daemon=True).start()  # Ctrl-C does not wait for it
-        heard_s = time.monotonic()
+        last_answer_s = time.monotonic()
         while True:
             with suppress(TimeoutError):
                 return _validate(api.Submitted, submitted.result(_POLL_S))
             try:
                 report(self._ask(api.UploadView, "GET", f"/uploads/{params['request_id']}"))
             except DaemonUnreachable:
-                if time.monotonic() - heard_s > self._answer_s and not submitted.done():
+                if time.monotonic() - last_answer_s > self._answer_s and not submitted.done():
                     raise
             except FarmError:  # not started yet, or finished; or the daemon is older than this command
-                heard_s = time.monotonic()
+                last_answer_s = time.monotonic()
             else:
-                heard_s = time.monotonic()
+                last_answer_s = time.monotonic()
 
     def _ask(
         self,

@@ -83,7 +83,7 @@ def _watch(client: Client, number: int | None) -> None:
             return render_job(client.job(number).job, screen.width)
         return render_status(client.status(), screen.width, height)
 
-    # The size is asked each time: a terminal may be resized.
+    # The size is queried each time: a terminal may be resized.
     try:
         with Live(console=screen, auto_refresh=False, screen=True, vertical_overflow="crop") as live:
             while True:

@@ -104,8 +104,8 @@ def _reassign_parts(parts: Sequence[DecomposedPart], task: DecomposeTask) -> tup
     for part in parts:
         loads_s[part.printer] = loads_s.get(part.printer, 0.0) + part.price_s
     kinds = {s.name: (s.model, s.material, s.nozzle_mm, s.volume_mm) for s in task.printers}
-    takers = reassign_loads(loads_s, kinds, task.time_factors)
-    return tuple(replace(part, printer=takers[part.printer]) for part in parts)
+    new_printers = reassign_loads(loads_s, kinds, task.time_factors)
+    return tuple(replace(part, printer=new_printers[part.printer]) for part in parts)
 
 
 LATE_SHARE = 1.1

@@ -112,10 +112,10 @@ def _end_is_unknown(event: ev.PrintEnded, attempt: Print) -> bool:
 def _end_print(event: ev.PrintEnded, attempt: Print, plate: Plate) -> Print:
     """Return an ended print, with its state, fault, charge and filament."""
     state, fault, reason = event.state, event.fault, event.reason
-    begun = attempt.state is not PrintState.ASSIGNED or event.started_s is not None
+    started = attempt.state is not PrintState.ASSIGNED or event.started_s is not None
     if state is PrintState.CANCELLED and attempt.fail_reason is not None:
         state, fault, reason = PrintState.FAILED, OwnFault.BY_A_PERSON, attempt.fail_reason
-    elif state is PrintState.CANCELLED and attempt.cancel_reason is None and begun:
+    elif state is PrintState.CANCELLED and attempt.cancel_reason is None and started:
         state = PrintState.FAILED  # not requested by the farm
     if (
         state is PrintState.DONE and attempt.fail_reason is not None
