@@ -36,7 +36,7 @@ from farm.fleet_file import load_fleet
 from farm.model import Bed, Job, JobOptions, PrintState
 from farm.paths import StateFolder
 from farm.planning import Plan
-from farm.planning.inspection import find_mistake
+from farm.planning.inspection import complete_section
 from farm.planning.inspection.own_gcode import inspect_gcode, plan_gcode
 from farm.planning.plan import DecomposeTask
 from farm.state import Books, PlateState
@@ -82,7 +82,7 @@ class Night:
         self.client = Client(self.state.root / "farm.sock")
         self.state.make()
         self._write_fleet()
-        self.fleet = load_fleet(self.fleet_file, frozenset(PROFILES), find_mistake)
+        self.fleet = load_fleet(self.fleet_file, frozenset(PROFILES), complete_section)
         self.plate_s = self._book_job()
         begun = range(1, args.plates + 1)
         # How many prints have begun when one is to fail, and when a printer is unplugged.

@@ -147,7 +147,7 @@ def test_queued_moves_and_heat_end_on_a_board_that_dtr_does_not_reset(tmp_path: 
             asyncio.run(left())
         else:
             # In this process, and patiently: on a busy host the firmware's dead-man may precede `farm estop`.
-            [target] = list_targets(one.folder.parent).values()
+            [target] = list_targets(printer.folder.parent).values()
             result = stop_printer(target, show_s=100.0)
             assert (result.seen_off, result.still) == (True, True), result.text
             assert "not reset" in result.text and "stands still" in result.text

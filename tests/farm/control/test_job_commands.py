@@ -255,7 +255,7 @@ def test_spares_are_left_out_of_the_plan(farm):
     assert farm.effects.plans[0][0] == number
 
 
-def test_spares_are_kept_only_while_nobody_is_there(tmp_path, state):
+def test_spares_are_kept_in_unattended_hours_only(tmp_path, state):
     kept = {}
     for when, hours in {"day": ["00:00-24:00"], "night": []}.items():
         farm = Farm(tmp_path / when, attended=hours)
@@ -286,7 +286,7 @@ def test_held_plans_are_made_for_the_whole_fleet_and_the_later_one_waits_for_its
     assert waiting == [HoldCode.PRINTER_BUSY] * 2
 
 
-def test_the_night_of_a_held_job_is_foreseen(farm, state):
+def test_night_of_a_held_job_is_forecast(farm, state):
     number = submit(farm, hold=True)
     with pytest.raises(Refused, match="no plan yet"):
         night_of(farm, state, number)

@@ -189,7 +189,7 @@ class AnyNight(RuleBasedStateMachine):
         self.happen(ev.PrintFailRequested(at_s=self.now, print_id=name, why="a blob", by="ann"))
 
     @precondition(lambda self: self.books.plates)
-    @rule(data=st.data(), again=st.booleans())
+    @rule(data=st.data(), repeated=st.booleans())
     def cancel_or_ask_again(self, data, repeated):
         plate = self.books.plates[data.draw(st.sampled_from(sorted(self.books.plates)))]
         stands = self.books.plate_state(plate)
