@@ -59,10 +59,8 @@ class Board:
         Finding of a heater of the idle board that is off and gets hotter; the recorder takes it over.
     returned
         True if the printer was reconnected or seen cold: later findings are new ones.
-    idle_watch
-        Watch over the idle board.
-    emulator
-        Status and bed of the emulator, if there is one.
+    idle_watch, emulator
+        Watch over the idle board; status and bed of the emulator, if there is one.
     changed
         True if anything changed other than the next line of a program.
     """
@@ -296,9 +294,9 @@ class Board:
             log.info("the board answers%s", " after a reset" if event.restarted else "")
             self._on_connected(event)
         elif isinstance(event, OtherLine):
-            is_known, cause = (
-                self.idle_watch.judge_answer(event.text) if self.session is None else (False, None)
-            )
+            is_known, cause = False, None
+            if self.session is None:
+                is_known, cause = self.idle_watch.judge_answer(event.text)
             if cause is not None:
                 self._mark_bed_unknown(cause)
             if not is_known:
@@ -360,9 +358,8 @@ class Board:
             self.link.poll_every_s = self.pace.idle_s
         else:
             self.session.on_port_reset()
-        self.link.on_opened(
-            self._clock.now(), self._firmware.abort_unnumbered if self._is_responsible else b""
-        )
+        unconfirmed = self._firmware.abort_unnumbered if self._is_responsible else b""
+        self.link.on_opened(self._clock.now(), unconfirmed)
         self._on_port_change(self._port.fileno())
 
     def _reset(self) -> None:

@@ -51,7 +51,7 @@ class Link:
         self._due_s = math.inf  # time-out of the line in flight, or of the phase
         self._poll_s = math.inf
         self._waiting = False  # for the ok of the line at the cursor
-        self._in_order = True  # no query and no refusal since the line in flight was sent
+        self._clean = True  # no query and no refusal since the line in flight was sent
         self._refused = False  # oks are ignored until the board reports its last line
         self._answer: int | None = None  # a reported last line, until the rest of its answer has arrived
         self._answer_s = math.inf  # time at which it is complete
@@ -143,13 +143,7 @@ class Link:
         Returns None if the only effect is that the next line of the program is to be written.
         """
         # Fast path: an ok to a line of a program while the next line is already encoded.
-        if (
-            data == b"ok\n"
-            and self._waiting
-            and not self._partial
-            and now_s < self._poll_s
-            and self._in_order
-        ):
+        if data == b"ok\n" and self._waiting and not self._partial and now_s < self._poll_s and self._clean:
             line = self._outbox.take_encoded()
             if line is not None:
                 self._out = line
@@ -187,7 +181,7 @@ class Link:
                 self._handle_refusal(number, now_s)
         elif (number := replies.parse_last_line(answer, self._firmware)) is not None:
             if self._firmware.last_line_resends:
-                self._answer, self._answer_s, self._in_order = number, now_s + self._hint_s, False
+                self._answer, self._answer_s, self._clean = number, now_s + self._hint_s, False
             else:
                 self._handle_last_line(number, now_s, events)
         elif replies.is_refusal(answer):
@@ -237,7 +231,7 @@ class Link:
     def _accept_line(self, now_s: float) -> None:
         """Note that the line in flight was accepted, and stop waiting for it."""
         self._waiting = self._refused = False
-        self._in_order = True
+        self._clean = True
         self._send_next(now_s)
 
     def _handle_refusal(self, wanted: int, now_s: float) -> None:
@@ -245,7 +239,7 @@ class Link:
         if self._outbox.number < 0:
             return
         self._waiting = self._refused = True
-        self._in_order = False
+        self._clean = False
         if self._recovery.refuse(wanted):
             self._schedule_query(now_s)
         else:
@@ -336,16 +330,15 @@ class Link:
         """Query again, or give up, after too long without a readable answer."""
         if self._recovery.queries >= MOST_QUERIES:
             self._give_up(Fault.NO_ANSWER, SILENT, events)
-        elif (
-            self._recovery.wanted >= 0 and self._recovery.queries >= 2
-        ):  # it answers no queries: believe its Resend
+        elif self._recovery.wanted >= 0 and self._recovery.queries >= 2:
+            # It answers no queries: believe its Resend.
             self._apply_answer(self._recovery.wanted - 1, now_s, events)
         else:
             self._query(now_s)
 
     def _query(self, now_s: float) -> None:
         """Query the number of the last line that the board accepted."""
-        self._in_order = False
+        self._clean = False
         self._recovery.note_query(self._place, now_s)
         self._out += self._firmware.last_line_query
         wait_s = self._silence_s * 2**self._recovery.queries
@@ -377,7 +370,7 @@ class Link:
             self._transmit(line, now_s)
 
     def _transmit(self, line: bytes, now_s: float) -> None:
-        self._waiting = self._in_order = True
+        self._waiting = self._clean = True
         self._recovery.launch(now_s)
         self._out += line
         self._due_s = now_s + self._silence_s
