@@ -12,7 +12,7 @@ import numpy as np
 import trimesh
 
 from decompose.export.picture import draw_assembly, part_colours
-from decompose.file_names import ASSEMBLY, PICTURE, REPORT
+from decompose.files.names import ASSEMBLY, PICTURE, REPORT
 from decompose.geometry import write_stl
 from decompose.results import Decomposition, Part, check_stl
 

@@ -7,7 +7,7 @@ import re
 import numpy as np
 
 from decompose.errors import ModelUnreadable
-from decompose.triangle_limit import (
+from decompose.files.triangle_limit import (
     HEAD_BYTES,
     check_triangles,
     count_off_faces,

@@ -22,13 +22,7 @@ from decompose.errors import (
     ModelTiny,
     ModelUnreadable,
 )
-from decompose.geometry.file_limits import check_limits
-from decompose.geometry.repair import Report, close_surface
-from decompose.geometry.solid import Solid
-from decompose.geometry.step import read_step
-from decompose.geometry.stl import stored_face_count
-from decompose.geometry.threemf import read_3mf
-from decompose.triangle_limit import (
+from decompose.files.triangle_limit import (
     STL_COUNT_BYTES,
     STL_FACE_BYTES,
     STL_HEADER_BYTES,
@@ -36,6 +30,12 @@ from decompose.triangle_limit import (
     is_binary_stl,
     most_triangles,
 )
+from decompose.geometry.file_limits import check_limits
+from decompose.geometry.repair import Report, close_surface
+from decompose.geometry.solid import Solid
+from decompose.geometry.step import read_step
+from decompose.geometry.stl import stored_face_count
+from decompose.geometry.threemf import read_3mf
 
 SUFFIXES = (".stl", ".obj", ".ply", ".off", ".3mf", ".step", ".stp")
 TINY_MM = 5.0  # longest side below which the unit is probably not the mm

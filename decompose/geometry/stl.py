@@ -10,7 +10,7 @@ import numpy.typing as npt
 import trimesh
 
 from decompose.arrays import Floats, Ints
-from decompose.triangle_limit import STL_COUNT_BYTES, STL_FACE_BYTES, STL_HEADER_BYTES
+from decompose.files.triangle_limit import STL_COUNT_BYTES, STL_FACE_BYTES, STL_HEADER_BYTES
 
 
 def round_triangles(vertices: Floats, faces: Ints) -> npt.NDArray[np.float32] | None:

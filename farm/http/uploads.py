@@ -16,7 +16,7 @@ from pydantic import ValidationError
 from starlette.requests import ClientDisconnect
 
 from decompose.errors import ModelTooDetailed
-from decompose.triangle_limit import HEAD_BYTES, check_head
+from decompose.files.triangle_limit import HEAD_BYTES, check_head
 from farm import api
 from farm.config import UploadsSection
 from farm.control import JobCommands

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from decompose.file_names import ASSEMBLY, PICTURE, REPORT
+from decompose.files.names import ASSEMBLY, PICTURE, REPORT
 from drivers.printers import PROFILES
 from farm.model import Job, Part, Plate
 from farm.planning.part_records import DecomposedPart, SlicedPart

@@ -12,7 +12,7 @@ from typing import Any
 from decompose.auto import CountGoal, decompose_auto
 from decompose.decompose import decompose_model
 from decompose.export import write_decomposition
-from decompose.file_names import ASSEMBLY, PICTURE, REPORT
+from decompose.files.names import ASSEMBLY, PICTURE, REPORT
 from decompose.geometry import load_model
 from decompose.options import BestOptions, Engine, Interior, Options, ParalleloboxOptions, Score
 from decompose.print_time import CostModel

@@ -12,7 +12,7 @@ import trimesh
 from decompose.auto import decompose_auto
 from decompose.errors import NoFit
 from decompose.export import draw_assembly, write_decomposition, write_glb
-from decompose.file_names import REPORT
+from decompose.files.names import REPORT
 from decompose.geometry import Model, Solid
 from decompose.options import Interior
 from decompose.results import Decomposition

@@ -7,13 +7,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from decompose.errors import ModelTooDetailed, ModelUnreadable
+from decompose.files.triangle_limit import BYTES_PER_TRIANGLE, OTHER_BYTES, check_head, most_triangles
 from decompose.geometry.file_limits import (
     LONGEST_PLY_HEADER_BYTES,
     MOST_CORNERS,
     check_limits,
     count_triangles,
 )
-from decompose.triangle_limit import BYTES_PER_TRIANGLE, OTHER_BYTES, check_head, most_triangles
 
 SPHERE = trimesh.creation.icosphere(2, 10.0)
 

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from decompose.triangle_limit import HEAD_BYTES
+from decompose.files.triangle_limit import HEAD_BYTES
 from farm.api import UploadView
 from farm.config import UploadsSection
 from farm.errors import ErrorCode, FarmError, NoSuchThing, Refused
