@@ -138,14 +138,10 @@ class Board:
         """
         try:
             device = identify_device(self._url)
-            if not (
-                self.simulated
-                or self._is_responsible
-                or self._declared_idle
-                or (device and device == self.state.opened)
-            ):
+            known = device is not None and device == self.state.opened
+            if not (self.simulated or self._is_responsible or self._declared_idle or known):
                 raise PortNotIdle(MAY_PRINT)
-            if device is None or device != self.state.opened:
+            if not known:
                 self.idle_watch.filament.note_reset()
             self._port = open_port(self._url, self._folder, self._clock, self._firmware.baud_rate)
             self.state.opened = device
