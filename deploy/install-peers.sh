@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Installs the peers of some tests, without root, compiler or server: OctoPrint's virtual printer and
-# Printrun in a virtual environment of their own, and in its folders Debian's ssh, ser2net and tcc, unpacked and not
+# Printrun in a virtual environment of their own, and in its folders Debian's ssh, ser2net, tcc and promtool, unpacked and not
 # installed. It names what is not available; the tests that need it are skipped.
 # usage: install-peers.sh ENVIRONMENT
 set -euo pipefail
@@ -8,7 +8,8 @@ cd "$(dirname "$0")/.."
 
 ENVIRONMENT=$1
 REQUIREMENTS=tests/interop/requirements.txt
-declare -A PACKAGES=([ssh]=openssh-client [ssh-keygen]=openssh-client [sshd]=openssh-server [ser2net]=ser2net [tcc]=tcc)
+declare -A PACKAGES=([ssh]=openssh-client [ssh-keygen]=openssh-client [sshd]=openssh-server [ser2net]=ser2net [tcc]=tcc
+    [promtool]=prometheus)
 
 say() { echo "install: $*" >&2; }
 
@@ -46,7 +47,7 @@ write_starter() {
 unpack_programs() {
     local name package closure here=$ENVIRONMENT/debian
     closure=$(needed "$@") && [[ -n $closure ]] || return 1
-    rm -rf "$here" && mkdir -p "$here" "$ENVIRONMENT/bin"
+    mkdir -p "$here" "$ENVIRONMENT/bin"
     (cd "$here" && xargs apt-get -o APT::Sandbox::User="$(id -un)" download -qq) <<< "$closure" >/dev/null 2>&1 ||
         return 1
     for package in "$here"/*.deb; do dpkg-deb -x "$package" "$here" && rm "$package"; done
@@ -64,7 +65,7 @@ if [[ ! -f $ENVIRONMENT/.installed || $REQUIREMENTS -nt $ENVIRONMENT/.installed 
 fi
 
 missing=() packages=()
-for name in ssh ssh-keygen sshd ser2net tcc; do
+for name in ssh ssh-keygen sshd ser2net tcc promtool; do
     PATH=$ENVIRONMENT/bin:$PATH:${SBIN:-/usr/local/sbin:/usr/sbin} command -v "$name" >/dev/null && continue
     missing+=("$name")
     packages+=("${PACKAGES[$name]}")

@@ -14,7 +14,7 @@ import time
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
-from typing import IO
+from typing import IO, TYPE_CHECKING
 
 import uvicorn
 
@@ -50,9 +50,11 @@ from farm.planning.replanning import ReplanWorker
 from farm.planning.tasks import warm
 from farm.state.storage import NightlyBackup, open_books
 from farm.upkeep.upkeep import Upkeep
-from farm.web import NetworkServer, find_host_names, has_valid_key, make_web_app
 from slicing.cache import trim_cache
 from slicing.settings import OWN_MATERIALS
+
+if TYPE_CHECKING:
+    from farm.web import NetworkServer
 
 log = logging.getLogger(__name__)
 
@@ -176,6 +178,8 @@ class Daemon:
         web = self._fleet.web
         if web is None:
             return None
+        from farm.web import NetworkServer, find_host_names, has_valid_key, make_web_app  # slow to load
+
         app = make_web_app(services, dry_runs, find_host_names(web))
         server = NetworkServer(web, app, limit, services.network)
         server.start(lambda: has_valid_key(self._controller.books, self._clock))

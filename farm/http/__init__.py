@@ -7,6 +7,7 @@ from farm.http.body_limit import BodyLimit
 from farm.http.callers import PeerProtocol, Person, check_operators, identify_caller, listen
 from farm.http.connections import BoundedServer, connection_limit, descriptor_limit, end_at_signals
 from farm.http.services import NetworkState, Services
+from farm.http.status_routes import describe_farm
 
 __all__ = [
     "UPLOAD_PATH",
@@ -19,6 +20,7 @@ __all__ = [
     "add_routes",
     "check_operators",
     "connection_limit",
+    "describe_farm",
     "descriptor_limit",
     "end_at_signals",
     "identify_caller",

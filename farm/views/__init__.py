@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from farm.views.accounting import duration_s
 from farm.views.context import ViewContext
 from farm.views.history import describe_night, list_history, select_shown_jobs
 from farm.views.jobs import describe_job
@@ -21,6 +22,7 @@ __all__ = [
     "describe_night",
     "describe_printer",
     "describe_timeline",
+    "duration_s",
     "list_due_notices",
     "list_history",
     "list_keys",

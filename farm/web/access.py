@@ -7,6 +7,7 @@ import re
 from farm.model import Role
 
 PREFIX = "/api/v1"
+METRICS = "/metrics"
 LIVENESS = "/healthz"
 """The only path that needs no key; it shows nothing of the farm."""
 _LOOK = (
@@ -52,6 +53,8 @@ _PATTERNS = [
 
 def find_role(method: str, path: str) -> Role | None:
     """Return the role that a request needs; None if there is no such route on the network."""
+    if (method, path) == ("GET", METRICS):
+        return Role.LOOK
     if not path.startswith(f"{PREFIX}/"):
         return None
     own = path.removeprefix(PREFIX)

@@ -9,7 +9,7 @@ import logging
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
-from fastapi import Depends, FastAPI
+from fastapi import Depends, FastAPI, Response
 from fastapi.responses import JSONResponse
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
@@ -17,10 +17,19 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 import farm
 from farm.control import Controller, DryRuns, find_key
 from farm.errors import ErrorCode, ExitCode
-from farm.http import UPLOAD_PATH, BodyLimit, Services, add_routes, identify_caller, make_problem
+from farm.http import (
+    UPLOAD_PATH,
+    BodyLimit,
+    Services,
+    add_routes,
+    describe_farm,
+    identify_caller,
+    make_problem,
+)
 from farm.model import Key, Role
-from farm.web.access import LIVENESS, PREFIX, find_role
+from farm.web.access import LIVENESS, METRICS, PREFIX, find_role
 from farm.web.guard import Refusal, WrongKeys, check_host, check_origin
+from farm.web.metrics import CONTENT_TYPE, write_metrics
 
 log = logging.getLogger(__name__)
 
@@ -66,6 +75,12 @@ def make_web_app(services: Services, dry_runs: DryRuns, names: Collection[str]) 
     )
     add_routes(app, services, dry_runs, PREFIX)
     app.add_middleware(BodyLimit, upload_path=PREFIX + UPLOAD_PATH)
+
+    @app.get(METRICS)
+    async def metrics() -> Response:
+        context = services.controller.build_view_context(services.state)
+        return Response(write_metrics(context, describe_farm(services)), media_type=CONTENT_TYPE)
+
     controller = services.controller
     return Guard(app, controller, names, services.key_uses_s)
 

@@ -28,6 +28,7 @@ case $2 in
     *openssh-client.deb) put "$3/usr/bin/ssh"; put "$3/usr/bin/ssh-keygen" ;;
     *openssh-server.deb) put "$3/usr/sbin/sshd" ;;
     *ser2net.deb) put "$3/usr/sbin/ser2net" ;;
+    *prometheus.deb) put "$3/usr/bin/promtool" ;;
     *tcc.deb) put "$3/usr/bin/tcc"; put "$3/usr/lib/tcc/libtcc1.a" ;;
 esac
 """,
@@ -64,14 +65,14 @@ def downloaded(folder: Path) -> set[str]:
 
 
 def test_installed_packages_are_not_fetched(install, tmp_path: Path):
-    assert "OctoPrint" in install("ssh ssh-keygen sshd ser2net tcc")
+    assert "OctoPrint" in install("ssh ssh-keygen sshd ser2net tcc promtool")
     assert install() == ""
     assert not downloaded(tmp_path)
 
 
 def test_missing_packages_are_unpacked_and_not_installed(install, tmp_path: Path):
     install("ssh ssh-keygen")
-    assert downloaded(tmp_path) == {"libx", "openssh-server", "ser2net", "tcc"}
+    assert downloaded(tmp_path) == {"libx", "openssh-server", "prometheus", "ser2net", "tcc"}
     assert not (tmp_path / "other-calls").exists()
     here = tmp_path / "env" / "debian" / "usr"
     message = subprocess.check_output([tmp_path / "env" / "bin" / "sshd", "-D", "a b"], text=True, env={})

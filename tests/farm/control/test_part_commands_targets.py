@@ -4,7 +4,6 @@ import asyncio
 
 import httpx
 import pytest
-from http_caller import DAEMON_USER, called_by
 
 from farm.cli.commands.operate import find_target_path
 from farm.control import DryRuns
@@ -13,6 +12,7 @@ from farm.model import JobOptions, JobState, PrintState
 from farm.paths import StateFolder
 from farm.planning.plan import Plan
 from farm.state import events as ev
+from http_caller import DAEMON_USER, called_by
 from make_books import plan as planned
 from recording_controller import MODEL, Farm
 

@@ -8,7 +8,6 @@ from pathlib import Path
 import httpx
 import pytest
 import trimesh
-from http_caller import DAEMON_USER, called_by
 
 from drivers.clock import Clock
 from farm.config import Fleet
@@ -20,6 +19,7 @@ from farm.model import AgentSnapshot, FilamentState, Link
 from farm.paths import StateFolder
 from farm.planning.printer_settings import bed_boxes
 from farm.state.storage.store import Store
+from http_caller import DAEMON_USER, called_by
 from make_gcode import marlin
 from recording_controller import RecordedEffects
 

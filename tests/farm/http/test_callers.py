@@ -11,7 +11,6 @@ import sys
 import httpx
 import pytest
 import uvicorn
-from http_caller import called_by
 
 from drivers.clock import Clock
 from farm.config import Fleet
@@ -25,6 +24,7 @@ from farm.paths import StateFolder
 from farm.planning.plan import InspectedSubmission
 from farm.planning.printer_settings import bed_boxes
 from farm.state.storage.store import Store
+from http_caller import called_by
 from recording_controller import RecordedEffects
 
 MODEL = "ultimaker2_plus"

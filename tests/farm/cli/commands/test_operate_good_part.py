@@ -5,7 +5,6 @@ from types import SimpleNamespace
 
 import httpx
 import pytest
-from http_caller import DAEMON_USER, called_by
 from typer.testing import CliRunner
 
 from farm.cli.client import daemon_client
@@ -16,6 +15,7 @@ from farm.http import Services, make_app
 from farm.model import AgentPrint, AgentSnapshot, Bed, FilamentState, JobOptions, JobState, Link, PrintState
 from farm.paths import StateFolder
 from farm.planning.plan import Plan
+from http_caller import DAEMON_USER, called_by
 from make_books import plan as planned
 from recording_controller import MODEL, Farm
 

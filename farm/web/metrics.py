@@ -1,0 +1,176 @@
+"""Metrics of the farm for Prometheus, collected at each scrape. The only import of prometheus_client.
+
+Nothing is counted here: totals come from the books, so that they never fall, not even after a restart.
+No label is a job, a person or a file.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+
+from prometheus_client import CONTENT_TYPE_LATEST, CollectorRegistry, generate_latest
+from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, InfoMetricFamily, Metric
+from prometheus_client.registry import Collector
+
+from farm import api
+from farm.model import Bed, JobState, Link, PrintState
+from farm.state import Books, PlateState
+from farm.views import ViewContext, duration_s
+
+CONTENT_TYPE = CONTENT_TYPE_LATEST
+_PRINTER_STATES = (
+    *("idle", "look", "maintenance", "disabled"),
+    *(str(state) for state in PrintState if not state.ended),
+    *(str(link) for link in Link if link is not Link.READY),
+)
+"""Values of `PrinterView.state`: each is a sample, so that an alert can ask for one."""
+Rows = Iterable[tuple[tuple[str, ...], float | None]]
+"""Values of the labels, and of the sample; None: no sample."""
+
+
+def write_metrics(context: ViewContext, status: api.Status) -> bytes:
+    """Write all metrics in Prometheus' text format.
+
+    Parameters
+    ----------
+    context
+        The farm.
+    status
+        The same farm as `farm status` shows it.
+    """
+    registry = CollectorRegistry(auto_describe=False)
+    registry.register(_FarmCollector(context, status))
+    return generate_latest(registry)
+
+
+class _FarmCollector(Collector):
+    def __init__(self, context: ViewContext, status: api.Status) -> None:
+        self._context, self._status = context, status
+
+    def collect(self) -> Iterator[Metric]:
+        yield InfoMetricFamily("farm_build", "Version of farm.", {"version": self._status.daemon.version})
+        yield _gauge("farm_clock_scale", "Speed of the clock.", (), [((), self._status.fleet.time_scale)])
+        yield from _collect_jobs(self._context)
+        yield from _collect_printers(self._status)
+        yield from _collect_prints(self._context.books)
+
+
+def _collect_jobs(context: ViewContext) -> Iterator[Metric]:
+    books = context.books
+    states = Counter(str(job.state) for job in books.jobs.values())
+    yield _gauge("farm_jobs", "Jobs by state.", ("state",), (((str(s),), states[str(s)]) for s in JobState))
+    waiting = (plate for plate in books.waiting_plates() if books.plate_state(plate) is PlateState.WAITING)
+    holds = Counter("none" if hold is None else str(hold.code) for hold in map(context.plate_hold, waiting))
+    yield _gauge(
+        "farm_plates_waiting",
+        "Waiting plates by the reason, `none` for a plate that is about to start.",
+        ("code",),
+        (((code,), number) for code, number in holds.items()),
+    )
+
+
+def _collect_printers(status: api.Status) -> Iterator[Metric]:
+    printers = status.printers
+    tasks = Counter(task.code for task in status.todo)
+    yield _gauge("farm_todo", "Tasks of people.", ("code",), (((code,), n) for code, n in tasks.items()))
+    info = GaugeMetricFamily("farm_printer_info", "Printers.", labels=("printer", "model", "material"))
+    for one in printers:
+        info.add_metric((one.name, one.model, one.reel.material), 1)
+    yield info
+    yield _gauge(
+        "farm_printer_state",
+        "1 for the state of a printer, 0 for all others.",
+        ("printer", "state"),
+        (((one.name, state), one.state == state) for one in printers for state in _PRINTER_STATES),
+    )
+    yield _by_printer(
+        "farm_printer_bed_clear", "Whether the bed is clear.", printers, lambda one: one.bed is Bed.CLEAR
+    )
+    yield _by_printer(
+        "farm_printer_heaters_off",
+        "Whether the heaters are off, as the board has shown.",
+        printers,
+        lambda one: one.heaters_off,
+    )
+    heaters = ("printer", "heater")
+    yield _gauge(
+        "farm_printer_temperature_celsius",
+        "Temperature of a heater.",
+        heaters,
+        (((p.name, h), t) for p in printers for h, t in (("nozzle", p.nozzle_c), ("bed", p.bed_c))),
+    )
+    yield _gauge(
+        "farm_printer_target_celsius",
+        "Target of a heater; 0 is off.",
+        heaters,
+        (
+            ((p.name, h), t)
+            for p in printers
+            for h, t in (("nozzle", p.targets.nozzle_c), ("bed", p.targets.bed_c))
+        ),
+    )
+    yield _by_printer(
+        "farm_print_progress_ratio",
+        "Progress of the open print, by time.",
+        printers,
+        lambda one: one.print.progress if one.print else None,
+    )
+    yield _by_printer(
+        "farm_print_remaining_seconds",
+        "Expected time to the end of the open print.",
+        printers,
+        lambda one: one.print.remaining_s if one.print else None,
+    )
+    yield _by_printer("farm_reel_remaining_grams", "Filament left.", printers, lambda one: one.reel.grams)
+    yield _by_printer(
+        "farm_printer_time_factor",
+        "Actual over expected time of its layers.",
+        printers,
+        lambda one: one.time_factor,
+    )
+    yield _by_printer(
+        "farm_agent_up", "Whether the agent runs.", printers, lambda one: one.agent_pid is not None
+    )
+
+
+def _collect_prints(books: Books) -> Iterator[Metric]:
+    numbers: Counter[tuple[str, str]] = Counter()
+    seconds: dict[tuple[str, str], float] = {}
+    grams: dict[tuple[str, str], float] = {}
+    for attempt in books.prints.values():
+        if attempt.state.ended:
+            key = attempt.printer, str(attempt.state)
+            numbers[key] += 1
+            seconds[key] = seconds.get(key, 0.0) + duration_s(attempt)
+            grams[key] = grams.get(key, 0.0) + attempt.grams
+    labels = ("printer", "outcome")
+    families: tuple[tuple[str, str, Mapping[tuple[str, str], float]], ...] = (
+        ("farm_prints", "Prints that have ended.", numbers),
+        ("farm_print_seconds", "Time of prints that have ended.", seconds),
+        ("farm_filament_grams", "Filament of prints that have ended.", grams),
+    )
+    for name, text, values in families:
+        family = CounterMetricFamily(name, text, labels=labels)
+        for key in sorted(values):
+            family.add_metric(key, values[key])
+        yield family
+
+
+def _by_printer(
+    name: str,
+    text: str,
+    printers: Sequence[api.PrinterView],
+    value: Callable[[api.PrinterView], float | None],
+) -> Metric:
+    """Return a gauge with one sample for each printer that has a value."""
+    return _gauge(name, text, ("printer",), (((one.name,), value(one)) for one in printers))
+
+
+def _gauge(name: str, text: str, labels: Sequence[str], rows: Rows) -> Metric:
+    """Return a gauge with the samples that have a value."""
+    family = GaugeMetricFamily(name, text, labels=labels)
+    for values, value in rows:
+        if value is not None:
+            family.add_metric(values, float(value))
+    return family

@@ -1,0 +1,58 @@
+"""Metrics of the farm: from the books, so that totals never fall."""
+
+import pytest
+from prometheus_client.parser import text_string_to_metric_families
+
+from farm.model import PrintState
+from farm.web.metrics import _PRINTER_STATES
+from scraped_farm import ScrapedFarm
+
+DONE, FAILED = PrintState.DONE, PrintState.FAILED
+
+
+def read(text):
+    """Return the samples of a scrape by name and labels."""
+    return {
+        (sample.name, *sorted(sample.labels.values())): sample.value
+        for family in text_string_to_metric_families(text)
+        for sample in family.samples
+    }
+
+
+def totals(samples):
+    return {key: value for key, value in samples.items() if key[0].endswith("_total")}
+
+
+def test_prints_are_counted_by_outcome_and_never_fall_over_a_restart(tmp_path):
+    farm = ScrapedFarm(tmp_path)
+    before = {}
+    for state in (DONE, FAILED, DONE):
+        farm.print_plate(state)
+        now = totals(read(farm.scrape()))
+        assert all(now[key] >= value for key, value in before.items())
+        before = now
+    assert before["farm_prints_total", "a", "done"] == 2
+    assert before["farm_prints_total", "a", "failed"] == 1
+    assert before["farm_print_seconds_total", "a", "done"] == pytest.approx(200.0, abs=1.0)
+    farm.restart()
+    assert totals(read(farm.scrape())) == before
+
+
+def test_each_printer_has_one_state_and_an_absent_reading_has_no_sample(tmp_path):
+    farm = ScrapedFarm(tmp_path)
+    farm.print_plate(DONE)
+    samples = read(farm.scrape())
+    for printer in ("a", "b"):
+        states = [samples["farm_printer_state", *sorted((printer, state))] for state in _PRINTER_STATES]
+        assert sorted(states) == [0.0] * (len(states) - 1) + [1.0], printer
+    assert samples["farm_printer_temperature_celsius", "a", "nozzle"] == 210.0
+    assert ("farm_printer_temperature_celsius", "b", "nozzle") not in samples
+    assert samples["farm_agent_up", "b"] == 0.0
+    assert samples["farm_jobs", "printed"] == 1.0
+
+
+def test_no_label_names_a_job_or_a_model(tmp_path):
+    farm = ScrapedFarm(tmp_path)
+    farm.print_plate(DONE)
+    assert "m.stl" not in farm.scrape()
+    assert 'job="' not in farm.scrape()

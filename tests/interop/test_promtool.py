@@ -1,0 +1,38 @@
+"""Metrics and alert rules, as Prometheus' own checker sees them."""
+
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from farm.model import PrintState
+from scraped_farm import ScrapedFarm
+
+RULES = Path(__file__).parents[2] / "deploy/prometheus/farm.rules.yml"
+pytestmark = pytest.mark.skipif(shutil.which("promtool") is None, reason="promtool is missing: `make peers`")
+
+
+def run(*words, text=None):
+    return subprocess.run(
+        ["promtool", *words], input=text, capture_output=True, text=True, check=False, timeout=60
+    )
+
+
+def test_metrics_follow_the_rules_for_names(tmp_path):
+    farm = ScrapedFarm(tmp_path)
+    farm.print_plate(PrintState.DONE)
+    checked = run("check", "metrics", text=farm.scrape())
+    assert (checked.returncode, checked.stdout, checked.stderr) == (0, "", "")
+    assert run("check", "metrics", text="farm_wrong_total 1 2 3\n").returncode != 0
+
+
+def test_alert_rules_are_valid_and_use_only_metrics_that_there_are(tmp_path):
+    checked = run("check", "rules", str(RULES))
+    assert checked.returncode == 0, checked.stdout + checked.stderr
+    text = ScrapedFarm(tmp_path).scrape()
+    used = set(re.findall(r"\bfarm_[a-z_]+", RULES.read_text()))
+    assert len(used) > 4
+    for name in used:
+        assert f"# TYPE {name} " in text, name
