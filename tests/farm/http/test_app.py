@@ -22,17 +22,9 @@ from farm.state.storage.store import Store
 from http_caller import DAEMON_USER, called_by
 from make_gcode import marlin
 from recording_controller import RecordedEffects
+from same_process import SameProcess
 
 MODEL = "ultimaker2_plus"
-
-
-class SameProcess:
-    """Workers that work at once."""
-
-    starting = None
-
-    async def run(self, work, *args):
-        return work(*args)
 
 
 @pytest.fixture

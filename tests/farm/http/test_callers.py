@@ -21,25 +21,16 @@ from farm.http import PeerProtocol, Services, check_operators, listen, make_app
 from farm.http.callers import Person
 from farm.model import AgentSnapshot, FilamentState, Link
 from farm.paths import StateFolder
-from farm.planning.plan import InspectedSubmission
 from farm.planning.printer_settings import bed_boxes
 from farm.state.storage.store import Store
 from http_caller import called_by
 from recording_controller import RecordedEffects
+from same_process import AcceptAll
 
 MODEL = "ultimaker2_plus"
 STRANGER = Person(uid=54321, gid=54321)
 OURS = grp.getgrgid(os.getgid()).gr_name
 NO_GROUP = "no-such-group-here"
-
-
-class SameProcess:
-    """Workers that find every model good."""
-
-    starting = None
-
-    async def run(self, work, *args):
-        return InspectedSubmission(file="m.npz", scale=1.0, repairs=())
 
 
 def make(folder, **fleet):
@@ -57,7 +48,7 @@ def make(folder, **fleet):
         pass
 
     return make_app(
-        Services(controller, state, folder / "fleet.yaml", SameProcess(), down), DryRuns(controller)
+        Services(controller, state, folder / "fleet.yaml", AcceptAll(), down), DryRuns(controller)
     )
 
 

@@ -13,22 +13,17 @@ from farm.control import Controller, DryRuns, KeyCommands
 from farm.http import Services, make_app
 from farm.model import AgentSnapshot, FilamentState, Link, Role
 from farm.paths import StateFolder
-from farm.planning.plan import InspectedSubmission
 from farm.planning.printer_settings import bed_boxes
 from farm.state.storage.store import Store
 from farm.web import make_web_app
 from farm.web.access import LIVENESS, PREFIX, ROLES
 from recording_controller import RecordedEffects
+from same_process import AcceptAll
 
 MODEL = "ultimaker2_plus"
 HOST = "farm.lab.example"
 VALUES = {"number": "1", "name": "a", "part": "p01", "request_id": "r" * 8}
 LOOK, PRINT, OPERATE = Role
-
-
-class SameProcess:
-    async def run(self, work, *args):
-        return InspectedSubmission(file="m.npz", scale=1.0, repairs=())
 
 
 @pytest.fixture
@@ -47,7 +42,7 @@ def farm(tmp_path):
     async def down(now):
         went_down.append(now)
 
-    services = Services(controller, state, tmp_path / "fleet.yaml", SameProcess(), down)
+    services = Services(controller, state, tmp_path / "fleet.yaml", AcceptAll(), down)
     web = make_web_app(services, DryRuns(controller), {HOST})
     keys = KeyCommands(controller)
 
