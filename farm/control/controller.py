@@ -198,7 +198,7 @@ class Controller:
         reserved = self._replanning.reserved_printers
         find_kept = partial(self.planning.find_kept, self.books, situation, reserved)
         yield from self.planning.revisions.revise(self.books, situation, find_kept)
-        situation = situation.without(self.planning.revisions.holds(self.books))
+        situation = situation.without(self.planning.revisions.holds(self.books, now_s))
         assignments = self._assign(situation)
         yield from self._commit(
             ev.PlateAssigned(at_s=now_s, plate=a.plate, printer=a.printer, print_id=uuid.uuid4().hex)
@@ -209,19 +209,15 @@ class Controller:
             situation = situation.with_printers(self.fleet_printers())
         yield from self._replanning.reslice_waiting(self.books, situation)
         yield from self._admit_jobs(situation)
-        other_times_s = (self._startup_end_s, self._replanning.next_search_s)
+        revised_s = self.planning.revisions.next_change_s
+        other_times_s = (self._startup_end_s, self._replanning.next_search_s, revised_s)
         self._next_change_s = find_next_change_s(situation, self.books, held_back, other_times_s)
         if assignments:  # a start changes which printers are kept: the next tick looks again
             self._next_change_s = now_s
 
     def _assign(self, situation: Situation) -> list[Assignment]:
         """Assign plates to printers; a job that has not started leaves those of a replan alone."""
-        reserved = self._replanning.reserved_printers
-        return [
-            each
-            for each in assign_plates(situation)
-            if each.printer not in reserved or self.books.has_started(self.books.plates[each.plate].job)
-        ]
+        return self._replanning.leave_reserved(self.books, assign_plates(situation))
 
     def _held_back(self) -> dict[str, Hold]:
         """Return the holds of the plates that are excluded from assignment."""
@@ -230,7 +226,8 @@ class Controller:
 
     def plate_holds(self) -> dict[str, Hold]:
         """Find the current hold of each waiting plate."""
-        held_back = self._held_back() | self._replanning.holds() | self.planning.revisions.holds(self.books)
+        revised = self.planning.revisions.holds(self.books, self.clock.now())
+        held_back = self._held_back() | self._replanning.holds() | revised
         situation = self._situation(held_back)
         return held_back | find_holds(situation, self._assign(situation))
 
@@ -321,7 +318,7 @@ class Controller:
 
     def on_plan_progress(self, number: int, progress: PlanProgress) -> None:
         """Store the progress of a job's plan."""
-        self.planning.progress[number] = progress
+        self.planning.on_progress(number, progress)
 
     def on_plan(self, number: int, result: Plan | FarmError) -> None:
         """Record the plan of a job, or the error that prevents it."""

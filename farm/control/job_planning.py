@@ -41,6 +41,12 @@ class JobPlanning:
         self._admission = JobAdmission()
         self._orders: dict[int, tuple[StartPlanning, float]] = {}  # the last one of each job, with its time
 
+    def on_progress(self, number: int, progress: PlanProgress) -> None:
+        """Store the progress of a plan; a job with a plan does not wait for space on the disk."""
+        self.progress[number] = progress
+        if progress.step is PlanStep.NO_ROOM:
+            self.revisions.end(number)
+
     def find_kept(self, books: Books, situation: Situation, reserved: dict[str, str]) -> dict[str, str]:
         """Return the free printers that are reserved, each with its purpose: a plate, a spare or a job.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 from farm.errors import FarmError
@@ -12,6 +12,7 @@ from farm.model import Hold, HoldCode, Plate, PrintState, Verdict
 from farm.planning.replanning import policy
 from farm.planning.replanning.replan import ReplannedPlate
 from farm.scheduling import (
+    Assignment,
     Capabilities,
     FleetPrinter,
     Situation,
@@ -59,6 +60,15 @@ class ReplanCoordinator:
     def reserved_printers(self) -> dict[str, str]:
         """Printers for which plates are being replanned, with the plate."""
         return {name: replan.plate for replan in self._running.values() for name in replan.printers}
+
+    def leave_reserved(self, books: Books, assignments: Iterable[Assignment]) -> list[Assignment]:
+        """Return the assignments without those of jobs that have not started to reserved printers."""
+        reserved = self.reserved_printers
+        return [
+            each
+            for each in assignments
+            if each.printer not in reserved or books.has_started(books.plates[each.plate].job)
+        ]
 
     def clock_set(self) -> None:
         """Allow the next search at once, after the host's clock was set."""

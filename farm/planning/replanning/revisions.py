@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 
 from farm.errors import FarmError
@@ -37,6 +38,8 @@ from farm.state.transitions import apply
 
 log = logging.getLogger(__name__)
 
+PATIENCE = 3.0
+"""Multiple of the expected planning time after which a job starts with the plan that it has."""
 _Key = tuple[int, str | None, frozenset[str], frozenset[str]]
 
 
@@ -51,6 +54,7 @@ class PlanRevisions:
     def __init__(self) -> None:
         self._running: dict[int, StartPlanning] = {}
         self._began_s: dict[int, float] = {}
+        self._held_until_s: dict[int, float] = {}
         self._examined: set[_Key] = set()  # jobs with their plans, free and coming printers
         self._changeable: dict[int, tuple[object, bool]] = {}  # by job, with its revision in the books
 
@@ -61,20 +65,27 @@ class PlanRevisions:
     def end(self, number: int) -> None:
         """Remove a job that is no longer planned again."""
         self._running.pop(number, None)
+        self._held_until_s.pop(number, None)
 
     @property
     def reserved_printers(self) -> dict[str, str]:
         """Printers for which jobs are being planned again, with the job."""
         return {name: f"job {order.job}" for order in self._running.values() for name in order.printers}
 
-    def holds(self, books: Books) -> dict[str, Hold]:
-        """Return a hold for each plate whose job is being planned again."""
+    @property
+    def next_change_s(self) -> float:
+        """Return when the plates of a job no longer wait for its new plan; infinity if none waits."""
+        return min(self._held_until_s.values(), default=math.inf)
+
+    def holds(self, books: Books, now_s: float) -> dict[str, Hold]:
+        """Return a hold for each plate whose job is being planned again, unless that takes too long."""
         return {
             plate: Hold(
                 code=HoldCode.BEING_REPLANNED,
                 text=f"its job is being planned again for {join_names(order.printers)}, to finish sooner",
             )
             for order in self._running.values()
+            if now_s < self._held_until_s[order.job]
             for plate in books.job(order.job).plates
         }
 
@@ -108,12 +119,14 @@ class PlanRevisions:
             due = number in starting or not set(job.planned_for) <= set(coming)
             if not due or key in self._examined or self.is_running(number):
                 continue
-            self._examined.add(key)
-            names = choose_revision(_describe(job, plates, situation), situation, (idle, coming))
+            self._examined = {one for one in self._examined if one[0] in changeable} | {key}
+            described = _describe(job, plates, situation)
+            names = choose_revision(described, situation, (idle, coming))
             if names is not None:
                 log.info("job %d is planned again for %s", number, " ".join(names))
                 self._running[number] = StartPlanning(number, names, rounds=1)
                 self._began_s[number] = situation.now_s
+                self._held_until_s[number] = situation.now_s + PATIENCE * described.planning_s
                 yield self._running[number]
 
     def _is_changeable(self, books: Books, job: Job) -> bool:
@@ -140,7 +153,8 @@ class PlanRevisions:
         books, situation
             The committed books; all waiting plates, and the fleet.
         """
-        order = self._running.pop(number)
+        order = self._running[number]
+        self.end(number)
         job = books.job(number)
         changeable = {number} if _may_change(books, job) else set()
         plates = _find_unstarted(books, situation, changeable).get(number)
@@ -213,7 +227,7 @@ def _describe(job: Job, plates: tuple[WaitingPlate, ...], situation: Situation) 
         plates=plates,
         planned_for=job.planned_for,
         requirements=job_requirements(job),
-        planning_s=CUTTING_S * situation.time_scale if job.planning_s is None else job.planning_s,
+        planning_s=max(job.planning_s or 0.0, CUTTING_S * situation.time_scale),
         done_by_s=job.done_by_s,
     )
 

@@ -1,10 +1,12 @@
 """Plans that are made again before their job starts: through the controller, with recorded effects."""
 
+from types import SimpleNamespace
+
 import pytest
 
 from farm.control.controller import Controller
 from farm.errors import FarmError
-from farm.model import HoldCode, JobOptions, JobState, Link
+from farm.model import HoldCode, JobOptions, JobState, Link, PlanProgress, PlanStep
 from farm.planning.plan import Plan
 from farm.state import PlateState, validate_books
 from farm.state import events as ev
@@ -84,6 +86,22 @@ def test_plan_stays_if_the_new_one_fails_or_is_not_sooner(farm):
     assert farm.controller.books.jobs[1].plates == ("1/01", "1/02")
     assert len(printing(farm)) == 2
     assert len(farm.effects.plans) == 2
+
+
+@pytest.mark.parametrize("reason", ["it takes too long", "the disk is full"])
+def test_job_does_not_wait_long_for_its_new_plan(farm, reason):
+    connect_at_once(farm)
+    if reason == "the disk is full":
+        farm.controller.on_plan_progress(1, PlanProgress(step=PlanStep.NO_ROOM))
+        farm.controller.handle()
+    else:
+        for _ in range(2):  # the end of the start, then that of the patience
+            later_s = farm.controller.next_change_s
+            farm.controller.clock = SimpleNamespace(now=lambda later_s=later_s: later_s, scale=1.0)
+            farm.controller.tick()
+    assert len(printing(farm)) == 2
+    farm.controller.on_plan(1, plan_of(1, [3.0] * 6, "cdefgh"))
+    assert farm.controller.books.jobs[1].plates == ("1/01", "1/02")
 
 
 def test_new_plan_that_ends_later_is_not_used(farm):
