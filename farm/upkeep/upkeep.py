@@ -40,6 +40,7 @@ from farm.state.storage import (
     unlink_dead_names,
 )
 from farm.state.transitions import apply
+from farm.text import format_count
 from farm.upkeep.disk_use import measure_disk
 from slicing.cache import trim_cache
 
@@ -48,7 +49,7 @@ log = logging.getLogger(__name__)
 MOST_EVENTS = 500_000
 """Events that are kept at most, about 300 MB; a print has about ten."""
 THE_FARM = "the farm"
-_DRAWING = Limit("drawing the parts of an old job", 300.0)
+_DRAWING = Limit("drawing the parts of an old job", 1800.0)  # a worker may first have to compile its code
 _store_part_pictures = Deferred("farm.upkeep.part_pictures:store_part_pictures")
 _DAY_S = 86400.0
 
@@ -178,8 +179,8 @@ class Upkeep:
         files = await asyncio.to_thread(list_files, self._state.files)
         await asyncio.to_thread(trim_cache, self._state.slices)
         log.info(
-            "%d jobs pruned, %d bytes freed, %d events deleted in %.1f s",
-            *(len(jobs), freed, events, time.monotonic() - started_s),
+            "%s pruned, %d bytes freed, %d events deleted in %.1f s",
+            *(format_count(len(jobs), "job"), freed, events, time.monotonic() - started_s),
         )
         await self.measure()
         stored = sum(file.size_bytes for file in files.values())
