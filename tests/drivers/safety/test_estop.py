@@ -118,7 +118,9 @@ def test_queued_moves_and_heat_end_on_a_board_that_dtr_does_not_reset(tmp_path: 
     """The planner holds half a minute of moves."""
     emulator = tmp_path / "emulator"
     printer = Printer(tmp_path / "state" / "agents" / "um2-01", str(emulator / "tty"))
-    slow = HEAD + "".join(f"G1 F6 X{50 + 20 * (i % 2)} Y50 Z0.3 E{i * 0.1}\n" for i in range(1000))
+    # The first move is fast: ten seconds without a temperature, and the agent ends the print by itself.
+    slow = HEAD + "G1 F6000 X50 Y50 Z0.3\n"
+    slow += "".join(f"G1 F6 X{50 + 20 * (i % 2)} Y50 Z0.3 E{i * 0.1}\n" for i in range(1000))
 
     async def print_slowly() -> None:
         await printer.connect()
