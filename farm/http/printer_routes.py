@@ -22,13 +22,7 @@ def printer_routes(services: Services, printers: PrinterCommands, parts: PartCom
     @router.post("/printers/{name}/load")
     async def load_reel(name: str, request: api.LoadRequest, by: OperatorName) -> api.Reel:
         reel = await printers.load_reel(name, request, by)
-        return api.Reel(
-            material=reel.material,
-            kind=reel.kind,
-            colour=reel.colour,
-            grams=reel.grams,
-            nozzle_mm=reel.nozzle_mm,
-        )
+        return api.Reel(**reel.model_dump(exclude={"uncertain"}))
 
     @router.post("/printers/{name}/pause")
     async def pause(name: str, by: CallerName) -> None:

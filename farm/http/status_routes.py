@@ -59,26 +59,32 @@ def status_routes(services: Services) -> APIRouter:
 
     @router.post("/down")
     async def shut_down(request: api.DownRequest, _: OperatorName) -> None:
-        busy = sorted({attempt.printer for attempt in controller.books.open_prints()})
-        if busy and not (request.now or request.wait):
-            raise Refused(
-                f"printing: {' '.join(busy)}; use --wait to let them finish, or --now to stop them safely"
-            )
-        planning = controller.planning.list_running(controller.books)
-        if planning and not (request.now or request.wait):
-            jobs = " ".join(f"job {number}" for number in planning)
-            raise Refused(
-                f"being planned: {jobs}; use --wait to finish planning, or --now to plan again "
-                "after `farm up`"
-            )
-        inspected = ", ".join(services.inspections.values())
-        if inspected and not (request.now or request.wait):
-            raise Refused(
-                f"being checked: {inspected}; use --wait to accept what can be printed, or --now to refuse it"
-            )
+        if not (request.now or request.wait):
+            _refuse_while_busy(services)
         await services.shut_down(request.now)
 
     return router
+
+
+def _refuse_while_busy(services: Services) -> None:
+    """Refuse a shutdown while the farm prints, plans, or checks a submission. Raises Refused."""
+    books = services.controller.books
+    busy = sorted({attempt.printer for attempt in books.open_prints()})
+    if busy:
+        raise Refused(
+            f"printing: {' '.join(busy)}; use --wait to let them finish, or --now to stop them safely"
+        )
+    planning = services.controller.planning.list_running(books)
+    if planning:
+        jobs = " ".join(f"job {number}" for number in planning)
+        raise Refused(
+            f"being planned: {jobs}; use --wait to finish planning, or --now to plan again after `farm up`"
+        )
+    inspected = ", ".join(services.inspections.values())
+    if inspected:
+        raise Refused(
+            f"being checked: {inspected}; use --wait to accept what can be printed, or --now to refuse it"
+        )
 
 
 def describe_farm(services: Services) -> api.Status:

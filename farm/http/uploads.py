@@ -189,22 +189,7 @@ class Uploads:
         path = state.work / f"upload-{uuid.uuid4().hex}"
         upload = self._open[path] = _Upload(request_id, size, size)
         try:
-            head = b""
-            with path.open("wb") as file, suppress(ClientDisconnect):  # detected below by the number of bytes
-                async for chunk in content:
-                    upload.missing_bytes -= len(chunk)
-                    if upload.missing_bytes < 0:
-                        break
-                    if len(head) < HEAD_BYTES:
-                        head += chunk[:HEAD_BYTES]
-                        if len(head) >= min(size, HEAD_BYTES):
-                            self._check_head(name, head, size)
-                    file.write(chunk)
-            if upload.missing_bytes:
-                received = size - upload.missing_bytes
-                raise Refused(
-                    f"the upload of {name} stopped after {received} of {size} bytes; submit it again"
-                )
+            await self._write_content(content, path, name, upload)
             self._services.inspections[path] = name
             return await self._services.workers.run(
                 inspect_submission, path, name, options, controller.fleet.printers, state.files
@@ -214,6 +199,27 @@ class Uploads:
             step_file(path).unlink(missing_ok=True)
             del self._open[path]
             self._services.inspections.pop(path, None)
+
+    async def _write_content(
+        self, content: AsyncIterator[bytes], path: Path, name: str, upload: _Upload
+    ) -> None:
+        """Write an upload to a file. Raises FarmError if it is incomplete or has too many triangles."""
+        head = b""
+        with path.open("wb") as file, suppress(ClientDisconnect):  # detected below by the number of bytes
+            async for chunk in content:
+                upload.missing_bytes -= len(chunk)
+                if upload.missing_bytes < 0:
+                    break
+                if len(head) < HEAD_BYTES:
+                    head += chunk[:HEAD_BYTES]
+                    if len(head) >= min(upload.size, HEAD_BYTES):
+                        self._check_head(name, head, upload.size)
+                file.write(chunk)
+        if upload.missing_bytes:
+            received = upload.size - upload.missing_bytes
+            raise Refused(
+                f"the upload of {name} stopped after {received} of {upload.size} bytes; submit it again"
+            )
 
     def _check_head(self, name: str, head: bytes, size: int) -> None:
         """Refuse a model whose first bytes give more triangles than a worker has memory for."""
