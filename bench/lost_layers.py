@@ -62,6 +62,7 @@ WAYS: dict[str, dict[str, str]] = {
 _SIZE_MM = 22.0
 """Greatest side of a model: enough layers, and a short time."""
 _LAYER = re.compile(rb"(?m)^;LAYER:(-?\d+)\r?\n")
+_FEED = re.compile(rb"(?m)^G1[^\n]* [XY][^\n]* E")
 _END = re.compile(rb"(?m)^;TIME_ELAPSED:[^\n]*\n")
 
 Cut = Callable[[list[bytes], random.Random], list[bytes]]
@@ -91,12 +92,20 @@ def _cut_last(layers: list[bytes], rng: random.Random) -> list[bytes]:
     return layers[: -rng.randint(1, max(1, len(layers) // 3))]
 
 
+def _tear(layers: list[bytes], rng: random.Random) -> list[bytes]:
+    """Lose the lines from any place to any later one."""
+    lines = b"".join(layers).splitlines(keepends=True)
+    start, stop = sorted(rng.sample(range(1, len(lines) - 1), 2))
+    return [*lines[:start], *lines[min(stop, start + rng.choice((150, len(lines)))) :]]
+
+
 CUTS: dict[str, Cut] = {
     "first": _cut_first,
     "one": _cut_one,
     "run": _cut_run,
     "many": _cut_many,
     "last": _cut_last,
+    "torn": _tear,
 }
 
 
@@ -182,11 +191,6 @@ def split_layers(gcode: bytes) -> tuple[bytes, list[bytes], bytes]:
     return gcode[: starts[0]], layers, gcode[end:]
 
 
-def feeds_filament(layer: bytes) -> bool:
-    """Check whether a layer prints at all."""
-    return re.search(rb"(?m)^G1[^\n]* [XY][^\n]* E", layer) is not None
-
-
 def find_refusal(gcode: bytes, target: PrintTarget) -> str | None:
     """Read a file; give the reason why it is refused, or None."""
     try:
@@ -233,15 +237,15 @@ class Measured:
         for kind, cut in CUTS.items():
             for _ in range(cuts):
                 left = cut(layers, rng)
-                lost = [layer for layer in layers if layer not in left]
-                if not any(feeds_filament(layer) for layer in lost):
+                if len(_FEED.findall(b"".join(left))) == len(_FEED.findall(b"".join(layers))):
                     continue
                 self.cut[kind] += 1
                 if find_refusal(head + b"".join(left) + end, target) is not None:
                     self.refused[kind] += 1
                 else:
-                    numbers = ", ".join(_LAYER.findall(layer)[0].decode() for layer in lost[:5])
-                    self.unnoticed.append(f"{title}: {kind}, {len(layers)} layers without {numbers}")
+                    lost = (_LAYER.findall(layer) for layer in layers if layer not in left)
+                    numbers = ", ".join(number[0].decode() for number in lost)
+                    self.unnoticed.append(f"{title}: {kind}, {len(layers)} layers without {numbers[:40]}")
 
 
 def main() -> None:

@@ -82,6 +82,37 @@ def test_the_last_layer_ends_at_the_time_that_the_slicer_says():
     refused(without(whole, 19), "takes 200 s, and its last layer ends after 190 s")
 
 
+def tear(lines, number, to):
+    """Take the lines from the middle of a layer to the middle of another one."""
+    lines_of = [lines.index(f";LAYER:{layer}") for layer in (number, to)]
+    middles = [[at for at in range(start, len(lines)) if "G1 F1800" in lines[at]][1] for start in lines_of]
+    return lines[: middles[0]] + lines[middles[1] + (number == to) :]
+
+
+@WRITERS
+@pytest.mark.parametrize("to", [7, 9])
+def test_lines_lost_from_layer_to_layer_are_missed_at_the_gap_of_their_numbers(write, to):
+    refused(tear(write(SMALL), 6, to), r"line \d+: the move feeds 0\.\d+ mm of filament more than its line")
+
+
+@WRITERS
+def test_lines_lost_within_a_layer_are_missed_where_they_take_much(write):
+    whole = write(square(side_mm=30.0, layers=20))
+    refused(tear(whole, 6, 6), r"line \d+: the move feeds 0\.2\d+ mm of filament more than its line takes")
+    assert take(whole).layers == 20
+
+
+def test_a_thick_line_among_thin_ones_is_whole_within_bounds():
+    """As variable widths of lines are: nothing is known to be missing."""
+    for fed_mm, is_lost in ((0.3, False), (0.6, True)):
+        gaps = LayerGaps(0.1)
+        for number in range(4):
+            gaps.begin_layer(number)
+            for at in range(5):
+                gaps.feed(20.0, fed_mm if (number, at) == (2, 3) else 0.2, at)
+        assert (gaps.find_lost() is not None) == is_lost
+
+
 flows = st.floats(0.002, 0.08)
 lengths_mm = st.floats(0.05, 100.0)
 
