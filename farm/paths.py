@@ -7,7 +7,7 @@ import json
 import os
 import stat
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -131,14 +131,22 @@ def find_places(
     if socket is None:
         runtime = _path(env, "XDG_RUNTIME_DIR")
         socket = runtime / "farm" / "farm.sock" if runtime and named is None else root / "farm.sock"
-        if named is None and not socket.exists() and shared.parent.is_dir():
+        if named is None and not _try(socket.exists) and _try(shared.parent.is_dir):
             socket = shared
     fleet = fleet or _path(env, "FARM_FLEET")
     if fleet is None:
         config = (_path(env, "XDG_CONFIG_HOME") or home / ".config") / "farm" / "fleet.yaml"
         candidates = (Path("fleet.yaml"), config, Path("/etc/farm/fleet.yaml"))
-        fleet = next((path for path in candidates if path.is_file()), candidates[0])
+        fleet = next((path for path in candidates if _try(path.is_file)), candidates[0])
     return Places(StateFolder(root), _shorten_socket_path(socket.absolute(), env), fleet.absolute())
+
+
+def _try(check: Callable[[], bool]) -> bool:
+    """Check a path; False if its folder may not be entered: `su` keeps the folders of the caller."""
+    try:
+        return check()
+    except OSError:
+        return False
 
 
 def _path(env: Mapping[str, str], name: str) -> Path | None:

@@ -90,6 +90,21 @@ def test_user_without_a_farm_finds_the_shared_one(tmp_path):
     assert find_places(None, None, None, env, shared).socket == own
 
 
+def test_folders_that_may_not_be_entered_are_passed_over(tmp_path, monkeypatch):
+    """`su` keeps the caller's XDG_RUNTIME_DIR and working folder."""
+    env = {"HOME": str(tmp_path), "XDG_RUNTIME_DIR": "/run/user/0", "XDG_CONFIG_HOME": "/root/.config"}
+
+    def refuse(path):
+        if not path.is_relative_to("/opt"):
+            raise PermissionError(13, "Permission denied", str(path))
+        return True
+
+    for check in ("exists", "is_file", "is_dir"):
+        monkeypatch.setattr(Path, check, refuse)
+    places = find_places(None, None, None, env, Path("/opt/run/farm.sock"))
+    assert (places.socket, places.fleet.name) == (Path("/opt/run/farm.sock"), "fleet.yaml")
+
+
 def test_the_fleet_file_nearby_comes_first(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     config = tmp_path / "config" / "farm" / "fleet.yaml"
