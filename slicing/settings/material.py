@@ -105,10 +105,7 @@ def read_material(root: ET.Element, name: str, product: str, hotend: str) -> Mat
             elif key in _KEYS:
                 values[_KEYS[key]] = text
             elif key == _GRAPH:
-                points = entry.findall("m:point", SPACE)
-                values[_GRAPH_KEY] = str(
-                    [[float(p.get(of, 0)) for of in ("flow", "temperature")] for p in points]
-                )
+                values[_GRAPH_KEY] = str(_read_points(entry))
         for entry in section.findall(CURA_SETTING):
             text = (entry.text or "").strip()
             values[entry.get("key", "")] = _WORDS.get(text.lower(), text)
@@ -125,6 +122,12 @@ def read_material(root: ET.Element, name: str, product: str, hotend: str) -> Mat
     if density is None:
         raise BadSetting(f"material {name} has no density in its file; take another one, like generic_pla")
     return Material(values, float(density), material_kind(root))
+
+
+def _read_points(graph: ET.Element) -> list[list[float]]:
+    """Read the points (flow, temperature) of a graph."""
+    points = graph.findall("m:point", SPACE)
+    return [[float(point.get(name, 0)) for name in ("flow", "temperature")] for point in points]
 
 
 def material_kind(root: ET.Element) -> str:
