@@ -177,7 +177,7 @@ class _Document:
         return 0 if self.node is None else count(self.node)
 
     def _find_source(self, place: Place) -> Place:
-        """Find if a value comes from: a printer's key may be in `defaults`."""
+        """Find the place that a value comes from: a printer's key may be in `defaults`."""
         if len(place) < 3 or place[0] != "printers":
             return place
         own = _child(_child(self.node, "printers"), place[1])

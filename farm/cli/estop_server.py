@@ -73,60 +73,60 @@ class EstopServer:
         self._accepts_from_s = -math.inf
 
     def serve_once(self, now_s: float, wait_s: float) -> None:
-        """Handle pending connections and requests; wait at most `wait_s` for one."""
+        """Handle pending connections and requests; wait at most `wait_s` for connection."""
         with selectors.DefaultSelector() as ready:
             if now_s >= self._accepts_from_s:
                 ready.register(self._listening, selectors.EVENT_READ)
-            for one in self._pending:
-                ready.register(one, selectors.EVENT_READ)
+            for connection in self._pending:
+                ready.register(connection, selectors.EVENT_READ)
             ready_sockets = [key.fileobj for key, _ in ready.select(wait_s)]
         self._running = [(uid, work) for uid, work in self._running if work.poll() is None]
-        for one in tuple(self._pending):
-            if one in ready_sockets:
-                self._read(one)
-            if one in self._pending and now_s - self._pending[one].since_s > REQUEST_S:
-                self._end(one)
+        for connection in tuple(self._pending):
+            if connection in ready_sockets:
+                self._read(connection)
+            if connection in self._pending and now_s - self._pending[connection].since_s > REQUEST_S:
+                self._end(connection)
         if self._listening in ready_sockets:
             self._accept(now_s)
 
     def _accept(self, now_s: float) -> None:
         try:
-            one, _ = self._listening.accept()
+            connection, _ = self._listening.accept()
         except (BlockingIOError, ConnectionAbortedError):
             return
         except OSError:
             self._accepts_from_s = now_s + _PAUSE_S
             return
-        one.setblocking(False)
-        uid = self._uid_of(one)
+        connection.setblocking(False)
+        uid = self._uid_of(connection)
         busy = [pending.uid for pending in self._pending.values()] + [uid for uid, _ in self._running]
         if len(busy) >= MAX_TOTAL or busy.count(uid) >= MAX_PER_USER:
-            with one, suppress(OSError):
-                one.send(json.dumps(_FULL).encode() + b"\n")
+            with connection, suppress(OSError):
+                connection.send(json.dumps(_FULL).encode() + b"\n")
             return
-        self._pending[one] = _Pending(uid, now_s)
+        self._pending[connection] = _Pending(uid, now_s)
 
-    def _read(self, one: socket.socket) -> None:
+    def _read(self, connection: socket.socket) -> None:
         """Read a part of a request; start its process once it is whole."""
-        pending = self._pending[one]
+        pending = self._pending[connection]
         try:
-            data = one.recv(LONGEST)
+            data = connection.recv(LONGEST)
         except BlockingIOError:
             return
         except OSError:
             data = b""
         pending.received += data
         if b"\n" in pending.received and len(pending.received) <= LONGEST:
-            one.setblocking(True)
+            connection.setblocking(True)
             with suppress(OSError):
-                self._running.append((pending.uid, self._begin(one, pending.received)))
+                self._running.append((pending.uid, self._begin(connection, pending.received)))
         elif data and len(pending.received) < LONGEST:
             return
-        self._end(one)
+        self._end(connection)
 
-    def _end(self, one: socket.socket) -> None:
-        del self._pending[one]
-        one.close()
+    def _end(self, connection: socket.socket) -> None:
+        del self._pending[connection]
+        connection.close()
 
 
 def peer_uid(connection: socket.socket) -> int:

@@ -123,8 +123,8 @@ class JobPlanning:
             return ev.JobFailed(at_s=now_s, job=job.id, error=result.code, reason=str(result))
         event = build_planned_event(job, result, situation.printers, books, situation.rules, now_s)
         order, began_s = self._orders.get(job.id, (None, now_s))
-        made = {"printers": order.printers if order is not None else (), "planning_s": now_s - began_s}
-        return event.model_copy(update=made)
+        changes = {"printers": order.printers if order is not None else (), "planning_s": now_s - began_s}
+        return event.model_copy(update=changes)
 
     def list_running(self, books: Books) -> list[int]:
         """List the jobs that are being planned, without those that wait for space on the disk."""

@@ -83,8 +83,11 @@ class PrinterCommands:
         if whole is not None:
             return api.Cleared(good=part_name(books, whole), printed_on=reprinting_printers(books, whole))
         plate = None if judged is None else books.plates[judged.plate]
-        again = plate is not None and books.plate_state(plate) in (PlateState.WAITING, PlateState.PRINTING)
-        return api.Cleared(again=plate.parts[0] if plate is not None and again else None)
+        is_reprinted = plate is not None and books.plate_state(plate) in (
+            PlateState.WAITING,
+            PlateState.PRINTING,
+        )
+        return api.Cleared(again=plate.parts[0] if plate is not None and is_reprinted else None)
 
     def _failed_print_of(self, printer: str, part: str) -> Print | None:
         """Return the failed print of a part on a bed; None if its print is recorded as done."""

@@ -66,8 +66,8 @@ def _as_coroutine(work: Callable[[], object]) -> Callable[[], Awaitable[None]]:
     """Return a coroutine function: APScheduler would run a plain one in a thread."""
 
     async def run() -> None:
-        done = work()
-        if inspect.isawaitable(done):
-            await done
+        result = work()
+        if inspect.isawaitable(result):
+            await result
 
     return run
