@@ -98,8 +98,7 @@ def accept_gcode(lines: Iterable[bytes], target: PrintTarget, *, stopwatch: Stop
         interpreter.run_line(raw, number)
     interpreter.finish()
     extent = interpreter.head.extent
-    if (lost := _find_lost(found.figures, interpreter, target)) is not None:
-        raise GcodeRefused(f"{lost}: lines are missing; {INCOMPLETE}")
+    _check_lost(found.figures, interpreter, target)
     ratio = _section_ratio(extent, writer.layers, target, line_mm)
     missing = (found.warning,) if found.warning is not None else ()
     warnings = missing + check_machine(found.machine, found.nozzle_mm, ratio, target)
@@ -121,14 +120,15 @@ def accept_gcode(lines: Iterable[bytes], target: PrintTarget, *, stopwatch: Stop
     )
 
 
-def _find_lost(figures: StatedFigures, interpreter: Interpreter, target: PrintTarget) -> str | None:
-    """Give the reason why layers are missing, by the slicer's figures and the gaps in their numbers."""
+def _check_lost(figures: StatedFigures, interpreter: Interpreter, target: PrintTarget) -> None:
+    """Refuse a file with missing lines, by its slicer's figures and by what its moves feed."""
     extent = interpreter.head.extent
     lost = interpreter.gaps.find_lost() or figures.find_lost_height(extent.low[2], extent.reach_high[2])
-    if lost is not None or figures.filament is None:
-        return lost
-    printed_mm = extent.filament_mm - extent.stray_mm
-    return figures.filament.find_lost(printed_mm, target.filament_mm2, extent.lines)
+    if lost is None and figures.filament is not None:
+        printed_mm = extent.filament_mm - extent.stray_mm
+        lost = figures.filament.find_lost(printed_mm, target.filament_mm2, extent.lines)
+    if lost is not None:
+        raise GcodeRefused(f"{lost}: lines are missing; {INCOMPLETE}")
 
 
 def _line_width_mm(nozzle_mm: float | None) -> float:

@@ -43,8 +43,6 @@ class Head:
         Whether comments of the file say where layers begin.
     gaps
         Takes the moves that feed.
-    most_fed
-        Filament in mm that the thickest line takes for each mm of its length.
     """
 
     def __init__(
@@ -56,7 +54,6 @@ class Head:
         gaps: LayerGaps,
         *,
         marks_layers: bool,
-        most_fed: float,
     ) -> None:
         self.extent = Extent()
         self.at: Point = [math.nan] * 3  # printer's mm; NaN where it is not known
@@ -66,7 +63,6 @@ class Head:
         self._objections = objections
         self._gaps = gaps
         self._marks_layers = marks_layers
-        self._most_fed = most_fed
         self._at_start = False
         self._retracted_mm = 0.0
         self._retracted_in = 0  # line
@@ -150,7 +146,7 @@ class Head:
     def _check_jump(self, old: Point, target: Point, fed_mm: float) -> None:
         """Object to filament for missing lines; a start script may prime any amount."""
         if fed_mm > MOST_JUMP_MM and self.extent.path_mm:
-            jump_mm = fed_mm - self._most_fed * math.dist(old, target)
+            jump_mm = fed_mm - self._gaps.most_flow * math.dist(old, target)
             if jump_mm > MOST_JUMP_MM:
                 self._objections.add(
                     f"one move feeds {jump_mm:.1f} mm of filament more than its line takes: lines are "

@@ -63,8 +63,7 @@ class Interpreter:
         self.bed_c = target.bed_c if survey.ulticode else 0.0
         self.left_out: dict[str, str] = {}
         self._objections = Objections()
-        most_fed = MOST_SECTION * nozzle_mm**2 / target.filament_mm2
-        self.gaps = LayerGaps(most_fed)
+        self.gaps = LayerGaps(MOST_SECTION * nozzle_mm**2 / target.filament_mm2)
         self.head = Head(
             target.printer.code,
             writer,
@@ -72,7 +71,6 @@ class Interpreter:
             self._objections,
             self.gaps,
             marks_layers=survey.marks_layers,
-            most_fed=most_fed,
         )
         self._survey = survey
         self._writer = writer

@@ -67,7 +67,7 @@ class LayerGaps:
     """
 
     def __init__(self, most_flow: float) -> None:
-        self._most_flow = most_flow
+        self.most_flow = most_flow
         self._flow_before = 0.0  # greatest of the layer before the last one
         self._last: _Layer | None = None
         self._layer: _Layer | None = None  # None before the first number: 0, or less in a raft
@@ -128,10 +128,10 @@ class LayerGaps:
         last_flow = 0.0 if last is None else last.flow
         if layer.after_gap is not None:
             feed, gap = layer.after_gap
-            flow = max(layer.flow, last_flow) or self._most_flow
+            flow = max(layer.flow, last_flow) or self.most_flow
             self._check(feed, feed.compute_excess_mm(flow), _LEAST_MM, gap)
         if last is not None and last.thickest is not None:
-            flow = max(last.second_flow, self._flow_before, layer.flow) or self._most_flow
+            flow = max(last.second_flow, self._flow_before, layer.flow) or self.most_flow
             least_mm = _LEAST_BEFORE_MM if layer.number > last.number + 1 else _LEAST_ELSEWHERE_MM
             self._check(last.thickest, last.thickest.compute_excess_mm(flow), least_mm, "")
         self._flow_before, self._last = last_flow, layer
