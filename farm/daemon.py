@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import IO, TYPE_CHECKING
 
 import uvicorn
+from fastapi import FastAPI
 
 from drivers.clock import Clock
 from drivers.log_file import rotate_log
@@ -119,19 +120,8 @@ class Daemon:
             inspections=self._inspections,
         )
         dry_runs = DryRuns(self._controller)
-        app = make_app(services, dry_runs)
-        config = uvicorn.Config(
-            app,
-            http=PeerProtocol,
-            log_config=None,
-            access_log=False,
-            lifespan="off",
-            timeout_graceful_shutdown=_GRACE_S,
-        )
-        workers = self._fleet.fleet.compute.workers or len(os.sched_getaffinity(0))
-        workers += 1  # for urgent work
-        most = connection_limit(descriptor_limit(), len(self._fleet.printers), workers)
-        self._server = BoundedServer(config, most, self._stop_work)
+        most = self._limit_connections()
+        self._server = self._make_server(make_app(services, dry_runs), most)
         self._controller.start(self._effects, self._restored_s)
         self._agents.start({attempt.printer for attempt in self._controller.books.open_prints()})
         gc.freeze()  # else each full collection would go through large books in the middle of an event
@@ -161,6 +151,25 @@ class Daemon:
             listening.close()
             self._places.socket.unlink(missing_ok=True)
             self._store.close()
+
+    def _limit_connections(self) -> int:
+        """Return the number of connections that each server takes at most."""
+        workers = self._fleet.fleet.compute.workers or len(os.sched_getaffinity(0))
+        workers += 1  # for urgent work
+        servers = 1 if self._fleet.web is None else 2
+        return connection_limit(descriptor_limit() // servers, len(self._fleet.printers), workers)
+
+    def _make_server(self, app: FastAPI, limit: int) -> BoundedServer:
+        """Make the server on the Unix socket."""
+        config = uvicorn.Config(
+            app,
+            http=PeerProtocol,
+            log_config=None,
+            access_log=False,
+            lifespan="off",
+            timeout_graceful_shutdown=_GRACE_S,
+        )
+        return BoundedServer(config, limit, self._stop_work)
 
     async def _begin_upkeep(self, upkeep: Upkeep) -> None:
         """Finish what an earlier daemon began to delete, back up every night, and watch the disk."""

@@ -93,6 +93,14 @@ def _collect_printers(status: api.Status) -> Iterator[Metric]:
         printers,
         lambda one: one.heaters_off,
     )
+    yield _by_printer(
+        "farm_agent_up", "Whether the agent runs.", printers, lambda one: one.agent_pid is not None
+    )
+    yield from _collect_readings(printers)
+
+
+def _collect_readings(printers: Sequence[api.PrinterView]) -> Iterator[Metric]:
+    """Collect the values that printers report; one without a value has no sample."""
     heaters = ("printer", "heater")
     yield _gauge(
         "farm_printer_temperature_celsius",
@@ -128,9 +136,6 @@ def _collect_printers(status: api.Status) -> Iterator[Metric]:
         "Actual over expected time of its layers.",
         printers,
         lambda one: one.time_factor,
-    )
-    yield _by_printer(
-        "farm_agent_up", "Whether the agent runs.", printers, lambda one: one.agent_pid is not None
     )
 
 

@@ -26,8 +26,14 @@ LATER = "later"
 class NoWorkers:
     """In the place of the daemon's worker processes."""
 
+    starting = None
+    memory_bytes = 2**40
+
     def __init__(self, *_):
         pass
+
+    def share(self, group, urgent=False):
+        return self
 
     async def run(self, work, *args, limit=None):
         return work(*args)
