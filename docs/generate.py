@@ -19,8 +19,8 @@ from pydantic import BaseModel
 from drivers.errors import Fault
 from drivers.printers import PROFILES
 from farm import api, api_keys
-from farm.cli.client import StopReport
 from farm.cli.command_group import load_commands
+from farm.cli.estop_socket import StopReport
 from farm.cli.main import app
 from farm.config import (
     ComputeSection,

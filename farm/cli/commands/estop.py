@@ -14,8 +14,7 @@ import typer
 
 from drivers.printers import PROFILES, firmware_of
 from farm.cli import completion
-from farm.cli.client import Report, StopReport, find_estop_socket, request_stop, serve_request
-from farm.cli.display.console import print_json
+from farm.cli.estop_socket import Report, StopReport, find_estop_socket, request_stop, serve_request
 from farm.cli.options import Json, with_places
 from farm.errors import FarmError, FleetFileError, NoSuchThing
 from farm.fleet_file import load_fleet
@@ -59,6 +58,8 @@ def estop(
             stop_all(places, printers or [], report)
     finally:
         if json:
+            from farm.cli.display.console import print_json  # slow to load
+
             rows = [line.model_dump() for line in sorted(outcomes, key=lambda line: line.printer)]
             print_json({"schema": 1, "printers": rows})
 

@@ -7,7 +7,7 @@ import threading
 import pytest
 
 from drivers.safety import StopResult
-from farm.cli.client import StopReport, estop_socket
+from farm.cli import estop_socket
 from farm.cli.commands import estop
 from farm.errors import ErrorCode, FarmError, NoSuchThing
 from farm.paths import find_places
@@ -41,7 +41,10 @@ def pressed(tmp_path):
 
 
 def test_results_are_printed_as_they_arrive(pressed):
-    words = [StopReport(printer="a", text="it cools"), StopReport(printer="a", text="off", seen_off=True)]
+    words = [
+        estop_socket.StopReport(printer="a", text="it cools"),
+        estop_socket.StopReport(printer="a", text="off", seen_off=True),
+    ]
     requested = []
 
     def stop(printers, say):
@@ -149,7 +152,7 @@ class Sheet(io.StringIO):
 def test_line_of_a_printer_is_written_whole(monkeypatch):
     sheet = Sheet()
     monkeypatch.setattr(estop.sys, "stdout", sheet)
-    estop.print_report(StopReport(printer="a", text="ssh said\nthis and\r that"))
+    estop.print_report(estop_socket.StopReport(printer="a", text="ssh said\nthis and\r that"))
     assert sheet.writes == ["a: ssh said this and that\n"]
 
 
