@@ -54,7 +54,7 @@ def test_no_command_is_loaded_to_complete_its_name():
     [
         ("status", "status", {"yaml", "serial", "drivers.records", "drivers.safety", "farm.fleet_file"}),
         ("submit", "submit", {"yaml", "serial", "drivers.records", "drivers.safety", "farm.fleet_file"}),
-        ("estop", "estop", {"serial", "drivers.records", "drivers.safety", "farm.api", "rich.table"}),
+        ("estop", "estop", {"serial", "drivers.records", "drivers.safety", "farm.api", "farm.cli.display"}),
     ],
 )
 def test_a_command_loads_its_own_module_alone(command, module, unused):
