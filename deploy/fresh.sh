@@ -107,6 +107,7 @@ if ! command -v mmdebstrap >/dev/null; then
     "${install[@]}" >/dev/null || { apt-get update -qq && "${install[@]}" >/dev/null; } || fail "apt has no mmdebstrap."
 fi
 [[ -z $(git status --porcelain) ]] || say "Changes that are not committed are ignored: it runs $(git rev-parse --short HEAD)."
+commit=$(git rev-parse --short HEAD) # somebody may check out another one while it runs
 
 scratch=$(mktemp -d /var/tmp/farm-fresh.XXXXXX)
 trap 'rm -rf --one-file-system "$scratch"' EXIT
@@ -156,6 +157,6 @@ code=0
 unshare --mount --pid --fork --kill-child --propagation private \
     "$PWD/deploy/fresh.sh" --inside "$no_shm" "$root" "${targets[@]}" 2>&1 | tee "$log" || code=$?
 
-say "In a new Debian 12${no_shm:+ without /dev/shm}, at $(git rev-parse --short HEAD):"
+say "In a new Debian 12${no_shm:+ without /dev/shm}, at $commit:"
 grep -aE '^(FAILED|ERROR|SKIPPED) |^[0-9]+ (passed|failed|skipped)|^fresh: make .* ended' "$log" >&2 || true
 exit "$code"
