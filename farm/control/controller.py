@@ -198,8 +198,10 @@ class Controller:
         reserved = self._replanning.reserved_printers
         find_kept = partial(self.planning.find_kept, self.books, situation, reserved)
         yield from self.planning.revisions.revise(self.books, situation, find_kept)
-        situation = situation.without(self.planning.revisions.holds(self.books, now_s))
-        assignments = self._assign(situation)
+        revised = self.planning.revisions.holds(self.books, now_s)
+        # A job that is planned again keeps its place: no other takes its printers meanwhile.
+        assignments = [each for each in self._assign(situation) if each.plate not in revised]
+        situation = situation.without(revised)
         yield from self._commit(
             ev.PlateAssigned(at_s=now_s, plate=a.plate, printer=a.printer, print_id=uuid.uuid4().hex)
             for a in assignments
@@ -227,9 +229,9 @@ class Controller:
     def plate_holds(self) -> dict[str, Hold]:
         """Find the current hold of each waiting plate."""
         revised = self.planning.revisions.holds(self.books, self.clock.now())
-        held_back = self._held_back() | self._replanning.holds() | revised
+        held_back = self._held_back() | self._replanning.holds()
         situation = self._situation(held_back)
-        return held_back | find_holds(situation, self._assign(situation))
+        return held_back | find_holds(situation, self._assign(situation)) | revised
 
     def _admit_jobs(self, situation: Situation) -> Iterator[Effect]:
         reserved = self._replanning.reserved_printers

@@ -53,6 +53,9 @@ def choose_revision(
 ) -> tuple[str, ...] | None:
     """Choose the printers for which a job is planned again; None if its plan stays.
 
+    It stays too if another plan would follow the new one at once: estimates assume equal parts, which the
+    model may not allow.
+
     Parameters
     ----------
     job
@@ -62,6 +65,20 @@ def choose_revision(
     candidates
         Sets of printers that it could be planned for.
     """
+    sets = [tuple(names) for names in candidates]
+    best = _find_best(job, situation, sets)
+    if best is None:
+        return None
+    own = {plate.id for plate in job.plates}
+    plates = estimate_plates(job, best)
+    after = situation.with_waiting((*(p for p in situation.waiting if p.id not in own), *plates))
+    return best if _find_best(replace(job, plates=plates, planned_for=best), after, sets) is None else None
+
+
+def _find_best(
+    job: PlannedJob, situation: Situation, candidates: Iterable[tuple[str, ...]]
+) -> tuple[str, ...] | None:
+    """Find the set of printers for which another plan ends soonest; None if none saves enough."""
     own = {plate.id for plate in job.plates}
     turn = job.plates[0].turn
     # Later jobs take nothing from it; without them the forecast is quick.
@@ -76,7 +93,7 @@ def choose_revision(
             others = tuple(p for p in ahead.waiting if p.id not in own)
             end_s = find_end_s({p.id for p in plates}, ahead.with_waiting((*others, *plates)))
             joining_s = JOIN_S * max(0, len(names) - len(job.plates))
-            ends_s[tuple(names)] = end_s + joining_s + job.planning_s
+            ends_s[names] = end_s + joining_s + job.planning_s
     best = min(ends_s, key=ends_s.__getitem__, default=None)
     if best is None or math.isinf(ends_s[best]):
         return None

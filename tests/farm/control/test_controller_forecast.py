@@ -157,6 +157,14 @@ houses = st.fixed_dictionaries(
 # Without shrinking, which takes minutes.
 @settings(max_examples=40, deadline=None, phases=[Phase.explicit, Phase.reuse, Phase.generate])
 @example([([8.0] * 8, JobOptions(printers=4))], {}, 8, 9, [])  # two rounds on four of eight printers
+# A job that is planned again, in vain, keeps its place before the next one.
+@example(
+    [([4.25], JobOptions()), ([4.25], JobOptions()), ([2.0], JobOptions(printers=1, spares=1))],
+    {"max_heating": 1, "attended": ["mon-fri 08:00-12:00", "13:00-17:00"]},
+    2,
+    23,
+    [1013, 1084, 861, 640],
+)
 @given(jobs, houses, st.integers(1, 4), st.integers(0, 23), st.lists(st.integers(200, 2000), max_size=4))
 def test_forecast_is_exact_without_failures(work, house, printers, hour, reels):
     with tempfile.TemporaryDirectory() as folder:

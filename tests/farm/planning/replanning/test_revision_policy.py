@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from farm.model import Bed
@@ -82,6 +82,8 @@ fleets = st.lists(
 works = st.lists(st.integers(1, 40).map(lambda quarters: quarters / 4), min_size=1, max_size=8)
 
 
+# Two of the four printers, equal parts estimated: then all four again.
+@example([{}, {}, {"bed": Bed.NOT_CLEAR}, {"bed": Bed.NOT_CLEAR}], [0.25, 0.25, 4.0], 4, 0, False)
 @given(fleets, works, st.integers(1, 8), st.integers(0, 4 * 3600), st.booleans())
 def test_revision_saves_the_margin_with_its_planning_time_and_is_the_last(
     states, hours, used, planning_s, night
