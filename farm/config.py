@@ -125,7 +125,7 @@ class WebSection(_Section):
 
     @property
     def is_local(self) -> bool:
-        """Whether only this host can reach it."""
+        """True if only this host can reach it."""
         return ip_address(self.address[0]).is_loopback
 
     @property

@@ -302,7 +302,7 @@ class PrunedJob(View):
 
 
 class Pruned(View):
-    """What was deleted, or would be."""
+    """Result of `farm prune`: the files, jobs and events that were deleted, or would be."""
 
     model_config = ConfigDict(populate_by_name=True)
 

@@ -1,4 +1,4 @@
-"""What an agent writes is bounded, over years and during a print."""
+"""Bounds of an agent's files, over years and during a print."""
 
 import json
 import signal

@@ -148,7 +148,7 @@ def test_many_lines_are_framed_as_each_of_them(number, commands):
 
 @given(st.integers(1, 99_999), st.data())
 def test_a_line_among_many_gets_a_blank_where_it_needs_one(number, data):
-    """Of a block of lines each has the decimals that match its own number."""
+    """Each line of a block has the decimals that match its own number."""
     commands = []
     for at in range(number, number + data.draw(st.integers(1, 8))):
         command = b"G1 X10 Y%d" % data.draw(st.integers(0, 200))

@@ -96,7 +96,7 @@ def begin(state, work=no_pictures, **keep):
 
 
 def show(state, books, number):
-    """What `farm status JOB` and `farm history` show; `farm report` is laid out."""
+    """Return the views of `farm status JOB` and `farm history`; `farm report` is laid out."""
     context = ViewContext(fleet((PLUS,) * 3), books, {}, state, NOW_S)
     view, rows = describe_job(context, books.jobs[number]), list_history(context, number)
     page = render_page(view, list_history(context), datetime.fromisoformat(view.now), [], {}, None)

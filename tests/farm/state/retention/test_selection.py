@@ -1,4 +1,4 @@
-"""Which jobs lose their files: ended ones, the oldest first, and nothing that anybody needs."""
+"""Selection of jobs to prune: ended ones, the oldest first, and none whose files are needed."""
 
 import pytest
 from hypothesis import given
