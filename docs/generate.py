@@ -18,7 +18,7 @@ from pydantic import BaseModel
 
 from drivers.errors import Fault
 from drivers.printers import PROFILES
-from farm import api, api_keys
+from farm import api
 from farm.cli.command_group import load_commands
 from farm.cli.estop_socket import StopReport
 from farm.cli.main import app
@@ -51,8 +51,8 @@ SCHEMAS: tuple[tuple[str, type[BaseModel]], ...] = (
     ("farm submit of several models, --json", api.Submissions),
     ("farm prune --json", api.Pruned),
     ("One printer of farm estop --json", StopReport),
-    ("farm key --json", api_keys.Keys),
-    ("farm key add --json", api_keys.NewKey),
+    ("farm key --json", api.Keys),
+    ("farm key add --json", api.NewKey),
 )
 
 

@@ -8,9 +8,15 @@ from __future__ import annotations
 from pydantic import ConfigDict, Field
 
 from drivers.messages import PrinterReadings, PrintReadings
+from farm.api.base import NETWORK_PREFIX as NETWORK_PREFIX
 from farm.api.base import SCHEMA as SCHEMA
 from farm.api.base import Line as Line
 from farm.api.base import View
+from farm.api.keys import KeyRequest as KeyRequest
+from farm.api.keys import Keys as Keys
+from farm.api.keys import KeyView as KeyView
+from farm.api.keys import NetworkView as NetworkView
+from farm.api.keys import NewKey as NewKey
 from farm.api.requests import ApproveRequest as ApproveRequest
 from farm.api.requests import Cleared as Cleared
 from farm.api.requests import ClearedRequest as ClearedRequest

@@ -9,6 +9,8 @@ from pydantic import AfterValidator, BaseModel, ConfigDict
 from farm.text import flatten_text
 
 SCHEMA = 1
+NETWORK_PREFIX = "/api/v1"
+"""Start of the paths on the network; the Unix socket has none."""
 Line = Annotated[str, AfterValidator(flatten_text)]
 """Free text written by a user and shown to others."""
 

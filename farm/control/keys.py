@@ -8,7 +8,7 @@ import re
 import secrets
 from collections.abc import Mapping
 
-from farm import api_keys
+from farm import api
 from farm.control.controller import Controller
 from farm.errors import Refused
 from farm.model import Key
@@ -68,7 +68,7 @@ class KeyCommands:
     def __init__(self, controller: Controller) -> None:
         self._controller = controller
 
-    def add(self, request: api_keys.KeyRequest, by: str) -> api_keys.NewKey:
+    def add(self, request: api.KeyRequest, by: str) -> api.NewKey:
         """Add a key; its text is in the answer and nowhere else.
 
         Raises
@@ -95,7 +95,7 @@ class KeyCommands:
             expires_s=None if request.days is None else now_s + request.days * _DAY_S,
         )
         self._controller.handle(ev.KeyAdded(at_s=now_s, key=key))
-        return api_keys.NewKey(id=name, text=text, role=key.role)
+        return api.NewKey(id=name, text=text, role=key.role)
 
     def revoke(self, name: str, by: str) -> None:
         """Revoke a key at once. Raises NoSuchThing for an unknown key, Refused for a revoked one."""

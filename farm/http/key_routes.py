@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from fastapi import APIRouter
 
-from farm import api_keys
+from farm import api
 from farm.control import KeyCommands
 from farm.http.callers import OperatorName
 from farm.http.services import Services
@@ -16,16 +16,16 @@ def key_routes(services: Services, keys: KeyCommands) -> APIRouter:
     router, controller = APIRouter(), services.controller
 
     @router.get("/keys")
-    async def show_keys(_: OperatorName) -> api_keys.Keys:
+    async def show_keys(_: OperatorName) -> api.Keys:
         context = controller.build_view_context(services.state)
-        return api_keys.Keys(
+        return api.Keys(
             now=context.format_time(context.now_s) or "",
             network=services.network.describe(),
             keys=list_keys(context, services.key_uses_s),
         )
 
     @router.post("/keys")
-    async def add_key(request: api_keys.KeyRequest, by: OperatorName) -> api_keys.NewKey:
+    async def add_key(request: api.KeyRequest, by: OperatorName) -> api.NewKey:
         return keys.add(request, by)
 
     @router.post("/keys/{name}/revoke")

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import farm
 from farm import api
-from farm.api_keys import NetworkView
 from farm.compute import Workers
 from farm.control import Controller
 from farm.errors import Refused
@@ -34,9 +33,9 @@ class NetworkState:
     address: str | None = None
     problem: str | None = None
 
-    def describe(self) -> NetworkView:
+    def describe(self) -> api.NetworkView:
         """Describe it for operators."""
-        return NetworkView(address=self.address, problem=self.problem)
+        return api.NetworkView(address=self.address, problem=self.problem)
 
 
 @dataclass(frozen=True)

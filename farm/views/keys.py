@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from farm import api_keys
+from farm import api
 from farm.views.context import ViewContext
 
 
-def list_keys(context: ViewContext, uses_s: Mapping[str, float]) -> list[api_keys.KeyView]:
+def list_keys(context: ViewContext, uses_s: Mapping[str, float]) -> list[api.KeyView]:
     """List all keys, the newest last.
 
     Parameters
@@ -19,7 +19,7 @@ def list_keys(context: ViewContext, uses_s: Mapping[str, float]) -> list[api_key
         Time of the last use of each key since the daemon started, by its id.
     """
     return [
-        api_keys.KeyView(
+        api.KeyView(
             id=key.id,
             name=key.name,
             role=key.role,

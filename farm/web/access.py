@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import re
 
+from farm.api import NETWORK_PREFIX
 from farm.model import Role
 
-PREFIX = "/api/v1"
 METRICS = "/metrics"
 LIVENESS = "/healthz"
 """The only path that needs no key; it shows nothing of the farm."""
@@ -55,9 +55,9 @@ def find_role(method: str, path: str) -> Role | None:
     """Return the role that a request needs; None if there is no such route on the network."""
     if (method, path) == ("GET", METRICS):
         return Role.LOOK
-    if not path.startswith(f"{PREFIX}/"):
+    if not path.startswith(f"{NETWORK_PREFIX}/"):
         return None
-    own = path.removeprefix(PREFIX)
+    own = path.removeprefix(NETWORK_PREFIX)
     return next(
         (role for verb, pattern, role in _PATTERNS if verb == method and pattern.fullmatch(own)), None
     )

@@ -15,6 +15,7 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 import farm
+from farm.api import NETWORK_PREFIX
 from farm.control import Controller, DryRuns, find_key
 from farm.errors import ErrorCode, ExitCode
 from farm.http import (
@@ -27,7 +28,7 @@ from farm.http import (
     make_problem,
 )
 from farm.model import Key, Role
-from farm.web.access import LIVENESS, METRICS, PREFIX, find_role
+from farm.web.access import LIVENESS, METRICS, find_role
 from farm.web.guard import Refusal, WrongKeys, check_host, check_origin
 from farm.web.metrics import CONTENT_TYPE, write_metrics
 
@@ -73,8 +74,8 @@ def make_web_app(services: Services, dry_runs: DryRuns, names: Collection[str]) 
     app = FastAPI(
         title="farm", version=farm.__version__, openapi_url=None, dependencies=[Depends(identify_caller)]
     )
-    add_routes(app, services, dry_runs, PREFIX)
-    app.add_middleware(BodyLimit, upload_path=PREFIX + UPLOAD_PATH)
+    add_routes(app, services, dry_runs, NETWORK_PREFIX)
+    app.add_middleware(BodyLimit, upload_path=NETWORK_PREFIX + UPLOAD_PATH)
 
     @app.get(METRICS)
     async def metrics() -> Response:

@@ -64,7 +64,7 @@ class NetworkServer:
 
     def start(self, has_key: Callable[[], bool]) -> None:
         """Serve in a task; `has_key` returns whether anybody could use it."""
-        self._task = asyncio.get_running_loop().create_task(self._run(has_key))
+        self._task = asyncio.get_running_loop().create_task(self._serve(has_key))
 
     async def close(self) -> None:
         """End the server after the requests that are under way, for a few seconds at most."""
@@ -76,6 +76,14 @@ class NetworkServer:
             self._server.should_exit = True
         with suppress(asyncio.CancelledError):
             await self._task
+
+    async def _serve(self, has_key: Callable[[], bool]) -> None:
+        """Serve; an error closes this server alone, as prints and the Unix socket do not depend on it."""
+        try:
+            await self._run(has_key)
+        except Exception as error:
+            log.exception("the server for the network")
+            self._state.problem = f"it failed ({error!r}): see the daemon's log, then restart the daemon"
 
     async def _run(self, has_key: Callable[[], bool]) -> None:
         while not self._section.is_local and not has_key():
@@ -95,11 +103,13 @@ class NetworkServer:
 
     def _listen(self) -> socket.socket:
         """Load the certificate and open the socket. Raises OSError."""
+        tls = self._section.tls
         if not self._config.loaded:
             try:
                 self._config.load()
-            except ValueError as error:
-                raise OSError(f"its certificate cannot be used: {error}") from error
+            except (OSError, ValueError) as error:
+                pair = "" if tls is None else f" {tls.cert} with the key {tls.key}"
+                raise OSError(f"the certificate{pair} cannot be used ({error})") from error
         host, port = self._section.address
         family = socket.AF_INET6 if ":" in host else socket.AF_INET
         listening = socket.socket(family, socket.SOCK_STREAM)

@@ -10,10 +10,10 @@ from http.client import HTTPConnection, HTTPSConnection
 from pathlib import Path
 from urllib.parse import urlsplit
 
+from farm.api import NETWORK_PREFIX
 from farm.errors import ErrorCode, FarmError
 
 _CHUNK = 1 << 20  # bytes of an upload
-_PREFIX = "/api/v1"
 _KEY = re.compile(r"[\x21-\x7e]{1,200}")
 
 
@@ -91,7 +91,7 @@ def make_headers(address: Address) -> dict[str, str]:
 
 def make_target(address: Address, path: str) -> str:
     """Return the path of a request as the daemon at an address serves it."""
-    return path if isinstance(address, Path) else f"{address.path}{_PREFIX}{path}"
+    return path if isinstance(address, Path) else f"{address.path}{NETWORK_PREFIX}{path}"
 
 
 def read_address(url: str, key_file: Path | None) -> NetworkAddress:

@@ -18,7 +18,6 @@ from urllib.parse import quote, urlencode
 from pydantic import BaseModel, ValidationError
 
 from farm import api
-from farm.api_keys import KeyRequest, Keys, NewKey
 from farm.cli.client.connections import Address, make_headers, make_target, open_connection, read_address
 from farm.errors import DaemonUnreachable, ErrorCode, FarmError
 from farm.model import JobOptions
@@ -96,11 +95,11 @@ class Client:
         body = api.PruneRequest(dry_run=dry_run)
         return _validate(api.Pruned, self._call("POST", "/prune", body=body, answer_s=SUBMISSION_S))
 
-    def keys(self) -> Keys:
-        return self._ask(Keys, "GET", "/keys")
+    def keys(self) -> api.Keys:
+        return self._ask(api.Keys, "GET", "/keys")
 
-    def add_key(self, request: KeyRequest) -> NewKey:
-        return self._ask(NewKey, "POST", "/keys", body=request)
+    def add_key(self, request: api.KeyRequest) -> api.NewKey:
+        return self._ask(api.NewKey, "POST", "/keys", body=request)
 
     def revoke_key(self, name: str) -> None:
         self._call("POST", f"/keys/{name}/revoke")

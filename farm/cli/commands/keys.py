@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from farm import api_keys
+from farm import api
 from farm.cli.client import Client
 from farm.cli.display import Column, format_time, lay_out_table, open_console, print_json, terminal_width
 from farm.cli.notices import print_notice
@@ -60,10 +60,10 @@ def key(
         client.revoke_key(name)
         print(f"the key {name} is revoked")
     else:
-        _add(client, api_keys.KeyRequest(name=name, role=role, days=_parse_days(expires)), json)
+        _add(client, api.KeyRequest(name=name, role=role, days=_parse_days(expires)), json)
 
 
-def _add(client: Client, request: api_keys.KeyRequest, json: bool) -> None:
+def _add(client: Client, request: api.KeyRequest, json: bool) -> None:
     added = client.add_key(request)
     if json:
         print_json(added)
@@ -79,7 +79,7 @@ def _add(client: Client, request: api_keys.KeyRequest, json: bool) -> None:
         print_notice(f"{network.address} is not encrypted: for other hosts use `web.tls`, a proxy or a VPN")
 
 
-def _list(answer: api_keys.Keys, json: bool) -> None:
+def _list(answer: api.Keys, json: bool) -> None:
     if json:
         print_json(answer)
         return

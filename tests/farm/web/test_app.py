@@ -7,7 +7,7 @@ import httpx
 import pytest
 
 from drivers.clock import Clock
-from farm.api_keys import KeyRequest
+from farm.api import NETWORK_PREFIX, KeyRequest
 from farm.config import Fleet
 from farm.control import Controller, DryRuns, KeyCommands
 from farm.http import Services, make_app
@@ -16,7 +16,7 @@ from farm.paths import StateFolder
 from farm.planning.printer_settings import bed_boxes
 from farm.state.storage.store import Store
 from farm.web import make_web_app
-from farm.web.access import LIVENESS, PREFIX, ROLES
+from farm.web.access import LIVENESS, ROLES
 from recording_controller import RecordedEffects
 from same_process import AcceptAll
 
@@ -72,7 +72,7 @@ def farm(tmp_path):
 
 
 def fill(path):
-    return PREFIX + path.format(**VALUES)
+    return NETWORK_PREFIX + path.format(**VALUES)
 
 
 def test_each_row_of_the_table_is_a_route_of_the_socket_and_the_rest_is_not_served(farm):
@@ -88,7 +88,14 @@ def test_each_row_of_the_table_is_a_route_of_the_socket_and_the_rest_is_not_serv
         ("GET", "/.."),
     }:
         assert farm.ask(method, fill(path), operator, json={}).status_code == 404, (method, path)
-    for path in ("/status", "/", "/docs", "/openapi.json", f"{PREFIX}//status", f"{PREFIX}/jobs/1/x"):
+    for path in (
+        "/status",
+        "/",
+        "/docs",
+        "/openapi.json",
+        f"{NETWORK_PREFIX}//status",
+        f"{NETWORK_PREFIX}/jobs/1/x",
+    ):
         assert farm.ask("GET", path, operator).status_code == 404, path
     assert farm.went_down == []
 
@@ -135,11 +142,14 @@ def test_a_model_is_submitted_by_a_key_that_may_print(farm):
     key = farm.add(PRINT)
     params = {"request_id": "r" * 8, "name": "box.stl", "size": 100_000}
     assert (
-        farm.ask("POST", f"{PREFIX}/jobs", key.text, params=params, content=b"x" * 100_000).status_code == 200
+        farm.ask(
+            "POST", f"{NETWORK_PREFIX}/jobs", key.text, params=params, content=b"x" * 100_000
+        ).status_code
+        == 200
     )
-    job = farm.ask("GET", f"{PREFIX}/jobs/1", key.text).json()["job"]
+    job = farm.ask("GET", f"{NETWORK_PREFIX}/jobs/1", key.text).json()["job"]
     assert job["submitted_by"] == "key print"
-    assert farm.ask("POST", f"{PREFIX}/jobs/1/cancel", key.text).json()["job"]["state"] == "cancelled"
+    assert farm.ask("POST", f"{NETWORK_PREFIX}/jobs/1/cancel", key.text).json()["job"]["state"] == "cancelled"
 
 
 def test_a_long_body_is_refused(farm):
@@ -150,19 +160,19 @@ def test_a_long_body_is_refused(farm):
 def test_ten_wrong_keys_have_to_wait_but_a_valid_one_does_not(farm):
     key = farm.add(LOOK)
     for _ in range(10):
-        assert farm.ask("GET", f"{PREFIX}/status", "nonsense").status_code == 401
-    assert farm.ask("GET", f"{PREFIX}/status", "nonsense").status_code == 429
-    assert farm.ask("GET", f"{PREFIX}/status", "nonsense", address="10.0.0.8").status_code == 401
-    assert farm.ask("GET", f"{PREFIX}/status", key.text).status_code == 200
+        assert farm.ask("GET", f"{NETWORK_PREFIX}/status", "nonsense").status_code == 401
+    assert farm.ask("GET", f"{NETWORK_PREFIX}/status", "nonsense").status_code == 429
+    assert farm.ask("GET", f"{NETWORK_PREFIX}/status", "nonsense", address="10.0.0.8").status_code == 401
+    assert farm.ask("GET", f"{NETWORK_PREFIX}/status", key.text).status_code == 200
 
 
 def test_every_answer_forbids_scripts_and_frames_and_no_other_site_may_read_it(farm):
     key = farm.add(LOOK).text
     answers = (
         farm.ask("GET", LIVENESS),
-        farm.ask("GET", f"{PREFIX}/status"),
-        farm.ask("GET", f"{PREFIX}/status", key, headers={"origin": "http://evil.example"}),
-        farm.ask("GET", f"{PREFIX}/nothing", key),
+        farm.ask("GET", f"{NETWORK_PREFIX}/status"),
+        farm.ask("GET", f"{NETWORK_PREFIX}/status", key, headers={"origin": "http://evil.example"}),
+        farm.ask("GET", f"{NETWORK_PREFIX}/nothing", key),
     )
     assert [answer.status_code for answer in answers] == [200, 401, 200, 404]
     for answer in answers:

@@ -3,7 +3,7 @@
 import pytest
 from typer.testing import CliRunner
 
-from farm import api_keys
+from farm import api
 from farm.cli.client import read_address
 from farm.cli.commands import keys
 from farm.cli.main import app as cli
@@ -16,17 +16,17 @@ TEXT = "farm_abcd2345_" + "x" * 43
 class Daemon:
     """A daemon without the network, with one key."""
 
-    network = api_keys.NetworkView(address=None, problem=None)
+    network = api.NetworkView(address=None, problem=None)
 
     def __init__(self, _):
         self.asked = []
 
     def add_key(self, request):
         Daemon.request = request
-        return api_keys.NewKey(id="abcd2345", text=TEXT, role=request.role)
+        return api.NewKey(id="abcd2345", text=TEXT, role=request.role)
 
     def keys(self):
-        one = api_keys.KeyView(
+        one = api.KeyView(
             id="abcd2345",
             name="ann",
             role=Role.LOOK,
@@ -37,7 +37,7 @@ class Daemon:
             expires="2026-11-30T10:00:00+00:00",
             revoked=None,
         )
-        return api_keys.Keys(now="2026-11-20T11:00:00+00:00", network=self.network, keys=[one])
+        return api.Keys(now="2026-11-20T11:00:00+00:00", network=self.network, keys=[one])
 
     def revoke_key(self, name):
         Daemon.revoked = name
@@ -59,7 +59,7 @@ def test_a_new_key_alone_is_on_stdout(daemon):
     assert result.stdout == TEXT + "\n"
     assert "shown only now" in result.stderr
     assert "write `web: {}` into fleet.yaml" in result.stderr
-    assert Daemon.request == api_keys.KeyRequest(name="ann", role=Role.LOOK, days=28)
+    assert Daemon.request == api.KeyRequest(name="ann", role=Role.LOOK, days=28)
 
 
 def test_keys_are_listed_and_revoked_by_id(daemon):

@@ -1,17 +1,13 @@
-"""Requests and responses about keys for callers on the network, as `farm.api`."""
+"""Requests and responses about keys for callers on the network."""
 
 from __future__ import annotations
 
 from typing import Annotated
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import ConfigDict, Field
 
-from farm.api import SCHEMA
+from farm.api.base import SCHEMA, View
 from farm.model import Role
-
-
-class View(BaseModel):
-    model_config = ConfigDict(extra="forbid")
 
 
 class KeyRequest(View):
