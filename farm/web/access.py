@@ -1,4 +1,7 @@
-"""Roles that the routes need on the network. A route without a row here is not served there."""
+"""Table of the routes on the network, with the role that each needs.
+
+A route of the application without a row here is not served, and fails a test.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +12,6 @@ from farm.model import Role
 
 METRICS = "/metrics"
 LIVENESS = "/healthz"
-"""The only path that needs no key; it shows nothing of the farm."""
 _LOOK = (
     "/status",
     "/names",
@@ -40,24 +42,43 @@ _OPERATE = (
     "/printers/{name}/maintained",
     "/outage/confirm",
 )
+OPEN = frozenset({("GET", LIVENESS)})
+"""Routes that need no key; they show nothing of the farm."""
 ROLES: dict[tuple[str, str], Role] = {
-    **{("GET", path): Role.LOOK for path in _LOOK},
-    **{("POST", path): Role.PRINT for path in _PRINT},
-    **{("POST", path): Role.OPERATE for path in _OPERATE},
+    ("GET", METRICS): Role.LOOK,
+    **{("GET", NETWORK_PREFIX + path): Role.LOOK for path in _LOOK},
+    **{("POST", NETWORK_PREFIX + path): Role.PRINT for path in _PRINT},
+    **{("POST", NETWORK_PREFIX + path): Role.OPERATE for path in _OPERATE},
 }
-"""Role by method and path, without the prefix. `/down` and agents are left to the daemon's own host."""
-_PATTERNS = [
-    (method, re.compile(re.sub(r"\{\w+\}", "[^/]+", path)), role) for (method, path), role in ROLES.items()
-]
+"""Role by method and path."""
+HOST_ONLY = frozenset(
+    (method, NETWORK_PREFIX + path)
+    for method, path in (
+        ("GET", "/queue"),
+        ("POST", "/jobs/{number}/move"),
+        ("POST", "/printers/{name}/replace"),
+        ("POST", "/prune"),
+        ("POST", "/down"),
+    )
+)
+"""Routes of the socket that are not served on the network: they are left to the daemon's own host."""
+
+
+def _compile(path: str) -> re.Pattern[str]:
+    return re.compile(re.sub(r"\{\w+\}", "[^/]+", path))
+
+
+_OPEN_PATTERNS = [(method, _compile(path)) for method, path in OPEN]
+_PATTERNS = [(method, _compile(path), role) for (method, path), role in ROLES.items()]
+
+
+def is_open(method: str, path: str) -> bool:
+    """Return whether a request needs no key."""
+    return any(verb == method and pattern.fullmatch(path) for verb, pattern in _OPEN_PATTERNS)
 
 
 def find_role(method: str, path: str) -> Role | None:
     """Return the role that a request needs; None if there is no such route on the network."""
-    if (method, path) == ("GET", METRICS):
-        return Role.LOOK
-    if not path.startswith(f"{NETWORK_PREFIX}/"):
-        return None
-    own = path.removeprefix(NETWORK_PREFIX)
     return next(
-        (role for verb, pattern, role in _PATTERNS if verb == method and pattern.fullmatch(own)), None
+        (role for verb, pattern, role in _PATTERNS if verb == method and pattern.fullmatch(path)), None
     )

@@ -10,7 +10,6 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 from fastapi import Depends, FastAPI, Response
-from fastapi.responses import JSONResponse
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
@@ -28,7 +27,7 @@ from farm.http import (
     make_problem,
 )
 from farm.model import Key, Role
-from farm.web.access import LIVENESS, METRICS, find_role
+from farm.web.access import LIVENESS, METRICS, find_role, is_open
 from farm.web.guard import Refusal, WrongKeys, check_host, check_origin
 from farm.web.metrics import CONTENT_TYPE, write_metrics
 
@@ -59,6 +58,22 @@ class KeyHolder:
         return self.key.role is Role.OPERATE
 
 
+@dataclass(frozen=True, slots=True)
+class Visitor:
+    """Caller on the network without a key, at a route that needs none."""
+
+    address: str
+
+    @property
+    def name(self) -> str:
+        """Name for the event log."""
+        return f"visitor at {self.address}"
+
+    def is_operator(self, group: str | None) -> bool:
+        """Return False: a visitor may do nothing."""
+        return False
+
+
 def make_web_app(services: Services, dry_runs: DryRuns, names: Collection[str]) -> ASGIApp:
     """Make the application for the network.
 
@@ -76,6 +91,10 @@ def make_web_app(services: Services, dry_runs: DryRuns, names: Collection[str]) 
     )
     add_routes(app, services, dry_runs, NETWORK_PREFIX)
     app.add_middleware(BodyLimit, upload_path=NETWORK_PREFIX + UPLOAD_PATH)
+
+    @app.get(LIVENESS)
+    async def liveness() -> dict[str, str]:
+        return {"status": "ok"}
 
     @app.get(METRICS)
     async def metrics() -> Response:
@@ -119,23 +138,18 @@ class Guard:
             await send(message)
 
         judged = self._judge(scope)
-        if isinstance(judged, Key):
-            state = {**scope.get("state", {}), "person": KeyHolder(judged)}
+        if not isinstance(judged, Refusal):
+            state = {**scope.get("state", {}), "person": judged}
             await self._app({**scope, "state": state}, receive, send_with_headers)
             return
-        response = (
-            JSONResponse({"status": "ok"})
-            if judged is None
-            else make_problem(judged.text, ErrorCode.REFUSED, ExitCode.REFUSED, judged.status)
-        )
-        if judged is not None:  # the rest of its body is not read
-            response.headers["connection"] = "close"
-        if judged is not None and judged.status == 401:
+        response = make_problem(judged.text, ErrorCode.REFUSED, ExitCode.REFUSED, judged.status)
+        response.headers["connection"] = "close"  # the rest of its body is not read
+        if judged.status == 401:
             response.headers["www-authenticate"] = "Bearer"
         await response(scope, receive, send_with_headers)
 
-    def _judge(self, scope: Scope) -> Key | Refusal | None:
-        """Return the caller's key, a refusal, or None for a request about liveness."""
+    def _judge(self, scope: Scope) -> KeyHolder | Visitor | Refusal:
+        """Return the caller, or a refusal."""
         headers = Headers(scope=scope)
         method, path, host = scope["method"], scope["path"], headers.get("host")
         refusal = check_host(host, self._names) or check_origin(
@@ -143,10 +157,11 @@ class Guard:
         )
         if refusal is not None:
             return refusal
-        if path == LIVENESS and method == "GET":
-            return None
+        address = (scope.get("client") or ("nobody",))[0]
+        if is_open(method, path):
+            return Visitor(address)
         now_s = self._controller.clock.now()
-        key = self._find_key(headers, (scope.get("client") or ("nobody",))[0], now_s)
+        key = self._find_key(headers, address, now_s)
         if isinstance(key, Refusal):
             return key
         needed = find_role(method, path)
@@ -155,7 +170,7 @@ class Guard:
         if not key.role.allows(needed):
             return Refusal(403, f"this needs a key with the role {needed}; {key.name} has {key.role}")
         self._uses_s[key.id] = now_s
-        return key
+        return KeyHolder(key)
 
     def _find_key(self, headers: Mapping[str, str], address: str, now_s: float) -> Key | Refusal:
         text = headers.get("x-api-key") or _read_bearer(headers.get("authorization", ""))

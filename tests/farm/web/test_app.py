@@ -5,6 +5,7 @@ import re
 
 import httpx
 import pytest
+from fastapi.routing import iter_route_contexts
 
 from drivers.clock import Clock
 from farm.api import NETWORK_PREFIX, KeyRequest
@@ -16,7 +17,7 @@ from farm.paths import StateFolder
 from farm.planning.printer_settings import bed_boxes
 from farm.state.storage.store import Store
 from farm.web import make_web_app
-from farm.web.access import LIVENESS, ROLES
+from farm.web.access import HOST_ONLY, LIVENESS, OPEN, ROLES
 from recording_controller import RecordedEffects
 from same_process import AcceptAll
 
@@ -52,6 +53,7 @@ def farm(tmp_path):
     farm = Farm()
     farm.controller, farm.keys, farm.services, farm.went_down = controller, keys, services, went_down
     farm.unix = make_app(services, DryRuns(controller))
+    farm.web = web
 
     def ask(method, path, text=None, host=HOST, address="10.0.0.9", headers=None, **more):
         own = {"x-api-key": text} if text else {}
@@ -72,25 +74,28 @@ def farm(tmp_path):
 
 
 def fill(path):
-    return NETWORK_PREFIX + path.format(**VALUES)
+    return path.format(**VALUES)
 
 
-def test_each_row_of_the_table_is_a_route_of_the_socket_and_the_rest_is_not_served(farm):
-    socket = {(verb.upper(), path) for path, verbs in farm.unix.openapi()["paths"].items() for verb in verbs}
-    assert set(ROLES) <= socket
+def test_each_route_has_a_row_in_one_table_and_each_row_is_a_route(farm):
+    contexts = iter_route_contexts(farm.web._app.routes)
+    routes = {(method, context.path) for context in contexts for method in context.methods}
+    assert routes == ROLES.keys() | OPEN | HOST_ONLY
+    assert len(routes) == len(ROLES) + len(OPEN) + len(HOST_ONLY)
+
+
+def test_what_has_no_row_is_not_served(farm):
     operator = farm.add(OPERATE).text
-    left = socket - set(ROLES)
-    assert ("POST", "/down") in left
-    for method, path in left | {
-        ("PUT", "/jobs"),
-        ("OPTIONS", "/status"),
-        ("HEAD", "/status"),
-        ("GET", "/.."),
+    assert ("POST", f"{NETWORK_PREFIX}/down") in HOST_ONLY
+    for method, path in HOST_ONLY | {
+        ("PUT", f"{NETWORK_PREFIX}/jobs"),
+        ("OPTIONS", f"{NETWORK_PREFIX}/status"),
+        ("HEAD", f"{NETWORK_PREFIX}/status"),
+        ("GET", f"{NETWORK_PREFIX}/.."),
     }:
         assert farm.ask(method, fill(path), operator, json={}).status_code == 404, (method, path)
     for path in (
         "/status",
-        "/",
         "/docs",
         "/openapi.json",
         f"{NETWORK_PREFIX}//status",
@@ -130,7 +135,7 @@ def test_a_route_for_every_kind_of_caller(farm, method, path):
 
 def test_a_key_s_name_is_in_the_event_log_and_its_text_is_nowhere(farm, tmp_path):
     key = farm.add(OPERATE, "slicer of ann")
-    assert farm.ask("POST", fill("/printers/{name}/cleared"), key.text, json={}).status_code == 200
+    assert farm.ask("POST", f"{NETWORK_PREFIX}/printers/a/cleared", key.text, json={}).status_code == 200
     assert '"by":"key slicer of ann"' in farm.controller._store.events()[-1][2]
     assert farm.services.key_uses_s.keys() == {key.id}
     secret = key.text.split("_", 2)[2].encode()
@@ -153,7 +158,9 @@ def test_a_model_is_submitted_by_a_key_that_may_print(farm):
 
 
 def test_a_long_body_is_refused(farm):
-    long = farm.ask("POST", fill("/printers/{name}/cleared"), farm.add(OPERATE).text, content=b"x" * 200_000)
+    long = farm.ask(
+        "POST", f"{NETWORK_PREFIX}/printers/a/cleared", farm.add(OPERATE).text, content=b"x" * 200_000
+    )
     assert long.status_code == 413
 
 
