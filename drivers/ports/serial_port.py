@@ -66,7 +66,8 @@ class SerialPort:
             # pyserial's VMIN of 0 would make an empty port look like one that hung up.
             attributes[6][termios.VMIN], attributes[6][termios.VTIME] = 1, 0
             termios.tcsetattr(fd, termios.TCSANOW, attributes)
-            if self._exclusive and not os.ttyname(fd).startswith(_PTY):
+            self._is_pty = os.ttyname(fd).startswith(_PTY)
+            if self._exclusive and not self._is_pty:
                 fcntl.ioctl(fd, termios.TIOCEXCL)  # for programs that do not use locks
             os.set_blocking(fd, False)  # pyserial has discarded earlier input
         except (termios.error, OSError) as error:
@@ -129,11 +130,12 @@ class SerialPort:
         PortError
             The port was disconnected.
         """
-        self._pending = b""
         until_s = time.monotonic() + DRAIN_S
         try:
-            termios.tcflush(self._fd, termios.TCOFLUSH)
-            self.write(data)
+            # On a pseudo-terminal a flush discards bytes that are on their way to the other end too.
+            self._replace(data, flush=not self._is_pty)
+            if self._is_pty and self._pending:  # the other end has stopped reading
+                self._replace(data, flush=True)
             while self._pending or self._queued():
                 if time.monotonic() > until_s:
                     return
@@ -142,6 +144,12 @@ class SerialPort:
                     self.write(b"")
         except (OSError, termios.error) as error:
             raise PortError(f"{self.path}: went away ({error}); check its cable and power") from error
+
+    def _replace(self, data: bytes, *, flush: bool) -> None:
+        self._pending = b""
+        if flush:
+            termios.tcflush(self._fd, termios.TCOFLUSH)
+        self.write(data)
 
     def _queued(self) -> int:
         """Count the bytes that the kernel has not sent yet."""
@@ -157,7 +165,7 @@ class SerialPort:
         """
         self._pending = b""
         try:
-            if os.ttyname(self._fd).startswith(_PTY):
+            if os.ttyname(self._fd).startswith(_PTY):  # raises if the printer was disconnected
                 self.close()
                 self._open()
                 return

@@ -1,6 +1,7 @@
 import fcntl
 import os
 import pty
+import select
 import struct
 import termios
 import tty
@@ -27,6 +28,14 @@ def ends() -> Iterator[tuple[int, Path]]:
     os.close(slave)
     yield master, path
     os.close(master)
+
+
+def read_bytes(fd: int, count: int) -> bytes:
+    """Read a number of bytes; fewer if no more come for 2 s."""
+    data = b""
+    while len(data) < count and select.select([fd], [], [], 2.0)[0]:
+        data += os.read(fd, count - len(data))
+    return data
 
 
 def test_bytes_go_both_ways_and_an_empty_port_gives_none(ends: tuple[int, Path]):
@@ -105,6 +114,19 @@ def test_urgent_bytes_replace_unsent_ones(ends: tuple[int, Path]):
         port.write_now(b"\nM104 S0\n")
         assert not port.write_pending
         assert everything(master).endswith(b"\nM104 S0\n")
+    finally:
+        port.close()
+
+
+def test_urgent_bytes_do_not_discard_bytes_that_were_sent(ends: tuple[int, Path]):
+    """On a pseudo-terminal a flush would discard bytes that the kernel has not passed on yet."""
+    master, path = ends
+    port = SerialPort(path, ULTIMAKER2.baud_rate)
+    try:
+        for _ in range(50):  # before the mend about 4 in 5 lost the first line
+            port.write_now(b"\nM104 S0\n")
+            port.write_now(b"\nM112\n")
+            assert read_bytes(master, 15) == b"\nM104 S0\n\nM112\n"
     finally:
         port.close()
 
