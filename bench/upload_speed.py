@@ -1,0 +1,214 @@
+"""Speed of uploads from the network, and how fast the daemon answers meanwhile.
+
+``python -m bench.upload_speed [--mb MB] [--times N] [--form] [--json]``. A real daemon with one simulated
+printer. This process sends a file of that size over loopback TCP with a key: `--form` as slicers do
+(multipart), else as `farm submit` does. Another process asks for `GET /status` on the Unix socket and on TCP
+every 50 ms. The file is G-code that its first line refuses, so that the answer comes as soon as the last byte
+is on the disk. One more upload is cut in its middle: what it leaves on the disk is counted.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import multiprocessing
+import os
+import secrets
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
+
+import httpx
+import yaml
+
+from farm.api import NETWORK_PREFIX
+
+MB = 10**6
+FARM = Path(sys.executable).with_name("farm")
+BLOCK = b"M999 ; a command that no file may have\n" + b"G1 X100.123 Y100.456 E0.12345\n" * 30_000
+ASK_S = 0.05
+PATIENCE_S = 300.0
+GOALS = {"mb_per_s": 100.0, "status_worst_ms": 100.0}
+BOUNDARY = b"------------------------9b1418d19f570849"
+
+
+class Farm:
+    """Daemon on a state folder of its own, with a key for the network."""
+
+    def __init__(self, folder: Path) -> None:
+        with socket.create_server(("127.0.0.1", 0)) as probe:
+            self.port = probe.getsockname()[1]
+        self.state = folder / "state"
+        self._fleet = folder / "fleet.yaml"
+        printer = {"name": "um2-01", "model": "ultimaker2_plus", "port": "sim://ultimaker2_plus"}
+        web = {"listen": f"127.0.0.1:{self.port}"}
+        self._fleet.write_text(yaml.safe_dump({"printers": [printer], "web": web}))
+        self.run("up", "--fleet", str(self._fleet))
+        self.key = self.run("key", "add", "bench", "--role", "print").strip()
+
+    def run(self, *words: str) -> str:
+        """Run a command of `farm`."""
+        command = [str(FARM), *words, "--state", str(self.state)]
+        return subprocess.run(command, check=True, capture_output=True, text=True, timeout=600).stdout
+
+    def cpu_s(self) -> float:
+        """Return the CPU seconds of the daemon, in all its threads."""
+        pid = json.loads(self.run("status", "--json"))["daemon"]["pid"]
+        return time.clock_gettime((~pid << 3) | 2)
+
+    def leftovers(self) -> list[str]:
+        """List the files in the work folder."""
+        return [str(path) for path in (self.state / "work").rglob("*") if path.is_file()]
+
+
+def make_request(farm: Farm, size: int, form: bool) -> tuple[bytes, bytes, bytes]:
+    """Return the head of the request with all before the file, and all after the file."""
+    before, after = b"", b""
+    if form:
+        path, kind = "/api/files/local", b"multipart/form-data; boundary=" + BOUNDARY
+        for name, value in ((b"print", b"false"), (b"path", b"")):
+            before += b'--%b\r\nContent-Disposition: form-data; name="%b"\r\n\r\n%b\r\n' % (
+                BOUNDARY,
+                name,
+                value,
+            )
+        before += b'--%b\r\nContent-Disposition: form-data; name="file"; filename="big.gcode"\r\n' % BOUNDARY
+        before += b"Content-Type: application/octet-stream\r\n\r\n"
+        after = b"\r\n--%b--\r\n" % BOUNDARY
+    else:
+        path = f"{NETWORK_PREFIX}/jobs?request_id={secrets.token_hex(8)}&name=big.gcode&size={size}"
+        kind = b"application/octet-stream"
+    length = len(before) + size + len(after)
+    head = f"POST {path} HTTP/1.1\r\nHost: localhost\r\nX-Api-Key: {farm.key}\r\nContent-Length: {length}\r\n"
+    return head.encode() + b"Connection: close\r\nContent-Type: %b\r\n\r\n" % kind, before, after
+
+
+def upload(farm: Farm, size: int, form: bool, share: float = 1.0) -> tuple[float, int, str]:
+    """Upload a file, or the first share of one.
+
+    Returns
+    -------
+    seconds, status, text
+        From the first byte to the answer; status 0 for an upload that was cut.
+    """
+    head, before, after = make_request(farm, size, form)
+    with socket.create_connection(("127.0.0.1", farm.port), PATIENCE_S) as connection:
+        start_s = time.perf_counter()
+        connection.sendall(head + before)
+        left = int(size * share)
+        while left:
+            block = memoryview(BLOCK)[:left]
+            connection.sendall(block)
+            left -= len(block)
+        if share < 1.0:
+            return time.perf_counter() - start_s, 0, ""
+        connection.sendall(after)
+        answer = b""
+        while chunk := connection.recv(65536):
+            answer += chunk
+        took_s = time.perf_counter() - start_s
+    status, _, text = answer.partition(b"\r\n\r\n")
+    return took_s, int(status.split()[1]), text.decode()
+
+
+def ask_status(state: Path, port: int, key: str, pipe: Connection) -> None:
+    """Ask for the status until told to stop; send the milliseconds of each answer."""
+    took_ms: list[float] = []
+    socket_transport = httpx.HTTPTransport(uds=str(state / "farm.sock"))
+    with (
+        httpx.Client(transport=socket_transport, base_url="http://farm", timeout=PATIENCE_S) as near,
+        httpx.Client(
+            base_url=f"http://127.0.0.1:{port}", headers={"x-api-key": key}, timeout=PATIENCE_S
+        ) as far,
+    ):
+        while not pipe.poll():
+            for client, path in ((near, "/status"), (far, f"{NETWORK_PREFIX}/status")):
+                start_s = time.perf_counter()
+                client.get(path).raise_for_status()
+                took_ms.append(1000 * (time.perf_counter() - start_s))
+            time.sleep(ASK_S)
+    pipe.send(took_ms)
+
+
+def measure_answers(farm: Farm) -> Iterator[list[float]]:
+    """Ask for the status beside what the caller does; yield an empty list, then its milliseconds."""
+    here, there = multiprocessing.get_context("spawn").Pipe()
+    asking = multiprocessing.get_context("spawn").Process(
+        target=ask_status, args=(farm.state, farm.port, farm.key, there)
+    )
+    asking.start()
+    yield []
+    here.send(None)
+    yield here.recv()
+    asking.join()
+
+
+def measure(size_mb: int, times: int, form: bool) -> dict[str, Any]:
+    """Measure the speed of whole uploads, the answers meanwhile, and what a cut one leaves."""
+    with tempfile.TemporaryDirectory() as name:
+        farm = Farm(Path(name))
+        try:
+            size, took_s = size_mb * MB, []
+            upload(farm, MB, form)  # the first one waits for the workers
+            idle = measure_answers(farm)
+            next(idle)
+            time.sleep(3.0)
+            idle_ms = sorted(next(idle))
+            before_s, busy = farm.cpu_s(), measure_answers(farm)
+            next(busy)
+            time.sleep(2.0)  # until it asks
+            for _ in range(times):
+                seconds, status, text = upload(farm, size, form)
+                if status != 400 or "line 1" not in text:
+                    raise RuntimeError(f"unexpected answer {status}: {text}")
+                took_s.append(seconds)
+            status_ms = sorted(next(busy))
+            cpu_s = farm.cpu_s() - before_s
+            upload(farm, size, form, share=0.5)
+            time.sleep(1.0)
+            left = farm.leftovers()
+        finally:
+            farm.run("down", "--now")
+    return {
+        "mb": size_mb,
+        "form": form,
+        "mb_per_s": max(size_mb / seconds for seconds in took_s),
+        "mb_per_s_each": [size_mb / seconds for seconds in took_s],
+        "cpu_s_per_gb": 1000 * cpu_s / (size_mb * times),
+        "status_asked": len(status_ms),
+        "status_median_ms": status_ms[len(status_ms) // 2],
+        "status_p99_ms": status_ms[int(0.99 * len(status_ms))],
+        "status_worst_ms": status_ms[-1],
+        "idle_status_median_ms": idle_ms[len(idle_ms) // 2],
+        "idle_status_worst_ms": idle_ms[-1],
+        "cut_upload_leaves": left,
+        "load": os.getloadavg()[0],
+    }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--mb", type=int, default=500)
+    parser.add_argument("--times", type=int, default=3)
+    parser.add_argument("--form", action="store_true")
+    parser.add_argument("--json", action="store_true")
+    args = parser.parse_args()
+    result = measure(args.mb, args.times, args.form)
+    if args.json:
+        print(json.dumps({**result, "goals": GOALS}, indent=2))
+        return
+    print(
+        f"{result['mb']} MB: {result['mb_per_s']:.0f} MB/s; the status meanwhile within "
+        f"{result['status_median_ms']:.0f} ms, at worst {result['status_worst_ms']:.0f} ms; "
+        f"a cut upload leaves {len(result['cut_upload_leaves'])} files"
+    )
+
+
+if __name__ == "__main__":
+    main()

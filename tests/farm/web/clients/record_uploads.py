@@ -1,0 +1,96 @@
+"""Record the bytes of uploads as slicers' libraries put them on the wire: libcurl's and Qt's.
+
+``FARM_INTEROP=.venv/interop/bin/python .venv/bin/python tests/farm/web/clients/record_uploads.py`` writes
+`recorded/` anew, after `make peers`. PrusaSlicer and its forks drive libcurl as here; Cura's plugin for
+OctoPrint drives Qt as `tests/interop/qt_peer.py` does.
+"""
+
+import os
+import socket
+import subprocess
+import sys
+import tempfile
+import threading
+from pathlib import Path
+
+HERE = Path(__file__).parent
+TESTS = HERE.parents[2]
+sys.path.insert(0, str(TESTS / "support"))
+
+from make_gcode import marlin, square  # noqa: E402
+
+FOLDER = HERE / "recorded"
+KEY = f"farm_{'a' * 8}_{'A' * 43}"
+PORT = 8467
+ANSWER = b'{"done":true}'
+FILE = "file=@{path};filename={name};type=application/octet-stream"
+PRUSA, EXPECT = ["-A", "PrusaSlicer/2.9.4"], ["-H", "Expect: 100-continue"]
+LOCAL = "/api/files/local"
+CURL = {  # name -> (path, name of the file, options)
+    "libcurl-print": (LOCAL, "part.gcode", [*PRUSA, *EXPECT, "-F", "print=true", "-F", "path=", "-F", FILE]),
+    "libcurl-upload": (LOCAL, "part.gcode", [*PRUSA, "-F", "print=false", "-F", "path=", "-F", FILE]),
+    "libcurl-file-first": (LOCAL, "part.gcode", [*PRUSA, "-F", FILE, "-F", "path=", "-F", "print=true"]),
+    "libcurl-odd-name": (LOCAL, 'Größe "2" (1).gcode', ["-F", "print=false", "-F", "path=a/b", "-F", FILE]),
+    "libcurl-moonraker": (
+        "/server/files/upload",
+        "part.gcode",
+        ["-F", "root=gcodes", "-F", "print=true", "-F", FILE],
+    ),
+}
+QT = {
+    "qt-print": ("part.gcode", ["select=true", "print=true"]),
+    "qt-upload": ("part.gcode", []),
+    "qt-odd-name": ("Größe 2 (1).gcode", []),
+}
+
+
+def receive_request(listening: socket.socket) -> bytes:
+    """Receive one request to its end, and answer it as OctoPrint does."""
+    connection, _ = listening.accept()
+    with connection:
+        data = b""
+        while b"\r\n\r\n" not in data:
+            data += connection.recv(65536)
+        head, _, _ = data.partition(b"\r\n\r\n")
+        if b"100-continue" in head:
+            connection.sendall(b"HTTP/1.1 100 Continue\r\n\r\n")
+        (length,) = (line for line in head.lower().splitlines() if line.startswith(b"content-length:"))
+        size = len(head) + 4 + int(length.partition(b":")[2])
+        while len(data) < size:
+            data += connection.recv(65536)
+        head = b"HTTP/1.1 201 CREATED\r\nContent-Type: application/json\r\n"
+        place = b"Location: http://farm/api/files/local/part.gcode\r\n"
+        connection.sendall(head + place + b"Content-Length: %d\r\n\r\n" % len(ANSWER) + ANSWER)
+        return data
+
+
+def record(name: str, command: list[str | Path]) -> None:
+    """Run a client, and write what it sends."""
+    with socket.create_server(("127.0.0.1", PORT)) as listening:
+        kept: list[bytes] = []
+        receiver = threading.Thread(target=lambda: kept.append(receive_request(listening)), daemon=True)
+        receiver.start()
+        subprocess.run(command, check=True, timeout=60, stdout=subprocess.DEVNULL)
+        receiver.join(60)
+    (FOLDER / f"{name}.http").write_bytes(kept[0])
+
+
+def main() -> None:
+    FOLDER.mkdir(exist_ok=True)
+    url = f"http://127.0.0.1:{PORT}"
+    with tempfile.TemporaryDirectory() as scratch:
+        path = Path(scratch) / "part.gcode"
+        path.write_text("\n".join(marlin(square(layers=2))) + "\n")
+        for name, (place, file_name, options) in CURL.items():
+            quoted = '"' + file_name.replace('"', '\\"') + '"'
+            words = [
+                option.format(path=path, name=quoted) if option is FILE else option for option in options
+            ]
+            record(name, ["curl", "-sS", "-H", f"X-Api-Key: {KEY}", *words, url + place])
+        for name, (file_name, fields) in QT.items():
+            peer = [os.environ["FARM_INTEROP"], TESTS / "interop/qt_peer.py"]
+            record(name, [*peer, url + LOCAL, KEY, path, file_name, *fields])
+
+
+if __name__ == "__main__":
+    main()
