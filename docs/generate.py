@@ -53,6 +53,8 @@ SCHEMAS: tuple[tuple[str, type[BaseModel]], ...] = (
     ("One printer of farm estop --json", StopReport),
     ("farm key --json", api.Keys),
     ("farm key add --json", api.NewKey),
+    ("farm web --json", api.LoginLink),
+    ("farm web --end-all --json", api.EndedSessions),
 )
 
 

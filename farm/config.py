@@ -88,6 +88,7 @@ class TlsSection(_Section):
     key: Path
 
 
+_WEB_URL = re.compile(r"https?://(\[[0-9A-Fa-f:.]+\]|[A-Za-z0-9._-]+)(:[0-9]{1,5})?/?")
 _WEB_ADDRESS = re.compile(r"(\[[0-9A-Fa-f:.]+\]|[0-9.]+|localhost):([0-9]{1,5})")
 
 
@@ -97,6 +98,7 @@ class WebSection(_Section):
     listen: str = "127.0.0.1:8467"
     names: tuple[str, ...] = ()  # names of this host, besides its own
     tls: TlsSection | None = None
+    url: str | None = None  # of a proxy, where browsers reach it
 
     @field_validator("listen")
     @classmethod
@@ -117,6 +119,15 @@ class WebSection(_Section):
     def _lower_names(cls, value: tuple[str, ...]) -> tuple[str, ...]:
         return tuple(name.lower().rstrip(".") for name in value)
 
+    @field_validator("url")
+    @classmethod
+    def _check_url(cls, value: str | None) -> str | None:
+        if value is not None and _WEB_URL.fullmatch(value) is None:
+            raise ValueError(
+                f"{value!r} is not the address of a host: use a URL like https://farm.lab.example"
+            )
+        return value if value is None else value.lower().rstrip("/")
+
     @property
     def address(self) -> tuple[str, int]:
         """The IP address and the port."""
@@ -129,9 +140,33 @@ class WebSection(_Section):
         return ip_address(self.address[0]).is_loopback
 
     @property
-    def url(self) -> str:
-        """The address as a URL."""
-        return f"{'http' if self.tls is None else 'https'}://{self.listen}"
+    def listen_url(self) -> str:
+        """The address on which it listens, as a URL."""
+        return f"{self._scheme}://{self.listen}"
+
+    @property
+    def is_encrypted(self) -> bool:
+        """True if browsers reach it by HTTPS."""
+        return self.tls is not None if self.url is None else self.url.startswith("https:")
+
+    def find_browser_url(self, host: str) -> str:
+        """Return the URL at which browsers reach it.
+
+        Parameters
+        ----------
+        host
+            This host's name, for a server that listens on all its addresses.
+        """
+        if self.url is not None:
+            return self.url
+        address, port = self.address
+        if self.names and not self.is_local:
+            return f"{self._scheme}://{self.names[0]}:{port}"
+        return f"{self._scheme}://{host}:{port}" if ip_address(address).is_unspecified else self.listen_url
+
+    @property
+    def _scheme(self) -> str:
+        return "http" if self.tls is None else "https"
 
 
 def _parse_address(host: str) -> IPv4Address | IPv6Address:

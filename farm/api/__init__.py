@@ -12,9 +12,11 @@ from farm.api.base import NETWORK_PREFIX as NETWORK_PREFIX
 from farm.api.base import SCHEMA as SCHEMA
 from farm.api.base import Line as Line
 from farm.api.base import View
+from farm.api.keys import EndedSessions as EndedSessions
 from farm.api.keys import KeyRequest as KeyRequest
 from farm.api.keys import Keys as Keys
 from farm.api.keys import KeyView as KeyView
+from farm.api.keys import LoginLink as LoginLink
 from farm.api.keys import NetworkView as NetworkView
 from farm.api.keys import NewKey as NewKey
 from farm.api.requests import ApproveRequest as ApproveRequest

@@ -1,4 +1,4 @@
-"""Requests and responses about keys for callers on the network."""
+"""Requests and responses about keys for callers on the network, and sessions of browsers."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Annotated
 from pydantic import ConfigDict, Field
 
 from farm.api.base import SCHEMA, View
-from farm.model import Role
+from farm.model import KeyKind, Role
 
 
 class KeyRequest(View):
@@ -27,9 +27,10 @@ class NewKey(View):
 
 
 class KeyView(View):
-    """Key of a caller on the network."""
+    """Key of a caller on the network, or session of a browser."""
 
     id: str
+    kind: KeyKind
     name: str
     role: Role
     valid: bool
@@ -55,3 +56,22 @@ class Keys(View):
     now: str
     network: NetworkView
     keys: list[KeyView]
+
+
+class LoginLink(View):
+    """Response to `farm web --json`: a link that opens a session in a browser, once."""
+
+    model_config = ConfigDict(extra="forbid", populate_by_name=True)
+    schema_: int = Field(default=SCHEMA, alias="schema")
+    url: str
+    user: str
+    role: Role
+    valid_s: float  # wall seconds
+
+
+class EndedSessions(View):
+    """Response to `farm web --end-all --json`."""
+
+    model_config = ConfigDict(extra="forbid", populate_by_name=True)
+    schema_: int = Field(default=SCHEMA, alias="schema")
+    ended: int

@@ -43,6 +43,11 @@ COMMANDS = {
             "Add, list and revoke the keys by which other hosts reach the farm (`web` in fleet.yaml).",
         ),
         CommandEntry(
+            "web",
+            "web.web",
+            "Print a link that opens the farm's pages in a browser as you, once, within five minutes.",
+        ),
+        CommandEntry(
             "daemon",
             "daemon.daemon",
             "Run the daemon in the foreground; `farm up` runs it in the background.",

@@ -8,9 +8,11 @@ from farm.control.keys import KeyCommands, find_key
 from farm.control.notifier import Notifier, delete_record
 from farm.control.part_commands import PartCommands
 from farm.control.printer_commands import PrinterCommands
+from farm.control.sessions import LINK_S, SessionCommands
 from farm.control.timers import Timers
 
 __all__ = [
+    "LINK_S",
     "Controller",
     "DryRuns",
     "FarmEffects",
@@ -19,6 +21,7 @@ __all__ = [
     "Notifier",
     "PartCommands",
     "PrinterCommands",
+    "SessionCommands",
     "Timers",
     "abort_prints",
     "delete_record",

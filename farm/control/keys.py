@@ -1,4 +1,8 @@
-"""Keys of callers on the network: added and revoked. Their text is kept only as SHA-256."""
+"""Keys of callers on the network: added and revoked. Their text is kept only as SHA-256.
+
+A session is the key of a browser (`farm.control.sessions`); its text begins with another word, so that
+neither is accepted in the place of the other.
+"""
 
 from __future__ import annotations
 
@@ -11,18 +15,25 @@ from collections.abc import Mapping
 from farm import api
 from farm.control.controller import Controller
 from farm.errors import Refused
-from farm.model import Key
+from farm.model import Key, KeyKind
 from farm.state import events as ev
 
 _ID_LETTERS = "abcdefghijkmnpqrstuvwxyz23456789"  # without l, o, 0 and 1, which look alike
-_KEY = re.compile(r"farm_([a-z0-9]{8})_[A-Za-z0-9_-]{43}")
+_SECRET = r"_([a-z0-9]{8})_[A-Za-z0-9_-]{43}"
+_WORDS = {KeyKind.KEY: "farm", KeyKind.SESSION: "session"}
+_PATTERNS = {kind: re.compile(word + _SECRET) for kind, word in _WORDS.items()}
 _SECRET_BYTES = 32
 _ID_LENGTH = 8
 _DAY_S = 86400.0
 
 
-def make_key_text() -> tuple[str, str]:
+def make_key_text(kind: KeyKind = KeyKind.KEY) -> tuple[str, str]:
     """Make the text of a new key with 256 random bits.
+
+    Parameters
+    ----------
+    kind
+        The kind of key.
 
     Returns
     -------
@@ -30,7 +41,7 @@ def make_key_text() -> tuple[str, str]:
         The public part, by which people name the key, and the whole text, which is shown once.
     """
     name = "".join(secrets.choice(_ID_LETTERS) for _ in range(_ID_LENGTH))
-    return name, f"farm_{name}_{secrets.token_urlsafe(_SECRET_BYTES)}"
+    return name, f"{_WORDS[kind]}_{name}_{secrets.token_urlsafe(_SECRET_BYTES)}"
 
 
 def digest_key(text: str) -> str:
@@ -38,7 +49,7 @@ def digest_key(text: str) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def find_key(text: str, keys: Mapping[str, Key], now_s: float) -> Key | None:
+def find_key(text: str, keys: Mapping[str, Key], now_s: float, kind: KeyKind = KeyKind.KEY) -> Key | None:
     """Find the valid key with a text.
 
     Parameters
@@ -49,15 +60,22 @@ def find_key(text: str, keys: Mapping[str, Key], now_s: float) -> Key | None:
         All keys by their ids.
     now_s
         The time on the farm's clock.
+    kind
+        The kind that is accepted.
 
     Returns
     -------
     Key or None
-        None if the text is no key, or an unknown, expired or revoked one.
+        None if the text is no key of this kind, or an unknown, expired or revoked one.
     """
-    match = _KEY.fullmatch(text)
+    match = _PATTERNS[kind].fullmatch(text)
     key = keys.get(match[1]) if match else None
-    if key is None or not hmac.compare_digest(key.digest, digest_key(text)) or not key.is_valid(now_s):
+    if (
+        key is None
+        or key.kind is not kind
+        or not hmac.compare_digest(key.digest, digest_key(text))
+        or not key.is_valid(now_s)
+    ):
         return None
     return key
 
@@ -78,7 +96,9 @@ class KeyCommands:
         """
         now_s = self._controller.clock.now()
         same = [
-            k for k in self._controller.books.keys.values() if k.name == request.name and k.is_valid(now_s)
+            key
+            for key in self._controller.books.keys.values()
+            if key.kind is KeyKind.KEY and key.name == request.name and key.is_valid(now_s)
         ]
         if same:
             raise Refused(
@@ -98,7 +118,15 @@ class KeyCommands:
         return api.NewKey(id=name, text=text, role=key.role)
 
     def revoke(self, name: str, by: str) -> None:
-        """Revoke a key at once. Raises NoSuchThing for an unknown key, Refused for a revoked one."""
+        """Revoke a key, or end a session, at once.
+
+        Raises
+        ------
+        NoSuchThing
+            If the key is unknown.
+        Refused
+            If it is revoked already.
+        """
         if self._controller.books.key(name).revoked_s is not None:
             raise Refused(f"the key {name} is revoked already")
         self._controller.handle(ev.KeyRevoked(at_s=self._controller.clock.now(), key=name, by=by))

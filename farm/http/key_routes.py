@@ -1,18 +1,22 @@
-"""Routes of keys for callers on the network; on the Unix socket alone."""
+"""Routes of keys for callers on the network, and of sessions; on the Unix socket alone."""
 
 from __future__ import annotations
 
-from fastapi import APIRouter
+from typing import Annotated
+
+from fastapi import APIRouter, Depends
 
 from farm import api
-from farm.control import KeyCommands
-from farm.http.callers import OperatorName
+from farm.control import LINK_S, KeyCommands
+from farm.errors import Refused
+from farm.http.callers import Caller, OperatorName, identify_caller
 from farm.http.services import Services
+from farm.model import Role
 from farm.views import list_keys
 
 
 def key_routes(services: Services, keys: KeyCommands) -> APIRouter:
-    """Return the routes of keys."""
+    """Return the routes of keys and sessions."""
     router, controller = APIRouter(), services.controller
 
     @router.get("/keys")
@@ -31,5 +35,25 @@ def key_routes(services: Services, keys: KeyCommands) -> APIRouter:
     @router.post("/keys/{name}/revoke")
     async def revoke_key(name: str, by: OperatorName) -> None:
         keys.revoke(name, by)
+
+    @router.post("/sessions/link")
+    async def make_link(caller: Annotated[Caller, Depends(identify_caller)]) -> api.LoginLink:
+        network = services.network
+        if network.browser_url is None:
+            raise Refused(
+                "the farm does not listen on the network: write `web: {}` into fleet.yaml, then `farm up`"
+            )
+        if network.problem is not None:
+            raise Refused(f"the farm does not listen on the network: {network.problem}")
+        operates = caller.is_operator(controller.fleet.fleet.operators)
+        role = Role.OPERATE if operates else Role.PRINT
+        token = services.sessions.make_link(caller.name, role)
+        return api.LoginLink(
+            url=f"{network.browser_url}/login/{token}", user=caller.name, role=role, valid_s=LINK_S
+        )
+
+    @router.post("/sessions/end")
+    async def end_sessions(by: OperatorName) -> api.EndedSessions:
+        return services.sessions.end_all(by)
 
     return router

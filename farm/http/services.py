@@ -10,7 +10,7 @@ from pathlib import Path
 import farm
 from farm import api
 from farm.compute import Workers
-from farm.control import Controller
+from farm.control import Controller, SessionCommands
 from farm.errors import Refused
 from farm.paths import StateFolder
 from farm.views import ViewContext
@@ -28,9 +28,20 @@ async def refuse_pruning(by: str, dry_run: bool) -> api.Pruned:
 
 @dataclass(slots=True)
 class NetworkState:
-    """State of the server for callers on the network: its address (None: off), and why it is closed."""
+    """State of the server for callers on the network.
+
+    Attributes
+    ----------
+    address
+        Where it listens; None if it is off.
+    browser_url
+        Where browsers reach it.
+    problem
+        Why it is closed; None if it is open.
+    """
 
     address: str | None = None
+    browser_url: str | None = None
     problem: str | None = None
 
     def describe(self) -> api.NetworkView:
@@ -64,6 +75,8 @@ class Services:
         Time of the last use of each key since the daemon started.
     inspections
         Names of the models that are being inspected, by the files of their uploads.
+    sessions
+        Commands about sessions of browsers.
     """
 
     controller: Controller
@@ -76,10 +89,12 @@ class Services:
     network: NetworkState = field(default_factory=NetworkState)
     key_uses_s: dict[str, float] = field(default_factory=dict)
     inspections: dict[Path, str] = field(default_factory=dict)
+    sessions: SessionCommands = field(init=False)
     since_s: float = field(init=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "since_s", self.controller.started_s)
+        object.__setattr__(self, "sessions", SessionCommands(self.controller))
 
     def daemon_view(self, context: ViewContext) -> api.DaemonView:
         """Describe this daemon: process, version and start time."""

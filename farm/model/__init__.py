@@ -17,7 +17,7 @@ from farm.model.job import (
     PlanStep,
     Reopening,
 )
-from farm.model.key import Key, Role
+from farm.model.key import Key, KeyKind, Role
 from farm.model.plate import DEFAULT_PRINT_OPTIONS, Part, PartGeometry, PartPrintOptions, Plate
 from farm.model.print import Print, PrintState, Verdict
 from farm.model.printer import Bed, FilamentState, Outage, Printer, Reel
@@ -36,6 +36,7 @@ __all__ = [
     "JobOptions",
     "JobState",
     "Key",
+    "KeyKind",
     "Link",
     "ModelSize",
     "Outage",

@@ -20,16 +20,24 @@ class Role(StrEnum):
         return order.index(self) >= order.index(needed)
 
 
+class KeyKind(StrEnum):
+    """Kind of key, by whom it serves."""
+
+    KEY = "key"  # a program or a person, who sends it with each request
+    SESSION = "session"  # a browser, which keeps it as a cookie
+
+
 class Key(Entity):
     """Key of a caller on the network. The secret itself is not kept."""
 
     id: str
-    name: str
+    kind: KeyKind = KeyKind.KEY
+    name: str  # of a session: the user's name
     role: Role
     digest: str  # SHA-256 of the key's text, in hexadecimal
     created_s: float
-    by: str  # name of the operator who added it
-    expires_s: float | None = None  # None: never
+    by: str  # name of the operator who added it; of a session, the user
+    expires_s: float | None = None  # None: never; the end of a session is put off while it is used
     revoked_s: float | None = None
 
     def is_valid(self, now_s: float) -> bool:

@@ -146,6 +146,14 @@ def replace_fields(entity: E, **changes: object) -> E:
     return entity.model_copy(update=changes)
 
 
+def remove_keys(books: Books, names: Iterable[str]) -> Books:
+    """Return the books without some keys; all other entities stay for ever."""
+    removed = set(names)
+    if not removed:
+        return books
+    return replace(books, keys={name: key for name, key in books.keys.items() if name not in removed})
+
+
 def put(books: Books, *entities: Entity) -> Books:
     """Return the books with these entities, which replace those of the same id."""
     changed: dict[str, dict[object, Entity]] = {}
@@ -215,3 +223,9 @@ def changed_entities(before: Books, after: Books) -> Iterable[Entity]:
         old, new = getattr(before, kind), getattr(after, kind)
         if new is not old:
             yield from (entity for key, entity in new.items() if old.get(key) is not entity)
+
+
+def removed_keys(before: Books, after: Books) -> Iterable[Key]:
+    """Yield the keys of `before` that `after` does not have."""
+    if after.keys is not before.keys:
+        yield from (key for name, key in before.keys.items() if name not in after.keys)

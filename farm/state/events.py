@@ -319,8 +319,23 @@ class KeyAdded(Event):
 
 
 class KeyRevoked(Event):
+    """A key was revoked, or a session was ended."""
+
     key: str
     by: str
+
+
+class SessionOpened(Event):
+    """A user opened the farm's pages in a browser."""
+
+    session: Key
+
+
+class SessionExtended(Event):
+    """A session is in use: it expires later."""
+
+    session: str
+    expires_s: float
 
 
 AnyEvent = (
@@ -363,4 +378,6 @@ AnyEvent = (
     | PrinterAlarmed
     | KeyAdded
     | KeyRevoked
+    | SessionOpened
+    | SessionExtended
 )

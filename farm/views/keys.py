@@ -1,4 +1,4 @@
-"""Keys of callers on the network, as operators see them. Pure."""
+"""Keys of callers on the network and sessions of browsers, as operators see them. Pure."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from farm.views.context import ViewContext
 
 
 def list_keys(context: ViewContext, uses_s: Mapping[str, float]) -> list[api.KeyView]:
-    """List all keys, the newest last.
+    """List all keys and sessions, the newest last.
 
     Parameters
     ----------
@@ -21,6 +21,7 @@ def list_keys(context: ViewContext, uses_s: Mapping[str, float]) -> list[api.Key
     return [
         api.KeyView(
             id=key.id,
+            kind=key.kind,
             name=key.name,
             role=key.role,
             valid=key.is_valid(context.now_s),

@@ -7,6 +7,7 @@ import logging
 import socket
 from collections.abc import Callable
 from contextlib import suppress
+from urllib.parse import urlsplit
 
 import uvicorn
 from starlette.types import ASGIApp
@@ -60,7 +61,7 @@ class NetworkServer:
         )
         self._server: BoundedServer | None = None
         self._task: asyncio.Task[None] | None = None
-        state.address = section.url
+        state.address, state.browser_url = section.listen_url, section.find_browser_url(socket.gethostname())
 
     def start(self, has_key: Callable[[], bool]) -> None:
         """Serve in a task; `has_key` returns whether anybody could use it."""
@@ -128,16 +129,18 @@ class NetworkServer:
 
     def _report(self, problem: str | None) -> None:
         if problem is None:
-            log.info("listening on %s", self._section.url)
+            log.info("listening on %s", self._section.listen_url)
         elif problem != self._state.problem:
-            log.warning("not listening on %s: %s", self._section.url, problem)
+            log.warning("not listening on %s: %s", self._section.listen_url, problem)
         self._state.problem = problem
 
 
 def find_host_names(section: WebSection) -> frozenset[str]:
     """Return the names of this host in lower case: its own, with `.local`, and those in fleet.yaml."""
     name = socket.gethostname().lower()
-    return frozenset({name, name.partition(".")[0], f"{name.partition('.')[0]}.local", *section.names})
+    own = {name, name.partition(".")[0], f"{name.partition('.')[0]}.local"}
+    proxy = urlsplit(section.url or "").hostname
+    return frozenset({*own, *section.names, *([proxy] if proxy else [])})
 
 
 def has_valid_key(books: Books, clock: Clock) -> bool:

@@ -104,6 +104,12 @@ class Client:
     def revoke_key(self, name: str) -> None:
         self._call("POST", f"/keys/{name}/revoke")
 
+    def make_login_link(self) -> api.LoginLink:
+        return self._ask(api.LoginLink, "POST", "/sessions/link")
+
+    def end_sessions(self) -> api.EndedSessions:
+        return self._ask(api.EndedSessions, "POST", "/sessions/end")
+
     def shut_down(self, now: bool, wait: bool) -> None:
         self._call("POST", "/down", body=api.DownRequest(now=now, wait=wait))
 

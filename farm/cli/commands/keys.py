@@ -13,12 +13,13 @@ from farm.cli.client import Client
 from farm.cli.display import Column, format_time, lay_out_table, open_console, print_json, terminal_width
 from farm.cli.notices import print_notice
 from farm.cli.options import Json, with_places
-from farm.model import Role
+from farm.model import KeyKind, Role
 from farm.paths import Places
 
 _COLUMNS = (
     Column("ID"),
     Column("NAME"),
+    Column("KIND"),
     Column("ROLE"),
     Column("STATE"),
     Column("LAST USED", rank=1),
@@ -49,7 +50,8 @@ def key(
 ) -> None:
     """Add, list and revoke the keys by which other hosts reach the farm (`web` in fleet.yaml).
 
-    A new key is printed once, on stdout; the farm keeps only its hash. Only operators may do this.
+    Sessions of browsers (`farm web`) are listed too, and ended by their id. A new key is printed once, on
+    stdout; the farm keeps only its hash. Only operators may do this.
     """
     client = Client(places.socket)
     if action is None:
@@ -91,9 +93,10 @@ def _list(answer: api.Keys, json: bool) -> None:
     rows = []
     for one in answer.keys:
         end = f"valid until {format_time(one.expires, answer.now)}" if one.expires else "valid"
-        state = "revoked" if one.revoked else end if one.valid else "expired"
+        session = one.kind is KeyKind.SESSION
+        state = ("ended" if session else "revoked") if one.revoked else end if one.valid else "expired"
         added, used = (format_time(time, answer.now) for time in (one.created, one.used))
-        rows.append((one.id, one.name, str(one.role), state, used, f"{added} by {one.by}"))
+        rows.append((one.id, one.name, str(one.kind), str(one.role), state, used, f"{added} by {one.by}"))
     screen = open_console()
     for line in lay_out_table(_COLUMNS, rows, terminal_width(screen)):
         screen.print(line)

@@ -171,6 +171,9 @@ PRINTER = Lifecycle(
 
 LIFECYCLES = (JOB, PLATE, PRINT, PRINTER)
 FARM_WIDE: frozenset[Kind] = frozenset(
-    {ev.ClockSet, ev.BooksRestored, ev.EventsCompacted, ev.OutageConfirmed, ev.KeyAdded, ev.KeyRevoked}
+    {
+        *(ev.ClockSet, ev.BooksRestored, ev.EventsCompacted, ev.OutageConfirmed),
+        *(ev.KeyAdded, ev.KeyRevoked, ev.SessionOpened, ev.SessionExtended),
+    }
 )
-"""Events about the farm as a whole, or its keys; allowed at any time."""
+"""Events about the farm as a whole, its keys, or sessions; allowed at any time."""

@@ -14,7 +14,7 @@ from pydantic import ValidationError
 
 from farm.errors import FarmError
 from farm.model import Entity, Job, Key, Outage, Part, Plate, Print, Printer
-from farm.state.books import Books, changed_entities
+from farm.state.books import Books, changed_entities, removed_keys
 from farm.state.events import BooksRestored, Event
 from farm.state.lifecycles import InvalidTransition
 from farm.state.storage.migrations import (
@@ -262,6 +262,8 @@ class Store:
                         f"INSERT OR REPLACE INTO {TABLES[type(entity)]} VALUES (?, ?, ?)",
                         (_key(entity), body, zlib.crc32(body.encode())),
                     )
+                for key in removed_keys(before, after):
+                    self._db.execute(f"DELETE FROM {TABLES[Key]} WHERE id = ?", (key.id,))
                 if isinstance(event, BooksRestored):
                     self._db.execute("DELETE FROM copied")
             except BaseException:

@@ -1,9 +1,10 @@
-"""Rules for events about keys. Pure."""
+"""Rules for events about keys and sessions. Pure."""
 
 from __future__ import annotations
 
+from farm.model import KeyKind
 from farm.state import events as ev
-from farm.state.books import Books, put, replace_fields
+from farm.state.books import Books, put, remove_keys, replace_fields
 from farm.state.consequences import Result
 from farm.state.transitions.rules import change
 
@@ -16,3 +17,19 @@ def _(event: ev.KeyAdded, books: Books) -> Result:
 @change.register
 def _(event: ev.KeyRevoked, books: Books) -> Result:
     return put(books, replace_fields(books.key(event.key), revoked_s=event.at_s)), ()
+
+
+@change.register
+def _(event: ev.SessionOpened, books: Books) -> Result:
+    """Add a session. The user's sessions that have ended are removed, so that the books do not grow."""
+    ended = [
+        key.id
+        for key in books.keys.values()
+        if key.kind is KeyKind.SESSION and key.name == event.session.name and not key.is_valid(event.at_s)
+    ]
+    return put(remove_keys(books, ended), event.session), ()
+
+
+@change.register
+def _(event: ev.SessionExtended, books: Books) -> Result:
+    return put(books, replace_fields(books.key(event.session), expires_s=event.expires_s)), ()

@@ -1,11 +1,13 @@
 """Keys as text."""
 
 import re
+from itertools import permutations
 
 from hypothesis import given
 from hypothesis import strategies as st
 
 from farm.control.keys import digest_key, find_key, make_key_text
+from farm.model import KeyKind
 from make_books import key
 
 
@@ -27,3 +29,13 @@ def test_a_new_key_is_found_by_its_text_alone_and_its_text_is_not_kept():
 def test_any_other_text_is_no_key(text):
     name, secret = make_key_text()
     assert find_key(text, {name: key(id=name, digest=digest_key(secret))}, 1.0) is None
+
+
+def test_session_is_not_accepted_as_key_nor_key_as_session():
+    for kind, other in permutations(KeyKind):
+        name, text = make_key_text(kind)
+        keys = {name: key(id=name, kind=kind, digest=digest_key(text))}
+        assert find_key(text, keys, 1.0, kind) is keys[name]
+        assert find_key(text, keys, 1.0, other) is None
+        wrong = {name: keys[name].model_copy(update={"kind": other})}
+        assert find_key(text, wrong, 1.0, kind) is None

@@ -8,7 +8,7 @@ from farm.cli.client import read_address
 from farm.cli.commands import keys
 from farm.cli.main import app as cli
 from farm.errors import FarmError
-from farm.model import Role
+from farm.model import KeyKind, Role
 
 TEXT = "farm_abcd2345_" + "x" * 43
 
@@ -28,6 +28,7 @@ class Daemon:
     def keys(self):
         one = api.KeyView(
             id="abcd2345",
+            kind=KeyKind.KEY,
             name="ann",
             role=Role.LOOK,
             valid=True,

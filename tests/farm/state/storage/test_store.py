@@ -6,6 +6,7 @@ import zlib
 
 import pytest
 
+from farm.model import Key, KeyKind
 from farm.state import events as ev
 from farm.state.books import Books
 from farm.state.storage.migrations import FIRST_VERSIONS, SCHEMA_VERSION, TABLES
@@ -151,3 +152,23 @@ def test_books_from_before_keys_are_read_and_get_their_table(tmp_path, version):
         after, _ = apply(event, books)
         store.commit(event, books, after)
     assert read_books(path) == (after, SCHEMA_VERSION)
+
+
+def test_removed_key_is_removed_from_the_disk(tmp_path):
+    path = tmp_path / "farm.db"
+    old, new = (
+        key(id=name, kind=KeyKind.SESSION, expires_s=float(at)) for at, name in ((5, "s1"), (50, "s2"))
+    )
+    books = Books()
+    with Store(path) as store:
+        for event in (ev.SessionOpened(at_s=1.0, session=old), ev.SessionOpened(at_s=10.0, session=new)):
+            after, _ = apply(event, books)
+            store.commit(event, books, after)
+            books = after
+        assert store.load() == books
+    assert read_books(path)[0].keys == {"s2": new}
+
+
+def test_key_of_a_version_without_sessions_is_no_session():
+    body = key().model_dump(mode="json", exclude={"kind"})
+    assert Key.model_validate(body).kind is KeyKind.KEY

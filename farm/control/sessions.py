@@ -1,0 +1,158 @@
+"""Sessions of browsers: opened by a link that serves once, extended while they are used, and ended.
+
+A user asks for the link on the daemon's own host, where the kernel names the user. Links are kept in memory,
+by their SHA-256; sessions are keys of the books.
+"""
+
+from __future__ import annotations
+
+import secrets
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from farm import api
+from farm.control.controller import Controller
+from farm.control.keys import digest_key, make_key_text
+from farm.errors import NoSuchThing
+from farm.model import Key, KeyKind, Role
+from farm.state import events as ev
+
+LINK_S = 300.0
+"""Wall seconds in which a link can be opened."""
+IDLE_S = 12 * 3600.0
+"""Wall seconds after which an unused session ends."""
+LONGEST_S = 30 * 86400.0
+"""Wall seconds after which every session ends."""
+MOST_SESSIONS = 10
+"""Open sessions of one user; one more ends the oldest."""
+_EXTEND_S = 3600.0  # between two extensions of a session: each is an event
+_MOST_LINKS = 5  # of one user
+_MOST_LINKS_OF_ALL = 100
+_TOKEN_BYTES = 32
+
+
+@dataclass(frozen=True, slots=True)
+class LoginLink:
+    """Link that opens a session once, for the user who asked for it, until a time on the farm's clock."""
+
+    user: str
+    role: Role
+    end_s: float
+
+
+def list_open_sessions(keys: Iterable[Key], now_s: float, user: str | None = None) -> list[Key]:
+    """List the sessions that are open, of one user or of all; the oldest first."""
+    sessions = [
+        key
+        for key in keys
+        if key.kind is KeyKind.SESSION and key.is_valid(now_s) and user in (None, key.name)
+    ]
+    return sorted(sessions, key=lambda session: session.created_s)
+
+
+def find_session_end(created_s: float, now_s: float, scale: float) -> float:
+    """Return when a session ends that is used now, on the farm's clock.
+
+    Parameters
+    ----------
+    created_s, now_s
+        When it was opened, and now, on the farm's clock.
+    scale
+        Farm seconds in a wall second.
+    """
+    return min(now_s + IDLE_S * scale, created_s + LONGEST_S * scale)
+
+
+class SessionCommands:
+    """Commands about sessions; one object serves the socket and the network, as it has the links."""
+
+    def __init__(self, controller: Controller) -> None:
+        self._controller = controller
+        self._links: dict[str, LoginLink] = {}  # by the digests of their tokens, the oldest first
+
+    def make_link(self, user: str, role: Role) -> str:
+        """Make a link for a user, and return its token, which is kept nowhere else.
+
+        Parameters
+        ----------
+        user
+            The user whom the kernel named.
+        role
+            The role of the session.
+        """
+        clock = self._controller.clock
+        now_s = clock.now()
+        waiting = {digest: link for digest, link in self._links.items() if now_s < link.end_s}
+        own = [digest for digest, link in waiting.items() if link.user == user]
+        for digest in own[: max(0, len(own) - _MOST_LINKS + 1)]:
+            del waiting[digest]
+        if len(waiting) >= _MOST_LINKS_OF_ALL:
+            del waiting[next(iter(waiting))]
+        token = secrets.token_urlsafe(_TOKEN_BYTES)
+        waiting[digest_key(token)] = LoginLink(user, role, now_s + LINK_S * clock.scale)
+        self._links = waiting
+        return token
+
+    def find_link(self, token: str) -> LoginLink:
+        """Find the link of a token without using it up.
+
+        Raises
+        ------
+        NoSuchThing
+            If it is unknown, used or expired.
+        """
+        link = self._links.get(digest_key(token))
+        if link is None or self._controller.clock.now() >= link.end_s:
+            raise NoSuchThing(
+                "this link was used or has expired: `farm web` on the farm's host makes a new one"
+            )
+        return link
+
+    def open(self, token: str) -> str:
+        """Open a session by a link, which is used up, and return the session's text.
+
+        Raises
+        ------
+        NoSuchThing
+            If the link is unknown, used or expired.
+        """
+        link = self.find_link(token)
+        clock = self._controller.clock
+        now_s = clock.now()
+        name, text = make_key_text(KeyKind.SESSION)
+        session = Key(
+            id=name,
+            kind=KeyKind.SESSION,
+            name=link.user,
+            role=link.role,
+            digest=digest_key(text),
+            created_s=now_s,
+            by=link.user,
+            expires_s=find_session_end(now_s, now_s, clock.scale),
+        )
+        earlier = list_open_sessions(self._controller.books.keys.values(), now_s, link.user)
+        del self._links[digest_key(token)]
+        self._controller.handle(
+            *(
+                ev.KeyRevoked(at_s=now_s, key=old.id, by=link.user)
+                for old in earlier[: max(0, len(earlier) - MOST_SESSIONS + 1)]
+            ),
+            ev.SessionOpened(at_s=now_s, session=session),
+        )
+        return text
+
+    def extend(self, session: Key) -> None:
+        """Put off the end of a session that is used, at most once an hour."""
+        clock = self._controller.clock
+        now_s = clock.now()
+        end_s = find_session_end(session.created_s, now_s, clock.scale)
+        if end_s - (session.expires_s or 0.0) >= _EXTEND_S * clock.scale:
+            self._controller.handle(ev.SessionExtended(at_s=now_s, session=session.id, expires_s=end_s))
+
+    def end_all(self, by: str) -> api.EndedSessions:
+        """End all sessions, and void all links; return the number of sessions."""
+        now_s = self._controller.clock.now()
+        sessions = list_open_sessions(self._controller.books.keys.values(), now_s)
+        self._links.clear()
+        self._controller.handle(*(ev.KeyRevoked(at_s=now_s, key=one.id, by=by) for one in sessions))
+        return api.EndedSessions(ended=len(sessions))

@@ -1,0 +1,150 @@
+"""Sessions of browsers: links, extension, limits, end."""
+
+import json
+
+import pytest
+
+from farm.control import SessionCommands, find_key
+from farm.control.sessions import IDLE_S, LINK_S, LONGEST_S, MOST_SESSIONS, list_open_sessions
+from farm.errors import NoSuchThing
+from farm.model import KeyKind, Role
+from recording_controller import Farm
+
+HOUR_S = 3600.0
+
+
+class Clock:
+    scale = 1.0
+    now_s = 1000.0
+
+    def now(self):
+        return self.now_s
+
+
+@pytest.fixture(params=[1.0, 100.0])
+def farm(tmp_path, request):
+    clock = Clock()
+    clock.scale = request.param
+    farm = Farm(tmp_path, clock=clock)
+    farm.clock, farm.sessions = clock, SessionCommands(farm.controller)
+
+    def open_session(user="ann", role=Role.PRINT):
+        return farm.sessions.open(farm.sessions.make_link(user, role))
+
+    def find(text):
+        return find_key(text, farm.controller.books.keys, clock.now_s, KeyKind.SESSION)
+
+    def wait(wall_s):
+        clock.now_s += wall_s * clock.scale
+
+    farm.open_session, farm.find, farm.wait = open_session, find, wait
+    yield farm
+    farm.store.close()
+
+
+def list_events(farm, kind):
+    return [json.loads(body) for _, name, body in farm.store.events() if name == kind]
+
+
+def test_link_opens_one_session_of_its_user(farm):
+    token = farm.sessions.make_link("ann", Role.OPERATE)
+    assert farm.sessions.find_link(token).user == "ann"
+    session = farm.find(farm.sessions.open(token))
+    assert (session.name, session.role, session.by) == ("ann", Role.OPERATE, "ann")
+    for use in (farm.sessions.find_link, farm.sessions.open):
+        with pytest.raises(NoSuchThing, match="`farm web`"):
+            use(token)
+    assert len(list_events(farm, "SessionOpened")) == 1
+
+
+def test_link_expires_after_five_minutes(farm):
+    token = farm.sessions.make_link("ann", Role.PRINT)
+    farm.wait(LINK_S - 1.0)
+    farm.sessions.find_link(token)
+    farm.wait(1.0)
+    with pytest.raises(NoSuchThing, match="has expired"):
+        farm.sessions.open(token)
+    assert list_events(farm, "SessionOpened") == []
+
+
+def test_link_asked_for_without_end_takes_the_place_of_the_oldest_of_its_user(farm):
+    other = farm.sessions.make_link("bob", Role.PRINT)
+    tokens = [farm.sessions.make_link("ann", Role.PRINT) for _ in range(50)]
+    assert len(farm.sessions._links) == 6
+    farm.sessions.find_link(other)
+    farm.sessions.find_link(tokens[-1])
+    for number in range(500):
+        farm.sessions.make_link(f"user {number}", Role.PRINT)
+    assert len(farm.sessions._links) == 100
+
+
+def test_texts_of_links_and_sessions_are_nowhere_on_the_disk(farm, tmp_path):
+    token = farm.sessions.make_link("ann", Role.PRINT)
+    text = farm.sessions.open(token)
+    for secret in (token, text.split("_", 2)[2]):
+        assert not any(secret.encode() in path.read_bytes() for path in tmp_path.rglob("*") if path.is_file())
+
+
+def test_session_ends_twelve_hours_after_its_last_use_and_after_thirty_days(farm):
+    text = farm.open_session()
+    farm.wait(IDLE_S - 1.0)
+    farm.sessions.extend(farm.find(text))
+    used_s = 0.0
+    while farm.find(text) is not None:
+        farm.sessions.extend(farm.find(text))
+        farm.wait(11 * HOUR_S)
+        used_s += 11 * HOUR_S
+    assert abs(used_s + IDLE_S - LONGEST_S) < 12 * HOUR_S
+    unused = farm.open_session()
+    farm.wait(IDLE_S - 1.0)
+    assert farm.find(unused) is not None
+    farm.wait(1.0)
+    assert farm.find(unused) is None
+
+
+def test_session_in_constant_use_is_extended_once_an_hour(farm):
+    text = farm.open_session()
+    for _ in range(10 * 60):
+        farm.wait(60.0)
+        farm.sessions.extend(farm.find(text))
+    assert len(list_events(farm, "SessionExtended")) == 10
+
+
+def test_one_session_too_many_ends_the_oldest_of_its_user(farm):
+    other = farm.open_session("bob")
+    texts = [farm.open_session() for _ in range(MOST_SESSIONS + 3) if farm.wait(1.0) is None]
+    found = [farm.find(text) is not None for text in texts]
+    assert found == [False] * 3 + [True] * MOST_SESSIONS
+    assert farm.find(other) is not None
+    assert len(farm.controller.books.keys) <= MOST_SESSIONS + 2
+
+
+def test_books_do_not_grow_with_sessions_that_have_ended(farm):
+    for _ in range(50):
+        session = farm.find(farm.open_session())
+        farm.wait(1.0)
+        assert session is not None
+        farm.sessions.end_all("ann")
+    assert len(farm.controller.books.keys) == 1
+    assert len(farm.store.load().keys) == 1
+
+
+def test_end_of_all_sessions_voids_links_too(farm):
+    texts = [farm.open_session(user) for user in ("ann", "bob")]
+    token = farm.sessions.make_link("eve", Role.PRINT)
+    assert farm.sessions.end_all("ann").ended == 2
+    assert [farm.find(text) for text in texts] == [None, None]
+    assert {event["by"] for event in list_events(farm, "KeyRevoked")} == {"ann"}
+    with pytest.raises(NoSuchThing):
+        farm.sessions.open(token)
+
+
+def test_restarted_daemon_keeps_sessions_and_forgets_links(farm, tmp_path):
+    text, token = farm.open_session(), farm.sessions.make_link("ann", Role.PRINT)
+    farm.store.close()
+    again = Farm(tmp_path, clock=farm.clock)
+    assert find_key(text, again.controller.books.keys, farm.clock.now_s, KeyKind.SESSION).name == "ann"
+    assert len(list_open_sessions(again.controller.books.keys.values(), farm.clock.now_s)) == 1
+    with pytest.raises(NoSuchThing):
+        SessionCommands(again.controller).open(token)
+    again.store.close()
