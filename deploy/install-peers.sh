@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
-# Installs the peers of some tests, without root, compiler or server: OctoPrint's virtual printer and
-# Printrun in a virtual environment of their own, and in its folders Debian's ssh, ser2net, tcc and promtool, unpacked and not
-# installed. It names what is not available; the tests that need it are skipped.
+# Installs the peers of some tests, without root, compiler or server: OctoPrint, Printrun, OctoRest and Qt in a virtual
+# environment of their own, and in its folders Debian's ssh, ser2net, tcc, promtool and prusa-slicer (330 MB), unpacked and
+# not installed. It names what is not available; the tests that need it are skipped.
 # usage: install-peers.sh ENVIRONMENT
 set -euo pipefail
 cd "$(dirname "$0")/.."
@@ -9,7 +9,7 @@ cd "$(dirname "$0")/.."
 ENVIRONMENT=$1
 REQUIREMENTS=tests/interop/requirements.txt
 declare -A PACKAGES=([ssh]=openssh-client [ssh-keygen]=openssh-client [sshd]=openssh-server [ser2net]=ser2net [tcc]=tcc
-    [promtool]=prometheus)
+    [promtool]=prometheus [prusa-slicer]=prusa-slicer)
 
 say() { echo "install: $*" >&2; }
 
@@ -26,8 +26,8 @@ END
     "${pip[@]}" -r "$ENVIRONMENT/required"
 }
 
-# Packages that this host lacks for the programs named, with all that they depend on.
-needed() { apt-get -s install --no-install-recommends "$@" 2>/dev/null | awk '/^Inst / { print $2 }'; }
+# Packages that this host lacks for the programs named, with all that they depend on but fonts.
+needed() { apt-get -s install --no-install-recommends "$@" 2>/dev/null | awk '/^Inst / && $2 !~ /^fonts-/ { print $2 }'; }
 
 # Debian's programs find their libraries and files beside them.
 write_starter() {
@@ -55,7 +55,7 @@ unpack_programs() {
 }
 
 if [[ ! -f $ENVIRONMENT/.installed || $REQUIREMENTS -nt $ENVIRONMENT/.installed ]]; then
-    say "Installing OctoPrint and Printrun into $ENVIRONMENT, for the tests ..."
+    say "Installing OctoPrint, Printrun, OctoRest and Qt into $ENVIRONMENT, for the tests ..."
     if install_environment; then
         touch "$ENVIRONMENT/.installed"
     else
@@ -64,15 +64,21 @@ if [[ ! -f $ENVIRONMENT/.installed || $REQUIREMENTS -nt $ENVIRONMENT/.installed 
     fi
 fi
 
-missing=() packages=()
-for name in ssh ssh-keygen sshd ser2net tcc promtool; do
-    PATH=$ENVIRONMENT/bin:$PATH:${SBIN:-/usr/local/sbin:/usr/sbin} command -v "$name" >/dev/null && continue
-    missing+=("$name")
-    packages+=("${PACKAGES[$name]}")
-done
-((${#missing[@]})) || exit 0
-say "Unpacking Debian's ${missing[*]} into $ENVIRONMENT, for the tests ..."
-{ command -v apt-get >/dev/null && unpack_programs "${packages[@]}"; } || true
-lacking=()
-for name in "${missing[@]}"; do [[ -x $ENVIRONMENT/bin/$name ]] || lacking+=("$name"); done
-((${#lacking[@]} == 0)) || say "Not available from apt: ${lacking[*]}. The tests that need them are skipped."
+# Unpacks the programs named that this host lacks: all of them or none, as one package may not be available.
+unpack_missing() {
+    local name packages=() lacking=()
+    missing=()
+    for name in "$@"; do
+        PATH=$ENVIRONMENT/bin:$PATH:${SBIN:-/usr/local/sbin:/usr/sbin} command -v "$name" >/dev/null && continue
+        missing+=("$name")
+        packages+=("${PACKAGES[$name]}")
+    done
+    ((${#missing[@]})) || return 0
+    say "Unpacking Debian's ${missing[*]} into $ENVIRONMENT, for the tests ..."
+    { command -v apt-get >/dev/null && unpack_programs "${packages[@]}"; } || true
+    for name in "${missing[@]}"; do [[ -x $ENVIRONMENT/bin/$name ]] || lacking+=("$name"); done
+    ((${#lacking[@]} == 0)) || say "Not available from apt: ${lacking[*]}. The tests that need them are skipped."
+}
+
+unpack_missing ssh ssh-keygen sshd ser2net tcc promtool
+unpack_missing prusa-slicer

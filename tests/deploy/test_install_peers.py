@@ -12,7 +12,9 @@ PROGRAMS = {
     # each package depends on a library
     "apt-get": """
 case " $* " in
-    *" -s install "*) echo "Inst libx (1)"; printf 'Inst %s (1)\n' "${@:4}" ;;
+    *" -s install "*)
+        [[ -z ${LACKS:-} || " $* " != *" $LACKS "* ]] || exit 100
+        echo "Inst fonts-x (1)"; echo "Inst libx (1)"; printf 'Inst %s (1)\n' "${@:4}" ;;
     *" download "*) [[ -z ${NO_APT:-} ]] || exit 100; while [[ $1 != -qq ]]; do shift; done
         for name in "${@:2}"; do echo "$name" >> "$STATE/downloaded"; touch "$name.deb"; done ;;
     *) echo "$*" >> "$STATE/other-calls" ;;
@@ -28,6 +30,7 @@ case $2 in
     *openssh-client.deb) put "$3/usr/bin/ssh"; put "$3/usr/bin/ssh-keygen" ;;
     *openssh-server.deb) put "$3/usr/sbin/sshd" ;;
     *ser2net.deb) put "$3/usr/sbin/ser2net" ;;
+    *prusa-slicer.deb) put "$3/usr/bin/prusa-slicer" ;;
     *prometheus.deb) put "$3/usr/bin/promtool" ;;
     *tcc.deb) put "$3/usr/bin/tcc"; put "$3/usr/lib/tcc/libtcc1.a" ;;
 esac
@@ -65,14 +68,16 @@ def downloaded(folder: Path) -> set[str]:
 
 
 def test_installed_packages_are_not_fetched(install, tmp_path: Path):
-    assert "OctoPrint" in install("ssh ssh-keygen sshd ser2net tcc promtool")
+    assert "OctoPrint" in install("ssh ssh-keygen sshd ser2net tcc promtool prusa-slicer")
     assert install() == ""
     assert not downloaded(tmp_path)
 
 
 def test_missing_packages_are_unpacked_and_not_installed(install, tmp_path: Path):
     install("ssh ssh-keygen")
-    assert downloaded(tmp_path) == {"libx", "openssh-server", "prometheus", "ser2net", "tcc"}
+    assert downloaded(tmp_path) == {
+        *("libx", "openssh-server", "prometheus", "prusa-slicer", "ser2net", "tcc")
+    }
     assert not (tmp_path / "other-calls").exists()
     here = tmp_path / "env" / "debian" / "usr"
     message = subprocess.check_output([tmp_path / "env" / "bin" / "sshd", "-D", "a b"], text=True, env={})
@@ -84,9 +89,14 @@ def test_missing_packages_are_unpacked_and_not_installed(install, tmp_path: Path
 
 def test_unavailable_package_is_reported_without_failure(install, tmp_path: Path):
     message = install(NO_APT="1", NO_PIP="1")
-    assert message.count("skipped") == 2
+    assert message.count("skipped") == 3
     assert not (tmp_path / "env" / "bin" / "sshd").exists()
     assert not (tmp_path / "env" / ".installed").exists()
+
+
+def test_large_package_that_apt_lacks_does_not_cost_the_others(install, tmp_path: Path):
+    assert "apt: prusa-slicer. The tests" in install(LACKS="prusa-slicer")
+    assert (tmp_path / "env" / "bin" / "promtool").exists()
 
 
 def test_server_with_fixed_paths_is_skipped(install, tmp_path: Path):
