@@ -31,13 +31,17 @@ from farm.text import flatten_text, format_count
 
 _GB = 1e9
 _LONGEST_NAME = 60  # characters
+_MODEL_BODY = {
+    "required": True,
+    "content": {"application/octet-stream": {"schema": {"type": "string", "format": "binary"}}},
+}
 
 
 def upload_routes(services: Services, jobs: JobCommands) -> APIRouter:
     """Return the routes of submissions."""
     router, uploads = APIRouter(), Uploads(services)
 
-    @router.post("/jobs", response_model_exclude_defaults=True)
+    @router.post("/jobs", response_model_exclude_defaults=True, openapi_extra={"requestBody": _MODEL_BODY})
     async def submit(
         request: Request,
         request_id: Annotated[str, Query(min_length=8, max_length=64)],

@@ -11,11 +11,14 @@ from farm.api import NETWORK_PREFIX
 from farm.model import Role
 
 METRICS = "/metrics"
+SCHEMA = f"{NETWORK_PREFIX}/openapi.json"
+SCHEMA_PAGE = f"{NETWORK_PREFIX}/docs"
 LIVENESS = "/healthz"
 _LOOK = (
     "/status",
     "/names",
     "/history",
+    "/queue",
     "/jobs/{number}",
     "/jobs/{number}/timeline",
     "/uploads/{request_id}",
@@ -37,6 +40,7 @@ _PRINT = (
 )
 _OPERATE = (
     "/jobs/{number}/approve",
+    "/jobs/{number}/move",
     "/printers/{name}/cleared",
     "/printers/{name}/load",
     "/printers/{name}/maintained",
@@ -45,7 +49,7 @@ _OPERATE = (
 OPEN = frozenset({("GET", LIVENESS)})
 """Routes that need no key; they show nothing of the farm."""
 ROLES: dict[tuple[str, str], Role] = {
-    ("GET", METRICS): Role.LOOK,
+    **{("GET", path): Role.LOOK for path in (METRICS, SCHEMA, SCHEMA_PAGE)},
     **{("GET", NETWORK_PREFIX + path): Role.LOOK for path in _LOOK},
     **{("POST", NETWORK_PREFIX + path): Role.PRINT for path in _PRINT},
     **{("POST", NETWORK_PREFIX + path): Role.OPERATE for path in _OPERATE},
@@ -54,8 +58,6 @@ ROLES: dict[tuple[str, str], Role] = {
 HOST_ONLY = frozenset(
     (method, NETWORK_PREFIX + path)
     for method, path in (
-        ("GET", "/queue"),
-        ("POST", "/jobs/{number}/move"),
         ("POST", "/printers/{name}/replace"),
         ("POST", "/prune"),
         ("POST", "/down"),

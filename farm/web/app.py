@@ -10,6 +10,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 from fastapi import Depends, FastAPI, Response
+from fastapi.responses import HTMLResponse, JSONResponse, PlainTextResponse
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
@@ -27,9 +28,11 @@ from farm.http import (
     make_problem,
 )
 from farm.model import Key, Role
-from farm.web.access import LIVENESS, METRICS, find_role, is_open
+from farm.web.access import LIVENESS, METRICS, SCHEMA, SCHEMA_PAGE, find_role, is_open
+from farm.web.api_page import POLICY, render_api_page
 from farm.web.guard import Refusal, WrongKeys, check_host, check_origin
 from farm.web.metrics import CONTENT_TYPE, write_metrics
+from farm.web.openapi import describe_routes
 
 log = logging.getLogger(__name__)
 
@@ -96,10 +99,19 @@ def make_web_app(services: Services, dry_runs: DryRuns, names: Collection[str]) 
     async def liveness() -> dict[str, str]:
         return {"status": "ok"}
 
-    @app.get(METRICS)
+    @app.get(METRICS, response_class=PlainTextResponse)
     async def metrics() -> Response:
         context = services.controller.build_view_context(services.state)
         return Response(write_metrics(context, describe_farm(services)), media_type=CONTENT_TYPE)
+
+    @app.get(SCHEMA, include_in_schema=False)
+    async def schema() -> Response:
+        return JSONResponse(describe_routes(app.routes))
+
+    @app.get(SCHEMA_PAGE, include_in_schema=False)
+    async def schema_page() -> Response:
+        page = render_api_page(describe_routes(app.routes), SCHEMA)
+        return HTMLResponse(page, headers={"content-security-policy": POLICY})
 
     controller = services.controller
     return Guard(app, controller, names, services.key_uses_s)
@@ -134,7 +146,7 @@ class Guard:
             if message["type"] == "http.response.start":
                 headers = MutableHeaders(scope=message)
                 for name, value in _HEADERS.items():
-                    headers[name] = value
+                    headers.setdefault(name, value)
             await send(message)
 
         judged = self._judge(scope)

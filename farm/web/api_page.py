@@ -1,0 +1,132 @@
+"""Page on the network's routes, from their OpenAPI description. It loads nothing and runs no script. Pure."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+Text = tuple[tuple[str, str], ...]
+"""Words, and names of objects to link: in each pair, one is empty."""
+
+_STYLE = (
+    "body{font:1rem/1.5 sans-serif;max-width:60rem;margin:auto;padding:1rem;color:#222;background:#fff}"
+    "h2{font-size:1.1rem;border-top:1px solid #ccc;padding-top:.8rem}code{font-family:monospace}"
+    "td,th{text-align:left;vertical-align:top;padding:.1rem 1rem .1rem 0}dd{margin-left:1.5rem}"
+)
+_STYLE_HASH = base64.b64encode(hashlib.sha256(_STYLE.encode()).digest()).decode()
+POLICY = f"default-src 'none'; style-src 'sha256-{_STYLE_HASH}'; frame-ancestors 'none'; base-uri 'none'"
+"""Content security policy of the page: its own style and nothing else."""
+
+
+_LIMITS = {"minimum": "from", "exclusiveMinimum": "above", "maximum": "to"}
+
+
+@dataclass(frozen=True, slots=True)
+class _Parameter:
+    name: str
+    place: str
+    required: bool
+    value: Text
+
+
+@dataclass(frozen=True, slots=True)
+class _Operation:
+    id: str
+    method: str
+    path: str
+    text: str
+    role: str | None
+    parameters: Sequence[_Parameter]
+    bodies: Sequence[tuple[str, Text]]
+    answers: Sequence[tuple[str, Text]]
+
+
+@cache
+def _templates() -> Environment:
+    return Environment(loader=PackageLoader("farm.web"), autoescape=True, undefined=StrictUndefined)
+
+
+def render_api_page(document: Mapping[str, Any], address: str) -> str:
+    """Render the page.
+
+    Parameters
+    ----------
+    document
+        The OpenAPI description.
+    address
+        Where it is served, for a link.
+    """
+    info = document["info"]
+    return (
+        _templates()
+        .get_template("api.html")
+        .render(
+            title=info["title"],
+            version=info["version"],
+            description=info["description"],
+            document=address,
+            style=_STYLE,
+            operations=list(_list_operations(document)),
+            objects=list(_list_objects(document)),
+        )
+    )
+
+
+def _list_operations(document: Mapping[str, Any]) -> Iterator[_Operation]:
+    for path, operations in document["paths"].items():
+        for verb, one in operations.items():
+            yield _Operation(
+                id=one["operationId"],
+                method=verb.upper(),
+                path=path,
+                text=one.get("description") or f"{one['summary']}.",
+                role=one.get("x-role"),
+                parameters=[
+                    _Parameter(p["name"], p["in"], p.get("required", False), describe_schema(p["schema"]))
+                    for p in one.get("parameters", ())
+                ],
+                bodies=_list_contents(one.get("requestBody", {})),
+                answers=_list_contents(one["responses"]["200"]),
+            )
+
+
+def _list_contents(holder: Mapping[str, Any]) -> list[tuple[str, Text]]:
+    contents = holder.get("content", {})
+    return [(kind, describe_schema(content.get("schema", {}))) for kind, content in contents.items()]
+
+
+def _list_objects(document: Mapping[str, Any]) -> Iterator[tuple[str, list[tuple[str, Text, bool]]]]:
+    for name, schema in sorted(document["components"]["schemas"].items()):
+        if "enum" in schema:
+            yield name, [(str(value), (), False) for value in schema["enum"]]
+        else:
+            required = schema.get("required", ())
+            fields = schema.get("properties", {}).items()
+            yield name, [(field, describe_schema(value), field in required) for field, value in fields]
+
+
+def describe_schema(schema: Mapping[str, Any]) -> Text:
+    """Describe in a few words which values a JSON schema allows."""
+    if "$ref" in schema:
+        return (("", str(schema["$ref"]).rpartition("/")[2]),)
+    if "anyOf" in schema:
+        choices: list[tuple[str, str]] = []
+        for one in schema["anyOf"]:
+            choices += [(" or ", "")] if choices else []
+            choices += describe_schema(one)
+        return tuple(choices)
+    kind = schema.get("type")
+    if kind == "array":
+        return (("list of ", ""), *describe_schema(schema.get("items", {})))
+    if kind == "object" and isinstance(schema.get("additionalProperties"), dict):
+        return (("object of ", ""), *describe_schema(schema["additionalProperties"]))
+    if "const" in schema:
+        return ((str(schema["const"]), ""),)
+    limits = [f"{word} {schema[name]}" for name, word in _LIMITS.items() if name in schema]
+    return ((" ".join([str(kind or "anything"), *limits]), ""),)

@@ -1,0 +1,110 @@
+"""Description of the network's routes in the form of OpenAPI 3.1, true of what is served. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+from fastapi.openapi.utils import get_openapi
+from starlette.routing import BaseRoute
+
+import farm
+from farm import api
+from farm.api import NETWORK_PREFIX
+from farm.model import Role
+from farm.web.access import LIVENESS, METRICS, find_role, is_open
+
+_REF = "#/components/schemas/"
+_PROBLEM = {"content": {"application/json": {"schema": {"$ref": f"{_REF}Problem"}}}}
+_ERRORS = {
+    "4XX": {"description": "The request is refused; the text says what to do.", **_PROBLEM},
+    "500": {"description": "The daemon failed.", **_PROBLEM},
+}
+_INVALID = "422"  # FastAPI's description of an invalid request; this application answers 400
+_KEYS = {
+    "key": {"type": "apiKey", "in": "header", "name": "X-Api-Key"},
+    "bearer": {"type": "http", "scheme": "bearer"},
+}
+_DESCRIPTION = (
+    "The farm for programs on the network. Each request needs a key, from `farm key add NAME`; the role that "
+    "it needs is `x-role` of each operation. Times are ISO 8601 in the fleet's time zone, durations are in "
+    "seconds. Fields and routes may be added to this version; none is removed or changes its meaning."
+)
+
+
+def describe_routes(routes: list[BaseRoute]) -> dict[str, Any]:
+    """Describe those routes that the network serves to programs written for this farm.
+
+    Parameters
+    ----------
+    routes
+        All routes of the application, with their prefix.
+
+    Returns
+    -------
+    dict
+        An OpenAPI document. Every operation has the role that it needs as `x-role`.
+    """
+    document: dict[str, Any] = get_openapi(
+        title="farm", version=farm.__version__, description=_DESCRIPTION, routes=routes
+    )
+    paths: dict[str, Any] = {}
+    for path, verb, operation in _list_operations(document):
+        if not path.startswith(f"{NETWORK_PREFIX}/") and path not in (METRICS, LIVENESS):
+            continue  # a dialect of other programs, or a page
+        role = find_role(verb.upper(), path)
+        if role is not None or is_open(verb.upper(), path):
+            paths.setdefault(path, {})[verb] = _complete(operation, verb, path, role)
+    document["paths"] = paths
+    components = document["components"]
+    components["schemas"]["Problem"] = api.Problem.model_json_schema()
+    components["securitySchemes"] = _KEYS
+    document["security"] = [{name: []} for name in _KEYS]
+    components["schemas"] = _select_used(paths, components["schemas"])
+    return document
+
+
+def _list_operations(document: dict[str, Any]) -> Iterator[tuple[str, str, dict[str, Any]]]:
+    for path, operations in document["paths"].items():
+        for verb, operation in operations.items():
+            yield path, verb, operation
+
+
+def _complete(operation: dict[str, Any], verb: str, path: str, role: Role | None) -> dict[str, Any]:
+    """Return the description of an operation with its role and its errors."""
+    answers = {status: answer for status, answer in operation["responses"].items() if status != _INVALID}
+    for answer in answers.values():
+        json = answer.get("content", {}).get("application/json")
+        if json is not None and not json.get("schema"):
+            json["schema"] = {"type": "null"}
+    words = path.replace("{", "").replace("}", "").strip("/").split("/")
+    return {
+        **operation,
+        "operationId": "_".join([verb, *words]),
+        "responses": {**answers, **_ERRORS},
+        **({"security": []} if role is None else {"x-role": str(role)}),
+    }
+
+
+def _select_used(paths: dict[str, Any], schemas: dict[str, Any]) -> dict[str, Any]:
+    """Select the schemas that the operations refer to, directly or through others."""
+    used: set[str] = set()
+    waiting = list(_find_references(paths))
+    while waiting:
+        name = waiting.pop()
+        if name not in used:
+            used.add(name)
+            waiting += _find_references(schemas[name])
+    return {name: schema for name, schema in schemas.items() if name in used}
+
+
+def _find_references(value: Any) -> Iterator[str]:
+    if isinstance(value, dict):
+        reference = value.get("$ref")
+        if isinstance(reference, str) and reference.startswith(_REF):
+            yield reference.removeprefix(_REF)
+        for one in value.values():
+            yield from _find_references(one)
+    elif isinstance(value, list):
+        for one in value:
+            yield from _find_references(one)

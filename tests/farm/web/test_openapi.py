@@ -1,0 +1,86 @@
+"""Description of the network's routes: complete, and on a page that loads nothing."""
+
+import re
+
+import pytest
+
+from farm.model import Role
+from farm.web.access import LIVENESS, METRICS, ROLES, SCHEMA, SCHEMA_PAGE, find_role
+from web_farm import WebFarm, on_network
+
+OWN_DESCRIPTION = {("GET", SCHEMA), ("GET", SCHEMA_PAGE)}
+
+
+@pytest.fixture
+def farm(tmp_path):
+    farm = WebFarm(tmp_path)
+    yield farm
+    farm.store.close()
+
+
+@pytest.fixture
+def document(farm):
+    return farm.ask("GET", SCHEMA, farm.add_key(Role.LOOK)).json()
+
+
+def list_operations(document):
+    return {
+        (verb.upper(), path): operation
+        for path, operations in document["paths"].items()
+        for verb, operation in operations.items()
+    }
+
+
+def list_references(value):
+    if isinstance(value, dict):
+        return {value.get("$ref")}.union(*map(list_references, value.values())) - {None}
+    return set().union(*map(list_references, value)) if isinstance(value, list) else set()
+
+
+def test_every_served_route_is_described_with_its_role_and_no_other(document):
+    operations = list_operations(document)
+    described = {place for place in ROLES if place[1].startswith(on_network("/"))} - OWN_DESCRIPTION
+    assert operations.keys() == described | {("GET", METRICS), ("GET", LIVENESS)}
+    for (verb, path), operation in operations.items():
+        assert (verb, path) == ("GET", LIVENESS) or operation["x-role"] == find_role(verb, path)
+    assert on_network("/down") not in document["paths"]
+    ids = [operation["operationId"] for operation in operations.values()]
+    assert len(set(ids)) == len(ids)
+
+
+def test_every_answer_has_a_schema_and_every_reference_is_there(document):
+    for place, operation in list_operations(document).items():
+        for status, answer in operation["responses"].items():
+            for kind, content in answer["content"].items():
+                assert kind != "application/json" or content["schema"], (place, status)
+        assert "422" not in operation["responses"], place
+    schemas = document["components"]["schemas"]
+    assert {f"#/components/schemas/{name}" for name in schemas} == list_references(document)
+    assert "DownRequest" not in schemas
+
+
+def test_a_refusal_and_an_answer_have_the_fields_that_are_described(farm, document):
+    schemas = document["components"]["schemas"]
+    refusal = farm.ask("GET", on_network("/status")).json()
+    assert refusal.keys() == set(schemas["Problem"]["required"])
+    status = farm.ask("GET", on_network("/status"), farm.add_key(Role.LOOK, "two")).json()
+    assert set(schemas["Status"]["required"]) <= status.keys() <= schemas["Status"]["properties"].keys()
+
+
+def test_page_shows_every_operation_and_loads_nothing(farm, document):
+    answer = farm.ask("GET", SCHEMA_PAGE, farm.add_key(Role.LOOK, "two"))
+    assert answer.headers["content-type"].startswith("text/html")
+    for verb, path in list_operations(document):
+        assert f"<code>{verb} {path}</code>" in answer.text
+    links = re.findall(r'(?:src|href)="([^"]*)"', answer.text)
+    assert set(re.findall(r'id="([^"]*)"', answer.text)) >= {one[1:] for one in links if one.startswith("#")}
+    assert {one for one in links if not one.startswith("#")} == {SCHEMA}
+    assert "<script" not in answer.text
+    policy = answer.headers["content-security-policy"]
+    assert policy.startswith("default-src 'none'; style-src 'sha256-")
+
+
+@pytest.mark.parametrize("path", [SCHEMA, SCHEMA_PAGE, METRICS])
+def test_description_and_metrics_need_a_key(farm, path):
+    assert farm.ask("GET", path).status_code == 401
+    assert farm.ask("GET", path, farm.add_key(Role.LOOK)).status_code == 200

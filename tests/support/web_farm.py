@@ -1,0 +1,62 @@
+"""A farm with one idle printer, as callers on the network reach it."""
+
+import asyncio
+
+import httpx
+
+from drivers.clock import Clock
+from farm.api import NETWORK_PREFIX, KeyRequest
+from farm.control import DryRuns, KeyCommands
+from farm.http import Services, make_app
+from farm.paths import StateFolder
+from farm.web import make_web_app
+from http_caller import DAEMON_USER, called_by
+from recording_controller import Farm
+from same_process import AcceptAll
+
+HOST = "farm.lab.example"
+
+
+class WebFarm(Farm):
+    """A farm whose printers `a` and `b` are idle and clear, with both applications of its daemon."""
+
+    def __init__(self, folder, **house):
+        state = StateFolder(folder / "state")
+        state.make()
+        super().__init__(state.root, clock=Clock(), **house)
+        self.ready("a", "b")
+        self.state = state
+        self.services = Services(self.controller, state, folder / "fleet.yaml", AcceptAll(), self._down)
+        self.web = make_web_app(self.services, DryRuns(self.controller), {HOST})
+        self.unix = called_by(DAEMON_USER, make_app(self.services, DryRuns(self.controller)))
+        self.keys = KeyCommands(self.controller)
+
+    async def _down(self, now):
+        raise AssertionError("nothing here shuts the farm down")
+
+    def add_key(self, role, name=None):
+        """Return a new key with a role."""
+        return self.keys.add(KeyRequest(name=name or str(role), role=role), "ann")
+
+    def ask(self, method, path, key=None, headers=None, **more):
+        """Send a request over the network, with a key or without."""
+        own = {"x-api-key": key.text} if key else {}
+        return self._call(self.web, method, path, {**own, **(headers or {})}, **more)
+
+    def ask_socket(self, method, path, **more):
+        """Send a request over the Unix socket."""
+        return self._call(self.unix, method, path, {}, **more)
+
+    @staticmethod
+    def _call(app, method, path, headers, **more):
+        async def call():
+            transport = httpx.ASGITransport(app, client=("10.0.0.9", 1), raise_app_exceptions=False)
+            async with httpx.AsyncClient(transport=transport, base_url=f"http://{HOST}") as client:
+                return await client.request(method, path, headers=headers, **more)
+
+        return asyncio.run(call())
+
+
+def on_network(path):
+    """Return the path on the network of a route."""
+    return NETWORK_PREFIX + path
