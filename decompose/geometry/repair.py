@@ -68,13 +68,18 @@ def close_surface(name: str, triangles: Floats, report: Report = lambda _: None)
     single_edges, shared = int((counts == 1).sum()), int((counts > 2).sum())
     if is_changed:
         report("comparing the repaired surface")
-        new = _refuse_if_changed(name, mesh, solid)
+        is_open = single_edges > 0
+        defect = "not closed" if is_open else f"no solid ({shared} edges whose triangles do not pair up)"
+        new = _refuse_if_changed(name, mesh, solid, defect)
         repairs.append(
-            f"Closed an open mesh ({single_edges} open edges, {shared} shared by more than two triangles): "
-            f"{100.0 * new:.2g} % of the surface is new."
+            f"{'Closed an open' if is_open else 'Repaired an entangled'} mesh ({single_edges} open edges, "
+            f"{shared} shared by more than two triangles): {100.0 * new:.2g} % of the surface is new."
         )
     elif shared:
-        repairs.append(f"Separated bodies that touch ({shared} edges shared by more than two triangles).")
+        apart = "bodies" if len(after) > len(before) else "surfaces"
+        repairs.append(
+            f"Separated {apart} that touch or overlap ({shared} edges shared by more than two triangles)."
+        )
     if any(b.is_watertight and not b.is_winding_consistent for b in before):
         repairs.append("Turned triangles that faced the wrong way.")
     return solid, repairs + messages
@@ -204,7 +209,7 @@ def _mesh_fix(body: Any) -> Any:
     return fixed if len(fixed.faces) and fixed.is_watertight else None
 
 
-def _refuse_if_changed(name: str, before: Any, solid: Solid) -> float:
+def _refuse_if_changed(name: str, before: Any, solid: Solid, defect: str) -> float:
     """Measure the share of new surface; refuse a repair that changes so much that it invents a model."""
     after: Any = trimesh.Trimesh(*solid.arrays(), process=False)
     probes = _probes(before, PROBES)
@@ -215,14 +220,14 @@ def _refuse_if_changed(name: str, before: Any, solid: Solid) -> float:
     new = float(_is_far(after, before).mean())
     if new > NEW_SHARE:
         raise ModelNotSolid(
-            f"{name}: not closed, and closing it would invent {100 * new:.0f} % of its surface (limit "
-            f"{100 * NEW_SHARE:.0f} %): half a model or loose triangles; repair it by hand"
+            f"{name}: {defect}, and repairing it would invent {100 * new:.0f} % of its surface (limit "
+            f"{100 * NEW_SHARE:.0f} %): half a model or loose triangles; mend it by hand"
         )
     shrink = float(np.abs(after.bounds - before.bounds).max() / np.ptp(before.bounds, axis=0).max())
     if lost > LOST_SHARE or shrink > EXTENT_SHARE:
         raise ModelNotSolid(
-            f"{name}: not closed, and closing it would lose {100 * lost:.0f} % of its surface and change its "
-            f"size by {100 * shrink:.0f} %; repair it by hand"
+            f"{name}: {defect}, and repairing it would lose {100 * lost:.0f} % of its surface and change its "
+            f"size by {100 * shrink:.0f} %; mend it by hand"
         )
     return new
 

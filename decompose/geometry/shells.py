@@ -10,7 +10,7 @@ import shapely
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from decompose.arrays import Floats, Ints
+from decompose.arrays import Bools, Floats, Ints
 from decompose.geometry.solid import triangulate
 
 SAME_ANGLE_RAD = 1e-9
@@ -47,13 +47,14 @@ def split_shells(vertices: Floats, faces: Ints) -> list[tuple[Floats, Ints]] | N
     """Split triangles into their surfaces, each with vertices (n, 3) of its own and faces (m, 3).
 
     Where more than two triangles meet at an edge, each continues to the next one around the edge on the side
-    where the solid is: bodies that only touch come apart. After it each edge of a shell has one or two faces,
-    and the rim of a hole meets itself nowhere.
+    where the solid is: bodies that touch come apart. Where they overlap at such an edge, or one is inside
+    out, there are two ways to continue: the one that separates more surfaces is taken. After it each edge of
+    a shell has one or two faces, and the rim of a hole meets itself nowhere.
 
     Returns
     -------
     list or None
-        None where solid and air do not alternate around an edge.
+        None where not as many faces begin solid as end it around an edge.
     """
     tail, head, face = _half_edges(faces)
     order, starts, counts = _by_edge(tail, head)
@@ -61,14 +62,24 @@ def split_shells(vertices: Floats, faces: Ints) -> list[tuple[Floats, Ints]] | N
     a, b = order[first], order[first + 1]
     if (tail[a] == tail[b]).any():
         return None
-    pairs = [np.stack([a, b], axis=1)]
+    matched = []
     for start, count in zip(starts[counts > 2], counts[counts > 2], strict=True):
         around = order[start : start + count]
-        matched = _around_edge(vertices, faces, tail, head, face, around)
-        if matched is None:
+        begins_ends = _around_edge(vertices, faces, tail, head, face, around)
+        if begins_ends is None:
             return None
-        pairs.append(matched)
-    a, b = np.concatenate(pairs).T
+        matched.append(begins_ends)
+    found = []
+    for pair in (_pair_crossing, _pair_nested):
+        pairs = np.concatenate([np.stack([a, b], axis=1), *(pair(each) for each in matched)])
+        found.append(_separate(vertices, faces, pairs))
+    return max(found, key=len)
+
+
+def _separate(vertices: Floats, faces: Ints, pairs: Ints) -> list[tuple[Floats, Ints]]:
+    """Split triangles into the surfaces that pairs (k, 2) of half-edges connect; see `split_shells`."""
+    tail, _, face = _half_edges(faces)
+    a, b = pairs.T
     # Corner 3 f + k is vertex k of face f; a half-edge goes from its own corner to the next one of its face.
     following = np.arange(len(tail)) // 3 * 3 + (np.arange(len(tail)) % 3 + 1) % 3
     corner = label_components(len(tail), np.concatenate([a, following[a]]), np.concatenate([following[b], b]))
@@ -198,8 +209,11 @@ def label_components(count: int, rows: Ints, columns: Ints) -> Ints:
 
 def _around_edge(
     vertices: Floats, faces: Ints, tail: Ints, head: Ints, face: Ints, around: Ints
-) -> Ints | None:
-    """Pair the half-edges (k, 2) of an edge with solid between them; None where they do not alternate."""
+) -> tuple[Ints, Bools] | None:
+    """Sort the half-edges (k,) of an edge by angle; also which of them (k,) begin solid, the others end it.
+
+    The first one begins solid where there was the least. None where not as many begin solid as end it.
+    """
     start, end = min(tail[around[0]], head[around[0]]), max(tail[around[0]], head[around[0]])
     along = vertices[end] - vertices[start]
     along = along / np.linalg.norm(along)
@@ -212,9 +226,32 @@ def _around_edge(
     # The normal of a face that runs along the edge is where angles grow: its solid is before it.
     begins = tail[around] != start
     order = np.lexsort((begins, angle))
-    if not begins[order[0]]:
-        order = np.roll(order, -1)
-    next_starts = begins[order]
-    if len(order) % 2 or not next_starts[::2].all() or next_starts[1::2].any():
+    depth = np.cumsum(np.where(begins[order], 1, -1))  # surfaces that a turn about the edge is inside of
+    if depth[-1] != 0:
         return None
-    return np.asarray(around[order].reshape(-1, 2))
+    order = np.roll(order, -1 - int(depth.argmin()))  # from the air on
+    return around[order], begins[order]
+
+
+def _pair_crossing(around: tuple[Ints, Bools]) -> Ints:
+    """Pair the half-edges (k, 2) of an edge so that the solid that begins first ends first.
+
+    Where two bodies overlap, each gets its own faces.
+    """
+    half_edges, begins = around
+    return np.stack([half_edges[begins], half_edges[~begins]], axis=1)
+
+
+def _pair_nested(around: tuple[Ints, Bools]) -> Ints:
+    """Pair the half-edges (k, 2) of an edge so that the solid that begins last ends first.
+
+    Where one of two bodies is inside out, each gets its own faces.
+    """
+    pairs: list[tuple[int, int]] = []
+    begun: list[int] = []
+    for half_edge, begin in zip(*around, strict=True):
+        if begin:
+            begun.append(half_edge)
+        else:
+            pairs.append((begun.pop(), half_edge))
+    return np.array(pairs, dtype=np.int64)

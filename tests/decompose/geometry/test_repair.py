@@ -23,6 +23,12 @@ def block(lo: tuple[float, ...], hi: tuple[float, ...]) -> np.ndarray:
     return vertices[faces]
 
 
+def soup(triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices and faces of triangles, with common corners joined."""
+    vertices, faces = np.unique(triangles.reshape(-1, 3), axis=0, return_inverse=True)
+    return vertices, faces.reshape(-1, 3)
+
+
 def without_lid(triangles: np.ndarray, axis: int, at_mm: float) -> np.ndarray:
     """Triangles without those that lie in an axis plane."""
     return triangles[~(np.abs(triangles[:, :, axis] - at_mm) < 1e-9).all(axis=1)]
@@ -49,6 +55,39 @@ def test_cubes_in_a_lattice_are_their_union(places: list[tuple[int, int, int]], 
     order = data.draw(st.permutations(range(12 * len(cubes))))
     solid, _ = close_surface("lattice", np.concatenate(cubes)[list(order)])
     assert solid.volume_mm3 == pytest.approx(1000.0 * len(places))
+
+
+def overlapping_at_an_edge() -> np.ndarray:
+    """Two blocks that overlap by a hair and share one edge: four triangles meet there, no edge is open."""
+    hair_mm = 0.01
+    first, second = block((0, 0, 0), (20, 20, 20)), block((20 - hair_mm, 0, 0), (40, 30, 20))
+    second[(second[..., 0] < 20) & (second[..., 1] == 0.0), 0] = 20.0  # so that its side leans into the first
+    return np.concatenate([first, second])
+
+
+def test_bodies_that_overlap_and_share_an_edge_are_their_union() -> None:
+    """Closed, though solid and air do not alternate around the shared edge."""
+    triangles = overlapping_at_an_edge()
+    solid, repairs = close_surface("hair", triangles)
+    first, second = (Solid.from_arrays(*soup(each)) for each in np.split(triangles, 2))
+    assert solid.volume_mm3 == pytest.approx(Solid.union([first, second]).volume_mm3, rel=1e-9)
+    sentence = "Separated bodies that touch or overlap (1 edges shared by more than two triangles)."
+    assert repairs[0] == sentence
+
+
+def test_a_body_that_is_inside_out_comes_apart_from_one_that_it_touches() -> None:
+    cubes = [block((0, 0, 0), (20, 20, 20)), block((20, 20, 0), (40, 40, 20))[:, ::-1]]
+    solid, repairs = close_surface("two", np.concatenate(cubes))
+    assert solid.volume_mm3 == pytest.approx(16_000.0)
+    assert not any("new" in repair for repair in repairs)
+
+
+@pytest.mark.skipif(not MODELS.is_dir(), reason="the models from the wild are not here")
+def test_a_closed_model_with_edges_of_four_faces_is_not_called_open() -> None:
+    """The flange of the paper's 'Hole Pipe' overlaps the pipe by a hair."""
+    model = load_model(MODELS / "thingi10k-78224.stl")
+    assert model.solid.volume_mm3 == pytest.approx(19_384.0, rel=1e-3)
+    assert not any("open" in repair for repair in model.repairs)
 
 
 def test_two_open_shells_through_one_another_are_closed_and_joined() -> None:
