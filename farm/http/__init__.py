@@ -4,21 +4,33 @@ from __future__ import annotations
 
 from farm.http.app import UPLOAD_PATH, add_routes, make_app, make_problem
 from farm.http.body_limit import BodyLimit
-from farm.http.callers import PeerProtocol, Person, check_operators, identify_caller, listen
+from farm.http.callers import (
+    CallerName,
+    PeerProtocol,
+    Person,
+    check_operators,
+    identify_caller,
+    listen,
+)
 from farm.http.connections import BoundedServer, connection_limit, descriptor_limit, end_at_signals
 from farm.http.services import NetworkState, Services
 from farm.http.status_routes import describe_farm
+from farm.http.uploads import Upload, Uploads, clean_name
 
 __all__ = [
     "UPLOAD_PATH",
     "BodyLimit",
     "BoundedServer",
+    "CallerName",
     "NetworkState",
     "PeerProtocol",
     "Person",
     "Services",
+    "Upload",
+    "Uploads",
     "add_routes",
     "check_operators",
+    "clean_name",
     "connection_limit",
     "describe_farm",
     "descriptor_limit",

@@ -17,7 +17,7 @@ from farm.http.key_routes import key_routes
 from farm.http.printer_routes import printer_routes
 from farm.http.services import Services
 from farm.http.status_routes import status_routes
-from farm.http.uploads import upload_routes
+from farm.http.upload_routes import upload_routes
 from farm.text import describe_first_error
 
 UPLOAD_PATH = "/jobs"
@@ -34,7 +34,7 @@ def make_app(services: Services, dry_runs: DryRuns) -> FastAPI:
     )
     add_routes(app, services, dry_runs)
     app.include_router(key_routes(services, KeyCommands(services.controller)))
-    app.add_middleware(BodyLimit, upload_path=UPLOAD_PATH)
+    app.add_middleware(BodyLimit, is_upload=UPLOAD_PATH.__eq__)
     return app
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from starlette.datastructures import MutableHeaders
 from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
@@ -19,18 +21,18 @@ class BodyLimit:
     ----------
     app
         The application.
-    upload_path
-        The path of uploads, which are exempt.
+    is_upload
+        Returns whether a path is one of uploads, which are exempt.
     """
 
-    def __init__(self, app: ASGIApp, upload_path: str) -> None:
-        self._app, self._upload_path = app, upload_path
+    def __init__(self, app: ASGIApp, is_upload: Callable[[str], bool]) -> None:
+        self._app, self._is_upload = app, is_upload
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
-        limited = scope["path"] != self._upload_path
+        limited = not self._is_upload(scope["path"])
         received, complete = 0, False
 
         async def receive_limited() -> Message:

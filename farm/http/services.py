@@ -12,6 +12,7 @@ from farm import api
 from farm.compute import Workers
 from farm.control import Controller, SessionCommands
 from farm.errors import Refused
+from farm.http.uploads import Uploads
 from farm.paths import StateFolder
 from farm.views import ViewContext
 
@@ -77,6 +78,8 @@ class Services:
         Names of the models that are being inspected, by the files of their uploads.
     sessions
         Commands about sessions of browsers.
+    uploads
+        Open uploads of all callers, whose total is limited.
     """
 
     controller: Controller
@@ -90,9 +93,12 @@ class Services:
     key_uses_s: dict[str, float] = field(default_factory=dict)
     inspections: dict[Path, str] = field(default_factory=dict)
     sessions: SessionCommands = field(init=False)
+    uploads: Uploads = field(init=False)
     since_s: float = field(init=False)
 
     def __post_init__(self) -> None:
+        uploads = Uploads(self.controller, self.state, self.workers, self.inspections)
+        object.__setattr__(self, "uploads", uploads)
         object.__setattr__(self, "since_s", self.controller.started_s)
         object.__setattr__(self, "sessions", SessionCommands(self.controller))
 

@@ -2,71 +2,30 @@
 
 from __future__ import annotations
 
-import asyncio
 import shutil
 import uuid
-from collections.abc import AsyncIterator, Sequence
-from contextlib import suppress
-from dataclasses import dataclass
+from collections.abc import AsyncIterator, Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Annotated
 
-from fastapi import APIRouter, Query, Request
 from pydantic import ValidationError
 from starlette.requests import ClientDisconnect
 
 from decompose.errors import ModelTooDetailed
 from decompose.files.triangle_limit import HEAD_BYTES, check_head
 from farm import api
+from farm.compute import Workers
 from farm.config import UploadsSection
-from farm.control import JobCommands
+from farm.control import Controller
 from farm.errors import ErrorCode, FarmError, NoSuchThing, Refused
-from farm.http.callers import CallerName
-from farm.http.services import Services
 from farm.model import JobOptions
+from farm.paths import StateFolder
 from farm.planning import InspectedSubmission, step_file
-from farm.planning.inspection import name_filament
 from farm.planning.tasks import inspect_submission
 from farm.text import flatten_text, format_count
 
 _GB = 1e9
 _LONGEST_NAME = 60  # characters
-_MODEL_BODY = {
-    "required": True,
-    "content": {"application/octet-stream": {"schema": {"type": "string", "format": "binary"}}},
-}
-
-
-def upload_routes(services: Services, jobs: JobCommands) -> APIRouter:
-    """Return the routes of submissions."""
-    router, uploads = APIRouter(), Uploads(services)
-
-    @router.post("/jobs", response_model_exclude_defaults=True, openapi_extra={"requestBody": _MODEL_BODY})
-    async def submit(
-        request: Request,
-        request_id: Annotated[str, Query(min_length=8, max_length=64)],
-        name: Annotated[str, Query(min_length=1, max_length=200)],
-        size: Annotated[int, Query(ge=0)],
-        by: CallerName,
-        options: str = "{}",
-    ) -> api.Submitted:
-        wanted = parse_options(options)
-        known = jobs.find_submission(request_id)
-        if known is not None:
-            return api.Submitted(job=known, again=True)
-        jobs.check_submission(wanted)
-        fleet = services.controller.fleet
-        wanted = await asyncio.to_thread(name_filament, wanted, fleet.printers, fleet.fleet.materials)
-        name = clean_name(name)
-        model = await uploads.receive_model(request.stream(), request_id, name, size, wanted)
-        number, again = jobs.submit(request_id, name, model, wanted, by)
-        return api.Submitted(job=number, again=again, notices=jobs.find_excess(wanted))
-
-    @router.get("/uploads/{request_id}")
-    async def upload(request_id: str) -> api.UploadView:
-        return uploads.describe(request_id)
-
-    return router
 
 
 def clean_name(name: str) -> str:
@@ -131,21 +90,79 @@ def check_quota(
         )
 
 
-@dataclass(slots=True)
-class _Upload:
-    """Upload that is being received or inspected."""
+class Upload:
+    """Upload that is being received or inspected, and its file.
 
-    request_id: str
-    size: int
-    missing_bytes: int
+    Attributes
+    ----------
+    request_id
+        Identifies it to who asks for its progress.
+    size
+        Announced number of bytes of the request's body.
+    missing_bytes
+        Bytes of the body that have not arrived yet.
+    path
+        The file; it is deleted when the upload ends.
+    """
+
+    def __init__(self, request_id: str, size: int, path: Path, memory_bytes: int) -> None:
+        self.request_id, self.size, self.missing_bytes, self.path = request_id, size, size, path
+        self._memory_bytes = memory_bytes
+
+    @contextmanager
+    def open_file(self, name: str) -> Iterator[Callable[[bytes], None]]:
+        """Open the file, and yield a function that appends content to it.
+
+        Raises
+        ------
+        FarmError
+            `limit` as soon as the first bytes give more triangles than a worker has memory for.
+        """
+        head, checked = b"", False
+
+        def write(content: bytes) -> None:
+            nonlocal head, checked
+            if not checked:
+                head += content[:HEAD_BYTES]
+                if len(head) >= min(self.size, HEAD_BYTES):
+                    checked = True
+                    self._check_head(name, head)
+            file.write(content)
+
+        with self.path.open("wb") as file:
+            yield write
+            if not checked:
+                self._check_head(name, head)
+
+    def _check_head(self, name: str, head: bytes) -> None:
+        try:
+            check_head(name, head, self.size, Path(name).suffix.lower(), self._memory_bytes)
+        except ModelTooDetailed as error:
+            detail = f"{error}, or raise `fleet.compute.memory_gb` in fleet.yaml"
+            raise FarmError(detail, ErrorCode.LIMIT) from error
 
 
 class Uploads:
-    """Open uploads, whose total is limited."""
+    """Open uploads, whose total is limited.
 
-    def __init__(self, services: Services) -> None:
-        self._services = services
-        self._open: dict[Path, _Upload] = {}
+    Parameters
+    ----------
+    controller
+        The farm, with its limits.
+    state
+        The state folder, into which they are written.
+    workers
+        Processes that inspect models.
+    inspections
+        Receives the names of the models that are being inspected, by their files.
+    """
+
+    def __init__(
+        self, controller: Controller, state: StateFolder, workers: Workers, inspections: dict[Path, str]
+    ) -> None:
+        self._controller, self._state, self._workers = controller, state, workers
+        self._inspections = inspections
+        self._open: dict[Path, Upload] = {}
 
     def describe(self, request_id: str) -> api.UploadView:
         """Describe the progress of an upload. Raises NoSuchThing."""
@@ -160,8 +177,45 @@ class Uploads:
         raise NoSuchThing(f"there is no open upload {request_id}")
 
     def _describe_wait(self) -> str:
-        starting = self._services.workers.starting
+        starting = self._workers.starting
         return "waiting for a worker" if starting is None else f"waiting for the workers to start: {starting}"
+
+    @contextmanager
+    def admit(self, request_id: str, name: str, size: int) -> Iterator[Upload]:
+        """Admit an upload; at the end its file is deleted.
+
+        Parameters
+        ----------
+        request_id
+            Identifies the upload in `describe`.
+        name
+            The name of the model, for messages.
+        size
+            The announced number of bytes.
+
+        Raises
+        ------
+        Refused
+            As `check_quota`.
+        """
+        self._check_quota(name, size)
+        path = self._state.work / f"upload-{uuid.uuid4().hex}"
+        upload = self._open[path] = Upload(request_id, size, path, self._workers.memory_bytes)
+        try:
+            yield upload
+        finally:
+            path.unlink(missing_ok=True)
+            step_file(path).unlink(missing_ok=True)
+            del self._open[path]
+
+    async def inspect(self, upload: Upload, name: str, options: JobOptions) -> InspectedSubmission:
+        """Inspect a complete upload in a worker. Raises FarmError if it cannot be printed."""
+        printers, files = self._controller.fleet.printers, self._state.files
+        self._inspections[upload.path] = name
+        try:
+            return await self._workers.run(inspect_submission, upload.path, name, options, printers, files)
+        finally:
+            self._inspections.pop(upload.path, None)
 
     async def receive_model(
         self, content: AsyncIterator[bytes], request_id: str, name: str, size: int, options: JobOptions
@@ -172,12 +226,8 @@ class Uploads:
         ----------
         content
             The bytes of the file, in chunks.
-        request_id
-            Identifies the upload in `describe`.
-        name
-            The name of the model, for messages.
-        size
-            The announced number of bytes.
+        request_id, name, size
+            See `admit`.
         options
             The options of the job.
 
@@ -188,59 +238,28 @@ class Uploads:
         FarmError
             If the model cannot be printed; `limit` as soon as its first bytes give too many triangles.
         """
-        self._check_quota(name, size)
-        controller, state = self._services.controller, self._services.state
-        path = state.work / f"upload-{uuid.uuid4().hex}"
-        upload = self._open[path] = _Upload(request_id, size, size)
-        try:
-            await self._write_content(content, path, name, upload)
-            self._services.inspections[path] = name
-            return await self._services.workers.run(
-                inspect_submission, path, name, options, controller.fleet.printers, state.files
-            )
-        finally:
-            path.unlink(missing_ok=True)
-            step_file(path).unlink(missing_ok=True)
-            del self._open[path]
-            self._services.inspections.pop(path, None)
-
-    async def _write_content(
-        self, content: AsyncIterator[bytes], path: Path, name: str, upload: _Upload
-    ) -> None:
-        """Write an upload to a file. Raises FarmError if it is incomplete or has too many triangles."""
-        head = b""
-        with path.open("wb") as file, suppress(ClientDisconnect):  # detected below by the number of bytes
-            async for chunk in content:
-                upload.missing_bytes -= len(chunk)
-                if upload.missing_bytes < 0:
-                    break
-                if len(head) < HEAD_BYTES:
-                    head += chunk[:HEAD_BYTES]
-                    if len(head) >= min(upload.size, HEAD_BYTES):
-                        self._check_head(name, head, upload.size)
-                file.write(chunk)
-        if upload.missing_bytes:
-            received = upload.size - upload.missing_bytes
-            raise Refused(
-                f"the upload of {name} stopped after {received} of {upload.size} bytes; submit it again"
-            )
-
-    def _check_head(self, name: str, head: bytes, size: int) -> None:
-        """Refuse a model whose first bytes give more triangles than a worker has memory for."""
-        try:
-            check_head(name, head, size, Path(name).suffix.lower(), self._services.workers.memory_bytes)
-        except ModelTooDetailed as error:
-            detail = f"{error}, or raise `fleet.compute.memory_gb` in fleet.yaml"
-            raise FarmError(detail, ErrorCode.LIMIT) from error
+        with self.admit(request_id, name, size) as upload:
+            with upload.open_file(name) as write, suppress(ClientDisconnect):  # detected by the size below
+                async for chunk in content:
+                    upload.missing_bytes -= len(chunk)
+                    if upload.missing_bytes < 0:
+                        break
+                    write(chunk)
+            if upload.missing_bytes:
+                received = size - upload.missing_bytes
+                raise Refused(
+                    f"the upload of {name} stopped after {received} of {size} bytes; submit it again"
+                )
+            return await self.inspect(upload, name, options)
 
     def _check_quota(self, name: str, size: int) -> None:
         """Refuse an upload that exceeds a limit in the present state of the farm."""
-        controller = self._services.controller
+        controller = self._controller
         check_quota(
             controller.fleet.fleet.uploads,
             name,
             size,
             [upload.missing_bytes for upload in self._open.values()],
-            shutil.disk_usage(self._services.state.root).free,
+            shutil.disk_usage(self._state.root).free,
             sum(not job.state.ended for job in controller.books.jobs.values()),
         )

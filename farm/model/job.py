@@ -44,6 +44,7 @@ class JobOptions(Entity):
     engine: Engine = Engine.BEST
     material: str | None = None  # None: any
     colour: str | None = None
+    only: tuple[str, ...] = ()  # printers that may print it; empty: any
     quality: str = "glue"
     priority: int = Field(default=0, ge=-100, le=100)  # higher prints earlier
     at: str | None = Field(default=None, max_length=40)  # earliest start, as the user wrote it

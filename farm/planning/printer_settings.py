@@ -26,11 +26,17 @@ def matching_printers(printers: Sequence[PrinterSection], options: JobOptions) -
     matching = [
         section
         for section in enabled
-        if section.has_material(options.material) and options.colour in (None, section.colour)
+        if section.has_material(options.material)
+        and options.colour in (None, section.colour)
+        and (not options.only or section.name in options.only)
     ]
     if not matching:
         have = sorted({_describe_filament(section) for section in enabled})
         description = " ".join(filter(None, (options.material, options.colour))) or "a printer"
+        if options.only:
+            raise Refused(
+                f"{' '.join(options.only)} is disabled, or has not {description}: send it to another address"
+            )
         raise Refused(
             f"no printer of the fleet has {description}; there is {', '.join(have) or 'no printer at all'}"
         )

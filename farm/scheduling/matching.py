@@ -7,8 +7,8 @@ from functools import cached_property
 
 from farm.model import Bed, FilamentState, Hold, HoldCode, Link
 
-Demand = tuple[str | None, str | None, float | None, str | None]
-"""Material, colour, nozzle in mm and printer family that a plate requires; None: any."""
+Demand = tuple[str | None, str | None, float | None, str | None, tuple[str, ...]]
+"""Material, colour, nozzle in mm, printer family and printers that a plate requires; None or empty: any."""
 Box = tuple[float, float, float, float, float]
 """min_x, min_y, max_x, max_y and height, in mm from the bed's centre."""
 
@@ -26,6 +26,9 @@ class Capabilities:
         Boxes; one of them must contain all extrusion of a plate.
     family
         Printer family, whose members accept the same G-code; None: any.
+    named
+        Its name if an open job asks for certain printers, and it is one of them. Only such printers have it,
+        so that all others of one kind are equal.
     """
 
     room: tuple[Box, ...]
@@ -34,6 +37,7 @@ class Capabilities:
     nozzle_mm: float
     family: str | None = None
     material_kind: str | None = None
+    named: str | None = None
 
     def has_material(self, wanted: str | None) -> bool:
         """Return whether the material is the one that is asked for, by its file's name or its kind."""
@@ -45,12 +49,13 @@ class Capabilities:
 
     def meets(self, demand: Demand) -> bool:
         """Return whether a plate of some size with this demand matches."""
-        material, colour, nozzle_mm, family = demand
+        material, colour, nozzle_mm, family, only = demand
         return (
             self.has_material(material)
             and colour in (None, self.colour)
             and nozzle_mm in (None, self.nozzle_mm)
             and family in (None, self.family)
+            and (not only or self.named in only)
         )
 
     def holds(self, box: Box) -> bool:
@@ -136,11 +141,12 @@ class Requirements:
     nozzle_mm: float | None
     box: Box | None = None  # extent of its plate; unknown before it is planned
     family: str | None = None  # printer family that it was sliced for; None: any
+    only: tuple[str, ...] = ()  # printers that its job asks for; empty: any
 
     @property
     def demand(self) -> Demand:
         """Return the requirements without the size."""
-        return self.material, self.colour, self.nozzle_mm, self.family
+        return self.material, self.colour, self.nozzle_mm, self.family, self.only
 
     def matches(self, kind: Capabilities) -> bool:
         return kind.meets(self.demand) and (self.box is None or kind.holds(self.box))
@@ -156,6 +162,8 @@ class Requirements:
             texts.append(f"nozzle {self.nozzle_mm} mm")
         if self.family and (not lacking or any(kind.family != self.family for kind in lacking)):
             texts.append(f"an {self.family}, which it was sliced for")
+        if self.only and (not lacking or any(kind.named not in self.only for kind in lacking)):
+            texts.append(" or ".join(self.only))
         if self.box is not None:
             x0, y0, x1, y1, height = self.box
             width = f"{x1 - x0:.0f} mm of width, {y1 - y0:.0f} mm of depth"

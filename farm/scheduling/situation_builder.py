@@ -7,12 +7,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain
 
 from drivers.printers import PROFILES
 from farm.config import Fleet, PrinterSection
-from farm.model import AgentSnapshot, Job, JobState, Link, Plate, Print, Printer, PrintState
+from farm.model import AgentSnapshot, Job, JobOptions, JobState, Link, Plate, Print, Printer, PrintState
 from farm.scheduling.holds import may_hold_back
 from farm.scheduling.matching import Box, Capabilities, FleetPrinter, Requirements, WaitingPlate
 from farm.scheduling.situation import Situation
@@ -107,6 +107,7 @@ class SituationBuilder:
         self._fleet: Fleet | None = None
         self._sections: dict[str, PrinterSection] = {}  # the enabled ones of that fleet, by name
         self._jobs: dict[int, tuple[object, _JobPlates]] = {}
+        self._named: tuple[object, frozenset[str]] = None, frozenset()  # printers that open jobs ask for
 
     def printers(
         self, fleet: Fleet, books: Books, snapshots: Mapping[str, AgentSnapshot]
@@ -131,6 +132,7 @@ class SituationBuilder:
     def _describe(self, section: PrinterSection, books: Books, report: AgentSnapshot | None) -> FleetPrinter:
         entry, attempt = books.printer(section.name), books.open_print_on(section.name)
         available = None if report is None else availability(report)
+        named = section.name in self._find_named(books)
         before, described = self._printers.get(section.name, ((), None))
         if (
             described is not None
@@ -138,11 +140,22 @@ class SituationBuilder:
             and before[1] is entry
             and before[2] is attempt
             and before[3] == available
+            and before[4] == named
         ):
             return described
         described = _describe_printer(section, books, report, attempt, self._build_volumes)
-        self._printers[section.name] = (section, entry, attempt, available), described
+        if named:
+            described = replace(described, capabilities=replace(described.capabilities, named=section.name))
+        self._printers[section.name] = (section, entry, attempt, available, named), described
         return described
+
+    def _find_named(self, books: Books) -> frozenset[str]:
+        """Return the printers that open jobs ask for by name."""
+        if self._named[0] is not books.jobs:
+            open_jobs = (job for job in books.jobs.values() if not job.state.ended)
+            names = frozenset(name for job in open_jobs for name in job.options.only)
+            self._named = books.jobs, names
+        return self._named[1]
 
     def waiting(self, books: Books) -> tuple[WaitingPlate, ...]:
         """Describe the waiting plates of printing jobs, in the order in which they are served."""
@@ -191,7 +204,7 @@ def describe_plates(plates: Iterable[Plate], books: Books) -> Iterator[WaitingPl
         yield WaitingPlate(
             id=plate.id,
             job=plate.job,
-            requirements=plate_requirements(plate, job.options.colour),
+            requirements=plate_requirements(plate, job.options),
             planned=plate.printer,
             expected_s=plate.expected_s,
             priority=job.priority,
@@ -207,13 +220,14 @@ def describe_plates(plates: Iterable[Plate], books: Books) -> Iterator[WaitingPl
         )
 
 
-def plate_requirements(plate: Plate, colour: str | None = None) -> Requirements:
-    """Return the requirements of a plate, and the colour that its job asks for."""
+def plate_requirements(plate: Plate, options: JobOptions | None = None) -> Requirements:
+    """Return the requirements of a plate, with the colour and the printers that its job asks for."""
     return Requirements(
         material=plate.material,
-        colour=colour,
+        colour=options.colour if options else None,
         nozzle_mm=plate.nozzle_mm,
         family=plate.family,
+        only=options.only if options else (),
         box=(*plate.min_mm[:2], *plate.max_mm),
     )
 
@@ -271,5 +285,6 @@ def job_requirements(job: Job) -> Requirements:
         material=job.options.material,
         colour=job.options.colour,
         nozzle_mm=own.nozzle_mm if own else None,
+        only=job.options.only,
         box=(*own.min_mm[:2], *own.max_mm) if own else None,
     )

@@ -9,6 +9,7 @@ import re
 
 from farm.api import NETWORK_PREFIX
 from farm.model import Role
+from farm.web.slicers import SLICER_ROLES
 
 METRICS = "/metrics"
 SCHEMA = f"{NETWORK_PREFIX}/openapi.json"
@@ -53,6 +54,7 @@ ROLES: dict[tuple[str, str], Role] = {
     **{("GET", NETWORK_PREFIX + path): Role.LOOK for path in _LOOK},
     **{("POST", NETWORK_PREFIX + path): Role.PRINT for path in _PRINT},
     **{("POST", NETWORK_PREFIX + path): Role.OPERATE for path in _OPERATE},
+    **SLICER_ROLES,
 }
 """Role by method and path."""
 HOST_ONLY = frozenset(

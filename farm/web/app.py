@@ -16,7 +16,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 import farm
 from farm.api import NETWORK_PREFIX
-from farm.control import Controller, DryRuns, find_key
+from farm.control import Controller, DryRuns, JobCommands, PrinterCommands, find_key
 from farm.errors import ErrorCode, ExitCode
 from farm.http import (
     UPLOAD_PATH,
@@ -33,6 +33,7 @@ from farm.web.api_page import POLICY, render_api_page
 from farm.web.guard import Refusal, WrongKeys, check_host, check_origin
 from farm.web.metrics import CONTENT_TYPE, write_metrics
 from farm.web.openapi import describe_routes
+from farm.web.slicers import PREFIXES, is_slicer_path, is_slicer_upload, make_text, octoprint_routes
 
 log = logging.getLogger(__name__)
 
@@ -93,7 +94,12 @@ def make_web_app(services: Services, dry_runs: DryRuns, names: Collection[str]) 
         title="farm", version=farm.__version__, openapi_url=None, dependencies=[Depends(identify_caller)]
     )
     add_routes(app, services, dry_runs, NETWORK_PREFIX)
-    app.add_middleware(BodyLimit, upload_path=NETWORK_PREFIX + UPLOAD_PATH)
+    jobs = JobCommands(services.controller, PrinterCommands(services.controller))
+    for prefix in PREFIXES:
+        app.include_router(octoprint_routes(services, jobs), prefix=prefix)
+    app.add_middleware(
+        BodyLimit, is_upload=lambda path: path == NETWORK_PREFIX + UPLOAD_PATH or is_slicer_upload(path)
+    )
 
     @app.get(LIVENESS)
     async def liveness() -> dict[str, str]:
@@ -154,7 +160,11 @@ class Guard:
             state = {**scope.get("state", {}), "person": judged}
             await self._app({**scope, "state": state}, receive, send_with_headers)
             return
-        response = make_problem(judged.text, ErrorCode.REFUSED, ExitCode.REFUSED, judged.status)
+        response = (
+            make_text(judged.text, judged.status)
+            if is_slicer_path(scope["path"])
+            else make_problem(judged.text, ErrorCode.REFUSED, ExitCode.REFUSED, judged.status)
+        )
         response.headers["connection"] = "close"  # the rest of its body is not read
         if judged.status == 401:
             response.headers["www-authenticate"] = "Bearer"

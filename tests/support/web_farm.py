@@ -20,13 +20,15 @@ HOST = "farm.lab.example"
 class WebFarm(Farm):
     """A farm whose printers `a` and `b` are idle and clear, with both applications of its daemon."""
 
-    def __init__(self, folder, **house):
+    def __init__(self, folder, workers=None, **house):
         state = StateFolder(folder / "state")
         state.make()
         super().__init__(state.root, clock=Clock(), **house)
         self.ready("a", "b")
         self.state = state
-        self.services = Services(self.controller, state, folder / "fleet.yaml", AcceptAll(), self._down)
+        self.services = Services(
+            self.controller, state, folder / "fleet.yaml", workers or AcceptAll(), self._down
+        )
         self.web = make_web_app(self.services, DryRuns(self.controller), {HOST})
         self.unix = called_by(DAEMON_USER, make_app(self.services, DryRuns(self.controller)))
         self.keys = KeyCommands(self.controller)

@@ -181,13 +181,13 @@ def waits_for_its_printer_kind(code: HoldCode) -> bool:
 
 def _same_filament(plate: WaitingPlate, printer: FleetPrinter) -> bool:
     requirements, offered = plate.requirements, printer.capabilities
-    return offered.has_material(requirements.material) and requirements.colour in (None, offered.colour)
+    return offered.meets((requirements.material, requirements.colour, None, None, requirements.only))
 
 
 def is_other_kind(demand: Demand, kind: Capabilities) -> bool:
     """Return whether a printer has the filament of a plate, but is not of the kind it was sliced for."""
-    material, colour, *_ = demand
-    return kind.meets((material, colour, None, None)) and not kind.meets(demand)
+    material, colour, _, _, only = demand
+    return kind.meets((material, colour, None, None, only)) and not kind.meets(demand)
 
 
 def _other_kind(plate: WaitingPlate, printer: FleetPrinter) -> bool:

@@ -63,9 +63,7 @@ def test_uploads_under_way_count_until_they_are_checked(tmp_path, monkeypatch):
         )
         inspections: dict[Path, str] = {}
         workers = SimpleNamespace(run=run, starting="loading the planning code", memory_bytes=GB)
-        uploads = Uploads(
-            SimpleNamespace(controller=controller, state=state, workers=workers, inspections=inspections)
-        )
+        uploads = Uploads(controller, state, workers, inspections)
 
         async def content():
             yield b"solid"
@@ -99,9 +97,7 @@ def test_an_stl_with_too_many_triangles_is_refused_before_the_rest_of_it_arrives
     usage = shutil.disk_usage(tmp_path)
     monkeypatch.setattr("shutil.disk_usage", lambda _: usage._replace(free=100 * GB))
     controller = SimpleNamespace(fleet=fleet(), books=SimpleNamespace(jobs={}))
-    services = SimpleNamespace(
-        controller=controller, state=state, workers=SimpleNamespace(memory_bytes=GB), inspections={}
-    )
+    uploads = Uploads(controller, state, SimpleNamespace(memory_bytes=GB), {})
     size = 84 + 50 * 4_000_000
 
     async def content():
@@ -112,6 +108,6 @@ def test_an_stl_with_too_many_triangles_is_refused_before_the_rest_of_it_arrives
 
     said = r"big.STL: has 4.0 million triangles.*simplify its mesh, or raise `fleet.compute.memory_gb`"
     with pytest.raises(FarmError, match=said) as error:
-        asyncio.run(Uploads(services).receive_model(content(), "a", "big.STL", size, JobOptions()))
+        asyncio.run(uploads.receive_model(content(), "a", "big.STL", size, JobOptions()))
     assert error.value.code is ErrorCode.LIMIT
     assert list(state.work.iterdir()) == []

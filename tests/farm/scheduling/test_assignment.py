@@ -178,6 +178,26 @@ def test_gcode_for_another_kind_of_printer_waits():
     assert [a.printer for a in given_] == ["plus"]
 
 
+def named(name, **changes):
+    plain = printer(name, **changes)
+    return replace(plain, capabilities=replace(plain.capabilities, named=name))
+
+
+def test_a_plate_for_certain_printers_goes_to_one_of_them_and_says_so_while_it_waits():
+    only_b = Requirements("generic_pla", None, 0.4, box(100.0), only=("b",))
+    fleet = [printer("a"), named("b"), printer("c")]
+    first, second = plate("1/01", "a", requirements=only_b), plate("1/02", "a", requirements=only_b)
+    given_, holds = assign([first, second], fleet)
+    assert [(one.plate, one.printer) for one in given_] == [("1/01", "b")]
+    assert holds["1/02"].text == "needs b: every matching printer got another plate"
+    given_, holds = assign([first], [printer("a"), named("b", bed=Bed.NOT_CLEAR)])
+    assert given_ == []
+    assert holds["1/01"].text.startswith("needs b: the bed of b is not clear")
+    assert assign([first], [printer("a")])[1]["1/01"].text.startswith(
+        "no printer of the fleet matches: gener"
+    )
+
+
 def test_hold_of_a_plate_names_the_obstacle_of_its_own_printer():
     fleet = [printer("a", attention_reason="it smokes"), printer("b", bed=Bed.NOT_CLEAR)]
     for planned, code in (("a", HoldCode.NEEDS_INSPECTION), ("b", HoldCode.BED_NOT_CLEAR)):

@@ -5,10 +5,10 @@ from hypothesis import strategies as st
 
 from drivers.errors import Fault
 from farm.config import Fleet, PrinterSection
-from farm.model import AgentSnapshot, Bed, FilamentState, Link, PrintState
+from farm.model import AgentSnapshot, Bed, FilamentState, JobOptions, Link, PrintState
 from farm.planning.printer_settings import bed_boxes
 from farm.scheduling.holds import find_plate_holds
-from farm.scheduling.situation_builder import SituationBuilder
+from farm.scheduling.situation_builder import SituationBuilder, job_requirements
 from farm.state import events as ev
 from make_books import PRINTERS, ended, job, plan, printing, run
 from recording_controller import fleet
@@ -94,3 +94,16 @@ def test_only_changed_entities_are_described_again():
     assert [view.id for view in after] == ["1/02", "2/01", "2/02", "2/03"]
     assert all(new is old for new, old in zip(after[1:], before[2:], strict=True))
     assert [new is old for new, old in zip(then, printers, strict=True)] == [False, True, True]
+
+
+def test_only_printers_that_an_open_job_asks_for_have_a_name_of_their_own():
+    books, builder = printing(plates=1), SituationBuilder(bed_boxes)
+    asking = job(2).model_copy(update={"options": JobOptions(only=("b",))})
+    for events, names in (
+        ([], [None, None, None]),
+        ([ev.JobSubmitted(at_s=2.0, job=asking)], [None, "b", None]),
+        ([ev.JobCancelled(at_s=3.0, job=2, by="ann")], [None, None, None]),
+    ):
+        books, _ = run(books, *events)
+        assert [one.capabilities.named for one in builder.printers(FLEET, books, READY)] == names
+    assert job_requirements(asking).only == ("b",)

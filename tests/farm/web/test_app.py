@@ -23,7 +23,7 @@ from same_process import AcceptAll
 
 MODEL = "ultimaker2_plus"
 HOST = "farm.lab.example"
-VALUES = {"number": "1", "name": "a", "part": "p01", "request_id": "r" * 8}
+VALUES = {"printer": "a", "number": "1", "name": "a", "part": "p01", "request_id": "r" * 8}
 LOOK, PRINT, OPERATE = Role
 
 

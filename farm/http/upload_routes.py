@@ -1,0 +1,52 @@
+"""Routes of submissions."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Annotated
+
+from fastapi import APIRouter, Query, Request
+
+from farm import api
+from farm.control import JobCommands
+from farm.http.callers import CallerName
+from farm.http.services import Services
+from farm.http.uploads import clean_name, parse_options
+from farm.planning.inspection import name_filament
+
+_MODEL_BODY = {
+    "required": True,
+    "content": {"application/octet-stream": {"schema": {"type": "string", "format": "binary"}}},
+}
+
+
+def upload_routes(services: Services, jobs: JobCommands) -> APIRouter:
+    """Return the routes of submissions."""
+    router, uploads = APIRouter(), services.uploads
+
+    @router.post("/jobs", response_model_exclude_defaults=True, openapi_extra={"requestBody": _MODEL_BODY})
+    async def submit(
+        request: Request,
+        request_id: Annotated[str, Query(min_length=8, max_length=64)],
+        name: Annotated[str, Query(min_length=1, max_length=200)],
+        size: Annotated[int, Query(ge=0)],
+        by: CallerName,
+        options: str = "{}",
+    ) -> api.Submitted:
+        wanted = parse_options(options)
+        known = jobs.find_submission(request_id)
+        if known is not None:
+            return api.Submitted(job=known, again=True)
+        jobs.check_submission(wanted)
+        fleet = services.controller.fleet
+        wanted = await asyncio.to_thread(name_filament, wanted, fleet.printers, fleet.fleet.materials)
+        name = clean_name(name)
+        model = await uploads.receive_model(request.stream(), request_id, name, size, wanted)
+        number, again = jobs.submit(request_id, name, model, wanted, by)
+        return api.Submitted(job=number, again=again, notices=jobs.find_excess(wanted))
+
+    @router.get("/uploads/{request_id}")
+    async def upload(request_id: str) -> api.UploadView:
+        return uploads.describe(request_id)
+
+    return router

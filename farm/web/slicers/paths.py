@@ -1,0 +1,32 @@
+"""Paths of the slicers' dialects, with the roles that they need."""
+
+from __future__ import annotations
+
+import re
+
+from farm.model import Role
+
+PREFIXES = ("", "/to/{printer}")
+"""The whole farm, and one printer."""
+FILES = "/api/files/local"
+SLICER_ROLES: dict[tuple[str, str], Role] = {
+    (method, prefix + path): role
+    for prefix in PREFIXES
+    for method, path, role in (
+        ("GET", "/api/version", Role.LOOK),
+        ("POST", FILES, Role.PRINT),
+    )
+}
+"""Role by method and path."""
+_DIALECT = re.compile(r"/to/.*|/api/(?!v1(/|$)).*")
+_UPLOAD = re.compile(r"(/to/[^/]+)?/api/files/local")
+
+
+def is_slicer_path(path: str) -> bool:
+    """Return whether a path belongs to a dialect, where errors are plain text."""
+    return _DIALECT.fullmatch(path) is not None
+
+
+def is_slicer_upload(path: str) -> bool:
+    """Return whether a path takes uploads."""
+    return _UPLOAD.fullmatch(path) is not None

@@ -1,0 +1,61 @@
+"""Errors as slicers show them: one line of plain text, with the reason in front.
+
+PrusaSlicer and its kin show the body as it is. Cura's plugin shows its first 100 characters, if the type is
+exactly `text/plain`; to the status 409 it gives a meaning of its own, so that none is used.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Coroutine
+from typing import Any
+
+from fastapi.exceptions import RequestValidationError
+from fastapi.routing import APIRoute
+from starlette.exceptions import HTTPException
+from starlette.requests import Request
+from starlette.responses import Response
+
+from farm.errors import ErrorCode, FarmError
+from farm.text import describe_first_error, flatten_text
+
+log = logging.getLogger(__name__)
+
+_STATUS = {ErrorCode.NO_SUCH_THING: 404, ErrorCode.FAILED: 500, ErrorCode.ENGINE: 500}
+_OTHER = 400
+_TEXT = "text/plain"  # without a charset, else Cura's plugin does not show it
+
+
+def make_text(text: str, status: int) -> Response:
+    """Make a response of one line of plain text."""
+    return Response(flatten_text(text).encode(), status, {"content-type": _TEXT})
+
+
+class TextErrorRoute(APIRoute):
+    """Route whose errors are plain text."""
+
+    def get_route_handler(self) -> Callable[[Request], Coroutine[Any, Any, Response]]:
+        handle = super().get_route_handler()
+
+        async def answer(request: Request) -> Response:
+            try:
+                return await handle(request)
+            except Exception as error:
+                return describe_error(error)
+
+        return answer
+
+
+def describe_error(error: Exception) -> Response:
+    """Make the response to a request that failed."""
+    if isinstance(error, FarmError):
+        return make_text(str(error), _STATUS.get(error.code, _OTHER))
+    if isinstance(error, RequestValidationError):
+        return make_text(describe_first_error(error.errors()), _OTHER)
+    if isinstance(error, HTTPException):
+        return make_text(str(error.detail), error.status_code)
+    if isinstance(error, OSError):
+        text = f"the farm cannot store it ({error.strerror or error}): check its disk space"
+        return make_text(text, 500)
+    log.error("a request of a slicer failed", exc_info=error)
+    return make_text(f"the daemon failed: {type(error).__name__}; see its log", 500)

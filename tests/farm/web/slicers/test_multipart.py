@@ -1,0 +1,116 @@
+"""Forms of slicers, in every field order and split anywhere."""
+
+from contextlib import suppress
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from farm.web.slicers.multipart import MOST_FIELD_BYTES, MOST_PARTS, BadForm, FormReader
+
+CONTENT = b"G28\r\n--boundary!\r\n--bound\r\n-\r\n" * 3
+CURL = "multipart/form-data; boundary=boundary"
+
+
+def write_form(parts, boundary="boundary", end="--\r\n"):
+    """Write a form of (headers, content) parts."""
+    lines = [f"--{boundary}\r\n{head}\r\n\r\n".encode() + content + b"\r\n" for head, content in parts]
+    return b"".join(lines) + f"--{boundary}{end}".encode()
+
+
+def field(name, value):
+    return f'Content-Disposition: form-data; name="{name}"', value.encode()
+
+
+def file(name="a.gcode", content=CONTENT, header="Content-Disposition"):
+    disposition = f'{header}: form-data; name="file"; filename="{name}"'
+    return f"{disposition}\r\nContent-Type: application/octet-stream", content
+
+
+def read(form, *cuts, content_type=CURL):
+    """Read a form that is split at some offsets."""
+    reader, pieces = FormReader(content_type), []
+    for begin, end in zip((0, *cuts), (*cuts, len(form)), strict=True):
+        pieces += reader.feed(form[begin:end])
+    reader.finish()
+    return reader, b"".join(pieces)
+
+
+PRUSA = write_form([field("print", "true"), field("path", "x/y"), file()])
+CURA = write_form([field("path", "x/y"), file(), field("select", "true"), field("print", "true")])
+
+
+@pytest.mark.parametrize("form", [PRUSA, CURA], ids=["options first", "options last"])
+@given(data=st.data())
+def test_a_form_split_anywhere_reads_the_same(form, data):
+    cuts = sorted(data.draw(st.lists(st.integers(0, len(form)), max_size=5)))
+    reader, content = read(form, *cuts)
+    assert content == CONTENT
+    assert (reader.file_name, reader.fields["path"], reader.is_true("print")) == ("a.gcode", "x/y", True)
+
+
+def test_a_form_read_byte_by_byte_reads_the_same():
+    reader, content = read(PRUSA, *range(1, len(PRUSA)))
+    assert (reader.file_name, content) == ("a.gcode", CONTENT)
+
+
+@pytest.mark.parametrize("boundary", ["boundary_.oOo._a/b+c==", "------------------------1234567890abcdef"])
+@pytest.mark.parametrize("quote", ['"', ""])
+def test_boundaries_of_qt_and_of_curl_are_read_quoted_or_not(boundary, quote):
+    form = write_form([file("Größe \N{OLD ITALIC LETTER A}.gcode", header="content-disposition")], boundary)
+    reader, content = read(form, content_type=f"multipart/form-data; boundary={quote}{boundary}{quote}")
+    assert (reader.file_name, content) == ("Größe \N{OLD ITALIC LETTER A}.gcode", CONTENT)
+
+
+def test_a_cut_form_is_never_complete():
+    whole = len(PRUSA) - 2  # the last line end may be missing
+    for end in range(whole):
+        with pytest.raises(BadForm, match="stopped before its end"):
+            read(PRUSA[:end])
+    read(PRUSA[:whole])
+
+
+@pytest.mark.parametrize(
+    ("form", "reason"),
+    [
+        (write_form([field("print", "true")]), "no file"),
+        (write_form([file(), file("b.gcode")]), "two files"),
+        (write_form([field(str(n), "x") for n in range(MOST_PARTS)] + [file()]), "more than 20 parts"),
+        (write_form([field("path", "x" * (MOST_FIELD_BYTES + 1)), file()]), "longer than 64 KiB"),
+        (write_form([("X" * 10_000 + ": y", b"")]), "cannot be read"),
+        (write_form([(f"X{n}: y", b"") for n in range(1)] + [("\x00: y", b"")]), "cannot be read"),
+        (b"no form at all", "cannot be read"),
+    ],
+)
+def test_a_bad_form_is_refused_with_the_reason(form, reason):
+    with pytest.raises(BadForm, match=reason):
+        read(form)
+
+
+@pytest.mark.parametrize(
+    "content_type",
+    [
+        "",
+        "text/plain",
+        "multipart/form-data",
+        f"multipart/form-data; boundary={'x' * 300}",
+        "multipart/mixed; boundary=x",
+    ],
+)
+def test_what_is_no_form_is_refused(content_type):
+    with pytest.raises(BadForm):
+        FormReader(content_type)
+
+
+@given(st.binary(max_size=300), st.integers(0, 300))
+def test_any_bytes_are_read_or_refused(noise, at):
+    form = PRUSA[: at % len(PRUSA)] + noise + PRUSA[at % len(PRUSA) :]
+    with suppress(BadForm):
+        read(form, at % (len(form) + 1))
+
+
+@pytest.mark.parametrize(
+    ("value", "means"), [("true", True), ("True ", True), ("1", True), ("", False), ("false", False)]
+)
+def test_the_words_for_yes(value, means):
+    assert read(write_form([field("print", value), file()]))[0].is_true("print") is means

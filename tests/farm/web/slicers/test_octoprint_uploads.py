@@ -1,0 +1,155 @@
+"""Uploads of slicers in OctoPrint's dialect: which job they become, and what is refused."""
+
+import pytest
+
+from farm.model import Role
+from slicer_farm import UPLOAD, RefuseAll, SlicerFarm
+from web_farm import HOST
+
+
+@pytest.fixture
+def make(tmp_path):
+    return lambda **options: SlicerFarm(tmp_path, **options)
+
+
+def test_the_version_is_one_that_slicers_accept(make):
+    farm = make()
+    answer = farm.ask("GET", "/api/version", farm.add_key(Role.LOOK))
+    assert answer.status_code == 200
+    assert answer.json()["api"] == "0.1"
+    assert answer.json()["text"].startswith("OctoPrint")
+
+
+def test_upload_holds_a_job_and_upload_and_print_submits_one(make):
+    farm = make()
+    key = farm.add_key(Role.PRINT)
+    held, printed = farm.upload(key, print="false"), farm.upload(key, print="true")
+    assert [answer.status_code for answer in (held, printed)] == [201, 201]
+    assert [farm.booked[n].options.hold for n in (1, 2)] == [True, False]
+    assert [answer.json()["effectivePrint"] for answer in (held, printed)] == [False, True]
+    assert farm.booked[1].submitted_by == "key print"
+    assert farm.booked[1].name == "box.gcode"
+    assert farm.left_files == []
+
+
+def test_the_answer_is_that_of_octoprint_with_a_location(make):
+    farm = make()
+    answer = farm.upload(farm.add_key(Role.PRINT), "größe 1.gcode", print="true")
+    assert answer.headers["location"] == f"http://{HOST}{UPLOAD}/1/gr%C3%B6%C3%9Fe%201.gcode"
+    assert answer.json() == {
+        "files": {
+            "local": {
+                "name": "größe 1.gcode",
+                "path": "1/größe 1.gcode",
+                "origin": "local",
+                "refs": {"resource": answer.headers["location"]},
+            }
+        },
+        "done": True,
+        "effectiveSelect": False,
+        "effectivePrint": True,
+    }
+
+
+def test_a_farm_that_approves_every_job_prints_none_at_once(make):
+    farm = make(approve=True)
+    assert farm.upload(farm.add_key(Role.PRINT), print="true").json()["effectivePrint"] is False
+
+
+@pytest.mark.parametrize("name", ["a.stl", "a.obj", "a.ply", "a.3mf"])
+def test_models_are_taken_too(make, name):
+    farm = make()
+    assert farm.upload(farm.add_key(Role.PRINT), name, print="true").status_code == 201
+    assert farm.booked[1].name == name
+
+
+def test_an_address_of_a_printer_asks_for_that_one(make):
+    farm = make()
+    key = farm.add_key(Role.PRINT)
+    answer = farm.upload(key, to="/to/b" + UPLOAD, print="true")
+    assert farm.booked[1].options.only == ("b",)
+    assert answer.headers["location"] == f"http://{HOST}/to/b{UPLOAD}/1/box.gcode"
+    unknown = farm.upload(key, to="/to/c" + UPLOAD)
+    assert (unknown.status_code, unknown.text) == (404, "there is no printer c; the fleet has a, b")
+    assert len(farm.booked) == 1
+
+
+def test_a_refusal_is_plain_text_with_line_and_reason_in_front(make):
+    farm = make(workers=RefuseAll())
+    answer = farm.upload(farm.add_key(Role.PRINT), "n" * 200 + ".gcode")
+    assert answer.status_code == 400
+    assert answer.headers["content-type"] == "text/plain"
+    assert answer.text == "line 12: G29 probes the bed, which this printer cannot"
+    assert (farm.booked, farm.left_files) == ({}, [])
+
+
+def test_a_folder_is_shown_and_not_interpreted(make):
+    farm = make()
+    fields = {"path": "/../etc/", "print": "true"}
+    assert farm.ask(
+        "POST", UPLOAD, farm.add_key(Role.PRINT), files={"file": ("a.gcode", b"G28")}, data=fields
+    )
+    assert farm.booked[1].options.note == "../etc"
+
+
+BOUNDARY = {"content-type": "multipart/form-data; boundary=b"}
+FORM = (
+    b'--b\r\nContent-Disposition: form-data; name="file"; filename="../../a.gcode"\r\n\r\nG28\r\n'
+    b'--b\r\nContent-Disposition: form-data; name="print"\r\n\r\ntrue\r\n--b--\r\n'
+)
+
+
+def announce(size):
+    return {**BOUNDARY, "content-length": str(size)}
+
+
+def test_an_upload_cut_at_any_byte_leaves_nothing(make):
+    farm = make()
+    key = farm.add_key(Role.PRINT)
+    events = len(farm.store.events())
+    for end in range(len(FORM)):
+        answer = farm.send(UPLOAD, key, [FORM[:end], None], announce(len(FORM)))
+        assert answer.status == 400, answer
+    assert (farm.booked, farm.left_files, len(farm.store.events())) == ({}, [], events)
+    assert farm.send(UPLOAD, key, [FORM], announce(len(FORM))).status == 201
+    assert farm.booked[1].name == "a.gcode"
+
+
+def test_a_refused_upload_is_read_to_its_end_so_that_the_client_sees_the_answer(make):
+    farm = make()
+    chunks = [b"--x", *[b"x"] * 5]
+    assert farm.send(UPLOAD, farm.add_key(Role.PRINT), chunks, announce(8)).unread == 0
+    large = farm.send(UPLOAD, farm.add_key(Role.PRINT, "b"), [b"--x"] * 5, announce(3 * 10**9))
+    assert (large.status, large.unread) == (400, 5)
+    assert "fleet.uploads.model_gb" in large.text
+    waiting = {**announce(8), "expect": "100-continue"}
+    assert (
+        farm.send(
+            UPLOAD, farm.add_key(Role.PRINT, "c"), chunks, {**waiting, "content-type": "text/plain"}
+        ).unread
+        == 6
+    )
+
+
+def test_the_length_of_an_upload_must_be_announced(make):
+    answer = make_answer(make(), {**BOUNDARY})
+    assert (answer.status, answer.text[:31]) == (411, "the request has no Content-Leng")
+
+
+def make_answer(farm, headers):
+    return farm.send(UPLOAD, farm.add_key(Role.PRINT), [FORM], headers)
+
+
+def test_an_empty_file_is_refused(make):
+    farm = make()
+    answer = farm.upload(farm.add_key(Role.PRINT), content=b"")
+    assert (answer.status_code, answer.text) == (400, "the file is empty")
+
+
+def test_refusals_of_the_guard_are_plain_text_too(make):
+    farm = make()
+    for path in ("/api/version", "/to/a/api/version", "/api/nothing"):
+        answer = farm.ask("GET", path)
+        assert (answer.status_code, answer.headers["content-type"]) == (401, "text/plain"), path
+        assert answer.text.startswith("this needs a key")
+    assert farm.ask("GET", "/api/v1/status").headers["content-type"] == "application/json"
