@@ -109,6 +109,10 @@ class Solid:
         vertices, faces = self.arrays()
         return Solid.from_arrays(vertices @ rotation.T, faces)
 
+    def translate(self, offset_mm: Floats) -> Solid:
+        """Move by an offset (3,) in mm."""
+        return Solid(self.manifold.translate(tuple(offset_mm.tolist())))
+
     def simplify(self, tolerance_mm: float) -> Solid:
         """Remove edges shorter than the tolerance, and flatten what is flat to within it."""
         return Solid(_check_status(self.manifold.simplify(tolerance_mm), "simplifying a solid"))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from decompose.pieces.assignment import assign_bottleneck, assign_printers
-from decompose.pieces.joints import SLIVER_MM, Fault, Joint, find_faults, find_joints
+from decompose.pieces.joints import SLIVER_MM, CutSolid, Fault, Joint, JointFace, find_faults, find_joints
 from decompose.pieces.piece import (
     ON_PLANE_MM,
     Piece,
@@ -18,8 +18,10 @@ from decompose.pieces.piece import (
 __all__ = [
     "ON_PLANE_MM",
     "SLIVER_MM",
+    "CutSolid",
     "Fault",
     "Joint",
+    "JointFace",
     "Piece",
     "assign_bottleneck",
     "assign_printers",

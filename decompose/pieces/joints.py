@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 import numpy as np
@@ -31,6 +31,34 @@ class CutSolid(Protocol):
     def planes(self) -> Floats: ...
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class JointFace:
+    """Flat face that two pieces share.
+
+    Attributes
+    ----------
+    normal
+        (3,) unit normal n of its plane n.x = `offset_mm`.
+    axes
+        (2, 3) unit vectors u and w in the plane: a point of the outline is ``(u, w) @ axes + offset_mm * n``.
+    outline
+        Polygons in u and w, mm.
+    """
+
+    normal: Floats
+    offset_mm: float
+    axes: Floats
+    outline: shapely.Geometry
+
+    @property
+    def area_mm2(self) -> float:
+        return float(self.outline.area)
+
+    def rotate(self, rotation: Floats) -> JointFace:
+        """Return the face turned about the origin by a matrix (3, 3)."""
+        return replace(self, normal=rotation @ self.normal, axes=self.axes @ rotation.T)
+
+
 @dataclass(frozen=True, slots=True)
 class Joint:
     """Contact of two pieces, by their numbers, a < b.
@@ -41,12 +69,19 @@ class Joint:
         Area of the faces that they share, which is glued.
     width_mm
         Diameter of the largest circle that fits in one of these faces: the short side of a long thin joint.
+    faces
+        These faces, in the frame of the pieces.
     """
 
     a: int
     b: int
     area_mm2: float
     width_mm: float
+    faces: tuple[JointFace, ...] = field(default=(), compare=False, repr=False)
+
+    def rotate(self, rotation: Floats) -> Joint:
+        """Return the joint turned about the origin by a matrix (3, 3)."""
+        return replace(self, faces=tuple(face.rotate(rotation) for face in self.faces))
 
     def holds(self, min_glue_mm2: float) -> bool:
         """Check whether the joint has the least area and is two walls wide; for 0 mm2 any joint holds.
@@ -82,18 +117,21 @@ def find_joints(pieces: Sequence[CutSolid]) -> list[Joint]:
     for number, piece in enumerate(pieces):
         for plane, face in _cut_sides(piece.solid, piece.planes).items():
             sides[plane].append((number, face))
-    found: dict[tuple[int, int], list[shapely.Geometry]] = defaultdict(list)
-    for faces in sides.values():
+    found: dict[tuple[int, int], list[JointFace]] = defaultdict(list)
+    for plane, faces in sides.items():
         for i, (a, face) in enumerate(faces):
             for b, other in faces[i + 1 :]:
                 if a == b or not face.intersects(other):
                     continue
                 shared = face.intersection(other)
                 if shared.area > 0.0:
-                    found[min(a, b), max(a, b)].append(shared)
+                    normal = np.array(plane[:3])
+                    found[min(a, b), max(a, b)].append(
+                        JointFace(normal, plane[3], _plane_axes(normal), shared)
+                    )
     return [
-        Joint(a, b, sum(s.area for s in shared), max(_width_mm(s) for s in shared))
-        for (a, b), shared in sorted(found.items())
+        Joint(a, b, sum(f.area_mm2 for f in faces), max(_width_mm(f.outline) for f in faces), tuple(faces))
+        for (a, b), faces in sorted(found.items())
     ]
 
 
@@ -171,14 +209,21 @@ def _cut_sides(solid: Solid, planes: Floats) -> dict[tuple[float, ...], shapely.
             continue
         sign = -1.0 if plane[int(np.abs(plane[:3]).argmax())] < 0.0 else 1.0
         name = np.round(sign * plane, SAME_DIGITS) + 0.0
-        side = np.cross(np.eye(3)[int(np.abs(name[:3]).argmin())], name[:3])
-        frame = np.stack([side, np.cross(name[:3], side)]) / np.linalg.norm(side)
-        corners = np.round((vertices @ frame.T)[flat], SAME_DIGITS)  # a value next to 0 has no inverse
+        corners = np.round(
+            (vertices @ _plane_axes(name[:3]).T)[flat], SAME_DIGITS
+        )  # a value next to 0 has no inverse
         rings = shapely.polygons(np.concatenate([corners, corners[:, :1]], axis=1))
         section = shapely.union_all(rings[shapely.area(rings) > 0.0])
         if section.area > 0.0:
             found[tuple(float(v) for v in name)] = section
     return found
+
+
+def _plane_axes(normal: Floats) -> Floats:
+    """Choose two unit vectors (2, 3) in the plane with a unit normal."""
+    side = np.cross(np.eye(3)[int(np.abs(normal).argmin())], normal)
+    axes: Floats = np.stack([side, np.cross(normal, side)]) / np.linalg.norm(side)
+    return axes
 
 
 def _width_mm(face: shapely.Geometry) -> float:

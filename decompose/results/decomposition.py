@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from decompose.arrays import Floats, Ints
+from decompose.assembly import Assembly, AssemblyStep
 from decompose.engines.guillotine import CurvePoint
 from decompose.errors import GeometryError, Rule
 from decompose.geometry import Solid, round_triangles
@@ -174,6 +175,8 @@ class Decomposition:
         (grid_makespan_s - lower_bound_s) / lower_bound_s.
     joints
         Contacts of two parts, by their indices in `parts`.
+    assembly
+        Steps in which the parts are glued, by their indices in `parts` and `joints`.
     faults
         Slivers, and parts that joints of enough glue do not hold. A result with any is rejected, except
         from the baselines and with `--faithful`, which report them.
@@ -205,6 +208,7 @@ class Decomposition:
     yaw_deg: float = 0.0
     attempts: tuple[Attempt, ...] = ()
     joints: tuple[Joint, ...] = ()
+    assembly: Assembly = field(default_factory=Assembly)
     faults: tuple[Fault, ...] = ()
     curve: tuple[CurvePoint, ...] = ()
     cutting: Cutting | None = None
@@ -218,8 +222,8 @@ class Decomposition:
         return 1.0 - busy_s / self.makespan_s
 
     def without_parts(self) -> Decomposition:
-        """Return the result without its parts, joints and faults: figures alone, for another process."""
-        return replace(self, parts=(), joints=(), faults=())
+        """Return the figures of the result alone, for another process."""
+        return replace(self, parts=(), joints=(), assembly=Assembly(), faults=())
 
     def as_dict(self) -> dict[str, Any]:
         """Build the object for decomposition.json."""
@@ -252,5 +256,26 @@ class Decomposition:
                 }
                 for joint in self.joints
             ],
+            "assembly": {
+                "levels": self.assembly.levels,
+                "steps": [self._step_as_dict(n, step) for n, step in enumerate(self.assembly.steps, 1)],
+                "locked": [self._name_parts(parts) for parts in self.assembly.locked],
+            },
             "faults": [{"part": self.parts[f.piece].id, "what": f.reason} for f in self.faults],
         }
+
+    def _step_as_dict(self, number: int, step: AssemblyStep) -> dict[str, Any]:
+        return {
+            "number": number,
+            "moved": self._name_parts(step.moved),
+            "fixed": self._name_parts(step.fixed),
+            "direction": (step.direction + 0.0).tolist(),  # no -0
+            "joints": [self._name_parts((self.joints[j].a, self.joints[j].b)) for j in step.joints],
+            "glue_mm2": step.glue_mm2,
+            "slides": step.slides,
+            "rests_on": self._name_parts(step.rests_on),
+            "level": step.level,
+        }
+
+    def _name_parts(self, numbers: Sequence[int]) -> list[str]:
+        return [self.parts[number].id for number in numbers]

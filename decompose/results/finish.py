@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from decompose.arrays import Floats
+from decompose.assembly import plan_assembly
 from decompose.bound import surface_bound_s
 from decompose.errors import NoFit
 from decompose.options import Engine
@@ -64,8 +65,11 @@ def _build_decomposition(
     factors = {printer.name: printer.time_factor for printer in problem.printers}
     makespan_s = max(p.price_s * factors[p.printer] for p in parts)
     touching = find_joints(parts)
+    rotation = partition.rotation @ problem.frame
     bound_s = surface_bound_s(problem.model.solid.area_mm2, 0.0, len(problem.printers), problem.cost)
     grid = partition.grid or GridFigures(makespan_s, problem.fastest_factor * bound_s, None)
+    restored = tuple(_restore_frame(part, rotation) for part in parts)
+    joints = tuple(joint.rotate(rotation.T) for joint in touching)
     return Decomposition(
         engine=problem.options.engine,
         options=problem.options,
@@ -77,10 +81,11 @@ def _build_decomposition(
         lower_bound_s=grid.lower_bound_s,
         gap=(grid.makespan_s - grid.lower_bound_s) / grid.lower_bound_s,
         compute_s={},
-        parts=tuple(_restore_frame(part, partition.rotation @ problem.frame) for part in parts),
+        parts=restored,
         coverage=coverage,
         cells=grid.cells,
-        joints=tuple(touching),
+        joints=joints,
+        assembly=plan_assembly(restored, joints, problem.options.min_glue_mm2),
         cutting=cutting,
         faults=tuple(find_faults(parts, problem.options.min_glue_mm2, touching)),
     )

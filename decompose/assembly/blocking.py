@@ -1,0 +1,113 @@
+"""Blocking of parts by parts, for each direction in which one could be moved away.
+
+The directional blocking graph of Wilson and Latombe ("Geometric reasoning about mechanical assembly",
+Artificial Intelligence 71, 1994): part i blocks part j along d if j, moved along d, would overlap i.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from decompose.arrays import Bools, Floats
+from decompose.geometry import Solid
+from decompose.pieces import CutSolid, Joint
+
+TOUCH_MM = 0.01  # parts that overlap by less touch
+TOUCH_MM3 = 0.05  # volume that two touching parts may share by rounding
+SAME_AXIS = 1e-4  # sine of the angle between two directions that count as one
+MOST_AXES = 9
+NEAREST_MM = 0.2  # the first of the distances at which a moved part is compared
+EVEN_STEPS = 8  # distances besides, evenly spread over the way
+
+
+def find_axes(pieces: Sequence[CutSolid], joints: Sequence[Joint]) -> Floats:
+    """Find the axes (k, 3) along which parts can be separated: the normals of joints, then of other cuts.
+
+    Those of the largest joints come first; three orthogonal axes are always among them.
+    """
+    faces = sorted((face for joint in joints for face in joint.faces), key=lambda face: -face.area_mm2)
+    found: list[Floats] = []
+    normals = [face.normal for face in faces] + [plane[:3] for piece in pieces for plane in piece.planes]
+    for normal in normals:
+        if len(found) < MOST_AXES and _is_new(normal, found):
+            found.append(normal)
+    first = found[0] if found else np.array([0.0, 0.0, 1.0])
+    square = [first, *_complete_frame(first, found)]
+    return np.array([*square, *(axis for axis in found if _is_new(axis, square))])
+
+
+def find_blocking(solids: Sequence[Solid], axes: Floats) -> Bools:
+    """Find which parts block which.
+
+    Parameters
+    ----------
+    solids
+        The n parts in one frame.
+    axes
+        (k, 3) unit vectors.
+
+    Returns
+    -------
+    Bools
+        (2 k, n, n): ``[d, i, j]`` is true if part i blocks part j along ``[axes, -axes][d]``. Parts whose
+        boxes are disjoint are judged by these boxes, in a frame of the axis; others by their solids.
+    """
+    count = len(solids)
+    blocking = np.zeros((2 * len(axes), count, count), dtype=np.bool_)
+    corners = [solid.arrays()[0] for solid in solids]
+    for k, axis in enumerate(axes):
+        frame = np.stack([axis, *_complete_frame(axis, axes)])
+        spans = [points @ frame.T for points in corners]
+        lo = np.array([span.min(axis=0) for span in spans])
+        hi = np.array([span.max(axis=0) for span in spans])
+        shadow = (_overlap_mm(lo[:, 1:], hi[:, 1:]) > TOUCH_MM).all(axis=2)
+        shadow &= ~np.eye(count, dtype=np.bool_)
+        beyond = lo[:, None, 0] >= hi[None, :, 0] - TOUCH_MM  # [i, j]: i lies wholly beyond j
+        blocking[k], blocking[k + len(axes)] = shadow & beyond, shadow & beyond.T
+        for i, j in np.argwhere(shadow & ~beyond & ~beyond.T):
+            for row, direction in ((k, axis), (k + len(axes), -axis)):
+                blocking[row, i, j] = collide(solids[j], solids[i], direction)
+    return blocking
+
+
+def collide(moved: Solid, other: Solid, direction: Floats) -> bool:
+    """Check whether a solid overlaps another at some distance when it is moved along a direction (3,).
+
+    Distances are compared one by one: closely at the start, where joined faces leave each other, then evenly.
+    """
+    return any(
+        moved.translate(distance_mm * direction).intersect(other).volume_mm3 > TOUCH_MM3
+        for distance_mm in _distances_mm(moved, other, direction)
+    )
+
+
+def _distances_mm(moved: Solid, other: Solid, direction: Floats) -> Iterator[float]:
+    own, others = (solid.arrays()[0] @ direction for solid in (moved, other))
+    way_mm = float(others.max() - own.min())
+    if way_mm <= TOUCH_MM:
+        return
+    doubled = NEAREST_MM * 2.0 ** np.arange(max(1, int(np.ceil(np.log2(way_mm / NEAREST_MM)))))
+    even = np.arange(1, EVEN_STEPS) * way_mm / EVEN_STEPS
+    for distance_mm in np.unique(np.concatenate([doubled, even])):
+        if distance_mm < way_mm:
+            yield float(distance_mm)
+
+
+def _overlap_mm(lo: Floats, hi: Floats) -> Floats:
+    overlap: Floats = np.minimum(hi[:, None], hi[None]) - np.maximum(lo[:, None], lo[None])
+    return overlap
+
+
+def _complete_frame(axis: Floats, axes: Sequence[Floats] | Floats) -> tuple[Floats, Floats]:
+    """Choose two unit vectors orthogonal to an axis and to each other, one of the given axes if it can be."""
+    across = next((other for other in axes if abs(float(other @ axis)) < SAME_AXIS), None)
+    if across is None:
+        across = np.cross(np.eye(3)[int(np.abs(axis).argmin())], axis)
+    second = across / np.linalg.norm(across)
+    return second, np.cross(axis, second)
+
+
+def _is_new(axis: Floats, known: Sequence[Floats]) -> bool:
+    return all(float(np.linalg.norm(np.cross(axis, other))) > SAME_AXIS for other in known)

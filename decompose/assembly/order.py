@@ -1,0 +1,263 @@
+"""Order of assembly: a tree of steps, each of which joins two bodies along one direction.
+
+The assembly is taken apart in thought: a set of parts is split into two that can be moved apart along an axis
+and that are each held together by glue, until single parts are left. The steps are these splits, backwards.
+A partition into boxes of one frame can always be split so; for others, a set that cannot is a fault.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import chain
+
+import numpy as np
+from scipy.sparse.csgraph import connected_components
+
+from decompose.arrays import Bools, Floats, Ints
+from decompose.assembly.blocking import TOUCH_MM, find_axes, find_blocking
+from decompose.assembly.resting import Weight, find_rest
+from decompose.options import MIN_GLUE_MM2
+from decompose.pieces import CutSolid, Joint
+
+CLOSES_SHARE = 0.999  # share of the glue that closes along its normal, from which a step does not slide
+ALONG = 0.999  # cosine from which a normal is along a direction
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AssemblyStep:
+    """Joining of two bodies. Parts and joints are given by their numbers.
+
+    Attributes
+    ----------
+    moved, fixed
+        Parts of the body that is moved, and of the one that it is joined to.
+    direction
+        (3,) unit vector in the model's frame: the moved body comes from there, against this direction.
+    joints
+        Joints that are glued; none where a loose body is only laid in.
+    glue_mm2
+        Area of these joints.
+    slides
+        Whether some of the glued faces slide over each other while the joint closes.
+    rests_on
+        Parts on which the fixed body stands while `direction` points up; empty: it must be held.
+    level
+        1 + the greatest level of the steps that make the two bodies: steps of one level can dry side by side.
+    """
+
+    moved: tuple[int, ...]
+    fixed: tuple[int, ...]
+    direction: Floats
+    joints: tuple[int, ...]
+    glue_mm2: float
+    slides: bool
+    rests_on: tuple[int, ...]
+    level: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Assembly:
+    """Steps in their order, each after those that make its bodies.
+
+    Attributes
+    ----------
+    locked
+        Sets of parts that cannot be joined by straight moves of two bodies.
+    """
+
+    steps: tuple[AssemblyStep, ...] = ()
+    locked: tuple[tuple[int, ...], ...] = ()
+
+    @property
+    def levels(self) -> int:
+        """Number of steps on the longest chain of steps that wait for each other's glue."""
+        return max((step.level for step in self.steps), default=0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Split:
+    """Two sets (n,) of which the first moves along `direction`."""
+
+    moved: Bools
+    fixed: Bools
+    direction: Floats
+
+
+def plan_assembly(
+    pieces: Sequence[CutSolid], joints: Sequence[Joint], min_glue_mm2: float = MIN_GLUE_MM2
+) -> Assembly:
+    """Plan the order in which parts are joined.
+
+    Parameters
+    ----------
+    pieces
+        Parts in one frame, cut at planes.
+    joints
+        Joints of `pieces.find_joints`, in the same frame.
+    min_glue_mm2
+        Least area of a joint that counts as holding.
+    """
+    if len(pieces) < 2:
+        return Assembly()
+    plan = _Plan(pieces, joints, min_glue_mm2)
+    plan.split(np.ones(len(pieces), dtype=np.bool_), outermost=True)
+    return Assembly(tuple(plan.steps), tuple(plan.locked))
+
+
+class _Plan:
+    """Search for splits, and the steps found so far."""
+
+    def __init__(self, pieces: Sequence[CutSolid], joints: Sequence[Joint], min_glue_mm2: float) -> None:
+        count = len(pieces)
+        axes = find_axes(pieces, joints)
+        self.steps: list[AssemblyStep] = []
+        self.locked: list[tuple[int, ...]] = []
+        self._joints = joints
+        self._weights = [Weight.from_solid(piece.solid) for piece in pieces]
+        self._directions = np.concatenate([axes, -axes])
+        self._blocking = find_blocking([piece.solid for piece in pieces], axes)
+        heights = [weight.points @ self._directions.T for weight in self._weights]
+        self._low_mm = np.array([height.min(axis=0) for height in heights]).T  # (directions, parts)
+        self._high_mm = np.array([height.max(axis=0) for height in heights]).T
+        self._volumes_mm3 = np.array([weight.volume_mm3 for weight in self._weights])
+        self._glue_mm2 = np.zeros((count, count))
+        self._holding = np.zeros((count, count), dtype=np.bool_)
+        self._closing_mm2 = np.zeros((len(self._directions), count, count))
+        for joint in joints:
+            self._glue_mm2[joint.a, joint.b] = self._glue_mm2[joint.b, joint.a] = joint.area_mm2
+            self._holding[joint.a, joint.b] = self._holding[joint.b, joint.a] = joint.holds(min_glue_mm2)
+            for face in joint.faces:
+                along = np.abs(self._directions @ face.normal) > ALONG
+                self._closing_mm2[along, joint.a, joint.b] += face.area_mm2
+                self._closing_mm2[along, joint.b, joint.a] += face.area_mm2
+
+    def split(self, parts: Bools, *, outermost: bool) -> int:
+        """Split a set of parts (n,) down to single ones, and append the steps; return the level of the last.
+
+        `outermost`: nothing is glued around the set, so that loose bodies in it need no step.
+        """
+        if parts.sum() < 2:
+            return 0
+        split = self._find_split(parts)
+        if split is None:
+            self.locked.append(_numbers(parts))
+            return 0
+        across = np.outer(split.moved, split.fixed)
+        loose = not (self._glue_mm2 * across).any()
+        sides = sorted((split.moved, split.fixed), key=lambda side: int(side.sum()))
+        level = 1 + max(self.split(side, outermost=outermost and loose) for side in sides)
+        if not (loose and outermost):
+            self.steps.append(self._build_step(split, level))
+        return level
+
+    def _build_step(self, split: _Split, level: int) -> AssemblyStep:
+        """Choose the body that is moved: the lighter one, unless only it stands with its joint upwards."""
+        moved, fixed, direction = split.moved, split.fixed, split.direction
+        rest = find_rest(self._weights, _numbers(fixed), direction)
+        other = find_rest(self._weights, _numbers(moved), -direction)
+        lighter = float(self._volumes_mm3[moved].sum()) > float(self._volumes_mm3[fixed].sum())
+        if bool(other) > bool(rest) or (lighter and bool(other) == bool(rest)):
+            moved, fixed, direction, rest = fixed, moved, -direction, other
+        number = int(np.argmax(self._directions @ split.direction))
+        across = np.outer(moved, fixed)
+        glue_mm2 = float((self._glue_mm2 * across).sum())
+        return AssemblyStep(
+            moved=_numbers(moved),
+            fixed=_numbers(fixed),
+            direction=direction,
+            joints=tuple(
+                k
+                for k, joint in enumerate(self._joints)
+                if across[joint.a, joint.b] or across[joint.b, joint.a]
+            ),
+            glue_mm2=glue_mm2,
+            slides=float((self._closing_mm2[number] * across).sum()) < CLOSES_SHARE * glue_mm2,
+            rests_on=rest,
+            level=level,
+        )
+
+    def _find_split(self, parts: Bools) -> _Split | None:
+        """Find the best split of a set (n,) into two that can be moved apart, in as few bodies as can be."""
+        numbers = np.flatnonzero(parts)
+        candidates = list(
+            chain.from_iterable(self._candidates(d, numbers) for d in range(len(self._directions)))
+        )
+        if not candidates:
+            return None
+        glue_mm2 = self._glue_mm2[np.ix_(numbers, numbers)]
+        holding = self._holding[np.ix_(numbers, numbers)]
+        bodies = _count_bodies(holding, np.ones(len(numbers), dtype=np.bool_))
+
+        def merit(candidate: tuple[int, Bools]) -> tuple[bool, int, float]:
+            direction, moved = candidate
+            closing = self._closing_mm2[direction][np.ix_(numbers, numbers)]
+            across_mm2 = float(glue_mm2[moved][:, ~moved].sum())
+            closes = float(closing[moved][:, ~moved].sum()) >= CLOSES_SHARE * across_mm2
+            return closes, min(int(moved.sum()), int((~moved).sum())), across_mm2
+
+        best: tuple[int, tuple[int, Bools]] | None = None
+        for direction, moved in sorted(candidates, key=merit, reverse=True):
+            added = _count_bodies(holding, moved) + _count_bodies(holding, ~moved) - bodies
+            if best is None or added < best[0]:
+                best = added, (direction, moved)
+            if added <= (0 if bodies > 1 else 1):  # one split of a body makes two; loose bodies need none
+                break
+        assert best is not None
+        direction, moved = best[1]
+        chosen = np.zeros(len(parts), dtype=np.bool_)
+        chosen[numbers[moved]] = True
+        return _Split(chosen, parts & ~chosen, self._directions[direction])
+
+    def _candidates(self, direction: int, numbers: Ints) -> list[tuple[int, Bools]]:
+        """Find sets of parts that can be moved along a direction, as masks over `numbers`.
+
+        Each part with all that blocks it; and what lies beyond a plane that cuts no part, each body of it
+        that no other blocks.
+        """
+        blocked_by = self._blocking[direction][np.ix_(numbers, numbers)].T | np.eye(
+            len(numbers), dtype=np.bool_
+        )
+        reach = _close(blocked_by)
+        sets = [*reach, *self._beyond_planes(direction, numbers)]
+        holding = self._holding[np.ix_(numbers, numbers)]
+        for beyond in list(sets):
+            count, label = connected_components(holding[beyond][:, beyond], directed=False)
+            inside = np.flatnonzero(beyond)
+            for body in range(count if count > 1 else 0):
+                mask = np.zeros(len(numbers), dtype=np.bool_)
+                mask[inside[label == body]] = True
+                if (reach[mask].any(axis=0) <= mask).all():
+                    sets.append(mask)
+        distinct = {mask.tobytes(): mask for mask in sets if 0 < mask.sum() < len(numbers)}
+        return [(direction, mask) for mask in distinct.values()]
+
+    def _beyond_planes(self, direction: int, numbers: Ints) -> list[Bools]:
+        low, high = self._low_mm[direction, numbers], self._high_mm[direction, numbers]
+        planes = np.unique(np.round(low, 3))
+        beyond = [low >= at_mm - TOUCH_MM for at_mm in planes]
+        return [
+            side
+            for at_mm, side in zip(planes, beyond, strict=True)
+            if not side.all() and (high[~side] <= at_mm + TOUCH_MM).all()
+        ]
+
+
+def _close(relation: Bools) -> Bools:
+    """Compute the transitive closure of a reflexive relation (n, n)."""
+    reach = relation
+    while True:
+        further: Bools = (reach.astype(np.float32) @ reach.astype(np.float32)) > 0.0
+        if (further == reach).all():
+            return further
+        reach = further
+
+
+def _count_bodies(holding: Bools, parts: Bools) -> int:
+    """Count the bodies that joints (n, n) hold together among some of the parts (n,)."""
+    count, _ = connected_components(holding[parts][:, parts], directed=False)
+    return int(count)
+
+
+def _numbers(parts: Bools) -> tuple[int, ...]:
+    return tuple(int(number) for number in np.flatnonzero(parts))

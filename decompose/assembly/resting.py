@@ -1,0 +1,64 @@
+"""Resting of a glued body on the table while the next one is put on it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from decompose.arrays import Floats
+from decompose.geometry import Solid, convex_outline, half_planes
+
+ON_TABLE_MM = 0.1  # points this near to the lowest one touch the table
+STEADY_MM = 2.0  # least distance of the centre of mass inside the rim of what touches the table
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Weight:
+    """Points of a part's surface (n, 3), its volume in mm3, and its centre of mass (3,)."""
+
+    points: Floats
+    volume_mm3: float
+    centre: Floats
+
+    @classmethod
+    def from_solid(cls, solid: Solid) -> Weight:
+        """Compute the centre of a solid of even density, by the tetrahedra below its faces."""
+        vertices, faces = solid.arrays()
+        base = vertices.mean(axis=0)
+        a, b, c = (vertices[faces[:, k]] - base for k in range(3))
+        volumes = np.einsum("ij,ij->i", a, np.cross(b, c)) / 6.0
+        return cls(vertices, solid.volume_mm3, base + volumes @ (a + b + c) / (4.0 * volumes.sum()))
+
+
+def find_rest(weights: Sequence[Weight], body: Sequence[int], up: Floats) -> tuple[int, ...]:
+    """Find the parts on which a body stands steadily.
+
+    Parameters
+    ----------
+    weights
+        All parts, in one frame.
+    body
+        Numbers of those in the body.
+    up
+        (3,) unit vector that points up.
+
+    Returns
+    -------
+    tuple of int
+        Parts that touch the table; empty if the body would fall over.
+    """
+    across = np.cross(np.eye(3)[int(np.abs(up).argmin())], up)
+    frame = np.stack([across, np.cross(up, across)]) / np.linalg.norm(across)
+    heights = {number: weights[number].points @ up for number in body}
+    table_mm = min(float(height.min()) for height in heights.values()) + ON_TABLE_MM
+    touching = {number: weights[number].points[height < table_mm] for number, height in heights.items()}
+    edges = half_planes(convex_outline(np.concatenate(list(touching.values())) @ frame.T))
+    if not len(edges):
+        return ()
+    masses = np.array([weights[number].volume_mm3 for number in body])
+    centre = frame @ (masses @ np.array([weights[number].centre for number in body]) / masses.sum())
+    if float((edges[:, :2] @ centre + edges[:, 2]).max()) > -STEADY_MM:
+        return ()
+    return tuple(number for number, points in touching.items() if len(points))

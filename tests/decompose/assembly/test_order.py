@@ -1,0 +1,153 @@
+"""Order of assembly: of boxes by planes, of a pinwheel by a slide, of loose and locked bodies."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from decompose.assembly import Assembly, find_collisions, plan_assembly
+from decompose.geometry import Solid
+from decompose.pieces import Piece, box_planes, cut_box, find_joints, rotate_planes
+
+Span = tuple[tuple[float, float, float], tuple[float, float, float]]
+
+
+def boxes(*spans: Span) -> list[Piece]:
+    """Boxes as pieces that were cut at all their faces."""
+    return [
+        Piece(Solid.box(lo, hi), box_planes(np.array([lo, hi], dtype=np.float64)), np.array([[lo, hi]]))
+        for lo, hi in spans
+    ]
+
+
+def plan(pieces: Sequence[Piece]) -> Assembly:
+    """Plan an assembly, and check by a replay that its steps can be carried out."""
+    joints = find_joints(pieces)
+    assembly = plan_assembly(pieces, joints)
+    assert find_collisions([piece.solid for piece in pieces], assembly) == []
+    glued = [joint for step in assembly.steps for joint in step.joints]
+    if not assembly.locked:
+        assert sorted(glued) == list(range(len(joints)))
+    return assembly
+
+
+def test_two_halves_are_one_step_with_the_lighter_half_moved():
+    [step] = plan(boxes(((0, 0, 0), (60, 40, 20)), ((0, 0, 20), (60, 40, 30)))).steps
+    assert (step.moved, step.fixed) == ((1,), (0,))
+    assert step.direction == pytest.approx([0, 0, 1])
+    assert step.glue_mm2 == pytest.approx(2400.0)
+    assert not step.slides and step.rests_on == (0,)
+
+
+def test_sub_assemblies_are_glued_side_by_side():
+    cells = [((x, y, 0.0), (x + 30.0, y + 30.0, 20.0)) for x in (0.0, 30.0) for y in (0.0, 30.0)]
+    assembly = plan(boxes(*cells))
+    assert [step.level for step in assembly.steps] == [1, 1, 2]
+    assert {len(step.joints) for step in assembly.steps[:2]} == {1}
+
+
+def pinwheel() -> list[Piece]:
+    """Four bricks around a middle one, without a plane through all of them."""
+    return boxes(
+        ((0, 0, 0), (40, 20, 20)),
+        ((40, 0, 0), (60, 40, 20)),
+        ((20, 40, 0), (60, 60, 20)),
+        ((0, 20, 0), (20, 60, 20)),
+        ((20, 20, 0), (40, 40, 20)),
+    )
+
+
+def test_a_pinwheel_is_closed_by_slides():
+    assembly = plan(pinwheel())
+    assert len(assembly.steps) == 4 and not assembly.locked
+    assert any(step.slides for step in assembly.steps)
+
+
+def test_a_ball_in_a_hollow_is_laid_in_before_the_shell_is_closed():
+    outside = Solid.box((0, 0, 0), (60, 60, 60)).subtract(Solid.box((10, 10, 10), (50, 50, 50)))
+    halves = [
+        piece
+        for lo, hi in ((-9.0, 30.0), (30.0, 99.0))
+        for piece in cut_box(outside, (-9, -9, lo), (99, 99, hi))
+    ]
+    loose = boxes(((20, 20, 20), (40, 40, 40)))
+    assembly = plan([*halves, *loose])
+    laid, closed = assembly.steps
+    assert laid.joints == () and 2 in (*laid.moved, *laid.fixed)
+    assert len(closed.joints) == 1
+
+
+def test_bodies_that_stand_apart_need_no_step_between_them():
+    one = ((0.0, 0.0, 0.0), (20.0, 20.0, 20.0)), ((20.0, 0.0, 0.0), (40.0, 20.0, 20.0))
+    other = ((100.0, 0.0, 0.0), (120.0, 20.0, 20.0)), ((120.0, 0.0, 0.0), (140.0, 20.0, 20.0))
+    assembly = plan(boxes(*one, *other))
+    assert sorted(sorted((*step.moved, *step.fixed)) for step in assembly.steps) == [[0, 1], [2, 3]]
+
+
+def test_linked_rings_are_a_fault():
+    ring = Solid.box((0, 0, 0), (60, 60, 10)).subtract(Solid.box((15, 15, -1), (45, 45, 11)))
+    turned = np.array([[1.0, 0, 0], [0, 0, -1.0], [0, 1.0, 0]])
+    link = ring.rotate(turned).translate(np.array([30.0, 30.0, -25.0]))
+    whole = [
+        Piece(ring, np.zeros((0, 4)), np.zeros((0, 2, 3))),
+        Piece(link, np.zeros((0, 4)), np.zeros((0, 2, 3))),
+    ]
+    assembly = plan_assembly(whole, find_joints(whole))
+    assert assembly.locked == ((0, 1),) and not assembly.steps
+
+
+def test_two_ears_above_a_plane_are_joined_one_by_one():
+    head = Solid.box((0, 0, 0), (100, 30, 30))
+    ears = Solid.union([head, Solid.box((0, 0, 30), (20, 30, 60)), Solid.box((80, 0, 30), (100, 30, 60))])
+    pieces = [
+        piece
+        for lo, hi in ((-9.0, 30.0), (30.0, 99.0))
+        for piece in cut_box(ears, (-9, -9, lo), (999, 99, hi))
+    ]
+    assembly = plan(pieces)
+    assert [len(step.moved) for step in assembly.steps] == [1, 1]
+
+
+def test_a_body_that_would_fall_over_is_held():
+    [step] = plan(boxes(((0, 0, 0), (3, 3, 25)), ((0, 0, 25), (3, 3, 50)))).steps
+    assert step.rests_on == ()
+
+
+@st.composite
+def partitions(draw: st.DrawFn) -> list[Piece]:
+    """Partitions of a block into boxes, by cuts of boxes of 2 to 4 cells a side."""
+    cells = draw(st.tuples(*[st.integers(2, 4)] * 3))
+    found = [(np.zeros(3), np.array(cells, dtype=np.float64) * 10.0)]
+    for _ in range(draw(st.integers(1, 9))):
+        i = draw(st.integers(0, len(found) - 1))
+        axis = draw(st.integers(0, 2))
+        lo, hi = found[i]
+        planes = np.arange(lo[axis] + 10.0, hi[axis] - 5.0, 10.0)
+        if len(planes):
+            at_mm = float(draw(st.sampled_from(list(planes))))
+            low, high = hi.copy(), lo.copy()
+            low[axis] = high[axis] = at_mm
+            found[i : i + 1] = [(lo, low), (high, hi)]
+    return boxes(*((tuple(lo), tuple(hi)) for lo, hi in found))
+
+
+@settings(max_examples=40, deadline=None)
+@given(partitions(), st.floats(0.0, 6.0))
+def test_every_partition_into_boxes_of_one_frame_can_be_assembled(pieces: list[Piece], angle: float):
+    rotation = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1.0]])
+    joints = [joint.rotate(rotation) for joint in find_joints(pieces)]
+    turned = [
+        Piece(piece.solid.rotate(rotation), rotate_planes(piece.planes, rotation), piece.boxes_mm)
+        for piece in pieces
+    ]
+    assembly = plan_assembly(turned, joints)
+    assert not assembly.locked
+    assert find_collisions([piece.solid for piece in turned], assembly) == []
+    assert len(assembly.steps) == len(pieces) - 1
+    for earlier, later in pairwise(assembly.steps):
+        assert earlier.level <= assembly.levels >= later.level
