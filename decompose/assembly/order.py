@@ -56,7 +56,7 @@ class AssemblyStep:
     level: int
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True)
 class Assembly:
     """Steps in their order, each after those that make its bodies.
 
