@@ -8,11 +8,12 @@ from farm.control.keys import KeyCommands, find_key
 from farm.control.notifier import Notifier, delete_record
 from farm.control.part_commands import PartCommands
 from farm.control.printer_commands import PrinterCommands
-from farm.control.sessions import LINK_S, SessionCommands
+from farm.control.sessions import LINK_S, LONGEST_S, SessionCommands
 from farm.control.timers import Timers
 
 __all__ = [
     "LINK_S",
+    "LONGEST_S",
     "Controller",
     "DryRuns",
     "FarmEffects",

@@ -47,10 +47,19 @@ _OPERATE = (
     "/printers/{name}/maintained",
     "/outage/confirm",
 )
-OPEN = frozenset({("GET", LIVENESS)})
+OPEN = frozenset(
+    {
+        ("GET", LIVENESS),
+        ("GET", "/login/{token}"),
+        ("POST", "/login/{token}"),
+        ("GET", "/static/farm.css"),
+    }
+)
 """Routes that need no key; they show nothing of the farm."""
 ROLES: dict[tuple[str, str], Role] = {
     **{("GET", path): Role.LOOK for path in (METRICS, SCHEMA, SCHEMA_PAGE)},
+    ("GET", "/"): Role.LOOK,
+    ("POST", "/logout"): Role.LOOK,
     **{("GET", NETWORK_PREFIX + path): Role.LOOK for path in _LOOK},
     **{("POST", NETWORK_PREFIX + path): Role.PRINT for path in _PRINT},
     **{("POST", NETWORK_PREFIX + path): Role.OPERATE for path in _OPERATE},

@@ -5,9 +5,7 @@ Only what the table of roles lists is served. Every request passes the guard bef
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
 
 from fastapi import Depends, FastAPI, Response
 from fastapi.responses import HTMLResponse, JSONResponse, PlainTextResponse
@@ -16,7 +14,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 import farm
 from farm.api import NETWORK_PREFIX
-from farm.control import Controller, DryRuns, JobCommands, PrinterCommands, find_key
+from farm.control import DryRuns, JobCommands, PrinterCommands
 from farm.errors import ErrorCode, ExitCode
 from farm.http import (
     UPLOAD_PATH,
@@ -27,55 +25,24 @@ from farm.http import (
     identify_caller,
     make_problem,
 )
-from farm.model import Key, Role
 from farm.web.access import LIVENESS, METRICS, SCHEMA, SCHEMA_PAGE, find_role, is_open
 from farm.web.api_page import POLICY, render_api_page
-from farm.web.guard import Refusal, WrongKeys, check_host, check_origin
+from farm.web.callers import CallerFinder, KeyHolder, Visitor
+from farm.web.cookies import SessionCookie
+from farm.web.guard import Refusal, check_host, check_origin, check_page
 from farm.web.metrics import CONTENT_TYPE, write_metrics
 from farm.web.openapi import describe_routes
+from farm.web.pages import page_routes, render_message
 from farm.web.slicers import PREFIXES, is_slicer_path, is_slicer_upload, make_text, octoprint_routes
 
-log = logging.getLogger(__name__)
-
 _HEADERS = {
-    "content-security-policy": "default-src 'none'; frame-ancestors 'none'; base-uri 'none'",
+    "content-security-policy": "default-src 'none'; style-src 'self'; form-action 'self'; "
+    "frame-ancestors 'none'; base-uri 'none'",
     "x-content-type-options": "nosniff",
-    "referrer-policy": "no-referrer",
+    "cross-origin-resource-policy": "same-origin",
+    "referrer-policy": "same-origin",  # with no-referrer, browsers send `Origin: null` with a form
     "cache-control": "no-store",
 }
-_BEARER = "bearer "
-
-
-@dataclass(frozen=True, slots=True)
-class KeyHolder:
-    """Caller on the network with a key."""
-
-    key: Key
-
-    @property
-    def name(self) -> str:
-        """Name for the event log."""
-        return f"key {self.key.name}"
-
-    def is_operator(self, group: str | None) -> bool:
-        """Return whether the key has the role of an operator."""
-        return self.key.role is Role.OPERATE
-
-
-@dataclass(frozen=True, slots=True)
-class Visitor:
-    """Caller on the network without a key, at a route that needs none."""
-
-    address: str
-
-    @property
-    def name(self) -> str:
-        """Name for the event log."""
-        return f"visitor at {self.address}"
-
-    def is_operator(self, group: str | None) -> bool:
-        """Return False: a visitor may do nothing."""
-        return False
 
 
 def make_web_app(services: Services, dry_runs: DryRuns, names: Collection[str]) -> ASGIApp:
@@ -119,8 +86,9 @@ def make_web_app(services: Services, dry_runs: DryRuns, names: Collection[str]) 
         page = render_api_page(describe_routes(app.routes), SCHEMA)
         return HTMLResponse(page, headers={"content-security-policy": POLICY})
 
-    controller = services.controller
-    return Guard(app, controller, names, services.key_uses_s)
+    cookie = SessionCookie.for_section(services.controller.fleet.web)
+    app.include_router(page_routes(services, cookie))
+    return Guard(app, services, names, cookie)
 
 
 class Guard:
@@ -130,19 +98,20 @@ class Guard:
     ----------
     app
         The application behind it.
-    controller
-        Has the keys, and the farm's clock.
+    services
+        Have the keys and sessions, the farm's clock, and the times of their last uses.
     names
         Names of this host in lower case.
-    uses_s
-        Receives the time of each key's last use.
+    cookie
+        The cookie of sessions.
     """
 
     def __init__(
-        self, app: ASGIApp, controller: Controller, names: Collection[str], uses_s: dict[str, float]
+        self, app: ASGIApp, services: Services, names: Collection[str], cookie: SessionCookie
     ) -> None:
-        self._app, self._controller, self._names, self._uses_s = app, controller, names, uses_s
-        self._wrong = WrongKeys()
+        self._app, self._names, self._cookie = app, names, cookie
+        self._controller, self._uses_s = services.controller, services.key_uses_s
+        self._callers = CallerFinder(services.controller, services.sessions, cookie)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] != "http":  # no web sockets
@@ -160,55 +129,50 @@ class Guard:
             state = {**scope.get("state", {}), "person": judged}
             await self._app({**scope, "state": state}, receive, send_with_headers)
             return
-        response = (
-            make_text(judged.text, judged.status)
-            if is_slicer_path(scope["path"])
-            else make_problem(judged.text, ErrorCode.REFUSED, ExitCode.REFUSED, judged.status)
-        )
+        response = self._answer(judged, scope["path"], Headers(scope=scope))
         response.headers["connection"] = "close"  # the rest of its body is not read
         if judged.status == 401:
             response.headers["www-authenticate"] = "Bearer"
         await response(scope, receive, send_with_headers)
 
+    def _answer(self, refusal: Refusal, path: str, headers: Mapping[str, str]) -> Response:
+        """Return a refusal as text for a slicer, as a page for a browser, else as JSON."""
+        if is_slicer_path(path):
+            return make_text(refusal.text, refusal.status)
+        if "text/html" not in headers.get("accept", ""):
+            return make_problem(refusal.text, ErrorCode.REFUSED, ExitCode.REFUSED, refusal.status)
+        without_session = refusal.status == 401
+        text = "You are not logged in, or your session has ended." if without_session else refusal.text
+        page = render_message(self._controller.fleet.fleet.name, text, without_session)
+        response = HTMLResponse(page, refusal.status)
+        if without_session and self._cookie.read(headers.get("cookie", "")):
+            self._cookie.clear(response)
+        return response
+
     def _judge(self, scope: Scope) -> KeyHolder | Visitor | Refusal:
         """Return the caller, or a refusal."""
         headers = Headers(scope=scope)
         method, path, host = scope["method"], scope["path"], headers.get("host")
-        refusal = check_host(host, self._names) or check_origin(
-            method, host, headers.get("origin"), headers.get("sec-fetch-site")
-        )
+        site = headers.get("origin"), headers.get("sec-fetch-site")
+        refusal = check_host(host, self._names) or check_origin(method, host, *site)
         if refusal is not None:
             return refusal
         address = (scope.get("client") or ("nobody",))[0]
         if is_open(method, path):
-            return Visitor(address)
-        now_s = self._controller.clock.now()
-        key = self._find_key(headers, address, now_s)
-        if isinstance(key, Refusal):
-            return key
+            return check_page(method, *site) or Visitor(address)
+        holder = self._callers.find(headers, address)
+        if isinstance(holder, Refusal):
+            return holder
         needed = find_role(method, path)
         if needed is None:
             return Refusal(404, f"there is nothing at {path} for {method}")
+        key = holder.key
         if not key.role.allows(needed):
             return Refusal(403, f"this needs a key with the role {needed}; {key.name} has {key.role}")
-        self._uses_s[key.id] = now_s
-        return KeyHolder(key)
-
-    def _find_key(self, headers: Mapping[str, str], address: str, now_s: float) -> Key | Refusal:
-        text = headers.get("x-api-key") or _read_bearer(headers.get("authorization", ""))
-        if not text:
-            return Refusal(401, "this needs a key: an operator makes one by `farm key add NAME`")
-        key = find_key(text, self._controller.books.keys, now_s)
-        if key is not None:
-            return key
-        refusal = self._wrong.check(address, now_s)
-        if refusal is None:
-            self._wrong.add(address, now_s)
-            log.warning("a wrong, expired or revoked key from %s", address)
-        return refusal or Refusal(
-            401, "this key is wrong, expired or revoked: `farm key` lists the valid ones"
-        )
-
-
-def _read_bearer(authorization: str) -> str:
-    return authorization[len(_BEARER) :].strip() if authorization.lower().startswith(_BEARER) else ""
+        if holder.has_session:
+            refusal = check_page(method, *site)
+            if refusal is not None:
+                return refusal
+            self._callers.extend(key)
+        self._uses_s[key.id] = self._controller.clock.now()
+        return holder

@@ -69,6 +69,24 @@ def check_origin(method: str, host: str | None, origin: str | None, fetch_site: 
     return None if allowed else Refusal(403, "this request comes from a page of another site")
 
 
+def check_page(method: str, origin: str | None, fetch_site: str | None) -> Refusal | None:
+    """Check that a change in a user's session names the page that it comes from, as every browser does.
+
+    `check_origin` has compared the page's site. Without this check, a form of another site would pass in a
+    browser that sends neither header.
+
+    Parameters
+    ----------
+    method
+        The request's method.
+    origin, fetch_site
+        The headers `Origin` and `Sec-Fetch-Site`; None if missing.
+    """
+    if method in _SAFE_METHODS or origin is not None or fetch_site is not None:
+        return None
+    return Refusal(403, "a session serves the farm's own pages alone: use a key (`farm key add`)")
+
+
 class WrongKeys:
     """Count of wrong keys by address; after ten within a minute the address has to wait for a minute."""
 

@@ -1,76 +1,26 @@
 """Every route on the network, for every kind of caller, from one table."""
 
-import asyncio
 import re
 
-import httpx
 import pytest
 from fastapi.routing import iter_route_contexts
 
-from drivers.clock import Clock
-from farm.api import NETWORK_PREFIX, KeyRequest
-from farm.config import Fleet
-from farm.control import Controller, DryRuns, KeyCommands
-from farm.http import Services, make_app
-from farm.model import AgentSnapshot, FilamentState, Link, Role
-from farm.paths import StateFolder
-from farm.planning.printer_settings import bed_boxes
-from farm.state.storage.store import Store
-from farm.web import make_web_app
+from farm.api import NETWORK_PREFIX
+from farm.model import Role
 from farm.web.access import HOST_ONLY, LIVENESS, OPEN, ROLES
-from recording_controller import RecordedEffects
-from same_process import AcceptAll
+from network_farm import HOST, OWN_PAGE, NetworkFarm
 
-MODEL = "ultimaker2_plus"
-HOST = "farm.lab.example"
 VALUES = {"printer": "a", "number": "1", "name": "a", "part": "p01", "request_id": "r" * 8}
 LOOK, PRINT, OPERATE = Role
+HOUR_S = 3600.0
+REFUSALS = (401, 403, 421, 429, 500)
 
 
 @pytest.fixture
 def farm(tmp_path):
-    rows = [{"name": "a", "model": MODEL, "port": f"sim://{MODEL}"}]
-    state = StateFolder(tmp_path / "state")
-    state.make()
-    store = Store(state.books)
-    controller = Controller(Fleet.model_validate({"printers": rows}), store, Clock(), bed_boxes)
-    controller.start(RecordedEffects())
-    controller.on_snapshot(
-        AgentSnapshot(printer="a", link=Link.READY, bed_clear=True, filament=FilamentState.PARKED)
-    )
-    went_down = []
-
-    async def down(now):
-        went_down.append(now)
-
-    services = Services(controller, state, tmp_path / "fleet.yaml", AcceptAll(), down)
-    web = make_web_app(services, DryRuns(controller), {HOST})
-    keys = KeyCommands(controller)
-
-    class Farm:
-        pass
-
-    farm = Farm()
-    farm.controller, farm.keys, farm.services, farm.went_down = controller, keys, services, went_down
-    farm.unix = make_app(services, DryRuns(controller))
-    farm.web = web
-
-    def ask(method, path, text=None, host=HOST, address="10.0.0.9", headers=None, **more):
-        own = {"x-api-key": text} if text else {}
-
-        async def call():
-            transport = httpx.ASGITransport(web, client=(address, 1), raise_app_exceptions=False)
-            async with httpx.AsyncClient(transport=transport, base_url=f"http://{host}") as client:
-                return await client.request(method, path, headers={**own, **(headers or {})}, **more)
-
-        return asyncio.run(call())
-
-    farm.ask = ask
-    farm.add = lambda role, name=None, days=None: keys.add(
-        KeyRequest(name=name or str(role), role=role, days=days), "ann"
-    )
+    farm = NetworkFarm(tmp_path)
     yield farm
-    store.close()
+    farm.store.close()
 
 
 def fill(path):
@@ -105,38 +55,76 @@ def test_what_has_no_row_is_not_served(farm):
     assert farm.went_down == []
 
 
+def list_callers(farm, needed):
+    """List callers of every kind: their headers, and the status with which a route refuses them, or None."""
+    keys = {role: farm.add(role).text for role in Role}
+    revoked, expired = farm.add(OPERATE, "gone"), farm.add(OPERATE, "old", days=1.0)
+    farm.keys.revoke(revoked.id, "ann")
+    ended, unused = farm.open_session(user="bob"), farm.open_session(user="eve")
+    farm.keys.revoke(ended.split("_")[1], "bob")
+    farm.clock.now_s += 13 * HOUR_S
+    sessions = {role: farm.open_session(role) for role in Role}
+    farm.clock.now_s += 11.5 * HOUR_S
+    wrong = ("nonsense", keys[OPERATE][:-1], "ü", revoked.text, expired.text, sessions[OPERATE])
+    yield "nobody", {}, 401
+    for text in wrong:
+        yield f"key {text}", {"x-api-key": text.encode()}, 401
+    for text in ("nonsense", sessions[OPERATE][:-1], ended, unused, keys[OPERATE]):
+        yield f"session {text}", OWN_PAGE | farm.hold(text), 401
+    operator, session = {"x-api-key": keys[OPERATE]}, farm.hold(sessions[OPERATE])
+    yield "other host", operator | {"host": "evil.example"}, 421
+    yield "other host, session", OWN_PAGE | session | {"host": "evil.example"}, 421
+    for role in Role:
+        status = None if role.allows(needed) else 403
+        yield f"key {role}", {"x-api-key": keys[role]}, status
+        yield f"bearer {role}", {"authorization": f"Bearer {keys[role]}"}, status
+        yield f"session {role}", OWN_PAGE | farm.hold(sessions[role]), status
+
+
+OTHER_SITES = (
+    {"origin": "http://evil.example"},
+    {"origin": f"http://{HOST}:81"},
+    {"origin": "null"},
+    {"sec-fetch-site": "cross-site"},
+    {"sec-fetch-site": "same-site"},
+)
+
+
 @pytest.mark.parametrize(("method", "path"), ROLES)
 def test_a_route_for_every_kind_of_caller(farm, method, path):
     needed, at = ROLES[method, path], fill(path)
-    keys = {role: farm.add(role) for role in Role}
-    revoked, expired = farm.add(OPERATE, "gone"), farm.add(OPERATE, "old", days=1e-9)
-    farm.keys.revoke(revoked.id, "ann")
-    before = len(farm.controller._store.events())
+    callers = list(list_callers(farm, needed))
 
-    def status(text=None, **more):
-        return farm.ask(method, at, text, json={"why": "x"}, **more).status_code
+    def ask(headers):
+        return farm.ask(method, at, headers=headers, json={"why": "x"}).status_code
 
-    for text in (None, "nonsense", keys[OPERATE].text[:-1], "ü", revoked.text, expired.text):
-        assert status(headers={"x-api-key": text.encode()} if text else None) == 401, text
-    for role in Role:
-        if not role.allows(needed):
-            assert status(keys[role].text) == 403, role
-    operator = keys[OPERATE].text
-    assert status(operator, host="evil.example") == 421
-    elsewhere = {"origin": "http://evil.example"}
+    def count_events():
+        return len(farm.store.events())
+
+    before = count_events()
+    for name, headers, status in callers:
+        if status is not None:
+            assert ask(headers) == status, name
+            farm.clock.now_s += 60.0  # or ten wrong ones have to wait
+    held = [headers for name, headers, _ in callers if name in ("key operate", "session operate")]
+    assert len(held) == 2
     if method == "POST":
-        assert status(operator, headers=elsewhere) == 403
-        assert status(operator, headers={"sec-fetch-site": "cross-site"}) == 403
-    assert len(farm.controller._store.events()) == before  # whatever was refused changed nothing
-    assert status(keys[needed].text) not in (401, 403, 421, 429, 500)
-    bearer = {"authorization": f"Bearer {keys[needed].text}"}
-    assert status(headers=bearer) not in (401, 403, 421, 429, 500)
+        for headers in held:
+            for site in OTHER_SITES:
+                without = {name: value for name, value in headers.items() if name != "origin"}
+                assert ask(without | site) == 403, site
+        assert ask({"cookie": held[1]["cookie"]}) == 403  # no browser sends a form without its origin
+    assert count_events() == before  # whatever was refused changed nothing
+    for name, headers, status in callers:
+        if status is None and (method, path) != ("POST", "/logout"):
+            assert ask(headers) not in REFUSALS, name
+    assert ask(held[1]) not in REFUSALS
 
 
 def test_a_key_s_name_is_in_the_event_log_and_its_text_is_nowhere(farm, tmp_path):
     key = farm.add(OPERATE, "slicer of ann")
     assert farm.ask("POST", f"{NETWORK_PREFIX}/printers/a/cleared", key.text, json={}).status_code == 200
-    assert '"by":"key slicer of ann"' in farm.controller._store.events()[-1][2]
+    assert '"by":"key slicer of ann"' in farm.store.events()[-1][2]
     assert farm.services.key_uses_s.keys() == {key.id}
     secret = key.text.split("_", 2)[2].encode()
     for path in tmp_path.rglob("*"):

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from farm.web.guard import WAIT_S, WRONG_KEYS, Refusal, WrongKeys, check_host, check_origin
+from farm.web.guard import WAIT_S, WRONG_KEYS, Refusal, WrongKeys, check_host, check_origin, check_page
 
 NAMES = {"farm.lab.example", "pc-b"}
 
@@ -77,3 +77,17 @@ def test_addresses_without_end_take_a_limited_memory():
     for number in range(5000):
         wrong.add(f"address {number}", 0.0)
     assert len(wrong._counts) == 1000
+
+
+@pytest.mark.parametrize(
+    ("method", "origin", "site", "allowed"),
+    [
+        ("GET", None, None, True),
+        ("POST", "http://pc-b:8467", None, True),
+        ("POST", None, "same-origin", True),
+        ("POST", None, None, False),
+        ("DELETE", None, None, False),
+    ],
+)
+def test_change_in_a_session_names_the_page_that_it_comes_from(method, origin, site, allowed):
+    assert (check_page(method, origin, site) is None) is allowed

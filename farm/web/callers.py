@@ -1,0 +1,116 @@
+"""Callers on the network: holders of keys, users with a session in a browser, and visitors."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from farm.control import Controller, SessionCommands, find_key
+from farm.errors import FarmError
+from farm.model import Key, KeyKind, Role
+from farm.web.cookies import SessionCookie
+from farm.web.guard import Refusal, WrongKeys
+
+log = logging.getLogger(__name__)
+
+_BEARER = "bearer "
+
+
+@dataclass(frozen=True, slots=True)
+class KeyHolder:
+    """Caller on the network with a key, or a user with a session."""
+
+    key: Key
+
+    @property
+    def name(self) -> str:
+        """Name for the event log: a session has the name of its user, as on the Unix socket."""
+        return self.key.name if self.has_session else f"key {self.key.name}"
+
+    @property
+    def has_session(self) -> bool:
+        """True for a user with a session in a browser."""
+        return self.key.kind is KeyKind.SESSION
+
+    def is_operator(self, group: str | None) -> bool:
+        """Return whether the key has the role of an operator."""
+        return self.key.role is Role.OPERATE
+
+
+@dataclass(frozen=True, slots=True)
+class Visitor:
+    """Caller on the network without a key, at a route that needs none."""
+
+    address: str
+
+    @property
+    def name(self) -> str:
+        """Name for the event log."""
+        return f"visitor at {self.address}"
+
+    def is_operator(self, group: str | None) -> bool:
+        """Return False: a visitor may do nothing."""
+        return False
+
+
+class CallerFinder:
+    """Finds the caller of a request by its key or its session; limits wrong ones by address.
+
+    Parameters
+    ----------
+    controller
+        Has the keys, and the farm's clock.
+    sessions
+        Extends a session that is used.
+    cookie
+        The cookie of sessions.
+    """
+
+    def __init__(self, controller: Controller, sessions: SessionCommands, cookie: SessionCookie) -> None:
+        self._controller, self._sessions, self._cookie = controller, sessions, cookie
+        self._wrong = WrongKeys()
+
+    def find(self, headers: Mapping[str, str], address: str) -> KeyHolder | Refusal:
+        """Find the caller with a valid key or session; a key counts more than a session.
+
+        Parameters
+        ----------
+        headers
+            Those of the request.
+        address
+            The address that it comes from.
+        """
+        text = headers.get("x-api-key") or _read_bearer(headers.get("authorization", ""))
+        if text:
+            return self._find(text, KeyKind.KEY, address)
+        text = self._cookie.read(headers.get("cookie", ""))
+        if text:
+            return self._find(text, KeyKind.SESSION, address)
+        return Refusal(401, "this needs a key: an operator makes one by `farm key add NAME`")
+
+    def extend(self, session: Key) -> None:
+        """Put off the end of a session that is used; if that cannot be written, it ends sooner."""
+        try:
+            self._sessions.extend(session)
+        except FarmError as error:
+            log.warning("the session %s is not extended: %s", session.id, error)
+
+    def _find(self, text: str, kind: KeyKind, address: str) -> KeyHolder | Refusal:
+        now_s = self._controller.clock.now()
+        key = find_key(text, self._controller.books.keys, now_s, kind)
+        if key is not None:
+            return KeyHolder(key)
+        refusal = self._wrong.check(address, now_s)
+        if refusal is None:
+            self._wrong.add(address, now_s)
+            log.warning("a wrong, expired or revoked %s from %s", kind, address)
+        if refusal is None and kind is KeyKind.SESSION:
+            return Refusal(401, "this session has ended: `farm web` on the farm's host opens another")
+        return refusal or Refusal(
+            401, "this key is wrong, expired or revoked: `farm key` lists the valid ones"
+        )
+
+
+def _read_bearer(authorization: str) -> str:
+    return authorization[len(_BEARER) :].strip() if authorization.lower().startswith(_BEARER) else ""

@@ -1,0 +1,58 @@
+"""Cookie of a browser's session."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from starlette.requests import cookie_parser
+from starlette.responses import Response
+
+from farm.config import WebSection
+from farm.control import LONGEST_S
+
+
+@dataclass(frozen=True, slots=True)
+class SessionCookie:
+    """Cookie that no script reads, and that no page of another site sends with a form.
+
+    `SameSite` is `Lax`, so that a link in a message opens the farm's pages; changes have a check of their own
+    (`farm.web.guard`). With HTTPS the prefix `__Host-` keeps other hosts of the domain from setting it.
+
+    Attributes
+    ----------
+    port
+        The server's port, in the cookie's name: browsers do not separate cookies by port.
+    is_encrypted
+        Whether browsers reach the farm by HTTPS.
+    """
+
+    port: int
+    is_encrypted: bool
+
+    @classmethod
+    def for_section(cls, section: WebSection | None) -> SessionCookie:
+        """Return the cookie of a server (`web` in fleet.yaml)."""
+        section = section or WebSection()
+        return cls(section.address[1], section.is_encrypted)
+
+    @property
+    def name(self) -> str:
+        """The cookie's name."""
+        return f"{'__Host-' if self.is_encrypted else ''}farm-{self.port}"
+
+    def read(self, header: str) -> str:
+        """Return the session's text in the header `Cookie`; empty if there is none."""
+        return cookie_parser(header).get(self.name, "")
+
+    def set(self, response: Response, text: str) -> None:
+        """Let the browser keep a session's text; the farm decides when the session ends."""
+        self._write(response, text, int(LONGEST_S))
+
+    def clear(self, response: Response) -> None:
+        """Let the browser forget its session."""
+        self._write(response, "", 0)
+
+    def _write(self, response: Response, text: str, max_age_s: int) -> None:
+        response.set_cookie(
+            self.name, text, max_age_s, path="/", secure=self.is_encrypted, httponly=True, samesite="lax"
+        )

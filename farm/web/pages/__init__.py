@@ -1,0 +1,8 @@
+"""Pages for browsers: rendered here, without scripts."""
+
+from __future__ import annotations
+
+from farm.web.pages.rendering import render_message
+from farm.web.pages.routes import page_routes
+
+__all__ = ["page_routes", "render_message"]

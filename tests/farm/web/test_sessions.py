@@ -1,0 +1,228 @@
+"""Sessions in a browser: the link, the cookie, the pages, and who did what."""
+
+import asyncio
+import grp
+import json
+import os
+
+import httpx
+import pytest
+
+from farm.http import Person
+from farm.model import Role
+from farm.state.storage import StoreError
+from farm.web.cookies import SessionCookie
+from http_caller import DAEMON_USER, called_by
+from network_farm import OWN_PAGE, NetworkFarm
+
+TLS = {"tls": {"cert": "c.pem", "key": "k.pem"}}
+CLEARED = "/api/v1/printers/a/cleared"
+
+
+@pytest.fixture
+def farm(tmp_path):
+    farm = NetworkFarm(tmp_path)
+    yield farm
+    farm.store.close()
+
+
+def list_sessions(farm):
+    return [key for key in farm.controller.books.keys.values() if key.kind == "session"]
+
+
+def read_cookie(answer):
+    """Return the value of the cookie that an answer sets, and its attributes."""
+    pair, *attributes = answer.headers["set-cookie"].split("; ")
+    return pair.partition("=")[2], {one.lower() for one in attributes}
+
+
+def test_looking_at_a_link_does_not_use_it_up_and_its_button_opens_one_session(farm):
+    link = f"/login/{farm.sessions.make_link('ann', Role.PRINT)}"
+    for _ in range(3):  # as the preview of a chat program does
+        page = farm.ask("GET", link)
+        assert page.status_code == 200
+        assert "Log in as ann" in page.text
+        assert "set-cookie" not in page.headers
+    assert list_sessions(farm) == []
+    opened = farm.browse("POST", link)
+    assert (opened.status_code, opened.headers["location"]) == (303, "/")
+    text, attributes = read_cookie(opened)
+    assert {"httponly", "samesite=lax", "path=/"} <= attributes
+    assert "secure" not in attributes
+    assert farm.browse("GET", "/", text).status_code == 200
+    for method in ("GET", "POST"):
+        used = farm.browse(method, link)
+        assert used.status_code == 404
+        assert "was used or has expired" in used.text
+        assert "set-cookie" not in used.headers
+    assert len(list_sessions(farm)) == 1
+
+
+@pytest.mark.parametrize(
+    "headers",
+    [
+        {"origin": "http://evil.example"},
+        {"sec-fetch-site": "cross-site", **OWN_PAGE},
+        {"sec-fetch-site": "same-site"},
+        {"origin": "null"},
+        {},
+    ],
+)
+def test_page_of_another_site_opens_no_session(farm, headers):
+    link = f"/login/{farm.sessions.make_link('eve', Role.PRINT)}"
+    assert farm.ask("POST", link, headers=headers).status_code == 403
+    assert list_sessions(farm) == []
+
+
+@pytest.mark.parametrize("web", [TLS, {"url": "https://farm.lab.example"}])
+def test_cookie_over_https_is_secure_and_of_this_host_alone(tmp_path, web):
+    farm = NetworkFarm(tmp_path, web)
+    link = f"/login/{farm.sessions.make_link('ann', Role.PRINT)}"
+    opened = farm.browse("POST", link)
+    assert opened.headers["set-cookie"].startswith("__Host-farm-8467=session_")
+    text, attributes = read_cookie(opened)
+    assert {"secure", "path=/"} <= attributes
+    assert not any(one.startswith("domain") for one in attributes)
+    assert farm.browse("GET", "/", text).status_code == 200
+    without_prefix = {"cookie": f"farm-8467={text}"}
+    assert farm.ask("GET", "/", headers=without_prefix).status_code == 401
+    farm.store.close()
+
+
+def test_two_farms_on_a_host_have_cookies_of_their_own():
+    assert SessionCookie(8467, False).name != SessionCookie(8468, False).name
+
+
+def test_logging_out_ends_the_session_and_forgets_the_cookie(farm):
+    text = farm.open_session()
+    answer = farm.browse("POST", "/logout", text)
+    assert (answer.status_code, read_cookie(answer)[0]) == (200, '""')
+    assert "max-age=0" in read_cookie(answer)[1]
+    kind, body = farm.read_last_event()
+    assert (kind, json.loads(body)["by"]) == ("KeyRevoked", "ann")
+    ended = farm.browse("GET", "/", text)
+    assert ended.status_code == 401
+    assert "farm web" in ended.text
+    assert "max-age=0" in read_cookie(ended)[1]
+    key = farm.add(Role.LOOK).text
+    assert farm.ask("POST", "/logout", key).status_code == 409
+    assert farm.ask("GET", "/", key).status_code == 200
+
+
+@pytest.mark.parametrize("role", Role)
+def test_page_shows_tasks_printers_jobs_and_user(tmp_path, role):
+    farm = NetworkFarm(tmp_path, fleet={"name": "lab"})
+    key = farm.add(Role.PRINT, "laptop").text
+    params = {"request_id": "r" * 8, "name": "<i>box.stl", "size": 100}
+    farm.ask("POST", "/api/v1/jobs", key, params=params, content=b"x" * 100)
+    page = farm.browse("GET", "/", farm.open_session(role))
+    assert page.headers["content-type"] == "text/html; charset=utf-8"
+    for text in ("<h1>lab</h1>", f"ann ({role})", '<th scope="row">a</th>', "key laptop", "Log out"):
+        assert text in page.text
+    assert "&lt;i&gt;box.stl" in page.text
+    assert "<i>box" not in page.text
+    assert "<script" not in page.text
+    assert "style=" not in page.text
+    policy = page.headers["content-security-policy"]
+    for rule in ("default-src 'none'", "style-src 'self'", "form-action 'self'", "frame-ancestors 'none'"):
+        assert rule in policy
+    farm.store.close()
+
+
+def test_style_sheet_needs_no_session(farm):
+    style = farm.ask("GET", "/static/farm.css")
+    assert style.headers["content-type"].startswith("text/css")
+    assert "table" in style.text
+
+
+def test_browser_without_a_session_gets_a_page_and_a_program_gets_json(farm):
+    for status, path, more in ((401, "/", {}), (421, "/", {"host": "evil.example"}), (401, "/x", {})):
+        page = farm.ask("GET", path, headers={"accept": "text/html,*/*"}, **more)
+        assert (page.status_code, page.headers["content-type"]) == (status, "text/html; charset=utf-8")
+        assert farm.ask("GET", path, **more).json()["exit_code"] == 5
+    missing = farm.browse("GET", "/<i>", farm.open_session())
+    assert missing.status_code == 404
+    assert "/&lt;i&gt;" in missing.text
+
+
+def ask_socket(farm, person, path):
+    """Send a request over the Unix socket as a person."""
+
+    async def call():
+        transport = httpx.ASGITransport(called_by(person, farm.unix))
+        async with httpx.AsyncClient(transport=transport, base_url="http://farm") as client:
+            return await client.post(path, json={})
+
+    return asyncio.run(call())
+
+
+def test_event_log_names_every_kind_of_caller(farm):
+    farm.browse("POST", CLEARED, farm.open_session(Role.OPERATE, "ann"), json={})
+    farm.ask("POST", CLEARED, farm.add(Role.OPERATE, "panel").text, json={})
+    assert ask_socket(farm, DAEMON_USER, "/printers/a/cleared").status_code == 200
+    cleared = [json.loads(body)["by"] for _, kind, body in farm.store.events() if kind == "BedCleared"]
+    assert cleared == ["ann", "key panel", DAEMON_USER.name]
+
+
+STRANGER = Person(uid=54321, gid=54321)
+"""User who is not in the daemon's group."""
+
+
+@pytest.mark.parametrize(
+    ("group", "person", "role"),
+    [
+        (None, STRANGER, "operate"),
+        (grp.getgrgid(os.getgid()).gr_name, STRANGER, "print"),
+        (grp.getgrgid(os.getgid()).gr_name, DAEMON_USER, "operate"),
+    ],
+)
+def test_link_is_for_the_user_whom_the_kernel_names(tmp_path, group, person, role):
+    farm = NetworkFarm(tmp_path, fleet={"operators": group})
+    off = ask_socket(farm, person, "/sessions/link")
+    assert (off.status_code, "write `web: {}` into fleet.yaml" in off.text) == (409, True)
+    network = farm.services.network
+    network.browser_url, network.problem = "https://farm.lab:1", "Address already in use"
+    assert "Address already in use" in ask_socket(farm, person, "/sessions/link").text
+    network.problem = None
+    link = ask_socket(farm, person, "/sessions/link").json()
+    assert (link["user"], link["role"]) == (person.name, role)
+    address, path = link["url"][:18], link["url"][18:]
+    assert address == "https://farm.lab:1"
+    assert f"Log in as {person.name}" in farm.ask("GET", path).text
+    farm.store.close()
+
+
+def test_operators_alone_end_all_sessions(tmp_path):
+    farm = NetworkFarm(tmp_path, fleet={"operators": grp.getgrgid(os.getgid()).gr_name})
+    text = farm.open_session()
+    assert ask_socket(farm, STRANGER, "/sessions/end").status_code == 409
+    assert farm.browse("GET", "/", text).status_code == 200
+    assert ask_socket(farm, DAEMON_USER, "/sessions/end").json()["ended"] == 1
+    assert farm.browse("GET", "/", text).status_code == 401
+    farm.store.close()
+
+
+def test_session_in_use_is_extended_and_its_last_use_is_known(farm):
+    text = farm.open_session()
+    session = list_sessions(farm)[0]
+    farm.clock.now_s += 7200.0
+    farm.browse("GET", "/", text)
+    assert list_sessions(farm)[0].expires_s == session.expires_s + 7200.0
+    assert farm.services.key_uses_s[session.id] == farm.clock.now_s
+
+
+def test_session_is_served_though_its_extension_cannot_be_written(farm, monkeypatch):
+    def fail(*_):
+        raise StoreError("the disk is full")
+
+    text = farm.open_session()
+    farm.clock.now_s += 7200.0
+    monkeypatch.setattr(farm.store, "commit", fail)
+    assert farm.browse("GET", "/", text).status_code == 200
+
+
+def test_ten_wrong_sessions_have_to_wait_but_a_valid_one_does_not(farm):
+    text = farm.open_session()
+    answers = [farm.browse("GET", "/", "nonsense").status_code for _ in range(11)]
+    assert answers == [401] * 10 + [429]
+    assert farm.browse("GET", "/", text).status_code == 200
