@@ -20,7 +20,7 @@ install: engine $(VENV)/.compiled
 
 # CuraEngine and the settings of the same version; quick where they are there.
 engine:
-	@deploy/install-cura.sh
+	@slicing/install-cura.sh .cura/resources
 
 $(VENV)/.installed: requirements.lock pyproject.toml deploy/install-venv.sh
 	@PYTHON=$(PYTHON) deploy/install-venv.sh $(VENV)

@@ -1,6 +1,6 @@
-"""Compilation of all functions that run as machine code, ahead of the first model: `make install` runs it.
+"""Compilation of all functions that run as machine code, ahead of the first model: `farm setup` runs it.
 
-``python -m decompose.compilation`` takes about a minute, and a few seconds where the code is there.
+``python -m decompose.compilation`` takes about a minute, and nothing is done where the code is there.
 """
 
 from __future__ import annotations
@@ -48,6 +48,12 @@ def compile_all() -> None:
         mark_compiled()
 
 
+def ensure_compiled() -> None:
+    """Compile every function, unless all the code is kept for this processor."""
+    if not is_compiled():
+        compile_all()
+
+
 def _cut_small_models() -> None:
     """Repair a ring that lacks some triangles and has a loose one, and cut it by each engine."""
     with tempfile.TemporaryDirectory() as scratch:
@@ -65,7 +71,7 @@ def _cut_small_models() -> None:
 
 def main() -> None:
     """Compile, and print where the code is kept."""
-    compile_all()
+    ensure_compiled()
     kept = "nowhere: no folder can be written" if CODE_FOLDER is None else f"in {CODE_FOLDER}"
     if CODE_FOLDER not in (None, INSTALLED):
         kept += f", as {INSTALLED} cannot be written"

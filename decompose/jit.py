@@ -3,7 +3,7 @@
 Compiled code contains functions and constants of other files, and numba compares the time stamp of one file
 only: after an update it would use stale code. So the folder is named by a hash of all compiled files.
 
-The folder lies beside the sources, where `make install` fills it (`decompose.compilation`). A user who may
+The folder lies beside the sources, where `farm setup` fills it (`decompose.compilation`). A user who may
 not write there gets a copy in their own cache, as numba uses only a folder that it can write to.
 """
 

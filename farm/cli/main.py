@@ -22,6 +22,11 @@ COMMANDS = {
             "Stop the daemon and the agents. While the farm prints or plans, --wait or --now is needed.",
         ),
         CommandEntry(
+            "setup",
+            "installation.setup",
+            "Install CuraEngine and its settings, and compile the planning code: once after each update.",
+        ),
+        CommandEntry(
             "status",
             "status.status",
             "Show what you have to do now, the printers, the jobs, and why each waiting plate waits.",

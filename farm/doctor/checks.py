@@ -161,7 +161,7 @@ def check_ports(facts: Facts) -> Iterator[Finding]:
 
 def check_cura(facts: Facts) -> Iterator[Finding]:
     """Check that CuraEngine and Cura's files exist, and report their versions."""
-    cura, action = facts.cura, "`make engine` installs both"
+    cura, action = facts.cura, "`farm setup` installs both"
     if cura.engine is None:
         yield problem("cura", cura.engine_error or "there is no CuraEngine", action)
     elif cura.engine_version is None:
@@ -241,7 +241,7 @@ def check_code(facts: Facts) -> Iterator[Finding]:
         yield warning("code", f"{text}: each worker compiles for minutes", "make ~/.cache writable")
     elif not code.compiled:
         yield warning(
-            "code", "the planning code is not compiled: the first plan takes minutes", "`make install`"
+            "code", "the planning code is not compiled: the first plan takes minutes", "`farm setup`"
         )
     else:
         copied = "" if code.folder == code.installed else f", a copy of {code.installed}"

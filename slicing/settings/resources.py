@@ -6,6 +6,7 @@ import configparser
 import json
 import os
 import shutil
+import sys
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -23,8 +24,14 @@ OWN_MATERIALS = "FARM_MATERIALS"
 FOLDERS = ("definitions", "extruders", "variants", "quality", "materials")
 _ANY_MACHINE = "fdmprinter"
 """Definition whose qualities are for all machines that have none of their own, with any material."""
-_ADVICE = "run 'make install', or set {}"
-_CHECKOUT = Path(__file__).resolve().parents[2]
+_ADVICE = "run 'farm setup', or set {}"
+_PARENT = Path(__file__).resolve().parents[2]
+INSTALLED = (
+    _PARENT / ".cura" / "resources"
+    if (_PARENT / "pyproject.toml").is_file()
+    else Path(sys.prefix) / "share" / "farm" / "cura"
+)
+"""Folder of Cura's files that `farm setup` makes: in the checkout, or else in the environment."""
 
 
 def find_engine(environ: Mapping[str, str] = os.environ) -> Path:
@@ -38,7 +45,7 @@ def find_engine(environ: Mapping[str, str] = os.environ) -> Path:
 
 
 def find_resources(environ: Mapping[str, str] = os.environ, own: Path | None = None) -> Resources:
-    """Find Cura's files: `FARM_CURA_RESOURCES`, else `.cura/resources` of the checkout, else Debian's folder.
+    """Find Cura's files: `FARM_CURA_RESOURCES`, else the folder of `farm setup`, else Debian's folder.
 
     Parameters
     ----------
@@ -53,9 +60,7 @@ def find_resources(environ: Mapping[str, str] = os.environ, own: Path | None = N
         Where none of them has all the folders.
     """
     named = environ.get("FARM_CURA_RESOURCES")
-    places = (
-        [Path(named)] if named else [_CHECKOUT / ".cura" / "resources", Path("/usr/share/cura/resources")]
-    )
+    places = [Path(named)] if named else [INSTALLED, Path("/usr/share/cura/resources")]
     for place in places:
         if all((place / folder).is_dir() for folder in FOLDERS):
             folder = environ.get(OWN_MATERIALS)

@@ -1,4 +1,4 @@
-"""`farm discover` and `farm doctor`: the ports of this host, and checks of the installation."""
+"""`farm discover`, `farm doctor` and `farm setup`: the ports of this host, and the installation."""
 
 from __future__ import annotations
 
@@ -160,3 +160,23 @@ def doctor(places: Places, json: Json = False) -> None:
             print(f"{one.level:<8} {one.check}: {one.text}{f'; {one.action}' if one.action else ''}")
     if any(one.level is Level.PROBLEM for one in findings):
         raise typer.Exit(ExitCode.FAILED)
+
+
+def setup() -> None:
+    """Install CuraEngine and its settings, and compile the planning code: once after each update.
+
+    Takes one to five minutes, and seconds where all is there. sudo may ask for a password.
+    """
+    from decompose.compilation import ensure_compiled  # slow to load
+    from slicing.errors import EngineMissing
+    from slicing.installation import install_cura
+    from slicing.settings import find_engine, find_resources
+
+    try:
+        install_cura()
+        print(f"CuraEngine is {find_engine()}, its settings are in {find_resources().root}")
+    except EngineMissing as error:
+        raise FarmError(str(error), ErrorCode.ENGINE) from error
+    print("compiling the planning code: one to five minutes ...", flush=True)
+    ensure_compiled()
+    print("all is installed: `farm doctor` checks it")

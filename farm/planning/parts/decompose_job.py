@@ -36,7 +36,7 @@ from slicing.settings import find_resources
 def warm(report: Callable[[str], object]) -> None:
     """Load the code of planning before the first job by cutting a small box; what is missing is compiled."""
     if not is_compiled():
-        report("compiling the planning code, which takes minutes and `make install` does ahead")
+        report("compiling the planning code, which takes minutes and `farm setup` does ahead")
     box = Model(Solid.box((0.0, 0.0, 0.0), (30.0, 10.0, 10.0)), (), 1.0)
     rooms = [PrinterRoom(name, ((20.0, 20.0, 20.0),)) for name in "ab"]
     decompose_model(box, rooms, Options(prove=False), CostModel.from_recipe(Recipe()))

@@ -2,12 +2,12 @@
 # CuraEngine and Cura's settings of the same version, without Cura's desktop program: 4.13 (Debian 12) or 5 (Debian 13).
 #
 # The engine is Debian's package. The settings are taken out of Debian's packages `cura` and `fdm-materials` without
-# installing them, into .cura/resources of this checkout. Both can be given instead: FARM_CURA_ENGINE (the program)
+# installing them, into FOLDER. Both can be given instead: FARM_CURA_ENGINE (the program)
 # and FARM_CURA_RESOURCES (the folder with definitions, extruders, variants, quality, materials).
+# usage: install-cura.sh FOLDER     `farm setup` and `make install` call it
 set -euo pipefail
-cd "$(dirname "$0")/.."
 
-RESOURCES=.cura/resources
+RESOURCES=$1
 FOLDERS=(definitions extruders variants quality materials)
 
 say() { echo "install: $*" >&2; }
@@ -20,7 +20,7 @@ install:   CuraEngine 4.13 or 5                   export FARM_CURA_ENGINE=/path/
 install:   Cura's resources of the same version   export FARM_CURA_RESOURCES=/path/to/resources
 install:     (the folder that has ${FOLDERS[*]};
 install:     'materials' is a package of its own, fdm-materials)
-install: On Debian 12 and 13 'make install' gets both by itself.
+install: On Debian 12 and 13 'farm setup' and 'make install' get both by themselves.
 END
     exit 1
 }
