@@ -7,6 +7,7 @@ import shlex
 from ipaddress import IPv4Address, IPv6Address, ip_address
 from pathlib import Path
 from typing import Annotated, Self
+from urllib.parse import urlsplit
 from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
 from pydantic import (
@@ -169,6 +170,16 @@ class WebSection(_Section):
         return "http" if self.tls is None else "https"
 
 
+def _is_web_address(url: str) -> bool:
+    """Return whether a text is an address by HTTP or HTTPS."""
+    try:
+        parts = urlsplit(url)
+        valid_port = parts.port != 0
+    except ValueError:  # of the port, or of an IPv6 address
+        return False
+    return valid_port and parts.scheme in ("http", "https") and bool(parts.hostname) and url.isprintable()
+
+
 def _parse_address(host: str) -> IPv4Address | IPv6Address:
     return ip_address("127.0.0.1" if host == "localhost" else host.strip("[]"))
 
@@ -225,6 +236,7 @@ class PrinterSection(_Section):
     enabled: bool = True
     unattended: bool = True  # may print while nobody is present
     power_off_cmd: str | None = None  # switches its mains power off; {printer} is replaced by its name
+    camera: SecretStr | None = None  # address of a still; {printer} is replaced by its name
 
     _material_kind: str | None = PrivateAttr(default=None)
 
@@ -242,6 +254,11 @@ class PrinterSection(_Section):
         section = self.model_copy(update={"material": material, "colour": colour})
         section._material_kind = kind
         return section
+
+    @property
+    def camera_url(self) -> str | None:
+        """Address of a still by its camera, which may hold a password; None if it has no camera."""
+        return None if self.camera is None else self.camera.get_secret_value().replace("{printer}", self.name)
 
     @property
     def simulated(self) -> bool:
@@ -277,6 +294,13 @@ class PrinterSection(_Section):
             raise ValueError(f"{value!r} is not a command: {error}") from error
         if not words:
             raise ValueError("is empty: leave it out if there is no relay")
+        return value
+
+    @field_validator("camera")
+    @classmethod
+    def _check_camera(cls, value: SecretStr | None) -> SecretStr | None:
+        if value is not None and not _is_web_address(value.get_secret_value()):
+            raise ValueError("must be the address of a still, like http://camera-1/snapshot.jpg")
         return value
 
     @model_validator(mode="after")

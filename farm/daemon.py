@@ -22,6 +22,7 @@ from fastapi import FastAPI
 from drivers.clock import Clock
 from drivers.log_file import rotate_log
 from farm.agents import AgentManager
+from farm.cameras import Cameras
 from farm.compute import Workers
 from farm.config import Fleet
 from farm.control import (
@@ -63,6 +64,7 @@ _WATCH_S = 0.5  # wall seconds; a dead agent's printer must be cold within 5
 _TICK_S = 1.0
 _NOTIFY_S = 2.0
 _DRY_RUNS_S = 5.0
+_CAMERAS_S = 0.5
 _DISK_S = 600.0
 _LOG_S = 60.0
 _LOG_BYTES, _LOGS_KEPT = 10 * 2**20, 4
@@ -109,6 +111,7 @@ class Daemon:
         """Serve until the farm is shut down."""
         listening = listen(self._places.socket, self._fleet.fleet.group)
         upkeep = Upkeep(self._controller, self._store, self._state, self._workers)
+        cameras = Cameras(self._controller, self._state)
         services = Services(
             self._controller,
             self._state,
@@ -117,6 +120,7 @@ class Daemon:
             self._shut_down,
             self._agents.replace,
             upkeep.prune,
+            cameras.look,
             inspections=self._inspections,
         )
         dry_runs = DryRuns(self._controller)
@@ -130,6 +134,7 @@ class Daemon:
         timers.every(_TICK_S, "tick", self._schedule)
         timers.every(_NOTIFY_S, "notify", self._notify)
         timers.every(_DRY_RUNS_S, "dry runs", lambda: dry_runs.cancel_abandoned(time.monotonic()))
+        timers.every(_CAMERAS_S, "cameras", cameras.tick)
         timers.every(_LOG_S, "log", lambda: rotate_log(self._state.log, _LOG_BYTES, _LOGS_KEPT))
         timers.start()
         following = asyncio.get_running_loop().create_task(self._follow_clock())
@@ -142,6 +147,7 @@ class Daemon:
             following.cancel()
             if network is not None:
                 await network.close()
+            await cameras.close()
             upkeep.stop()
             timers.stop()
             self._planner.stop()

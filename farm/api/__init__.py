@@ -31,7 +31,25 @@ from farm.api.requests import QueueEntry as QueueEntry
 from farm.api.requests import QueueMove as QueueMove
 from farm.api.requests import QueuePlace as QueuePlace
 from farm.api.requests import Reason as Reason
-from farm.model import Bed, FilamentState, Hold, JobOptions, JobState, PlanProgress, PrintState, Verdict
+from farm.model import (
+    Bed,
+    FilamentState,
+    Hold,
+    JobOptions,
+    JobState,
+    Moment,
+    PlanProgress,
+    PrintState,
+    Verdict,
+)
+
+
+class StillView(View):
+    """Picture of a print by its printer's camera."""
+
+    moment: Moment
+    taken: str
+    file: str | None  # null if the files of its job were pruned
 
 
 class PrintView(View):
@@ -46,6 +64,7 @@ class PrintView(View):
     why: str | None  # reason for the verdict
     started: str | None
     ended: str | None
+    stills: list[StillView] = Field(default_factory=list)
 
 
 class PartView(View):
@@ -191,6 +210,7 @@ class PrinterView(PrinterReadings, View):
     maintenance: str | None  # reason why it is out of use
     hold: Hold | None
     kept_for: str | None = None  # plate or job that it is kept for while it is free
+    camera: bool = False  # GET /printers/NAME/camera shows it
 
 
 class Todo(View):

@@ -12,6 +12,7 @@ from farm.control import DryRuns, JobCommands, KeyCommands, PartCommands, Printe
 from farm.errors import ErrorCode, ExitCode, FarmError, NoSuchThing, Refused
 from farm.http.body_limit import LARGEST_BODY_BYTES, TOO_LARGE, BodyLimit
 from farm.http.callers import identify_caller
+from farm.http.camera_routes import camera_routes
 from farm.http.job_routes import job_routes, part_routes
 from farm.http.key_routes import key_routes
 from farm.http.printer_routes import printer_routes
@@ -21,7 +22,12 @@ from farm.http.upload_routes import upload_routes
 from farm.text import describe_first_error
 
 UPLOAD_PATH = "/jobs"
-_STATUS = {ErrorCode.NO_SUCH_THING: 404, ErrorCode.REFUSED: 409, ErrorCode.FAILED: 500}
+_STATUS = {
+    ErrorCode.NO_SUCH_THING: 404,
+    ErrorCode.REFUSED: 409,
+    ErrorCode.FAILED: 500,
+    ErrorCode.UNREACHABLE: 503,  # a camera
+}
 
 
 def make_app(services: Services, dry_runs: DryRuns) -> FastAPI:
@@ -50,6 +56,7 @@ def add_routes(app: FastAPI, services: Services, dry_runs: DryRuns, prefix: str 
         job_routes(services, jobs, dry_runs),
         part_routes(parts),
         printer_routes(services, printers, parts),
+        camera_routes(services),
     ):
         app.include_router(router, prefix=prefix)
     _add_error_handlers(app, services)

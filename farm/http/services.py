@@ -9,9 +9,10 @@ from pathlib import Path
 
 import farm
 from farm import api
+from farm.cameras import Image
 from farm.compute import Workers
 from farm.control import Controller, SessionCommands
-from farm.errors import Refused
+from farm.errors import NoSuchThing, Refused
 from farm.http.uploads import Uploads
 from farm.paths import StateFolder
 from farm.views import ViewContext
@@ -20,6 +21,11 @@ from farm.views import ViewContext
 async def refuse_replacing(name: str) -> None:
     """Refuse to replace an agent; for a farm without agents."""
     raise Refused(f"{name} has no agent")
+
+
+async def refuse_looking(printer: str) -> Image:
+    """Refuse to show a printer; for a farm without cameras."""
+    raise NoSuchThing(f"{printer} has no camera")
 
 
 async def refuse_pruning(by: str, dry_run: bool) -> api.Pruned:
@@ -70,6 +76,8 @@ class Services:
         Deletes what is no longer kept, for a person; with True, only lists it.
     replace_agent
         Replaces the agent of an idle printer.
+    look
+        Returns a still by the camera of a printer.
     network
         State of the server for callers on the network.
     key_uses_s
@@ -89,6 +97,7 @@ class Services:
     shut_down: Callable[[bool], Awaitable[None]]
     replace_agent: Callable[[str], Awaitable[None]] = refuse_replacing
     prune: Callable[[str, bool], Awaitable[api.Pruned]] = refuse_pruning
+    look: Callable[[str], Awaitable[Image]] = refuse_looking
     network: NetworkState = field(default_factory=NetworkState)
     key_uses_s: dict[str, float] = field(default_factory=dict)
     inspections: dict[Path, str] = field(default_factory=dict)

@@ -19,7 +19,7 @@ from farm.model.job import (
 )
 from farm.model.key import Key, KeyKind, Role
 from farm.model.plate import DEFAULT_PRINT_OPTIONS, Part, PartGeometry, PartPrintOptions, Plate
-from farm.model.print import Print, PrintState, Verdict
+from farm.model.print import Moment, Print, PrintState, Still, Verdict
 from farm.model.printer import Bed, FilamentState, Outage, Printer, Reel
 
 __all__ = [
@@ -39,6 +39,7 @@ __all__ = [
     "KeyKind",
     "Link",
     "ModelSize",
+    "Moment",
     "Outage",
     "OwnGcode",
     "Part",
@@ -54,5 +55,6 @@ __all__ = [
     "Reopening",
     "Role",
     "ShortReel",
+    "Still",
     "Verdict",
 ]

@@ -29,6 +29,22 @@ class Verdict(StrEnum):
     BAD = "bad"
 
 
+class Moment(StrEnum):
+    """Moment of a print at which a still is kept."""
+
+    FIRST_LAYER = "first_layer"
+    END = "end"
+    FAILURE = "failure"
+
+
+class Still(Entity):
+    """Picture of a print by its printer's camera."""
+
+    moment: Moment
+    at_s: float
+    file: str  # name in the file store
+
+
 class Print(Entity):
     """Attempt to print a plate. Its id is never reused, even if the database is lost."""
 
@@ -54,6 +70,7 @@ class Print(Entity):
     paused: bool = False  # was paused at some time, so no time factor is learned from it
     starved_s: float = 0.0
     grams: float = 0.0  # used filament, once it has ended
+    stills: tuple[Still, ...] = ()  # one for each moment at most
 
     @property
     def shown_state(self) -> PrintState:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pydantic import BaseModel, ConfigDict
 
 from farm.errors import ErrorCode
-from farm.model import Bed, FilamentState, Hold, Job, Key, Part, Plate, PrintState, Reel, Verdict
+from farm.model import Bed, FilamentState, Hold, Job, Key, Part, Plate, PrintState, Reel, Still, Verdict
 from farm.model.instruction import AnyInstruction as AnyInstruction
 from farm.model.instruction import Instruction as Instruction
 from farm.model.instruction import NameFiles as NameFiles
@@ -174,6 +174,13 @@ class PrintEnded(Event):
     filament: FilamentState
     starved_s: float = 0.0
     printed_share: float | None = None  # of its layers' time; None: unknown
+
+
+class StillKept(Event):
+    """The daemon has taken a picture of a print by its printer's camera, and stored it."""
+
+    print_id: str
+    still: Still
 
 
 class PrintFailRequested(Event):
@@ -358,6 +365,7 @@ AnyEvent = (
     | PauseRequested
     | PrintWithdrawn
     | PrintEnded
+    | StillKept
     | PrintFailRequested
     | PlatePaused
     | PlateCancelled

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 from farm import api
 from farm.errors import EXIT_CODES, ExitCode
-from farm.model import HoldCode, Job, JobState, Plate, Print, PrintState, Verdict
+from farm.model import HoldCode, Job, JobState, Plate, Print, PrintState, Still, Verdict
 from farm.state import Books
 from farm.views.accounting import summarise_job
 from farm.views.context import ViewContext
@@ -137,6 +137,16 @@ def describe_print(context: ViewContext, attempt: Print) -> api.PrintView:
         why=attempt.verdict_why,
         started=context.format_time(attempt.started_s),
         ended=context.format_time(attempt.ended_s),
+        stills=[_still_view(context, attempt, still) for still in attempt.stills],
+    )
+
+
+def _still_view(context: ViewContext, attempt: Print, still: Still) -> api.StillView:
+    pruned = context.books.jobs[attempt.job].pruned_s is not None
+    return api.StillView(
+        moment=still.moment,
+        taken=context.format_time(still.at_s) or "",
+        file=_file_path(None if pruned else str(context.state.files), still.file),
     )
 
 

@@ -45,6 +45,7 @@ def describe_printer(
         maintenance=entry.maintenance,
         hold=hold,
         kept_for=kept_for,
+        camera=section.camera is not None,
     )
 
 

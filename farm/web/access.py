@@ -22,6 +22,7 @@ _LOOK = (
     "/queue",
     "/jobs/{number}",
     "/jobs/{number}/timeline",
+    "/printers/{name}/camera",
     "/uploads/{request_id}",
 )
 _PRINT = (

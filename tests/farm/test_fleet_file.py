@@ -266,3 +266,40 @@ printers: [{<<: *common, name: a, port: /dev/one}]
         load(tmp_path, text)
     fleet = load(tmp_path, text.replace("common: &common", "defaults: &common"))
     assert fleet.printers[0].colour == "red"
+
+
+@pytest.mark.parametrize(
+    "url",
+    [
+        "http://camera-1/snapshot.jpg",
+        "https://look:pass-w0rd@10.0.0.7:8443/?action=snapshot",
+        "http://cameras.lab.example/{printer}.jpg",
+        "http://[fd00::7]/",
+    ],
+)
+def test_camera_has_an_address_by_http(tmp_path, url):
+    fleet = load(tmp_path, GOOD.replace("colour: red", f'camera: "{url}"'))
+    assert fleet.printer("b").camera_url == url.replace("{printer}", "b")
+    assert "pass-w0rd" not in repr(fleet)
+
+
+@pytest.mark.parametrize(
+    "url",
+    [
+        "file:///etc/passwd",
+        "rtsp://look:pass-w0rd@camera-1/",
+        "camera-1/snapshot.jpg",
+        "http://",
+        "http://look:pass-w0rd@/",
+        "http://camera-1:pass-w0rd/",
+        "http://camera-1:0/",
+        "http://[fd00/",
+        "http://camera-1/\\n",
+        "",
+        "[pass-w0rd]",
+    ],
+)
+def test_other_addresses_of_a_camera_are_refused_without_showing_them(tmp_path, url):
+    with pytest.raises(FleetFileError, match=r"fleet.yaml:3: defaults.camera: must be the address") as error:
+        load(tmp_path, GOOD.replace("colour: red", f'camera: "{url}"'))
+    assert "pass-w0rd" not in str(error.value)

@@ -40,6 +40,7 @@ from farm.text import format_count, format_duration, format_mass
 
 _REFRESH_S = 1.0
 _ALL = 100_000
+_STILLS_BYTES = 50_000_000  # of all stills on a page
 _HISTORY = (
     Column("ENDED"),
     Column("PRINTER"),
@@ -153,6 +154,7 @@ def report(
     shown = {(part.file, part.picture): part for part in view.parts}  # copies of a part share both
     drawn = {files: _find_picture(part) for files, part in shown.items()}
     pictures = {part.id: png for part in view.parts if (png := drawn[part.file, part.picture]) is not None}
+    pictures |= _read_stills(view)
     assembly = Path(view.folder) / "assembly.png" if view.folder else None
     readable = assembly is not None and os.access(assembly, os.R_OK)
     target = out or Path(f"job-{job}.html")
@@ -183,6 +185,16 @@ def _find_picture(part: api.PartView) -> bytes | None:
     if part.picture is not None and os.access(part.picture, os.R_OK):
         return Path(part.picture).read_bytes()
     return None
+
+
+def _read_stills(view: api.JobView) -> dict[str, bytes]:
+    """Read the stills of a job's prints by their paths, the first ones of too many."""
+    stills: dict[str, bytes] = {}
+    left_bytes = _STILLS_BYTES
+    for path in [still.file for one in view.prints for still in one.stills if still.file is not None]:
+        if os.access(path, os.R_OK) and (left_bytes := left_bytes - Path(path).stat().st_size) >= 0:
+            stills[path] = Path(path).read_bytes()
+    return stills
 
 
 def list_figures(view: api.JobView) -> list[tuple[str, str]]:

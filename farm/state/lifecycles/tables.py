@@ -136,6 +136,7 @@ PRINT = Lifecycle(
         _row(ev.PrintFailRequested, _OPEN, None),
         _row(ev.PrintWithdrawn, [_A.ASSIGNED], None),
         _row(ev.PrintEnded, _OPEN, [_A.DONE, _A.FAILED, _A.CANCELLED]),
+        _row(ev.StillKept, PrintState, None),
     ),
     consequences=(_row(ev.BedCleared, [_A.FAILED, _A.CANCELLED], [_A.DONE]),),
 )

@@ -1,4 +1,4 @@
-"""Names in the file store that the books use: models, parts, G-code, pictures, reports. Pure."""
+"""Names in the file store that the books use: models, parts, G-code, pictures, reports, stills. Pure."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ def given_up_files(books: Books) -> frozenset[str]:
             *(replace_fields(job, pruned_s=None) for job in books.jobs.values() if job.pruned_s is not None),
             *books.parts.values(),
             *books.plates.values(),
+            *books.prints.values(),
         ]
     )
     return named_files(whole) - named_files(books)
@@ -40,6 +41,9 @@ def file_names_by_job(books: Books) -> Mapping[int, frozenset[str]]:
     for plate in books.plates.values():
         if plate.job in kept:
             names[plate.job].add(plate.gcode)
+    for attempt in books.prints.values():
+        if attempt.job in kept:
+            names[attempt.job].update(still.file for still in attempt.stills)
     return {number: frozenset(own) for number, own in names.items()}
 
 

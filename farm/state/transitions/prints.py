@@ -73,6 +73,13 @@ def _not_being_ended(
 
 
 @change.register
+def _(event: ev.StillKept, books: Books) -> Result:
+    attempt = books.prints[event.print_id]
+    others = tuple(still for still in attempt.stills if still.moment is not event.still.moment)
+    return put(books, replace_fields(attempt, stills=(*others, event.still))), ()
+
+
+@change.register
 def _(event: ev.PrintFound, books: Books) -> Result:
     return restore.book_found_print(event, books), ()
 

@@ -18,6 +18,8 @@ from farm.model import PrintState
 from farm.text import format_duration
 from farm.views.report.gantt import Bar, lay_out_gantt, list_bars, name_outcome
 
+_JPEG = b"\xff\xd8"
+
 
 @dataclass(frozen=True, slots=True)
 class _Figure:
@@ -59,7 +61,8 @@ def render_page(
     facts
         Figures of the job, each with a name, as text.
     pictures
-        PNG of each part, by its id; a part without one has no picture.
+        PNG of each part, by its id, and stills (PNG or JPEG) by the path of their file. What is missing
+        is left out.
     assembly
         PNG of all parts in an exploded view.
     """
@@ -70,6 +73,7 @@ def render_page(
         facts=facts,
         gantt=lay_out_gantt(list_bars(job, others, now)),
         failures=_list_failures(job),
+        stills=_list_stills(job, pictures),
         figures=[_describe_part(part, job, pictures.get(part.id)) for part in job.parts],
         assembly=None if assembly is None else _data_url(assembly),
     )
@@ -95,6 +99,25 @@ def _list_failures(job: api.JobView) -> list[tuple[str, ...]]:
     ]
 
 
+def _list_stills(job: api.JobView, pictures: Mapping[str, bytes]) -> list[tuple[str, str, str, str]]:
+    """List the stills of all prints by time: part and printer, moment, time, and the picture."""
+    stills = [
+        (still.taken, attempt, still.moment, pictures[still.file])
+        for attempt in job.prints
+        for still in attempt.stills
+        if still.file is not None and still.file in pictures
+    ]
+    return [
+        (
+            f"{attempt.part} on {attempt.printer}",
+            moment.replace("_", " "),
+            datetime.fromisoformat(taken).strftime("%a %d %b %H:%M"),
+            _data_url(picture),
+        )
+        for taken, attempt, moment, picture in sorted(stills, key=lambda still: still[0])
+    ]
+
+
 def _describe_part(part: api.PartView, job: api.JobView, picture: bytes | None) -> _Figure:
     plate = next(plate for plate in job.plates if plate.id == part.plate)
     prints = part.own_prints
@@ -116,5 +139,6 @@ def _compare_times(last: api.PrintView | None, expected_s: float) -> str:
     return f"{format_duration(reached.total_seconds())}, expected {format_duration(expected_s)}"
 
 
-def _data_url(png: bytes) -> str:
-    return f"data:image/png;base64,{b64encode(png).decode()}"
+def _data_url(picture: bytes) -> str:
+    kind = "jpeg" if picture.startswith(_JPEG) else "png"
+    return f"data:image/{kind};base64,{b64encode(picture).decode()}"

@@ -2,6 +2,7 @@
 
 import io
 import re
+from dataclasses import replace
 from datetime import datetime, timedelta
 from xml.etree import ElementTree
 
@@ -12,7 +13,7 @@ from example_night import night_books, view_context_of
 from farm import api
 from farm.cli.commands.status import list_figures
 from farm.cli.display import render_job
-from farm.model import Verdict
+from farm.model import Still, Verdict
 from farm.state import events as ev
 from farm.upkeep.part_pictures import draw_part
 from farm.views import describe_job, list_history
@@ -55,6 +56,29 @@ def test_bar_of_every_print_has_the_colour_of_its_outcome():
     widths = [float(rect.get("width")) for rect in rects]
     assert widths[0] == widths[1] == widths[2] > widths[3]  # 102 s each, and 45 s
     assert "1/p04 on um2-04: failed, it does not get warm" in svg
+
+
+def test_stills_of_a_print_are_shown_by_time_and_a_missing_one_is_left_out():
+    books = night_books()
+    attempt = next(one for one in books.prints.values() if one.printer == "um2-01")
+    stills = {"end": 300.0, "first_layer": 120.0, "failure": 400.0}
+    for moment, at_s in stills.items():
+        still = Still(moment=moment, at_s=at_s, file=f"{moment}.jpg")
+        books, _ = run(books, ev.StillKept(at_s=at_s, print_id=attempt.id, still=still))
+    view, rows, now = report_of(books)
+    paths = {still.moment: still.file for one in view.prints for still in one.stills}
+    pictures = {paths["end"]: PNG, paths["first_layer"]: b"\xff\xd8\xff"}
+    page = render_page(view, rows, now, list_figures(view), pictures, None)
+    captions = re.findall(r"<figcaption><b>1/p01 on um2-01</b> ([a-z ]+)<br>", page)
+    assert captions == ["first layer", "end"]
+    assert page.count("data:image/jpeg;base64,") == page.count("data:image/png;base64,") == 1
+    books = books_without_files(books)
+    view, *_ = report_of(books)
+    assert [still.file for one in view.prints for still in one.stills] == [None] * 3
+
+
+def books_without_files(books):
+    return replace(books, jobs={1: books.jobs[1].model_copy(update={"pruned_s": 1.0})})
 
 
 def test_other_jobs_are_drawn_on_the_same_fleet():

@@ -1,0 +1,8 @@
+"""Cameras of printers: stills for people who look, and stills that are kept with each print."""
+
+from __future__ import annotations
+
+from farm.cameras.cameras import Cameras
+from farm.cameras.image import Image
+
+__all__ = ["Cameras", "Image"]

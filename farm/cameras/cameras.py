@@ -1,0 +1,201 @@
+"""Cameras of a fleet: stills for people who look, and stills that are kept with prints.
+
+It runs in the daemon's event loop. A camera that hangs costs one waiting task; the controller never waits
+for it.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import time
+import uuid
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+
+from farm.cameras.fetch import CameraError, Fetch, fetch_still
+from farm.cameras.image import Image
+from farm.cameras.schedule import SHOWN_S, CameraState, DueStill, find_due_stills
+from farm.config import Fleet
+from farm.control import Controller
+from farm.errors import ErrorCode, FarmError, NoSuchThing
+from farm.model import Still
+from farm.paths import StateFolder
+from farm.state import events as ev
+from farm.state.storage import store_file
+
+log = logging.getLogger(__name__)
+
+_FORGET_S = 10.0  # wall seconds without a look after which the last still is dropped from memory
+
+
+@dataclass(slots=True)
+class _Camera:
+    """One camera: what is known of it, its last still, and the fetch that is under way."""
+
+    printer: str
+    url: str
+    state: CameraState = field(default_factory=CameraState)
+    latest: Image | None = None
+    latest_s: float = 0.0
+    looked_s: float = 0.0
+    running: asyncio.Task[Image] | None = None
+
+
+class Cameras:
+    """Cameras of a fleet.
+
+    Parameters
+    ----------
+    controller
+        Has the prints, and records the stills that are kept.
+    state
+        The state folder, with the file store.
+    fetch
+        Fetches a still from an address.
+    monotonic
+        Returns wall seconds.
+    """
+
+    def __init__(
+        self,
+        controller: Controller,
+        state: StateFolder,
+        fetch: Fetch = fetch_still,
+        monotonic: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._controller, self._state = controller, state
+        self._fetch, self._monotonic = fetch, monotonic
+        self._cameras = _list_cameras(controller.fleet)
+        self._keeping: dict[str, asyncio.Task[None]] = {}  # by printer
+
+    def __len__(self) -> int:
+        return len(self._cameras)
+
+    async def look(self, printer: str) -> Image:
+        """Return a still that is two seconds old at most, for anybody who looks.
+
+        Raises
+        ------
+        NoSuchThing
+            If there is no such printer, or it has no camera.
+        FarmError
+            If its camera has sent no still; it is not asked again at once.
+        """
+        self._controller.books.printer(printer)
+        camera = self._cameras.get(printer)
+        if camera is None:
+            raise NoSuchThing(f"{printer} has no camera: give its address by `camera` in fleet.yaml")
+        now_s = camera.looked_s = self._monotonic()
+        if camera.latest is not None and now_s - camera.latest_s < SHOWN_S:
+            return camera.latest
+        task = camera.running or self._begin(camera)
+        try:
+            if task is None:
+                raise CameraError(camera.state.problem or "it was asked a moment ago")
+            return await asyncio.shield(task)
+        except CameraError as error:
+            raise FarmError(f"the camera of {printer}: {error}", ErrorCode.UNREACHABLE) from None
+
+    def tick(self) -> None:
+        """Begin to fetch the stills that are to be kept now, and drop those that nobody looks at."""
+        now_s = self._monotonic()
+        for camera in self._cameras.values():
+            if now_s - max(camera.looked_s, camera.latest_s) > _FORGET_S:
+                camera.latest = None
+        controller = self._controller
+        snapshots, farm_s = controller.telemetry.snapshots, controller.clock.now()
+        scale, printers = controller.clock.scale, frozenset(self._cameras)
+        for due in find_due_stills(controller.books, snapshots, printers, farm_s, scale):
+            camera = self._cameras[due.printer]
+            if due.printer in self._keeping or camera.running is not None:
+                continue
+            task = self._begin(camera)
+            if task is not None:
+                keeping = asyncio.get_running_loop().create_task(self._keep(due, task))
+                self._keeping[due.printer] = keeping
+                keeping.add_done_callback(partial(self._end_keeping, due.printer))
+
+    def _end_keeping(self, printer: str, _: asyncio.Task[None]) -> None:
+        del self._keeping[printer]
+
+    async def close(self) -> None:
+        """End what is under way."""
+        running = [camera.running for camera in self._cameras.values() if camera.running is not None]
+        tasks = [*self._keeping.values(), *running]
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+
+    def _begin(self, camera: _Camera) -> asyncio.Task[Image] | None:
+        """Begin to fetch a still; None if the camera was asked too lately."""
+        now_s = self._monotonic()
+        if now_s < camera.state.next_s:
+            return None
+        camera.state = camera.state.begin(now_s)
+        task = camera.running = asyncio.get_running_loop().create_task(self._run(camera))
+        task.add_done_callback(_consume_error)
+        return task
+
+    async def _run(self, camera: _Camera) -> Image:
+        """Fetch a still, and record the outcome. Raises CameraError."""
+        before = camera.state.problem
+        try:
+            image = await self._fetch(camera.url)
+        except CameraError as error:
+            camera.state = camera.state.fail(str(error))
+            raise
+        except Exception as error:  # of a library, on what the camera has sent: its text may hold the address
+            camera.state = camera.state.fail(f"its answer cannot be read ({type(error).__name__})")
+            raise CameraError(camera.state.problem or "") from None
+        else:
+            camera.state = camera.state.succeed()
+            camera.latest, camera.latest_s = image, self._monotonic()
+            return image
+        finally:
+            camera.running = None
+            after = camera.state.problem
+            if after is not None and before is None:
+                log.warning("%s: its camera sends no still: %s", camera.printer, after)
+            elif after is None and before is not None:
+                log.info("%s: its camera sends stills again", camera.printer)
+
+    async def _keep(self, due: DueStill, fetching: asyncio.Task[Image]) -> None:
+        """Store a still, then record it with its print."""
+        controller = self._controller
+        try:
+            image = await fetching
+            at_s = controller.clock.now()
+            name = await asyncio.to_thread(_store, self._state, image)
+            still = Still(moment=due.moment, at_s=at_s, file=name)
+            controller.handle(ev.StillKept(at_s=at_s, print_id=due.print_id, still=still))
+        except CameraError:
+            pass  # it is logged, and asked again later
+        except (OSError, FarmError) as error:
+            log.warning("%s: a still cannot be kept: %s", due.printer, error)
+
+
+def _list_cameras(fleet: Fleet) -> dict[str, _Camera]:
+    return {
+        printer.name: _Camera(printer.name, url)
+        for printer in fleet.printers
+        if (url := printer.camera_url) is not None
+    }
+
+
+def _store(state: StateFolder, image: Image) -> str:
+    """Put an image into the file store. Returns its name there. Raises OSError."""
+    path: Path = state.work / f"still-{uuid.uuid4().hex}{image.suffix}"
+    try:
+        path.write_bytes(image.content)
+        return store_file(state.files, path)
+    finally:
+        path.unlink(missing_ok=True)
+
+
+def _consume_error(task: asyncio.Task[Image]) -> None:
+    """Read the error of a fetch that nobody awaits, so that asyncio does not log it."""
+    if not task.cancelled():
+        task.exception()

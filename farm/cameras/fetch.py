@@ -1,0 +1,200 @@
+"""Fetches one still over HTTP, within limits on time, size and hosts. The only import of httpx.
+
+The address comes from `fleet.yaml` alone. It may hold a password: no message and no log line shows it.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import ipaddress
+import logging
+import socket
+import ssl
+from collections.abc import Awaitable, Callable
+from contextlib import suppress
+from functools import cache
+from threading import Thread
+
+import httpx
+
+from farm.cameras.image import LARGEST_IMAGE_BYTES, Image, NoImage, check_beginning, read_image
+
+FETCH_S = 5.0
+"""Wall seconds for a still, redirects included."""
+_MOST_REDIRECTS = 3
+_MAGIC_BYTES = 8
+Fetch = Callable[[str], Awaitable[Image]]
+
+for _name in ("httpx", "httpcore"):  # they log addresses
+    logging.getLogger(_name).setLevel(logging.CRITICAL)
+
+
+class CameraError(Exception):
+    """A camera has sent no still; the message says why, without the camera's address."""
+
+
+async def fetch_still(url: str) -> Image:
+    """Fetch a still from a camera.
+
+    Parameters
+    ----------
+    url
+        Address by HTTP or HTTPS, perhaps with `user:password@` for basic or digest authentication.
+
+    Raises
+    ------
+    CameraError
+        If there is no image within `FETCH_S`.
+    """
+    try:
+        async with asyncio.timeout(FETCH_S):
+            return await _fetch(httpx.URL(url))
+    except TimeoutError:
+        raise CameraError(f"it sent no complete still within {FETCH_S:g} s") from None
+    except NoImage as error:
+        raise CameraError(str(error)) from None
+    except httpx.ConnectError as error:
+        text = str(error) if "certificate" in str(error).lower() else "its connection was refused"
+        raise CameraError(f"it does not answer ({text})") from None
+    except (httpx.HTTPError, httpx.InvalidURL, httpx.StreamError, OSError) as error:
+        raise CameraError(f"it does not answer as a web server does ({type(error).__name__})") from None
+
+
+async def _fetch(url: httpx.URL) -> Image:
+    """Follow redirects on the same host to an image. Raises CameraError, NoImage, and httpx's errors."""
+    user, password = url.username, url.password
+    authentication: httpx.Auth | None = None
+    url = url.copy_with(username=None, password=None)
+    addresses = await _look_up(url)
+    async with httpx.AsyncClient(trust_env=False, timeout=None, verify=_load_authorities()) as client:
+        for _ in range(_MOST_REDIRECTS + 2):
+            response = await _send(client, url, addresses, authentication)
+            try:
+                if response.status_code == 401 and user and authentication is None:
+                    authentication = _choose_authentication(response, user, password)
+                elif response.has_redirect_location:
+                    url = _follow(url, response.headers["location"])
+                else:
+                    return await _read(response)
+            finally:
+                await response.aclose()
+    raise CameraError("it redirects too often")
+
+
+async def _send(
+    client: httpx.AsyncClient,
+    url: httpx.URL,
+    addresses: list[str],
+    authentication: httpx.Auth | None,
+) -> httpx.Response:
+    """Send a request to the first address that can be reached. Raises httpx's errors.
+
+    The body of a 401 is not read: `httpx.Auth` in a client would read it without a limit.
+    """
+    headers = {"host": url.netloc.decode("ascii"), "accept-encoding": "identity", "connection": "close"}
+    for number, address in enumerate(addresses, 1):
+        request = client.build_request(
+            "GET", url.copy_with(host=address), headers=headers, extensions={"sni_hostname": url.host}
+        )
+        if authentication is not None:
+            request = next(authentication.auth_flow(request))
+        try:
+            return await client.send(request, stream=True, auth=_no_authentication)
+        except httpx.ConnectError:
+            if number == len(addresses):
+                raise
+    raise CameraError("its name has no address")
+
+
+def _no_authentication(request: httpx.Request) -> httpx.Request:
+    return request
+
+
+def _choose_authentication(response: httpx.Response, user: str, password: str) -> httpx.Auth:
+    """Return the authentication that a camera asks for: digest, else basic. Raises CameraError."""
+    if not response.headers.get("www-authenticate", "").lower().startswith("digest "):
+        return httpx.BasicAuth(user, password)
+    digest = httpx.DigestAuth(user, password)
+    flow = digest.auth_flow(response.request)
+    next(flow)
+    try:
+        flow.send(response)  # keeps the challenge for the next request
+    except Exception:  # httpx parses what the camera has sent, and raises errors of all kinds
+        raise CameraError("it asks for a password in a way that is not known") from None
+    return digest
+
+
+def _follow(url: httpx.URL, location: str) -> httpx.URL:
+    """Return the address of a redirect. Raises CameraError if it is on another host, or less secure."""
+    target = url.join(location).copy_with(username=None, password=None)
+    secure = target.scheme == "https" or (target.scheme, url.scheme) == ("http", "http")
+    if target.host != url.host or not secure:
+        raise CameraError("it redirects to another host: give that one's address")
+    return target
+
+
+async def _read(response: httpx.Response) -> Image:
+    """Read a body within the limit. Raises CameraError, NoImage, and httpx's errors."""
+    if response.status_code == 401:
+        raise CameraError("it refuses user and password (401): write them as http://USER:PASSWORD@HOST/")
+    if response.status_code != 200:
+        raise CameraError(f"it answers with the status {response.status_code}")
+    content = bytearray()
+    async for chunk in response.aiter_raw():
+        content += chunk
+        check_beginning(bytes(content[:_MAGIC_BYTES]))
+        if len(content) > LARGEST_IMAGE_BYTES:
+            break
+    return read_image(bytes(content))
+
+
+@cache
+def _load_authorities() -> ssl.SSLContext:
+    """Load the certificates that this host trusts, to which an administrator may add a camera's."""
+    return ssl.create_default_context()
+
+
+async def _look_up(url: httpx.URL) -> list[str]:
+    """Find the addresses of a host.
+
+    The thread is a daemon: asyncio's own look-up uses threads that are needed elsewhere, and for which the
+    process waits at its end, while a name server that does not answer keeps them for half a minute.
+
+    Raises
+    ------
+    CameraError
+        If the name is unknown.
+    """
+    loop = asyncio.get_running_loop()
+    found: asyncio.Future[list[str] | OSError | UnicodeError] = loop.create_future()
+    port = url.port or (443 if url.scheme == "https" else 80)
+
+    def look_up() -> None:
+        answer: list[str] | OSError | UnicodeError
+        try:
+            rows = socket.getaddrinfo(url.host, port, type=socket.SOCK_STREAM)
+            answer = list(dict.fromkeys(str(row[4][0]) for row in rows))
+        except (OSError, UnicodeError) as error:
+            answer = error
+        with suppress(RuntimeError):  # the loop has ended
+            loop.call_soon_threadsafe(finish, answer)
+
+    def finish(answer: list[str] | OSError | UnicodeError) -> None:
+        if not found.done():
+            found.set_result(answer)
+
+    if _is_address(url.host):
+        return [url.host]
+    Thread(target=look_up, name="camera look-up", daemon=True).start()
+    answer = await found
+    if isinstance(answer, list):
+        return answer
+    raise CameraError(f"its name {url.host} is unknown") from answer
+
+
+def _is_address(host: str) -> bool:
+    try:
+        ipaddress.ip_address(host)
+    except ValueError:
+        return False
+    return True

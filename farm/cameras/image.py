@@ -1,0 +1,81 @@
+"""Checks of the bytes that a camera has sent: only a JPEG or PNG of a sensible size is taken. Pure.
+
+A still is never decoded here: its header gives the size.
+"""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+
+LARGEST_IMAGE_BYTES = 5_000_000
+MOST_PIXELS = 50_000_000
+"""Limit on width times height: a viewer needs memory for all of them, whatever the file's size."""
+_PNG, _JPEG = b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff"
+_PNG_SIZE = struct.Struct(">II")  # in the first chunk, IHDR
+_PNG_SIZE_AT = 16
+_SEGMENT = struct.Struct(">BBH")  # JPEG: 0xFF, marker, length with its own two bytes
+_FRAME_SIZE = struct.Struct(">HH")  # JPEG: height, width
+_FRAME_SIZE_AT = 5  # after marker, length, and bits of a sample
+_FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}  # markers that begin a frame
+_SCAN, _PADDING = 0xDA, 0xFF
+_MOST_SEGMENTS = 500  # before the frame; a long list would keep the daemon busy
+
+
+class NoImage(Exception):
+    """The bytes are no image that is taken; the message says why."""
+
+
+@dataclass(frozen=True, slots=True)
+class Image:
+    """A still: its bytes, its media type, and the suffix of its file."""
+
+    content: bytes
+    media_type: str
+    suffix: str
+
+
+def check_beginning(beginning: bytes) -> None:
+    """Check the first bytes of a body, of which more may follow. Raises NoImage."""
+    for magic in (_JPEG, _PNG):
+        if beginning[: len(magic)] == magic[: len(beginning)]:
+            return
+    raise NoImage("it sends no JPEG or PNG: `camera` needs the address of a still, not of a page or a stream")
+
+
+def read_image(content: bytes) -> Image:
+    """Return the image that a body is.
+
+    Raises
+    ------
+    NoImage
+        If it is no complete JPEG or PNG, or is too large.
+    """
+    check_beginning(content)
+    if len(content) > LARGEST_IMAGE_BYTES:
+        raise NoImage(f"its still is larger than {LARGEST_IMAGE_BYTES / 1e6:g} MB: lower its resolution")
+    png = content.startswith(_PNG)
+    try:
+        size = _PNG_SIZE.unpack_from(content, _PNG_SIZE_AT) if png else _read_jpeg_size(content)
+    except struct.error:
+        raise NoImage("its still is cut off") from None
+    if not 0 < size[0] * size[1] <= MOST_PIXELS:
+        raise NoImage(
+            f"its still has {size[0]} x {size[1]} pixels; {MOST_PIXELS / 1e6:g} million at most: "
+            "lower its resolution"
+        )
+    return Image(content, "image/png", ".png") if png else Image(content, "image/jpeg", ".jpg")
+
+
+def _read_jpeg_size(content: bytes) -> tuple[int, int]:
+    """Read width and height of a JPEG. Raises struct.error if it ends before them, NoImage."""
+    at = 2
+    for _ in range(_MOST_SEGMENTS):
+        start, marker, length = _SEGMENT.unpack_from(content, at)
+        if start != _PADDING or marker == _SCAN:
+            raise NoImage("its still is no valid JPEG")
+        if marker in _FRAMES:
+            height, width = _FRAME_SIZE.unpack_from(content, at + _FRAME_SIZE_AT)
+            return width, height
+        at += 1 if marker == _PADDING else 2 + max(2, length)
+    raise NoImage("its still is no valid JPEG")

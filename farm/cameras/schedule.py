@@ -1,0 +1,110 @@
+"""Decisions on when a camera is asked for a still. Pure.
+
+A camera is asked while somebody looks, and at the moments of a print that are kept. It is never asked twice
+within two seconds, and one that does not answer is asked less and less often.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+
+from farm.model import AgentSnapshot, Moment, PrintState
+from farm.state import Books
+
+LEAST_INTERVAL_S = 2.0
+LARGEST_INTERVAL_S = 60.0
+SHOWN_S = LEAST_INTERVAL_S
+"""Age up to which a still is shown again instead of a new one."""
+END_S = 60.0
+"""Wall seconds after the end of a print in which its last still can be taken: a person may clear the bed."""
+_FIRST_LAYERS_SHARE = 10
+"""The first layer can still be seen in the first tenth of the layers."""
+
+
+@dataclass(frozen=True, slots=True)
+class CameraState:
+    """Attempts to fetch a still from one camera. Times are monotonic, in wall seconds.
+
+    Attributes
+    ----------
+    begun_s
+        Begin of the last attempt.
+    failures
+        Attempts that failed since the last still.
+    problem
+        Why the last attempt failed.
+    """
+
+    begun_s: float | None = None
+    failures: int = 0
+    problem: str | None = None
+
+    def begin(self, now_s: float) -> CameraState:
+        """Return the state after the begin of an attempt."""
+        return replace(self, begun_s=now_s)
+
+    def succeed(self) -> CameraState:
+        """Return the state after a still."""
+        return replace(self, failures=0, problem=None)
+
+    def fail(self, problem: str) -> CameraState:
+        """Return the state after an attempt that failed."""
+        return replace(self, failures=self.failures + 1, problem=problem)
+
+    @property
+    def next_s(self) -> float:
+        """Time of the next attempt at the earliest."""
+        if self.begun_s is None:
+            return 0.0
+        doublings = min(self.failures, 10)
+        return self.begun_s + min(LARGEST_INTERVAL_S, LEAST_INTERVAL_S * 2.0**doublings)
+
+
+@dataclass(frozen=True, slots=True)
+class DueStill:
+    """A still that is to be kept with a print."""
+
+    print_id: str
+    printer: str
+    moment: Moment
+
+
+def find_due_stills(
+    books: Books, snapshots: Mapping[str, AgentSnapshot], printers: frozenset[str], now_s: float, scale: float
+) -> Iterator[DueStill]:
+    """Yield the stills that are to be kept and are not yet.
+
+    Parameters
+    ----------
+    books
+        The books.
+    snapshots
+        The agents' latest reports, by printer.
+    printers
+        The printers with a camera.
+    now_s, scale
+        Farm time in seconds, and farm seconds in a wall second.
+    """
+    for name in printers & books.printers.keys():
+        attempt = books.open_print_on(name) or books.last_print_on(name)
+        if attempt is None:
+            continue
+        moment = Moment.FAILURE if attempt.state is PrintState.FAILED else Moment.END
+        if not attempt.state.ended:
+            moment = Moment.FIRST_LAYER
+            due = _shows_first_layer(attempt.id, snapshots.get(name))
+        else:
+            due = attempt.ended_s is not None and 0.0 <= now_s - attempt.ended_s <= END_S * scale
+        if due and all(still.moment is not moment for still in attempt.stills):
+            yield DueStill(attempt.id, name, moment)
+
+
+def _shows_first_layer(print_id: str, snapshot: AgentSnapshot | None) -> bool:
+    """Return whether the first layer of an open print is complete, and can still be seen."""
+    report = None if snapshot is None else snapshot.print
+    if report is None or report.print_id != print_id or report.layer is None:
+        return False
+    return report.state is PrintState.PRINTING and 2 <= report.layer <= max(
+        3, report.layers // _FIRST_LAYERS_SHARE
+    )

@@ -1,0 +1,208 @@
+"""Cameras of a farm: who looks, what is kept, and what a dead camera costs."""
+
+import asyncio
+import json
+import logging
+
+import pytest
+
+from fake_camera import make_jpeg
+from farm.cameras.cameras import Cameras
+from farm.cameras.fetch import CameraError
+from farm.cameras.image import read_image
+from farm.config import Fleet
+from farm.control import Controller
+from farm.errors import ErrorCode, FarmError, NoSuchThing
+from farm.model import Moment, PrintState
+from farm.paths import StateFolder
+from farm.planning.printer_settings import bed_boxes
+from farm.state import events as ev
+from farm.state.retention import given_up_files, named_files
+from farm.state.storage.store import Store
+from make_books import ended, job, plan
+from recording_controller import PLUS, RecordedEffects
+
+URL = "http://look:pass-w0rd@camera-{printer}/still"
+IMAGE = read_image(make_jpeg())
+
+
+class StandingClock:
+    scale = 1.0
+    now_s = 200.0
+
+    def now(self):
+        return self.now_s
+
+
+class Rig:
+    """A farm of printers a (with a camera) and b, and a camera whose answers a test gives."""
+
+    def __init__(self, folder):
+        rows = [{"name": name, "model": PLUS, "port": f"sim://{PLUS}"} for name in "ab"]
+        rows[0]["camera"] = URL
+        self.state = StateFolder(folder / "state")
+        self.state.make()
+        self.store = Store(self.state.books)
+        self.clock = StandingClock()
+        fleet = Fleet.model_validate({"printers": rows})
+        self.controller = Controller(fleet, self.store, self.clock, bed_boxes)
+        self.controller.start(RecordedEffects())
+        self.now_s, self.asked, self.answer = 1000.0, [], IMAGE
+        self.cameras = Cameras(self.controller, self.state, self.fetch, lambda: self.now_s)
+
+    async def fetch(self, url):
+        self.asked.append(url)
+        await asyncio.sleep(0)
+        if isinstance(self.answer, Exception):
+            raise self.answer
+        return self.answer
+
+    def print_one(self, state=PrintState.DONE):
+        self.controller.handle(
+            ev.JobSubmitted(at_s=0.0, job=job()), ev.PlanningStarted(at_s=0.0, job=1), plan(plates=1)
+        )
+        self.controller.handle(
+            ev.BedCleared(at_s=1.5, printer="a", by="ann"),
+            ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"),
+            ended("x", state),
+        )
+        return "x"
+
+    async def tick(self):
+        self.cameras.tick()
+        while self.cameras._keeping:
+            await asyncio.gather(*self.cameras._keeping.values())
+
+
+@pytest.fixture
+def rig(tmp_path):
+    rig = Rig(tmp_path)
+    yield rig
+    rig.store.close()
+
+
+def test_camera_is_asked_once_for_all_who_look_and_at_most_every_two_seconds(rig):
+    async def look():
+        assert await asyncio.gather(*(rig.cameras.look("a") for _ in range(20))) == [IMAGE] * 20
+        rig.now_s += 1.9
+        assert await rig.cameras.look("a") == IMAGE
+        assert len(rig.asked) == 1
+        rig.now_s += 0.1
+        await rig.cameras.look("a")
+
+    asyncio.run(look())
+    assert rig.asked == [URL.replace("{printer}", "a")] * 2
+
+
+def test_nobody_asks_while_nobody_looks_and_the_last_still_is_dropped(rig):
+    async def wait():
+        await rig.cameras.look("a")
+        for _ in range(100):
+            rig.now_s += 1.0
+            await rig.tick()
+
+    asyncio.run(wait())
+    assert len(rig.asked) == 1
+    assert rig.cameras._cameras["a"].latest is None
+
+
+def test_printer_without_a_camera_and_unknown_printers_are_errors(rig):
+    for name, why in (("b", "b has no camera: give its address by `camera`"), ("c", "no printer c")):
+        with pytest.raises(NoSuchThing, match=why):
+            asyncio.run(rig.cameras.look(name))
+
+
+@pytest.mark.parametrize("answer", [CameraError("it is dead"), ValueError("pass-w0rd")])
+def test_dead_camera_is_logged_once_and_is_asked_less_often(rig, caplog, answer):
+    caplog.set_level(logging.INFO)
+    rig.answer = answer
+
+    async def look():
+        for _ in range(300):  # somebody looks for five minutes
+            with pytest.raises(FarmError, match="the camera of a: it") as error:
+                await rig.cameras.look("a")
+            assert error.value.code is ErrorCode.UNREACHABLE
+            rig.now_s += 1.0
+        assert len(rig.asked) == 8  # after 4, 8, 16, 32 s, then each minute
+        rig.answer = IMAGE
+        rig.now_s += 60.0
+        assert await rig.cameras.look("a") == IMAGE
+
+    asyncio.run(look())
+    lines = [record.message for record in caplog.records if record.name.startswith("farm.cameras")]
+    assert len(lines) == 2 and "pass-w0rd" not in caplog.text
+    assert lines[0].startswith("a: its camera sends no still: it")
+    assert lines[1] == "a: its camera sends stills again"
+
+
+@pytest.mark.parametrize(
+    ("state", "moment"), [(PrintState.DONE, Moment.END), (PrintState.FAILED, Moment.FAILURE)]
+)
+def test_still_is_kept_with_the_print_when_it_ends(rig, state, moment):
+    print_id = rig.print_one(state)
+    asyncio.run(rig.tick())
+    rig.now_s += 10.0
+    asyncio.run(rig.tick())
+    assert len(rig.asked) == 1
+    (still,) = rig.controller.books.prints[print_id].stills
+    assert (still.moment, still.at_s) == (moment, 200.0)
+    assert (rig.state.files / still.file).read_bytes() == make_jpeg()
+    assert still.file in named_files(rig.controller.books)
+    assert not list(rig.state.work.iterdir())
+
+
+def test_camera_that_answers_late_gives_a_still_within_a_minute(rig):
+    print_id = rig.print_one()
+    rig.answer = CameraError("it is dead")
+    asyncio.run(rig.tick())
+    rig.answer = IMAGE
+    for _ in range(3):
+        asyncio.run(rig.tick())  # not again at once
+    assert len(rig.asked) == 1
+    rig.now_s += 4.0
+    asyncio.run(rig.tick())
+    assert len(rig.controller.books.prints[print_id].stills) == 1
+
+
+def test_still_that_cannot_be_stored_is_logged_and_changes_nothing(rig, caplog):
+    print_id = rig.print_one()
+    rig.state.files.rmdir()
+    asyncio.run(rig.tick())
+    assert rig.controller.books.prints[print_id].stills == ()
+    assert "a: a still cannot be kept" in caplog.text
+    assert not list(rig.state.work.iterdir())
+
+
+def test_stills_go_with_the_files_of_their_job(rig):
+    print_id = rig.print_one()
+    asyncio.run(rig.tick())
+    (still,) = rig.controller.books.prints[print_id].stills
+    rig.controller.handle(
+        ev.BedCleared(at_s=300.0, printer="a", by="ann"), ev.JobPruned(at_s=400.0, job=1, by="ann")
+    )
+    books = rig.controller.books
+    assert still.file in given_up_files(books) and still.file not in named_files(books)
+
+
+def test_hanging_camera_is_cancelled_at_the_end_of_the_daemon(rig):
+    async def hang(_):
+        await asyncio.Event().wait()
+
+    async def run():
+        rig.cameras = Cameras(rig.controller, rig.state, hang, lambda: rig.now_s)
+        rig.print_one()
+        rig.cameras.tick()
+        await asyncio.sleep(0)
+        await rig.cameras.close()
+        assert len(asyncio.all_tasks()) == 1
+
+    asyncio.run(run())
+
+
+def test_address_of_a_camera_is_in_no_file_of_the_farm(rig):
+    rig.print_one()
+    asyncio.run(rig.tick())
+    rig.store.close()
+    assert all(b"pass-w0rd" not in path.read_bytes() for path in rig.state.root.rglob("*") if path.is_file())
+    assert "pass-w0rd" not in json.dumps(rig.controller.fleet.model_dump(mode="json"), default=str)
+    assert "pass-w0rd" not in repr(rig.controller.fleet)

@@ -1,0 +1,57 @@
+"""What is taken for an image: by its first bytes and its header, never decoded."""
+
+import contextlib
+import struct
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fake_camera import make_jpeg, make_png
+from farm.cameras.image import LARGEST_IMAGE_BYTES, NoImage, check_beginning, read_image
+
+
+def test_jpeg_and_png_are_images():
+    assert (read_image(make_jpeg()).media_type, read_image(make_jpeg()).suffix) == ("image/jpeg", ".jpg")
+    assert (read_image(make_png()).media_type, read_image(make_png()).suffix) == ("image/png", ".png")
+
+
+@pytest.mark.parametrize(
+    ("content", "why"),
+    [
+        (b"", "cut off"),
+        (b"\xff\xd8\xff", "cut off"),
+        (make_png()[:20], "cut off"),
+        (make_jpeg()[:28], "cut off"),
+        (b"<!doctype html><h1>Login</h1>", "no JPEG or PNG"),
+        (b"--boundary\r\nContent-Type: image/jpeg\r\n\r\n\xff\xd8\xff", "no JPEG or PNG"),
+        (b"GIF89a" + bytes(100), "no JPEG or PNG"),
+        (make_jpeg(10_000, 10_000), "10000 x 10000 pixels"),
+        (make_png(10_000, 10_000), "10000 x 10000 pixels"),
+        (make_jpeg(0, 480), "0 x 480 pixels"),
+        (b"\xff\xd8\xff\xda" + bytes(100), "no valid JPEG"),
+        (b"\xff\xd8\xff\x00\x00\x02" + bytes(100), "no valid JPEG"),
+        (make_jpeg() + bytes(LARGEST_IMAGE_BYTES), "larger than 5 MB"),
+    ],
+)
+def test_other_bytes_are_no_image(content, why):
+    with pytest.raises(NoImage, match=why):
+        read_image(content)
+
+
+def test_many_short_segments_are_not_followed():
+    segment = b"\xff\xe1" + struct.pack(">H", 2)
+    with pytest.raises(NoImage, match="no valid JPEG"):
+        read_image(b"\xff\xd8" + segment * 1000 + make_jpeg()[2:])
+
+
+@given(st.binary(max_size=200), st.sampled_from([b"", b"\xff\xd8\xff", b"\x89PNG\r\n\x1a\n"]))
+def test_any_bytes_are_an_image_or_refused(body, magic):
+    with contextlib.suppress(NoImage):
+        assert read_image(magic + body).content == magic + body
+
+
+@given(st.integers(0, 12))
+def test_beginning_of_an_image_is_taken_at_any_length(length):
+    check_beginning(make_png()[:length])
+    check_beginning(make_jpeg()[:length])

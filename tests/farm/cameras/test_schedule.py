@@ -1,0 +1,112 @@
+"""When cameras are asked: decisions on data alone."""
+
+import itertools
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from farm.cameras.schedule import (
+    END_S,
+    LARGEST_INTERVAL_S,
+    LEAST_INTERVAL_S,
+    CameraState,
+    DueStill,
+    find_due_stills,
+)
+from farm.model import AgentPrint, AgentSnapshot, Link, Moment, PrintState, Still
+from farm.state import events as ev
+from make_books import ended, printing, run
+
+CAMERAS = frozenset("ab")
+
+
+@given(st.lists(st.tuples(st.floats(0.0, 100.0), st.booleans()), max_size=30))
+def test_attempts_are_two_seconds_apart_and_at_least_one_a_minute_is_allowed(steps):
+    state, now_s, begun = CameraState(), 0.0, []
+    for wait_s, succeeds in steps:
+        now_s += wait_s
+        assert state.next_s <= (state.begun_s or 0.0) + LARGEST_INTERVAL_S
+        if now_s >= state.next_s:
+            begun.append(now_s)
+            state = state.begin(now_s)
+            state = state.succeed() if succeeds else state.fail("dead")
+    assert all(later - earlier >= LEAST_INTERVAL_S for earlier, later in itertools.pairwise(begun))
+
+
+def test_dead_camera_is_asked_less_and_less_often_until_it_answers():
+    state, waits = CameraState(), []
+    for _ in range(7):
+        state = state.begin(100.0).fail("dead")
+        waits.append(state.next_s - 100.0)
+    assert waits == [4.0, 8.0, 16.0, 32.0, 60.0, 60.0, 60.0]
+    assert state.begin(100.0).succeed().next_s == 102.0
+
+
+def open_print():
+    return run(
+        printing(),
+        ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"),
+        ev.PrintProgressed(print_id="x", at_s=3.0, state=PrintState.PRINTING, started_s=2.0, extruded=True),
+    )[0]
+
+
+def report(layer, layers=100, state=PrintState.PRINTING, print_id="x"):
+    message = AgentPrint(
+        print_id=print_id, state=state, fault=None, reason=None, progress_s=1.0, print_time_s=90.0,
+        extruded=True, started_s=2.0, ended_s=None, layers=layers, layer=layer,
+    )  # fmt: skip
+    return {"a": AgentSnapshot(printer="a", link=Link.BUSY, print=message)}
+
+
+def find(books, snapshots, now_s=1000.0, scale=1.0, cameras=CAMERAS):
+    return list(find_due_stills(books, snapshots, cameras, now_s, scale))
+
+
+@pytest.mark.parametrize(
+    ("snapshots", "due"),
+    [
+        ({}, False),
+        (report(None), False),
+        (report(1), False),
+        (report(2), True),
+        (report(10), True),
+        (report(11), False),  # the first layer can be seen no longer
+        (report(3, layers=5), True),
+        (report(2, state=PrintState.PAUSED), False),  # its head stands aside, but so does its warm bed
+        (report(2, print_id="another"), False),
+    ],
+)
+def test_first_layer_is_taken_once_it_is_complete(snapshots, due):
+    expected = [DueStill("x", "a", Moment.FIRST_LAYER)] if due else []
+    assert find(open_print(), snapshots) == expected
+
+
+@pytest.mark.parametrize(
+    ("state", "moment"),
+    [
+        (PrintState.DONE, Moment.END),
+        (PrintState.FAILED, Moment.FAILURE),
+    ],
+)
+def test_end_is_taken_within_a_minute_of_wall_time(state, moment):
+    books, _ = run(open_print(), ended("x", state, at_s=200.0))
+    due = [DueStill("x", "a", moment)]
+    assert find(books, {}, 200.0) == find(books, {}, 200.0 + END_S) == due
+    assert find(books, {}, 201.0 + END_S) == find(books, {}, 199.0) == []
+    assert find(books, {}, 200.0 + 50 * END_S, scale=50.0) == due
+
+
+def test_still_is_taken_once():
+    still = Still(moment=Moment.FIRST_LAYER, at_s=4.0, file="s.jpg")
+    books, _ = run(open_print(), ev.StillKept(at_s=4.0, print_id="x", still=still))
+    assert find(books, report(2)) == []
+    books, _ = run(books, ended("x"))
+    assert find(books, {}, 200.0) == [DueStill("x", "a", Moment.END)]
+    later = still.model_copy(update={"file": "t.jpg"})
+    books, _ = run(books, ev.StillKept(at_s=5.0, print_id="x", still=later))
+    assert books.prints["x"].stills == (later,)  # one for each moment at most
+
+
+def test_printer_without_a_camera_is_left_alone():
+    assert find(open_print(), report(2), cameras=frozenset({"b", "new"})) == []
