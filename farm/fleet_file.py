@@ -87,8 +87,8 @@ def load_fleet(
     for index, printer in enumerate(values["printers"]):
         model = printer.get("model") if isinstance(printer, dict) else None
         if isinstance(model, str) and model not in models:
-            known = f"{model!r} is not one of the printers that can be driven: {', '.join(sorted(models))}"
-            raise document.error_at(("printers", index, "model"), known)
+            advice = f"{model!r} is not one of the printers that can be driven: {', '.join(sorted(models))}"
+            raise document.error_at(("printers", index, "model"), advice)
     try:
         fleet = Fleet.model_validate(values)
     except ValidationError as error:
@@ -127,8 +127,8 @@ class _Document:
         place = cause.place if isinstance(cause, FieldError) else error["loc"]
         if error["type"] == "extra_forbidden":
             section = _section_of(self._find_source(place))
-            known = [*section.model_fields, *(["defaults"] if section is Fleet else [])]
-            return self.error_at(place, f"unknown key; known are {', '.join(known)}")
+            keys = [*section.model_fields, *(["defaults"] if section is Fleet else [])]
+            return self.error_at(place, f"unknown key; known are {', '.join(keys)}")
         return self.error_at(place, _reword(error, _PATTERNS.get(str(place[-1])) if place else None))
 
     def line_of(self, place: Place) -> int:
@@ -155,9 +155,9 @@ class _Document:
                 if key in keys:
                     return key_path
                 keys.add(key)
-                found = search(child, key_path)
-                if found is not None:
-                    return found
+                duplicate = search(child, key_path)
+                if duplicate is not None:
+                    return duplicate
             return None
 
         return search(self.node, ())
@@ -180,9 +180,9 @@ class _Document:
         """Find the place that a value comes from: a printer's key may be in `defaults`."""
         if len(place) < 3 or place[0] != "printers":
             return place
-        own = _child(_child(self.node, "printers"), place[1])
+        section = _child(_child(self.node, "printers"), place[1])
         shared = _child(self.node, "defaults")
-        if _child(own, place[2]) is None and _child(shared, place[2]) is not None:
+        if _child(section, place[2]) is None and _child(shared, place[2]) is not None:
             return ("defaults", *place[2:])
         return place
 
@@ -210,8 +210,8 @@ def _read(path: Path) -> str:
             "yours with --fleet"
         ) from error
     except (OSError, UnicodeDecodeError) as error:
-        why = (error.strerror if isinstance(error, OSError) else None) or error
-        raise FleetFileError(f"{path}: cannot be read ({why}); give another file with --fleet") from error
+        cause = (error.strerror if isinstance(error, OSError) else None) or error
+        raise FleetFileError(f"{path}: cannot be read ({cause}); give another file with --fleet") from error
 
 
 def _parse(path: Path, text: str) -> tuple[_Document, Any]:
@@ -225,9 +225,9 @@ def _parse(path: Path, text: str) -> tuple[_Document, Any]:
         raw = None if document.node is None else loader.construct_document(document.node)
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
-        where = f"{path}:{mark.line + 1}" if mark else str(path)
-        what = " ".join(str(getattr(error, "problem", None) or error).split())
-        raise FleetFileError(f"{where}: not YAML: {what}") from error
+        source = f"{path}:{mark.line + 1}" if mark else str(path)
+        problem = " ".join(str(getattr(error, "problem", None) or error).split())
+        raise FleetFileError(f"{source}: not YAML: {problem}") from error
     except RecursionError as error:
         raise FleetFileError(f"{path}: nested too deeply; see the example in the README") from error
     if duplicate is not None:

@@ -125,13 +125,13 @@ def find_places(
         If the socket must be in the system's temporary folder, and another user could put one there.
     """
     home = Path(env.get("HOME", "/"))
-    named = state or _path(env, "FARM_STATE")
-    root = (named or (_path(env, "XDG_STATE_HOME") or home / ".local/state") / "farm").absolute()
+    state_path = state or _path(env, "FARM_STATE")
+    root = (state_path or (_path(env, "XDG_STATE_HOME") or home / ".local/state") / "farm").absolute()
     socket = socket or _path(env, "FARM_SOCKET")
     if socket is None:
         runtime = _path(env, "XDG_RUNTIME_DIR")
-        socket = runtime / "farm" / "farm.sock" if runtime and named is None else root / "farm.sock"
-        if named is None and not _try(socket.exists) and _try(shared.parent.is_dir):
+        socket = runtime / "farm" / "farm.sock" if runtime and state_path is None else root / "farm.sock"
+        if state_path is None and not _try(socket.exists) and _try(shared.parent.is_dir):
             socket = shared
     fleet = fleet or _path(env, "FARM_FLEET")
     if fleet is None:
@@ -174,15 +174,15 @@ def _make_private_folder(name: str) -> Path:
     advice = "remove it, or name a shorter --socket"
     try:
         folder.mkdir(mode=0o700, exist_ok=True)
-        found = folder.lstat()
+        status = folder.lstat()
     except OSError as error:
         raise Refused(f"{folder} cannot be used for the farm's socket ({error}): {advice}") from error
-    if not stat.S_ISDIR(found.st_mode):
+    if not stat.S_ISDIR(status.st_mode):
         raise Refused(f"{folder} is no folder, so the farm's socket cannot be trusted there: {advice}")
-    if found.st_uid != os.getuid():
+    if status.st_uid != os.getuid():
         raise Refused(f"{folder} belongs to another user, who could answer for the farm: {advice}")
-    if found.st_mode & 0o077:
-        raise Refused(f"{folder} is open to other users (mode {found.st_mode & 0o777:o}): {advice}")
+    if status.st_mode & 0o077:
+        raise Refused(f"{folder} is open to other users (mode {status.st_mode & 0o777:o}): {advice}")
     return folder
 
 

@@ -28,10 +28,10 @@ def parse_window(text: str) -> Window:
     ValueError
         The message says what to write instead.
     """
-    found = _WINDOW.fullmatch(text.strip().lower())
-    if found is None:
+    match = _WINDOW.fullmatch(text.strip().lower())
+    if match is None:
         raise ValueError(f"{text!r} is not a time of the week; {_EXAMPLE}")
-    days, *numbers = found.groups()
+    days, *numbers = match.groups()
     hour, minute, end_hour, end_minute = map(int, numbers)
     if (end_hour, end_minute) == (24, 0):
         end_hour = 0

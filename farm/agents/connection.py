@@ -202,7 +202,7 @@ class AgentConnection:
         except AgentTooOld:
             return report
         latest = reply.snapshot or report
-        prints = [to_farm_print(each, self._ahead_s) for each in reply.prints]
+        prints = [to_farm_print(record, self._ahead_s) for record in reply.prints]
         self._listener.on_journal(self._trusted(latest), prints)
         return latest
 

@@ -153,8 +153,8 @@ class JobView(View):
     @property
     def prints(self) -> list[PrintView]:
         """Prints of the job; prints shared by several pieces of a part appear once."""
-        each = {(p.part, p.printer, p.started, p.ended): p for part in self.parts for p in part.prints}
-        return list(each.values())
+        prints = {(p.part, p.printer, p.started, p.ended): p for part in self.parts for p in part.prints}
+        return list(prints.values())
 
 
 class Targets(View):

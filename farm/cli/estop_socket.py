@@ -91,7 +91,7 @@ def request_stop(path: Path, printers: list[str], report: Report) -> None:
     FarmError
         If nobody answers, or the stop fails.
     """
-    trouble = f"{path}: cannot be reached ({{}}); switch the printers off by hand"
+    message = f"{path}: cannot be reached ({{}}); switch the printers off by hand"
     try:
         with socket.socket(socket.AF_UNIX) as connection:
             connection.settimeout(_SILENCE_S)
@@ -106,10 +106,10 @@ def request_stop(path: Path, printers: list[str], report: Report) -> None:
                         return
                     report(answer)
     except PermissionError as error:
-        raise FarmError(trouble.format("only members of its group may use it")) from error
+        raise FarmError(message.format("only members of its group may use it")) from error
     except (OSError, ValueError) as error:  # ValueError: not a valid answer line
-        raise FarmError(trouble.format(error)) from error
-    raise FarmError(trouble.format("it ended before it reported the result"))
+        raise FarmError(message.format(error)) from error
+    raise FarmError(message.format("it ended before it reported the result"))
 
 
 def serve_request(request: TextIO, answers: TextIO, stop: Callable[[list[str], Report], None]) -> None:
@@ -123,13 +123,13 @@ def serve_request(request: TextIO, answers: TextIO, stop: Callable[[list[str], R
             pass
 
     try:
-        wanted = StopRequest.model_validate_json(request.readline(_LONGEST))
+        request_body = StopRequest.model_validate_json(request.readline(_LONGEST))
     except ValueError:
         send(StopEnd(over=True, error="the request cannot be read", code=ErrorCode.REFUSED))
         return
     end = StopEnd(over=True)
     try:
-        stop(wanted.printers, send)
+        stop(request_body.printers, send)
     except FarmError as error:
         end = StopEnd(over=True, error=str(error), code=error.code)
     send(end)

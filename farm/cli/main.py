@@ -147,8 +147,8 @@ app = typer.Typer(
 )
 
 
-def _show_version(wanted: bool) -> None:
-    if wanted:
+def _show_version(show: bool) -> None:
+    if show:
         print(f"farm {farm.__version__}")
         raise typer.Exit
 

@@ -65,15 +65,15 @@ def with_farm(command: Callable[Concatenate[Places, P], None]) -> Callable[P, No
 
 
 def _add_options(
-    command: Callable[Concatenate[Places, P], None], named: Sequence[tuple[str, object]]
+    command: Callable[Concatenate[Places, P], None], choices: Sequence[tuple[str, object]]
 ) -> Callable[P, None]:
     """Add options that name the places of a farm, after the command's own."""
-    own = inspect.signature(command, eval_str=True)
+    signature = inspect.signature(command, eval_str=True)
     options = [
         inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=option)
-        for name, option in named
+        for name, option in choices
     ]
-    parameters = [*list(own.parameters.values())[1:], *options]
+    parameters = [*list(signature.parameters.values())[1:], *options]
 
     @functools.wraps(command)
     def run(
@@ -89,7 +89,7 @@ def _add_options(
         command(replace(places, url=url, key_file=key_file), **given)  # type: ignore[call-arg]
 
     wrapper: Any = run  # typer reads its signature
-    wrapper.__signature__ = own.replace(parameters=parameters)
+    wrapper.__signature__ = signature.replace(parameters=parameters)
     wrapper.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters} | {
         "return": None
     }

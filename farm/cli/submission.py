@@ -150,13 +150,13 @@ class Submitter:
 
 def expand_patterns(models: Iterable[Path]) -> list[Path]:
     """Replace each pattern that is no file by the files that it matches, in alphabetical order, if any."""
-    found: list[Path] = []
+    paths: list[Path] = []
     for model in models:
         matches: list[Path] = []
         if glob.has_magic(str(model)) and not model.exists():
             matches = sorted(Path(model.anchor).glob(str(model.relative_to(model.anchor))))
-        found += matches or [model]
-    return found
+        paths += matches or [model]
+    return paths
 
 
 def _exit_code(answer: api.JobStatus | api.Timeline) -> int:

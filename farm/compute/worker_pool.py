@@ -282,10 +282,10 @@ class Workers:
         else:
             self._replace()
         # A dying engine may write after its folder was removed: remove every unused folder.
-        kept = {worker.folder for worker in self._alive}
-        for left in self._scratch.iterdir():
-            if left not in kept:
-                shutil.rmtree(left, ignore_errors=True)
+        used_folders = {worker.folder for worker in self._alive}
+        for folder in self._scratch.iterdir():
+            if folder not in used_folders:
+                shutil.rmtree(folder, ignore_errors=True)
 
 
 class WorkerShare:

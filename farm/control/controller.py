@@ -158,13 +158,13 @@ class Controller:
         """Apply events to the books, commit each, and yield the resulting instructions."""
         for event in events:
             try:
-                after, instructions = apply(event, self.books)
+                changed_books, instructions = apply(event, self.books)
             except InvalidTransition as error:
                 raise self._store.add_history(error) from None
-            self._store.commit(event, self.books, after)
-            self.books = after
+            self._store.commit(event, self.books, changed_books)
+            self.books = changed_books
             if isinstance(event, ev.ReelLoaded):
-                self.fleet = fleet_with_reels(self._configured_fleet, after.printers)
+                self.fleet = fleet_with_reels(self._configured_fleet, changed_books.printers)
             log.info(
                 "%s %s", type(event).__name__, event.model_dump_json(exclude={"at_s"}, exclude_none=True)
             )
@@ -192,15 +192,17 @@ class Controller:
             return
         now_s = self.clock.now()
         held_back = self._held_back()
-        offered = self._situation(held_back)
-        yield from self._replanning.recut_failures(self.books, offered)
-        situation = offered.without(self._replanning.holds())
+        complete_situation = self._situation(held_back)
+        yield from self._replanning.recut_failures(self.books, complete_situation)
+        situation = complete_situation.without(self._replanning.holds())
         reserved = self._replanning.reserved_printers
         find_kept = partial(self.planning.find_kept, self.books, situation, reserved)
         yield from self.planning.revisions.revise(self.books, situation, find_kept)
         revised = self.planning.revisions.holds(self.books, now_s)
         # A job that is planned again keeps its place: no other takes its printers meanwhile.
-        assignments = [each for each in self._assign(situation) if each.plate not in revised]
+        assignments = [
+            assignment for assignment in self._assign(situation) if assignment.plate not in revised
+        ]
         situation = situation.without(revised)
         yield from self._commit(
             ev.PlateAssigned(at_s=now_s, plate=a.plate, printer=a.printer, print_id=uuid.uuid4().hex)
@@ -244,7 +246,7 @@ class Controller:
     def kept_printers(self) -> dict[str, str]:
         """Return the free printers that are reserved, each with its purpose."""
         situation = self._situation(self._held_back())
-        given = {each.plate for each in self._assign(situation)}
+        given = {assignment.plate for assignment in self._assign(situation)}
         reserved = self._replanning.reserved_printers
         return self.planning.find_kept(self.books, situation.without(given), reserved)
 
@@ -267,7 +269,7 @@ class Controller:
     def _unconfirmed(self, printer: str | None) -> Iterator[ev.AnyInstruction]:
         """Yield the instructions on open prints, of one printer or all, that agents have not confirmed."""
         attempts = self.books.open_prints() if printer is None else [self.books.open_print_on(printer)]
-        for attempt in [each for each in attempts if each is not None]:
+        for attempt in [candidate for candidate in attempts if candidate is not None]:
             snapshot = self.telemetry.snapshots.get(attempt.printer)
             if snapshot is not None:
                 yield from owed_instructions(
@@ -279,9 +281,9 @@ class Controller:
     def on_snapshot(self, snapshot: AgentSnapshot) -> None:
         """Handle the changes that an agent's snapshot shows; the rest of it is telemetry."""
         name = snapshot.printer
-        before = self.telemetry.snapshots.get(name)
+        previous = self.telemetry.snapshots.get(name)
         in_use = self.fleet_printer(name) is not None
-        reading = read_snapshot(self.books, snapshot, before, in_use, self.clock.now())
+        reading = read_snapshot(self.books, snapshot, previous, in_use, self.clock.now())
         if reading.misfit is not None:  # one faulty agent must not stop the others
             story = self._store.add_history(reading.misfit)
             log.error("%s: its agent's snapshot does not fit the books: %s", name, story)
@@ -293,7 +295,7 @@ class Controller:
                 self._perform(self._unconfirmed(name))
             self._perform(reading.instructions)
         except StoreError as error:
-            self.telemetry.reject(snapshot, before, str(error))
+            self.telemetry.reject(snapshot, previous, str(error))
             raise
 
     def on_refusal(self, print_id: str, reason: str, late: bool = False) -> None:
@@ -324,14 +326,14 @@ class Controller:
 
     def on_plan(self, number: int, result: Plan | FarmError) -> None:
         """Record the plan of a job, or the error that prevents it."""
-        offered = self._situation(self._held_back())
-        event = self.planning.finish(self.books.job(number), result, self.books, offered)
+        situation = self._situation(self._held_back())
+        event = self.planning.finish(self.books.job(number), result, self.books, situation)
         self.handle(*([event] if event is not None else []))
 
     def on_replan(self, plate: str, result: ReplannedPlate | FarmError) -> None:
         """Record the result of a replan."""
-        offered = self._situation(self._held_back())
-        event = self._replanning.finish(plate, result, self.books, offered)
+        situation = self._situation(self._held_back())
+        event = self._replanning.finish(plate, result, self.books, situation)
         self.handle(*([event] if event is not None else []))
 
     def on_clock_set(self, by_s: float) -> None:

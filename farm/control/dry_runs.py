@@ -24,8 +24,8 @@ class DryRuns:
     def cancel_abandoned(self, now_s: float) -> None:
         """Cancel the dry runs without a request within `PATIENCE_S`."""
         jobs = self._controller.books.jobs.values()
-        going = [job.id for job in jobs if job.options.dry_run and not job.state.ended]
-        self._requested_s = {number: self._requested_s.get(number, now_s) for number in going}
+        dry_runs = [job.id for job in jobs if job.options.dry_run and not job.state.ended]
+        self._requested_s = {number: self._requested_s.get(number, now_s) for number in dry_runs}
         abandoned = [
             number for number, requested_s in self._requested_s.items() if now_s - requested_s > PATIENCE_S
         ]

@@ -82,9 +82,9 @@ class FarmEffects:
             folder=self._state.work / f"replan-{plate.id.replace('/', '-')}",
             time_factors={name: books.printer(name).time_factor for name in order.printers},
             others=tuple(
-                other
-                for other in map(books.parts.__getitem__, job.parts)
-                if other.id != part.id and other.copy_number == part.copy_number
+                job_part
+                for job_part in map(books.parts.__getitem__, job.parts)
+                if job_part.id != part.id and job_part.copy_number == part.copy_number
             ),
         )
         self._replan_worker.start(task, order.cut)

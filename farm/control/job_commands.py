@@ -64,9 +64,9 @@ class JobCommands:
         by: str | None = None,
     ) -> tuple[int, bool]:
         """Record a job. Returns its number, and True if an earlier request has submitted it."""
-        known = self.find_submission(request_id)
-        if known is not None:
-            return known, True
+        existing_job = self.find_submission(request_id)
+        if existing_job is not None:
+            return existing_job, True
         controller = self._controller
         number, now_s = max(controller.books.jobs, default=0) + 1, controller.clock.now()
         not_before_s, done_by_s = start_and_deadline_s(options, controller.rules, now_s)
@@ -175,31 +175,35 @@ def find_successor(order: Sequence[int], number: int, move: api.QueueMove) -> in
         If it is there already, or the other job is not in the queue.
     """
     place = order.index(number)
-    rest = [other for other in order if other != number]
+    other_jobs = [entry for entry in order if entry != number]
     if move.before is not None:
-        if move.before not in rest:
+        if move.before not in other_jobs:
             raise Refused(f"job {move.before} is no other job in the queue: `farm queue` lists it")
         return move.before
     places = {
         api.QueuePlace.UP: place - 1,
         api.QueuePlace.DOWN: place + 1,
         api.QueuePlace.FIRST: 0 if place else -1,
-        api.QueuePlace.LAST: len(rest) if place < len(rest) else len(order),
+        api.QueuePlace.LAST: len(other_jobs) if place < len(other_jobs) else len(order),
     }
     target = places[move.to or api.QueuePlace.LAST]
-    if not 0 <= target <= len(rest):
+    if not 0 <= target <= len(other_jobs):
         raise Refused(f"job {number} is already {'first' if place == 0 else 'last'} in the queue")
-    return rest[target] if target < len(rest) else None
+    return other_jobs[target] if target < len(other_jobs) else None
 
 
 def abort_prints(controller: Controller) -> None:
     """Cancel every open print and its job; for prints of ended jobs, cancel their plate."""
     books, now_s = controller.books, controller.clock.now()
     numbers = sorted({attempt.job for attempt in books.open_prints()})
-    going = [number for number in numbers if not books.job(number).state.ended]
-    controller.handle(*(ev.JobCancelled(at_s=now_s, job=number) for number in going))
-    others = [attempt.plate for attempt in controller.books.open_prints() if attempt.cancel_reason is None]
-    controller.handle(*(ev.PlateCancelled(at_s=now_s, plate=plate, by=ev.A_PERSON) for plate in others))
+    open_jobs = [number for number in numbers if not books.job(number).state.ended]
+    controller.handle(*(ev.JobCancelled(at_s=now_s, job=number) for number in open_jobs))
+    remaining_plates = [
+        attempt.plate for attempt in controller.books.open_prints() if attempt.cancel_reason is None
+    ]
+    controller.handle(
+        *(ev.PlateCancelled(at_s=now_s, plate=plate, by=ev.A_PERSON) for plate in remaining_plates)
+    )
 
 
 def start_and_deadline_s(

@@ -75,7 +75,7 @@ class JobPlanning:
             starting=starting,
         )
         decisions = list(self._admission.decide(books, situation, fleet))
-        self.holds = {each.job: each.hold for each in decisions if isinstance(each, HoldJob)}
+        self.holds = {entry.job: entry.hold for entry in decisions if isinstance(entry, HoldJob)}
         now_s = situation.now_s
         for decision in decisions:
             if isinstance(decision, StartPlanning):

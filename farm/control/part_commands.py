@@ -73,8 +73,8 @@ class PartCommands:
             return printer
         name, state = plate.parts[0], self._controller.books.plate_state(plate)
         if state is not PlateState.WAITING:
-            why = _PRINTED.get(state, f"failed too often: print it again with `farm reprint {job} {part}`")
-            raise Refused(f"part {name} {why}")
+            reason = _PRINTED.get(state, f"failed too often: print it again with `farm reprint {job} {part}`")
+            raise Refused(f"part {name} {reason}")
         if plate.paused is wanted:
             if not wanted and self._controller.books.job(job).paused:
                 raise Refused(f"job {job} is paused: `farm resume {job}` resumes its parts")

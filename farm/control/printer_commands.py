@@ -48,9 +48,9 @@ class PrinterCommands:
         now_s = self._controller.clock.now()
         fleet_printers = [p for name in printers if (p := self._controller.fleet_printer(name)) is not None]
         reasons = [
-            why
+            reason
             for printer in fleet_printers
-            if (why := self._controller.rules.unattended_reason(printer, now_s)) is not None
+            if (reason := self._controller.rules.unattended_reason(printer, now_s)) is not None
         ]
         if reasons:
             raise Refused("; ".join(reasons))
@@ -110,14 +110,14 @@ class PrinterCommands:
         self._refuse_printing(printer)
         section = self._controller.fleet.printer(printer)
         changed = request.material is not None or request.colour is not None
-        same = entry.reel if not changed else None
-        grams = same.grams if same is not None else None
+        present_reel = entry.reel if not changed else None
+        grams = present_reel.grams if present_reel is not None else None
         reel = Reel(
             material=request.material or section.material,
             colour=request.colour if changed else section.colour,
             grams=request.grams if request.grams is not None else grams,
             nozzle_mm=request.nozzle_mm or section.nozzle_mm,
-            uncertain=same is not None and same.uncertain and request.grams is None,
+            uncertain=present_reel is not None and present_reel.uncertain and request.grams is None,
         )
         house = self._controller.fleet.fleet
         try:

@@ -38,10 +38,10 @@ class Telemetry:
 
     def store(self, snapshot: AgentSnapshot) -> bool:
         """Store a snapshot. Returns True if a field that the scheduler reads has changed."""
-        before = self.snapshots.get(snapshot.printer)
+        previous = self.snapshots.get(snapshot.printer)
         self.snapshots[snapshot.printer] = snapshot
         failed = self._failures.pop(snapshot.printer, None) is not None
-        return failed or before is None or availability(before) != availability(snapshot)
+        return failed or previous is None or availability(previous) != availability(snapshot)
 
     def reject(self, snapshot: AgentSnapshot, before: AgentSnapshot | None, reason: str) -> None:
         """Undo the change of a snapshot that could not be handled, so that it is handled when repeated."""
@@ -145,13 +145,13 @@ class _Comparison:
             self._add(reconcile_print(attempt, snapshot, now_s))
         report = snapshot.print
         if report is not None and (attempt is None or report.print_id != attempt.id):
-            known = self._books.prints.get(report.print_id)
-            self._add(handle_unknown_print(self._books.printer(name), known, snapshot, now_s))
+            recorded_print = self._books.prints.get(report.print_id)
+            self._add(handle_unknown_print(self._books.printer(name), recorded_print, snapshot, now_s))
 
-    def _add(self, follows: Iterable[ev.AnyEvent | ev.AnyInstruction]) -> None:
-        for each in follows:
-            if isinstance(each, ev.Event):
-                self._books, _ = apply(each, self._books)
-                self.events.append(each)
+    def _add(self, results: Iterable[ev.AnyEvent | ev.AnyInstruction]) -> None:
+        for result in results:
+            if isinstance(result, ev.Event):
+                self._books, _ = apply(result, self._books)
+                self.events.append(result)
             else:
-                self.instructions.append(each)
+                self.instructions.append(result)

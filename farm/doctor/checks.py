@@ -70,12 +70,14 @@ def check_user(facts: Facts) -> Iterator[Finding]:
         yield passed("user", f"the farm belongs to {user.name}")
     if facts.fleet is None:
         return
-    wanted = facts.fleet.fleet.operators
-    if wanted is not None and wanted not in user.known_groups:
-        yield problem("groups", f"fleet.operators: there is no group {wanted}", f"`sudo groupadd {wanted}`")
-    elif wanted is not None and wanted not in user.groups:
-        text = f"{user.name} is not in the group {wanted}, whose members alone approve, clear and resume"
-        yield warning("groups", text, f"`sudo usermod -aG {wanted} {user.name}`, then log in again")
+    operators = facts.fleet.fleet.operators
+    if operators is not None and operators not in user.known_groups:
+        yield problem(
+            "groups", f"fleet.operators: there is no group {operators}", f"`sudo groupadd {operators}`"
+        )
+    elif operators is not None and operators not in user.groups:
+        text = f"{user.name} is not in the group {operators}, whose members alone approve, clear and resume"
+        yield warning("groups", text, f"`sudo usermod -aG {operators} {user.name}`, then log in again")
     else:
         yield passed("groups", "the groups that fleet.yaml names exist")
 
@@ -110,10 +112,13 @@ def check_files(facts: Facts) -> Iterator[Finding]:
     """Check that the files of open jobs exist and match their plans."""
     files = facts.files
     action = "`farm cancel` the job, and submit its model again"
-    for what, names in (("is missing", files.missing), ("has changed since it was planned", files.changed)):
-        yield from (problem("files", f"{name} {what}", action) for name in names[:_SHOWN])
+    for condition, names in (
+        ("is missing", files.missing),
+        ("has changed since it was planned", files.changed),
+    ):
+        yield from (problem("files", f"{name} {condition}", action) for name in names[:_SHOWN])
         if len(names) > _SHOWN:
-            yield problem("files", f"and {len(names) - _SHOWN} more: each {what}", action)
+            yield problem("files", f"and {len(names) - _SHOWN} more: each {condition}", action)
     if not files.missing and not files.changed:
         yield passed("files", f"{format_count(files.checked, 'file')} of open jobs, as planned")
 

@@ -174,8 +174,8 @@ def _check_port(section: PrinterSection) -> PortFacts:
 def _find_cura() -> CuraFacts:
     engine = engine_version = engine_error = resources = settings_version = resources_error = None
     try:
-        found = find_engine()
-        engine, engine_version = str(found), _read_engine_version(found)
+        engine_path = find_engine()
+        engine, engine_version = str(engine_path), _read_engine_version(engine_path)
     except SlicingError as error:
         engine_error = str(error)
     try:
@@ -192,8 +192,8 @@ def _read_engine_version(engine: Path) -> str | None:
         run = subprocess.run([engine, "help"], capture_output=True, text=True, timeout=_ENGINE_S, check=False)
     except (OSError, subprocess.SubprocessError, UnicodeDecodeError):
         return None
-    found = _ENGINE_VERSION.search(run.stdout + run.stderr)
-    return found.group(1) if found else None
+    match = _ENGINE_VERSION.search(run.stdout + run.stderr)
+    return match.group(1) if match else None
 
 
 def _read_settings_version(resources: Path) -> str | None:
@@ -201,8 +201,8 @@ def _read_settings_version(resources: Path) -> str | None:
         text = (resources / "definitions" / "fdmprinter.def.json").read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError):
         return None
-    found = _SETTINGS_VERSION.search(text)
-    return found.group(1) if found else None
+    match = _SETTINGS_VERSION.search(text)
+    return match.group(1) if match else None
 
 
 def _find_code() -> CodeFacts:
@@ -243,14 +243,14 @@ def _find_user(fleet: Fleet | None, state: StateFolder) -> UserFacts:
     for gid in {*os.getgroups(), os.getgid()}:
         with suppress(KeyError):
             groups.add(grp.getgrgid(gid).gr_name)
-    known = set()
+    users = set()
     for name in {fleet.fleet.group, fleet.fleet.operators} if fleet is not None else ():
         with suppress(KeyError):
-            known.add(grp.getgrnam(name or "").gr_name)
+            users.add(grp.getgrnam(name or "").gr_name)
     owner = None
     with suppress(OSError, KeyError):
         owner = pwd.getpwuid(state.root.stat().st_uid).pw_name
-    return UserFacts(getpass.getuser(), frozenset(groups), frozenset(known), owner)
+    return UserFacts(getpass.getuser(), frozenset(groups), frozenset(users), owner)
 
 
 def _measure_rooms(state: StateFolder) -> Iterator[RoomFacts]:

@@ -82,9 +82,9 @@ class PeerProtocol(H11Protocol):
             self.app_state: dict[str, Any] = {**self.app_state, "person": Person(uid, gid)}
 
     def data_received(self, data: bytes) -> None:
-        before = self.conn.their_state
+        previous_state = self.conn.their_state
         super().data_received(data)
-        if self.conn.their_state is h11.SEND_BODY or self.conn.their_state is not before:
+        if self.conn.their_state is h11.SEND_BODY or self.conn.their_state is not previous_state:
             # the limit applies to the whole head, and to each chunk of a body
             self._waiting_since_s = self.loop.time()
 

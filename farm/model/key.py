@@ -14,10 +14,10 @@ class Role(StrEnum):
     PRINT = "print"  # submit, pause and cancel
     OPERATE = "operate"  # approve, clear beds, load reels, end maintenance
 
-    def allows(self, needed: Role) -> bool:
+    def allows(self, role: Role) -> bool:
         """Return whether a caller with this role may do what needs another one."""
         order = list(Role)
-        return order.index(self) >= order.index(needed)
+        return order.index(self) >= order.index(role)
 
 
 class KeyKind(StrEnum):

@@ -62,10 +62,10 @@ class ProgressFile:
             first_share, began_s = self._first
             remaining_s = (now_s - began_s) * (1.0 - share) / (share - first_share)
         text = DecomposeProgress(share=share, remaining_s=remaining_s).model_dump_json()
-        written = self._path.with_suffix(".new")
+        new_file = self._path.with_suffix(".new")
         with suppress(OSError):  # on a full disk the decomposition itself may still succeed
-            written.write_text(text)
-            written.replace(self._path)
+            new_file.write_text(text)
+            new_file.replace(self._path)
 
 
 def read_progress(folder: Path) -> DecomposeProgress | None:

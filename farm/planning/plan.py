@@ -153,8 +153,8 @@ class SlicedJob:
         """
         busy_s = self.busy_s()
         late_s = self.makespan_s() - sum(busy_s.values()) / len(busy_s)
-        worth = late_s >= max(RELEVEL_LATE_S, RELEVEL_LATE_SHARE * self.makespan_s())
-        return self.decomposed.cut_record is not None and len(busy_s) == len(self.parts) and worth
+        saves_enough = late_s >= max(RELEVEL_LATE_S, RELEVEL_LATE_SHARE * self.makespan_s())
+        return self.decomposed.cut_record is not None and len(busy_s) == len(self.parts) and saves_enough
 
 
 @dataclass(frozen=True, slots=True)

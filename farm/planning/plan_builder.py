@@ -83,26 +83,26 @@ class PlanBuilder:
         reported: PlanProgress | None = None
         while True:
             await asyncio.sleep(_LOOK_S)
-            found = await asyncio.to_thread(read_progress, self.task.folder)
-            if found is None:
+            progress = await asyncio.to_thread(read_progress, self.task.folder)
+            if progress is None:
                 continue
-            share = found.share or None
-            now = PlanProgress(step=PlanStep.DECOMPOSING, share=share, remaining_s=found.remaining_s)
+            share = progress.share or None
+            now = PlanProgress(step=PlanStep.DECOMPOSING, share=share, remaining_s=progress.remaining_s)
             if now != reported:
                 reported = now
                 self._on_progress(now)
 
     async def _slice(self, task: DecomposeTask, decomposed: DecomposedJob) -> SlicedJob:
         """Slice all parts, and report the progress."""
-        done = cached = 0
+        sliced = cached = 0
 
         def report_progress() -> None:
-            step = PlanProgress(step=PlanStep.SLICING, done=done, of=len(decomposed.parts), cached=cached)
+            step = PlanProgress(step=PlanStep.SLICING, done=sliced, of=len(decomposed.parts), cached=cached)
             self._on_progress(step)
 
         def count_slice(result: PlateResult) -> None:
-            nonlocal done, cached
-            done += 1
+            nonlocal sliced, cached
+            sliced += 1
             cached += result.cached
             report_progress()
 
@@ -124,14 +124,14 @@ class PlanBuilder:
                 decomposed = await self._workers.run(relevel_parts, sliced, folder, limit=DECOMPOSING)
                 if decomposed is None:
                     break
-                moved = await self._slice(replace(sliced.task, folder=folder), decomposed)
+                relevelled = await self._slice(replace(sliced.task, folder=folder), decomposed)
             except FarmError as error:
                 log.warning("job %d: its cuts are not moved: %s", job, error)
                 break
             except Exception:  # the plan is valid without moved cuts
                 log.exception("job %d: its cuts are not moved", job)
                 break
-            if moved.makespan_s() >= sliced.makespan_s():
+            if relevelled.makespan_s() >= sliced.makespan_s():
                 break
-            sliced = moved
+            sliced = relevelled
         return sliced

@@ -138,18 +138,18 @@ def choose_printers(request: JobRequest, availability: Availability) -> Begin | 
     if arriving and availability.starting:
         return Hold(code=HoldCode.PRINTER_CONNECTING, text=f"connecting to {' '.join(arriving)}")
     coming = list_coming(matching, availability)
-    taken = availability.reserved | availability.kept.keys()
-    idle = [p for p in coming if p.obstacle() is None and p.name not in taken]
-    offered = idle if idle and not request.starts_later else coming
-    granted, least = request.limit(len(offered)), request.least_parts
-    if least > granted:
+    reserved = availability.reserved | availability.kept.keys()
+    idle = [p for p in coming if p.obstacle() is None and p.name not in reserved]
+    candidates = idle if idle and not request.starts_later else coming
+    number, least = request.limit(len(candidates)), request.least_parts
+    if least > number:
         most = request.limit(len(coming))
         if least > most:
-            return Begin(tuple(p.name for p in offered[:granted]), rounds=-(-least // granted))
-        offered, granted = coming, most
+            return Begin(tuple(p.name for p in candidates[:number]), rounds=-(-least // number))
+        candidates, number = coming, most
     # The largest first: two requested printers are the best two.
-    largest = sorted(offered, key=lambda p: (-p.capabilities.height_mm, p.name))
-    return Begin(tuple(sorted(p.name for p in largest[:granted])))
+    largest = sorted(candidates, key=lambda p: (-p.capabilities.height_mm, p.name))
+    return Begin(tuple(sorted(p.name for p in largest[:number])))
 
 
 def list_coming(matching: list[FleetPrinter], availability: Availability) -> list[FleetPrinter]:
@@ -180,13 +180,13 @@ def choose_printers_beside(
     promises
         The reserved printers of the jobs that are being planned.
     """
-    others = list(promises)
-    all_kept = availability.keeping(others)
-    taken = all_kept.reserved | all_kept.kept.keys()
-    free = (p for p in availability.printers if p.obstacle() is None and p.name not in taken)
+    other_jobs = list(promises)
+    all_kept = availability.keeping(other_jobs)
+    reserved = all_kept.reserved | all_kept.kept.keys()
+    free = (p for p in availability.printers if p.obstacle() is None and p.name not in reserved)
     if any(request.requirements.matches(p.capabilities) for p in free):
         return choose_printers(request, all_kept)
-    stronger = (other for other in others if other.priority >= priority)
+    stronger = (promise for promise in other_jobs if promise.priority >= priority)
     return choose_printers(request, availability.keeping(stronger))
 
 
@@ -308,12 +308,12 @@ def kept_printers(situation: Situation, reserved: Mapping[str, str]) -> dict[str
     reserved
         Printers for which plates are being replanned, with the plate.
     """
-    soon: Iterable[Assignment] = ()
+    assignments: Iterable[Assignment] = ()
     if situation.rules.max_heating is not None:  # plates that start once another printer has heated up
-        soon = assign_plates(replace(situation, rules=replace(situation.rules, max_heating=None)))
+        assignments = assign_plates(replace(situation, rules=replace(situation.rules, max_heating=None)))
     return {
         **dict.fromkeys(situation.kept, SPARE_USE),
-        **{each.printer: each.plate for each in soon},
+        **{assignment.printer: assignment.plate for assignment in assignments},
         **reserved,
     }
 

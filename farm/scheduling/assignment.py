@@ -54,7 +54,7 @@ def find_holds(situation: Situation, assignments: Iterable[Assignment]) -> dict[
     assignments
         The result of `assign_plates`.
     """
-    given = {each.plate: each.printer for each in assignments}
+    given = {assignment.plate: assignment.printer for assignment in assignments}
     starts, limit = _allowed_starts(situation), situation.rules.max_heating
     full = limit if len(given) >= starts else None
     reasons = HoldReasons(situation, frozenset(given.values()), situation.kept, full)
@@ -80,8 +80,8 @@ def _allowed_starts(situation: Situation) -> int:
 def _match(situation: Situation) -> dict[str, WaitingPlate]:
     """Match free printers with waiting plates; return the plate of each printer that gets one."""
     kinds = {printer.capabilities for printer in situation.free}
-    met = {demand for demand in situation.demands if any(kind.meets(demand) for kind in kinds)}
-    used = {kind for kind in kinds if any(kind.meets(demand) for demand in met)}
+    met_demands = {demand for demand in situation.demands if any(kind.meets(demand) for kind in kinds)}
+    used = {kind for kind in kinds if any(kind.meets(demand) for demand in met_demands)}
     free = [printer for printer in situation.free if printer.capabilities in used]
     if not free:
         return {}
@@ -96,5 +96,5 @@ def _match(situation: Situation) -> dict[str, WaitingPlate]:
         rules=situation.rules,
         now_s=situation.now_s,
     )
-    plates = (plate for plate in situation.by_priority if plate.demand in met)
+    plates = (plate for plate in situation.by_priority if plate.demand in met_demands)
     return match_plates(groupby(plates, key=attrgetter("turn")), inputs)

@@ -75,7 +75,7 @@ def forecast_prints(situation: Situation, bounded: bool = True) -> Forecast:
     simulation = _Simulation(situation, coming)
     simulation.run()
     slots = sorted(simulation.slots, key=lambda slot: (slot.starts_s, slot.printer))
-    left = tuple(plate.id for plates in simulation.queue.values() for plate in plates.values())
+    unplaced = tuple(plate.id for plates in simulation.queue.values() for plate in plates.values())
     ends_s = max((slot.ends_s for slot in slots), default=now_s)
     bound_s = now_s
     if bounded:
@@ -83,7 +83,7 @@ def forecast_prints(situation: Situation, bounded: bool = True) -> Forecast:
         plates = [plate for plate in situation.by_priority if plate.id in started]
         ready_s = {p.name: _ready_s(p, rules, now_s) for p in coming}
         bound_s = _lower_bound_s(plates, _fitting(plates, coming), ready_s, rules, now_s)
-    return Forecast(tuple(slots), left, ends_s, min(bound_s, ends_s))
+    return Forecast(tuple(slots), unplaced, ends_s, min(bound_s, ends_s))
 
 
 class _Simulation:
@@ -132,9 +132,9 @@ class _Simulation:
         else:
             self._push(ready_s, _READY, printer.name)
 
-    def _push(self, at_s: float, kind: int, about: object) -> None:
+    def _push(self, at_s: float, kind: int, subject: object) -> None:
         if at_s >= self._now_s:
-            heapq.heappush(self._changes, (at_s, kind, str(about), about))
+            heapq.heappush(self._changes, (at_s, kind, str(subject), subject))
 
     def run(self) -> None:
         """Simulate until no plate waits, or no waiting plate can ever start."""
@@ -151,8 +151,8 @@ class _Simulation:
             elif change_s == math.inf:
                 return
             else:
-                self._now_s, kind, _, about = heapq.heappop(self._changes)
-                self._apply(kind, about)
+                self._now_s, kind, _, subject = heapq.heappop(self._changes)
+                self._apply(kind, subject)
             if self._match():
                 give_up_s = self._now_s + _FARTHEST_S
 
@@ -160,13 +160,13 @@ class _Simulation:
         edges = (self._rules.attended.edge_s(self._now_s), self._rules.quiet.edge_s(self._now_s))
         return min((edge_s for edge_s in edges if edge_s is not None), default=math.inf)
 
-    def _apply(self, kind: int, about: object) -> None:
+    def _apply(self, kind: int, subject: object) -> None:
         if kind == _READY:
-            self._idle.add(str(about))
+            self._idle.add(str(subject))
         elif kind == _HEATED:
             self._heating -= 1
-        elif kind == _END and isinstance(about, int):
-            self._end_print(about)
+        elif kind == _END and isinstance(subject, int):
+            self._end_print(subject)
         elif kind == _HOURS:
             self._stuck.clear()
 
@@ -199,12 +199,12 @@ class _Simulation:
             rules=self._rules,
             now_s=self._now_s,
         )
-        taken = match_plates(((turn, plates.values()) for turn, plates in self.queue.items()), inputs)
-        for name, plate in taken.items():
+        starting = match_plates(((turn, plates.values()) for turn, plates in self.queue.items()), inputs)
+        for name, plate in starting.items():
             self._start(plate, name)
-        if len(taken) < starts:
-            self._stuck |= free - taken.keys()
-        return bool(taken)
+        if len(starting) < starts:
+            self._stuck |= free - starting.keys()
+        return bool(starting)
 
     def _kept_spares(self, planned: Collection[str]) -> frozenset[str]:
         if not self._spares or self._rules.is_attended(self._now_s):

@@ -182,7 +182,11 @@ class HoldReasons:
 
     def find(self, plate: WaitingPlate) -> Hold:
         """Return why a plate waits: preferably a reason that ends by itself, and how to end it sooner."""
-        lacking = tuple(each for each in self._capabilities if not plate.requirements.matches(each))
+        lacking = tuple(
+            capabilities
+            for capabilities in self._capabilities
+            if not plate.requirements.matches(capabilities)
+        )
         if lacking not in self._matching:
             self._matching[lacking] = tuple(
                 n for n, p in self._situation.fleet.items() if p.capabilities not in lacking

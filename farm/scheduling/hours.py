@@ -87,20 +87,20 @@ def parse_moment_s(text: str, now_s: float, zone: tzinfo) -> float:
         If it cannot be read, has passed or is more than a year ahead; the message says what to write.
     """
     now = datetime.fromtimestamp(now_s, zone)
-    found = _TIME.fullmatch(text.strip().lower())
+    match = _TIME.fullmatch(text.strip().lower())
     try:
-        if found is None:
-            then = datetime.fromisoformat(text.strip())
-            at_s = (then if then.tzinfo is not None else then.replace(tzinfo=zone)).timestamp()
+        if match is None:
+            moment = datetime.fromisoformat(text.strip())
+            at_s = (moment if moment.tzinfo is not None else moment.replace(tzinfo=zone)).timestamp()
         else:
-            day, hour, minute = found.groups()
+            day, hour, minute = match.groups()
             if day is not None and day not in DAYS:
                 raise ValueError(f"{day!r} is not a day of the week")
             at_s = _next(now, day, int(hour), int(minute)).timestamp()
     except ValueError as error:
         example = "write it like 22:00, fri 22:00 or 2026-11-21T22:00"
-        why = f" ({error})" if found is not None else ""
-        raise ValueError(f"{text!r} is not a time{why}; {example}") from error
+        cause = f" ({error})" if match is not None else ""
+        raise ValueError(f"{text!r} is not a time{cause}; {example}") from error
     if at_s <= now_s:
         raise ValueError(f"{text!r} has passed: it is {now:%a %Y-%m-%d %H:%M}")
     if at_s > now_s + _FARTHEST_S:
@@ -110,12 +110,12 @@ def parse_moment_s(text: str, now_s: float, zone: tzinfo) -> float:
 
 def _next(now: datetime, day: str | None, hour: int, minute: int) -> datetime:
     """Return the next occurrence of a local time, which daylight saving may repeat."""
-    then = now.replace(hour=hour, minute=minute, second=0, microsecond=0, fold=0)
+    moment = now.replace(hour=hour, minute=minute, second=0, microsecond=0, fold=0)
     for _ in range(9):
-        second = then.replace(fold=1)  # an hour later if it occurs twice, earlier if it is skipped
-        if day is None or DAYS[then.weekday()] == day:
-            for candidate in (then, second) if second.timestamp() > then.timestamp() else (then,):
+        second = moment.replace(fold=1)  # an hour later if it occurs twice, earlier if it is skipped
+        if day is None or DAYS[moment.weekday()] == day:
+            for candidate in (moment, second) if second.timestamp() > moment.timestamp() else (moment,):
                 if candidate.timestamp() > now.timestamp():
                     return candidate
-        then += timedelta(days=1)
+        moment += timedelta(days=1)
     raise AssertionError("a week has every day")

@@ -192,22 +192,22 @@ class _Matching:
 
     def _failed_everywhere(self, plate: WaitingPlate) -> bool:
         """Return whether a plate failed on every printer that matches."""
-        others = (p for p in self._inputs.fleet.values() if p.name not in plate.failed_on)
-        return not any(plate.requirements.matches(p.capabilities) for p in others)
+        untried = (p for p in self._inputs.fleet.values() if p.name not in plate.failed_on)
+        return not any(plate.requirements.matches(p.capabilities) for p in untried)
 
     def _able(self, plate: WaitingPlate) -> list[str]:
         """Return the free printers that can take a plate now, the lowest first."""
         inputs, grams = self._inputs, needed_grams(plate)
-        found: list[str] = []
+        names: list[str] = []
         for kind in self._kinds:
             if (
                 grams <= kind.grams
                 and kind.window.allows(plate)
                 and plate.requirements.matches(kind.capabilities)
             ):
-                found += [n for n in kind.names if grams <= _grams(inputs.fleet[n]) and self._may(plate, n)]
-        found.sort(key=self._rank.__getitem__)
-        return found
+                names += [n for n in kind.names if grams <= _grams(inputs.fleet[n]) and self._may(plate, n)]
+        names.sort(key=self._rank.__getitem__)
+        return names
 
     def _may(self, plate: WaitingPlate, name: str) -> bool:
         return name not in self._inputs.kept or takes_spare(plate, self._inputs.fleet)

@@ -161,9 +161,9 @@ class SituationBuilder:
         """Describe the waiting plates of printing jobs, in the order in which they are served."""
         printing = [job for job in books.jobs.values() if job.state is JobState.PRINTING]
         printing.sort(key=lambda job: job.turn)
-        known = {job.id: self._plates(books, job) for job in printing}
-        self._jobs = {number: self._jobs[number] for number in known}
-        return tuple(chain.from_iterable(plates.waiting for plates in known.values()))
+        plates_by_job = {job.id: self._plates(books, job) for job in printing}
+        self._jobs = {number: self._jobs[number] for number in plates_by_job}
+        return tuple(chain.from_iterable(plates.waiting for plates in plates_by_job.values()))
 
     def may_hold_back(self, books: Books, job: Job) -> bool:
         """Return whether a plate of a printing job may be held back by the job's own state."""
@@ -200,7 +200,7 @@ def describe_plates(plates: Iterable[Plate], books: Books) -> Iterator[WaitingPl
     """Describe plates of planned jobs."""
     for plate in plates:
         job = books.job(plate.job)
-        wanted = job.options.printers
+        printers = job.options.printers
         yield WaitingPlate(
             id=plate.id,
             job=plate.job,
@@ -214,7 +214,7 @@ def describe_plates(plates: Iterable[Plate], books: Books) -> Iterator[WaitingPl
             time_factor=plate.time_factor,
             first_layer_s=plate.first_layer_s,
             failed_on=frozenset(p.printer for p in books.prints_of(plate) if p.state is PrintState.FAILED),
-            places=None if wanted is None else max(0, wanted - sum(1 for _ in books.open_prints(job.id))),
+            places=None if printers is None else max(0, printers - sum(1 for _ in books.open_prints(job.id))),
             tried=bool(plate.prints),
             not_before_s=job.not_before_s,
         )
@@ -280,11 +280,11 @@ def find_print_limits(attempt: Print, books: Books, situation: Situation) -> Pri
 
 def job_requirements(job: Job) -> Requirements:
     """Return the requirements of a job that is not planned yet."""
-    own = job.own_gcode
+    own_gcode = job.own_gcode
     return Requirements(
         material=job.options.material,
         colour=job.options.colour,
-        nozzle_mm=own.nozzle_mm if own else None,
+        nozzle_mm=own_gcode.nozzle_mm if own_gcode else None,
         only=job.options.only,
-        box=(*own.min_mm[:2], *own.max_mm) if own else None,
+        box=(*own_gcode.min_mm[:2], *own_gcode.max_mm) if own_gcode else None,
     )

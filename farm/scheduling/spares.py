@@ -17,11 +17,15 @@ def spare_printers(printers: Iterable[FleetPrinter], planned: Collection[str], s
 
 def takes_spare(plate: WaitingPlate, fleet: Mapping[str, FleetPrinter]) -> bool:
     """Return whether a plate may take a spare: it failed elsewhere, or its own printer is out of use."""
-    own = fleet.get(plate.planned)
-    if plate.failed_on or own is None or not plate.requirements.matches(own.capabilities):
+    planned_printer = fleet.get(plate.planned)
+    if (
+        plate.failed_on
+        or planned_printer is None
+        or not plate.requirements.matches(planned_printer.capabilities)
+    ):
         return True
     return (
-        own.maintenance is not None
-        or own.attention_reason is not None
-        or own.link in (Link.ABSENT, Link.FAULT)
+        planned_printer.maintenance is not None
+        or planned_printer.attention_reason is not None
+        or planned_printer.link in (Link.ABSENT, Link.FAULT)
     )

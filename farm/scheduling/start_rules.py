@@ -114,18 +114,18 @@ class StartRules:
             at_s = plate.not_before_s
             reason = Hold(code=HoldCode.START_TIME, text=f"its job starts {self.format_moment(at_s, from_s)}")
         while at_s < from_s + _FARTHEST_S:
-            for moved in (
+            for start in (
                 self._after_quiet_hours(plate, at_s, from_s),
                 self._attended_start(plate, printer, at_s, from_s),
             ):
-                if moved is not None:
+                if start is not None:
                     break
             else:
                 return Start(at_s, reason)
-            reason = moved.reason
-            if moved.at_s is None:
-                return moved
-            at_s = moved.at_s
+            reason = start.reason
+            if start.at_s is None:
+                return start
+            at_s = start.at_s
         text = f"it takes {format_duration(plate.expected_s)}: longer than the hours in fleet.yaml ever allow"
         return Start(None, Hold(code=HoldCode.TOO_LONG, text=text))
 
@@ -275,10 +275,10 @@ def needed_grams(plate: WaitingPlate) -> float:
 
 def short_of_filament(plate: WaitingPlate, printer: FleetPrinter, grams: float | None) -> Hold | None:
     """Return a hold if a reel has too few grams for a plate; None if it has enough, or is unknown."""
-    needed = needed_grams(plate)
-    if grams is None or grams >= needed:
+    grams_needed = needed_grams(plate)
+    if grams is None or grams >= grams_needed:
         return None
-    has, needs = f"{printer.name} has {grams:.0f} g", f"needs {needed:.0f} g"
+    has, needs = f"{printer.name} has {grams:.0f} g", f"needs {grams_needed:.0f} g"
     return Hold(
         code=HoldCode.REEL_TOO_SHORT,
         text=f"{has}, it {needs}: load a reel, then `farm load {printer.name}`",

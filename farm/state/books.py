@@ -69,8 +69,8 @@ class Books:
         try:
             return self.printers[name]
         except KeyError:
-            known = ", ".join(sorted(self.printers)) or "none"
-            raise NoSuchThing(f"there is no printer {name}; the fleet has {known}") from None
+            names = ", ".join(sorted(self.printers)) or "none"
+            raise NoSuchThing(f"there is no printer {name}; the fleet has {names}") from None
 
     def key(self, name: str) -> Key:
         try:
@@ -111,8 +111,8 @@ class Books:
 
     def unjudged_restored_prints(self, printer: str) -> Iterator[Print]:
         """Yield the prints of a printer that were done after the backup, whose verdicts are unknown."""
-        done = (p for p in self.prints.values() if p.printer == printer and p.state is PrintState.DONE)
-        return (p for p in done if p.restored and p.verdict is None)
+        prints = (p for p in self.prints.values() if p.printer == printer and p.state is PrintState.DONE)
+        return (p for p in prints if p.restored and p.verdict is None)
 
     @property
     def next_number(self) -> int:

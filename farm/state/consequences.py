@@ -47,10 +47,10 @@ def update_job_state(books: Books, number: int, at_s: float, reopen: bool = Fals
 def _why_failed(books: Books, job: Job) -> str:
     out_of_attempts = [p for p in books.plates_of(job) if books.plate_state(p) is PlateState.OUT_OF_ATTEMPTS]
     failed = charged_failures(out_of_attempts[0], books.prints_of(out_of_attempts[0]))
-    others = f" (and {len(out_of_attempts) - 1} more plates)" if len(out_of_attempts) > 1 else ""
+    more_plates = f" (and {len(out_of_attempts) - 1} more plates)" if len(out_of_attempts) > 1 else ""
     return (
         f"plate {out_of_attempts[0].id} failed {len(failed)} times, last on {failed[-1].printer}: "
-        f"{failed[-1].reason or failed[-1].fault}{others}"
+        f"{failed[-1].reason or failed[-1].fault}{more_plates}"
     )
 
 

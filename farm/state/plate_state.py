@@ -51,9 +51,9 @@ def derive_plate_state(plate: Plate, prints: Collection[Print]) -> PlateState:
         return PlateState.REPLACED
     if not prints:  # most of a large queue
         return PlateState.CANCELLED if plate.cancelled else PlateState.WAITING
-    done = successful_print(prints)
-    if done is not None:
-        return PlateState.GOOD if done.verdict is Verdict.GOOD else PlateState.PRINTED
+    success = successful_print(prints)
+    if success is not None:
+        return PlateState.GOOD if success.verdict is Verdict.GOOD else PlateState.PRINTED
     if plate.cancelled:
         return PlateState.CANCELLED
     if any(not p.state.ended for p in prints):

@@ -133,8 +133,8 @@ def pending_instructions(
             yield ev.SendCancel(print_id=attempt.id, printer=attempt.printer, reason=reason)
     elif report is not None:
         if report.state is (PrintState.PRINTING if attempt.pause_requested else PrintState.PAUSED):
-            wanted = attempt.pause_requested
-            yield ev.SendPause(print_id=attempt.id, printer=attempt.printer, wanted=wanted)
+            pause_requested = attempt.pause_requested
+            yield ev.SendPause(print_id=attempt.id, printer=attempt.printer, wanted=pause_requested)
     elif attempt.state is PrintState.ASSIGNED and not attempt.restored and snapshot.link is Link.READY:
         yield ev.SendStart(print_id=attempt.id, printer=attempt.printer)
 
@@ -235,10 +235,10 @@ def import_agent_journal(
             if plate is None:
                 unknown += report.state is PrintState.DONE or not report.state.ended
                 continue
-            found = ev.PrintFound(
+            print_found = ev.PrintFound(
                 at_s=report.started_s or now_s, plate=plate.id, printer=name, print_id=report.print_id
             )
-            yield from applied([found])
+            yield from applied([print_found])
             attempt = books.prints[report.print_id]
         if not attempt.state.ended:
             yield from applied(reconcile_print(attempt, snapshot.model_copy(update={"print": report}), now_s))

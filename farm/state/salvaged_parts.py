@@ -42,13 +42,17 @@ def possibly_whole_print(books: Books, printer: str) -> Print | None:
     soonest_s = _SOONEST * plate.sliced_s * books.printer(printer).time_factor
     if attempt.ended_s - attempt.started_s < soonest_s:
         return None
-    wanted = any(books.plate_state(plate) in _WANTED for plate in attempted_plates(books, attempt))
-    return attempt if wanted else None
+    is_missing = any(books.plate_state(plate) in _WANTED for plate in attempted_plates(books, attempt))
+    return attempt if is_missing else None
 
 
 def reprinting_printers(books: Books, attempt: Print) -> list[str]:
     """Return the printers that are printing a print's part again."""
-    return sorted(other.printer for other in _reprints(books, attempt) if other.cancel_reason is None)
+    return sorted(
+        attempt_again.printer
+        for attempt_again in _reprints(books, attempt)
+        if attempt_again.cancel_reason is None
+    )
 
 
 def attempted_plates(books: Books, attempt: Print) -> Iterator[Plate]:

@@ -149,13 +149,13 @@ class Upkeep:
         books = self._controller.books
         files = await asyncio.to_thread(list_files, self._state.files)
         numbers = self._select(files, books, now_s)
-        after = books
+        changed_books = books
         for number in numbers:
-            after, _ = apply(ev.JobPruned(at_s=now_s, job=number, by=THE_FARM), after)
+            changed_books, _ = apply(ev.JobPruned(at_s=now_s, job=number, by=THE_FARM), changed_books)
         wall_s = time.time()
-        going = {
+        released = {
             name
-            for names, least_age_s in self._list_deletions(files, after)
+            for names, least_age_s in self._list_deletions(files, changed_books)
             for name in names
             if wall_s - files[name].stored_s >= least_age_s
         }
@@ -163,8 +163,8 @@ class Upkeep:
         return api.Pruned(
             dry_run=True,
             jobs=[self._describe(books.jobs[number], files, books) for number in numbers],
-            freed_bytes=sum(files[name].size_bytes for name in going),
-            stored_bytes=sum(file.size_bytes for name, file in files.items() if name not in going),
+            freed_bytes=sum(files[name].size_bytes for name in released),
+            stored_bytes=sum(file.size_bytes for name, file in files.items() if name not in released),
             events=self._store.count_events(old),
         )
 
@@ -194,8 +194,8 @@ class Upkeep:
             return 0
         self._controller.handle(ev.EventsCompacted(at_s=now_s, last=last, backup=backup.name))
         deleted = 0
-        while some := self._store.delete_events(last):
-            deleted += some
+        while batch := self._store.delete_events(last):
+            deleted += batch
             await asyncio.sleep(0)  # agents and people are served in between
         self._store.release_space()
         return deleted

@@ -82,18 +82,18 @@ def summarise_night(books: Books, recent: Iterable[Print], now_s: float) -> Nigh
     ended = [p for p in recent if p.ended_s is not None and p.ended_s >= since_s and p.started_s is not None]
     if not ended:
         return None
-    done = {p.plate for p in ended if not is_wasted(p)}
-    failed = {p.plate for p in ended if p.state is PrintState.FAILED} - done
+    printed_plates = {p.plate for p in ended if not is_wasted(p)}
+    failed = {p.plate for p in ended if p.state is PrintState.FAILED} - printed_plates
     failed = {name for name in failed if not books.plates[name].replaced_by}  # pieces wait
-    printing = {p.plate for p in books.open_prints()} - done
-    waiting = {plate.id for plate in books.waiting_plates()} - done - failed
+    printing = {p.plate for p in books.open_prints()} - printed_plates
+    waiting = {plate.id for plate in books.waiting_plates()} - printed_plates - failed
     grams = [(is_wasted(p), p.grams) for p in ended]
     return NightSummary(
         since_s=since_s,
-        printed=len(done),
+        printed=len(printed_plates),
         failed=len(failed - printing),
         printing=len(printing),
         waiting=len(waiting),
-        grams=sum(used for lost, used in grams if not lost),
-        wasted_grams=sum(used for lost, used in grams if lost),
+        grams=sum(used for wasted, used in grams if not wasted),
+        wasted_grams=sum(used for wasted, used in grams if wasted),
     )

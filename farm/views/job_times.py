@@ -102,15 +102,15 @@ def list_runs(job: Job, prints: Sequence[Print], now_s: float) -> Iterator[Run]:
     print belongs to the run in which its printer was chosen.
     """
     since_s = float("-inf")
-    closed = [(each.ended_s, each.reopened_s) for each in job.reopenings]
+    closed = [(reopening.ended_s, reopening.reopened_s) for reopening in job.reopenings]
     for ended_s, until_s in [*closed, (job.ended_s, float("inf"))]:
-        own = [p for p in prints if since_s <= p.assigned_s < until_s]
-        started_s = [p.started_s for p in own if p.started_s is not None]
+        run_prints = [p for p in prints if since_s <= p.assigned_s < until_s]
+        started_s = [p.started_s for p in run_prints if p.started_s is not None]
         since_s = until_s
         if not started_s:
             continue
         end_s = max(min(started_s), now_s if ended_s is None else ended_s)
-        printers = frozenset(p.printer for p in own if p.started_s is not None or not p.state.ended)
+        printers = frozenset(p.printer for p in run_prints if p.started_s is not None or not p.state.ended)
         yield Run(min(started_s), end_s, printers, ended_s is None)
 
 
@@ -118,15 +118,15 @@ def _utilisation(
     books: Books, job: Job, plates: Sequence[Plate], runs: Sequence[Run], makespan_s: float
 ) -> float | None:
     """Return the printing time of a job's plates over that of the printers used in each run."""
-    left = [p for p in plates if books.plate_state(p) in _LEFT]
-    done = [p for p in books.prints_of_job(job) if p.state is PrintState.DONE and not is_wasted(p)]
-    busy_s = sum(map(duration_s, done)) + sum(plate.expected_s for plate in left)
+    unfinished = [p for p in plates if books.plate_state(p) in _LEFT]
+    successes = [p for p in books.prints_of_job(job) if p.state is PrintState.DONE and not is_wasted(p)]
+    busy_s = sum(map(duration_s, successes)) + sum(plate.expected_s for plate in unfinished)
     ended = [run for run in runs if not run.open]
     available_s = sum(len(run.printers) * run.length_s for run in ended)
     if not job.state.ended:
         present = frozenset().union(*(run.printers for run in runs if run.open))
-        planned = frozenset(p.printer for p in left if not p.prints)
-        used = present | planned or frozenset(p.printer for p in left)
+        planned = frozenset(p.printer for p in unfinished if not p.prints)
+        used = present | planned or frozenset(p.printer for p in unfinished)
         available_s += len(used) * max(0.0, makespan_s - sum(run.length_s for run in ended))
     return busy_s / available_s if available_s else None
 

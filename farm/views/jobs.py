@@ -90,8 +90,8 @@ def _exit_code(job: Job) -> ExitCode:
 def sum_prices(plates: Iterable[Plate]) -> float | None:
     """Add up the prices of plates; None if one of them has none."""
     prices = [plate.price for plate in plates]
-    known = [price for price in prices if price is not None]
-    return sum(known) if prices and len(known) == len(prices) else None
+    known_prices = [price for price in prices if price is not None]
+    return sum(known_prices) if prices and len(known_prices) == len(prices) else None
 
 
 def _waits_for_person(context: ViewContext, job: Job, plates: list[Plate]) -> bool:
@@ -152,18 +152,18 @@ def _still_view(context: ViewContext, attempt: Print, still: Still) -> api.Still
 
 def _verdict(books: Books, plate: Plate) -> Verdict | None:
     """Return a person's verdict on the last print that was done."""
-    done = [attempt for attempt in books.prints_of(plate) if attempt.state is PrintState.DONE]
-    return done[-1].verdict if done else None
+    successes = [attempt for attempt in books.prints_of(plate) if attempt.state is PrintState.DONE]
+    return successes[-1].verdict if successes else None
 
 
 def _plate_view(context: ViewContext, plate: Plate, files: str | None) -> api.PlateStatus:
-    own = [
+    own_prints = [
         p for p in context.books.prints_of(plate) if p.plate == plate.id
     ]  # not of the part it was cut from
     return api.PlateStatus(
         id=plate.id,
         parts=list(plate.parts),
-        printer=own[-1].printer if own else plate.printer,
+        printer=own_prints[-1].printer if own_prints else plate.printer,
         gcode=_file_path(files, plate.gcode),
         estimated_s=plate.expected_s,
         grams=plate.grams,

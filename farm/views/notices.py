@@ -37,7 +37,7 @@ def list_due_notices(books: Books, now_s: float, since_s: float, sent: Collectio
     sent
         Keys of the notices already sent.
     """
-    found = [
+    notices = [
         *_list_alarms(books),
         *_list_jobs(books),
         *_list_parts(books),
@@ -46,7 +46,7 @@ def list_due_notices(books: Books, now_s: float, since_s: float, sent: Collectio
         *_list_all_ended(books),
     ]
     wait_s = books.outage_window_s  # in both directions: the clock may have been set back
-    due = (n for n in found if n.urgent or abs(now_s - n.at_s) >= wait_s)
+    due = (n for n in notices if n.urgent or abs(now_s - n.at_s) >= wait_s)
     new = (n for n in due if since_s <= n.at_s and n.key not in sent)
     return sorted(new, key=lambda notice: (notice.at_s, notice.key))
 
@@ -81,8 +81,8 @@ def _list_parts(books: Books) -> Iterator[Notice]:
         if not failed or attempt.ended_s is None or _is_in_outage(books, attempt.printer, attempt.ended_s):
             continue
         part = books.plates[attempt.plate].parts[0]
-        why = attempt.reason or attempt.fault
-        yield Notice(f"print {attempt.id}", attempt.ended_s, f"{part} failed on {attempt.printer}: {why}")
+        reason = attempt.reason or attempt.fault
+        yield Notice(f"print {attempt.id}", attempt.ended_s, f"{part} failed on {attempt.printer}: {reason}")
 
 
 def _list_losses(books: Books) -> Iterator[Notice]:

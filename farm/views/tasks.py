@@ -41,15 +41,15 @@ _ORDER = {
 def list_tasks(context: ViewContext) -> list[api.Todo]:
     """List the tasks of people, most urgent first; each printer appears once."""
     outage = context.books.outage
-    lost = () if outage is None else outage.printers
+    lost_printers = () if outage is None else outage.printers
     tasks = list(_list_farm_tasks(context))
     if outage is not None:
         tasks.append(_describe_outage(context, outage))
     occupied = []
     for section in context.fleet.printers:
-        found = list(_list_printer_tasks(context, section, section.name in lost))
-        tasks += found
-        if not found and _needs_clearing(context, section.name) and section.name not in lost:
+        listed = list(_list_printer_tasks(context, section, section.name in lost_printers))
+        tasks += listed
+        if not listed and _needs_clearing(context, section.name) and section.name not in lost_printers:
             occupied.append(section.name)
     if occupied:
         beds = format_count(len(occupied), "bed")
@@ -101,25 +101,25 @@ def _list_printer_tasks(context: ViewContext, section: PrinterSection, lost: boo
     attention = entry.attention_reason
     reason = attention or (snapshot.reason if snapshot.link is Link.FAULT else None)
     if section.enabled and _is_absent(context, snapshot):
-        also = f"; and inspect it: {attention}" if attention else ""
+        addition = f"; and inspect it: {attention}" if attention else ""
         if entry.unreported_since_s is not None:
-            also += "; what it printed since the backup of the database is unknown"
-        what = f"{name}: {snapshot.reason or 'no answer'}"
-        yield api.Todo(code="connect", printers=[name], text=f"connect {what}{also}", brief=what)
+            addition += "; what it printed since the backup of the database is unknown"
+        problem = f"{name}: {snapshot.reason or 'no answer'}"
+        yield api.Todo(code="connect", printers=[name], text=f"connect {problem}{addition}", brief=problem)
     elif snapshot.outdated and attention is None:
-        what = f"{name} {snapshot.reason}"
-        yield api.Todo(code="replace", printers=[name], text=what, brief=what)
+        problem = f"{name} {snapshot.reason}"
+        yield api.Todo(code="replace", printers=[name], text=problem, brief=problem)
     elif reason:
         ask = _ask_whole(context, name)
-        since = ""
+        since_text = ""
         if attention is not None and entry.attention_since_s is not None:
             at, now = (
                 datetime.fromtimestamp(moment_s, context.fleet.zone)
                 for moment_s in (entry.attention_since_s, context.now_s)
             )
-            since = f" ({format_recent(at, now)})"
+            since_text = f" ({format_recent(at, now)})"
         text = f"inspect {name}: {reason}; then `farm cleared {name}`{ask}"
-        yield api.Todo(code="look", printers=[name], text=text, brief=f"{name}: {reason}{since}{ask}")
+        yield api.Todo(code="look", printers=[name], text=text, brief=f"{name}: {reason}{since_text}{ask}")
     elif attempt is not None:
         left_s, zone = context.remaining_s(attempt), context.fleet.zone
         yield from list_deadlines(attempt, context.reported_print(attempt), left_s, context.now_s, zone)
@@ -181,24 +181,24 @@ def list_deadlines(
     def describe_moment(at_s: float) -> str:
         return format_moment(datetime.fromtimestamp(at_s, zone), datetime.fromtimestamp(now_s, zone))
 
-    name, found = attempt.printer, []
+    name, deadlines = attempt.printer, []
     hours_s = math.inf if reported.ends_by_s is None else reported.ends_by_s
     waits = attempt.state is PrintState.PAUSED and attempt.pause_requested  # not parking, not resumed
     if waits and reported.pause_ends_s is not None:
         by = describe_moment(min(reported.pause_ends_s, hours_s))
         text = f"resume {name} by {by}, or its print will be ended: `farm resume {name}`"
-        found.append(api.Todo(code="resume", printers=[name], text=text))
+        deadlines.append(api.Todo(code="resume", printers=[name], text=text))
     end_s = now_s + remaining_s
     if end_s > hours_s:
-        what = (
+        action = (
             f"{name} needs until {describe_moment(end_s)}, but its print ends at {describe_moment(hours_s)}"
         )
         text = (
-            f"{what}, when the attended hours end: if somebody stays, extend `attended` in "
+            f"{action}, when the attended hours end: if somebody stays, extend `attended` in "
             "fleet.yaml and restart the daemon"
         )
-        found.append(api.Todo(code="hours", printers=[name], text=text, brief=what))
-    return found
+        deadlines.append(api.Todo(code="hours", printers=[name], text=text, brief=action))
+    return deadlines
 
 
 # -- jobs that wait for a person ----------------------------------------------------------------------------
@@ -222,9 +222,9 @@ def _list_held_jobs(books: Books) -> Iterator[api.Todo]:
     for job in held:
         if not job.options.dry_run:
             grams = sum(plate.grams for plate in books.plates_of(job))
-            what = f"job {job.id} ({format_count(len(job.parts), 'part')}, {format_mass(grams)})"
-            text = f"approve {what}: `farm approve {job.id}`"
-            yield api.Todo(code="approve", printers=[], text=text, brief=what)
+            subject = f"job {job.id} ({format_count(len(job.parts), 'part')}, {format_mass(grams)})"
+            text = f"approve {subject}: `farm approve {job.id}`"
+            yield api.Todo(code="approve", printers=[], text=text, brief=subject)
 
 
 def _list_stopped_parts(books: Books) -> Iterator[api.Todo]:
@@ -235,15 +235,15 @@ def _list_stopped_parts(books: Books) -> Iterator[api.Todo]:
             parts.setdefault(plate.job, []).extend(plate.parts)
     for job, names in parts.items():
         if len(names) == 1:
-            what = f"part {names[0]}"
+            subject = f"part {names[0]}"
             choice = (
                 f"print it again with `farm resume {names[0]}`, or give it up with `farm cancel {names[0]}`"
             )
         else:
-            what = f"{format_count(len(names), 'part')} of job {job}"
+            subject = f"{format_count(len(names), 'part')} of job {job}"
             choice = f"print them again with `farm resume {job}`, or give one up with `farm cancel JOB/PART`"
-        text = f"{what} stopped by `farm estop`: {choice}"
-        yield api.Todo(code="stopped", printers=[], text=text, brief=what)
+        text = f"{subject} stopped by `farm estop`: {choice}"
+        yield api.Todo(code="stopped", printers=[], text=text, brief=subject)
 
 
 def _list_reels(books: Books, plate_holds: Mapping[str, Hold]) -> Iterator[api.Todo]:
@@ -251,9 +251,9 @@ def _list_reels(books: Books, plate_holds: Mapping[str, Hold]) -> Iterator[api.T
     for hold in plate_holds.values():
         if hold.reel is not None:
             short.setdefault(hold.reel.printer, hold.reel.text)
-    for name, what in sorted(short.items()):
-        text = f"{what}: load a reel, then `farm load {name}`"
-        yield api.Todo(code="reel", printers=[name], text=text, brief=what)
+    for name, reel in sorted(short.items()):
+        text = f"{reel}: load a reel, then `farm load {name}`"
+        yield api.Todo(code="reel", printers=[name], text=text, brief=reel)
     uncertain = [name for name, printer in books.printers.items() if printer.reel and printer.reel.uncertain]
     if uncertain:
         names = " ".join(uncertain)

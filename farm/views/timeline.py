@@ -38,12 +38,12 @@ def describe_timeline(context: ViewContext, number: int, situation: Situation) -
     if not job.plates:
         raise Refused(f"job {number} has no plan yet: it is {job.state}")
     plates = {plate.id: plate for plate in books.plates_of(job)}
-    own = tuple(
+    own_plates = tuple(
         describe_plates((p for p in plates.values() if books.plate_state(p) is PlateState.WAITING), books)
     )
-    others = tuple(plate for plate in situation.waiting if plate.job != number)
-    forecast = forecast_prints(situation.with_waiting((*others, *own)), bounded=False)
-    bound_s = forecast_prints(situation.with_waiting(own)).lower_bound_s
+    other_plates = tuple(plate for plate in situation.waiting if plate.job != number)
+    forecast = forecast_prints(situation.with_waiting((*other_plates, *own_plates)), bounded=False)
+    bound_s = forecast_prints(situation.with_waiting(own_plates)).lower_bound_s
     expected = [slot for slot in forecast.slots if slot.plate in plates]
     slots = [*_list_started_slots(plates.values(), books), *expected]
     slots.sort(key=lambda slot: (slot.starts_s, slot.printer))

@@ -114,8 +114,8 @@ def read_address(url: str, key_file: Path | None) -> NetworkAddress:
         mode = key_file.stat().st_mode
         text = key_file.read_text().strip()
     except (OSError, UnicodeDecodeError) as error:
-        why = (error.strerror if isinstance(error, OSError) else None) or error
-        raise FarmError(f"{key_file}: the key cannot be read ({why})", ErrorCode.SETTINGS) from error
+        cause = (error.strerror if isinstance(error, OSError) else None) or error
+        raise FarmError(f"{key_file}: the key cannot be read ({cause})", ErrorCode.SETTINGS) from error
     if stat.S_IMODE(mode) & 0o077:
         raise FarmError(
             f"{key_file}: other users can read this key: `chmod 600 {key_file}`", ErrorCode.SETTINGS

@@ -219,9 +219,9 @@ class Client:
                 f"you may not use {self._address}: only the farm's owner and the members of its group may"
             ) from error
         except (OSError, HTTPException) as error:
-            why = (error.strerror if isinstance(error, OSError) else None) or error
+            cause = (error.strerror if isinstance(error, OSError) else None) or error
             raise DaemonUnreachable(
-                f"no daemon answers on {self._address} ({why}); {_advise(self._address)}"
+                f"no daemon answers on {self._address} ({cause}); {_advise(self._address)}"
             ) from error
         try:
             values = json.loads(text)
@@ -259,8 +259,8 @@ def _validate(view: type[View], answer: object) -> View:
     try:
         return view.model_validate(answer)
     except ValidationError as error:
-        why = describe_first_error(error.errors())
+        problem = describe_first_error(error.errors())
         raise FarmError(
-            f"the daemon has another version than this command ({why}): end it with SIGTERM, which ends no "
-            "print, and start it again with `farm up`"
+            f"the daemon has another version than this command ({problem}): end it with SIGTERM, which ends "
+            "no print, and start it again with `farm up`"
         ) from error

@@ -75,28 +75,31 @@ def stop_all(places: Places, printers: Iterable[str], report: Report) -> None:
         If a printer's heaters could not be confirmed off, or its standstill not confirmed.
     """
     began_s = time.time()
-    targets, trouble = find_targets(places)
-    if not targets and trouble is not None:
-        raise trouble
+    targets, fleet_error = find_targets(places)
+    if not targets and fleet_error is not None:
+        raise fleet_error
     names = list(printers)
-    wanted = {name: targets[name] for name in names or targets if name in targets}
+    chosen_targets = {name: targets[name] for name in names or targets if name in targets}
     report = serialise_reports(report)
-    hot, moving = [], []
-    with ThreadPoolExecutor(max_workers=max(1, len(wanted))) as pool:
-        stops = [pool.submit(stop, partial(_report_progress, report, name)) for name, stop in wanted.items()]
-        for done in as_completed(stops):
-            result = done.result()
+    unconfirmed, moving = [], []
+    with ThreadPoolExecutor(max_workers=max(1, len(chosen_targets))) as pool:
+        stops = [
+            pool.submit(start_stop, partial(_report_progress, report, name))
+            for name, start_stop in chosen_targets.items()
+        ]
+        for stop in as_completed(stops):
+            result = stop.result()
             report(_describe_outcome(result, began_s))
             if not result.seen_off:
-                hot.append(result.printer)
+                unconfirmed.append(result.printer)
             elif not result.still:
                 moving.append(result.printer)
     unknown = [name for name in names if name not in targets]
     if unknown:
         raise NoSuchThing(f"there is no printer {' '.join(unknown)}; the farm has {' '.join(targets)}")
-    if hot:
+    if unconfirmed:
         raise FarmError(
-            f"heaters not confirmed off: {' '.join(sorted(hot))}: switch these printers off by hand"
+            f"heaters not confirmed off: {' '.join(sorted(unconfirmed))}: switch these printers off by hand"
         )
     if moving:
         raise FarmError(

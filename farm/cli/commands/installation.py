@@ -60,9 +60,9 @@ def discover(
     new = [row for row in rows if row.printer is None]
     if new:
         print(f"\nadd the new printers under `printers` in {places.fleet}:")
-    taken = {section.name for section in sections}
+    names = {section.name for section in sections}
     for row in new:
-        print(_format_entry(_make_name(taken), _MODEL, str(row.port)))
+        print(_format_entry(_make_name(names), _MODEL, str(row.port)))
     if new:
         print(
             "then test the emergency stop with `farm discover --commission PORT`, which also names the model"
@@ -76,18 +76,18 @@ def _printers(places: Places) -> tuple[PrinterSection, ...]:
     return load_fleet(places.fleet, frozenset(PROFILES)).printers
 
 
-def _same_port(wanted: str, section: PrinterSection) -> bool:
+def _same_port(path: str, section: PrinterSection) -> bool:
     """Return whether a path is the port of a printer on this host, under any of its names."""
     if section.host is not None:
         return False
-    same = wanted.startswith("/") and Path(wanted).resolve() == Path(section.port).resolve()
-    return same or wanted == section.port
+    same_device = path.startswith("/") and Path(path).resolve() == Path(section.port).resolve()
+    return same_device or path == section.port
 
 
-def _make_name(taken: set[str]) -> str:
-    """Make a name that no printer has, and add it to `taken`."""
-    name = next(name for number in range(1, 1000) if (name := f"um2-{number:02}") not in taken)
-    taken.add(name)
+def _make_name(names: set[str]) -> str:
+    """Make a name that no printer has, and add it to `names`."""
+    name = next(name for number in range(1, 1000) if (name := f"um2-{number:02}") not in names)
+    names.add(name)
     return name
 
 
@@ -95,15 +95,15 @@ def _format_entry(name: str, model: str, port: str) -> str:
     return f'  - {{name: {name}, model: {model}, port: "{port}"}}'
 
 
-def _commission(places: Places, sections: tuple[PrinterSection, ...], wanted: str, yes: bool) -> None:
+def _commission(places: Places, sections: tuple[PrinterSection, ...], place: str, yes: bool) -> None:
     """Reset the board of an idle printer and check that it restarts, through its agent if one runs."""
     from drivers.discovery import commission, commission_by_agent
 
-    section = next((one for one in sections if wanted == one.name or _same_port(wanted, one)), None)
-    if section is None and not wanted.startswith(("/", NET)):
+    section = next((one for one in sections if place == one.name or _same_port(place, one)), None)
+    if section is None and not place.startswith(("/", NET)):
         names = " ".join(one.name for one in sections)
         raise NoSuchThing(
-            f"there is no printer {wanted}; the fleet has {names or 'none'}; or give a port like /dev/ttyUSB0"
+            f"there is no printer {place}; the fleet has {names or 'none'}; or give a port like /dev/ttyUSB0"
         )
     if section is not None and section.host is not None:
         raise Refused(
@@ -113,7 +113,7 @@ def _commission(places: Places, sections: tuple[PrinterSection, ...], wanted: st
         print(f"{section.name} is simulated: nothing to test")
         return
     if not yes:
-        print(f"This resets the board of {wanted}, which ends a print from its SD card.")
+        print(f"This resets the board of {place}, which ends a print from its SD card.")
         typer.confirm("Is the printer idle?", abort=True)
     try:
         if section is not None and is_held(places.state.agent(section.name) / AGENT_LOCK):
@@ -122,12 +122,12 @@ def _commission(places: Places, sections: tuple[PrinterSection, ...], wanted: st
             return
         folder = places.state.agent(section.name) if section is not None else None
         firmware = firmware_of(_MODEL if section is None else section.model)
-        model = commission(section.port if section is not None else wanted, folder, firmware)
+        model = commission(section.port if section is not None else place, folder, firmware)
     except DriverError as error:
         raise Refused(str(error)) from error
-    print(f"{wanted}: its board restarts when DTR is pulsed, so it can be stopped; it is an {model}")
+    print(f"{place}: its board restarts when DTR is pulsed, so it can be stopped; it is an {model}")
     if section is None:
-        print(_format_entry(_make_name({one.name for one in sections}), model, wanted))
+        print(_format_entry(_make_name({one.name for one in sections}), model, place))
     elif section.model != model:
         raise FarmError(
             f"{section.name} is an {model}, but fleet.yaml says {section.model}: change it there",

@@ -49,8 +49,10 @@ def select_beds_to_clear(printers: Iterable[PrinterView]) -> list[str]:
 
     Printers in maintenance and absent ones are left out: a part may still be on the bed.
     """
-    others = (HoldCode.MAINTENANCE, Link.ABSENT)
-    return [p.name for p in printers if p.print is None and p.hold is not None and p.state not in others]
+    excluded_states = (HoldCode.MAINTENANCE, Link.ABSENT)
+    return [
+        p.name for p in printers if p.print is None and p.hold is not None and p.state not in excluded_states
+    ]
 
 
 @with_farm

@@ -107,20 +107,20 @@ def history(
     json: Json = False,
 ) -> None:
     """List the latest prints: duration, deviation from the plan, filament and outcome."""
-    past = connect(places).history(job, printer, last)
+    answer = connect(places).history(job, printer, last)
     if json:
-        print_json(past)
+        print_json(answer)
         return
-    if not past.prints:
+    if not answer.prints:
         print("no print has ended")
         return
-    rows, now = [], past.now
-    noted = any(row.note for row in past.prints)
-    for row in past.prints:
-        done = row.state == "done" and row.expected_s
-        deviation = format_deviation(row.took_s / row.expected_s - 1) if done else ""
-        why = row.why if row.verdict else row.reason or row.fault
-        outcome = str(row.verdict or row.state) + (f": {why}" if why and row.wasted else "")
+    rows, now = [], answer.now
+    noted = any(row.note for row in answer.prints)
+    for row in answer.prints:
+        printed = row.state == "done" and row.expected_s
+        deviation = format_deviation(row.took_s / row.expected_s - 1) if printed else ""
+        reason = row.why if row.verdict else row.reason or row.fault
+        outcome = str(row.verdict or row.state) + (f": {reason}" if reason and row.wasted else "")
         used = f"{format_mass(row.grams)}{' wasted' if row.wasted and row.grams >= 0.5 else ''}"
         ended, duration, by = format_time(row.ended, now), format_duration(row.took_s), row.submitted_by or ""
         name = row.name[:20]
@@ -130,10 +130,11 @@ def history(
     columns = (*_HISTORY, _NOTE) if noted else _HISTORY
     for line in lay_out_table(columns, rows, terminal_width(screen)):
         screen.print(line)
-    lost = [row for row in past.prints if row.wasted]
+    wasted = [row for row in answer.prints if row.wasted]
+    grams = sum(row.grams for row in wasted)
     screen.print(
-        f"{format_count(len(past.prints), 'print')}, {len(lost)} of them wasted: "
-        f"{format_duration(sum(row.took_s for row in lost))}, {format_mass(sum(row.grams for row in lost))}"
+        f"{format_count(len(answer.prints), 'print')}, {len(wasted)} of them wasted: "
+        f"{format_duration(sum(row.took_s for row in wasted))}, {format_mass(grams)}"
     )
 
 
@@ -151,9 +152,11 @@ def report(
     client = Client(places.socket)
     view = client.job(job).job
     now = datetime.fromisoformat(client.status().fleet.now)
-    shown = {(part.file, part.picture): part for part in view.parts}  # copies of a part share both
-    drawn = {files: _find_picture(part) for files, part in shown.items()}
-    pictures = {part.id: png for part in view.parts if (png := drawn[part.file, part.picture]) is not None}
+    part_by_files = {(part.file, part.picture): part for part in view.parts}  # copies of a part share both
+    picture_by_files = {files: _find_picture(part) for files, part in part_by_files.items()}
+    pictures = {
+        part.id: png for part in view.parts if (png := picture_by_files[part.file, part.picture]) is not None
+    }
     pictures |= _read_stills(view)
     assembly = Path(view.folder) / "assembly.png" if view.folder else None
     readable = assembly is not None and os.access(assembly, os.R_OK)
@@ -169,8 +172,8 @@ def report(
     try:
         target.write_text(text, encoding="utf-8")
     except OSError as error:
-        why = error.strerror or error
-        raise FarmError(f"{target} cannot be written ({why}); give another file with --out") from error
+        cause = error.strerror or error
+        raise FarmError(f"{target} cannot be written ({cause}); give another file with --out") from error
     if view.parts and not pictures and not readable:
         print_notice(f"you may not read {view.folder}: the page has no pictures")
     print(target)

@@ -35,15 +35,15 @@ class Block:
 
 def fit_blocks(blocks: Sequence[Block], height: int | None) -> list[Text]:
     """Return the lines of all blocks in their order, at most `height`, with a count of what is left out."""
-    kept = [len(block.lines) for block in blocks]
+    line_counts = [len(block.lines) for block in blocks]
     by_rank = sorted(range(len(blocks)), key=lambda i: blocks[i].rank, reverse=True)
     if height is not None:
         for least in ([block.least for block in blocks], [0] * len(blocks)):
             for i in by_rank:
-                excess = max(0, sum(kept) - height)
-                kept[i] = max(min(kept[i], least[i]), kept[i] - excess)
+                excess = max(0, sum(line_counts) - height)
+                line_counts[i] = max(min(line_counts[i], least[i]), line_counts[i] - excess)
     lines = []
-    for block, number in zip(blocks, kept, strict=True):
+    for block, number in zip(blocks, line_counts, strict=True):
         lines += list(block.lines) if number == len(block.lines) else _shorten(block, number)
     return lines
 

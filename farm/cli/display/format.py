@@ -101,9 +101,9 @@ def count_names(names: Iterable[str]) -> str:
     return ", ".join(name + (f" ({count})" if count > 1 else "") for name, count in counts.items())
 
 
-def group_names(named: Iterable[tuple[str, str]]) -> dict[str, list[str]]:
+def group_names(names_and_texts: Iterable[tuple[str, str]]) -> dict[str, list[str]]:
     """Group pairs of a sentence and a name by the sentence, in the order of the first of each."""
     groups: dict[str, list[str]] = {}
-    for sentence, name in named:
+    for sentence, name in names_and_texts:
         groups.setdefault(sentence, []).append(name)
     return groups

@@ -99,10 +99,10 @@ def render_job(view: api.JobView, width: int | None = None) -> RenderableType:
         rows.append(Text(f"files (STL and G-code of each part, a picture, a GLB): {view.folder}"))
     for attempt in view.prints:
         if attempt.fault or attempt.why:
-            why = attempt.reason or attempt.why or attempt.fault
+            reason = attempt.reason or attempt.why or attempt.fault
             rows.append(
                 Text(
-                    f"part {attempt.part} on {attempt.printer}, {format_time(attempt.ended, now)}: {why}",
+                    f"part {attempt.part} on {attempt.printer}, {format_time(attempt.ended, now)}: {reason}",
                     style=ERROR,
                 )
             )

@@ -64,9 +64,9 @@ def _list_blocks(view: api.Status, width: int | None, height: int | None) -> lis
     if height is not None and len(printers) > height - _OTHER_LINES:
         printers = sorted(printers, key=rank_urgency)
     headings, *table = lay_out_printers(printers, now, width)
-    each = 1 if brief else None  # lines of a job
-    live_lines = [line for lines in _list_live_lines(live, now, width) for line in lines[:each]]
-    over_lines = [line for job in ended for line in _list_job_lines(job, now, width)[:each]]
+    most_lines = 1 if brief else None  # lines of a job
+    live_lines = [line for lines in _list_live_lines(live, now, width) for line in lines[:most_lines]]
+    over_lines = [line for job in ended for line in _list_job_lines(job, now, width)[:most_lines]]
     night = [] if view.night is None else _fold_texts("NIGHT", [format_night(view.night)], "", width)
     return [
         Block(wrap_text(_format_title(view.fleet), width, _INDENT)),
@@ -94,12 +94,12 @@ def _format_title(fleet: api.FleetView) -> Text:
 
 def _list_task_lines(todo: list[api.Todo], width: int | None) -> list[Text]:
     """List all tasks of people, on as few lines as possible."""
-    others = [item for item in todo if item.code not in _TASK_LABELS]
+    unlabelled = [item for item in todo if item.code not in _TASK_LABELS]
     tasks = [
         f"clear {format_count(len(item.printers), 'bed')}: {shorten_names(item.printers)}"
         if item.code == "clear"
         else item.text
-        for item in sorted(others, key=lambda item: item.code == "clear")
+        for item in sorted(unlabelled, key=lambda item: item.code == "clear")
     ]
     for code, label in _TASK_LABELS.items():
         briefs = _list_briefs(item for item in todo if item.code == code)
@@ -113,16 +113,18 @@ def _list_task_lines(todo: list[api.Todo], width: int | None) -> list[Text]:
 
 def _list_briefs(items: Iterable[api.Todo]) -> list[str]:
     """List tasks in a few words; printers with the same trouble, such as five without a hub, are one task."""
-    alike: dict[str, list[tuple[str, str]]] = {}  # by the text without the printer's name
+    problems: dict[str, list[tuple[str, str]]] = {}  # by the text without the printer's name
     briefs: list[str] = []
     for item in items:
         brief, name = item.brief or item.text, "".join(item.printers[:1])
         if name and brief.startswith(f"{name}: "):
-            trouble = brief.removeprefix(f"{name}: ")
-            alike.setdefault(trouble.replace(name, "*"), []).append((name, trouble))
+            problem = brief.removeprefix(f"{name}: ")
+            problems.setdefault(problem.replace(name, "*"), []).append((name, problem))
         else:
             briefs.append(brief)
-    return [f"{shorten_names(name for name, _ in each)}: {each[0][1]}" for each in alike.values()] + briefs
+    return [
+        f"{shorten_names(name for name, _ in group)}: {group[0][1]}" for group in problems.values()
+    ] + briefs
 
 
 def _fold_texts(
@@ -135,10 +137,10 @@ def _fold_texts(
             lines[-1] += gap + text
         else:
             lines.append(text)
-    heads = [head, *[""] * len(lines)]
+    line_heads = [head, *[""] * len(lines)]
     return [
         line
-        for one, text in zip(heads, lines, strict=False)
+        for one, text in zip(line_heads, lines, strict=False)
         for line in wrap_text(
             Text.assemble((one.ljust(_INDENT), style), (text.rstrip(), body)), width, _INDENT
         )

@@ -82,10 +82,10 @@ def wrap_text(text: Text, width: int | None, indent: int) -> list[Text]:
     first, *rest = _wrap(text, width)
     lines = [first]
     if rest:
-        left = text[len(first.plain) :]
-        left = left[len(left.plain) - len(left.plain.lstrip()) :]
-        below = _wrap(left, max(1, width - indent))
-        lines += [Text.assemble(" " * min(indent, width - 1), line) for line in below]
+        remainder = text[len(first.plain) :]
+        remainder = remainder[len(remainder.plain) - len(remainder.plain.lstrip()) :]
+        folded_lines = _wrap(remainder, max(1, width - indent))
+        lines += [Text.assemble(" " * min(indent, width - 1), line) for line in folded_lines]
     for line in lines:
         line.plain = line.plain.replace(_GLUE, " ")
     return lines
@@ -106,24 +106,24 @@ def _fit_widths(
         natural if c.least is None else min(natural, c.least)
         for c, natural in zip(columns, full, strict=True)
     ]
-    shown = [i for i, _ in enumerate(columns)]
-    order = sorted(shown, key=lambda i: (empty[i], columns[i].rank), reverse=True)
+    visible = [i for i, _ in enumerate(columns)]
+    order = sorted(visible, key=lambda i: (empty[i], columns[i].rank), reverse=True)
 
     def spare(widths: Sequence[int]) -> int:
-        return width - sum(widths[i] for i in shown) - _GAP * (len(shown) - 1)
+        return width - sum(widths[i] for i in visible) - _GAP * (len(visible) - 1)
 
     leave_out = [i for i in order if columns[i].rank > 0]
     while spare(full if any(empty[i] for i in leave_out) else least) < 0:
         if not leave_out:
             return None
-        shown.remove(leave_out.pop(0))
-    chosen = [least[i] if i in shown else 0 for i, _ in enumerate(columns)]
-    left = spare(chosen)
-    for i in sorted(shown, key=lambda i: columns[i].rank):
-        added = min(left, full[i] - chosen[i])
-        chosen[i] += added
-        left -= added
-    return chosen
+        visible.remove(leave_out.pop(0))
+    fitted = [least[i] if i in visible else 0 for i, _ in enumerate(columns)]
+    free_width = spare(fitted)
+    for i in sorted(visible, key=lambda i: columns[i].rank):
+        added = min(free_width, full[i] - fitted[i])
+        fitted[i] += added
+        free_width -= added
+    return fitted
 
 
 def _join_row(cells: Sequence[str], widths: Sequence[int], style: str) -> Text:

@@ -82,7 +82,7 @@ def draw_gantt(slots: list[api.SlotView], now: str, columns: int = _WIDTH) -> li
     lines = []
     for printer in sorted({slot.printer for slot in slots}):
         cells = [" "] * width
-        for slot in (each for each in slots if each.printer == printer):
+        for slot in (other for other in slots if other.printer == printer):
             first, last = (
                 round((parse_time(iso) - begin).total_seconds() / total_s * width)
                 for iso in (slot.starts, slot.ends)

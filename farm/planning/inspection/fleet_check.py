@@ -41,8 +41,10 @@ def complete_section(section: PrinterSection, house: FleetSection) -> PrinterSec
         resources.machine(section.model)
         key = "material"
         printer = slicing_printer(PROFILES[section.model])
-        named = choose_material(section.material, printer, section.nozzle_mm, resources)
-        section = section.with_filament(named.name, named.kind, section.colour or named.colour)
+        named_material = choose_material(section.material, printer, section.nozzle_mm, resources)
+        section = section.with_filament(
+            named_material.name, named_material.kind, section.colour or named_material.colour
+        )
         request = SettingsRequest(printer, material=section.material, nozzle_mm=section.nozzle_mm)
         resolve_settings(request, resources)
     except BadSetting as error:

@@ -51,19 +51,19 @@ def parse_material(text: str, kinds: Mapping[str, str]) -> NamedMaterial | None:
     NamedMaterial | None
         None if no word of the text is a material.
     """
-    known = {name.casefold(): NamedMaterial(name, kind) for name, kind in kinds.items()}
-    known |= {_normalise(kind): NamedMaterial(kind, kind) for kind in kinds.values() if kind}
+    materials = {name.casefold(): NamedMaterial(name, kind) for name, kind in kinds.items()}
+    materials |= {_normalise(kind): NamedMaterial(kind, kind) for kind in kinds.values() if kind}
     for name, kind in kinds.items():
         if name.startswith(_GENERIC):  # TPU is Cura's generic_tpu, of the kind TPU 95A
-            known[_normalise(name.removeprefix(_GENERIC))] = NamedMaterial(kind, kind)
+            materials[_normalise(name.removeprefix(_GENERIC))] = NamedMaterial(kind, kind)
     words = text.split()
     for length in range(len(words), 0, -1):
         for first in range(len(words) - length + 1):
             middle = " ".join(words[first : first + length])
-            found = known.get(middle.casefold()) or known.get(_normalise(middle))
-            if found is not None:
+            material = materials.get(middle.casefold()) or materials.get(_normalise(middle))
+            if material is not None:
                 colour = " ".join(words[:first] + words[first + length :])
-                return NamedMaterial(found.name, found.kind, colour or None)
+                return NamedMaterial(material.name, material.kind, colour or None)
     return None
 
 
@@ -89,24 +89,24 @@ def choose_material(
         If there is none, or several; the message lists what this printer can print.
     """
     kinds = list_kinds(resources)
-    meant = parse_material(text, kinds)
-    if meant is None:
+    requested = parse_material(text, kinds)
+    if requested is None:
         printable = _describe_printable(printer, nozzle_mm, kinds, resources)
         raise BadSetting(f"{text}: there is no such material{printable}")
-    if meant.name in kinds:
-        return meant
-    of_kind = [name for name, kind in kinds.items() if kind == meant.kind]
+    if requested.name in kinds:
+        return requested
+    of_kind = [name for name, kind in kinds.items() if kind == requested.kind]
     generic = [name for name in of_kind if name.startswith(_GENERIC)]
-    chosen: list[str] = []
+    candidates: list[str] = []
     for names in (generic, of_kind):
-        chosen = chosen or [name for name in names if _can_print(name, printer, nozzle_mm, resources)]
-    if len(chosen) == 1:
-        return NamedMaterial(chosen[0], meant.kind, meant.colour)
-    if chosen:
-        raise BadSetting(f"{meant.kind}: there are several; name one of {', '.join(chosen)}")
+        candidates = candidates or [name for name in names if _can_print(name, printer, nozzle_mm, resources)]
+    if len(candidates) == 1:
+        return NamedMaterial(candidates[0], requested.kind, requested.colour)
+    if candidates:
+        raise BadSetting(f"{requested.kind}: there are several; name one of {', '.join(candidates)}")
     raise BadSetting(
-        f"{meant.kind}: Cura has no profile for it on the {printer.title} with a nozzle of {nozzle_mm:g} mm"
-        f"{_describe_printable(printer, nozzle_mm, kinds, resources)}"
+        f"{requested.kind}: Cura has no profile for it on the {printer.title} with a nozzle of "
+        f"{nozzle_mm:g} mm{_describe_printable(printer, nozzle_mm, kinds, resources)}"
     )
 
 
@@ -129,9 +129,9 @@ def name_filament(options: JobOptions, printers: Sequence[PrinterSection], own: 
     """
     if options.material is not None:
         with suppress(SlicingError):  # Cura's files are missing, which the inspection reports
-            meant = parse_material(options.material, list_kinds(find_resources(own=own)))
-            if meant is not None:
-                filament = {"material": meant.name, "colour": options.colour or meant.colour}
+            requested = parse_material(options.material, list_kinds(find_resources(own=own)))
+            if requested is not None:
+                filament = {"material": requested.name, "colour": options.colour or requested.colour}
                 options = options.model_copy(update=filament)
     matching_printers(printers, options)
     return options
@@ -150,8 +150,8 @@ def _describe_printable(
     printer: PrinterModel, nozzle_mm: float, kinds: Mapping[str, str], resources: Resources
 ) -> str:
     """List the kinds that a printer can print: Cura's generic ones, and a person's own."""
-    own = resources.own_material_names()
-    names = [name for name in kinds if name.startswith(_GENERIC) or name in own]
+    own_names = resources.own_material_names()
+    names = [name for name in kinds if name.startswith(_GENERIC) or name in own_names]
     printable = {kinds[name] for name in names if _can_print(name, printer, nozzle_mm, resources)}
     if not printable:
         return ""

@@ -73,10 +73,10 @@ def inspect_gcode(
     matching = matching_printers(printers, options)
     accepted = _rewrite(path, matching[0], _common_nozzle_mm(matching), name)
     section = _find_fitting_printer(matching, accepted, name)
-    own = _measure_needs(accepted, section)
+    requirements = _measure_needs(accepted, section)
     stored = path.with_name(f"gcode-{uuid.uuid4().hex}.gcode")
     stored.hardlink_to(path)  # the upload is kept for another worker if this one dies
-    return InspectedSubmission(store_file(files, stored), _list_notices(accepted, section), 1.0, own)
+    return InspectedSubmission(store_file(files, stored), _list_notices(accepted, section), 1.0, requirements)
 
 
 def plan_gcode(task: DecomposeTask, files: Path) -> Plan:
@@ -109,7 +109,7 @@ def _book_gcode(
     task: DecomposeTask, accepted: AcceptedGcode, section: PrinterSection, files: Path
 ) -> tuple[Part, Plate]:
     """Put the rewritten file into the store, and return its part and its plate."""
-    own = _measure_needs(accepted, section)
+    requirements = _measure_needs(accepted, section)
     out = task.folder / "plate.gcode"
     out.write_bytes(accepted.gcode)
     settings = _resolve_material(section)
@@ -122,7 +122,10 @@ def _book_gcode(
         plate=f"{task.job}/01",
         file=task.model.name,
         geometry=PartGeometry(
-            to_model=_IDENTITY, min_mm=own.min_mm, max_mm=own.max_mm, volume_mm3=filament_mm3
+            to_model=_IDENTITY,
+            min_mm=requirements.min_mm,
+            max_mm=requirements.max_mm,
+            volume_mm3=filament_mm3,
         ),
     )
     plate = Plate(
@@ -139,8 +142,8 @@ def _book_gcode(
         filament_mm=accepted.filament_mm,
         price=section.price(grams),
         layers=accepted.layers,
-        min_mm=own.min_mm,
-        max_mm=own.max_mm,
+        min_mm=requirements.min_mm,
+        max_mm=requirements.max_mm,
         material=section.material,
         nozzle_mm=section.nozzle_mm,
         printer=section.name,
@@ -151,8 +154,8 @@ def _book_gcode(
 
 def _common_nozzle_mm(printers: Sequence[PrinterSection]) -> float | None:
     """Return the nozzle that all printers have; None if they differ."""
-    found = {section.nozzle_mm for section in printers}
-    return found.pop() if len(found) == 1 else None
+    sizes_mm = {section.nozzle_mm for section in printers}
+    return sizes_mm.pop() if len(sizes_mm) == 1 else None
 
 
 def _rewrite(path: Path, section: PrinterSection, nozzle_mm: float | None, name: str) -> AcceptedGcode:
@@ -185,11 +188,15 @@ def _resolve_material(section: PrinterSection) -> EngineSettings:
 def _list_notices(accepted: AcceptedGcode, section: PrinterSection) -> tuple[str, ...]:
     """List the changes, and warn if the file seems to be sliced for another material."""
     notices = list(accepted.notices)
-    own, kind = accepted.filament_type, find_resources().material_kind(section.material)
-    if own is not None and kind is not None and _material_kind(own) != _material_kind(kind):
+    filament_type, kind = accepted.filament_type, find_resources().material_kind(section.material)
+    if (
+        filament_type is not None
+        and kind is not None
+        and _material_kind(filament_type) != _material_kind(kind)
+    ):
         notices.append(
-            f"Warning: it was sliced for {quote_text(own)}, and {section.name} has {section.material} "
-            f"({kind})."
+            f"Warning: it was sliced for {quote_text(filament_type)}, and {section.name} has "
+            f"{section.material} ({kind})."
         )
     usual_c = _resolve_material(section).nozzle_c
     if abs(accepted.nozzle_c - usual_c) > _APART_C:
@@ -231,10 +238,13 @@ def _find_fitting_printer(
 
 def _describe_obstacle(section: PrinterSection, accepted: AcceptedGcode) -> str | None:
     """Describe why a printer cannot print the file; None if it can."""
-    own = _measure_needs(accepted, section)
-    if own.nozzle_mm not in (None, section.nozzle_mm):
-        return f"sliced for a nozzle of {own.nozzle_mm:g} mm, and {section.name} has {section.nozzle_mm:g} mm"
-    (x0, y0, _), (x1, y1, z1) = own.min_mm, own.max_mm
+    requirements = _measure_needs(accepted, section)
+    if requirements.nozzle_mm not in (None, section.nozzle_mm):
+        return (
+            f"sliced for a nozzle of {requirements.nozzle_mm:g} mm, "
+            f"and {section.name} has {section.nozzle_mm:g} mm"
+        )
+    (x0, y0, _), (x1, y1, z1) = requirements.min_mm, requirements.max_mm
     if not any(
         x0 >= left - _SLACK_MM and y0 >= front - _SLACK_MM and x1 <= right + _SLACK_MM
         and y1 <= back + _SLACK_MM and z1 <= height + _SLACK_MM
@@ -249,10 +259,10 @@ def _describe_obstacle(section: PrinterSection, accepted: AcceptedGcode) -> str 
     most = (*profile.bed_mm, profile.height_mm + _REACH_MM)
     for axis, low, high, end in zip("XYZ", accepted.reach_min_mm, accepted.reach_max_mm, most, strict=True):
         if low < -_SLACK_MM or high > end + _SLACK_MM:
-            far = low if low < 0 else high
+            outermost = low if low < 0 else high
             return (
-                f"moves to {axis} {far:.1f}, and {section.name} reaches 0 to {end:g}: choose an Ultimaker 2+ "
-                "in your slicer"
+                f"moves to {axis} {outermost:.1f}, and {section.name} reaches 0 to {end:g}: "
+                "choose an Ultimaker 2+ in your slicer"
             )
     return None
 

@@ -104,11 +104,11 @@ def decompose_to_folder(path: Path, out: Path, request: DecomposeRequest) -> dic
         with ThreadPoolExecutor(os.cpu_count()) as executor:
             if request.printers is None:
                 goal = CountGoal(request.clear_s, request.assemble_s)
-                found = decompose_auto(model, rooms, options, cost, executor, goal)
+                decomposition = decompose_auto(model, rooms, options, cost, executor, goal)
             else:
-                found = decompose_model(model, rooms, options, cost, executor)
-            written = write_decomposition(found, out)
-    return {**written.as_dict(), "repairs": list(model.repairs), "scale": model.scale}
+                decomposition = decompose_model(model, rooms, options, cost, executor)
+            renumbered = write_decomposition(decomposition, out)
+    return {**renumbered.as_dict(), "repairs": list(model.repairs), "scale": model.scale}
 
 
 def _build_options(request: DecomposeRequest) -> Options:
@@ -124,8 +124,8 @@ def _build_options(request: DecomposeRequest) -> Options:
     try:
         engine = Engine(request.engine)
     except ValueError:
-        known = ", ".join(Engine)
-        raise FarmError(f"--engine {request.engine}: {known}", ErrorCode.SETTINGS) from None
+        engines = ", ".join(Engine)
+        raise FarmError(f"--engine {request.engine}: {engines}", ErrorCode.SETTINGS) from None
     if request.faithful and engine not in _ENGINES_OF_PAPERS:
         raise FarmError(f"--faithful is for the engines of papers, not {engine}", ErrorCode.SETTINGS)
     return Options(
@@ -155,9 +155,11 @@ def _empty_for_parts(out: Path) -> None:
         own_files = {REPORT, PICTURE, ASSEMBLY}
         if report.is_file():
             own_files |= {str(part.get("file")) for part in json.loads(report.read_text())["parts"]}
-        others = sorted(path.name for path in out.iterdir() if path.name not in own_files)
-        if others:
-            raise Refused(f"{out}: contains other files ({others[0]}...); give an empty folder with --out")
+        foreign_files = sorted(path.name for path in out.iterdir() if path.name not in own_files)
+        if foreign_files:
+            raise Refused(
+                f"{out}: contains other files ({foreign_files[0]}...); give an empty folder with --out"
+            )
         for name in own_files:
             (out / name).unlink(missing_ok=True)
     except (ValueError, KeyError, TypeError) as error:

@@ -87,8 +87,8 @@ def slice_to_file(
     _check_writable(out, path)
     with translate_errors():
         resources, engine = find_resources(), find_engine()
-        named = choose_material(options.material, request.printer, options.nozzle_mm, resources)
-        request = replace(request, material=named.name)
+        named_material = choose_material(options.material, request.printer, options.nozzle_mm, resources)
+        request = replace(request, material=named_material.name)
         settings = resolve_settings(request, resources)
         model = _read_model(path, options, on_step)
     room = _find_room(path.name, model, settings, profile)

@@ -70,8 +70,8 @@ def write_cut_record(decomposition: Decomposition, folder: Path) -> Path | None:
         return None
     figures = {name: getattr(decomposition, name) for name in _CutRecord.model_fields if name != "cutting"}
     rows = {"frame": cutting.frame.tolist(), "boxes_mm": cutting.boxes_mm.tolist()}
-    others = {name: getattr(cutting, name) for name in ("granularity", "cut_for", "printers")}
-    record = _CutRecord(**figures, cutting=_CuttingRecord(**rows, **others))
+    fields = {name: getattr(cutting, name) for name in ("granularity", "cut_for", "printers")}
+    record = _CutRecord(**figures, cutting=_CuttingRecord(**rows, **fields))
     path = folder / CUT_RECORD
     path.write_text(record.model_dump_json())
     return path

@@ -88,13 +88,13 @@ def decompose_job(task: DecomposeTask) -> DecomposedJob:
 
 def write_decomposed(decomposition: Decomposition, model: Model, folder: Path) -> DecomposedJob:
     """Write the parts, the report and the cut record into a folder, and describe them."""
-    written = write_decomposition(decomposition, folder)
+    stored = write_decomposition(decomposition, folder)
     return DecomposedJob(
-        parts=tuple(DecomposedPart.from_part(part, folder) for part in written.parts),
-        serial_price_s=written.serial_s,
+        parts=tuple(DecomposedPart.from_part(part, folder) for part in stored.parts),
+        serial_price_s=stored.serial_s,
         repairs=model.repairs,
         scale=model.scale,
-        cut_record=write_cut_record(written, folder),
+        cut_record=write_cut_record(stored, folder),
     )
 
 
@@ -155,25 +155,25 @@ class ModelCutter:
         """
         copies, printers = task.options.copies, len(task.printers)
         limit_s = None if task.within_s is None else task.within_s / LATE_SHARE
-        chosen = task.options.printers is not None and limit_s is None
-        whole = None if chosen and copies < printers else self.cut_for_one()
+        has_count = task.options.printers is not None and limit_s is None
+        whole = None if has_count and copies < printers else self.cut_for_one()
         if whole is not None and (limit_s is None or whole.makespan_s * -(-copies // printers) <= limit_s):
             return whole
-        most, needed = len(self.rooms), 0
+        most, fewest = len(self.rooms), 0
         by_kind = sorted(range(most), key=lambda i: self.rooms[i].boxes)
         for rounds, parts in iterate_part_counts(copies, printers, most):
-            if parts < needed and parts < most:
+            if parts < fewest and parts < most:
                 continue
             share = sorted(choose_evenly(by_kind, parts))  # the fastest first, as in `rooms`
             cutter = replace(self, rooms=[self.rooms[i] for i in share])
             try:
-                if chosen:
+                if has_count:
                     return cutter.cut_for_all()
                 return cutter.cut_for_worthwhile(None if limit_s is None else limit_s / rounds)
             except NoFit as error:
                 if parts == most:
                     raise
-                needed = error.printers_needed or 0
+                fewest = error.printers_needed or 0
         raise AssertionError("the last attempt has all printers")
 
     def cut_in_time(self, within_s: float) -> Decomposition:

@@ -51,5 +51,5 @@ def relevel_parts(sliced: SlicedJob, folder: Path) -> DecomposedJob | None:
     part_times_s = [part.expected_s() / time_ratio(costs[part.printer.name], cost) for part in sliced.parts]
     model = read_inspected(task.model)
     with translate_errors(), ThreadPoolExecutor(len(os.sched_getaffinity(0))) as threads:
-        moved = relevel_planes(model, decomposition, part_times_s, cost, threads)
-        return None if moved is None else write_decomposed(moved, model, folder)
+        relevelled = relevel_planes(model, decomposition, part_times_s, cost, threads)
+        return None if relevelled is None else write_decomposed(relevelled, model, folder)

@@ -65,9 +65,9 @@ class ReplanCoordinator:
         """Return the assignments without those of jobs that have not started to reserved printers."""
         reserved = self.reserved_printers
         return [
-            each
-            for each in assignments
-            if each.printer not in reserved or books.has_started(books.plates[each.plate].job)
+            assignment
+            for assignment in assignments
+            if assignment.printer not in reserved or books.has_started(books.plates[assignment.plate].job)
         ]
 
     def clock_set(self) -> None:
@@ -191,8 +191,8 @@ class ReplanCoordinator:
         plate = books.plates[view.id]
         history = {"prints": plate.prints, "counted_from": plate.counted_from}
         new = tuple(describe_plates([p.model_copy(update=history) for p in result.plates], books))
-        others = tuple(other for other in situation.waiting if other.id != plate.id)
-        after = situation.with_waiting((*others, *new))
+        unchanged_plates = tuple(other for other in situation.waiting if other.id != plate.id)
+        after = situation.with_waiting((*unchanged_plates, *new))
         ends_s = policy.end_in_one_piece_s if cut else policy.expected_end_s
         after_s = max(policy.expected_end_s(piece_plate, after) for piece_plate in new)
         after_s += policy.JOIN_S * len(new) if cut else 0.0

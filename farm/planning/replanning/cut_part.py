@@ -40,10 +40,10 @@ def cut_part(task: ReplanTask) -> Pieces:
     options = replace(decomposition_options(task.options), interior=Interior.KEEP)  # no hollows
     whole = Model(_read_solid(task.files / task.part.file), (), 1.0)
     try:
-        found = decompose_auto(whole, rooms, options, cost)
-        if len(found.parts) < 2:
+        decomposition = decompose_auto(whole, rooms, options, cost)
+        if len(decomposition.parts) < 2:
             raise FarmError(f"part {task.part.id} finishes sooner in one piece", ErrorCode.NO_FIT)
-        written = write_decomposition(_rename_pieces(found, task.part), task.folder)
+        stored = write_decomposition(_rename_pieces(decomposition, task.part), task.folder)
     except NoFit as error:
         raise FarmError(str(error), ErrorCode.NO_FIT) from error
     except FarmError:
@@ -51,15 +51,15 @@ def cut_part(task: ReplanTask) -> Pieces:
     except Exception:
         with translate_errors():
             raise
-    pieces = tuple(DecomposedPart.from_part(part, task.folder) for part in written.parts)
-    drawn = [*(_as_drawn(task.files, other) for other in task.others), *written.parts]
+    pieces = tuple(DecomposedPart.from_part(part, task.folder) for part in stored.parts)
+    job_parts = [*(_as_drawn(task.files, other) for other in task.others), *stored.parts]
     picture, assembly = task.folder / "job.png", task.folder / "job.glb"
-    draw_assembly(drawn, picture)
-    write_glb(drawn, assembly)
+    draw_assembly(job_parts, picture)
+    write_glb(job_parts, assembly)
     return Pieces(pieces, picture, assembly, task.folder / REPORT)
 
 
-def _rename_pieces(found: Decomposition, whole: Part) -> Decomposition:
+def _rename_pieces(decomposition: Decomposition, whole: Part) -> Decomposition:
     """Name the pieces by their part and a letter, and move them to the frame of the job's model."""
     to_model = np.reshape(whole.geometry.to_model, (4, 4))
     name = Path(whole.id).name
@@ -71,9 +71,9 @@ def _rename_pieces(found: Decomposition, whole: Part) -> Decomposition:
             to_model=to_model @ piece.to_model,
             planes=_move_planes(piece.planes, to_model),
         )
-        for letter, piece in zip(string.ascii_lowercase, found.parts, strict=False)
+        for letter, piece in zip(string.ascii_lowercase, decomposition.parts, strict=False)
     )
-    return replace(found, parts=tuple(pieces))
+    return replace(decomposition, parts=tuple(pieces))
 
 
 def _read_solid(stl: Path) -> Solid:

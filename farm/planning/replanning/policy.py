@@ -147,16 +147,17 @@ def choose_recut(plate: WaitingPlate, situation: Situation) -> Recut | None:
     situation
         The current situation.
     """
-    others = tuple(other for other in situation.waiting if other.id != plate.id)
-    taken = {
-        assignment.printer for assignment in assign_plates(replace(situation, waiting=others, spares={}))
+    other_plates = tuple(other for other in situation.waiting if other.id != plate.id)
+    used_printers = {
+        assignment.printer
+        for assignment in assign_plates(replace(situation, waiting=other_plates, spares={}))
     }
     layers_s = plate.expected_s - plate.heating_s
     piece = replace(plate, expected_s=plate.heating_s + layers_s * _CUT_TIME_RATIO / 2, grams=0.0)
     free = [
         p
         for p in situation.free
-        if p.name not in taken and _same_filament(plate, p) and _could_start(piece, p, situation)
+        if p.name not in used_printers and _same_filament(plate, p) and _could_start(piece, p, situation)
     ]
     most = min(len(free), MOST_PIECES, len(free) if plate.places is None else plate.places)
     if most < 2:
@@ -180,8 +181,8 @@ def waits_for_its_printer_kind(code: HoldCode) -> bool:
 
 
 def _same_filament(plate: WaitingPlate, printer: FleetPrinter) -> bool:
-    requirements, offered = plate.requirements, printer.capabilities
-    return offered.meets((requirements.material, requirements.colour, None, None, requirements.only))
+    requirements, capabilities = plate.requirements, printer.capabilities
+    return capabilities.meets((requirements.material, requirements.colour, None, None, requirements.only))
 
 
 def is_other_kind(demand: Demand, kind: Capabilities) -> bool:
@@ -211,8 +212,8 @@ def _best_other(
 
 
 def _could_start(plate: WaitingPlate, printer: FleetPrinter, situation: Situation) -> bool:
-    enough = short_of_filament(plate, printer, printer.grams) is None
-    return enough and situation.can_start(plate, printer)
+    has_filament = short_of_filament(plate, printer, printer.grams) is None
+    return has_filament and situation.can_start(plate, printer)
 
 
 def _resliced_end_s(plate: WaitingPlate, printer: FleetPrinter, situation: Situation) -> float:

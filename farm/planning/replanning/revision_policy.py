@@ -69,29 +69,30 @@ def choose_revision(
     best = _find_best(job, situation, sets)
     if best is None:
         return None
-    own = {plate.id for plate in job.plates}
+    plate_ids = {plate.id for plate in job.plates}
     plates = estimate_plates(job, best)
-    after = situation.with_waiting((*(p for p in situation.waiting if p.id not in own), *plates))
-    return best if _find_best(replace(job, plates=plates, planned_for=best), after, sets) is None else None
+    revised = situation.with_waiting((*(p for p in situation.waiting if p.id not in plate_ids), *plates))
+    is_final = _find_best(replace(job, plates=plates, planned_for=best), revised, sets) is None
+    return best if is_final else None
 
 
 def _find_best(
     job: PlannedJob, situation: Situation, candidates: Iterable[tuple[str, ...]]
 ) -> tuple[str, ...] | None:
     """Find the set of printers for which another plan ends soonest; None if none saves enough."""
-    own = {plate.id for plate in job.plates}
+    plate_ids = {plate.id for plate in job.plates}
     turn = job.plates[0].turn
     # Later jobs take nothing from it; without them the forecast is quick.
-    ahead = situation.with_waiting(tuple(p for p in situation.waiting if p.turn <= turn))
-    before_s = find_end_s(own, ahead)
+    earlier_jobs = situation.with_waiting(tuple(p for p in situation.waiting if p.turn <= turn))
+    before_s = find_end_s(plate_ids, earlier_jobs)
     if job.done_by_s is not None and before_s <= job.done_by_s:
         return None
     ends_s = {}
     for names in candidates:
         if _may_help(job, names, before_s):
             plates = estimate_plates(job, names)
-            others = tuple(p for p in ahead.waiting if p.id not in own)
-            end_s = find_end_s({p.id for p in plates}, ahead.with_waiting((*others, *plates)))
+            other_plates = tuple(p for p in earlier_jobs.waiting if p.id not in plate_ids)
+            end_s = find_end_s({p.id for p in plates}, earlier_jobs.with_waiting((*other_plates, *plates)))
             joining_s = JOIN_S * max(0, len(names) - len(job.plates))
             ends_s[names] = end_s + joining_s + job.planning_s
     best = min(ends_s, key=ends_s.__getitem__, default=None)
@@ -117,16 +118,17 @@ def estimate_plates(job: PlannedJob, names: Sequence[str]) -> tuple[WaitingPlate
     """Estimate the plates of a plan for these printers: equal parts, one for each."""
     first = job.plates[0]
     layers_s = sum((p.expected_s - p.heating_s) / p.time_factor for p in job.plates)
-    more = 1.0 + MORE_SHARE if len(names) > len(job.plates) else 1.0
-    each = replace(
+    work_ratio = 1.0 + MORE_SHARE if len(names) > len(job.plates) else 1.0
+    part_plate = replace(
         first,
         requirements=job.requirements,
-        expected_s=first.heating_s + layers_s * more / len(names),
-        grams=sum(p.grams for p in job.plates) * more / len(names),
+        expected_s=first.heating_s + layers_s * work_ratio / len(names),
+        grams=sum(p.grams for p in job.plates) * work_ratio / len(names),
         time_factor=1.0,
     )
     return tuple(
-        replace(each, id=f"{job.number}/revised-{at:02d}", planned=name) for at, name in enumerate(names)
+        replace(part_plate, id=f"{job.number}/revised-{at:02d}", planned=name)
+        for at, name in enumerate(names)
     )
 
 

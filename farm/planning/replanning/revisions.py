@@ -108,13 +108,13 @@ class PlanRevisions:
         if not waiting:
             return
         kept = find_kept()
-        given = {each.printer: each.plate for each in assign_plates(situation)}
+        given = {assignment.printer: assignment.plate for assignment in assign_plates(situation)}
         starting = {books.plates[plate].job for plate in given.values()}
         for number, plates in waiting.items():
             job = books.job(number)
-            own = {plate.id for plate in plates} | {SPARE_USE}  # its spares are subtracted below
-            taken = {name for name, use in (*kept.items(), *given.items()) if use not in own}
-            idle, coming = _list_candidates(job, situation, taken)
+            own_uses = {plate.id for plate in plates} | {SPARE_USE}  # its spares are subtracted below
+            taken_printers = {name for name, use in (*kept.items(), *given.items()) if use not in own_uses}
+            idle, coming = _list_candidates(job, situation, taken_printers)
             key = (number, job.plan, frozenset(idle), frozenset(coming))
             due = number in starting or not set(job.planned_for) <= set(coming)
             if not due or key in self._examined or self.is_running(number):
@@ -133,8 +133,8 @@ class PlanRevisions:
         if job.state is not JobState.PRINTING:
             return False
         revision = books.revision(job.id)
-        before, changeable = self._changeable.get(job.id, (None, False))
-        if before is not revision:
+        known_revision, changeable = self._changeable.get(job.id, (None, False))
+        if known_revision is not revision:
             changeable = _may_change(books, job)
             self._changeable[job.id] = revision, changeable
         return changeable
@@ -234,9 +234,9 @@ def _describe(job: Job, plates: tuple[WaitingPlate, ...], situation: Situation) 
 
 def _ends_sooner(event: ev.PlanRevised, books: Books, situation: Situation) -> bool:
     """Return whether the plates of a new plan end before those of the present one."""
-    after, _ = apply(event, books)
-    job = after.job(event.job)
-    new = tuple(describe_plates(after.plates_of(job), after))
-    others = tuple(view for view in situation.waiting if view.job != job.id)
+    changed_books, _ = apply(event, books)
+    job = changed_books.job(event.job)
+    new = tuple(describe_plates(changed_books.plates_of(job), changed_books))
+    other_plates = tuple(view for view in situation.waiting if view.job != job.id)
     before_s = find_end_s(set(books.job(job.id).plates), situation)
-    return find_end_s(set(job.plates), situation.with_waiting((*others, *new))) < before_s
+    return find_end_s(set(job.plates), situation.with_waiting((*other_plates, *new))) < before_s

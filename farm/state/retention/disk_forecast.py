@@ -42,11 +42,11 @@ def average_day_bytes(files: Iterable[tuple[float, int]]) -> float:
     files
         Age in days, and bytes, of each file.
     """
-    known = [(max(0.0, age), size) for age, size in files]
-    oldest = max((age for age, _ in known), default=0.0)
+    ages_and_sizes = [(max(0.0, age), size) for age, size in files]
+    oldest = max((age for age, _ in ages_and_sizes), default=0.0)
     averages = []
     for window in _WINDOWS_DAYS:
-        stored = sum(size for age, size in known if age <= window)
+        stored = sum(size for age, size in ages_and_sizes if age <= window)
         averages.append(stored / max(1.0, min(window, oldest)))
     return max(averages)
 

@@ -34,17 +34,17 @@ def file_names_of_job(books: Books, job: Job) -> frozenset[str]:
 def file_names_by_job(books: Books) -> Mapping[int, frozenset[str]]:
     """List the files of each job; several jobs may share a file."""
     names = {job.id: _own_names(job) for job in books.jobs.values()}
-    kept = {number for number, job in books.jobs.items() if job.pruned_s is None}
+    unpruned = {number for number, job in books.jobs.items() if job.pruned_s is None}
     for part in books.parts.values():
-        if part.job in kept:
+        if part.job in unpruned:
             names[part.job].add(part.file)
     for plate in books.plates.values():
-        if plate.job in kept:
+        if plate.job in unpruned:
             names[plate.job].add(plate.gcode)
     for attempt in books.prints.values():
-        if attempt.job in kept:
+        if attempt.job in unpruned:
             names[attempt.job].update(still.file for still in attempt.stills)
-    return {number: frozenset(own) for number, own in names.items()}
+    return {number: frozenset(job_names) for number, job_names in names.items()}
 
 
 def _own_names(job: Job) -> set[str]:
@@ -52,5 +52,5 @@ def _own_names(job: Job) -> set[str]:
     pictures = {*job.part_pictures.values(), *([job.picture] if job.picture else [])}
     if job.pruned_s is not None:
         return pictures
-    others = (job.model_file, job.assembly, job.decomposition, *job.cuts.values())
-    return pictures | {name for name in others if name}
+    job_files = (job.model_file, job.assembly, job.decomposition, *job.cuts.values())
+    return pictures | {name for name in job_files if name}

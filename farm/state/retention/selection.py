@@ -41,15 +41,15 @@ def _find_need(books: Books, job: Job, on_beds: Mapping[int, str]) -> str | None
 
 def _list_parts_on_beds(books: Books) -> dict[int, str]:
     """List the jobs with a part that lies on a bed, or has no verdict: if it is bad, it is printed again."""
-    found = {}
+    parts = {}
     for printer in books.printers.values():
         last = books.last_print_on(printer.name)
         if last is not None and (printer.bed is not Bed.CLEAR or _is_unjudged(last)):
-            found[last.job] = f"on the bed of {printer.name}"
+            parts[last.job] = f"on the bed of {printer.name}"
     for attempt in books.prints.values():
         if attempt.restored and _is_unjudged(attempt):
-            found[attempt.job] = f"without a verdict on the part from {attempt.printer}"
-    return found
+            parts[attempt.job] = f"without a verdict on the part from {attempt.printer}"
+    return parts
 
 
 def _is_unjudged(attempt: Print) -> bool:
@@ -81,7 +81,7 @@ def select_jobs(
         days are never selected.
     """
     names = file_names_by_job(books)
-    users = Counter(name for own in names.values() for name in own)
+    users = Counter(name for job_names in names.values() for name in job_names)
     total = sum(sizes.get(name, 0) for name in users)
     selected = []
     for job, ended_s in _list_candidates(books, min(backup_s, now_s - LEAST_AGE_S)):
@@ -98,10 +98,10 @@ def select_jobs(
 def list_prunable_files(books: Books, names: Iterable[str], now_s: float) -> set[str]:
     """List the files that a prune may delete: those that no job needs which is open or ended lately."""
     prunable = {job.id for job, _ in _list_candidates(books, now_s - LEAST_AGE_S)}
-    kept: set[str] = set()
-    for number, own in file_names_by_job(books).items():
-        kept |= _kept_names(books.jobs[number]) if number in prunable else own
-    return set(names) - kept
+    kept_names: set[str] = set()
+    for number, job_names in file_names_by_job(books).items():
+        kept_names |= _kept_names(books.jobs[number]) if number in prunable else job_names
+    return set(names) - kept_names
 
 
 def list_lost_jobs(books: Books, names: Container[str]) -> list[int]:
@@ -111,12 +111,12 @@ def list_lost_jobs(books: Books, names: Container[str]) -> list[int]:
     """
     on_beds = _list_parts_on_beds(books)
     by_job = file_names_by_job(books)
-    if not any(name in names for own in by_job.values() for name in own):
+    if not any(name in names for job_names in by_job.values() for name in job_names):
         return []
     return [
         number
-        for number, own in by_job.items()
-        if any(name not in names for name in own)
+        for number, job_names in by_job.items()
+        if any(name not in names for name in job_names)
         and all(name in names for name in _kept_names(books.jobs[number]))
         and _find_need(books, books.jobs[number], on_beds) is None
     ]

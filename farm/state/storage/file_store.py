@@ -75,14 +75,14 @@ class StoredFile:
 
 def list_files(folder: Path) -> dict[str, StoredFile]:
     """List the files of the store by name."""
-    found = {}
+    files = {}
     with os.scandir(folder) as entries:
         for entry in entries:
             if not entry.name.startswith(".") and entry.is_file(follow_symlinks=False):
                 with suppress(FileNotFoundError):
                     facts = entry.stat(follow_symlinks=False)
-                    found[entry.name] = StoredFile(facts.st_size, facts.st_mtime)
-    return found
+                    files[entry.name] = StoredFile(facts.st_size, facts.st_mtime)
+    return files
 
 
 def delete_files(folder: Path, names: Iterable[str], now_s: float, least_age_s: float = GRACE_S) -> int:

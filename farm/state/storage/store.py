@@ -98,9 +98,9 @@ def read_books(path: Path) -> tuple[Books, int]:
     try:
         with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)) as db:
             db.create_function("crc32", 1, zlib.crc32, deterministic=True)
-            (found,) = db.execute("PRAGMA integrity_check(1)").fetchone()
-            if found != "ok":
-                raise DamagedBooks(f"the database {path} is damaged: {' '.join(found.split())}")
+            (result,) = db.execute("PRAGMA integrity_check(1)").fetchone()
+            if result != "ok":
+                raise DamagedBooks(f"the database {path} is damaged: {' '.join(result.split())}")
             (version,) = db.execute("PRAGMA user_version").fetchone()
             if version not in STEPS:
                 raise StoreError(f"the database {path} is of a newer version of farm ({version})")
@@ -168,9 +168,9 @@ class Store:
         try:
             self._db.execute("PRAGMA journal_mode = WAL")
             self._db.execute("PRAGMA synchronous = FULL")
-            (found,) = self._db.execute("PRAGMA integrity_check(1)").fetchone()
-            if found != "ok":
-                raise DamagedBooks(f"the database {path} is damaged: {' '.join(found.split())}")
+            (result,) = self._db.execute("PRAGMA integrity_check(1)").fetchone()
+            if result != "ok":
+                raise DamagedBooks(f"the database {path} is damaged: {' '.join(result.split())}")
             self._create()
             self._check_rows()
             if new:  # the old ones were moved away
@@ -288,8 +288,8 @@ class Store:
         event is kept.
         """
         (newest,) = self._db.execute("SELECT coalesce(max(seq), 0) FROM event").fetchone()
-        (kept,) = self._db.execute("SELECT min(seq) FROM event WHERE at_s >= ?", (before_s,)).fetchone()
-        last = max(newest if kept is None else kept - 1, newest - most)
+        (first_kept,) = self._db.execute("SELECT min(seq) FROM event WHERE at_s >= ?", (before_s,)).fetchone()
+        last = max(newest if first_kept is None else first_kept - 1, newest - most)
         (oldest,) = self._db.execute("SELECT coalesce(min(seq), 0) FROM event").fetchone()
         last = min(last, newest - 1)
         return int(last) if last >= oldest > 0 else 0

@@ -36,13 +36,13 @@ def apply(event: ev.Event, books: Books) -> Result:
         If it is not allowed in the state of its entity.
     """
     subjects = list(find_subjects(event, books))
-    after, instructions = change(event, books)
+    changed_books, instructions = change(event, books)
     for subject in subjects:
-        end = subject.lifecycle.find_state(after, subject.key)
+        end = subject.lifecycle.find_state(changed_books, subject.key)
         if not subject.lifecycle.allows(type(event), subject.start, end):
             reason = f"{subject.start}, and would be {end}"
             raise InvalidTransition(event, subject.lifecycle, subject.key, subject.start, reason)
-    return after, instructions
+    return changed_books, instructions
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,12 +90,12 @@ def _raise_missing(lifecycle: Lifecycle, key: object, books: Books) -> None:
 
 def undeclared_changes(event: ev.Event, before: Books, after: Books) -> list[str]:
     """List state changes by an event that no table declares; tests require that there are none."""
-    found = []
+    violations = []
     kind = type(event)
     for lifecycle in LIFECYCLES:
         rows = [row for row in (*lifecycle.transitions, *lifecycle.consequences) if row.event is kind]
         for key in getattr(after, f"{lifecycle.entity}s"):
             start, end = lifecycle.find_state(before, key), lifecycle.find_state(after, key)
             if start != end and not any(row.allows(start, end) for row in rows):
-                found.append(f"{kind.__name__}: {lifecycle.entity} {key} from {start} to {end}")
-    return found
+                violations.append(f"{kind.__name__}: {lifecycle.entity} {key} from {start} to {end}")
+    return violations

@@ -106,9 +106,9 @@ def _(event: ev.JobCancelled, books: Books) -> Result:
 @change.register
 def _(event: ev.JobPruned, books: Books) -> Result:
     job = books.job(event.job)
-    needed = find_need(books, job)
-    if needed is not None:
-        raise InvalidTransition(event, JOB, job.id, job.state, needed)
+    need = find_need(books, job)
+    if need is not None:
+        raise InvalidTransition(event, JOB, job.id, job.state, need)
     job = replace_fields(job, pruned_s=event.at_s, part_pictures=event.part_pictures)
     return put(books, job), (ev.NameFiles(job=job.id),)
 

@@ -50,8 +50,8 @@ def _(event: ev.PlateReplaced, books: Books) -> Result:
 def _replace_names(names: tuple[str, ...], old: tuple[str, ...], new: tuple[str, ...]) -> tuple[str, ...]:
     """Replace old names by new ones, at the position of the first."""
     at = names.index(old[0])
-    kept = tuple(name for name in names if name not in old)
-    return (*kept[:at], *new, *kept[at:])
+    remaining = tuple(name for name in names if name not in old)
+    return (*remaining[:at], *new, *remaining[at:])
 
 
 @change.register

@@ -112,8 +112,8 @@ def _(event: ev.PrintEnded, books: Books) -> Result:
 
 def _end_is_unknown(event: ev.PrintEnded, attempt: Print) -> bool:
     """Return whether a restored print may have been done, or ended by a person, since the backup."""
-    lost = event.fault == OwnFault.PRINT_LOST or event.state is PrintState.CANCELLED
-    return attempt.restored and lost
+    is_lost = event.fault == OwnFault.PRINT_LOST or event.state is PrintState.CANCELLED
+    return attempt.restored and is_lost
 
 
 def _end_print(event: ev.PrintEnded, attempt: Print, plate: Plate) -> Print:

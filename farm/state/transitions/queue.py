@@ -51,5 +51,5 @@ def _place_job(job: Job, others: list[Job], place: int, last_number: int) -> Ite
         yield job
         return
     ordered = [*before, job, *after]
-    for i, each in enumerate(ordered):
-        yield replace_fields(each, moved_rank=last_number - len(ordered) + 1.0 + i)
+    for i, moved_job in enumerate(ordered):
+        yield replace_fields(moved_job, moved_rank=last_number - len(ordered) + 1.0 + i)

@@ -108,21 +108,21 @@ def name_outcome(state: PrintState, verdict: Verdict | None) -> str:
 
 def list_bars(job: api.JobView, others: Sequence[api.HistoryRow], now: datetime) -> list[Bar]:
     """List every print of a job, and those of other jobs on the fleet in that time."""
-    own = []
+    job_bars = []
     for attempt in job.prints:
         if attempt.started is None:
             continue
         end = datetime.fromisoformat(attempt.ended) if attempt.ended else now
         kind = name_outcome(attempt.state, attempt.verdict)
-        why = attempt.reason or attempt.why
-        text = f"{attempt.part} on {attempt.printer}: {kind}" + (f", {why}" if why else "")
+        reason = attempt.reason or attempt.why
+        text = f"{attempt.part} on {attempt.printer}: {kind}" + (f", {reason}" if reason else "")
         number = attempt.part.rpartition("/")[2].removeprefix("p")
         start = datetime.fromisoformat(attempt.started)
-        own.append(Bar(attempt.printer, start, max(start, end), kind, number, text))
-    if not own:
+        job_bars.append(Bar(attempt.printer, start, max(start, end), kind, number, text))
+    if not job_bars:
         return []
-    first, last = min(bar.start for bar in own), max(bar.end for bar in own)
-    return own + [
+    first, last = min(bar.start for bar in job_bars), max(bar.end for bar in job_bars)
+    return job_bars + [
         Bar(row.printer, start, end, _OTHER_JOB, "", f"{row.part} of another job")
         for row in others
         if row.job != job.id and row.started and row.ended
@@ -135,8 +135,8 @@ def lay_out_gantt(bars: Sequence[Bar]) -> Gantt | None:
     """Lay out bars over the time span of the job's own bars; None if there are none."""
     if not bars:
         return None
-    own = [bar for bar in bars if bar.kind != _OTHER_JOB]
-    first, last = min(bar.start for bar in own), max(bar.end for bar in own)
+    job_bars = [bar for bar in bars if bar.kind != _OTHER_JOB]
+    first, last = min(bar.start for bar in job_bars), max(bar.end for bar in job_bars)
     span_s = max(1.0, (last - first).total_seconds())
 
     def x(at: datetime) -> float:

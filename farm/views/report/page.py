@@ -135,8 +135,8 @@ def _compare_times(last: api.PrintView | None, expected_s: float) -> str:
     """Format the actual and expected printing time of a part."""
     if last is None or last.state is not PrintState.DONE or not (last.started and last.ended):
         return f"expected {format_duration(expected_s)}"
-    reached = datetime.fromisoformat(last.ended) - datetime.fromisoformat(last.started)
-    return f"{format_duration(reached.total_seconds())}, expected {format_duration(expected_s)}"
+    actual = datetime.fromisoformat(last.ended) - datetime.fromisoformat(last.started)
+    return f"{format_duration(actual.total_seconds())}, expected {format_duration(expected_s)}"
 
 
 def _data_url(picture: bytes) -> str:
