@@ -106,7 +106,8 @@ def build_curve(problem: Problem) -> tuple[CurvePoint, ...]:
     shared = problem.price_boxes(grid)
     classes = classify_printers(printers, MAX_SUMS / len(shared.seconds))
     class_indices = [
-        next(i for i, each in enumerate(classes) if printer in each.printers) for printer in printers
+        next(i for i, printer_class in enumerate(classes) if printer in printer_class.printers)
+        for printer in printers
     ]
     fleets = np.cumsum(np.eye(len(classes), dtype=np.int64)[class_indices], axis=0)
     points = makespan_curve(class_tables(problem, grid, shared, classes), fleets, problem.executor)

@@ -78,8 +78,8 @@ class _Trials:
     def try_engine(self, engine: Engine, cells: str | int, yaw_deg: float = 0.0) -> None:
         """Add an engine's attempt, unless the budget is spent."""
         if self.attempts and self.remaining_s <= 0.0:
-            why = "not begun: the budget was spent"
-            self.attempts.append(Attempt(engine, cells, yaw_deg, finished=False, reason=why))
+            result_text = "not begun: the budget was spent"
+            self.attempts.append(Attempt(engine, cells, yaw_deg, finished=False, reason=result_text))
             return
         effort = Effort(self.remaining_s, on_spent=self._report_spent)
         started_s, makespan_s, reason = perf_counter(), None, ""
@@ -93,10 +93,10 @@ class _Trials:
             thorough=True,
         )
         try:
-            found = self.by_engine(trial)
-            makespan_s = found.makespan_s
-            if self._is_better(found, yaw_deg):
-                self.best, self.yaw_deg = found, yaw_deg
+            decomposition = self.by_engine(trial)
+            makespan_s = decomposition.makespan_s
+            if self._is_better(decomposition, yaw_deg):
+                self.best, self.yaw_deg = decomposition, yaw_deg
         except (NoFit, GeometryError) as error:
             self.failure = self.failure or error
             out_of_budget = effort.cut_short and isinstance(error, NoFit)
@@ -113,12 +113,14 @@ class _Trials:
         if budget_s > 0.0:
             report_progress(min(1.0, (budget_s - self.remaining_s + spent_s) / budget_s))
 
-    def _is_better(self, found: Decomposition, yaw_deg: float) -> bool:
+    def _is_better(self, decomposition: Decomposition, yaw_deg: float) -> bool:
         if self.best is None:
             return True
         if yaw_deg and not self.yaw_deg:
-            found = replace(found, makespan_s=found.makespan_s / (1.0 - WORTH_TURNING))
-        return _rank(found) < _rank(self.best)
+            decomposition = replace(
+                decomposition, makespan_s=decomposition.makespan_s / (1.0 - WORTH_TURNING)
+            )
+        return _rank(decomposition) < _rank(self.best)
 
     def try_other_grids(self) -> None:
         """Try the guillotine engine on other grids, each once, while the possible gain is large enough."""

@@ -65,17 +65,17 @@ def _cut_small_models() -> None:
         cost = CostModel.from_recipe(Recipe())
         for options in _ENGINES:
             printers = [replace(_ROOM, name=name) for name in "abcdefghij"]
-            found = decompose_model(model, printers, options, cost)
-        write_decomposition(found, Path(scratch) / "parts")
+            decomposition = decompose_model(model, printers, options, cost)
+        write_decomposition(decomposition, Path(scratch) / "parts")
 
 
 def main() -> None:
     """Compile, and print where the code is kept."""
     ensure_compiled()
-    kept = "nowhere: no folder can be written" if CODE_FOLDER is None else f"in {CODE_FOLDER}"
+    place = "nowhere: no folder can be written" if CODE_FOLDER is None else f"in {CODE_FOLDER}"
     if CODE_FOLDER not in (None, INSTALLED):
-        kept += f", as {INSTALLED} cannot be written"
-    sys.stdout.write(f"Machine code is kept {kept}\n")
+        place += f", as {INSTALLED} cannot be written"
+    sys.stdout.write(f"Machine code is kept {place}\n")
 
 
 if __name__ == "__main__":

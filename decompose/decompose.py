@@ -59,9 +59,9 @@ def decompose_model(
     serial_s = perf_counter() - began_s
     problem = Problem(model, tuple(printers), cost, options, executor)
     by_engine = partial(_by_engine, serial=serial)
-    found = find_best(problem, by_engine) if options.engine is Engine.BEST else by_engine(problem)
-    stages = found.compute_s | {"serial": serial_s, "total": perf_counter() - began_s}
-    return replace(found, compute_s=stages)
+    partition = find_best(problem, by_engine) if options.engine is Engine.BEST else by_engine(problem)
+    stages = partition.compute_s | {"serial": serial_s, "total": perf_counter() - began_s}
+    return replace(partition, compute_s=stages)
 
 
 def _by_engine(problem: Problem, serial: tuple[float, float]) -> Decomposition:
@@ -70,9 +70,9 @@ def _by_engine(problem: Problem, serial: tuple[float, float]) -> Decomposition:
     if problem.options.faithful and problem.options.engine is Engine.PARALLELOBOX:
         problem = replace(problem, options=paper_settings(problem.options))
     problem = replace(problem, on_stage=watch.lap)
-    found = ENGINES[problem.options.engine](problem)
+    partition = ENGINES[problem.options.engine](problem)
     watch.lap("engine")
-    return replace(finish_result(problem, found, serial), compute_s=watch.laps())
+    return replace(finish_result(problem, partition, serial), compute_s=watch.laps())
 
 
 def estimate_serial_s(

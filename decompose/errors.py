@@ -105,7 +105,7 @@ class GeometryError(DecomposeError):
         Part at fault, where it is one part.
     """
 
-    def __init__(self, rule: str, part: str | None, what: str) -> None:
-        super().__init__(f"{part or 'decomposition'}: {what} (rule {rule}); nothing was written")
+    def __init__(self, rule: str, part: str | None, problem: str) -> None:
+        super().__init__(f"{part or 'decomposition'}: {problem} (rule {rule}); nothing was written")
         self.rule = rule
         self.part = part

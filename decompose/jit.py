@@ -97,9 +97,9 @@ def _list_others(name: str) -> Iterator[Path]:
     with contextlib.suppress(RuntimeError):  # a user without a home
         yield Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "farm" / name
     with contextlib.suppress(OSError):
-        own = tempfile.mkdtemp(prefix="farm-code-")
-        atexit.register(shutil.rmtree, own, ignore_errors=True)
-        yield Path(own) / name
+        scratch = tempfile.mkdtemp(prefix="farm-code-")
+        atexit.register(shutil.rmtree, scratch, ignore_errors=True)
+        yield Path(scratch) / name
 
 
 _HERE = Path(__file__).parent

@@ -109,7 +109,7 @@ def _cut_previous_boxes(
     parts_of: dict[bytes, list[int]] = {}
     for i, box in enumerate(cutting.boxes_mm):
         parts_of.setdefault(box.tobytes(), []).append(i)
-    found = []
+    part_pieces = []
     for parts in parts_of.values():
         pieces = cut_box(problem.model.solid, *cutting.boxes_mm[parts[0]])
         if len(pieces) != len(parts):
@@ -122,13 +122,13 @@ def _cut_previous_boxes(
         poses = [pose for pose in problem.find_poses(pieces) if pose is not None]
         if len(poses) != len(pieces):
             return None
-        found.append(
+        part_pieces.append(
             [
                 replace(piece, time_ratio=sliced_s[number] / pose.price_s)
                 for piece, number, pose in zip(pieces, numbers, poses, strict=True)
             ]
         )
-    return found
+    return part_pieces
 
 
 def _makespan_s(problem: Problem, pieces: Sequence[Piece]) -> float:

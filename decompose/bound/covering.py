@@ -68,14 +68,14 @@ def _is_replaced(tables: Tables, limit_s: float, box: Box, shape: Shape) -> bool
 
 
 @jit
-def _largest(tables: Tables, limit_s: float, shape: Shape, found: npt.NDArray[np.int16]) -> int:
+def _largest(tables: Tables, limit_s: float, shape: Shape, boxes: npt.NDArray[np.int16]) -> int:
     """Fill in the boxes within the limit that no box one layer larger replaces; return their number.
 
     Parameters
     ----------
     tables
         `seconds` float32, `trimmed` int32 and `pieces` int16 of `BoxTables`, (boxes,) each.
-    found
+    boxes
         (k, 6) int16, with room for all boxes within the limit.
     """
     seconds, trimmed, _ = tables
@@ -91,8 +91,8 @@ def _largest(tables: Tables, limit_s: float, shape: Shape, found: npt.NDArray[np
                             if not seconds[box] <= limit_s or trimmed[box] != box:
                                 continue
                             if not _is_replaced(tables, limit_s, (x0, y0, z0, x1, y1, z1), shape):
-                                found[count, 0], found[count, 1], found[count, 2] = x0, y0, z0
-                                found[count, 3], found[count, 4], found[count, 5] = x1, y1, z1
+                                boxes[count, 0], boxes[count, 1], boxes[count, 2] = x0, y0, z0
+                                boxes[count, 3], boxes[count, 4], boxes[count, 5] = x1, y1, z1
                                 count += 1
     return count
 
@@ -353,21 +353,23 @@ def cover_cells(boxes: BoxTables, needed: Bools, limit_s: float, printers: int, 
     Covering
         Where a needed cell is in no box within the time there is no covering, and all weight is on that cell.
     """
-    found = np.zeros((int((boxes.seconds <= limit_s).sum()), 6), np.int16)
+    largest = np.zeros((int((boxes.seconds <= limit_s).sum()), 6), np.int16)
     tables = (boxes.seconds, boxes.trimmed, boxes.pieces)
-    found = found[: _largest(tables, limit_s, boxes.shape, found)].copy()
-    corners = _corners(found.astype(np.int64), boxes.shape)
+    largest = largest[: _largest(tables, limit_s, boxes.shape, largest)].copy()
+    corners = _corners(largest.astype(np.int64), boxes.shape)
     overlap = np.zeros(needed.shape)
-    _sum_over_cells(np.ones(len(found)), corners, np.zeros([n + 1 for n in boxes.shape]), overlap)
+    _sum_over_cells(np.ones(len(largest)), corners, np.zeros([n + 1 for n in boxes.shape]), overlap)
     uncovered = needed & (overlap < 0.5)
     if uncovered.any():
         return Covering(
-            (uncovered.cumsum().reshape(uncovered.shape) == 1) * uncovered * 1.0, found, np.zeros(len(found))
+            (uncovered.cumsum().reshape(uncovered.shape) == 1) * uncovered * 1.0,
+            largest,
+            np.zeros(len(largest)),
         )
-    at = [box_index((a, b, c, d, e, f), boxes.shape) for a, b, c, d, e, f in found.tolist()]
+    at = [box_index((a, b, c, d, e, f), boxes.shape) for a, b, c, d, e, f in largest.tolist()]
     pieces = boxes.pieces[at].astype(np.float64)
     best = _solve(needed, corners, pieces, overlap, printers, weights.copy())
-    return Covering(best.weights, found, best.shares)
+    return Covering(best.weights, largest, best.shares)
 
 
 def _corners(boxes: Ints, shape: tuple[int, int, int]) -> Ints:

@@ -36,16 +36,16 @@ def write_decomposition(decomposition: Decomposition, folder: Path) -> Decomposi
     folder.mkdir(parents=True, exist_ok=True)
     parts = []
     for part in decomposition.parts:
-        named = replace(part, file=f"{part.id}.stl")
-        write_stl(folder / named.file, named.stl_triangles())
-        check_stl(folder / named.file, named)
-        parts.append(named)
-    written = replace(decomposition, parts=tuple(parts))
-    text = json.dumps(written.as_dict(), indent=1) + "\n"
+        stored_part = replace(part, file=f"{part.id}.stl")
+        write_stl(folder / stored_part.file, stored_part.stl_triangles())
+        check_stl(folder / stored_part.file, stored_part)
+        parts.append(stored_part)
+    stored = replace(decomposition, parts=tuple(parts))
+    text = json.dumps(stored.as_dict(), indent=1) + "\n"
     (folder / REPORT).write_text(text, encoding="utf-8")
-    draw_assembly(written.parts, folder / PICTURE)
-    write_glb(written.parts, folder / ASSEMBLY)
-    return written
+    draw_assembly(stored.parts, folder / PICTURE)
+    write_glb(stored.parts, folder / ASSEMBLY)
+    return stored
 
 
 def write_glb(parts: Sequence[Part], path: Path) -> None:

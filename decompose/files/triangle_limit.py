@@ -70,14 +70,14 @@ def header_face_count(data: bytes) -> int:
 
 def count_ply_faces(head: bytes) -> int:
     """Read the number of faces from a PLY's header; 0 where it does not say."""
-    found = _PLY_FACES.search(head, 0, HEAD_BYTES)
-    return int(found[1]) if found else 0
+    match = _PLY_FACES.search(head, 0, HEAD_BYTES)
+    return int(match[1]) if match else 0
 
 
 def count_off_faces(head: bytes) -> int:
     """Read the number of faces from the first lines of an OFF; 0 where they do not say."""
-    found = _OFF_COUNTS.match(head, 0, HEAD_BYTES)
-    return int(found[1]) if found else 0
+    match = _OFF_COUNTS.match(head, 0, HEAD_BYTES)
+    return int(match[1]) if match else 0
 
 
 def _count_stl_faces(head: bytes, size: int) -> int:

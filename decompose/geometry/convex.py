@@ -86,7 +86,7 @@ def rectangles(outline: Floats, angles: Floats) -> Floats:
     ndarray
         (n, 2) in the unit of the outline.
     """
-    found = np.zeros((len(angles), 2))
+    sides = np.zeros((len(angles), 2))
     for i in range(len(angles)):
         ux, uy = np.cos(angles[i]), np.sin(angles[i])
         least, most = np.full(2, np.inf), np.full(2, -np.inf)
@@ -95,8 +95,8 @@ def rectangles(outline: Floats, angles: Floats) -> Floats:
             v = outline[k, 1] * ux - outline[k, 0] * uy
             least[0], most[0] = min(least[0], u), max(most[0], u)
             least[1], most[1] = min(least[1], v), max(most[1], v)
-        found[i] = most - least
-    return found
+        sides[i] = most - least
+    return sides
 
 
 @jit

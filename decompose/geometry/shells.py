@@ -27,11 +27,11 @@ def orient_faces(faces: Ints) -> Ints | None:
     order, starts, counts = _by_edge(tail, head)
     first = starts[counts == 2]
     a, b = order[first], order[first + 1]
-    against = tail[a] == tail[b]
+    is_opposed = tail[a] == tail[b]
     m = len(faces)
     f, g = face[a], face[b]
     rows = np.concatenate([f, f + m])
-    columns = np.concatenate([np.where(against, g + m, g), np.where(against, g, g + m)])
+    columns = np.concatenate([np.where(is_opposed, g + m, g), np.where(is_opposed, g, g + m)])
     label = label_components(2 * m, rows, columns)  # face f as it is, and turned: f + m
     if (label[:m] == label[m:]).any():
         return None
@@ -87,11 +87,11 @@ def _separate(vertices: Floats, faces: Ints, pairs: Ints) -> list[tuple[Floats, 
     place[corner] = vertices[tail]
     label = label_components(len(faces), face[a], face[b])
     split = corner.reshape(-1, 3)
-    found = []
+    shells = []
     for number in range(label.max() + 1):
         used, index = np.unique(split[label == number], return_inverse=True)
-        found.append((place[used], index.reshape(-1, 3).astype(np.int64)))
-    return found
+        shells.append((place[used], index.reshape(-1, 3).astype(np.int64)))
+    return shells
 
 
 def find_rims(faces: Ints) -> list[Ints]:
@@ -100,15 +100,15 @@ def find_rims(faces: Ints) -> list[Ints]:
     order, starts, counts = _by_edge(tail, head)
     single_starts = order[starts[counts == 1]]
     after = dict(zip(head[single_starts].tolist(), tail[single_starts].tolist(), strict=True))
-    found = []
+    rims = []
     while after:
         start, at = after.popitem()
         loop = [start]
         while at != start:
             loop.append(at)
             at = after.pop(at)
-        found.append(np.array(loop, dtype=np.int64))
-    return sorted(found, key=lambda loop: int(loop.min()))
+        rims.append(np.array(loop, dtype=np.int64))
+    return sorted(rims, key=lambda loop: int(loop.min()))
 
 
 def is_flat(rim: Floats) -> bool:
@@ -141,12 +141,12 @@ def cap_holes(vertices: Floats, faces: Ints) -> Ints:
             frame = _frame(vertices[loops[i]], normals[i])
             flat = (vertices[loops[i]] - frame[3]) @ frame[:2].T
             outers.append(([i], shapely.Polygon(flat), frame))
-    found = []
+    caps = []
     for members, _, frame in outers:
         polygons = [(vertices[loops[i]] - frame[3]) @ frame[:2].T for i in members]
         index = np.concatenate([loops[i] for i in members])
-        found.append(index[triangulate(polygons)])
-    return np.concatenate(found) if found else np.zeros((0, 3), dtype=np.int64)
+        caps.append(index[triangulate(polygons)])
+    return np.concatenate(caps) if caps else np.zeros((0, 3), dtype=np.int64)
 
 
 def _is_hole_of(rim: Floats, normal: Floats, polygon: shapely.Polygon, frame: Floats, size: float) -> bool:

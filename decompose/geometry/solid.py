@@ -25,10 +25,10 @@ _BOX_FACES = np.array(
 )  # fmt: skip
 
 
-def _check_status(manifold: Any, doing: str) -> Any:
+def _check_status(manifold: Any, operation: str) -> Any:
     status = manifold.status()
     if status != manifold3d.Error.NoError:
-        raise ModelNotSolid(f"{doing}: the triangles bound no solid ({status.name}); repair the model")
+        raise ModelNotSolid(f"{operation}: the triangles bound no solid ({status.name}); repair the model")
     return manifold
 
 

@@ -127,8 +127,8 @@ def find_good_mirrors(
     cloud = _Cloud(vertices, rng, FEW_MIRRORED)
     normals = np.vstack([cloud.principal(), cloud.draw_normals()])
     ranked = sorted((cloud.error_mm(n), tuple(n)) for n in normals)
-    found = [cloud.refine(np.array(n), error, samples) for error, n in _pick_distinct(ranked, most)]
-    refined = _pick_distinct(sorted((error, tuple(normal)) for normal, error in found), most)
+    mirrors = [cloud.refine(np.array(n), error, samples) for error, n in _pick_distinct(ranked, most)]
+    refined = _pick_distinct(sorted((error, tuple(normal)) for normal, error in mirrors), most)
     worst = tolerance * _diagonal_mm(vertices)
     return [cloud.mirror(np.array(normal), error) for error, normal in refined if error <= worst]
 
@@ -138,11 +138,11 @@ Scored = tuple[float, tuple[float, ...]]  # the error in mm, and the normal
 
 def _pick_distinct(ranked: list[Scored], most: int) -> list[Scored]:
     """Select the first planes whose normals differ from each other, whichever way they point."""
-    kept: list[Scored] = []
+    distinct: list[Scored] = []
     for error, normal in ranked:
-        if len(kept) < most and all(abs(np.dot(normal, n)) < np.cos(APART_RAD) for _, n in kept):
-            kept.append((error, normal))
-    return kept
+        if len(distinct) < most and all(abs(np.dot(normal, n)) < np.cos(APART_RAD) for _, n in distinct):
+            distinct.append((error, normal))
+    return distinct
 
 
 def _diagonal_mm(vertices: Floats) -> float:

@@ -45,9 +45,9 @@ class BoxTables:
     pieces: npt.NDArray[np.int16]
     cut_mm2: npt.NDArray[np.float32] = field(default_factory=lambda: np.zeros(0, np.float32))
 
-    def longest_s(self, found: Iterable[Box]) -> float:
+    def longest_s(self, boxes: Iterable[Box]) -> float:
         """Find the time of the costliest of some boxes, each trimmed."""
-        return max(float(self.seconds[self.trimmed[box_index(box, self.shape)]]) for box in found)
+        return max(float(self.seconds[self.trimmed[box_index(box, self.shape)]]) for box in boxes)
 
 
 @jit
@@ -306,15 +306,15 @@ def _count_pieces(
                                 for y in range(y0, y1):
                                     if not full[x, y, z]:
                                         continue
-                                    me = (x * ny + y) * nz + z
-                                    parent[me] = me
+                                    index = (x * ny + y) * nz + z
+                                    parent[index] = index
                                     k += 1
                                     if x > x0 and open_x[x, y, z]:
-                                        k -= _join_groups(parent, me, me - ny * nz)
+                                        k -= _join_groups(parent, index, index - ny * nz)
                                     if y > y0 and open_y[x, y, z]:
-                                        k -= _join_groups(parent, me, me - nz)
+                                        k -= _join_groups(parent, index, index - nz)
                                     if z > z0 and open_z[x, y, z]:
-                                        k -= _join_groups(parent, me, me - 1)
+                                        k -= _join_groups(parent, index, index - 1)
                             box = index_of((x0, y0, z0, x1, y1, z + 1), (nx, ny, nz))
                             if trimmed[box] == box and seconds[box] < np.inf:
                                 pieces[box] = max(1, k)

@@ -191,15 +191,17 @@ def clip_into_cells(triangles: Floats, planes: Planes, skin_cos: float, overhang
                 if axis >= 0:
                     at[axis] += 1
                 continue
-            kept = _clip(polygon, axis, planes[axis][at[axis]], True, half)
-            kept = _clip(half[:kept], axis, planes[axis][at[axis] + 1], False, polygons[axis + 1])
-            count[axis + 1] = kept
-            if kept >= 3 and axis < 2:
+            corner_count = _clip(polygon, axis, planes[axis][at[axis]], True, half)
+            corner_count = _clip(
+                half[:corner_count], axis, planes[axis][at[axis] + 1], False, polygons[axis + 1]
+            )
+            count[axis + 1] = corner_count
+            if corner_count >= 3 and axis < 2:
                 axis += 1
                 entering = True
                 continue
-            if kept >= 3:
+            if corner_count >= 3:
                 west_mm = planes[0][at[0]]
-                _add_fragment(into, at, polygons[3, :kept], normal, west_mm, (skin_cos, overhang_cos))
+                _add_fragment(into, at, polygons[3, :corner_count], normal, west_mm, (skin_cos, overhang_cos))
             at[axis] += 1
     return into

@@ -135,8 +135,8 @@ def place_planes(lo_mm: float, hi_mm: float, count: int, flats: npt.NDArray[Any]
     offsets = offsets[np.argsort(np.abs(offsets), kind="stable")]
     for i in range(1, count):
         distance = np.abs((planes[i] + offsets)[:, None] - flats[None, :]).min(axis=1)
-        enough = np.flatnonzero(distance >= clear)
-        planes[i] += offsets[enough[0]] if len(enough) else offsets[int(np.argmax(distance))]
+        candidates = np.flatnonzero(distance >= clear)
+        planes[i] += offsets[candidates[0]] if len(candidates) else offsets[int(np.argmax(distance))]
     return planes
 
 
@@ -215,12 +215,12 @@ def fill_grid(triangles: Floats, planes: tuple[Floats, Floats, Floats], rules: G
     # What lies behind a cut face reaches the cell's side; without surface the cell is full or empty.
     for axis in range(3):
         near = np.take(cuts[axis], range(area.shape[axis]), axis=axis) > 0.0
-        far = np.take(cuts[axis], range(1, area.shape[axis] + 1), axis=axis) > 0.0
+        has_far_side = np.take(cuts[axis], range(1, area.shape[axis] + 1), axis=axis) > 0.0
         shape = [1, 1, 1]
         shape[axis] = -1
         low, high = planes[axis][:-1].reshape(shape), planes[axis][1:].reshape(shape)
         extents[..., axis] = np.where(near, low, extents[..., axis])
-        extents[..., axis + 3] = np.where(far, high, extents[..., axis + 3])
+        extents[..., axis + 3] = np.where(has_far_side, high, extents[..., axis + 3])
     cells = np.full(area.shape, Cell.EXTERNAL, dtype=np.int8)
     cells[(area == 0.0) & (cuts[0][:-1] > 0.0)] = Cell.INTERNAL
     cells[area > 0.0] = Cell.BOUNDARY

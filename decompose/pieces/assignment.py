@@ -35,8 +35,8 @@ def assign_printers(posed: Sequence[Pose], printers: Sequence[PrinterRoom]) -> l
         [pose.price_s * p.time_factor if p.fits(*pose.size_mm) else np.inf for p in printers]
         for pose in posed
     ]
-    found = assign_bottleneck(np.array(seconds))
-    return None if found is None else [printers[i] for i in found]
+    assignment = assign_bottleneck(np.array(seconds))
+    return None if assignment is None else [printers[i] for i in assignment]
 
 
 def assign_bottleneck(seconds: Floats) -> list[int] | None:

@@ -117,7 +117,7 @@ def find_joints(pieces: Sequence[CutSolid]) -> list[Joint]:
     for number, piece in enumerate(pieces):
         for plane, face in _cut_sides(piece.solid, piece.planes).items():
             sides[plane].append((number, face))
-    found: dict[tuple[int, int], list[JointFace]] = defaultdict(list)
+    joint_faces: dict[tuple[int, int], list[JointFace]] = defaultdict(list)
     for plane, faces in sides.items():
         for i, (a, face) in enumerate(faces):
             for b, other in faces[i + 1 :]:
@@ -126,12 +126,12 @@ def find_joints(pieces: Sequence[CutSolid]) -> list[Joint]:
                 shared = face.intersection(other)
                 if shared.area > 0.0:
                     normal = np.array(plane[:3])
-                    found[min(a, b), max(a, b)].append(
+                    joint_faces[min(a, b), max(a, b)].append(
                         JointFace(normal, plane[3], _plane_axes(normal), shared)
                     )
     return [
         Joint(a, b, sum(f.area_mm2 for f in faces), max(_width_mm(f.outline) for f in faces), tuple(faces))
-        for (a, b), faces in sorted(found.items())
+        for (a, b), faces in sorted(joint_faces.items())
     ]
 
 
@@ -153,9 +153,9 @@ def find_faults(
     touching
         Joints of `find_joints`, where they are known already.
     """
-    found = [Fault(i, reason) for i, piece in enumerate(pieces) if (reason := _sliver(piece))]
+    faults = [Fault(i, reason) for i, piece in enumerate(pieces) if (reason := _sliver(piece))]
     touching = find_joints(pieces) if touching is None else touching
-    return found + _loose([p.solid.volume_mm3 for p in pieces], touching, min_glue_mm2)
+    return faults + _loose([p.solid.volume_mm3 for p in pieces], touching, min_glue_mm2)
 
 
 def _loose(volumes_mm3: Sequence[float], touching: Sequence[Joint], min_glue_mm2: float) -> list[Fault]:
@@ -172,7 +172,7 @@ def _loose(volumes_mm3: Sequence[float], touching: Sequence[Joint], min_glue_mm2
             group = int(components[piece])
             if components[joint.a] != components[joint.b] and group != heaviest[int(body[piece])]:
                 candidate = (volumes_mm3[piece], piece, joint)
-                weak[group] = min(weak.get(group, candidate), candidate, key=lambda found: found[:2])
+                weak[group] = min(weak.get(group, candidate), candidate, key=lambda fault: fault[:2])
     return [Fault(piece, joint.weakness(min_glue_mm2)) for _, piece, joint in weak.values()]
 
 
@@ -201,7 +201,7 @@ def _groups(count: int, touching: Sequence[Joint]) -> Ints:
 def _cut_sides(solid: Solid, planes: Floats) -> dict[tuple[float, ...], shapely.Geometry]:
     """Find the faces of a solid on each plane, as one geometry in its coordinates, by the plane's name."""
     vertices, faces = solid.arrays()
-    found: dict[tuple[float, ...], shapely.Geometry] = {}
+    sides: dict[tuple[float, ...], shapely.Geometry] = {}
     for plane in planes:
         on = np.abs(vertices @ plane[:3] - plane[3]) < ON_PLANE_MM
         flat = faces[on[faces].all(axis=1)]
@@ -215,8 +215,8 @@ def _cut_sides(solid: Solid, planes: Floats) -> dict[tuple[float, ...], shapely.
         rings = shapely.polygons(np.concatenate([corners, corners[:, :1]], axis=1))
         section = shapely.union_all(rings[shapely.area(rings) > 0.0])
         if section.area > 0.0:
-            found[tuple(float(v) for v in name)] = section
-    return found
+            sides[tuple(float(v) for v in name)] = section
+    return sides
 
 
 def _plane_axes(normal: Floats) -> Floats:

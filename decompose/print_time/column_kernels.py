@@ -89,8 +89,8 @@ def sweep_columns(triangles: Floats, marked: Floats, rays: Rays, height: float, 
     ending = np.zeros((LEVELS, 4))  # and those that end below it, and not below the one before
     for column in range(nx * ny):
         i, j = column // ny, column % ny
-        found = _follow_ray(crossings, column, normals, marked, overhang_cos, runs.ends)
-        runs.counts[column], supports[i, j], on_marked, propped[i, j] = found
+        count = _follow_ray(crossings, column, normals, marked, overhang_cos, runs.ends)
+        runs.counts[column], supports[i, j], on_marked, propped[i, j] = count
         touched += on_marked
         x, y = origin[0] + i * step, origin[1] + j * step
         for run in range(runs.start[column], runs.start[column] + runs.counts[column]):
@@ -263,22 +263,22 @@ def _islands_mm(runs: Runs, shape: tuple[int, int], height: float) -> float:
         islands = 0
         for i in range(rows):
             for j in range(row):
-                me = i * row + j
+                index = i * row + j
                 column = i * ISLAND_STRIDE * ny + j * ISLAND_STRIDE
-                kind[me], parent[me] = 0, me
+                kind[index], parent[index] = 0, index
                 for k in range(start[column], start[column] + counts[column]):
                     if ends[k, 0] < z < ends[k, 1]:
-                        kind[me] = 1
+                        kind[index] = 1
                     elif ends[k, 0] - ends[k, 3] < z <= ends[k, 0]:
-                        kind[me] = 2
-                if kind[me] == 0:
+                        kind[index] = 2
+                if kind[index] == 0:
                     continue
                 islands += 1
                 for n in range(4):  # the four of the eight neighbours that were visited before
                     u, v = (i, j - 1) if n == 3 else (i - 1, j - 1 + n)
-                    if u < 0 or v < 0 or v >= row or kind[u * row + v] != kind[me]:
+                    if u < 0 or v < 0 or v >= row or kind[u * row + v] != kind[index]:
                         continue
-                    a, b = _root(parent, me), _root(parent, u * row + v)
+                    a, b = _root(parent, index), _root(parent, u * row + v)
                     if a != b:
                         parent[a] = b
                         islands -= 1

@@ -74,21 +74,21 @@ def measure_columns(triangles: Floats, marked: Bools, overhang_cos: float, count
     shape = math.ceil(width / step), math.ceil(depth / step)
     # Off the middle by an irregular share: a ray through an edge of the mesh could count twice or not at all.
     origin = lo[:2] + step * (0.5 + np.array([0.0123, 0.0271]))
-    found = sweep_columns(
+    sums = sweep_columns(
         triangles, marked.astype(np.float64), Rays(origin, step, shape), height, overhang_cos
     )
-    mass = np.maximum(found.levels[:, 3:], 1e-12)
+    mass = np.maximum(sums.levels[:, 3:], 1e-12)
     area = step**2
     return Columns(
-        support_mm3=float(found.supports_mm.sum() * area),
-        support_side_mm2=_side_mm2(found.supports_mm, step) + found.edges_mm2,
-        towers_mm=found.towers_mm,
-        islands_mm=found.islands_mm,
-        propped_mm2=float(found.propped.sum() * area),
-        props_mm=origin + step * _row_ends(found.propped),
-        touched_mm2=float(found.touched * area),
-        volumes_mm3=found.levels[:, 3] * area,
-        centres_mm=found.levels[:, :3] / mass,
+        support_mm3=float(sums.supports_mm.sum() * area),
+        support_side_mm2=_side_mm2(sums.supports_mm, step) + sums.edges_mm2,
+        towers_mm=sums.towers_mm,
+        islands_mm=sums.islands_mm,
+        propped_mm2=float(sums.propped.sum() * area),
+        props_mm=origin + step * _row_ends(sums.propped),
+        touched_mm2=float(sums.touched * area),
+        volumes_mm3=sums.levels[:, 3] * area,
+        centres_mm=sums.levels[:, :3] / mass,
     )
 
 

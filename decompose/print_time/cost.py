@@ -69,10 +69,10 @@ class CostModel:
     @classmethod
     def from_recipe(cls, recipe: Recipe, factors: Mapping[str, float] = FACTORS) -> CostModel:
         """Build the cost of print settings: their terms, each times its factor."""
-        each = sum(
+        per_mm = sum(
             (factors[name] * vector for name, vector in time_terms(recipe).items()), np.zeros(len(FEATURES))
         )
-        seconds = dict(zip(FEATURES, each.tolist(), strict=True))
+        seconds = dict(zip(FEATURES, per_mm.tolist(), strict=True))
         return cls(
             fixed_s=recipe.prelude_s,
             volume_s_mm3=seconds["volume_mm3"],
@@ -113,7 +113,7 @@ class CostModel:
         return float(price(self.prices(), (volume, lateral, skin, slope, column), (width, depth, height)))
 
 
-_PRICES = np.dtype([(each.name, np.float64) for each in fields(CostModel)])
+_PRICES = np.dtype([(item.name, np.float64) for item in fields(CostModel)])
 
 
 @jit

@@ -92,8 +92,8 @@ class Footing:
         begins, all_of_it = (longer * length_mm for length_mm in WARPS_MM)
         warp = widest_mm * (self.length_mm - begins) / (all_of_it - begins)
         offset_mm = widest_mm if lean_mm < 0.0 else 0.0
-        needed = max(lever, contact, offset_mm, warp if self.sharp_corners else warp / 2.0)
-        return 0.0 if needed < MIN_BRIM_MM else math.floor(10.0 * min(needed, widest_mm)) / 10.0
+        width_mm = max(lever, contact, offset_mm, warp if self.sharp_corners else warp / 2.0)
+        return 0.0 if width_mm < MIN_BRIM_MM else math.floor(10.0 * min(width_mm, widest_mm)) / 10.0
 
     def expansion_mm(self, joined: bool) -> float:
         """Choose the horizontal expansion of the first layer: a face that is glued must not stick out."""

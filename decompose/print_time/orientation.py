@@ -95,7 +95,7 @@ def candidate_directions(vertices: Floats, faces: Ints) -> Floats:
     """List directions (k, 3) to try as up: the axes, then away from hull facets and from large flat faces."""
     corners = vertices[faces]
     areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) / 2.0
-    found = POSE_ROTATIONS[[4, 5, 0, 1, 2, 3], 2]
+    directions = POSE_ROTATIONS[[4, 5, 0, 1, 2, 3], 2]
     try:
         hull = ConvexHull(vertices)
         a, b, c = (vertices[hull.simplices[:, i]] for i in range(3))
@@ -103,16 +103,16 @@ def candidate_directions(vertices: Floats, faces: Ints) -> Floats:
     except QhullError:
         facets = np.zeros((0, 3))
     for normals, most in ((facets, HULL_FACETS), (areas, FLAT_FACES)):
-        found = _add_distinct(found, -_flats(normals), most, math.cos(math.radians(DISTINCT_DEG)))
-    return found
+        directions = _add_distinct(directions, -_flats(normals), most, math.cos(math.radians(DISTINCT_DEG)))
+    return directions
 
 
 @jit
-def _add_distinct(found: Floats, candidates: Floats, most: int, near_cos: float) -> Floats:
+def _add_distinct(known_directions: Floats, candidates: Floats, most: int, near_cos: float) -> Floats:
     """Append up to `most` candidates (m, 3) to the directions (k, 3) that they are not near; float64."""
-    directions = np.zeros((len(found) + most, 3))
-    count = len(found)
-    directions[:count] = found
+    directions = np.zeros((len(known_directions) + most, 3))
+    count = len(known_directions)
+    directions[:count] = known_directions
     for i in range(len(candidates)):
         if count == len(directions):
             break

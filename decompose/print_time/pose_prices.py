@@ -110,7 +110,7 @@ def pose_features(
 def pose_prices_s(vertices: Floats, faces: Ints, rotations: Floats, cost: CostModel) -> Floats:
     """Price a closed mesh in each of k poses, in seconds (k,); see `pose_features`."""
     features, extents = pose_features(vertices, faces, rotations, cost)
-    return np.array([cost.price_s(*each) for each in zip(features, extents, strict=True)])
+    return np.array([cost.price_s(*pose) for pose in zip(features, extents, strict=True)])
 
 
 def axis_prices_s(vertices: Floats, faces: Ints, cost: CostModel) -> Floats:

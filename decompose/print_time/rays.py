@@ -61,7 +61,7 @@ def find_bounds(triangles: Floats) -> tuple[Floats, Floats]:
 @jit
 def unit_normals(triangles: Floats) -> Floats:
     """Compute the unit normals (m, 3) of triangles (m, 3, 3), float64; 0 for a triangle without area."""
-    found = np.zeros((len(triangles), 3))
+    normals = np.zeros((len(triangles), 3))
     for t in range(len(triangles)):
         ax, ay, az = triangles[t, 0, 0], triangles[t, 0, 1], triangles[t, 0, 2]
         ux, uy, uz = triangles[t, 1, 0] - ax, triangles[t, 1, 1] - ay, triangles[t, 1, 2] - az
@@ -69,8 +69,8 @@ def unit_normals(triangles: Floats) -> Floats:
         nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
         length = np.sqrt(nx * nx + ny * ny + nz * nz)
         if length > 0.0:
-            found[t, 0], found[t, 1], found[t, 2] = nx / length, ny / length, nz / length
-    return found
+            normals[t, 0], normals[t, 1], normals[t, 2] = nx / length, ny / length, nz / length
+    return normals
 
 
 @jit
@@ -82,12 +82,12 @@ def find_crossings(triangles: Floats, normals: Floats, rays: Rays) -> Crossings:
     """
     x0, y0, step = rays.origin_mm[0], rays.origin_mm[1], rays.step_mm
     nx, ny = rays.shape
-    found = Crossings(np.zeros(nx * ny + 1, np.int64), np.zeros(0, np.float64), np.zeros(0, np.int64))
+    crossings = Crossings(np.zeros(nx * ny + 1, np.int64), np.zeros(0, np.float64), np.zeros(0, np.int64))
     filled = np.zeros(nx * ny, np.int64)
     edges = np.zeros((3, 4))
     for turn in range(2):  # count, then fill
         if turn == 1:
-            found = _allocate_crossings(found.start)
+            crossings = _allocate_crossings(crossings.start)
         for t in range(len(triangles)):
             if normals[t, 2] == 0.0:
                 continue
@@ -103,12 +103,12 @@ def find_crossings(triangles: Floats, normals: Floats, rays: Rays) -> Crossings:
                 for j in range(begin, min(ny, int(np.ceil((high - y0) / step)))):
                     column = i * ny + j
                     if turn == 0:
-                        found.start[column + 1] += 1
+                        crossings.start[column + 1] += 1
                         continue
                     z = az + (x - ax) * slope_x + (y0 + j * step - ay) * slope_y
-                    _insert_crossing(found, column, filled[column], min(max(z, lowest), highest), t)
+                    _insert_crossing(crossings, column, filled[column], min(max(z, lowest), highest), t)
                     filled[column] += 1
-    return found
+    return crossings
 
 
 @jit
@@ -167,11 +167,11 @@ def _plane(
 
 
 @jit_inline
-def _insert_crossing(found: Crossings, ray: int, count: int, z: float, face: int) -> None:
+def _insert_crossing(crossings: Crossings, ray: int, count: int, z: float, face: int) -> None:
     """Insert a crossing among the `count` that a ray has already, by its height in mm."""
-    first = found.start[ray]
+    first = crossings.start[ray]
     at = first + count
-    while at > first and found.z_mm[at - 1] > z:
-        found.z_mm[at], found.face[at] = found.z_mm[at - 1], found.face[at - 1]
+    while at > first and crossings.z_mm[at - 1] > z:
+        crossings.z_mm[at], crossings.face[at] = crossings.z_mm[at - 1], crossings.face[at - 1]
         at -= 1
-    found.z_mm[at], found.face[at] = z, face
+    crossings.z_mm[at], crossings.face[at] = z, face

@@ -25,11 +25,11 @@ def count_blocks(size_mm: Floats, printers: Sequence[PrinterRoom]) -> tuple[int,
 
     A box of one block fits; a box of more may still fit when rotated.
     """
-    each = []
+    axis_counts = []
     for printer in printers:
         turned = [np.ceil((size_mm - FIT_MM) / box) for b in printer.boxes for box in permutations(b)]
-        each.append(min(turned, key=lambda counts: (math.prod(counts.tolist()), counts.tolist())))
-    x, y, z = np.maximum(1.0, np.max(each, axis=0)).astype(int).tolist()
+        axis_counts.append(min(turned, key=lambda counts: (math.prod(counts.tolist()), counts.tolist())))
+    x, y, z = np.maximum(1.0, np.max(axis_counts, axis=0)).astype(int).tolist()
     return x, y, z
 
 
@@ -64,8 +64,8 @@ def place_clear_of_faces(
 
 def connected_pieces(piece: Piece) -> list[Piece]:
     """Split a piece into connected pieces, without the films that rounding leaves on a cut."""
-    found = [solid for solid in piece.solid.pieces() if solid.volume_mm3 > ROUNDING_MM3]
-    return [Piece(solid, piece.planes, piece.boxes_mm) for solid in found]
+    solids = [solid for solid in piece.solid.pieces() if solid.volume_mm3 > ROUNDING_MM3]
+    return [Piece(solid, piece.planes, piece.boxes_mm) for solid in solids]
 
 
 def refuse_misfits(

@@ -124,7 +124,7 @@ class Problem:
         return boxes
 
     def grid_figures(
-        self, grid: Grid, boxes: BoxTables, chosen: list[Box], pieces: Sequence[Piece]
+        self, grid: Grid, boxes: BoxTables, partition: list[Box], pieces: Sequence[Piece]
     ) -> GridFigures:
         """Compute the makespan of boxes by the tables, and a bound that no partition undercuts.
 
@@ -132,7 +132,7 @@ class Problem:
         longest is for the fastest one. The bound is proven as if all printers were as fast as that one.
         """
         printers = len(self.printers)
-        times_s = sorted((boxes.longest_s([box]) for box in chosen), reverse=True)
+        times_s = sorted((boxes.longest_s([box]) for box in partition), reverse=True)
         needed_mm3 = float(grid.sums[grid.needed][:, VOLUME].sum())
         bound_s = surface_bound_s(self.model.solid.area_mm2, needed_mm3, printers, self.cost)
         if self.needs_proof(pieces):
@@ -157,8 +157,8 @@ class Problem:
         takers = self.assign_printers(pieces)
         if takers is None:
             return math.inf
-        each = zip(self.find_poses(pieces), takers, strict=True)
-        return max(pose.price_s * taker.time_factor for pose, taker in each if pose is not None)
+        pairs = zip(self.find_poses(pieces), takers, strict=True)
+        return max(pose.price_s * taker.time_factor for pose, taker in pairs if pose is not None)
 
     def assign_printers(self, pieces: Sequence[Piece]) -> list[PrinterRoom] | None:
         """Assign printers to pieces so that the last one ends soonest; None where they do not all fit."""

@@ -123,12 +123,12 @@ def check_missing(parts: Sequence[Part], boxes_mm: Floats, model: Model, min_wal
     if len(boxes_mm):
         boxes = np.unique(boxes_mm, axis=0)
         hollow = model.solid.subtract(Solid.union([Solid.box(lo - LAP_MM, hi + LAP_MM) for lo, hi in boxes]))
-    left = 0.0 if hollow is None else hollow.volume_mm3
-    if abs(missing - left) > SURFACE_SHARE * whole:
+    hollow_mm3 = 0.0 if hollow is None else hollow.volume_mm3
+    if abs(missing - hollow_mm3) > SURFACE_SHARE * whole:
         raise GeometryError(
-            Rule.INSIDE, None, f"{missing:.1f} mm3 are missing, outside of the boxes are {left:.1f}"
+            Rule.INSIDE, None, f"{missing:.1f} mm3 are missing, outside of the boxes are {hollow_mm3:.1f}"
         )
-    if hollow is None or left <= CRUMB_SHARE * whole:
+    if hollow is None or hollow_mm3 <= CRUMB_SHARE * whole:
         return
     lo, hi = model.solid.bounds_mm
     far_mm = 2.0 * min_wall_mm + 1.0  # the sides of this box are further from any hollow than the limit
@@ -136,7 +136,7 @@ def check_missing(parts: Sequence[Part], boxes_mm: Floats, model: Model, min_wal
     if outside.gap_mm(hollow, min_wall_mm) >= min_wall_mm - FIT_MM:
         return
     hollows = hollow.pieces()
-    distances = [outside.gap_mm(each, min_wall_mm) for each in hollows]
+    distances = [outside.gap_mm(cavity, min_wall_mm) for cavity in hollows]
     nearest = int(np.argmin(distances))
     centre = np.round(hollows[nearest].bounds_mm.mean(axis=0))
     raise GeometryError(

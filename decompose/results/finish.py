@@ -127,8 +127,8 @@ def apply_time_ratios(pieces: Sequence[Piece], poses: Sequence[Pose]) -> list[Po
     list[Pose]
         Poses with true prices, in the same order.
     """
-    each = zip(pieces, poses, strict=True)
-    return [replace(pose, price_s=pose.price_s * piece.time_ratio) for piece, pose in each]
+    pairs = zip(pieces, poses, strict=True)
+    return [replace(pose, price_s=pose.price_s * piece.time_ratio) for piece, pose in pairs]
 
 
 def _require_pose(pose: Pose | None) -> Pose:

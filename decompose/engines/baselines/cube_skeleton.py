@@ -67,17 +67,19 @@ def cut_by_cube_skeleton(problem: Problem) -> Partition:
     if cube is None and faithful:
         raise NoFit("there is no room for a cube inside the model: take --engine guillotine")
     problem.on_stage("hollow")
-    found = _cut(problem, grid, shell, cube)
+    best = _cut(problem, grid, shell, cube)
     if cube is not None and hollowed and not faithful:
         cell_mm = max(float(np.diff(planes).max()) for planes in grid.planes)
         cube_mm = refine_cube(model.solid, np.array(grid.bounds_mm(cube)), cell_mm, options.min_wall_mm)
         planes, cube = planes_at(model.solid, grid, cube_mm)
         grid = fill_grid(vertices[faces], planes, rules)
         other = _cut(problem, grid, hollow_model(model.solid, grid, cube), cube)
-        found = min(other, found, key=lambda own: (len(own) > len(problem.printers), problem.makespan_s(own)))
+        best = min(
+            other, best, key=lambda pieces: (len(pieces) > len(problem.printers), problem.makespan_s(pieces))
+        )
     problem.on_stage("cut")
-    refuse_misfits("cube-skeleton", found, problem, sufficient_printers=len(found))
-    return Partition(found, model, np.eye(3))
+    refuse_misfits("cube-skeleton", best, problem, sufficient_printers=len(best))
+    return Partition(best, model, np.eye(3))
 
 
 def _cut(problem: Problem, grid: Grid, shell: Shell, cube: Block | None) -> tuple[Piece, ...]:
@@ -92,11 +94,11 @@ def _cut(problem: Problem, grid: Grid, shell: Shell, cube: Block | None) -> tupl
 
 
 def _skeleton(cubes: list[Block], grid: Grid, problem: Problem) -> list[Piece]:
-    found = []
+    pieces = []
     for cube in cubes:
         box = np.array(grid.bounds_mm(cube))
-        found += _fitting(Piece(Solid.box(*box), box_planes(box), box[None]), problem)
-    return found
+        pieces += _fitting(Piece(Solid.box(*box), box_planes(box), box[None]), problem)
+    return pieces
 
 
 def _regions(piece: Piece, cube: Block | None, grid: Grid) -> list[Piece]:
@@ -144,8 +146,8 @@ class _Group:
 
     def size_mm(self, other: _Group) -> Floats:
         """Compute the size (3,) of the box about both groups."""
-        both = np.array([self.solid.bounds_mm, other.solid.bounds_mm])
-        return np.asarray(both[:, 1].max(axis=0) - both[:, 0].min(axis=0))
+        bounds_mm = np.array([self.solid.bounds_mm, other.solid.bounds_mm])
+        return np.asarray(bounds_mm[:, 1].max(axis=0) - bounds_mm[:, 0].min(axis=0))
 
 
 class _Merging:
@@ -203,13 +205,13 @@ class _Merging:
 
     def pair_once(self) -> None:
         """Pair each piece, the largest first, with its smallest single neighbour with which it fits."""
-        alone = set(self.groups)
+        unpaired = set(self.groups)
         for number in sorted(self.groups, key=lambda i: (-self.groups[i].volume_mm3, i)):
-            neighbour = self.smallest(self.touching[number] & alone)
-            if number not in alone or neighbour is None or not self.fits(number, neighbour):
+            neighbour = self.smallest(self.touching[number] & unpaired)
+            if number not in unpaired or neighbour is None or not self.fits(number, neighbour):
                 continue
             if self.merge(number, neighbour):
-                alone -= {number, neighbour}
+                unpaired -= {number, neighbour}
 
     def merge_to(self, printers: int) -> None:
         """Merge the neighbours that print fastest until there are no more groups than printers.
@@ -230,12 +232,12 @@ class _Merging:
             self.merge(*min(pairs, key=lambda pair: (key(*(self.groups[i] for i in pair)), pair)))
 
     def merged_pieces(self) -> list[Piece]:
-        found = []
+        pieces = []
         for group in self.groups.values():
             members = [self.pieces[i] for i in group.members]
             planes = np.unique(np.concatenate([piece.planes for piece in members]), axis=0)
-            found += connected_pieces(Piece(group.solid, planes, members[0].boxes_mm))
-        return found
+            pieces += connected_pieces(Piece(group.solid, planes, members[0].boxes_mm))
+        return pieces
 
 
 def _merge_regions(regions: list[Piece], printers: int, problem: Problem) -> list[Piece]:
@@ -243,9 +245,9 @@ def _merge_regions(regions: list[Piece], printers: int, problem: Problem) -> lis
     pieces: list[Piece] = []
     islands: list[int] = []
     for region in regions:
-        found = sorted(connected_pieces(region), key=lambda piece: -piece.solid.volume_mm3)
-        islands += range(len(pieces) + 1, len(pieces) + len(found))
-        pieces += found
+        parts = sorted(connected_pieces(region), key=lambda piece: -piece.solid.volume_mm3)
+        islands += range(len(pieces) + 1, len(pieces) + len(parts))
+        pieces += parts
     merging = _Merging(pieces, problem)
     merging.join_islands(islands)
     if problem.options.faithful:

@@ -41,17 +41,17 @@ class Shell:
 
 def hollow_model(solid: Solid, grid: Grid, cube: Block | None = None) -> Shell:
     """Remove the cells that are at least the least wall away from the surface, and a cube."""
-    own = np.zeros_like(grid.needed)
+    cube_cells = np.zeros_like(grid.needed)
     if cube is not None:
-        own[cube[0] : cube[3], cube[1] : cube[4], cube[2] : cube[5]] = True
-    cavity = remove_diagonals(own | ((grid.cells == Cell.INTERNAL) & ~grid.needed), own)
+        cube_cells[cube[0] : cube[3], cube[1] : cube[4], cube[2] : cube[5]] = True
+    cavity = remove_diagonals(cube_cells | ((grid.cells == Cell.INTERNAL) & ~grid.needed), cube_cells)
     if not cavity.any():
         return Shell(solid, cavity, np.zeros((0, 4)), np.zeros((0, 2, 3)))
     holes = [np.array(grid.bounds_mm(block)) for block in blocks(cavity)]
-    left = np.array([grid.bounds_mm(block) for block in blocks(~cavity)])
+    solid_boxes = np.array([grid.bounds_mm(block) for block in blocks(~cavity)])
     shell = solid.subtract(Solid.union([Solid.box(*hole) for hole in holes]))
     planes = np.unique(np.concatenate([box_planes(hole) for hole in holes]), axis=0)
-    return Shell(shell, cavity, planes, left)
+    return Shell(shell, cavity, planes, solid_boxes)
 
 
 def remove_diagonals(cells: Bools, kept: Bools | None = None) -> Bools:
@@ -65,15 +65,15 @@ def remove_diagonals(cells: Bools, kept: Bools | None = None) -> Bools:
         before = int(cells.sum())
         for a, b in ((0, 1), (0, 2), (1, 2)):
             view = np.moveaxis(cells, (a, b), (0, 1))
-            own = np.moveaxis(kept, (a, b), (0, 1))
+            kept_view = np.moveaxis(kept, (a, b), (0, 1))
             near, far = view[:-1, :-1], view[1:, 1:]
             left, right = view[1:, :-1], view[:-1, 1:]
             meets = near & far & ~left & ~right
-            near &= ~meets | own[:-1, :-1]
-            far &= ~meets | ~own[:-1, :-1]
+            near &= ~meets | kept_view[:-1, :-1]
+            far &= ~meets | ~kept_view[:-1, :-1]
             meets = left & right & ~near & ~far
-            left &= ~meets | own[1:, :-1]
-            right &= ~meets | ~own[1:, :-1]
+            left &= ~meets | kept_view[1:, :-1]
+            right &= ~meets | ~kept_view[1:, :-1]
         if int(cells.sum()) == before:
             return cells
 
@@ -81,7 +81,7 @@ def remove_diagonals(cells: Bools, kept: Bools | None = None) -> Bools:
 def blocks(cells: Bools) -> list[Block]:
     """Cover cells by disjoint boxes: each grows along z, then y, then x as far as it can."""
     free = cells.copy()
-    found: list[Block] = []
+    boxes: list[Block] = []
     for x, y, z in np.argwhere(cells).tolist():
         if not free[x, y, z]:
             continue
@@ -93,8 +93,8 @@ def blocks(cells: Bools) -> list[Block]:
         while x1 < free.shape[0] and free[x1, y:y1, z:z1].all():
             x1 += 1
         free[x:x1, y:y1, z:z1] = False
-        found.append((x, y, z, x1, y1, z1))
-    return found
+        boxes.append((x, y, z, x1, y1, z1))
+    return boxes
 
 
 def largest_cube(cells: Bools) -> Block | None:
@@ -159,12 +159,12 @@ def planes_at(solid: Solid, grid: Grid, cube_mm: Floats) -> tuple[tuple[Floats, 
     inwards_mm = min(2.0 * CLEAR_MM, float(np.ptp(cube_mm, axis=0).min()) / 3.0)
     planes, cells = [], []
     for axis, sides in enumerate(cube_mm.T.tolist()):
-        own, flats = grid.planes[axis].copy(), flat_coordinates(vertices[faces], axis)
+        positions, flats = grid.planes[axis].copy(), flat_coordinates(vertices[faces], axis)
         low, high = (_clear(flats, at, by) for at, by in zip(sides, (inwards_mm, -inwards_mm), strict=True))
-        first = 1 + int(np.abs(own[1:-2] - low).argmin())
-        last = first + 1 + int(np.abs(own[first + 1 : -1] - high).argmin())
-        own[first], own[last] = low, high
-        planes.append(own)
+        first = 1 + int(np.abs(positions[1:-2] - low).argmin())
+        last = first + 1 + int(np.abs(positions[first + 1 : -1] - high).argmin())
+        positions[first], positions[last] = low, high
+        planes.append(positions)
         cells.append((first, last))
     (x0, x1), (y0, y1), (z0, z1) = cells
     return (planes[0], planes[1], planes[2]), (x0, y0, z0, x1, y1, z1)
@@ -184,7 +184,7 @@ def cubes_about(cube: Block, cells: Bools) -> list[Block]:
     Where cells are not cubes, each side of the block has the same number of cells less than the first cube's.
     """
     edges = [cube[axis + 3] - cube[axis] for axis in range(3)]
-    found: list[Block] = []
+    cubes: list[Block] = []
     for axis in range(3):
         for outward in (False, True):
             for less in range(min(edges)):
@@ -193,6 +193,6 @@ def cubes_about(cube: Block, cells: Bools) -> list[Block]:
                 hi = [v + edge - less for v, edge in zip(lo, edges, strict=True)]
                 inside = min(lo) >= 0 and all(h <= n for h, n in zip(hi, cells.shape, strict=True))
                 if inside and cells[lo[0] : hi[0], lo[1] : hi[1], lo[2] : hi[2]].all():
-                    found.append((lo[0], lo[1], lo[2], hi[0], hi[1], hi[2]))
+                    cubes.append((lo[0], lo[1], lo[2], hi[0], hi[1], hi[2]))
                     break
-    return found
+    return cubes

@@ -115,7 +115,7 @@ def _best_leaves(form: _Form, part: _Part, printers: int, depth: int) -> list[Le
             child_leaves = _best_leaves(form, child, printers, depth - 1)
             combined = [_join_leaves(combined, child_leaves, k) for k in range(printers + 1)]
         best = [
-            min(a, b, key=lambda found: (found[0], len(found[1])))
+            min(a, b, key=lambda leaves: (leaves[0], len(leaves[1])))
             for a, b in zip(best, combined, strict=True)
         ]
     return best
@@ -124,7 +124,7 @@ def _best_leaves(form: _Form, part: _Part, printers: int, depth: int) -> list[Le
 def _join_leaves(first: list[Leaves], second: list[Leaves], printers: int) -> Leaves:
     """Find the best leaves of two sides together for a number of printers."""
     shares = [(first[k], second[printers - k]) for k in range(printers + 1)]
-    a, b = min(shares, key=lambda both: (max(both[0][0], both[1][0]), len(both[0][1]) + len(both[1][1])))
+    a, b = min(shares, key=lambda pair: (max(pair[0][0], pair[1][0]), len(pair[0][1]) + len(pair[1][1])))
     return (max(a[0], b[0]), a[1] + b[1]) if max(a[0], b[0]) < math.inf else NO_LEAVES
 
 
@@ -156,9 +156,9 @@ class _PublishedForm(_Form):
 
     def cut_in_halves(self, part: _Part, mirror: Mirror) -> list[_Part]:
         """Cut a part into two halves, connected or not; none where one of them is too small."""
-        found = [self.part(piece) for piece in _halves(part.piece, mirror.normal, mirror.offset_mm)]
-        is_even = len(found) == 2 and all(half.price >= MIN_SHARE * self.mean_mm3 for half in found)
-        return found if is_even else []
+        halves = [self.part(piece) for piece in _halves(part.piece, mirror.normal, mirror.offset_mm)]
+        is_even = len(halves) == 2 and all(half.price >= MIN_SHARE * self.mean_mm3 for half in halves)
+        return halves if is_even else []
 
     def cut_further(self, parts: list[_Part]) -> list[_Part]:
         divided = True
@@ -203,10 +203,10 @@ class _CorrectedForm(_Form):
     def pieces(self, piece: Piece, normal: Floats, at_mm: float) -> Iterator[list[_Part]]:
         """Yield the connected pieces on both sides of a plane near a place, unless one of them is a crumb."""
         at_mm = place_clear_of_faces(piece.solid, normal, at_mm)
-        found = [p for half in _halves(piece, normal, at_mm) for p in connected_pieces(half)]
+        pieces = [p for half in _halves(piece, normal, at_mm) for p in connected_pieces(half)]
         least_mm3 = CRUMB_SHARE * min(self.mean_mm3, piece.solid.volume_mm3)
-        if len(found) > 1 and all(fragment.solid.volume_mm3 >= least_mm3 for fragment in found):
-            yield [self.part(fragment) for fragment in found]
+        if len(pieces) > 1 and all(fragment.solid.volume_mm3 >= least_mm3 for fragment in pieces):
+            yield [self.part(fragment) for fragment in pieces]
 
     def find_planes_across(self, solid: Solid) -> tuple[Floats, list[float]]:
         """Find planes across the longest side, or the one that exceeds the room most: normal and places.
@@ -222,12 +222,12 @@ class _CorrectedForm(_Form):
     def cut_further(self, parts: list[_Part]) -> list[_Part]:
         while True:
             worst = max(parts, key=lambda part: (part.needs > 1, part.price))
-            kept = [part for part in parts if part is not worst]
-            free = len(self.problem.printers) - _sum_needs(kept)
+            others = [part for part in parts if part is not worst]
+            free = len(self.problem.printers) - _sum_needs(others)
             for children in self.list_cuts(worst):
                 dearer = worst.needs == 1 and max(child.price for child in children) >= worst.price
                 if _sum_needs(children) <= free and not dearer:
-                    parts = kept + children
+                    parts = others + children
                     break
             else:
                 return parts

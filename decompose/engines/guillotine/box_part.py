@@ -36,8 +36,8 @@ class BoxPart:
 
     def with_poses(self, poses: Sequence[Pose | None]) -> BoxPart:
         """Return the part with its pieces in these poses, inf seconds where one fits in none."""
-        found = tuple(pose for pose in poses if pose is not None)
-        return replace(self, poses=found, seconds=slowest_s(self.pieces, poses))
+        fitting = tuple(pose for pose in poses if pose is not None)
+        return replace(self, poses=fitting, seconds=slowest_s(self.pieces, poses))
 
     def is_like(self, other: BoxPart) -> bool:
         """Check whether it has as many pieces as another, and none that is a sliver by comparison."""
@@ -46,8 +46,8 @@ class BoxPart:
 
 def slowest_s(pieces: Sequence[Piece], poses: Sequence[Pose | None]) -> float:
     """Compute the time in seconds of the slowest piece on its printer; inf where one has no pose."""
-    each = zip(pieces, poses, strict=True)
-    times = [math.inf if pose is None else pose.price_s * piece.time_factor for piece, pose in each]
+    pairs = zip(pieces, poses, strict=True)
+    times = [math.inf if pose is None else pose.price_s * piece.time_factor for piece, pose in pairs]
     return max(times, default=math.inf)
 
 

@@ -82,12 +82,15 @@ def _assign_cut(problem: Problem, cut: Cut) -> Cut:
 
 def _set_printers(cut: Cut, takers: Sequence[PrinterRoom]) -> Cut:
     """Give each piece its printer."""
-    each = iter(takers)
-    return {box: [replace(piece, printer=next(each)) for piece in found] for box, found in cut.items()}
+    printers = iter(takers)
+    return {
+        box: [replace(piece, printer=next(printers)) for piece in box_pieces]
+        for box, box_pieces in cut.items()
+    }
 
 
 def _pieces(cut: Cut) -> list[Piece]:
-    return [piece for found in cut.values() for piece in found]
+    return [piece for box_pieces in cut.values() for piece in box_pieces]
 
 
 def _ends_s(problem: Problem, cut: Cut) -> float:
@@ -104,15 +107,17 @@ class _ClassSearch(ExactSearch):
         self.classes = classify_printers(problem.printers, MAX_SUMS / len(shared.seconds))
         self.tables = class_tables(problem, grid, shared, self.classes)
         super().__init__(problem, grid, self.tables[0], least_s)
-        others = zip(self.tables[1:], self.classes[1:], strict=True)
-        self.solver = Partitioner(self.tables[0], [OtherClass(table, own.count) for table, own in others])
+        other_classes = zip(self.tables[1:], self.classes[1:], strict=True)
+        self.solver = Partitioner(
+            self.tables[0], [OtherClass(table, printer_class.count) for table, printer_class in other_classes]
+        )
 
     def run(self, below_s: float) -> list[Cut]:  # type: ignore[override]
         """Search for partitions that truly end sooner than a time, the soonest last; none for one class."""
-        found: list[Cut] = []
+        cuts: list[Cut] = []
         close_s = CLOSE * (below_s if math.isfinite(below_s) else self.least_s)
         if len(self.classes) == 1 or not self._may_succeed(GAIN * below_s, close_s):
-            return found
+            return cuts
         rounds = 0
         while rounds < MAX_ROUNDS and len(self.rejections) < MAX_REJECTIONS:
             if math.isfinite(below_s) and self.problem.effort.is_spent():
@@ -121,23 +126,23 @@ class _ClassSearch(ExactSearch):
             if limit_s is None:
                 break
             self.least_s = max(self.least_s, limit_s - close_s)
-            chosen = self.solver.chosen_boxes()
-            if self._correct_piece_counts(chosen) or self._forbid_faulty(chosen):
+            boxes = self.solver.chosen_boxes()
+            if self._correct_piece_counts(boxes) or self._forbid_faulty(boxes):
                 continue
             rounds += 1
-            cut = self._assign_by_tables(chosen)
+            cut = self._assign_by_tables(boxes)
             ends_s = _ends_s(self.problem, cut)
             if ends_s < below_s:
-                found, below_s = [cut], ends_s
+                cuts, below_s = [cut], ends_s
             if ends_s <= WORTH * limit_s:
                 break
             self._learn(cut)
-        return found
+        return cuts
 
     def _may_succeed(self, at_most_s: float, close_s: float) -> bool:
         """Check whether such a partition might exist if every printer were the best one for each box."""
         best = replace(self.boxes, seconds=np.min([table.seconds for table in self.tables], axis=0))
-        count = sum(own.count for own in self.classes)
+        count = sum(printer_class.count for printer_class in self.classes)
         solver = Partitioner(best)
         least_s = solver.find_least_makespan(count, self.least_s, close_s, at_most_s)
         self.problem.effort.record(Work.SUM, solver.sums)
@@ -154,17 +159,17 @@ class _ClassSearch(ExactSearch):
         cut = {box: self.cut[box] for box in boxes}
         takers = assign_bottleneck(self._seconds(boxes))
         assert takers is not None  # the search found a way
-        printers = [printer for own in self.classes for printer in own.printers]
+        printers = [printer for printer_class in self.classes for printer in printer_class.printers]
         return _set_printers(cut, [printers[i] for i in takers])
 
-    def _seconds(self, chosen: Sequence[Box]) -> Floats:
+    def _seconds(self, boxes: Sequence[Box]) -> Floats:
         """Look up the time (pieces, printers) of each piece; printers in the order of the classes."""
-        at = [box_index(box, self.boxes.shape) for box in chosen]
+        at = [box_index(box, self.boxes.shape) for box in boxes]
         rows = np.repeat(at, self.boxes.pieces[at])
         columns = [
-            table.seconds[rows].astype(np.float64) / own.time_factor * printer.time_factor
-            for table, own in zip(self.tables, self.classes, strict=True)
-            for printer in own.printers
+            table.seconds[rows].astype(np.float64) / printer_class.time_factor * printer.time_factor
+            for table, printer_class in zip(self.tables, self.classes, strict=True)
+            for printer in printer_class.printers
         ]
         return np.array(columns).T
 
@@ -174,10 +179,12 @@ class _ClassSearch(ExactSearch):
             at = box_index(box, self.boxes.shape)
             for piece, pose in zip(pieces, self.problem.find_poses(list(pieces)), strict=True):
                 seconds = math.inf if pose is None else pose.price_s
-                printer_class = next(own for own in self.classes if piece.printer in own.printers)
-                for own, table in zip(self.classes, self.tables, strict=True):
-                    if own.boxes == printer_class.boxes:
-                        table.seconds[at] = max(float(table.seconds[at]), seconds * own.time_factor)
+                printer_class = next(
+                    other_class for other_class in self.classes if piece.printer in other_class.printers
+                )
+                for other_class, table in zip(self.classes, self.tables, strict=True):
+                    if other_class.boxes == printer_class.boxes:
+                        table.seconds[at] = max(float(table.seconds[at]), seconds * other_class.time_factor)
 
     def grid_figures(self, grid: Grid, cut: Cut, least_s: float, pieces: Sequence[Piece]) -> GridFigures:
         """Compute the makespan of boxes by the tables, and a bound that no partition undercuts.
@@ -193,11 +200,11 @@ class _ClassSearch(ExactSearch):
             makespan_s = float(times[range(len(takers)), takers].max())
         if problem.needs_proof(pieces):
             quickest = np.float32(problem.fastest_factor)
-            each = [problem.price_boxes(grid, [room]) for room in problem.rooms]
+            tables = [problem.price_boxes(grid, [room]) for room in problem.rooms]
             best = replace(
-                each[0],
-                seconds=quickest * np.min([boxes.seconds for boxes in each], axis=0),
-                pieces=np.max([boxes.pieces for boxes in each], axis=0),
+                tables[0],
+                seconds=quickest * np.min([boxes.seconds for boxes in tables], axis=0),
+                pieces=np.max([boxes.pieces for boxes in tables], axis=0),
             )
             problem.effort.record(Work.BOX_PROVEN, len(best.seconds))
             proven = makespan_bound(best, grid.needed, len(problem.printers), makespan_s)
@@ -215,31 +222,33 @@ def _too_few_error(problem: Problem, grid: Grid, shared: BoxTables) -> NoFit | N
         [replace(printer, time_factor=1.0) for printer in problem.printers], most_sums
     )
     tables = class_tables(problem, grid, shared, classes)
-    own = [each.count for each in classes]
-    found: list[tuple[int, list[int]]] = []
+    counts_available = [printer_class.count for printer_class in classes]
+    shortages: list[tuple[int, list[int]]] = []
     for grown in range(1, len(classes)):
-        counts = _grow_counts(own, grown, most_sums)
-        others = [OtherClass(table, count) for table, count in zip(tables[1:], counts, strict=True)]
-        solver = Partitioner(tables[0], others)
+        counts = _grow_counts(counts_available, grown, most_sums)
+        other_classes = [OtherClass(table, count) for table, count in zip(tables[1:], counts, strict=True)]
+        solver = Partitioner(tables[0], other_classes)
         solver.solve(float(np.finfo(np.float32).max))  # below inf, which means no fit
         for state, fewest in zip(*solver.class_shares(), strict=True):
-            more = [max(0, int(n) - count) for n, count in zip((fewest, *state), own, strict=True)]
-            found += [(sum(more), more)] if fewest < UNREACHABLE else []
-    total, more = min(found, default=(0, []))
+            shortage = [
+                max(0, int(n) - count) for n, count in zip((fewest, *state), counts_available, strict=True)
+            ]
+            shortages += [(sum(shortage), shortage)] if fewest < UNREACHABLE else []
+    total, shortage = min(shortages, default=(0, []))
     if total == 0:
         return None
     requests = [
-        f"{count} more with room for {size_text(np.max(each.boxes, axis=0))} mm"
-        for count, each in zip(more, classes, strict=True)
+        f"{count} more with room for {size_text(np.max(printer_class.boxes, axis=0))} mm"
+        for count, printer_class in zip(shortage, classes, strict=True)
         if count
     ]
     printers = len(problem.printers)
     return NoFit.of_too_few(problem.model.extents_mm, printers + total, printers, " and ".join(requests))
 
 
-def _grow_counts(own: Sequence[int], grown_class: int, most_sums: float) -> list[int]:
+def _grow_counts(available: Sequence[int], grown_class: int, most_sums: float) -> list[int]:
     """Raise the count of one class as far as the search allows; return the counts of all but the first."""
-    counts = list(own[1:])
+    counts = list(available[1:])
     for _ in range(MAX_MORE):
         larger = list(counts)
         larger[grown_class - 1] += 1
@@ -260,13 +269,17 @@ def class_tables(
         Tables of the room that all printers have.
     """
     rooms: dict[object, BoxTables] = {}
-    for own in classes:
-        if own.boxes in rooms:
+    for printer_class in classes:
+        if printer_class.boxes in rooms:
             continue
-        least = all(room.fits(*box) for box in own.boxes for room in problem.rooms)
-        rooms[own.boxes] = shared if least else problem.price_boxes(grid, [own.room])
+        least = all(room.fits(*box) for box in printer_class.boxes for room in problem.rooms)
+        rooms[printer_class.boxes] = shared if least else problem.price_boxes(grid, [printer_class.room])
     pieces = np.maximum(shared.pieces, np.max([boxes.pieces for boxes in rooms.values()], axis=0))
     return [
-        replace(shared, seconds=rooms[own.boxes].seconds * np.float32(own.time_factor), pieces=pieces)
-        for own in classes
+        replace(
+            shared,
+            seconds=rooms[printer_class.boxes].seconds * np.float32(printer_class.time_factor),
+            pieces=pieces,
+        )
+        for printer_class in classes
     ]

@@ -40,7 +40,9 @@ class _Narrowing:
     def __init__(self, tables: Sequence[BoxTables], fleets: Ints) -> None:
         most = fleets.max(axis=0)
         self._boxes = tables[0]
-        self._others = [OtherClass(own, int(count)) for own, count in zip(tables[1:], most[1:], strict=True)]
+        self._others = [
+            OtherClass(table, int(count)) for table, count in zip(tables[1:], most[1:], strict=True)
+        ]
         self._fleets = fleets
         self.reached_s = np.full(len(fleets), np.inf)
         self.refuted_s = np.zeros(len(fleets))
@@ -53,7 +55,9 @@ class _Narrowing:
         fewest_by_state = {
             tuple(state): int(least) for state, least in zip(states.tolist(), fewest, strict=True)
         }
-        feasible = np.array([own >= fewest_by_state[tuple(others)] for own, *others in self._fleets.tolist()])
+        feasible = np.array(
+            [first_count >= fewest_by_state[tuple(others)] for first_count, *others in self._fleets.tolist()]
+        )
         ends_s = solver.longest_s() if feasible.any() and not self._others else limit_s
         return limit_s, feasible, ends_s
 
@@ -87,15 +91,15 @@ def makespan_curve(
     fleets
         (n, classes) number of printers of each class; no two rows have the same sum.
     """
-    finite = [own.seconds[np.isfinite(own.seconds)] for own in tables]
-    if not any(len(own) for own in finite):
+    finite = [table.seconds[np.isfinite(table.seconds)] for table in tables]
+    if not any(len(table) for table in finite):
         return ()
     narrowing = _Narrowing(tables, fleets)
-    limits = [max(float(own.max()) for own in finite if len(own))]
+    limits = [max(float(table.max()) for table in finite if len(table))]
     run = map if executor is None else executor.map
     while limits:
-        for found in run(narrowing.solve, limits):
-            narrowing.learn(*found)
+        for points in run(narrowing.solve, limits):
+            narrowing.learn(*points)
         limits = narrowing.next_limits()
     counts, reached_s = fleets.sum(axis=1).tolist(), narrowing.reached_s.tolist()
     return tuple(CurvePoint(n, s) for n, s in zip(counts, reached_s, strict=True) if math.isfinite(s))

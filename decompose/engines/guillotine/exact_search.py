@@ -40,17 +40,17 @@ def cut_for_uniform_printers(problem: Problem) -> Partition:
     """
     grid, boxes, bound_s = build_tables(problem)
     engine = ExactSearch(problem, grid, boxes, bound_s)
-    chosen = engine.run()
+    partition = engine.run()
     problem.on_stage("search")
-    pieces = tuple(shift_planes(problem, grid, chosen))
+    pieces = tuple(shift_planes(problem, grid, partition))
     near = problem.thorough and problem.makespan_s(pieces) < CLOSE_RATIO * problem.best_known_s
     if near and not problem.effort.is_spent():
-        for looser in engine.looser_partitions(list(chosen)):
+        for looser in engine.looser_partitions(list(partition)):
             pieces = min(pieces, tuple(shift_planes(problem, grid, looser)), key=problem.makespan_s)
             if problem.effort.is_spent():
                 break
     problem.on_stage("planes")
-    figures = problem.grid_figures(grid, boxes, list(chosen), pieces)
+    figures = problem.grid_figures(grid, boxes, list(partition), pieces)
     problem.on_stage("bound")
     return Partition(pieces, problem.model, np.eye(3), figures)
 
@@ -97,13 +97,13 @@ class ExactSearch:
             self.least_s = max(self.least_s, makespan_s - 1.0)
             if makespan_s >= best_s:
                 break
-            chosen = self.solver.chosen_boxes()
-            if self._correct_piece_counts(chosen) or self._forbid_faulty(chosen):
+            boxes = self.solver.chosen_boxes()
+            if self._correct_piece_counts(boxes) or self._forbid_faulty(boxes):
                 continue
             rounds += 1
-            longest_s = self._true_makespan_s(chosen)
+            longest_s = self._true_makespan_s(boxes)
             if longest_s < best_s:
-                best, best_s = chosen, longest_s
+                best, best_s = boxes, longest_s
             if longest_s <= WORTH * makespan_s or rounds == MAX_ROUNDS or effort.is_spent():
                 break
         return {box: self.cut[box] for box in self._improve(best)}
@@ -118,65 +118,65 @@ class ExactSearch:
         if len(best) < 2:
             return
         seconds, pieces = self.boxes.seconds.copy(), self.boxes.pieces.copy()  # the tables stay as they are
-        own = ExactSearch(
+        search = ExactSearch(
             self.problem, self.grid, replace(self.boxes, seconds=seconds, pieces=pieces), self.least_s
         )
-        own.cut, own.posed_s = self.cut, self.posed_s
+        search.cut, search.posed_s = self.cut, self.posed_s
         printers = len(self.problem.printers)
-        least_s, fewer_s = own._solve(printers), own._solve(printers - 1)
+        least_s, fewer_s = search._solve(printers), search._solve(printers - 1)
         if least_s is None:
             return
-        tried = {frozenset(best)}
+        known_partitions = {frozenset(best)}
         for share in LOOSER:
-            chosen = own._solve_within(least_s + share * ((fewer_s or LOOSEST * least_s) - least_s))
-            if chosen and frozenset(chosen) not in tried:
-                tried.add(frozenset(chosen))
-                yield {box: self.cut[box] for box in chosen}
+            boxes = search._solve_within(least_s + share * ((fewer_s or LOOSEST * least_s) - least_s))
+            if boxes and frozenset(boxes) not in known_partitions:
+                known_partitions.add(frozenset(boxes))
+                yield {box: self.cut[box] for box in boxes}
 
     def _solve_within(self, limit_s: float) -> list[Box]:
         """Find a partition of about the least work whose true times keep a limit; empty without one."""
-        found: list[Box] = []
+        best: list[Box] = []
         for _ in range(MAX_ROUNDS):
             before = self.solver.sums
             parts = self.solver.solve(limit_s, ties=self.solver.can_break_ties)
             self.problem.effort.record(Work.SUM, self.solver.sums - before)
             if parts > len(self.problem.printers) or len(self.rejections) > MAX_REJECTIONS:
                 break
-            chosen = self.solver.chosen_boxes()
-            if self._correct_piece_counts(chosen) or self._forbid_faulty(chosen):
+            boxes = self.solver.chosen_boxes()
+            if self._correct_piece_counts(boxes) or self._forbid_faulty(boxes):
                 continue
-            longest_s = self._true_makespan_s(chosen)
-            found = chosen if math.isfinite(longest_s) else found
+            longest_s = self._true_makespan_s(boxes)
+            best = boxes if math.isfinite(longest_s) else best
             if longest_s <= WORTH * limit_s or self.problem.effort.is_spent():
                 break
-        return found
+        return best
 
     def _solve(self, printers: int, *limits_s: float) -> float | None:
         """Find the least makespan by the tables (`Partitioner.find_least_makespan`), and record the work."""
         before = self.solver.sums
-        found = self.solver.find_least_makespan(printers, self.least_s, *limits_s)
+        least_s = self.solver.find_least_makespan(printers, self.least_s, *limits_s)
         self.problem.effort.record(Work.SUM, self.solver.sums - before)
-        return found
+        return least_s
 
     def _improve(self, best: list[Box]) -> list[Box]:
         """Find the best partition near this one, truly priced, not bound to guillotine cuts."""
         for _ in range(MAX_ROUNDS):
             if len(self.rejections) == MAX_REJECTIONS or self.problem.effort.is_spent():
                 break
-            chosen = improve_locally(self.boxes, best, len(self.problem.printers), effort=self.problem.effort)
-            if chosen == best:
+            boxes = improve_locally(self.boxes, best, len(self.problem.printers), effort=self.problem.effort)
+            if boxes == best:
                 break
-            if self._correct_piece_counts(chosen) or self._forbid_faulty(chosen):
+            if self._correct_piece_counts(boxes) or self._forbid_faulty(boxes):
                 continue
-            self._true_makespan_s(chosen)
-            if sorted_times_s(self.boxes, chosen) < sorted_times_s(self.boxes, best):
-                best = chosen
+            self._true_makespan_s(boxes)
+            if sorted_times_s(self.boxes, boxes) < sorted_times_s(self.boxes, best):
+                best = boxes
         return best
 
-    def _correct_piece_counts(self, chosen: list[Box]) -> bool:
+    def _correct_piece_counts(self, boxes: list[Box]) -> bool:
         """Put true counts of pieces into the table; return whether a box has more than before."""
         improved = False
-        for box in chosen:
+        for box in boxes:
             if box not in self.cut:
                 self.problem.effort.record(Work.FACE_CUT, self.problem.model.solid.faces)
                 self.cut[box] = cut_cells(self.problem.model.solid, self.grid, box)
@@ -185,30 +185,30 @@ class ExactSearch:
             self.boxes.pieces[at] = len(self.cut[box])
         return improved
 
-    def _forbid_faulty(self, chosen: list[Box]) -> bool:
+    def _forbid_faulty(self, boxes: list[Box]) -> bool:
         """Exclude boxes with a piece that is bad to glue from the table; return whether there was one."""
-        owners = [box for box in chosen for _ in self.cut[box]]
-        pieces = [piece for box in chosen for piece in self.cut[box]]
-        found = find_faults(pieces, self.problem.options.min_glue_mm2)
-        for fault in found:
+        owners = [box for box in boxes for _ in self.cut[box]]
+        pieces = [piece for box in boxes for piece in self.cut[box]]
+        faults = find_faults(pieces, self.problem.options.min_glue_mm2)
+        for fault in faults:
             self._forbid(box_index(owners[fault.piece], self.boxes.shape))
-        self.rejections += [found[0].reason] if found else []
-        return bool(found)
+        self.rejections += [faults[0].reason] if faults else []
+        return bool(faults)
 
     def _forbid(self, at: int) -> None:
         self.boxes.seconds[at] = math.inf
 
-    def _true_makespan_s(self, chosen: list[Box]) -> float:
+    def _true_makespan_s(self, boxes: list[Box]) -> float:
         """Compute the true makespan of boxes in seconds, and raise the table to true prices above its own."""
-        new = [(box, piece) for box in chosen if box not in self.posed_s for piece in self.cut[box]]
+        new = [(box, piece) for box in boxes if box not in self.posed_s for piece in self.cut[box]]
         poses = self.problem.find_poses([piece for _, piece in new])
         for (box, _), pose in zip(new, poses, strict=True):
             seconds = math.inf if pose is None else pose.price_s
             self.posed_s[box] = max(self.posed_s.get(box, 0.0), seconds)
-        for box in chosen:
+        for box in boxes:
             at = box_index(box, self.boxes.shape)
             self.boxes.seconds[at] = max(float(self.boxes.seconds[at]), self.posed_s[box])
-        return max(self.posed_s[box] for box in chosen)
+        return max(self.posed_s[box] for box in boxes)
 
     def _no_fit_error(self) -> NoFit:
         """Build the error with the reason why there is no partition for these printers."""
@@ -219,12 +219,12 @@ class ExactSearch:
                 f"{self.rejections[-1]}: take more printers, a greater --longest-side, or (farm "
                 "decompose) a lower --min-glue"
             )
-        needed = self.solver.solve(sys.float_info.max)  # below inf, which means no fit
-        if needed >= UNREACHABLE:
+        printers_needed = self.solver.solve(sys.float_info.max)  # below inf, which means no fit
+        if printers_needed >= UNREACHABLE:
             least_mm = max(float(np.diff(planes).max()) for planes in self.grid.planes)
             return NoFit(
                 f"{size_text(model.extents_mm)} mm is cut into blocks of {least_mm:.0f} mm at least, and a "
                 f"part has room for {size_text(problem.room_mm)} mm (clips and brim are off): printers with "
                 f"room for {math.ceil(least_mm)} mm each way would be enough"
             )
-        return NoFit.of_too_few(model.extents_mm, needed, len(problem.printers))
+        return NoFit.of_too_few(model.extents_mm, printers_needed, len(problem.printers))

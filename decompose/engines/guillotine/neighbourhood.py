@@ -74,17 +74,17 @@ def _join_ends(
     joined
         (6,) filled in.
     """
-    near, far = parts
-    if trimmed[near] < 0 and trimmed[far] < 0:
+    lower, upper = parts
+    if trimmed[lower] < 0 and trimmed[upper] < 0:
         return False
-    if trimmed[near] < 0:
-        joined[:] = ends[far]
-    elif trimmed[far] < 0:
-        joined[:] = ends[near]
+    if trimmed[lower] < 0:
+        joined[:] = ends[upper]
+    elif trimmed[upper] < 0:
+        joined[:] = ends[lower]
     else:
         for k in range(3):
-            joined[k] = min(ends[near, k], ends[far, k])
-            joined[k + 3] = max(ends[near, k + 3], ends[far, k + 3])
+            joined[k] = min(ends[lower, k], ends[upper, k])
+            joined[k + 3] = max(ends[lower, k + 3], ends[upper, k + 3])
     return True
 
 
@@ -212,12 +212,12 @@ class Window:
     """
 
     def __init__(self, boxes: BoxTables, boxes_inside: Iterable[Box], others: Iterable[Box]) -> None:
-        own = np.array(sorted(boxes_inside))
-        self._lo, hi = own[:, :3].min(axis=0), own[:, 3:].max(axis=0)
+        inside = np.array(sorted(boxes_inside))
+        self._lo, hi = inside[:, :3].min(axis=0), inside[:, 3:].max(axis=0)
         nx, ny, nz = (hi - self._lo).tolist()
         self.shape = (nx, ny, nz)
-        covered = self._mark_cells(own)
-        left, front, bottom = self._lo.tolist()
+        covered = self._mark_cells(inside)
+        x_offset, front, bottom = self._lo.tolist()
         for cell in np.argwhere(covered):
             x, y, z = (self._lo + cell).tolist()
             covered[tuple(cell)] = boxes.trimmed[box_index((x, y, z, x + 1, y + 1, z + 1), boxes.shape)] >= 0
@@ -232,7 +232,7 @@ class Window:
         trimmed = np.full(total, -1, np.int32)
         pieces = np.ones(total, np.int16)
         on_grid = (boxes.seconds, boxes.pieces)
-        place = ((left, front, bottom), boxes.shape)
+        place = ((x_offset, front, bottom), boxes.shape)
         _fill_tables(covered, sums, place, on_grid, (seconds, trimmed, pieces))
         self._solver = Partitioner(BoxTables(self.shape, seconds, trimmed, pieces))
         self._wheel: Pinwheel | None = None
@@ -266,12 +266,12 @@ class Window:
     def chosen_boxes(self) -> list[Box]:
         """List the boxes of the last solution, in the cells of the grid."""
         if self._wheel is None:
-            found = self._solver.chosen_boxes()
+            boxes = self._solver.chosen_boxes()
         else:
             arms = pinwheel_boxes(self.shape, self._wheel)
-            found = [box for arm in arms for box in self._solver.chosen_boxes(arm)]
+            boxes = [box for arm in arms for box in self._solver.chosen_boxes(arm)]
         x, y, z = self._lo.tolist()
-        return [(a + x, b + y, c + z, d + x, e + y, f + z) for a, b, c, d, e, f in found]
+        return [(a + x, b + y, c + z, d + x, e + y, f + z) for a, b, c, d, e, f in boxes]
 
     def solve(self, parts: int, below_s: float, least_s: float) -> list[Box] | None:
         """Cut the window into at most `parts` parts, all faster than below_s, about as fast as possible.
@@ -281,19 +281,19 @@ class Window:
         high = float(np.nextafter(np.float32(below_s), np.float32(0.0)))
         if self.fewest_parts(high) > parts:
             return None
-        found, low = self.chosen_boxes(), least_s
+        best, low = self.chosen_boxes(), least_s
         while high - low > CLOSE * high:
             middle = (low + high) / 2.0
             if self.fewest_parts(middle) <= parts:
-                found, high = self.chosen_boxes(), middle
+                best, high = self.chosen_boxes(), middle
             else:
                 low = middle
-        return found
+        return best
 
 
 def improve_locally(
     boxes: BoxTables,
-    chosen: Sequence[Box],
+    partition: Sequence[Box],
     printers: int,
     most_windows: int = MAX_WINDOWS,
     effort: Effort | None = None,
@@ -304,7 +304,7 @@ def improve_locally(
     ----------
     boxes
         The tables.
-    chosen
+    partition
         A partition: trimmed boxes that do not overlap and cover every needed cell.
     printers
         Greatest number of pieces; at least the present one.
@@ -312,7 +312,7 @@ def improve_locally(
         Budget from which the work is taken.
     """
     effort = effort or Effort()
-    parts = list(chosen)
+    parts = list(partition)
     failed: set[frozenset[Box]] = set()
     groups = _groups(boxes, parts)
     for _ in range(most_windows):
@@ -320,31 +320,33 @@ def improve_locally(
         if group is None or effort.is_spent():
             break
         spare = printers - _pieces(boxes, parts)
-        others = [box for box in parts if box not in group]
+        remaining = [box for box in parts if box not in group]
         times = [_seconds(boxes, box) for box in group]
-        window = Window(boxes, group, others)
-        found = window.solve(_pieces(boxes, group) + spare, WORTH * max(times), 0.5 * float(np.mean(times)))
+        window = Window(boxes, group, remaining)
+        replacement = window.solve(
+            _pieces(boxes, group) + spare, WORTH * max(times), 0.5 * float(np.mean(times))
+        )
         effort.record(Work.BOX_PRICED, window.boxes)
         effort.record(Work.SUM, window.sums)
-        if found is None:
+        if replacement is None:
             failed.add(group)
         else:
-            parts = others + found
+            parts = remaining + replacement
             groups = _groups(boxes, parts)
     return parts
 
 
-def sorted_times_s(boxes: BoxTables, chosen: Sequence[Box]) -> list[float]:
+def sorted_times_s(boxes: BoxTables, partition: Sequence[Box]) -> list[float]:
     """Sort the times of a partition, the longest first; lexicographically less is better."""
-    return sorted((_seconds(boxes, box) for box in chosen), reverse=True)
+    return sorted((_seconds(boxes, box) for box in partition), reverse=True)
 
 
 def _seconds(boxes: BoxTables, box: Box) -> float:
     return float(boxes.seconds[box_index(box, boxes.shape)])
 
 
-def _pieces(boxes: BoxTables, chosen: Iterator[Box] | Sequence[Box] | frozenset[Box]) -> int:
-    return sum(int(boxes.pieces[box_index(box, boxes.shape)]) for box in chosen)
+def _pieces(boxes: BoxTables, partition: Iterator[Box] | Sequence[Box] | frozenset[Box]) -> int:
+    return sum(int(boxes.pieces[box_index(box, boxes.shape)]) for box in partition)
 
 
 def _groups(boxes: BoxTables, parts: list[Box]) -> Iterator[frozenset[Box]]:
@@ -354,14 +356,16 @@ def _groups(boxes: BoxTables, parts: list[Box]) -> Iterator[frozenset[Box]]:
     for centre in np.lexsort((*ends.T, -seconds)):
         lo, hi = ends[centre, :3], ends[centre, 3:]
         gap = np.maximum(ends[:, :3] - hi, lo - ends[:, 3:]).max(axis=1)
-        about = [i for i in np.flatnonzero(gap <= 0).tolist() if i != centre and seconds[i] < seconds[centre]]
-        about = sorted(about, key=lambda i: seconds[i])[:MAX_ABOUT]
-        found = []
+        neighbours = [
+            i for i in np.flatnonzero(gap <= 0).tolist() if i != centre and seconds[i] < seconds[centre]
+        ]
+        neighbours = sorted(neighbours, key=lambda i: seconds[i])[:MAX_ABOUT]
+        groups = []
         for extra in range(MAX_TOGETHER):
-            for boxes_outside in combinations(about, extra):
+            for boxes_outside in combinations(neighbours, extra):
                 group = [int(centre), *boxes_outside]
                 sides = ends[group, 3:].max(axis=0) - ends[group, :3].min(axis=0)
                 if np.prod(sides * (sides + 1) // 2) <= MAX_BOXES:
-                    found.append((float(seconds[group].mean()), sorted(parts[i] for i in group)))
-        for _, window in sorted(found)[:MAX_EACH]:
+                    groups.append((float(seconds[group].mean()), sorted(parts[i] for i in group)))
+        for _, window in sorted(groups)[:MAX_EACH]:
             yield frozenset(window)

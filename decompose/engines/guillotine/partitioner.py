@@ -100,8 +100,8 @@ class Partitioner:
                 pieces = np.where(own_s <= self._limit_s, np.maximum(pieces - free, 0), pieces)
                 seconds = np.minimum(seconds, own_s)
         if self.others:  # the rest of a box has to be fast enough on the first class
-            able = (self.boxes.seconds[at] <= self._limit_s) | (pieces == 0)
-            seconds = np.where(able, seconds, np.float32(np.inf))
+            fast_enough = (self.boxes.seconds[at] <= self._limit_s) | (pieces == 0)
+            seconds = np.where(fast_enough, seconds, np.float32(np.inf))
         tables = (self._limit_s, seconds, self.boxes.trimmed[at], pieces.astype(np.int16, copy=False))
         if value.dtype == np.int64:
             fill_keys(*tables, self.boxes.cut_mm2[at], value)
@@ -131,7 +131,7 @@ class Partitioner:
 
     def chosen_boxes(self, within: Box | None = None) -> list[Box]:
         """List the boxes of the last solution, all or those of one box, in the order of the cuts."""
-        found: list[Box] = []
+        chosen: list[Box] = []
         stack = [(within or self._root, len(self._states) - 1)]
         while stack:
             whole, state = stack.pop()
@@ -139,10 +139,10 @@ class Partitioner:
             if box is None:
                 continue
             if self._worth(box, state) == self._uncut(box, state):
-                found.append(box)
+                chosen.append(box)
             else:
                 stack.extend(self._cut(box, state))
-        return found
+        return chosen
 
     def _worth(self, box: Box, state: int) -> int:
         return int(self._value[state * len(self.boxes.seconds) + box_index(box, self.boxes.shape)])
@@ -181,7 +181,9 @@ class Partitioner:
         """
         tables = (self.boxes, *(other.boxes for other in self.others))
         finite = [boxes.seconds[np.isfinite(boxes.seconds)] for boxes in tables]
-        high = min(at_most_s, max((float(each.max()) for each in finite if len(each)), default=-math.inf))
+        high = min(
+            at_most_s, max((float(seconds.max()) for seconds in finite if len(seconds)), default=-math.inf)
+        )
         low = max(0.0, at_least_s)
         if high < 0.0 or self.solve(high) > printers:
             return None
@@ -207,14 +209,14 @@ def class_states(counts: Sequence[int]) -> tuple[Ints, Ints]:
     tuple
         (states, classes) numbers, the last state all of them; and (m, 3) indices of states.
     """
-    each = list(np.ndindex(*(count + 1 for count in counts)))
-    index = {state: i for i, state in enumerate(each)}
+    states = list(np.ndindex(*(count + 1 for count in counts)))
+    index = {state: i for i, state in enumerate(states)}
     sums = [
         (index[whole], index[part], index[tuple(w - p for w, p in zip(whole, part, strict=True))])
-        for whole in each
+        for whole in states
         for part in np.ndindex(*(w + 1 for w in whole))
     ]
-    return np.array(each, dtype=np.int64).reshape(len(each), len(counts)), np.array(sums, dtype=np.int64)
+    return np.array(states, dtype=np.int64).reshape(len(states), len(counts)), np.array(sums, dtype=np.int64)
 
 
 def count_cuts(shape: tuple[int, int, int]) -> int:

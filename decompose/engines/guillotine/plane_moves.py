@@ -20,14 +20,14 @@ from decompose.grid import SAME_MM, Box, NeededCells
 MOVE_S_MM = 0.05  # least gain in s for each mm of a move, so that no face moves without a gain
 
 
-def fill_out_boxes(chosen: Sequence[Box], empty: Bools) -> list[Box]:
+def fill_out_boxes(partition: Sequence[Box], empty: Bools) -> list[Box]:
     """Grow boxes of cells over cells without solid (nx, ny, nz) so that they face more neighbours.
 
     A face can only move into a box that covers all of it. Nothing is printed in the added cells.
 
     Parameters
     ----------
-    chosen
+    partition
         Disjoint boxes in cells.
     empty
         (nx, ny, nz) cells without solid.
@@ -37,7 +37,7 @@ def fill_out_boxes(chosen: Sequence[Box], empty: Bools) -> list[Box]:
     list[Box]
         The same boxes in their order, none smaller.
     """
-    boxes = np.array(chosen)
+    boxes = np.array(partition)
     free = empty.copy()
     for box in boxes:
         free[_cells(box)] = False
@@ -89,23 +89,23 @@ def group_faces(boxes_mm: Floats) -> Ints:
         pairs = [(_facing(boxes_mm, i, j, axis), _facing(boxes_mm, j, i, axis)) for axis in axes]
         if all(groups.find(a) != groups.find(b) for a, b in pairs):
             groups.join(*min(pairs, key=lambda pair: groups.size(*pair)))
-    found = np.array([groups.find(face) for face in range(count * 6)])
-    moves = np.isin(found, found[shared])
-    _, number = np.unique(found[moves], return_inverse=True)
-    found[:] = np.where(moves, 0, -1)
-    found[moves] = number.reshape(-1)
-    return np.asarray(found.reshape(count, 2, 3), dtype=np.int64)
+    labels = np.array([groups.find(face) for face in range(count * 6)])
+    moves = np.isin(labels, labels[shared])
+    _, number = np.unique(labels[moves], return_inverse=True)
+    labels[:] = np.where(moves, 0, -1)
+    labels[moves] = number.reshape(-1)
+    return np.asarray(labels.reshape(count, 2, 3), dtype=np.int64)
 
 
 def _crossings(boxes_mm: Floats, overlap: Floats) -> list[tuple[int, int, tuple[int, int]]]:
     """Find boxes i < j that meet at an edge only, and the two axes across that edge."""
     touches = np.abs(overlap) < SAME_MM
-    found = []
+    crossings = []
     for direction in range(3):
         a, b = (i for i in range(3) if i != direction)
         meet = touches[:, :, a] & touches[:, :, b] & (overlap[:, :, direction] > SAME_MM)
-        found += [(int(i), int(j), (a, b)) for i, j in np.argwhere(meet) if i < j]
-    return found
+        crossings += [(int(i), int(j), (a, b)) for i, j in np.argwhere(meet) if i < j]
+    return crossings
 
 
 def _face(box: int, side: int, axis: int) -> int:
@@ -248,23 +248,23 @@ def solve_plane_shifts(
     times, lengths = np.zeros((n, count)), np.zeros((n * 3, count))
     np.add.at(times, (parts, faces), slopes[parts, sides, axes])
     np.add.at(lengths, (parts * 3 + axes, faces), 2.0 * sides - 1.0)
-    each, none = np.eye(count), np.zeros((n * 3, count))
+    identity, zeros = np.eye(count), np.zeros((n * 3, count))
     rows = np.block(  # columns: the moves, their lengths, and the makespan
         [
             [times, np.zeros((n, count)), -np.ones((n, 1))],
-            [lengths, none, np.zeros((n * 3, 1))],
-            [-lengths, none, np.zeros((n * 3, 1))],
-            [each, -each, np.zeros((count, 1))],
-            [-each, -each, np.zeros((count, 1))],
+            [lengths, zeros, np.zeros((n * 3, 1))],
+            [-lengths, zeros, np.zeros((n * 3, 1))],
+            [identity, -identity, np.zeros((count, 1))],
+            [-identity, -identity, np.zeros((count, 1))],
         ]
     )
     lengths_mm = limits.longer_mm.ravel(), limits.shorter_mm.ravel()
     rights = np.concatenate([-seconds, *lengths_mm, np.zeros(2 * count)])
-    known = np.isfinite(rights)
+    is_limited = np.isfinite(rights)
     solved = linprog(
         np.array([*np.zeros(count), *np.full(count, MOVE_S_MM), 1.0]),
-        rows[known],
-        rights[known],
+        rows[is_limited],
+        rights[is_limited],
         bounds=[*zip(limits.low_mm, limits.high_mm, strict=True), *[(0.0, None)] * count, (None, None)],
         method="highs-ds",
     )

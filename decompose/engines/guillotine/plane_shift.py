@@ -239,13 +239,13 @@ class _PlaneShift:
     def _breaking_faces(self, i: int, part: BoxPart, faces: Sequence[Face], by_mm: Floats) -> list[Face]:
         """Find the faces whose move alone breaks a part into pieces, or makes it too thin."""
         self.problem.effort.record(Work.FACE_CUT, len(faces) * self.near[i].faces)
-        found = []
+        breaking = []
         for face in faces:
             box = part.box_mm.copy()
             box[face] += by_mm[face]
             if not self._cut(i, box).is_like(part):
-                found.append(face)
-        return found
+                breaking.append(face)
+        return breaking
 
     def _step(self, parts: list[BoxPart], slopes: Floats, step_mm: Floats) -> tuple[Floats, float]:
         """Find the best places of the boxes, as if the slopes were exact, and the makespan that they promise.
@@ -316,10 +316,10 @@ class _PlaneShift:
 
     def _cut_moved(self, parts: list[BoxPart], boxes_mm: Floats) -> list[BoxPart]:
         """Cut parts again where their boxes moved, and find new poses where the old ones do not fit."""
-        moved = [i for i, part in enumerate(parts) if (boxes_mm[i] != part.box_mm).any()]
-        self._record_effort(moved)
+        changed = [i for i, part in enumerate(parts) if (boxes_mm[i] != part.box_mm).any()]
+        self._record_effort(changed)
         run = map if self.problem.executor is None else self.problem.executor.map
-        recut = list(run(self._cut_in_old_poses, moved, [parts[i] for i in moved], boxes_mm[moved]))
+        recut = list(run(self._cut_in_old_poses, changed, [parts[i] for i in changed], boxes_mm[changed]))
         unposed = [
             piece
             for part, poses in recut
@@ -328,7 +328,7 @@ class _PlaneShift:
         ]
         best = iter(self.problem.find_poses(unposed))
         new = list(parts)
-        for i, (part, poses) in zip(moved, recut, strict=True):
+        for i, (part, poses) in zip(changed, recut, strict=True):
             with_poses = [next(best) if pose is None else pose for pose in poses]
             new[i] = part.with_poses(with_poses) if with_poses else part
         return new
@@ -366,7 +366,7 @@ class _PlaneShift:
             box[side, axis] += PROBE_MM * (1.0 - 2.0 * side)
             trimmed = self._cut(i, box)
             if len(trimmed.pieces) == len(part.pieces):
-                now = [self._measure(*each) for each in zip(trimmed.pieces, part.poses, strict=True)]
+                now = [self._measure(*pair) for pair in zip(trimmed.pieces, part.poses, strict=True)]
                 now_s = slowest_s(trimmed.pieces, now)
                 slopes[side, axis] = (now_s - part.seconds) / (box[side, axis] - part.box_mm[side, axis])
         return slopes

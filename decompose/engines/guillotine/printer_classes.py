@@ -60,17 +60,17 @@ def classify_printers(printers: Sequence[PrinterRoom], most_sums: float) -> list
     by_room: dict[tuple[Room, float], list[PrinterRoom]] = {}
     for printer in printers:
         by_room.setdefault((printer.boxes, printer.time_factor), []).append(printer)
-    found = [PrinterClass(*key, tuple(by_room[key])) for key in sorted(by_room)]
-    limit = LITTLE * sum(each.throughput for each in found)
-    while len(found) > 1:
+    classes = [PrinterClass(*key, tuple(by_room[key])) for key in sorted(by_room)]
+    limit = LITTLE * sum(member.throughput for member in classes)
+    while len(classes) > 1:
         loss, a, b = min(
-            (_lost_throughput(a, b), i, k) for (i, a), (k, b) in combinations(enumerate(found), 2)
+            (_lost_throughput(a, b), i, k) for (i, a), (k, b) in combinations(enumerate(classes), 2)
         )
-        if loss > limit and count_sums([each.count for each in found]) <= most_sums:
+        if loss > limit and count_sums([member.count for member in classes]) <= most_sums:
             break
-        merged = _merge(found[a], found[b])
-        found = [*(each for i, each in enumerate(found) if i not in (a, b)), merged]
-    return sorted(found, key=lambda each: (-each.count, each.boxes, each.time_factor))
+        merged = _merge(classes[a], classes[b])
+        classes = [*(member for i, member in enumerate(classes) if i not in (a, b)), merged]
+    return sorted(classes, key=lambda member: (-member.count, member.boxes, member.time_factor))
 
 
 def count_sums(counts: Sequence[int]) -> int:
@@ -81,7 +81,7 @@ def count_sums(counts: Sequence[int]) -> int:
 def _lost_throughput(a: PrinterClass, b: PrinterClass) -> float:
     """Compute the throughput that two classes lose when they become one."""
     merged = _merge(a, b)
-    rooms = sum(each.throughput for each in (a, b) if each.boxes != merged.boxes)
+    rooms = sum(one.throughput for one in (a, b) if one.boxes != merged.boxes)
     return a.throughput + b.throughput - merged.throughput + ROOM_WORTH * rooms
 
 

@@ -40,9 +40,9 @@ def _update_least(value: Table, size: int, at: tuple[int, int, int], count: int,
         begin = sums[k, 2] * size + far_at
         far = value[begin : begin + count]
         for i in range(len(out)):
-            both = near[i] + far[i]
-            if both < out[i]:
-                out[i] = both
+            total = near[i] + far[i]
+            if total < out[i]:
+                out[i] = total
 
 
 @jit

@@ -73,12 +73,12 @@ def overhang_mm2(triangles: Floats, overhang_cos: float) -> float:
     """Compute the least overhanging area of a mesh (m, 3, 3) in mm2, over the six axes as the way up."""
     cross = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     area = np.linalg.norm(cross, axis=1)
-    found = []
+    areas = []
     for up in POSE_ROTATIONS[:, 2]:
         height = (triangles @ up).max(axis=1)
         over = (-(cross @ up) > overhang_cos * area) & (height > (triangles @ up).min() + ON_BED_MM)
-        found.append(float(area[over].sum()) / 2.0)
-    return min(found)
+        areas.append(float(area[over].sum()) / 2.0)
+    return min(areas)
 
 
 def _box_frame(vertices: Floats, axis: int) -> Floats:
@@ -100,15 +100,15 @@ def _box_frame(vertices: Floats, axis: int) -> Floats:
 
 def _least_turn(rotation: Floats) -> Floats:
     """Find the least rotation among the frames with the same axes, in any order and direction."""
-    left = np.abs(rotation)
+    costs = np.abs(rotation)
     rows = [-1, -1, -1]
     for _ in range(3):
-        row, axis = np.unravel_index(int(left.argmax()), left.shape)
+        row, axis = np.unravel_index(int(costs.argmax()), costs.shape)
         rows[axis] = int(row)
-        left[row], left[:, axis] = -1.0, -1.0
-    found: Floats = rotation[rows]
-    found = found * np.sign(np.diagonal(found))[:, None]
-    if np.linalg.det(found) < 0.0:
-        weakest = int(np.abs(np.diagonal(found)).argmin())
-        found[weakest] *= -1.0
-    return found
+        costs[row], costs[:, axis] = -1.0, -1.0
+    turn: Floats = rotation[rows]
+    turn = turn * np.sign(np.diagonal(turn))[:, None]
+    if np.linalg.det(turn) < 0.0:
+        weakest = int(np.abs(np.diagonal(turn)).argmin())
+        turn[weakest] *= -1.0
+    return turn

@@ -32,7 +32,7 @@ R = TypeVar("R")
 class Run(Protocol):
     """The builtin `map`, or an executor's: calls a function with each item, returns the results in order."""
 
-    def __call__(self, function: Callable[[T], R], each: Iterable[T], /) -> Iterable[R]: ...
+    def __call__(self, function: Callable[[T], R], arguments: Iterable[T], /) -> Iterable[R]: ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,13 +96,13 @@ def draw_seed_sets(source: SeedSource, printers: int, tries: int, seed: int, run
 
 
 def run_attempts(
-    drawn: Sequence[Seeds], terrain: Terrain, printers: int, score: Score, run: Run = map
+    seed_sets: Sequence[Seeds], terrain: Terrain, printers: int, score: Score, run: Run = map
 ) -> list[BlockPartition]:
     """Run attempts and return those that cover the model: least parallel score, then fewest parts first.
 
     Parameters
     ----------
-    drawn
+    seed_sets
         From `draw_seed_sets`.
     score
         Reading of the score, low or high.
@@ -111,8 +111,8 @@ def run_attempts(
     def attempt_one(seeds: Seeds) -> BlockPartition | None:
         return _attempt(seeds, terrain, printers, score)
 
-    found = [result for result in run(attempt_one, drawn) if result is not None]
-    return sorted(found, key=lambda a: (a.longest, a.parts))
+    results = [result for result in run(attempt_one, seed_sets) if result is not None]
+    return sorted(results, key=lambda a: (a.longest, a.parts))
 
 
 def _attempt(seeds: Seeds, terrain: Terrain, printers: int, score: Score) -> BlockPartition | None:
@@ -152,16 +152,16 @@ def draw_seeds(source: SeedSource, count: int, rng: np.random.Generator) -> list
     if len(points) < count:
         points = centres
     draw = int(rng.integers(2**31))
-    found = KMeans(count, init="k-means++", n_init=1, random_state=draw).fit(points).cluster_centers_
+    means = KMeans(count, init="k-means++", n_init=1, random_state=draw).fit(points).cluster_centers_
     free = np.ones(len(boundary), dtype=np.bool_)
     seeds: list[Box] = []
-    for centroid in found:
+    for centroid in means:
         x, y, z = (
             int(np.clip(np.searchsorted(grid.planes[a], centroid[a]) - 1, 0, grid.shape[a] - 1))
             for a in range(3)
         )
-        own = free & (boundary == (x, y, z)).all(axis=1)
-        gaps = np.where(own, -1.0, np.linalg.norm(centres - centroid, axis=1))
+        in_block = free & (boundary == (x, y, z)).all(axis=1)
+        gaps = np.where(in_block, -1.0, np.linalg.norm(centres - centroid, axis=1))
         nearest = int(np.where(free, gaps, np.inf).argmin())
         free[nearest] = False
         x, y, z = boundary[nearest].tolist()

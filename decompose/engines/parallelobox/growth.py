@@ -63,14 +63,14 @@ def grown_box_index(
         layer[axis], layer[axis + 3] = block[direction], grown[direction]
     if grown[axis] < 0 or grown[axis + 3] > owner.shape[axis]:
         return -1
-    worth = False
+    is_needed = False
     for x in range(layer[0], layer[3]):
         for y in range(layer[1], layer[4]):
             for z in range(layer[2], layer[5]):
                 if owner[x, y, z] != -1:
                     return -1
-                worth = worth or needed[x, y, z]
-    if not worth:
+                is_needed = is_needed or needed[x, y, z]
+    if not is_needed:
         return -1
     box = _block_index(grown, owner.shape)
     now = _block_index(block, owner.shape)
@@ -209,7 +209,7 @@ def _fill(
     """
     nx, ny, nz = owner.shape
     blocks = np.zeros((max(most, 0), 6), np.int64)
-    found = parts = 0
+    seeds_used = parts = 0
     for z in range(nz):
         for y in range(ny):
             for x in range(nx):
@@ -219,7 +219,7 @@ def _fill(
                 at = index_of((x, y, z, x + 1, y + 1, z + 1), owner.shape)
                 parts += pieces[at]
                 if parts > most or not np.isfinite(seconds[at]):
-                    return False, blocks[:found]
+                    return False, blocks[:seeds_used]
                 growing = True
                 while growing:
                     growing = False
@@ -227,10 +227,10 @@ def _fill(
                         if grown_box_index(block, direction, owner, needed, seconds, pieces) >= 0:
                             block[direction] += 1 if direction >= 3 else -1
                             growing = True
-                claim_cells(block, number + found, owner)
-                blocks[found] = block
-                found += 1
-    return True, blocks[:found]
+                claim_cells(block, number + seeds_used, owner)
+                blocks[seeds_used] = block
+                seeds_used += 1
+    return True, blocks[:seeds_used]
 
 
 def fill_voids(blocks: Ints, owner: Ints, terrain: Terrain, most: int) -> Ints | None:

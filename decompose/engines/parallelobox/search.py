@@ -110,14 +110,14 @@ class _Candidate:
 
     @property
     def pieces(self) -> tuple[Piece, ...]:
-        return tuple(piece for found in self.cut.values() for piece in found)
+        return tuple(piece for box_pieces in self.cut.values() for piece in box_pieces)
 
 
 def _build_search_spaces(problem: Problem) -> list[_SearchSpace]:
     """Build the paper's grid and, unless faithful, the problem's own; only that for a given granularity."""
     options = problem.options
     steep = math.sin(math.radians(OVERHANG_TOLERANCE_DEG))  # the paper's
-    found = []
+    spaces = []
     if options.faithful or options.granularity == "auto":
         like_paper = replace(problem, options=paper_settings(options))
         aligned = align_model(problem.model, options.seed, steep)
@@ -125,16 +125,16 @@ def _build_search_spaces(problem: Problem) -> list[_SearchSpace]:
         boxes = problem.price_boxes(grid)
         paper = paper_terrain(like_paper.build_grid(aligned.model, aligned.mirror, steep), boxes)
         terrains = (paper,) if options.faithful else (paper, time_terrain(grid, boxes))
-        found.append(_SearchSpace(aligned, grid, boxes, terrains))
+        spaces.append(_SearchSpace(aligned, grid, boxes, terrains))
     if not options.faithful:
         aligned = align_model(problem.model, options.seed, problem.cost.overhang_cos)
         grid = problem.build_grid(aligned.model, aligned.mirror)
-        if not any(_is_same_space(aligned, grid, space) for space in found):
+        if not any(_is_same_space(aligned, grid, space) for space in spaces):
             boxes = problem.price_boxes(grid)
             terrains = (paper_terrain(grid, boxes), time_terrain(grid, boxes))
-            found.append(_SearchSpace(aligned, grid, boxes, terrains))
+            spaces.append(_SearchSpace(aligned, grid, boxes, terrains))
     problem.on_stage("boxes")
-    return found
+    return spaces
 
 
 def _is_same_space(aligned: AlignedModel, grid: Grid, space: _SearchSpace) -> bool:
@@ -148,15 +148,15 @@ def _search_in(space: _SearchSpace, problem: Problem) -> list[_Candidate]:
     for halves in _list_halves(space, points, len(problem.printers)):
         grown = [_grow_half(half, space, problem) for half in halves]
         reading = problem.options.parallelobox.score if problem.options.faithful else Score.HIGH
-        papers = [each.get((0, reading), []) for each in grown]
+        papers = [by_space.get((0, reading), []) for by_space in grown]
         candidates += _find_first_fit(_rank_partitions(papers, lambda a: a.longest), space, problem)
         if problem.options.faithful:
             if candidates:
                 break
             continue
-        every = [[attempt for found in each.values() for attempt in found] for each in grown]
+        attempts = [[attempt for group in by_space.values() for attempt in group] for by_space in grown]
         candidates += _find_soonest(
-            _rank_partitions(every, lambda a: space.boxes.longest_s(a.blocks)), space, problem
+            _rank_partitions(attempts, lambda a: space.boxes.longest_s(a.blocks)), space, problem
         )
     return candidates
 
@@ -196,34 +196,34 @@ def _grow_half(half: Half, space: _SearchSpace, problem: Problem) -> GrownHalf:
         return {}
     run = map if problem.executor is None else problem.executor.map
     source = SeedSource(points, space.grid, terrains[0].barred)
-    drawn = draw_seed_sets(source, printers, options.parallelobox.tries, options.seed, run)
+    seed_sets = draw_seed_sets(source, printers, options.parallelobox.tries, options.seed, run)
     problem.effort.record(Work.POINT_CLUSTERED, clustered)
-    grown = len(drawn) * len(terrains) * len(options.parallelobox.score.readings)
+    grown = len(seed_sets) * len(terrains) * len(options.parallelobox.score.readings)
     problem.effort.record(Work.CELL_GROWN, grown * space.grid.needed.size)
     return {
-        (number, reading): run_attempts(drawn, terrain, printers, reading, run)
+        (number, reading): run_attempts(seed_sets, terrain, printers, reading, run)
         for number, terrain in enumerate(terrains)
         for reading in options.parallelobox.score.readings
     }
 
 
 def _rank_partitions(
-    found: Sequence[Sequence[BlockPartition]], key: Callable[[BlockPartition], float]
+    groups: Sequence[Sequence[BlockPartition]], key: Callable[[BlockPartition], float]
 ) -> Ranked:
     """Combine the attempts on the halves to partitions, the best first."""
-    best = [sorted((key(a), a.parts, a.blocks) for a in half)[:MAX_OF_A_HALF] for half in found]
+    best = [sorted((key(a), a.parts, a.blocks) for a in half)[:MAX_OF_A_HALF] for half in groups]
     combined = [
         (max(longest for longest, _, _ in picks), sum(parts for _, parts, _ in picks), picks)
         for picks in product(*best)
     ]
-    combined.sort(key=lambda each: each[:2])
+    combined.sort(key=lambda ranked: ranked[:2])
     return [(longest, [box for *_, blocks in picks for box in blocks]) for longest, _, picks in combined]
 
 
 def _find_first_fit(ranked: Ranked, space: _SearchSpace, problem: Problem) -> list[_Candidate]:
     """Find the first partition that has no more pieces than there are printers, if any."""
     candidates = (_cut_candidate(boxes, space, problem) for _, boxes in ranked[:MAX_CUT])
-    return list(islice((each for each in candidates if each is not None), 1))
+    return list(islice((candidate for candidate in candidates if candidate is not None), 1))
 
 
 def _find_soonest(ranked: Ranked, space: _SearchSpace, problem: Problem) -> list[_Candidate]:
@@ -244,9 +244,9 @@ def _cut_candidate(boxes: list[Box], space: _SearchSpace, problem: Problem) -> _
     new = sum(box not in space.cut for box in boxes)
     problem.effort.record(Work.FACE_CUT, new * space.aligned.model.solid.faces)
     cut = {box: space.pieces(box) for box in boxes}
-    pieces = [piece for found in cut.values() for piece in found]
+    pieces = [piece for box_pieces in cut.values() for piece in box_pieces]
     if len(pieces) > len(problem.printers):
         return None
     ends_s = max(math.inf if pose is None else pose.price_s for pose in problem.find_poses(pieces))
-    found = find_faults(pieces, problem.options.min_glue_mm2)
-    return _Candidate(space, cut, ends_s, found[0].reason if found else "")
+    faults = find_faults(pieces, problem.options.min_glue_mm2)
+    return _Candidate(space, cut, ends_s, faults[0].reason if faults else "")

@@ -129,7 +129,7 @@ class _Build:
         sizes = [self._measure_object(*self._find(path, reference), depth) for reference in references]
         return _Size(sum(size.triangles for size in sizes), sum(size.instances for size in sizes))
 
-    def _measure_object(self, key: tuple[str, str], found: ObjectRecord, depth: int) -> _Size:
+    def _measure_object(self, key: tuple[str, str], record: ObjectRecord, depth: int) -> _Size:
         if key in self._sizes:
             size = self._sizes[key]
             if size is None:
@@ -138,25 +138,25 @@ class _Build:
                 )
             return size
         self._sizes[key] = None
-        if found.kind != _SOLID:
-            self.other_kinds.add(found.kind[:20])
+        if record.kind != _SOLID:
+            self.other_kinds.add(record.kind[:20])
             size = _Size()
         else:
-            inner = self.measure(key[0], found.components, depth + 1)
-            own_faces = 1 if found.face_count else 0
-            size = _Size(inner.triangles + found.face_count, inner.instances + own_faces)
+            inner = self.measure(key[0], record.components, depth + 1)
+            own_faces = 1 if record.face_count else 0
+            size = _Size(inner.triangles + record.face_count, inner.instances + own_faces)
         self._sizes[key] = size
         return size
 
     def _find(self, path: str, reference: Reference) -> tuple[tuple[str, str], ObjectRecord]:
         """Find the object of a reference in a part, and its place among all."""
         target = resolve_path(reference.path) if reference.path else path
-        found = self.part(target).objects.get(reference.object_id)
-        if found is None:
+        record = self.part(target).objects.get(reference.object_id)
+        if record is None:
             raise ModelUnreadable(
                 f"{self.name}: its object {reference.object_id[:20]} is missing; export it again"
             )
-        return (target, reference.object_id), found
+        return (target, reference.object_id), record
 
     def place(self, path: str, references: list[Reference], outer: Floats) -> Iterator[Floats]:
         """Yield the triangles (m, 3, 3) of each mesh that references place, in the unit of the file.
@@ -169,18 +169,18 @@ class _Build:
             (4, 3), the transform of the object that they belong to.
         """
         for reference in references:
-            key, found = self._find(path, reference)
+            key, record = self._find(path, reference)
             if not (self._sizes[key] or _Size()).triangles:
                 continue
             inner = reference.transform
             transform = np.vstack((inner[:3] @ outer[:3], inner[3] @ outer[:3] + outer[3]))
-            if found.face_count:
-                yield self._transform_mesh(found, transform)
-            yield from self.place(key[0], found.components, transform)
+            if record.face_count:
+                yield self._transform_mesh(record, transform)
+            yield from self.place(key[0], record.components, transform)
 
-    def _transform_mesh(self, found: ObjectRecord, transform: Floats) -> Floats:
+    def _transform_mesh(self, record: ObjectRecord, transform: Floats) -> Floats:
         try:
-            triangles = found.triangles()
+            triangles = record.triangles()
         except IndexError:
             raise ModelUnreadable(
                 f"{self.name}: a triangle has a corner that is not in its list; export it again"
@@ -193,7 +193,7 @@ class _Build:
     def count_unplaced(self) -> int:
         """Count the solid objects with a mesh that nothing places."""
         return sum(
-            found.kind == _SOLID and found.face_count > 0 and (path, number) not in self._sizes
+            record.kind == _SOLID and record.face_count > 0 and (path, number) not in self._sizes
             for path, part in self._parts.items()
-            for number, found in part.objects.items()
+            for number, record in part.objects.items()
         )
