@@ -50,7 +50,7 @@ class PluggedDevice:
 
 
 def list_plugged(
-    fleet: Iterable[tuple[str, str]], found: list[Device] | None = None, by_path: Path = BY_PATH
+    fleet: Iterable[tuple[str, str]], devices: list[Device] | None = None, by_path: Path = BY_PATH
 ) -> list[PluggedDevice]:
     """List all serial devices on USB, without opening them.
 
@@ -58,7 +58,7 @@ def list_plugged(
     ----------
     fleet
         Name and port of each printer.
-    found, by_path
+    devices, by_path
         Functions that list the host's devices and links; replaced in tests.
 
     Returns
@@ -68,7 +68,7 @@ def list_plugged(
     homes = {Path(port).resolve(): name for name, port in fleet if port.startswith("/")}
     links = {link.resolve(): link for link in sorted(by_path.glob("*"), reverse=True)}
     result = []
-    for device in list_devices() if found is None else found:
+    for device in list_devices() if devices is None else devices:
         real = device.path.resolve()
         result.append(PluggedDevice(links.get(real, device.path), real, device.description, homes.get(real)))
     return result

@@ -33,12 +33,12 @@ def rotate_log(path: Path, most_bytes: int = MOST_BYTES, kept: int = KEPT) -> bo
         True if the log was renamed.
     """
     try:
-        found = path.stat()
-        if found.st_size < most_bytes:
+        status = path.stat()
+        if status.st_size < most_bytes:
             return False
         fresh = path.with_name(f".{path.name}.new")
         flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_APPEND | os.O_CLOEXEC
-        descriptor = os.open(fresh, flags, found.st_mode & 0o777)
+        descriptor = os.open(fresh, flags, status.st_mode & 0o777)
     except OSError:
         return False
     try:
@@ -48,7 +48,7 @@ def rotate_log(path: Path, most_bytes: int = MOST_BYTES, kept: int = KEPT) -> bo
                 older.replace(_numbered(path, number))
         fresh.replace(path)
         for stream in (1, 2):
-            if _is_open_as(stream, found):
+            if _is_open_as(stream, status):
                 os.dup2(descriptor, stream)
     except OSError:
         return False

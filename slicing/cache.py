@@ -38,10 +38,10 @@ def find_least_used(entries: Iterable[CacheEntry], most_bytes: int) -> list[str]
     list of str
         Names of the entries to remove.
     """
-    kept = sorted(entries, key=lambda entry: (entry.used_s, entry.name))
-    over = sum(entry.size_bytes for entry in kept) - most_bytes
+    by_use = sorted(entries, key=lambda entry: (entry.used_s, entry.name))
+    over = sum(entry.size_bytes for entry in by_use) - most_bytes
     names = []
-    for entry in kept:
+    for entry in by_use:
         if over <= 0:
             break
         names.append(entry.name)

@@ -120,8 +120,8 @@ def run_engine(
             code, log = _run_process(command, folder, limits, progress)
         if code != 0:
             raise _engine_error(code, log, limits.memory_bytes)
-        written = folder / "part.gcode"
-        return EngineOutput(written.read_bytes() if written.is_file() else b"", log)
+        gcode = folder / "part.gcode"
+        return EngineOutput(gcode.read_bytes() if gcode.is_file() else b"", log)
 
 
 def _run_process(
@@ -177,8 +177,8 @@ def _read_log(process: subprocess.Popen[bytes], timeout_s: float, progress: Prog
                 log += message
                 if len(log) > 4 * _LOG_BYTES:
                     del log[_LOG_BYTES:-_LOG_BYTES]
-                if progress is not None and (found := _PROGRESS.findall(message)):
-                    progress(min(1.0, float(found[-1])))
+                if progress is not None and (shares := _PROGRESS.findall(message)):
+                    progress(min(1.0, float(shares[-1])))
         finally:
             os.close(ended)
     return log.decode("utf-8", errors="replace")
@@ -248,10 +248,10 @@ def engine_version(engine: Path) -> str:
     except (OSError, subprocess.TimeoutExpired) as error:
         raise EngineMissing(f"{engine} cannot be run: {error}; set FARM_CURA_ENGINE") from error
     lines = [line.strip() for line in (output.stdout + output.stderr).splitlines()]
-    named = next((line for line in lines if "version" in line), None)
-    if named is None:
+    version_line = next((line for line in lines if "version" in line), None)
+    if version_line is None:
         raise EngineMissing(f"{engine} does not print its version: not CuraEngine; set FARM_CURA_ENGINE")
-    return named
+    return version_line
 
 
 def check_versions(engine: Path, extruder: Mapping[str, str]) -> None:
@@ -260,11 +260,11 @@ def check_versions(engine: Path, extruder: Mapping[str, str]) -> None:
     Cura 5 draws walls of variable width: it has ``inset_direction`` where Cura 4 has ``outer_inset_first``.
     """
     version = engine_version(engine)
-    found = re.search(r"version (\d+)\.", version)
-    if found is None:  # a build without a version number
+    match = re.search(r"version (\d+)\.", version)
+    if match is None:  # a build without a version number
         return
     files = 5 if "inset_direction" in extruder else 4
-    if (int(found[1]) >= 5) != (files >= 5):
+    if (int(match[1]) >= 5) != (files >= 5):
         raise EngineMissing(
             f"{engine} is {version}, and Cura's settings files are of version {files}: "
             "set FARM_CURA_ENGINE and FARM_CURA_RESOURCES to the same version"

@@ -83,7 +83,7 @@ class SliceRejected(SlicingError):
         return f"the slice was rejected ({self.rule}): {self.detail}"
 
 
-def suggest_names(name: str, known: Iterable[str]) -> str:
+def suggest_names(name: str, names: Iterable[str]) -> str:
     """Suggest known names similar to a name, as ``"; did you mean a, b?"``; empty where none is similar."""
-    close = difflib.get_close_matches(name, list(known), n=3, cutoff=0.5)
+    close = difflib.get_close_matches(name, list(names), n=3, cutoff=0.5)
     return f"; did you mean {', '.join(close)}?" if close else ""

@@ -106,24 +106,24 @@ def parse_words(rest: str, number: int) -> Words:
     GcodeRefused
         Where the firmware would read it in another way, or a number is out of any printer's range.
     """
-    found: Words = {}
+    words: Words = {}
     at = 0
     if _RUN_TOGETHER.search(rest):  # the firmware reads X1E5 as a power of ten
         raise GcodeRefused(f"line {number}: write a space before each E: {quote_text(rest)} is not clear")
     while at < len(rest) and (word := _WORD.match(rest, at)) is not None:
         letter, digits = word.groups()
-        if letter in found:
+        if letter in words:
             raise GcodeRefused(f"line {number}: {letter} appears twice in {quote_text(rest)}: take one out")
         value = float(digits)
         if abs(value) > _limit(letter):
             raise GcodeRefused(
                 f"line {number}: {letter}{digits} is out of any printer's range: is the file damaged?"
             )
-        found[letter] = value
+        words[letter] = value
         at = word.end()
     if rest[at:].strip():
         raise GcodeRefused(f"line {number}: {quote_text(rest[at:])} cannot be read: is the file damaged?")
-    return found
+    return words
 
 
 def quote_text(text: str) -> str:

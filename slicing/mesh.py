@@ -80,11 +80,11 @@ def add_waves(corners: Floats) -> Floats:
         first, last = corners[..., axis].min() / step_mm, corners[..., axis].max() / step_mm
         for turn in range(int(np.ceil(first)), int(np.floor(last)) + 1):
             corners = _cut(corners, axis, turn * step_mm)
-    moved = corners.copy()
+    waved = corners.copy()
     for axis, across in ((0, 1), (1, 0)):
         along = corners[..., across] / STEPS_MM[across]
-        moved[..., axis] += WAVE_MM * np.abs(along % 2.0 - 1.0)
-    return moved
+        waved[..., axis] += WAVE_MM * np.abs(along % 2.0 - 1.0)
+    return waved
 
 
 def _cut(corners: Floats, axis: int, at_mm: float) -> Floats:
@@ -98,10 +98,10 @@ def _cut(corners: Floats, axis: int, at_mm: float) -> Floats:
     through = across & ~touching
     on, a, b = _rolled(corners[touching], side[touching] == 0.0)
     middle = _between(a, b, axis, at_mm)
-    alone, c, d = _rolled(corners[through], side[through] == -np.sign(side[through].sum(axis=1))[:, None])
-    p, q = _between(alone, c, axis, at_mm), _between(alone, d, axis, at_mm)
-    new = [(on, a, middle), (on, middle, b), (alone, p, q), (p, c, d), (p, d, q)]
-    return np.concatenate([corners[~across], *(np.stack(each, axis=1) for each in new)])
+    tip, c, d = _rolled(corners[through], side[through] == -np.sign(side[through].sum(axis=1))[:, None])
+    p, q = _between(tip, c, axis, at_mm), _between(tip, d, axis, at_mm)
+    new = [(on, a, middle), (on, middle, b), (tip, p, q), (p, c, d), (p, d, q)]
+    return np.concatenate([corners[~across], *(np.stack(corner_set, axis=1) for corner_set in new)])
 
 
 def _rolled(corners: Floats, first: npt.NDArray[np.bool_]) -> tuple[Floats, Floats, Floats]:
@@ -115,6 +115,6 @@ def _between(a: Floats, b: Floats, axis: int, at_mm: float) -> Floats:
     swap = (a[:, axis] > b[:, axis])[:, None]
     low, high = np.where(swap, b, a), np.where(swap, a, b)
     share = (at_mm - low[:, axis]) / (high[:, axis] - low[:, axis])
-    found: Floats = low + share[:, None] * (high - low)
-    found[:, axis] = at_mm
-    return found
+    points: Floats = low + share[:, None] * (high - low)
+    points[:, axis] = at_mm
+    return points

@@ -98,9 +98,9 @@ def slice_plate(request: PlateRequest, progress: Progress | None = None) -> Plat
         if abs(lowest_mm) > _ON_BED_MM:
             raise SliceRejected(Rule.HEIGHT, f"the model starts at Z {lowest_mm:.2f} mm; put it on the bed")
         stored = StoredSlice.locate(request.cache, request.engine, request.settings, model)
-        kept = stored.read()
-        sliced = kept or _slice(request, corners, progress)
-        if kept is None:
+        cached = stored.read()
+        sliced = cached or _slice(request, corners, progress)
+        if cached is None:
             stored.write(sliced)
         # After the cache, whose key has no bed: the same file may fit one printer and not another.
         _check_bed(request, sliced.facts)
@@ -109,7 +109,7 @@ def slice_plate(request: PlateRequest, progress: Progress | None = None) -> Plat
         raise SlicingError(
             f"{error.filename or request.out}: {error.strerror}; make room there, or check its permissions"
         ) from error
-    return _result(request, sliced, kept is not None)
+    return _result(request, sliced, cached is not None)
 
 
 def _slice(request: PlateRequest, corners: Floats, progress: Progress | None) -> CheckedSlice:

@@ -68,24 +68,24 @@ class Alarms:
 
     def take_from_session(self, session: Session, now_s: float) -> None:
         """Take over the finding of a session, and add it to the reason of its print."""
-        found, alarm = session.context.suspicion, self.alarm
+        suspicion, alarm = session.context.suspicion, self.alarm
         if session.context.wants_power_off:
             if session is not self._requested_by:
                 self._requested_by = session
-                self._request_power_off(found.text if found is not None else _NOT_OFF, now_s)
+                self._request_power_off(suspicion.text if suspicion is not None else _NOT_OFF, now_s)
                 assert self.alarm is not None
                 session.add_reason(self.alarm.text)
-        elif found is not None:
+        elif suspicion is not None:
             if alarm is None or not alarm.suspected:
-                self.alarm = Alarm(text=found.text, at_s=found.since_s)
+                self.alarm = Alarm(text=suspicion.text, at_s=suspicion.since_s)
         elif alarm is not None and alarm.suspected:
             self.alarm = None  # the heater was seen to cool
 
-    def take_from_idle(self, found: str | None, now_s: float) -> str | None:
+    def take_from_idle(self, finding: str | None, now_s: float) -> str | None:
         """Take over a finding of the idle board; return it if it is new."""
-        if found is None and self.alarm is not None and self.alarm.suspected:
-            found = self.alarm.text  # the session that watched it has ended
-        return found if found is not None and self._request_power_off(found, now_s) else None
+        if finding is None and self.alarm is not None and self.alarm.suspected:
+            finding = self.alarm.text  # the session that watched it has ended
+        return finding if finding is not None and self._request_power_off(finding, now_s) else None
 
     def _request_power_off(self, text: str, now_s: float) -> bool:
         alarm = self.alarm

@@ -138,10 +138,10 @@ class Board:
         """
         try:
             device = identify_device(self._url)
-            known = device is not None and device == self.state.opened
-            if not (self.simulated or self._is_responsible or self._declared_idle or known):
+            is_same_device = device is not None and device == self.state.opened
+            if not (self.simulated or self._is_responsible or self._declared_idle or is_same_device):
                 raise PortNotIdle(MAY_PRINT)
-            if not known:
+            if not is_same_device:
                 self.idle_watch.filament.note_reset()
             self._port = open_port(self._url, self._folder, self._clock, self._firmware.baud_rate)
             self.state.opened = device
@@ -322,26 +322,26 @@ class Board:
 
     def _on_idle_report(self, report: Report, now_s: float) -> None:
         self.state.hot = self.state.hot and not report.off
-        cause, trouble = self.idle_watch.judge_report(report)
+        cause, fault = self.idle_watch.judge_report(report)
         if cause is not None:
             self._mark_bed_unknown(cause)
-        self.stuck_heater = self.stuck_heater if trouble is None else trouble.text
+        self.stuck_heater = self.stuck_heater if fault is None else fault.text
         self.returned = self.returned or self.idle_watch.cold
         if self.link.drained:
             # ends heat left on when the port was lost; queries alone would feed the dead-man
             firmware = self._firmware
             self.link.send(now_s, *(firmware.heaters_off if self.state.hot else firmware.idle_queries))
 
-    def _on_idle_trouble(self, trouble: LinkFault, now_s: float) -> None:
-        if trouble.fault is Fault.REBOOT:
+    def _on_idle_trouble(self, fault: LinkFault, now_s: float) -> None:
+        if fault.fault is Fault.REBOOT:
             self._mark_bed_unknown("its board was reset, but not by the farm")
             self.link.on_restarted(now_s)
-        elif trouble.fault in (Fault.NO_ANSWER, Fault.NOISY_LINE):
-            self._on_port_lost(PortError(f"{self._url}: {trouble.text}; is the printer switched on?"))
-        elif trouble.fault is Fault.MAXTEMP:  # both heaters are off: one is stuck on, or a sensor is broken
-            self.stuck_heater = f"both heaters are off, and the board says {trouble.text.lstrip(' :')}"
+        elif fault.fault in (Fault.NO_ANSWER, Fault.NOISY_LINE):
+            self._on_port_lost(PortError(f"{self._url}: {fault.text}; is the printer switched on?"))
+        elif fault.fault is Fault.MAXTEMP:  # both heaters are off: one is stuck on, or a sensor is broken
+            self.stuck_heater = f"both heaters are off, and the board says {fault.text.lstrip(' :')}"
         else:
-            self.state.attention_reason = trouble.text
+            self.state.attention_reason = fault.text
 
     def _on_opened(self) -> None:
         assert self._port is not None

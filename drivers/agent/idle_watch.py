@@ -114,10 +114,10 @@ class IdleWatch:
             self._first = self._first or text
             self._unconfirmed = text  # a garbled digit may be the cause, in the first answer as well
         else:
-            moved = self._position is not None or not _may_be_garbled(self._first or text, text)
+            has_moved = self._position is not None or not _may_be_garbled(self._first or text, text)
             self._position, self._unconfirmed = text, None
             self.filament.judge_position(text)
-            return True, MOVED if moved else None
+            return True, MOVED if has_moved else None
         return True, None
 
     def judge_report(self, report: Report) -> tuple[str | None, LinkFault | None]:

@@ -52,8 +52,8 @@ class Agent:
         profile = PROFILES[start.model]
         self._journal = Journal(folder / JOURNAL)
         spool = Spool(folder / "spool", profile)
-        left = self._journal.state.print
-        spool.keep_only(None if left is None else left.print_id)
+        saved_print = self._journal.state.print
+        spool.keep_only(None if saved_print is None else saved_print.print_id)
         self._journal.shorten()
         self._board = Board(
             start.port, profile, folder / EMULATOR, self._clock, self._save, self._on_port_change
@@ -85,10 +85,12 @@ class Agent:
             self._selector.close()
 
     def _serve(self) -> None:
-        left = self._journal.state.print
-        if left is not None and not left.phase.ended:
-            log.warning("print %s was open when the last agent died: resetting the board", left.print_id)
-            self._recorder.begin(None, self._journal.state.filament, left.extruded)
+        saved_print = self._journal.state.print
+        if saved_print is not None and not saved_print.phase.ended:
+            log.warning(
+                "print %s was open when the last agent died: resetting the board", saved_print.print_id
+            )
+            self._recorder.begin(None, self._journal.state.filament, saved_print.extruded)
         self._board.open()
         self._board.tick()
         self._server = Server(self._folder, self._selector, self._answer, self._snapshot)

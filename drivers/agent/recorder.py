@@ -63,7 +63,7 @@ class Recorder:
     ) -> None:
         """Begin a print; without a program, end the print that a dead agent left open."""
         now_s, saved_state = self._clock.now(), self.journal.state
-        left = Fault.ESTOP if saved_state.board.attention_reason == ESTOPPED else Fault.AGENT_DIED
+        fault = Fault.ESTOP if saved_state.board.attention_reason == ESTOPPED else Fault.AGENT_DIED
         context = SessionContext(
             link=self.board.link,
             program=program,
@@ -72,7 +72,7 @@ class Recorder:
             pace=self.board.pace,
             now_s=now_s,
             identity=saved_state.identity,
-            previous_fault=left,
+            previous_fault=fault,
             suspicion=self.alarms.suspicion,
             extruded=extruded,
             board_resets=not self.board.reset_failed,

@@ -27,8 +27,8 @@ class Spool:
     def __init__(self, folder: Path, profile: Profile) -> None:
         self._folder, self._profile = folder, profile
         folder.mkdir(parents=True, exist_ok=True)
-        for left in folder.glob(f"*{_PART}"):
-            left.unlink()
+        for partial_file in folder.glob(f"*{_PART}"):
+            partial_file.unlink()
 
     def _path(self, print_id: str) -> Path:
         if _PRINT_ID.fullmatch(print_id) is None:
@@ -112,9 +112,9 @@ class Spool:
 
     def keep_only(self, print_id: str | None) -> None:
         """Delete the files of all other prints: of an upload that was never started, of a dead agent."""
-        kept = set() if print_id is None else {self._path(print_id), self.part(print_id)}
+        kept_files = set() if print_id is None else {self._path(print_id), self.part(print_id)}
         for path in self._folder.iterdir():
-            if path not in kept and path.suffix in (_GCODE, _PART):
+            if path not in kept_files and path.suffix in (_GCODE, _PART):
                 with suppress(OSError):
                     path.unlink()
 

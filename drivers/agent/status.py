@@ -99,7 +99,7 @@ def describe_print(recorder: Recorder) -> PrintSnapshot | None:
 def list_prints(recorder: Recorder, since_s: float) -> tuple[PrintSnapshot, ...]:
     """List all prints not ended at `since_s` of the farm's clock, the open one last."""
     saved, current = recorder.journal.state, describe_print(recorder)
-    prints = [each for each in saved.recent if each.ended_s is None or each.ended_s >= since_s]
+    prints = [record for record in saved.recent if record.ended_s is None or record.ended_s >= since_s]
     if current is not None and current.print_id not in saved.ended:
         prints.append(current)
     return tuple(prints)

@@ -237,22 +237,26 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument(
         "--detach", action="store_true", help="continue in the background once the port exists"
     )
-    chosen = parser.parse_args(arguments)
+    options = parser.parse_args(arguments)
     try:
-        faults = parse_faults(chosen.fault)
-        chosen.folder.mkdir(parents=True, exist_ok=True)
-        lock = _hold(chosen.folder / ALIVE_LOCK)
+        faults = parse_faults(options.fault)
+        options.folder.mkdir(parents=True, exist_ok=True)
+        lock = _hold(options.folder / ALIVE_LOCK)
     except PortError as error:
         parser.error(str(error))
     with lock:
-        if chosen.detach:
-            ready, done = os.pipe()
+        if options.detach:
+            ready, done_fd = os.pipe()
             if os.fork() > 0:
-                os.close(done)
+                os.close(done_fd)
                 return 0 if os.read(ready, 1) else 1
             os.close(ready)
         emulator = Emulator(
-            PROFILES[chosen.model], faults, chosen.seed, chosen.folder, Clock(chosen.scale, chosen.anchor)
+            PROFILES[options.model],
+            faults,
+            options.seed,
+            options.folder,
+            Clock(options.scale, options.anchor),
         )
 
         def off(signum: int, frame: FrameType | None) -> None:
@@ -260,9 +264,9 @@ def main(arguments: list[str] | None = None) -> int:
 
         signal.signal(signal.SIGTERM, off)
         signal.signal(signal.SIGINT, off)
-        if chosen.detach:
-            os.write(done, b"1")
-            os.close(done)
+        if options.detach:
+            os.write(done_fd, b"1")
+            os.close(done_fd)
         emulator.run()
     return 0
 

@@ -72,11 +72,11 @@ class Faults:
     @property
     def on_lines(self) -> bool:
         """True if a fault may change any line."""
-        drawn = (
+        samples = (
             self.checksum, self.no_number, self.no_checksum, self.wrong_number,
             self.drop_ok, self.garble_ok, self.swallow, self.resend,
         )  # fmt: skip
-        return bool(any(drawn) or self.stuck_after or self.due)
+        return bool(any(samples) or self.stuck_after or self.due)
 
     @property
     def on_bytes(self) -> bool:
@@ -86,8 +86,8 @@ class Faults:
     @property
     def due(self) -> dict[str, int]:
         """Line counts of the faults that happen once, by name."""
-        named = ((field.name, getattr(self, field.name)) for field in fields(self))
-        return {name: line for name, line in named if name.endswith("_after") and line}
+        fields_and_values = ((field.name, getattr(self, field.name)) for field in fields(self))
+        return {name: line for name, line in fields_and_values if name.endswith("_after") and line}
 
 
 SLEEP_S = 25.0
@@ -184,21 +184,21 @@ def parse_url(url: str) -> SimUrl:
 _KINDS: dict[str, type[float] | type[int] | type[bool]] = {"float": float, "int": int, "bool": bool}
 
 
-def parse_faults(words: Iterable[str], where: str = "--fault") -> Faults:
+def parse_faults(words: Iterable[str], source: str = "--fault") -> Faults:
     """Parse faults of the form ``NAME`` or ``NAME=VALUE``. Raises PortError as `parse_url` does."""
     kinds = {field.name: _KINDS[str(field.type)] for field in fields(Faults)}
-    chosen: dict[str, float | int | bool] = {}
+    values: dict[str, float | int | bool] = {}
     for word in words:
         name, _, value = word.partition("=")
         kind = kinds.get(name)
         if kind is None:
-            raise PortError(f"{where}: no fault {name!r}; use one of {', '.join(sorted(kinds))}")
+            raise PortError(f"{source}: no fault {name!r}; use one of {', '.join(sorted(kinds))}")
         try:
             number = float(value or "1")
         except ValueError:
-            raise PortError(f"{where}: {name} needs a number, not {value!r}") from None
+            raise PortError(f"{source}: {name} needs a number, not {value!r}") from None
         if number < 0 or (kind is float and number > 1) or (kind is int and number != int(number)):
-            wanted = "a probability from 0 to 1" if kind is float else "a whole number from 0"
-            raise PortError(f"{where}: {name} needs {wanted}, not {value!r}")
-        chosen[name] = kind(number)
-    return Faults(**chosen)  # type: ignore[arg-type]
+            expected = "a probability from 0 to 1" if kind is float else "a whole number from 0"
+            raise PortError(f"{source}: {name} needs {expected}, not {value!r}")
+        values[name] = kind(number)
+    return Faults(**values)  # type: ignore[arg-type]

@@ -72,16 +72,16 @@ def launch(url: str, folder: Path, clock: Clock) -> Path:
     PortError
         The url is wrong, or the emulator does not start.
     """
-    wanted = parse_url(url)
+    address = parse_url(url)
     folder.mkdir(parents=True, exist_ok=True)
     with _locked(folder / LAUNCH_LOCK):
         if alive(folder):
             return folder / TTY
         # This process forks the emulator and ends once the port exists.
-        arguments = ["--model", wanted.profile.model, "--folder", str(folder.absolute()), "--detach"]
+        arguments = ["--model", address.profile.model, "--folder", str(folder.absolute()), "--detach"]
         arguments += ["--scale", repr(clock.scale), "--anchor", repr(clock.anchor_s)]
-        arguments += ["--seed", str(wanted.seed)]
-        arguments += [word for fault in wanted.words for word in ("--fault", fault)]
+        arguments += ["--seed", str(address.seed)]
+        arguments += [word for fault in address.words for word in ("--fault", fault)]
         with (folder / LOG).open("ab") as log:
             try:
                 subprocess.run(

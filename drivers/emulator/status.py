@@ -89,8 +89,8 @@ def read_status(folder: Path) -> EmulatorStatus:
     try:
         raw = json.loads(path.read_text())
         raw["position_mm"] = tuple(raw["position_mm"])
-        known = {field.name for field in fields(EmulatorStatus)}
-        return EmulatorStatus(**{name: value for name, value in raw.items() if name in known})
+        names = {field.name for field in fields(EmulatorStatus)}
+        return EmulatorStatus(**{name: value for name, value in raw.items() if name in names})
     except FileNotFoundError:
         raise PortError(f"{path}: no emulator has run here; start one with launch()") from None
     except (OSError, ValueError, KeyError, TypeError) as error:

@@ -137,10 +137,10 @@ class Firmware:
 
     def read_suffix(self, banner: bytes) -> str | None:
         """Parse the suffix of the version in a banner; None if there is none."""
-        found = None if self.version is None else self.version.search(banner)
-        return None if found is None else (found["suffix"] or b"").decode()
+        match = None if self.version is None else self.version.search(banner)
+        return None if match is None else (match["suffix"] or b"").decode()
 
     def read_offset(self, settings: bytes) -> str | None:
         """Parse the home offset in the settings; None if there is none."""
-        found = self.home_offset.search(settings)
-        return None if found is None else found[1].decode()
+        match = self.home_offset.search(settings)
+        return None if match is None else match[1].decode()

@@ -30,11 +30,11 @@ Point = Sequence[float]
 
 def read_position(answer: bytes) -> Point | None:
     """Parse the answer to M114: the target of the last move, or after M401 the position of the head."""
-    found = _POSITION.match(answer)
-    if found is None:
+    match = _POSITION.match(answer)
+    if match is None:
         return None
     try:
-        return [float(value) for value in found.groups()]
+        return [float(value) for value in match.groups()]
     except ValueError:
         return None
 
@@ -152,8 +152,8 @@ def _find_feed(program: Program, line: int) -> float:
     while line > 0:
         first = max(0, line - WINDOW_LINES)
         for move in reversed(program.lines(first, line)):
-            if move.startswith(_MOVES) and (found := _FEED.search(move)) is not None:
-                return float(found[1])
+            if move.startswith(_MOVES) and (match := _FEED.search(move)) is not None:
+                return float(match[1])
         line = first
     return math.nan
 

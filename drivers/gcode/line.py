@@ -112,12 +112,12 @@ def read_number(text: bytes, line_number: int, limit: float = LARGEST_NUMBER) ->
         It is not a number, or its absolute value reaches `limit`.
     """
     try:
-        found = float(text)
+        number = float(text)
     except ValueError:
-        found = math.nan
-    if not abs(found) < limit:
+        number = math.nan
+    if not abs(number) < limit:
         raise BadGcode(f"line {line_number}: {quote(text)} is not a number, or too large")
-    return found
+    return number
 
 
 def line_too_long(line: bytes, number: int, limit_bytes: int) -> BadGcode:

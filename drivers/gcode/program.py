@@ -127,14 +127,14 @@ class Program:
             The store does not return the written bytes.
         """
         stop = min(stop, self.count)
-        found: list[bytes] = []
+        lines: list[bytes] = []
         if start >= stop:
-            return found
+            return lines
         first = start // _BLOCK_LINES
         for block in range(first, (stop - 1) // _BLOCK_LINES + 1):
-            found += self._read_block(block).split(b"\n")[:-1]
+            lines += self._read_block(block).split(b"\n")[:-1]
         skip = first * _BLOCK_LINES
-        return found[start - skip : stop - skip]
+        return lines[start - skip : stop - skip]
 
     def _read_block(self, block: int) -> bytes:
         try:

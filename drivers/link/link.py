@@ -186,8 +186,8 @@ class Link:
                 self._handle_last_line(number, now_s, events)
         elif replies.is_refusal(answer):
             self._handle_refusal(-1, now_s)  # its Resend follows, unless it was lost
-        elif (found := replies.parse_fault(answer, self._firmware)) is not None:
-            self._give_up(found.fault, found.text, events)
+        elif (fault := replies.parse_fault(answer, self._firmware)) is not None:
+            self._give_up(fault.fault, fault.text, events)
         elif (alive := self._firmware.keep_alive) is not None and answer.startswith(alive):
             self._handle_busy(now_s, events)
         elif answer:

@@ -206,8 +206,8 @@ class Outbox:
 
     def _note_slow_move(self, number: int, move: bytes) -> None:
         """Note a move whose feedrate may make it longer than `LINE_S`; its length is unknown here."""
-        if b"F" in move and (found := _FEEDRATE.search(move)) is not None and float(found[1]) > 0.0:
-            self._feedrate_mm_min = float(found[1])
+        if b"F" in move and (match := _FEEDRATE.search(move)) is not None and float(match[1]) > 0.0:
+            self._feedrate_mm_min = float(match[1])
         if move.startswith(_ARCS):
             duration_s = 60.0 * ARC_REACH_MM / self._feedrate_mm_min
         elif self._feedrate_mm_min * LINE_S >= 60.0 * REACH_MM or not _TRAVELS(move):

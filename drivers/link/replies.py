@@ -74,14 +74,14 @@ def parse_report(line: bytes) -> Report | None:
 
 def parse_resend(line: bytes) -> int | None:
     """Parse the number in a ``Resend``."""
-    found = _RESEND.search(line)
-    return None if found is None else int(found[1])
+    match = _RESEND.search(line)
+    return None if match is None else int(match[1])
 
 
 def parse_last_line(line: bytes, firmware: Firmware) -> int | None:
     """Parse the number of the last accepted line in an answer to `Firmware.last_line_query`."""
-    found = _LAST_LINE.search(line) if line.startswith(firmware.last_line_answer) else None
-    return None if found is None else int(found[1])
+    match = _LAST_LINE.search(line) if line.startswith(firmware.last_line_answer) else None
+    return None if match is None else int(match[1])
 
 
 def is_refusal(line: bytes) -> bool:
@@ -93,23 +93,23 @@ def parse_ok(words: bytes, firmware: Firmware) -> int | None:
     """Parse the line number in an ok; negative if it has none; None if this is not an ok."""
     if words == b"ok":
         return -1
-    found = None if firmware.ok_details is None else firmware.ok_details.fullmatch(words, 2)
-    return None if found is None or not words.startswith(b"ok") else int(found[1] or -1)
+    match = None if firmware.ok_details is None else firmware.ok_details.fullmatch(words, 2)
+    return None if match is None or not words.startswith(b"ok") else int(match[1] or -1)
 
 
 def split_answers(line: bytes, firmware: Firmware) -> list[bytes]:
     """Split a line into its answers: several if a newline was lost, or missing as after M119."""
     if parse_ok(line, firmware) is not None:
         return [line]
-    found: list[bytes] = []
+    answers: list[bytes] = []
     for part in _BEGINNINGS.split(line):
         front, back = [], []
         if part.endswith(b"ok") and part != _CARD_OK:
             part, back = part[:-2], [b"ok"]
         if part.startswith(b"ok") and b"T:" not in part:
             front, part = [b"ok"], part[2:]
-        found += [*front, *([part] if part else []), *back]
-    return found
+        answers += [*front, *([part] if part else []), *back]
+    return answers
 
 
 def parse_fault(line: bytes, firmware: Firmware) -> LinkFault | None:

@@ -212,12 +212,12 @@ class Device:
 
 def list_devices() -> list[Device]:
     """List all serial devices on USB, sorted by path."""
-    found = (
+    ports = (
         Device(Path(port.device), port.description or "")
         for port in list_ports.comports()
         if port.vid is not None
     )
-    return sorted(found, key=lambda device: device.path)
+    return sorted(ports, key=lambda device: device.path)
 
 
 class RemotePort:

@@ -112,8 +112,8 @@ class BoardState(BaseModel):
 
     def with_changes(self, record: dict[str, Any]) -> BoardState:
         """Return a copy with the changes in a record of the journal. Raises ValueError."""
-        known = self.record()
-        return self.model_validate(known | {name: record[name] for name in known.keys() & record.keys()})
+        present = self.record()
+        return self.model_validate(present | {name: record[name] for name in present.keys() & record.keys()})
 
 
 @dataclass(slots=True)
@@ -155,16 +155,16 @@ class JournalState:
     def apply(self, record: dict[str, Any]) -> None:
         """Apply one record. Raises ValueError, TypeError or AttributeError if it is invalid."""
         if "print" in record:
-            known = record["print"]
-            self.print = PrintSnapshot.model_validate(known) if known is not None else None
+            fields = record["print"]
+            self.print = PrintSnapshot.model_validate(fields) if fields is not None else None
             if self.print is not None and self.print.phase.ended and self.print.print_id not in self.ended:
                 self.ended.add(self.print.print_id)
                 self.recent.append(self.print)
         if "filament" in record:
             self.filament = Filament(record["filament"])
         if "alarm" in record:
-            known = record["alarm"]
-            self.alarm = Alarm.model_validate(known) if known is not None else None
+            fields = record["alarm"]
+            self.alarm = Alarm.model_validate(fields) if fields is not None else None
         self.board = self.board.with_changes(record)
         if "identity" in record:
             self.identity = record["identity"]

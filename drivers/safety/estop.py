@@ -106,13 +106,13 @@ class StopResult:
 
 def list_targets(agents: Path) -> dict[str, StopTarget]:
     """Find all printers whose agents have a start file, by name."""
-    found = {}
+    targets = {}
     for folder in sorted(agents.glob("*/")):
         with suppress(AgentError):
-            found[folder.name] = replace(
+            targets[folder.name] = replace(
                 StopTarget.of_agent(StartFile.read(folder), folder), printer=folder.name
             )
-    return found
+    return targets
 
 
 def stop_printer(target: StopTarget, show_s: float = _SHOW_S, notify: Notify = _ignore) -> StopResult:
@@ -264,11 +264,11 @@ class _Board:
             self._report = event
             if not self.still and self._link.drained:
                 self._check_motion(now_s)
-        elif isinstance(event, OtherLine) and (found := _COUNT.search(event.text)) is not None:
-            if found[1] == self._position and not self.still:
+        elif isinstance(event, OtherLine) and (match := _COUNT.search(event.text)) is not None:
+            if match[1] == self._position and not self.still:
                 self.still = True
                 self._link.send(now_s, self._firmware.motors_off)
-            self._position = found[1]
+            self._position = match[1]
 
     def _check_motion(self, now_s: float) -> None:
         """Query the position of the head, unless the firmware does not report motion: then wait for moves."""

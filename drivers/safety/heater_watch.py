@@ -115,11 +115,11 @@ class HeaterWatch:
             HeaterName.NOZZLE: (report.nozzle_c, report.nozzle_target_c),
             HeaterName.BED: (report.bed_c, report.bed_target_c),
         }
-        found = [
+        findings = [
             heater.check(*reported_c[name], set_c[name], self._watched_s)
             for name, heater in self._heaters.items()
         ]
-        return next((finding for finding in found if finding is not None), None)
+        return next((finding for finding in findings if finding is not None), None)
 
     def now_c(self, name: HeaterName) -> float:
         """Compute the median of the last three reports; NaN before the first."""

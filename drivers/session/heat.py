@@ -119,10 +119,10 @@ def watch_heaters(context: SessionContext, report: Report) -> PrintEnded | None:
             context.ask_power_off()
     elif context.watch.cools and not context.wants_power_off:
         context.suspicion = None
-    found = None if finding is None else PrintEnded(finding.fault, finding.text)
+    ended = None if finding is None else PrintEnded(finding.fault, finding.text)
     if ending:
-        return found if context.reason is None else None  # else the print is ending already
-    return _watch_targets(context, report, set_c) or found
+        return ended if context.reason is None else None  # else the print is ending already
+    return _watch_targets(context, report, set_c) or ended
 
 
 def suspect(context: SessionContext, text: str) -> None:
@@ -163,5 +163,5 @@ def _watch_targets(
         if not as_set:  # soon, but not before the lines in flight that may set it
             context.link.poll_soon(context.now_s + context.pace.heating_s)
         return None
-    found = f"nozzle {report.nozzle_target_c:g} and bed {report.bed_target_c:g} C"
-    return PrintEnded(Fault.TARGET_CHANGED, f"somebody set {found}, not {nozzle_c:g} and {bed_c:g}")
+    targets = f"nozzle {report.nozzle_target_c:g} and bed {report.bed_target_c:g} C"
+    return PrintEnded(Fault.TARGET_CHANGED, f"somebody set {targets}, not {nozzle_c:g} and {bed_c:g}")

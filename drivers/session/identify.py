@@ -20,18 +20,18 @@ def identify(context: SessionContext) -> Script:
     for _ in range(TRIES):
         yield from connect(context)
         assert context.greeting is not None
-        found = firmware.read_identity(context.greeting.banner)
+        identity = firmware.read_identity(context.greeting.banner)
         if not context.greeting.restarted or firmware.version is None:
             # the home height identifies an Extended; other models answer `identity_query`
             offset = firmware.read_offset((yield from query(context, firmware.settings_query)))
-            found = None if offset is None else Identity(profile.banner_suffix, offset)
-        if found is None:
+            identity = None if offset is None else Identity(profile.banner_suffix, offset)
+        if identity is None:
             source = "banner does not say" if firmware.version is not None else "settings do not say"
             problem = f"its {source} which printer it is"
-        elif found.suffix != profile.banner_suffix:
+        elif identity.suffix != profile.banner_suffix:
             problem = f"not the board of an {profile.title}"
-        elif context.identity is not None and found.offset != context.identity:
-            offsets = f"home offset {found.offset}, not {context.identity}"
+        elif context.identity is not None and identity.offset != context.identity:
+            offsets = f"home offset {identity.offset}, not {context.identity}"
             problem = f"another printer, or levelled again: {offsets}"
         else:
             answer = yield from query(context, firmware.identity_query)
@@ -40,7 +40,7 @@ def identify(context: SessionContext) -> Script:
             elif profile.machine_word not in answer:
                 problem = f"M115 reports another machine than the {profile.title}"
             else:
-                context.identity = found.offset
+                context.identity = identity.offset
                 return
     raise PrintEnded(Fault.WRONG_PRINTER, problem)
 

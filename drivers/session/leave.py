@@ -51,8 +51,10 @@ def _abort(context: SessionContext, homed: bool) -> Answer:
         context.position = None
         yield from send(context, firmware.position_query)
         if context.filament is Filament.AT_NOZZLE and context.program is not None:
-            hot = context.report is not None and extrudes(context, context.report.nozzle_c)
-            yield from park(context, measure_retracted_mm(context.program, done, context.position), hot)
+            can_extrude = context.report is not None and extrudes(context, context.report.nozzle_c)
+            yield from park(
+                context, measure_retracted_mm(context.program, done, context.position), can_extrude
+            )
         z_mm = math.nan if context.position is None else context.position[2]
         up_mm = LIFT_MM if math.isnan(z_mm) else lift_mm(context, z_mm, done)
         park_commands = (b"G91", b"G1 F1200 Z%.3f" % up_mm, b"G90", b"G28 X0 Y0", firmware.motors_off)

@@ -30,14 +30,14 @@ def unpark(context: SessionContext) -> Script:
     context.filament = Filament.AT_NOZZLE
 
 
-def park(context: SessionContext, back_mm: float, hot: bool) -> Script:
+def park(context: SessionContext, back_mm: float, can_extrude: bool) -> Script:
     """Retract the filament, which is `back_mm` back already (NaN: unknown), to its parked position."""
     parked_mm = context.profile.parked_mm
     if math.isnan(back_mm):
         context.filament = Filament.UNKNOWN
     elif abs(parked_mm - back_mm) <= PARKED_SLACK_MM:
         context.filament = Filament.PARKED
-    elif hot:
+    elif can_extrude:
         context.filament = Filament.UNKNOWN
         pull = b"G1 F1500 E%.3f" % (back_mm - parked_mm)
         if (yield from send(context, b"G91", pull, b"G90", context.firmware.wait_moves)):
@@ -87,7 +87,7 @@ def pause(context: SessionContext, program: Program, done: int) -> Script:
         reported if math.isnan(exact) else exact
         for exact, reported in zip(moves.at, context.position, strict=True)
     ]
-    yield from park(context, moves.retracted_mm, hot=True)
+    yield from park(context, moves.retracted_mm, can_extrude=True)
     lift = b"G1 F1200 Z%.3f" % (at[2] + lift_mm(context, at[2], done))
     yield from send(context, b"G90", lift, b"G1 F9000 X%g Y%g" % context.profile.aside_mm, b"M104 S0")
     context.nozzle_paused = True

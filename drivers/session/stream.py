@@ -30,8 +30,10 @@ def print_program(context: SessionContext, program: Program) -> Script:
         if heat_command is not None:
             context.heated_lines = at = stop + 1
             yield from heat(context, heat_command)
-            hot = heat_command.heater is HeaterName.NOZZLE and extrudes(context, heat_command.target_c)
-            if hot and context.filament is Filament.PARKED:
+            can_extrude = heat_command.heater is HeaterName.NOZZLE and extrudes(
+                context, heat_command.target_c
+            )
+            if can_extrude and context.filament is Filament.PARKED:
                 yield from unpark(context)
         elif stop == program.extrusion_line < program.count:
             context.extruded = True
@@ -101,7 +103,7 @@ def _finish(context: SessionContext, program: Program) -> Script:
     yield from send(context, *off, limit_s=math.inf)
     if context.filament is Filament.AT_NOZZLE:
         # as far back as the end code left it; the nozzle cools already
-        yield from park(context, measure_retracted_mm(program, program.count), hot=False)
+        yield from park(context, measure_retracted_mm(program, program.count), can_extrude=False)
     if not (yield from confirm_off(context)):
         if context.report is not None and context.report.off:
             raise PrintEnded(Fault.HEATER_STUCK_ON, "a heater was not seen to cool at the end of the print")

@@ -152,9 +152,9 @@ def _check_areas(model: Rings, printed: Rings, walls: Walls, layout: WallLayout)
             "mesh is broken; thicken them, scale it up, take a finer nozzle, or repair it",
         )
     lost_mm2 = walls.lost_areas_mm2(layout, len(model.area_mm2))
-    lacking = np.flatnonzero(lost_mm2 > LOST_MM2 + LOST_SHARE * model.area_mm2)
-    if len(lacking):
-        layer = int(lacking[0])
+    incomplete = np.flatnonzero(lost_mm2 > LOST_MM2 + LOST_SHARE * model.area_mm2)
+    if len(incomplete):
+        layer = int(incomplete[0])
         raise SliceRejected(
             Rule.OUTLINE,
             f"layer {layer} (Z {layout.top_mm(layer):.2f} mm) lacks {lost_mm2[layer]:.0f} mm2 within its "
@@ -169,13 +169,13 @@ def _expand(model: Rings, layout: WallLayout) -> Rings:
     return Rings(model.area_mm2 + offset * model.length_mm, model.length_mm, model.moment_mm3)
 
 
-def _sample(found: npt.NDArray[np.intp], off_mm2: Floats) -> npt.NDArray[np.intp]:
+def _sample(layers: npt.NDArray[np.intp], off_mm2: Floats) -> npt.NDArray[np.intp]:
     """Choose at most `EXACT_LAYERS` of the layers: the worst, and others in even steps."""
-    if len(found) <= EXACT_LAYERS:
-        return found
-    candidates = found[np.argsort(off_mm2)[-EXACT_LAYERS // 4 :]]
-    even = found[np.linspace(0, len(found) - 1, EXACT_LAYERS - len(candidates)).astype(int)]
-    return np.unique(np.concatenate((candidates, even)))
+    if len(layers) <= EXACT_LAYERS:
+        return layers
+    candidates = layers[np.argsort(off_mm2)[-EXACT_LAYERS // 4 :]]
+    evenly_spaced = layers[np.linspace(0, len(layers) - 1, EXACT_LAYERS - len(candidates)).astype(int)]
+    return np.unique(np.concatenate((candidates, evenly_spaced)))
 
 
 class _Sections:
@@ -207,8 +207,8 @@ def _winding(start: Floats, end: Floats, x: float, y: float) -> int:
     rises = (start[:, 1] <= y) & (end[:, 1] > y)
     falls = (start[:, 1] > y) & (end[:, 1] <= y)
     direction = end - start
-    left = direction[:, 0] * (y - start[:, 1]) - (x - start[:, 0]) * direction[:, 1] > 0
-    return int((rises & left).sum() - (falls & ~left).sum())
+    is_left = direction[:, 0] * (y - start[:, 1]) - (x - start[:, 0]) * direction[:, 1] > 0
+    return int((rises & is_left).sum() - (falls & ~is_left).sum())
 
 
 def _compare(
@@ -219,11 +219,11 @@ def _compare(
     printed = walls.printed(layer, shapely.union_all(near))
     tolerance_mm = TOLERANCE_MM + layout.slack_mm
     extra = _worst(printed.difference(shapely.union_all(near).buffer(tolerance_mm)))
-    where = f"layer {layer} (Z {layout.top_mm(layer):.2f} mm)"
+    place = f"layer {layer} (Z {layout.top_mm(layer):.2f} mm)"
     if extra is not None:
         raise SliceRejected(
             Rule.OUTLINE,
-            f"{where} prints {extra.area:.1f} mm2 outside of the model at {_at(extra)}; repair the mesh",
+            f"{place} prints {extra.area:.1f} mm2 outside of the model at {_at(extra)}; repair the mesh",
         )
     certain = near[0].intersection(near[1])
     missing = certain.difference(printed.buffer(tolerance_mm))
@@ -235,14 +235,14 @@ def _compare(
     if lost_area is not None:
         raise SliceRejected(
             Rule.OUTLINE,
-            f"{where} leaves out {lost_area.area:.1f} mm2 of the model at {_at(lost_area)}; repair the mesh "
+            f"{place} leaves out {lost_area.area:.1f} mm2 of the model at {_at(lost_area)}; repair the mesh "
             "there",
         )
-    beyond = printed.buffer(TIP_MM)
+    tolerance_area = printed.buffer(TIP_MM)
     return [
         (layer, piece)
         for piece in shapely.get_parts(missing.difference(thick))
-        if piece.area > _SPECK_MM2 and not beyond.covers(piece)
+        if piece.area > _SPECK_MM2 and not tolerance_area.covers(piece)
     ]
 
 

@@ -55,14 +55,14 @@ def gather_facts(path: Toolpath, min_extrusion_c: float) -> GcodeFacts:
     min_extrusion_c
         Nozzle temperature, in C, below which the firmware does not extrude.
     """
-    pushed_mm, moved = path.pushed_mm, path.moved
-    prints = (pushed_mm > 0) & moved & (path.layer != NO_LAYER)
+    pushed_mm, has_moved = path.pushed_mm, path.moved
+    prints = (pushed_mm > 0) & has_moved & (path.layer != NO_LAYER)
     layers = path.layer[prints]
     last = int(np.flatnonzero(prints)[-1]) if prints.any() else -1
     ends = np.concatenate((path.before[prints, :3], path.after[prints, :3]))
     low = ends.min(axis=0, initial=math.inf)
     high = ends.max(axis=0, initial=-math.inf)
-    homed = next((command.move for command in path.commands if command.code == "G28"), len(moved))
+    homed = next((command.move for command in path.commands if command.code == "G28"), len(has_moved))
     cold, heaters_off = _heat(path, pushed_mm > 0, min_extrusion_c)
     return GcodeFacts(
         flavour=_last_comment(path, "FLAVOR:"),
@@ -74,7 +74,7 @@ def gather_facts(path: Toolpath, min_extrusion_c: float) -> GcodeFacts:
         min_mm=(float(low[0]), float(low[1]), float(low[2])),
         max_mm=(float(high[0]), float(high[1]), float(high[2])),
         uses_firmware_retraction=any(command.code in ("G10", "G11") for command in path.commands),
-        moved_before_homing=bool(moved[:homed].any()),
+        moved_before_homing=bool(has_moved[:homed].any()),
         extruded_cold=cold,
         heaters_off=heaters_off,
         parked_mm=float(-pushed_mm[last + 1 :].sum()),
@@ -90,19 +90,19 @@ def _heat(path: Toolpath, pushes: npt.NDArray[np.bool_], min_extrusion_c: float)
     """Check whether filament is pushed into a cold nozzle, and whether all heaters are off at the end."""
     target_c = {"M104": 0.0, "M140": 0.0}
     reached_c = 0.0
-    done, cold = 0, False
+    first_move, cold = 0, False
     for command in path.commands:
         if command.code not in ("M104", "M109", "M140", "M190"):
             continue
         if min(reached_c, target_c["M104"]) < min_extrusion_c:
-            cold |= bool(pushes[done : command.move].any())
-        done = command.move
+            cold |= bool(pushes[first_move : command.move].any())
+        first_move = command.move
         set_c = command.words.get("S", 0.0)
         target_c["M104" if command.code in ("M104", "M109") else "M140"] = set_c
         if command.code == "M109":
             reached_c = set_c
     if min(reached_c, target_c["M104"]) < min_extrusion_c:
-        cold |= bool(pushes[done:].any())
+        cold |= bool(pushes[first_move:].any())
     return cold, not any(target_c.values())
 
 
@@ -190,8 +190,8 @@ def _check_commands(facts: GcodeFacts, min_extrusion_c: float) -> None:
             "a heater is left on at the end, or the end is missing; slice again, or make room on the disk",
         ),
     )
-    for rule, kept, detail in rules:
-        if not kept:
+    for rule, is_kept, detail in rules:
+        if not is_kept:
             raise SliceRejected(rule, detail)
 
 
@@ -252,10 +252,10 @@ def replace_header(gcode: bytes, log: str) -> bytes:
     log
         CuraEngine's log; the G-code is not changed where the log holds no header.
     """
-    _, found, rest = log.rpartition("Gcode header after slicing:")
+    _, separator, rest = log.rpartition("Gcode header after slicing:")
     header, ended, _ = rest.partition(_HEADER_END)
     placeholder, generated, body = gcode.partition(b";Generated with")
-    if not (found and ended and generated) or not placeholder.startswith(b";FLAVOR:"):
+    if not (separator and ended and generated) or not placeholder.startswith(b";FLAVOR:"):
         return gcode
     return header.strip().encode() + b"\n\n" + generated + body
 
@@ -265,5 +265,5 @@ _REMOVED = re.compile(r"Removing (\d+) layers because they are empty")
 
 def count_removed_layers(log: str) -> int:
     """Count the empty layers that the engine removed at the bottom."""
-    found = _REMOVED.search(log)
-    return int(found[1]) if found else 0
+    match = _REMOVED.search(log)
+    return int(match[1]) if match else 0

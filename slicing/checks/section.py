@@ -79,8 +79,8 @@ def cut_sections(corners: Floats, z_mm: Floats) -> Iterator[tuple[npt.NDArray[np
     ends = np.cumsum(count[crossed])
     begin = 0
     while begin < len(crossed):
-        done = ends[begin - 1] if begin else 0
-        stop = max(begin + 1, int(np.searchsorted(ends, done + _CHUNK)))
+        rows_before = ends[begin - 1] if begin else 0
+        stop = max(begin + 1, int(np.searchsorted(ends, rows_before + _CHUNK)))
         triangles = crossed[begin:stop]
         times = count[triangles]
         triangle = np.repeat(triangles, times)

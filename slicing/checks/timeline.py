@@ -31,11 +31,11 @@ def add_times(gcode: bytes, path: Toolpath) -> bytes:
     elapsed_s = np.array([0.0, *(seconds for _, seconds in ends)])
     types = [n for n in path.notes if n.text.startswith("TYPE:") and moves[0] < n.move < moves[-1]]
     at_s = np.interp(spent_s[[note.move for note in types]], spent_s[moves], elapsed_s)
-    pieces, done = [], 0
+    pieces, offset = [], 0
     for note, seconds in zip(types, at_s, strict=True):
-        pieces += [gcode[done : note.offset], b";TIME_ELAPSED:%.6f\n" % seconds]
-        done = note.offset
-    return b"".join((*pieces, gcode[done:]))
+        pieces += [gcode[offset : note.offset], b";TIME_ELAPSED:%.6f\n" % seconds]
+        offset = note.offset
+    return b"".join((*pieces, gcode[offset:]))
 
 
 def _seconds(path: Toolpath) -> Floats:

@@ -153,8 +153,8 @@ def _columns(text: bytes, moves: int) -> dict[int, Floats]:
     letters = raw[raw >= ord("E")]  # E to Z: the letters, and nothing else in a plain move
     numbers = _numbers(text)
     row = np.cumsum(letters == ord("G")) - 1
-    named = letters != ord("G")
-    letters, row = letters[named], row[named]
+    with_letter = letters != ord("G")
+    letters, row = letters[with_letter], row[with_letter]
     columns: dict[int, Floats] = {}
     for letter in b"XYZEF":
         column = np.full(moves, np.nan)
@@ -185,11 +185,11 @@ def _positions(columns: dict[int, Floats], commands: Iterable[Command]) -> tuple
         if stop == done:
             return
         for axis, letter in enumerate(_AXES):
-            named = columns[letter][done:stop]
+            given = columns[letter][done:stop]
             if relative or (relative_e and axis == 3):
-                after[done:stop, axis] = position[axis] + np.cumsum(np.nan_to_num(named))
+                after[done:stop, axis] = position[axis] + np.cumsum(np.nan_to_num(given))
             else:
-                after[done:stop, axis] = _filled(named, position[axis])
+                after[done:stop, axis] = _filled(given, position[axis])
             before[done, axis] = position[axis]
             before[done + 1 : stop, axis] = after[done : stop - 1, axis]
             position[axis] = float(after[stop - 1, axis])
@@ -214,8 +214,8 @@ def _positions(columns: dict[int, Floats], commands: Iterable[Command]) -> tuple
 
 def _filled(column: Floats, first: float) -> Floats:
     """Replace each NaN by the number before it, or by `first` where there is none."""
-    known = ~np.isnan(column)
-    last = np.maximum.accumulate(np.where(known, np.arange(len(column)), -1)) if len(column) else known
+    is_known = ~np.isnan(column)
+    last = np.maximum.accumulate(np.where(is_known, np.arange(len(column)), -1)) if len(column) else is_known
     return np.where(last < 0, first, column[last])
 
 
@@ -226,8 +226,8 @@ def _stepped(steps: list[tuple[int, int]], first: int, moves: int) -> npt.NDArra
 
 
 def _layers(notes: Iterable[Note]) -> list[tuple[int, int]]:
-    found = [(note.move, note.text[6:]) for note in notes if note.text.startswith("LAYER:")]
-    return [(move, int(number)) for move, number in found if number.lstrip("-").isdecimal()]
+    layers = [(note.move, note.text[6:]) for note in notes if note.text.startswith("LAYER:")]
+    return [(move, int(number)) for move, number in layers if number.lstrip("-").isdecimal()]
 
 
 def _types(notes: Iterable[Note], features: tuple[str, ...]) -> list[tuple[int, int]]:

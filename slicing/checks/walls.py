@@ -67,7 +67,7 @@ def read_wall_layout(settings: EngineSettings) -> WallLayout | None:
         return float(settings.extruder.get(key) or settings.global_.get(key) or 0.0)
 
     if settings.wall_count < 1 or any(
-        scope.get(key, kept) != kept for scope in scopes for key, kept in _FOLLOWING.items()
+        scope.get(key, default) != default for scope in scopes for key, default in _FOLLOWING.items()
     ):
         return None
     return WallLayout(

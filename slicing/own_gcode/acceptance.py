@@ -89,23 +89,23 @@ def accept_gcode(lines: Iterable[bytes], target: PrintTarget, *, stopwatch: Stop
     GcodeRefused
         Where the file cannot be printed; with the line, the reason, and what to do.
     """
-    found = survey_lines(lines, target.filament_mm)
-    line_mm = _line_width_mm(found.nozzle_mm or target.nozzle_mm)
+    survey = survey_lines(lines, target.filament_mm)
+    line_mm = _line_width_mm(survey.nozzle_mm or target.nozzle_mm)
     writer = Writer(stopwatch)
     clearance = Clearance(SLACK_LAYERS * HIGHEST_LAYER * line_mm, target.printer.head)
-    interpreter = Interpreter(found, writer, clearance, target, line_mm)
+    interpreter = Interpreter(survey, writer, clearance, target, line_mm)
     for number, raw in enumerate(lines, 1):
         interpreter.run_line(raw, number)
     interpreter.finish()
     extent = interpreter.head.extent
-    _check_lost(found.figures, interpreter, target)
+    _check_lost(survey.figures, interpreter, target)
     ratio = _section_ratio(extent, writer.layers, target, line_mm)
-    missing = (found.warning,) if found.warning is not None else ()
-    warnings = missing + check_machine(found.machine, found.nozzle_mm, ratio, target)
+    missing = (survey.warning,) if survey.warning is not None else ()
+    warnings = missing + check_machine(survey.machine, survey.nozzle_mm, ratio, target)
     print_time_s = writer.finish()
     return AcceptedGcode(
         gcode=_add_start_and_end(writer.text, interpreter, target),
-        nozzle_mm=found.nozzle_mm,
+        nozzle_mm=survey.nozzle_mm,
         nozzle_c=interpreter.nozzle_c,
         bed_c=interpreter.bed_c,
         print_time_s=print_time_s,
@@ -115,20 +115,20 @@ def accept_gcode(lines: Iterable[bytes], target: PrintTarget, *, stopwatch: Stop
         max_mm=_three(extent.high),
         reach_min_mm=_three(extent.reach_low),
         reach_max_mm=_three(extent.reach_high),
-        filament_type=found.machine.filament_type,
-        notices=_notices(found.ulticode, interpreter.left_out) + warnings,
+        filament_type=survey.machine.filament_type,
+        notices=_notices(survey.ulticode, interpreter.left_out) + warnings,
     )
 
 
 def _check_lost(figures: StatedFigures, interpreter: Interpreter, target: PrintTarget) -> None:
     """Refuse a file with missing lines, by its slicer's figures and by what its moves feed."""
     extent = interpreter.head.extent
-    lost = interpreter.gaps.find_lost() or figures.find_lost_height(extent.low[2], extent.reach_high[2])
-    if lost is None and figures.filament is not None:
+    problem = interpreter.gaps.find_lost() or figures.find_lost_height(extent.low[2], extent.reach_high[2])
+    if problem is None and figures.filament is not None:
         printed_mm = extent.filament_mm - extent.stray_mm
-        lost = figures.filament.find_lost(printed_mm, target.filament_mm2, extent.lines)
-    if lost is not None:
-        raise GcodeRefused(f"{lost}: lines are missing; {INCOMPLETE}")
+        problem = figures.filament.find_lost(printed_mm, target.filament_mm2, extent.lines)
+    if problem is not None:
+        raise GcodeRefused(f"{problem}: lines are missing; {INCOMPLETE}")
 
 
 def _line_width_mm(nozzle_mm: float | None) -> float:

@@ -61,8 +61,8 @@ class Clearance:
         xy, z = _samples(np.array([[*old, *target]]))
         y, x = _cells(xy)
         nozzle_mm, head_mm = self._above_nozzle[y, x], self._above_head[y, x]
-        hit = (nozzle_mm > z + self._slack_mm) | (head_mm > z + self._head.above_nozzle + self._slack_mm)
-        return float(np.maximum(nozzle_mm, head_mm)[hit].max()) if hit.any() else None
+        is_hit = (nozzle_mm > z + self._slack_mm) | (head_mm > z + self._head.above_nozzle + self._slack_mm)
+        return float(np.maximum(nozzle_mm, head_mm)[is_hit].max()) if is_hit.any() else None
 
     def _flush(self) -> None:
         if not self._lines:
@@ -97,7 +97,7 @@ def _highest_below_head(height_mm: NDArray[np.float64], head: HeadShape) -> NDAr
     size = (back - front + 1, right - left + 1)
     # the filter's window starts at -(size // 2) - origin: shifted to start at the head's front and left
     origin = (-(size[0] // 2) - front, -(size[1] // 2) - left)
-    found: NDArray[np.float64] = ndimage.maximum_filter(
+    highest: NDArray[np.float64] = ndimage.maximum_filter(
         height_mm, size, origin=origin, mode="constant", cval=0.0
     )
-    return found
+    return highest

@@ -88,12 +88,12 @@ class Writer:
 
     def _write(self, step: Step) -> None:
         x, y, z, fed_mm, speed_mm_s = step
-        written = self._written
+        last_words = self._written
         self._fed_mm += fed_mm
         if self._fed_mm - self._base_mm > RESET_E_MM:
             self.text += b"G92 E0\n"
-            self._base_mm += float(written[4])
-            written[4] = "0.00000"
+            self._base_mm += float(last_words[4])
+            last_words[4] = "0.00000"
         words = (
             f"{speed_mm_s * 60:.0f}",
             f"{x:.3f}",
@@ -102,9 +102,9 @@ class Writer:
             f"{self._fed_mm - self._base_mm:.5f}",
         )
         new = [
-            letter + word for letter, word, old in zip("FXYZE", words, written, strict=True) if word != old
+            letter + word for letter, word, old in zip("FXYZE", words, last_words, strict=True) if word != old
         ]
-        if not new or (len(new) == 1 and words[0] != written[0]):
+        if not new or (len(new) == 1 and words[0] != last_words[0]):
             return  # nothing moves
         self._written = list(words)
         self.text += f"{'G1' if fed_mm else 'G0'} {' '.join(new)}\n".encode()

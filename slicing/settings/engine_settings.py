@@ -97,9 +97,9 @@ def shrinkage_scale(resolver: Resolver, kind: str) -> tuple[float, float]:
     kind
         Kind of material, like PLA; empty for none of the farm's factors.
     """
-    known = resolver.keys(Scope.GLOBAL)
+    keys = resolver.keys(Scope.GLOBAL)
     uniform, xy, z = (
-        float(resolver.value(Scope.GLOBAL, key)) / 100 if key in known else None for key in SHRINKAGE
+        float(resolver.value(Scope.GLOBAL, key)) / 100 if key in keys else None for key in SHRINKAGE
     )
     scale = (xy or uniform or 1.0, z or uniform or 1.0)
     return shrinkage_factors(kind) if scale == NO_SHRINKAGE else scale

@@ -118,9 +118,9 @@ def find_violations(
     """
     for scope in Scope:
         for key in {**dict.fromkeys(chosen), **dict.fromkeys(resolver.keys(scope))}:
-            for found in _check_value(resolver, printer, scope, key):
-                if key in chosen or found.is_farm_limit or resolver.is_enabled(key):
-                    yield found
+            for violation in _check_value(resolver, printer, scope, key):
+                if key in chosen or violation.is_farm_limit or resolver.is_enabled(key):
+                    yield violation
 
 
 def _check_value(resolver: Resolver, printer: PrinterModel, scope: Scope, key: str) -> Iterator[Violation]:

@@ -115,9 +115,9 @@ def read_material(root: ET.Element, name: str, product: str, hotend: str) -> Mat
             "nozzle"
         )
     for key, path in (("material_diameter", "properties/m:diameter"), ("material_guid", "metadata/m:GUID")):
-        found = root.findtext(f"m:{path}", namespaces=SPACE)
-        if found:
-            values[key] = found
+        value = root.findtext(f"m:{path}", namespaces=SPACE)
+        if value:
+            values[key] = value
     density = root.findtext("m:properties/m:density", namespaces=SPACE)
     if density is None:
         raise BadSetting(f"material {name} has no density in its file; take another one, like generic_pla")

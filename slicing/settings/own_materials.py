@@ -56,13 +56,13 @@ def list_own_materials(folder: Path) -> dict[str, Path]:
         raise BadSetting(f"the folder of materials {folder} cannot be read ({error.strerror})") from error
     if len(paths) > MOST_FILES:
         raise BadSetting(f"{folder} has {len(paths)} materials; {MOST_FILES} at most")
-    named = {path.name.removesuffix(SUFFIX): path for path in paths}
-    for name in named:
+    path_by_name = {path.name.removesuffix(SUFFIX): path for path in paths}
+    for name in path_by_name:
         if not _NAME.fullmatch(name):
             raise BadSetting(
                 f"{folder}: {name + SUFFIX!r}: name it with letters, digits, '.', '_', '+' and '-'"
             )
-    return named
+    return path_by_name
 
 
 def read_own_material(path: Path) -> ET.Element:
@@ -116,9 +116,9 @@ def _check_properties(root: ET.Element) -> None:
 def _check_settings(root: ET.Element) -> None:
     for entry in root.iter(CURA_SETTING):
         key, text = entry.get("key", ""), (entry.text or "").strip()
-        why = find_reserved_reason(key)
-        if why is not None:
-            raise BadSetting(f"{key}: {why}")
+        reason = find_reserved_reason(key)
+        if reason is not None:
+            raise BadSetting(f"{key}: {reason}")
         if text.startswith("="):
             raise BadSetting(f"{key}: formulas are not read in a material file; write the value")
     for point in root.iter(f"{{{SPACE['m']}}}point"):

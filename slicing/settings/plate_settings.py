@@ -89,15 +89,15 @@ def resolve_settings(
     """
     lookup = _RequestKey.from_request(request)
     quality = FARM_QUALITIES.get(request.quality)
-    every = _resolve(resources, lookup, ANY_PART, None)
+    any_part = _resolve(resources, lookup, ANY_PART, None)
     heights = None
     if part.height_mm is not None and quality and quality.exact_height and not _has_own_heights(request):
-        wanted = LayerHeights(every.layer_height_0_mm, every.layer_height_mm)
+        layer_heights = LayerHeights(any_part.layer_height_0_mm, any_part.layer_height_mm)
         most_first_mm = 0.0 if "layer_height_0" in request.overrides else LAYER_SHARE * request.nozzle_mm
-        heights = fit_heights(part.height_mm, wanted, most_first_mm=most_first_mm)
+        heights = fit_heights(part.height_mm, layer_heights, most_first_mm=most_first_mm)
     part = replace(part, height_mm=None)
     settings = _resolve(resources, lookup, part, heights)
-    if settings.brim_width_mm > every.brim_width_mm:
+    if settings.brim_width_mm > any_part.brim_width_mm:
         return _resolve(resources, lookup, replace(part, brim_width_mm=None), heights)
     return settings
 
@@ -141,9 +141,9 @@ def _resolve(
     resolver = _resolver(stacks, lookup, part, heights)
     user_keys = [key for key, _ in lookup.overrides]
     try:
-        for found in find_violations(resolver, lookup.printer, chosen=user_keys):
-            if found.is_farm_limit or not _is_cura_value(found, resources, lookup):
-                raise BadSetting(_refusal(found, lookup))
+        for violation in find_violations(resolver, lookup.printer, chosen=user_keys):
+            if violation.is_farm_limit or not _is_cura_value(violation, resources, lookup):
+                raise BadSetting(_refusal(violation, lookup))
     except DefinitionError as error:
         if not user_keys:
             raise
@@ -154,25 +154,27 @@ def _resolve(
     return build_engine_settings(lookup.printer, resolver, stacks.material.density_g_cm3, scale)
 
 
-def _is_cura_value(found: Violation, resources: Resources, lookup: _RequestKey) -> bool:
+def _is_cura_value(violation: Violation, resources: Resources, lookup: _RequestKey) -> bool:
     """Check whether a value beyond Cura's limits is from Cura's own profiles: Cura prints those anyway."""
     bare = replace(lookup, overrides=())
     stacks = find_stacks(resources, lookup.printer.name, lookup.nozzle_mm, lookup.material, lookup.quality)
-    if lookup.material in resources.own_material_names() and found.key in stacks.material.values:
+    if lookup.material in resources.own_material_names() and violation.key in stacks.material.values:
         return False
-    return bool(_resolver(stacks, bare, ANY_PART, None).value(found.scope, found.key) == found.value)
+    return bool(
+        _resolver(stacks, bare, ANY_PART, None).value(violation.scope, violation.key) == violation.value
+    )
 
 
-def _refusal(found: Violation, lookup: _RequestKey) -> str:
-    value = f"{found.value:.6g}" if isinstance(found.value, float) else found.value
-    chosen = [key for key, _ in lookup.overrides]
-    cause = "" if found.key in chosen else f" follows from {', '.join(chosen)} and"
-    if chosen:
-        return f"{found.key}={value}{cause} is out of range; {found.allowed}"
+def _refusal(violation: Violation, lookup: _RequestKey) -> str:
+    value = f"{violation.value:.6g}" if isinstance(violation.value, float) else violation.value
+    keys = [key for key, _ in lookup.overrides]
+    cause = "" if violation.key in keys else f" follows from {', '.join(keys)} and"
+    if keys:
+        return f"{violation.key}={value}{cause} is out of range; {violation.allowed}"
     source = f"{lookup.quality} with {lookup.material}"
     return (
-        f"{found.key}={value}, from {source}, is out of range; {found.allowed}: take another material or "
-        f"quality (only `farm slice` can set another value, with --set {found.key}=VALUE)"
+        f"{violation.key}={value}, from {source}, is out of range; {violation.allowed}: take another "
+        f"material or quality (only `farm slice` can set another value, with --set {violation.key}=VALUE)"
     )
 
 

@@ -81,10 +81,10 @@ class Resolver:
     def setting(self, key: str) -> Setting:
         """Find a key's definition. Raises BadSetting with the nearest keys where there is none."""
         machine, extruder = self._definitions[Scope.GLOBAL], self._definitions[Scope.EXTRUDER]
-        found = machine.get(key) or extruder.get(key)
-        if found is None:
+        setting = machine.get(key) or extruder.get(key)
+        if setting is None:
             raise BadSetting(f"{key}: Cura has no such setting{suggest_names(key, (*machine, *extruder))}")
-        return found
+        return setting
 
     def keys(self, scope: Scope) -> list[str]:
         """List the keys that the engine needs: all of the machine's, or those that an extruder may set."""

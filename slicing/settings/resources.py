@@ -36,12 +36,14 @@ INSTALLED = (
 
 def find_engine(environ: Mapping[str, str] = os.environ) -> Path:
     """Find CuraEngine: `FARM_CURA_ENGINE`, else the one on PATH. Raises EngineMissing."""
-    named = environ.get("FARM_CURA_ENGINE")
-    found = shutil.which(named or "CuraEngine", path=environ.get("PATH"))
-    if found is None:
-        problem = f"FARM_CURA_ENGINE={named} cannot be run" if named else "there is no CuraEngine on PATH"
+    configured = environ.get("FARM_CURA_ENGINE")
+    path = shutil.which(configured or "CuraEngine", path=environ.get("PATH"))
+    if path is None:
+        problem = (
+            f"FARM_CURA_ENGINE={configured} cannot be run" if configured else "there is no CuraEngine on PATH"
+        )
         raise EngineMissing(f"{problem}: {_ADVICE.format('FARM_CURA_ENGINE to the program')}")
-    return Path(found)
+    return Path(path)
 
 
 def find_resources(environ: Mapping[str, str] = os.environ, own: Path | None = None) -> Resources:
@@ -59,13 +61,13 @@ def find_resources(environ: Mapping[str, str] = os.environ, own: Path | None = N
     ResourcesMissing
         Where none of them has all the folders.
     """
-    named = environ.get("FARM_CURA_RESOURCES")
-    places = [Path(named)] if named else [INSTALLED, Path("/usr/share/cura/resources")]
+    configured = environ.get("FARM_CURA_RESOURCES")
+    places = [Path(configured)] if configured else [INSTALLED, Path("/usr/share/cura/resources")]
     for place in places:
         if all((place / folder).is_dir() for folder in FOLDERS):
             folder = environ.get(OWN_MATERIALS)
             return Resources(place, own or (Path(folder) if folder else None))
-    problem = f"FARM_CURA_RESOURCES={named} lacks" if named else "Cura's files are missing:"
+    problem = f"FARM_CURA_RESOURCES={configured} lacks" if configured else "Cura's files are missing:"
     raise ResourcesMissing(
         f"{problem} the folders {', '.join(FOLDERS)}: {_ADVICE.format('FARM_CURA_RESOURCES to their folder')}"
     )
@@ -156,9 +158,9 @@ def _chain(root: Path, folders: tuple[str, ...], name: str) -> list[dict[str, An
 @lru_cache(maxsize=16)
 def _machine(root: Path, model: str) -> Machine:
     folder = root / "definitions"
-    known = {path.name.removesuffix(".def.json") for path in folder.glob("*.def.json")}
-    if model not in known:
-        raise BadSetting(f"{model}: Cura has no such printer model{suggest_names(model, known)}")
+    names = {path.name.removesuffix(".def.json") for path in folder.glob("*.def.json")}
+    if model not in names:
+        raise BadSetting(f"{model}: Cura has no such printer model{suggest_names(model, names)}")
     chain = _chain(root, ("definitions",), model)
     metadata: dict[str, Any] = {}
     for file in chain:
@@ -191,7 +193,7 @@ def _profiles(root: Path, kind: str, definition: str) -> tuple[Profile, ...]:
             break
     if definition == _ANY_MACHINE:
         pattern = "*.inst.cfg"  # beside the folders
-    found = []
+    profiles = []
     for path in sorted(folder.glob(pattern)):
         parser = configparser.ConfigParser(interpolation=None)
         try:
@@ -200,8 +202,8 @@ def _profiles(root: Path, kind: str, definition: str) -> tuple[Profile, ...]:
             raise ResourcesMissing(f"{path}: {error}") from error
         if parser.get("general", "definition", fallback="") == definition:
             metadata = dict(parser["metadata"]) | {"name": parser.get("general", "name", fallback="")}
-            found.append(Profile(metadata, dict(parser["values"]) if parser.has_section("values") else {}))
-    return tuple(found)
+            profiles.append(Profile(metadata, dict(parser["values"]) if parser.has_section("values") else {}))
+    return tuple(profiles)
 
 
 @lru_cache(maxsize=4)
@@ -212,22 +214,22 @@ def _cura_materials(root: Path) -> Mapping[str, Path]:
 
 @lru_cache(maxsize=4)
 def _own_materials(root: Path, folder: Path | None) -> Mapping[str, Path]:
-    own = {} if folder is None else list_own_materials(folder)
-    for name in own:
+    materials = {} if folder is None else list_own_materials(folder)
+    for name in materials:
         if name in _cura_materials(root):
-            raise BadSetting(f"{own[name]}: Cura has a material {name} of its own; rename the file")
-    return own
+            raise BadSetting(f"{materials[name]}: Cura has a material {name} of its own; rename the file")
+    return materials
 
 
 @lru_cache(maxsize=1024)
 def _material(root: Path, folder: Path | None, name: str) -> ET.Element:
-    own, curas = _own_materials(root, folder), _cura_materials(root)
-    if name in own:
-        return read_own_material(own[name])
-    known = {*own, *curas}
-    if name not in known:
+    own_names, curas = _own_materials(root, folder), _cura_materials(root)
+    if name in own_names:
+        return read_own_material(own_names[name])
+    names = {*own_names, *curas}
+    if name not in names:
         generic = f"generic_{name.lower()}"  # PLA is a kind, and Cura has a generic material of each
-        hint = suggest_names(generic if generic in known else name, known)
+        hint = suggest_names(generic if generic in names else name, names)
         raise BadSetting(f"{name}: Cura has no such material{hint}")
     try:
         return ET.fromstring(curas[name].read_text(encoding="utf-8"))

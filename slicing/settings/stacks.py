@@ -51,19 +51,21 @@ def find_stacks(
     """
     machine = resources.machine(printer_model)
     hotend, variant = _variant(machine, nozzle_mm, resources)
-    chosen = _material(machine, hotend, material, resources)
-    shared, quality_profile = _qualities(machine, hotend, material, chosen.kind, quality, resources)
+    material_profile = _material(machine, hotend, material, resources)
+    shared, quality_profile = _qualities(machine, hotend, material, material_profile.kind, quality, resources)
 
     def layer(values: Mapping[str, str]) -> Layer:
         return {key: _written(machine, key, text) for key, text in values.items() if _known(machine, key)}
 
     extruder = {
         Place.QUALITY: layer(quality_profile.values),
-        Place.MATERIAL: layer(chosen.values),
+        Place.MATERIAL: layer(material_profile.values),
         Place.VARIANT: layer(variant),
     }
     return Stacks(
-        machine, chosen, {Scope.GLOBAL: {Place.QUALITY: layer(shared.values)}, Scope.EXTRUDER: extruder}
+        machine,
+        material_profile,
+        {Scope.GLOBAL: {Place.QUALITY: layer(shared.values)}, Scope.EXTRUDER: extruder},
     )
 
 
@@ -105,16 +107,16 @@ def _variant(machine: Machine, nozzle_mm: float, resources: Resources) -> tuple[
     size = f"{nozzle_mm:g}"
     hotend = next((name for name in available if name in (f"{size} mm", f"{size}mm Nozzle")), None)
     if hotend is None:
-        known = ", ".join(sorted(available)) or "none"
-        raise BadSetting(f"nozzle {size} mm: the {machine.name} has no such nozzle; it has {known}")
+        names = ", ".join(sorted(available)) or "none"
+        raise BadSetting(f"nozzle {size} mm: the {machine.name} has no such nozzle; it has {names}")
     return hotend, available[hotend]
 
 
 def _material(machine: Machine, hotend: str, name: str, resources: Resources) -> Material:
     root = resources.material(name)
     if name in machine.excluded_materials:
-        like = next(pla for pla in _GENERIC if pla not in machine.excluded_materials)
-        raise BadSetting(f"material {name} is not for the {machine.name}; take another one, like {like}")
+        generic = next(pla for pla in _GENERIC if pla not in machine.excluded_materials)
+        raise BadSetting(f"material {name} is not for the {machine.name}; take another one, like {generic}")
     material = read_material(root, name, machine.name, hotend)
     if name in resources.own_material_names():
         _check_values(machine, material, name)
@@ -136,11 +138,13 @@ def _qualities(
     candidates = shared
     if machine.has_materials:
         fitting = [p for p in profiles if p.metadata.get("variant") == hotend]
-        chosen = [p for p in fitting if p.metadata.get("material") == material]
+        matching = [p for p in fitting if p.metadata.get("material") == material]
         kinds = [kind, RELATIVES.get(kind, kind)] if material in resources.own_material_names() else [kind]
-        for each in kinds:
-            chosen = chosen or [p for p in fitting if _is_kind(p.metadata.get("material"), each, resources)]
-        candidates = {p.metadata["quality_type"]: p for p in chosen}
+        for material_kind in kinds:
+            matching = matching or [
+                p for p in fitting if _is_kind(p.metadata.get("material"), material_kind, resources)
+            ]
+        candidates = {p.metadata["quality_type"]: p for p in matching}
     available = sorted(candidates.keys() & shared.keys())
     bases = FARM_QUALITIES[quality].bases if quality in FARM_QUALITIES else (quality,)
     base = next((base for base in bases if base in available), None)

@@ -78,8 +78,8 @@ def dwell(machine: Machine, line: bytes, now_s: float) -> Work:
 def home(machine: Machine, line: bytes, now_s: float) -> Work:
     yield from wait_for_moves(machine)
     begin_s = max(now_s, machine.planner.idle_since_s)
-    named = [letter in line for letter in (b"X", b"Y", b"Z")]
-    axes = named if any(named) else [True, True, True]
+    given = [letter in line for letter in (b"X", b"Y", b"Z")]
+    axes = given if any(given) else [True, True, True]
     home = machine.board.profile.home_mm
     x, y, z, e = machine.planner.target
     position = [x, y, z]
@@ -230,8 +230,8 @@ def wait_nozzle(machine: Machine, line: bytes, now_s: float) -> Work:
         if now_s >= arrival_s + RESIDENCY_S:
             break
         if now_s >= report_s:
-            left = b"?" if arrival_s == math.inf else b"%d" % int(arrival_s + RESIDENCY_S - now_s)
-            machine.say(b"T:%.1f E:0 W:%b\n" % (is_c, left))
+            seconds_left = b"?" if arrival_s == math.inf else b"%d" % int(arrival_s + RESIDENCY_S - now_s)
+            machine.say(b"T:%.1f E:0 W:%b\n" % (is_c, seconds_left))
             report_s = now_s + REPORT_S
         if arrival_s < math.inf:
             next_s = arrival_s + RESIDENCY_S
@@ -287,8 +287,8 @@ def report_endstops(machine: Machine, line: bytes, now_s: float) -> None:
     # No newline at its end: the ok follows on the same line, as in the firmware.
     x, y, z, _ = machine.planner.position(now_s)
     home = machine.board.profile.home_mm
-    hit = [b"TRIGGERED" if touched else b"open" for touched in (x < home[0], y > home[1], z > home[2])]
-    machine.say(b"Reporting endstop status\nx_min: %by_max: %bz_max: %b" % (hit[0], hit[1], hit[2]))
+    states = [b"TRIGGERED" if touched else b"open" for touched in (x < home[0], y > home[1], z > home[2])]
+    machine.say(b"Reporting endstop status\nx_min: %by_max: %bz_max: %b" % (states[0], states[1], states[2]))
 
 
 def report_card(machine: Machine, line: bytes, now_s: float) -> None:

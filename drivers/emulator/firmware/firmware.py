@@ -225,10 +225,10 @@ class EmulatedFirmware(Listener):
     def _store(self, data: bytes, now_s: float) -> None:
         """Store bytes in the ring buffer; those that do not fit are lost."""
         while data:
-            left = self._receiver.put(data)
-            if len(left) == len(data):
+            unread = self._receiver.put(data)
+            if len(unread) == len(data):
                 return
-            data = left
+            data = unread
             self._run_main_loop(now_s)
 
     # --- lines ---

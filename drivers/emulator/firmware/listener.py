@@ -89,22 +89,22 @@ class Listener(ABC):
     def _read_plain_move(self) -> bool:
         """Read a well-formed numbered move as the slow path would; return False if that has to be taken."""
         receiver = self._receiver
-        found = receiver.move()
-        if found is None or self._faults_on_lines:
+        move = receiver.move()
+        if move is None or self._faults_on_lines:
             return False
-        n, f, x, y, z, e, check = found.groups()
+        n, f, x, y, z, e, check = move.groups()
         machine = self.machine
         if (
             int(n) != self._last_number + 1
             or machine.stopped
-            or checksum(receiver.ring[: found.start(7) - 1]) != int(check)
+            or checksum(receiver.ring[: move.start(7) - 1]) != int(check)
         ):
             return False
-        receiver.ring = receiver.ring[found.end() :]
+        receiver.ring = receiver.ring[move.end() :]
         self._last_number += 1
         self.lines += 1
         if self.noise is not None:
-            self.noise.check_accepted(self._last_number, found[0])
+            self.noise.check_accepted(self._last_number, move[0])
         if self.dialect.acknowledges_read_moves:
             self._out.append(wording.OK)
         machine.planner.advance(self._time_s)
@@ -148,8 +148,8 @@ class Listener(ABC):
         line = line.partition(b"\0")[0]
         star = line.find(b"*")
         if b"N" in line:
-            found = _WHOLE.match(line, line.find(b"N") + 1)
-            n = int(found[1]) if found else 0
+            match = _WHOLE.match(line, line.find(b"N") + 1)
+            n = int(match[1]) if match else 0
             if n != self._last_number + 1 and b"M110" not in line:
                 self._refuse(wording.LINE_NUMBER)
                 return
@@ -183,8 +183,8 @@ class Listener(ABC):
         if self._faults_on_lines:
             self._trigger_due_faults()
 
-    def _refuse(self, why: bytes) -> None:
-        self._error(wording.line_error(why, self._last_number))
+    def _refuse(self, reason: bytes) -> None:
+        self._error(wording.line_error(reason, self._last_number))
         self._request_resend()
 
     def _request_resend(self) -> None:

@@ -30,8 +30,8 @@ def value(line: bytes, letter: bytes) -> float | None:
     at = line.find(letter)
     if at < 0:
         return None
-    found = _NUMBER.match(line, at + 1)
-    return float(found[1]) if found else 0.0
+    match = _NUMBER.match(line, at + 1)
+    return float(match[1]) if match else 0.0
 
 
 def positive(line: bytes, letter: bytes, default: float) -> float:

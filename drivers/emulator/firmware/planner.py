@@ -86,7 +86,7 @@ class Planner:
         self,
         limits: Limits,
         start: Point,
-        moved: Callable[[float, float], None],
+        on_move: Callable[[float, float], None],
         slowdown: bool = False,
     ) -> None:
         self.limits = limits
@@ -96,7 +96,7 @@ class Planner:
         self.busy_s = 0.0  # total duration of the finished moves
         self.idle_since_s = 0.0  # time at which the queue became empty; meaningless while it is not
         self._head = start  # position at which the executing block began
-        self._moved = moved
+        self._on_move = on_move
         self._blocks: list[Block] = []
         self._fixed = 1  # number of front blocks whose entry speed is final
         self._begin_s = 0.0  # of the executing block
@@ -116,11 +116,11 @@ class Planner:
         """Finish all moves that end up to `now_s`."""
         blocks = self._blocks
         while blocks and self._end_s <= now_s:
-            done = blocks.pop(0)
-            self._head = done.target
+            block = blocks.pop(0)
+            self._head = block.target
             self.busy_s += self._end_s - self._begin_s
-            if done.e_mm:
-                self._moved(done.e_mm, done.target[2])
+            if block.e_mm:
+                self._on_move(block.e_mm, block.target[2])
             if blocks:
                 self._begin(self._end_s)
             else:
@@ -191,18 +191,18 @@ class Planner:
     def stop(self, now_s: float) -> Point:
         """Stop at once and drop the queue (``quickStop``, a reset); return the position of the head."""
         self.advance(now_s)
-        here = self.position(now_s)
+        position = self.position(now_s)
         if self._blocks:
             self.busy_s += now_s - self._begin_s
-            if here[3] != self._head[3]:
-                self._moved(here[3] - self._head[3], here[2])
+            if position[3] != self._head[3]:
+                self._on_move(position[3] - self._head[3], position[2])
         self._blocks.clear()
-        self.place(here, now_s)
-        return here
+        self.place(position, now_s)
+        return position
 
-    def place(self, here: Point, now_s: float) -> None:
+    def place(self, position: Point, now_s: float) -> None:
         """Set the position of the empty queue, after homing."""
-        self.target = self._head = here
+        self.target = self._head = position
         self.idle_since_s = now_s
 
     def _acceleration(self, dx: float, dy: float, dz: float, de: float, mm: float, a: float) -> float:

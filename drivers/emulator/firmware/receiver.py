@@ -46,8 +46,8 @@ class Receiver:
         """Match a well-formed numbered move at the front without removing it: N, F, X, Y, Z, E, checksum."""
         if self._partial or self._comment:
             return None
-        found = _MOVE.match(self.ring)
-        return found if found is not None and found.end() <= LINE_BYTES else None
+        match = _MOVE.match(self.ring)
+        return match if match is not None and match.end() <= LINE_BYTES else None
 
     def line(self) -> bytes | None:
         """Remove the next line and return it without its end; None if none is complete."""

@@ -31,8 +31,8 @@ class FaultMessages:
     stuck_endstop: bytes
 
 
-def line_error(what: bytes, last_line: int) -> bytes:
-    return b"Error:%b, Last Line: %d\n" % (what, last_line)
+def line_error(problem: bytes, last_line: int) -> bytes:
+    return b"Error:%b, Last Line: %d\n" % (problem, last_line)
 
 
 def unknown(line: bytes) -> bytes:

@@ -38,8 +38,8 @@ shows in E (`head.MOST_JUMP_MM`)."""
 
 def read_layer_number(comment: bytes) -> int | None:
     """Read the number of a layer in the comment that begins it; None for any other comment."""
-    found = _NUMBERED_LAYER.match(comment)
-    return None if found is None else int(found[1])
+    match = _NUMBERED_LAYER.match(comment)
+    return None if match is None else int(match[1])
 
 
 class Completeness:
@@ -116,8 +116,8 @@ class Completeness:
             return f"{slicer!r} closes its files with a comment, and there is none"
         if (short := self._short or self._layers_missing(self._most_empty())) is not None:
             return short
-        if (late := self._figures.find_lost_time()) is not None:
-            return late
+        if (lost_time := self._figures.find_lost_time()) is not None:
+            return lost_time
         if self._open:
             name, begun = next(iter(self._open.items()))
             return f"{name.decode()} begins in line {begun} and does not end"
@@ -162,7 +162,7 @@ class Completeness:
 def _is_json(escaped: bytes) -> bool:
     """Check whether Cura's settings can be read: JSON, with backslashes and newlines escaped once more."""
     text = _ESCAPED.sub(
-        lambda found: {"n": "\n", "r": "\r"}.get(found[1], found[1]), escaped.decode("utf-8", "replace")
+        lambda match: {"n": "\n", "r": "\r"}.get(match[1], match[1]), escaped.decode("utf-8", "replace")
     )
     try:
         json.loads(text, strict=False)

@@ -59,13 +59,13 @@ class StatedFilament:
         lines
             Lines that feed it.
         """
-        unit, each = ("mm3", filament_mm2) if self.in_mm3 else ("mm", 1.0)
-        found = filament_mm * each
-        if found >= self.amount - self.unit - E_UNIT_MM / 2 * lines:
+        unit, per_mm = ("mm3", filament_mm2) if self.in_mm3 else ("mm", 1.0)
+        amount = filament_mm * per_mm
+        if amount >= self.amount - self.unit - E_UNIT_MM / 2 * lines:
             return None
         return (
             f"line {self.line} says that it takes {self.amount:.{_DIGITS}g} {unit} of filament, and "
-            f"{found:.{_DIGITS}g} {unit} are in it"
+            f"{amount:.{_DIGITS}g} {unit} are in it"
         )
 
 
@@ -115,8 +115,8 @@ class FiguresReader:
         """Take one comment, without its semicolon, of line `number`."""
         if comment == _PLACEHOLDER:
             self._placeholders = True
-        elif (found := _NUMBER.match(comment)) is not None:
-            self._numbers[found[1]] = float(found[2])
+        elif (match := _NUMBER.match(comment)) is not None:
+            self._numbers[match[1]] = float(match[2])
         elif (stated := _FILAMENT.match(comment)) is not None:
             self._filament = _read_filament(stated, number)
         elif _EXACT.match(comment) is not None:
@@ -144,14 +144,14 @@ class FiguresReader:
         return f"its slicer says that it takes {time_s:g} s, and its last layer ends after {elapsed_s:g} s"
 
 
-def _read_filament(found: re.Match[bytes], line: int) -> StatedFilament | None:
+def _read_filament(match: re.Match[bytes], line: int) -> StatedFilament | None:
     """Read a slicer's figure; None where it is not a number."""
-    text = found[2] or found[4] or found[6]
+    text = match[2] or match[4] or match[6]
     try:
         amount = float(text)
     except ValueError:
         return None
-    if found["metres"] is not None:  # to this many digits, without trailing zeros
+    if match["metres"] is not None:  # to this many digits, without trailing zeros
         return StatedFilament(1000 * amount, 1000 * amount * 10.0 ** (1 - _DIGITS), False, line)
     decimals = len(text.partition(b".")[2])
-    return StatedFilament(amount, 10.0**-decimals, found["volume"] is not None, line)
+    return StatedFilament(amount, 10.0**-decimals, match["volume"] is not None, line)
