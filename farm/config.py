@@ -79,7 +79,9 @@ class KeepSection(_Section):
     """The keys under `fleet.keep`: what is kept of jobs that have ended; figures and pictures always stay."""
 
     days: Annotated[float, Field(ge=2, allow_inf_nan=False)] = 90.0  # files of a job, and events
-    gb: Annotated[float, Field(gt=0, allow_inf_nan=False)] = 50.0  # files of all jobs; the oldest go first
+    gb: Annotated[float, Field(gt=0, allow_inf_nan=False)] = (
+        50.0  # files of all jobs, the oldest deleted first
+    )
 
 
 class TlsSection(_Section):

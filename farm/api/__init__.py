@@ -322,7 +322,7 @@ class UploadView(View):
 
 
 class PrunedJob(View):
-    """Job whose files go; its figures and pictures stay."""
+    """Job whose files are deleted; its figures and pictures stay."""
 
     id: int
     name: str

@@ -20,7 +20,7 @@ from farm.config import Fleet
 from farm.control.effects import Effect, Effects
 from farm.control.job_planning import JobPlanning
 from farm.control.startup import list_startup_events
-from farm.control.telemetry import Telemetry, owed_instructions, read_snapshot
+from farm.control.telemetry import Telemetry, list_unconfirmed_instructions, read_snapshot
 from farm.errors import FarmError
 from farm.model import (
     AgentPrint,
@@ -196,8 +196,8 @@ class Controller:
         yield from self._replanning.recut_failures(self.books, complete_situation)
         situation = complete_situation.without(self._replanning.holds())
         reserved = self._replanning.reserved_printers
-        find_kept = partial(self.planning.find_kept, self.books, situation, reserved)
-        yield from self.planning.revisions.revise(self.books, situation, find_kept)
+        find_reservations = partial(self.planning.find_reservations, self.books, situation, reserved)
+        yield from self.planning.revisions.revise(self.books, situation, find_reservations)
         revised = self.planning.revisions.holds(self.books, now_s)
         # A job that is planned again keeps its place: no other takes its printers meanwhile.
         assignments = [
@@ -216,12 +216,12 @@ class Controller:
         revised_s = self.planning.revisions.next_change_s
         other_times_s = (self._startup_end_s, self._replanning.next_search_s, revised_s)
         self._next_change_s = find_next_change_s(situation, self.books, held_back, other_times_s)
-        if assignments:  # a start changes which printers are kept: the next tick looks again
+        if assignments:  # a start changes which printers are reserved: the next tick schedules
             self._next_change_s = now_s
 
     def _assign(self, situation: Situation) -> list[Assignment]:
-        """Assign plates to printers; a job that has not started leaves those of a replan alone."""
-        return self._replanning.leave_reserved(self.books, assign_plates(situation))
+        """Assign plates to printers; jobs that have not started get none reserved for a replan."""
+        return self._replanning.without_reserved(self.books, assign_plates(situation))
 
     def _held_back(self) -> dict[str, Hold]:
         """Return the holds of the plates that are excluded from assignment."""
@@ -243,12 +243,12 @@ class Controller:
                 self.planning.begin(order, event.at_s)
                 yield order
 
-    def kept_printers(self) -> dict[str, str]:
+    def list_reservations(self) -> dict[str, str]:
         """Return the free printers that are reserved, each with its purpose."""
         situation = self._situation(self._held_back())
         given = {assignment.plate for assignment in self._assign(situation)}
         reserved = self._replanning.reserved_printers
-        return self.planning.find_kept(self.books, situation.without(given), reserved)
+        return self.planning.find_reservations(self.books, situation.without(given), reserved)
 
     def _situation(self, held_back: Mapping[str, Hold]) -> Situation:
         """Return the current situation, with all waiting plates except those held back."""
@@ -272,7 +272,7 @@ class Controller:
         for attempt in [candidate for candidate in attempts if candidate is not None]:
             snapshot = self.telemetry.snapshots.get(attempt.printer)
             if snapshot is not None:
-                yield from owed_instructions(
+                yield from list_unconfirmed_instructions(
                     attempt, snapshot, self.books, self._situation_of(attempt.printer)
                 )
 

@@ -1,4 +1,4 @@
-"""Planning of jobs as the controller sees it: which are planned, how far they are, and with what result."""
+"""State of the planning of jobs: the jobs being planned, with their progress and results."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from farm.scheduling import (
     JobAdmission,
     Situation,
     StartPlanning,
-    kept_printers,
+    list_reservations,
     promised_printers,
 )
 from farm.state import Books
@@ -29,7 +29,7 @@ class JobPlanning:
     progress
         Progress of the plans that are being made, by job.
     holds
-        Why the planning of a job has not started, by job.
+        Reason why the planning of a job has not started, by job.
     revisions
         Jobs that are planned again.
     """
@@ -47,7 +47,9 @@ class JobPlanning:
         if progress.step is PlanStep.NO_ROOM:
             self.revisions.end(number)
 
-    def find_kept(self, books: Books, situation: Situation, reserved: dict[str, str]) -> dict[str, str]:
+    def find_reservations(
+        self, books: Books, situation: Situation, reserved: dict[str, str]
+    ) -> dict[str, str]:
         """Return the free printers that are reserved, each with its purpose: a plate, a spare or a job.
 
         Parameters
@@ -59,18 +61,18 @@ class JobPlanning:
         """
         promised = promised_printers(self._admission.list_promises(books))
         revised = self.revisions.reserved_printers
-        return {**promised, **revised, **kept_printers(situation, reserved)}
+        return {**promised, **revised, **list_reservations(situation, reserved)}
 
     def admit(
         self, books: Books, situation: Situation, reserved: dict[str, str], starting: bool
     ) -> Iterator[tuple[ev.AnyEvent, StartPlanning | None]]:
         """Yield the events on the queue, each with the work that follows once it is committed.
 
-        See `find_kept` and `farm.scheduling.JobAdmission.decide` for the parameters.
+        See `find_reservations` and `farm.scheduling.JobAdmission.decide` for the parameters.
         """
         fleet = Availability(
             situation.printers,
-            kept={**self.revisions.reserved_printers, **kept_printers(situation, reserved)},
+            reservations={**self.revisions.reserved_printers, **list_reservations(situation, reserved)},
             reserved=frozenset(reserved),
             starting=starting,
         )

@@ -1,4 +1,4 @@
-"""Events of a daemon's start: new printers, a restored database, plans that an earlier daemon left. Pure."""
+"""Events of a daemon's start: new printers, a restored database, plans of an earlier daemon. Pure."""
 
 from __future__ import annotations
 

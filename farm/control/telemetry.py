@@ -95,7 +95,7 @@ def read_snapshot(
     return Reading(tuple(comparison.events), tuple(comparison.instructions))
 
 
-def owed_instructions(
+def list_unconfirmed_instructions(
     attempt: Print, snapshot: AgentSnapshot, books: Books, situation: Situation
 ) -> Iterator[ev.AnyInstruction]:
     """Yield the instructions that, by its latest snapshot, the agent of an open print has not carried out.

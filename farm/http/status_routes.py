@@ -92,7 +92,7 @@ def describe_farm(services: Services) -> api.Status:
     controller = services.controller
     context = controller.build_view_context(services.state)
     fleet = controller.fleet
-    kept = controller.kept_printers()
+    kept = controller.list_reservations()
     obstacles = {printer.name: printer.obstacle() for printer in controller.fleet_printers()}
     return api.Status(
         daemon=services.daemon_view(context),

@@ -15,7 +15,7 @@ from farm.planning.plate_times import prelude_seconds
 from farm.state.storage import store_file
 
 MOST_WARNINGS = 3
-"""Most warnings of a plate about walls too thin to print, the largest walls first."""
+"""Largest number of warnings of a plate about walls too thin to print, the largest walls first."""
 MAY_FALL = "stands on too little in every pose that fits: watch it while it prints, or give it a wider brim"
 
 

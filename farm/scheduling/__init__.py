@@ -10,9 +10,9 @@ from farm.scheduling.admission import (
     JobAdmission,
     JobRequest,
     StartPlanning,
-    kept_printers,
     limit_availability,
     list_coming,
+    list_reservations,
     promised_printers,
 )
 from farm.scheduling.assignment import Assignment, assign_plates, find_holds
@@ -71,9 +71,9 @@ __all__ = [
     "forecast_prints",
     "job_requirements",
     "join_names",
-    "kept_printers",
     "limit_availability",
     "list_coming",
+    "list_reservations",
     "may_start_now",
     "parse_moment_s",
     "plate_requirements",

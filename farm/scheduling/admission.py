@@ -18,9 +18,9 @@ from farm.scheduling.situation_builder import job_requirements
 from farm.state import Books
 
 MOST_LONG = 2
-"""Most jobs, quick ones aside, that are planned at the same time."""
+"""Largest number of jobs that are planned at the same time, without quick ones."""
 QUICK_FACES = 200_000
-"""Most triangles of a model that is planned in seconds, if one printer can hold it."""
+"""Largest number of triangles of a model that is planned in seconds, if one printer can hold it."""
 SPARE_USE = "a failed part (--spares)"
 """Purpose of a printer that is kept as a spare."""
 _BRIM_MM = 10.0  # on each side of a part; only for the estimate whether a model fits
@@ -87,8 +87,8 @@ class Availability:
     ----------
     printers
         The fleet; at least one printer matches.
-    kept
-        Free printers that are kept for something else first, each with its purpose: a plate or a job.
+    reservations
+        Free printers that are reserved, each with its purpose: a plate or a job.
     reserved
         Printers for which plates are being replanned: chosen only if there is no other.
     starting
@@ -98,14 +98,14 @@ class Availability:
     """
 
     printers: tuple[FleetPrinter, ...]
-    kept: Mapping[str, str] = field(default_factory=dict)
+    reservations: Mapping[str, str] = field(default_factory=dict)
     reserved: frozenset[str] = frozenset()
     starting: bool = False
     unattended_blocked: frozenset[str] = frozenset()
 
-    def keeping(self, promises: Iterable[Promise]) -> Availability:
+    def with_promises(self, promises: Iterable[Promise]) -> Availability:
         """Return the availability with the printers of these promises reserved too."""
-        return replace(self, kept={**promised_printers(promises), **self.kept})
+        return replace(self, reservations={**promised_printers(promises), **self.reservations})
 
 
 def promised_printers(promises: Iterable[Promise]) -> dict[str, str]:
@@ -138,7 +138,7 @@ def choose_printers(request: JobRequest, availability: Availability) -> Begin | 
     if arriving and availability.starting:
         return Hold(code=HoldCode.PRINTER_CONNECTING, text=f"connecting to {' '.join(arriving)}")
     coming = list_coming(matching, availability)
-    reserved = availability.reserved | availability.kept.keys()
+    reserved = availability.reserved | availability.reservations.keys()
     idle = [p for p in coming if p.obstacle() is None and p.name not in reserved]
     candidates = idle if idle and not request.starts_later else coming
     number, least = request.limit(len(candidates)), request.least_parts
@@ -147,7 +147,7 @@ def choose_printers(request: JobRequest, availability: Availability) -> Begin | 
         if least > most:
             return Begin(tuple(p.name for p in candidates[:number]), rounds=-(-least // number))
         candidates, number = coming, most
-    # The largest first: two requested printers are the best two.
+    # The largest first, so that two requested printers are the two largest.
     largest = sorted(candidates, key=lambda p: (-p.capabilities.height_mm, p.name))
     return Begin(tuple(sorted(p.name for p in largest[:number])))
 
@@ -181,13 +181,13 @@ def choose_printers_beside(
         The reserved printers of the jobs that are being planned.
     """
     other_jobs = list(promises)
-    all_kept = availability.keeping(other_jobs)
-    reserved = all_kept.reserved | all_kept.kept.keys()
+    all_reserved = availability.with_promises(other_jobs)
+    reserved = all_reserved.reserved | all_reserved.reservations.keys()
     free = (p for p in availability.printers if p.obstacle() is None and p.name not in reserved)
     if any(request.requirements.matches(p.capabilities) for p in free):
-        return choose_printers(request, all_kept)
+        return choose_printers(request, all_reserved)
     stronger = (promise for promise in other_jobs if promise.priority >= priority)
-    return choose_printers(request, availability.keeping(stronger))
+    return choose_printers(request, availability.with_promises(stronger))
 
 
 def is_quick(job: Job, printers: Iterable[FleetPrinter]) -> bool:
@@ -296,7 +296,7 @@ class JobAdmission:
         )
 
 
-def kept_printers(situation: Situation, reserved: Mapping[str, str]) -> dict[str, str]:
+def list_reservations(situation: Situation, reserved: Mapping[str, str]) -> dict[str, str]:
     """Return the printers that are reserved and so not available to a new job, each with its purpose.
 
     No printer is reserved for a plate that may not start, as it may wait for long.
@@ -312,7 +312,7 @@ def kept_printers(situation: Situation, reserved: Mapping[str, str]) -> dict[str
     if situation.rules.max_heating is not None:  # plates that start once another printer has heated up
         assignments = assign_plates(replace(situation, rules=replace(situation.rules, max_heating=None)))
     return {
-        **dict.fromkeys(situation.kept, SPARE_USE),
+        **dict.fromkeys(situation.spare_printers, SPARE_USE),
         **{assignment.printer: assignment.plate for assignment in assignments},
         **reserved,
     }

@@ -57,7 +57,7 @@ def find_holds(situation: Situation, assignments: Iterable[Assignment]) -> dict[
     given = {assignment.plate: assignment.printer for assignment in assignments}
     starts, limit = _allowed_starts(situation), situation.rules.max_heating
     full = limit if len(given) >= starts else None
-    reasons = HoldReasons(situation, frozenset(given.values()), situation.kept, full)
+    reasons = HoldReasons(situation, frozenset(given.values()), situation.spare_printers, full)
     places = {plate.job: plate.places for plate in situation.waiting if plate.places is not None}
     for plate in situation.by_priority:
         if plate.id in given and plate.job in places:
@@ -90,7 +90,7 @@ def _match(situation: Situation) -> dict[str, WaitingPlate]:
         free=[printer.name for printer in free],
         order=FleetOrder.from_printers(free),
         planned=situation.planned,
-        kept=situation.kept,
+        spare_printers=situation.spare_printers,
         places={plate.job: plate.places for plate in situation.waiting if plate.places is not None},
         starts=_allowed_starts(situation),
         rules=situation.rules,

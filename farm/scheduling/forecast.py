@@ -12,7 +12,7 @@ from farm.model import Bed, FilamentState, HoldCode, Link
 from farm.scheduling.matching import Capabilities, FleetPrinter, WaitingPlate
 from farm.scheduling.plate_matching import FleetOrder, MatchingInputs, match_plates, queue_of
 from farm.scheduling.situation import Situation
-from farm.scheduling.spares import spare_printers
+from farm.scheduling.spares import choose_spares
 from farm.scheduling.start_rules import StartRules, short_of_filament
 from farm.state import Books
 
@@ -193,7 +193,7 @@ class _Simulation:
             free=free,
             order=self._order,
             planned=planned,
-            kept=self._kept_spares(planned),
+            spare_printers=self._spare_printers(planned),
             places=self._places,
             starts=starts,
             rules=self._rules,
@@ -206,11 +206,11 @@ class _Simulation:
             self._stuck |= free - starting.keys()
         return bool(starting)
 
-    def _kept_spares(self, planned: Collection[str]) -> frozenset[str]:
+    def _spare_printers(self, planned: Collection[str]) -> frozenset[str]:
         if not self._spares or self._rules.is_attended(self._now_s):
             return frozenset()
         most = max(self._spares.values())
-        return spare_printers((self._fleet[name] for name in self._idle), planned, most)
+        return choose_spares((self._fleet[name] for name in self._idle), planned, most)
 
     def _start(self, plate: WaitingPlate, name: str) -> None:
         printer = self._fleet[name]

@@ -156,16 +156,21 @@ class HoldReasons:
         The current situation.
     given
         Printers that are assigned a plate now.
-    kept
+    spare_printers
         Free printers that are kept as spares for failed plates.
     full
         Limit on printers that heat at once, if it is reached; else None.
     """
 
     def __init__(
-        self, situation: Situation, given: frozenset[str], kept: frozenset[str], full: int | None
+        self, situation: Situation, given: frozenset[str], spare_printers: frozenset[str], full: int | None
     ) -> None:
-        self._situation, self._given, self._kept, self._full = situation, given, kept, full
+        self._situation, self._given, self._spare_printers, self._full = (
+            situation,
+            given,
+            spare_printers,
+            full,
+        )
         fleet = situation.fleet
         self._obstacles = {name: printer.obstacle() for name, printer in fleet.items()}
         self._capabilities = tuple(dict.fromkeys(printer.capabilities for printer in fleet.values()))
@@ -196,20 +201,20 @@ class HoldReasons:
             required = plate.requirements.describe() or "no requirements"
             return Hold(code=HoldCode.NO_SUCH_PRINTER, text=f"no printer of the fleet matches: {required}")
         needs = plate.requirements.describe(lacking) if lacking else ""
-        hold = self._among(plate, names)
+        hold = self._find_shared_hold(plate, names)
         return Hold(code=hold.code, text=f"needs {needs}: {hold.text}", reel=hold.reel) if needs else hold
 
-    def _among(self, plate: WaitingPlate, names: tuple[str, ...]) -> Hold:
+    def _find_shared_hold(self, plate: WaitingPlate, names: tuple[str, ...]) -> Hold:
         rules, now_s = self._situation.rules, self._situation.now_s
         if plate.not_before_s is not None and plate.not_before_s > now_s:
             text = f"its job starts {rules.format_moment(plate.not_before_s, now_s)}"
             return Hold(code=HoldCode.START_TIME, text=text)  # no printer would start it now
         short: Hold | None = None
         for name in self._idle_among(names):
-            held = self._held(plate, name)
-            if held is not None and held.code is not HoldCode.REEL_TOO_SHORT:
-                return held  # ends by itself
-            short = short or held
+            hold = self._find_printer_hold(plate, name)
+            if hold is not None and hold.code is not HoldCode.REEL_TOO_SHORT:
+                return hold  # ends by itself
+            short = short or hold
         busy = self._printing(names)
         if busy is not None:
             return Hold(code=busy.code, text=f"{busy.text}; {short.text}", reel=short.reel) if short else busy
@@ -222,7 +227,7 @@ class HoldReasons:
             self._idle_of[names] = tuple(name for name in names if name in self._idle)
         return self._idle_of[names]
 
-    def _held(self, plate: WaitingPlate, name: str) -> Hold | None:
+    def _find_printer_hold(self, plate: WaitingPlate, name: str) -> Hold | None:
         """Return why a plate does not go to an idle and clear printer; None if another plate got it."""
         printer = self._situation.fleet[name]
         short = short_of_filament(plate, printer, printer.grams)
@@ -231,7 +236,7 @@ class HoldReasons:
         start = self._situation.rules.find_start(plate, printer, self._situation.now_s)
         if start.at_s != self._situation.now_s:
             return start.reason
-        if name in self._kept and not takes_spare(plate, self._situation.fleet):
+        if name in self._spare_printers and not takes_spare(plate, self._situation.fleet):
             return Hold(
                 code=HoldCode.KEPT_AS_SPARE, text=f"{name} is kept in reserve for a failed part (--spares)"
             )

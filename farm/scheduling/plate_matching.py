@@ -55,7 +55,7 @@ class MatchingInputs:
         Their order and kinds.
     planned
         The printers for which the waiting plates were planned.
-    kept
+    spare_printers
         Free printers that are kept for plates that failed elsewhere.
     places
         Number of additional printers that a job may use; jobs without a limit are absent.
@@ -69,7 +69,7 @@ class MatchingInputs:
     free: Collection[str]
     order: FleetOrder
     planned: Collection[str]
-    kept: Collection[str]
+    spare_printers: Collection[str]
     places: Mapping[int, int]
     starts: int
     rules: StartRules
@@ -109,7 +109,7 @@ def match_plates(queue: Queue, inputs: MatchingInputs) -> dict[str, WaitingPlate
     for plate in unplaced:
         if len(matching.taken) >= most:
             break
-        if places.get(plate.job) != 0 and matching.place_again(plate) and plate.job in places:
+        if places.get(plate.job) != 0 and matching.place_on_any(plate) and plate.job in places:
             places[plate.job] -= 1
     return matching.taken
 
@@ -139,14 +139,14 @@ class _Matching:
         self.taken: dict[str, WaitingPlate] = {}
         self._inputs = inputs
         self._rank, kind = inputs.order.rank, inputs.order.kind
-        self._known: dict[str, list[str]] = {}
+        self._choices_by_plate: dict[str, list[str]] = {}
         kinds: dict[int, list[str]] = {}
         for name in inputs.free:
             kinds.setdefault(kind[name], []).append(name)
         self._kinds = [_Kind.from_printers(names, inputs) for names in kinds.values()]
 
     def may_place(self, plate: WaitingPlate) -> bool:
-        """Tell whether some free printer is of a kind that can take a plate now."""
+        """Return whether a free printer is of a kind that can take a plate now."""
         for kind in self._kinds:  # no generator: thousands of plates may wait for another kind
             if plate.requirements.matches(kind.capabilities) and kind.window.allows(plate):
                 return True
@@ -156,9 +156,9 @@ class _Matching:
         """Find a printer for a plate; plates already placed may move to another printer."""
         return self._augment(plate, set())
 
-    def place_again(self, plate: WaitingPlate) -> bool:
-        """Find a printer for a plate among all that remain, including those on which it failed."""
-        for name in self._able(plate):
+    def place_on_any(self, plate: WaitingPlate) -> bool:
+        """Find a printer for a plate among all free ones, including those on which it failed."""
+        for name in self._list_capable(plate):
             if name not in self.taken:
                 self.taken[name] = plate
                 return True
@@ -180,22 +180,22 @@ class _Matching:
 
     def _choices(self, plate: WaitingPlate) -> list[str]:
         """Return the printers that can take a plate now, the best first."""
-        if plate.id not in self._known:
+        if plate.id not in self._choices_by_plate:
             planned, rank = self._inputs.planned, self._rank
-            names = self._able(plate)
+            names = self._list_capable(plate)
             if plate.failed_on:
                 fresh = [name for name in names if name not in plate.failed_on]
                 names = fresh if fresh or not self._failed_everywhere(plate) else names
             names.sort(key=lambda name: (name != plate.planned, name in planned, rank[name]))
-            self._known[plate.id] = names
-        return self._known[plate.id]
+            self._choices_by_plate[plate.id] = names
+        return self._choices_by_plate[plate.id]
 
     def _failed_everywhere(self, plate: WaitingPlate) -> bool:
         """Return whether a plate failed on every printer that matches."""
         untried = (p for p in self._inputs.fleet.values() if p.name not in plate.failed_on)
         return not any(plate.requirements.matches(p.capabilities) for p in untried)
 
-    def _able(self, plate: WaitingPlate) -> list[str]:
+    def _list_capable(self, plate: WaitingPlate) -> list[str]:
         """Return the free printers that can take a plate now, the lowest first."""
         inputs, grams = self._inputs, needed_grams(plate)
         names: list[str] = []
@@ -210,7 +210,7 @@ class _Matching:
         return names
 
     def _may(self, plate: WaitingPlate, name: str) -> bool:
-        return name not in self._inputs.kept or takes_spare(plate, self._inputs.fleet)
+        return name not in self._inputs.spare_printers or takes_spare(plate, self._inputs.fleet)
 
 
 def _grams(printer: FleetPrinter) -> float:

@@ -8,7 +8,7 @@ from functools import cached_property
 from operator import attrgetter
 
 from farm.scheduling.matching import Demand, FleetPrinter, WaitingPlate
-from farm.scheduling.spares import spare_printers
+from farm.scheduling.spares import choose_spares
 from farm.scheduling.start_rules import StartRules
 
 
@@ -66,11 +66,11 @@ class Situation:
         return tuple(printer for printer in self.fleet.values() if printer.obstacle() is None)
 
     @cached_property
-    def kept(self) -> frozenset[str]:
+    def spare_printers(self) -> frozenset[str]:
         """Return the free printers that are kept for plates that failed elsewhere."""
         if not self.spares or self.rules.is_attended(self.now_s):
             return frozenset()
-        return spare_printers(self.printers, self.planned, max(self.spares.values()))
+        return choose_spares(self.printers, self.planned, max(self.spares.values()))
 
     def can_start(self, plate: WaitingPlate, printer: FleetPrinter) -> bool:
         """Return whether hours and start times let a plate start on a printer now."""

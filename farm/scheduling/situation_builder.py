@@ -32,7 +32,7 @@ def _describe_printer(
     attention_reason = entry.attention_reason
     if report is not None and report.link is Link.FAULT and attention_reason is None:
         attention_reason = report.reason or "its agent reports a fault"
-    why_attended = _why_attended(section, report)
+    why_attended = _attended_reason(section, report)
     return FleetPrinter(
         name=section.name,
         capabilities=describe_capabilities(section, rooms),
@@ -66,7 +66,7 @@ def describe_capabilities(section: PrinterSection, rooms: BuildVolumes) -> Capab
     )
 
 
-def _why_attended(section: PrinterSection, report: AgentSnapshot | None) -> str:
+def _attended_reason(section: PrinterSection, report: AgentSnapshot | None) -> str:
     """Return why a printer prints only while attended; empty if it may print unattended."""
     firmware = PROFILES[section.model].firmware
     if report is not None and not report.reset_verified:

@@ -8,7 +8,7 @@ from farm.model import Link
 from farm.scheduling.matching import FleetPrinter, WaitingPlate
 
 
-def spare_printers(printers: Iterable[FleetPrinter], planned: Collection[str], spares: int) -> frozenset[str]:
+def choose_spares(printers: Iterable[FleetPrinter], planned: Collection[str], spares: int) -> frozenset[str]:
     """Return the `spares` largest free printers for which no waiting plate was `planned`."""
     free = [p for p in printers if p.name not in planned and p.obstacle() is None]
     free.sort(key=lambda p: (p.capabilities.height_mm, p.name), reverse=True)

@@ -19,9 +19,9 @@ LATE = 1.05
 GRAMS_SHARE, GRAMS_LEAST = 1.05, 5.0
 """Filament that a reel must have for a plate: a factor on its grams, and a minimum of additional grams."""
 FIRST_LAYER_S = 3600.0
-"""Seconds of the attended hours that are left for first layers, which need supervision."""
+"""Seconds of the attended hours reserved for first layers, which need supervision."""
 ENDED_BEFORE_S = 900.0
-"""Seconds of the attended hours that are left to cool and clear a print which has to end in them."""
+"""Seconds of the attended hours reserved to cool and clear a print which has to end in them."""
 _FARTHEST_S = 15 * 86400.0
 _JUST_AFTER_S = 0.001  # a plate may still start exactly at its latest start
 
@@ -174,7 +174,7 @@ class StartRules:
         return Start(next_span[0], Hold(code=HoldCode.UNATTENDED, text=text))
 
     def _needed_attendance_s(self, plate: WaitingPlate, printer: FleetPrinter) -> float | None:
-        """Return for how many seconds from its start a print needs a person; None if it needs none."""
+        """Return the seconds from its start in which a print needs a person; None if it needs none."""
         if not printer.unattended:
             return plate.expected_s * LATE + ENDED_BEFORE_S
         return plate.first_layer_s if self.first_layers_attended else None

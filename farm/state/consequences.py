@@ -34,7 +34,7 @@ def update_job_state(books: Books, number: int, at_s: float, reopen: bool = Fals
         case JobState.CANCELLED:
             error, reason, ended_s = ErrorCode.CANCELLED, BY_A_PERSON, at_s
         case JobState.FAILED:
-            error, reason, ended_s = ErrorCode.ATTEMPTS, _why_failed(books, job), at_s
+            error, reason, ended_s = ErrorCode.ATTEMPTS, _describe_failures(books, job), at_s
     if state is job.state and state is not JobState.PRINTED:
         return books
     reopenings = job.reopenings
@@ -44,7 +44,7 @@ def update_job_state(books: Books, number: int, at_s: float, reopen: bool = Fals
     return put(books, replace_fields(job, state=state, **changes))
 
 
-def _why_failed(books: Books, job: Job) -> str:
+def _describe_failures(books: Books, job: Job) -> str:
     out_of_attempts = [p for p in books.plates_of(job) if books.plate_state(p) is PlateState.OUT_OF_ATTEMPTS]
     failed = charged_failures(out_of_attempts[0], books.prints_of(out_of_attempts[0]))
     more_plates = f" (and {len(out_of_attempts) - 1} more plates)" if len(out_of_attempts) > 1 else ""

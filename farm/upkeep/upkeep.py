@@ -22,7 +22,7 @@ from farm.state.retention import (
     describe_shortage,
     file_names_of_job,
     find_need,
-    given_up_files,
+    list_deletable_files,
     list_lost_jobs,
     named_files,
     select_jobs,
@@ -37,7 +37,7 @@ from farm.state.storage import (
     delete_files,
     list_backups,
     list_files,
-    unlink_dead_names,
+    unlink_missing_files,
 )
 from farm.state.transitions import apply
 from farm.text import format_count
@@ -242,7 +242,7 @@ class Upkeep:
         freed = 0
         for names, least_age_s in self._list_deletions(files, controller.books):
             freed += await asyncio.to_thread(delete_files, folder, names, time.time(), least_age_s)
-        await asyncio.to_thread(unlink_dead_names, self._state.jobs)
+        await asyncio.to_thread(unlink_missing_files, self._state.jobs)
         return freed
 
     def _list_deletions(
@@ -252,7 +252,7 @@ class Upkeep:
 
         Files that no job has may belong to a database that a person puts back: they stay for `days`.
         """
-        given_up = given_up_files(books)
+        given_up = list_deletable_files(books)
         unknown = files.keys() - given_up - named_files(books)
         days_s = self._rules.days * _DAY_S / self._controller.clock.scale
         return [(given_up & files.keys(), GRACE_S), (frozenset(unknown), max(GRACE_S, days_s))]

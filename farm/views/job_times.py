@@ -54,7 +54,7 @@ class JobTimes:
     speedup
         Ratio of the time on a single large printer to the makespan.
     utilisation
-        Share of the runs for which the printers that each used made parts, without those wasted.
+        Share of the printers' time in the runs that produced parts, without wasted ones.
     starved_share
         Share of the printing time that simulated printers waited for the host.
     """
@@ -81,7 +81,7 @@ def measure_times(context: ViewContext, job: Job) -> JobTimes:
     elif not job.state.ended:  # the time of a failed or cancelled job is meaningless
         makespan_s = job.expected_s
         if elapsed_s is not None:
-            makespan_s = elapsed_s + _left_s(context, plates, runs, remaining_s or 0.0) or job.expected_s
+            makespan_s = elapsed_s + _growth_s(context, plates, runs, remaining_s or 0.0) or job.expected_s
         end_s = None if remaining_s is None else context.now_s + remaining_s
     reached_s = sum(map(duration_s, prints))
     return JobTimes(
@@ -131,8 +131,10 @@ def _utilisation(
     return busy_s / available_s if available_s else None
 
 
-def _left_s(context: ViewContext, plates: Sequence[Plate], runs: Sequence[Run], remaining_s: float) -> float:
-    """Estimate the time by which the runs still grow: a new one begins when its first print starts."""
+def _growth_s(
+    context: ViewContext, plates: Sequence[Plate], runs: Sequence[Run], remaining_s: float
+) -> float:
+    """Estimate the seconds that the runs will last longer: a new one begins when its first print starts."""
     if any(run.open for run in runs):
         return remaining_s
     waiting = (p for p in plates if context.books.plate_state(p) in _LEFT)

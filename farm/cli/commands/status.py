@@ -1,4 +1,4 @@
-"""`farm status`, `farm history` and `farm report`: commands that only show."""
+"""`farm status`, `farm history` and `farm report`: commands that change nothing."""
 
 from __future__ import annotations
 

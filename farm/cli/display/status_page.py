@@ -112,7 +112,7 @@ def _list_task_lines(todo: list[api.Todo], width: int | None) -> list[Text]:
 
 
 def _list_briefs(items: Iterable[api.Todo]) -> list[str]:
-    """List tasks in a few words; printers with the same trouble, such as five without a hub, are one task."""
+    """List the tasks in brief; printers with the same problem, such as those on one hub, are one task."""
     problems: dict[str, list[tuple[str, str]]] = {}  # by the text without the printer's name
     briefs: list[str] = []
     for item in items:

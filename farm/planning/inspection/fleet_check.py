@@ -56,7 +56,7 @@ def complete_section(section: PrinterSection, house: FleetSection) -> PrinterSec
 
 
 def _check_own_materials(resources: Resources) -> None:
-    """Read every own material: a mistake in one is told before it is used."""
+    """Read every own material, so that an error in one is reported before it is used."""
     try:
         for name in resources.own_material_names():
             resources.material(name)

@@ -61,8 +61,8 @@ class ReplanCoordinator:
         """Printers for which plates are being replanned, with the plate."""
         return {name: replan.plate for replan in self._running.values() for name in replan.printers}
 
-    def leave_reserved(self, books: Books, assignments: Iterable[Assignment]) -> list[Assignment]:
-        """Return the assignments without those of jobs that have not started to reserved printers."""
+    def without_reserved(self, books: Books, assignments: Iterable[Assignment]) -> list[Assignment]:
+        """Return the assignments without those to reserved printers, for jobs that have not started."""
         reserved = self.reserved_printers
         return [
             assignment
@@ -142,7 +142,9 @@ class ReplanCoordinator:
         situation: Situation,
     ) -> bool:
         untried = _tried_key(plate, printer.capabilities) not in self._attempted
-        return untried and (printer.name not in situation.kept or takes_spare(view, situation.fleet))
+        return untried and (
+            printer.name not in situation.spare_printers or takes_spare(view, situation.fleet)
+        )
 
     def finish(
         self, name: str, result: ReplannedPlate | FarmError, books: Books, situation: Situation

@@ -39,7 +39,7 @@ from farm.state.transitions import apply
 log = logging.getLogger(__name__)
 
 PATIENCE = 3.0
-"""Multiple of the expected planning time after which a job starts with the plan that it has."""
+"""Multiple of the expected planning time after which a job starts with its present plan."""
 _Key = tuple[int, str | None, frozenset[str], frozenset[str]]
 
 
@@ -90,7 +90,7 @@ class PlanRevisions:
         }
 
     def revise(
-        self, books: Books, situation: Situation, find_kept: Callable[[], Mapping[str, str]]
+        self, books: Books, situation: Situation, find_reservations: Callable[[], Mapping[str, str]]
     ) -> Iterator[StartPlanning]:
         """Yield the jobs that are planned again from now on.
 
@@ -100,20 +100,22 @@ class PlanRevisions:
             The committed books.
         situation
             The plates that may be assigned now, and the fleet.
-        find_kept
+        find_reservations
             Returns the free printers that are reserved, each with its purpose.
         """
         changeable = {job.id for job in books.jobs.values() if self._is_changeable(books, job)}
         waiting = _find_unstarted(books, situation, changeable) if changeable else {}
         if not waiting:
             return
-        kept = find_kept()
+        reservations = find_reservations()
         given = {assignment.printer: assignment.plate for assignment in assign_plates(situation)}
         starting = {books.plates[plate].job for plate in given.values()}
         for number, plates in waiting.items():
             job = books.job(number)
             own_uses = {plate.id for plate in plates} | {SPARE_USE}  # its spares are subtracted below
-            taken_printers = {name for name, use in (*kept.items(), *given.items()) if use not in own_uses}
+            taken_printers = {
+                name for name, use in (*reservations.items(), *given.items()) if use not in own_uses
+            }
             idle, coming = _list_candidates(job, situation, taken_printers)
             key = (number, job.plan, frozenset(idle), frozenset(coming))
             due = number in starting or not set(job.planned_for) <= set(coming)
@@ -179,7 +181,7 @@ class PlanRevisions:
 def _find_unstarted(
     books: Books, situation: Situation, jobs: Collection[int]
 ) -> dict[int, tuple[WaitingPlate, ...]]:
-    """Find those of some jobs whose plates may all be assigned, with these plates."""
+    """Find the jobs whose plates may all be assigned, each with its plates."""
     waiting: dict[int, list[WaitingPlate]] = {}
     for view in situation.waiting:
         if view.job in jobs:

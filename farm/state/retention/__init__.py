@@ -1,4 +1,4 @@
-"""Retention: files that the books name, jobs whose files go, and nights until the disk is full. Pure."""
+"""Retention: files that the books name, jobs whose files are deleted, nights until the disk is full. Pure."""
 
 from farm.state.retention.disk_forecast import (
     DiskUse,
@@ -6,7 +6,7 @@ from farm.state.retention.disk_forecast import (
     describe_shortage,
     nights_until_full,
 )
-from farm.state.retention.file_names import file_names_of_job, given_up_files, named_files
+from farm.state.retention.file_names import file_names_of_job, list_deletable_files, named_files
 from farm.state.retention.selection import (
     LEAST_AGE_S,
     KeepRules,
@@ -24,7 +24,7 @@ __all__ = [
     "describe_shortage",
     "file_names_of_job",
     "find_need",
-    "given_up_files",
+    "list_deletable_files",
     "list_lost_jobs",
     "list_prunable_files",
     "named_files",

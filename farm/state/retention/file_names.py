@@ -13,7 +13,7 @@ def named_files(books: Books) -> frozenset[str]:
     return frozenset().union(*file_names_by_job(books).values())
 
 
-def given_up_files(books: Books) -> frozenset[str]:
+def list_deletable_files(books: Books) -> frozenset[str]:
     """List the files of pruned jobs that no other job needs; they may be deleted."""
     whole = Books.from_entities(
         [

@@ -1,4 +1,4 @@
-"""Selection of the jobs whose files are given up: ended ones, the oldest first. Pure."""
+"""Selection of the jobs whose files are deleted: ended ones, the oldest first. Pure."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ _PRUNABLE = (JobState.DONE, JobState.FAILED, JobState.CANCELLED)
 
 @dataclass(frozen=True, slots=True)
 class KeepRules:
-    """Limits of what is kept: days since the end of a job, and bytes of all files."""
+    """Limits on stored files: days since the end of a job, and bytes of all files."""
 
     days: float
     most_bytes: float
 
 
 def find_need(books: Books, job: Job) -> str | None:
-    """Find what the files of a job are still needed for; None if they may go."""
+    """Find the reason to keep the files of a job; None if they may be deleted."""
     return _find_need(books, job, _list_parts_on_beds(books))
 
 
@@ -59,7 +59,7 @@ def _is_unjudged(attempt: Print) -> bool:
 def select_jobs(
     books: Books, sizes: Mapping[str, int], rules: KeepRules, now_s: float, backup_s: float
 ) -> list[int]:
-    """Select the jobs whose files go: those that ended too long ago, and the oldest while there is too much.
+    """Select the jobs whose files are deleted: those older than the limit, and the oldest while space is short.
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ def list_prunable_files(books: Books, names: Iterable[str], now_s: float) -> set
 def list_lost_jobs(books: Books, names: Container[str]) -> list[int]:
     """List the jobs that may be pruned and were, by their files: they are in an older backup.
 
-    A prune keeps pictures. Where those are missing too, the store itself may be away, and no job is listed.
+    A prune keeps pictures. Where those are missing too, the store itself may be unavailable, and no job is listed.
     """
     on_beds = _list_parts_on_beds(books)
     by_job = file_names_by_job(books)

@@ -9,7 +9,7 @@ from farm.state.storage.file_store import (
     name_files,
     sha256_of,
     store_file,
-    unlink_dead_names,
+    unlink_missing_files,
 )
 from farm.state.storage.migrations import SCHEMA_VERSION
 from farm.state.storage.store import Store, StoreError, read_books
@@ -31,5 +31,5 @@ __all__ = [
     "read_books",
     "sha256_of",
     "store_file",
-    "unlink_dead_names",
+    "unlink_missing_files",
 ]

@@ -103,7 +103,7 @@ class NightlyBackup:
                 f"the nightly backup of the database failed ({error}): check the folder {self._state.backups}"
             )
             for earlier in list_backups(self._state)[:1]:
-                self._tidy(earlier)  # the disk may be full: what had ended before it can go
+                self._tidy(earlier)  # the disk may be full: older files can be deleted
         finally:
             least_s = self._clock.now() + _LEAST_S * self._clock.scale
             self._at(max(next_backup_s(now_s, self._zone), least_s), "copy the books", self.run)

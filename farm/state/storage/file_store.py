@@ -31,7 +31,7 @@ def name_files(folder: Path, store: Path, names: Mapping[str, str]) -> None:
         (folder / name).symlink_to(relative / stored)
 
 
-def unlink_dead_names(jobs: Path) -> None:
+def unlink_missing_files(jobs: Path) -> None:
     """Remove the links of all jobs whose file is gone."""
     for link in jobs.glob("*/*"):
         if link.is_symlink() and not link.exists():

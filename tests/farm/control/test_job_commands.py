@@ -264,7 +264,7 @@ def test_spares_are_kept_in_unattended_hours_only(tmp_path, state):
         farm.controller.on_plan(first, plan_for(first, state, plates=1))
         submit(farm, "s")
         kept[when] = [names for number, names, _ in farm.effects.plans if number != first]
-        assert farm.controller.kept_printers().get("b") == (
+        assert farm.controller.list_reservations().get("b") == (
             "job 2" if when == "day" else "a failed part (--spares)"
         )
     assert kept == {"day": [["b"]], "night": [["a", "b"]]}

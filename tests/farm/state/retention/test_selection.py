@@ -13,7 +13,7 @@ from farm.state.retention import (
     KeepRules,
     file_names_of_job,
     find_need,
-    given_up_files,
+    list_deletable_files,
     list_lost_jobs,
     list_prunable_files,
     named_files,
@@ -159,7 +159,7 @@ def test_deleted_files_are_unused_and_kept_ones_complete(jobs, days, most, data)
         assert books.jobs[number].ended_s < NOW_S - LEAST_AGE_S
         after = prune(after, number)
     deleted = named_files(books) - named_files(after)
-    assert given_up_files(after) == deleted and not given_up_files(books)
+    assert list_deletable_files(after) == deleted and not list_deletable_files(books)
     assert deleted <= list_prunable_files(books, named_files(books), NOW_S)
     for number, entry in books.jobs.items():
         if number not in selected:

@@ -14,7 +14,7 @@ from farm.state.storage.file_store import (
     name_files,
     sha256_of,
     store_file,
-    unlink_dead_names,
+    unlink_missing_files,
 )
 
 
@@ -120,5 +120,5 @@ def test_links_to_deleted_files_go_and_others_stay(tmp_path):
     name_files(jobs / "1", store, {"p01.stl": kept, "p02.stl": removed})
     (jobs / "1" / "notes.txt").write_text("mine")
     (store / removed).unlink()
-    unlink_dead_names(jobs)
+    unlink_missing_files(jobs)
     assert {path.name for path in (jobs / "1").iterdir()} == {"p01.stl", "notes.txt"}

@@ -9,7 +9,7 @@ from farm.scheduling.admission import (
     Promise,
     choose_printers,
     choose_printers_beside,
-    kept_printers,
+    list_reservations,
     promised_printers,
 )
 from farm.scheduling.matching import Requirements
@@ -25,16 +25,16 @@ FLEET = (printer("a", booked=True, heating=True), printer("b", grams=50.0), prin
 )
 @pytest.mark.parametrize("house", [rules(), HOUSE])
 def test_nothing_is_kept_for_a_plate_that_may_not_start(reason, house):
-    assert kept_printers(situation([plate("1/02", "b", **reason)], FLEET[:2], house), {}) == {}
+    assert list_reservations(situation([plate("1/02", "b", **reason)], FLEET[:2], house), {}) == {}
 
 
 def test_a_printer_is_kept_for_a_plate_that_starts_when_another_has_heated_up():
-    assert kept_printers(situation([plate("6/03", "b")], FLEET, HOUSE), {}) == {"b": "6/03"}
+    assert list_reservations(situation([plate("6/03", "b")], FLEET, HOUSE), {}) == {"b": "6/03"}
 
 
 def test_printers_are_kept_for_a_plate_that_is_being_replanned_and_as_spares():
     moment = situation([], FLEET, spares=1)
-    kept = kept_printers(moment, {"b": "6/03"})
+    kept = list_reservations(moment, {"b": "6/03"})
     assert kept == {"b": "6/03", "c": "a failed part (--spares)"}
 
 
