@@ -102,9 +102,9 @@ def _list_others(name: str) -> Iterator[Path]:
         yield Path(scratch) / name
 
 
-_HERE = Path(__file__).parent
-_HASH = hash_sources(_HERE)
-INSTALLED = _HERE / "__pycache__" / _HASH
+_PACKAGE = Path(__file__).parent
+_HASH = hash_sources(_PACKAGE)
+INSTALLED = _PACKAGE / "__pycache__" / _HASH
 """Folder beside the sources, for all users."""
 CODE_FOLDER = find_code_folder(INSTALLED, _list_others(_HASH))
 """Folder of the machine code; None if it cannot be kept."""

@@ -23,7 +23,7 @@ from decompose.print_time import CostModel
 from decompose.problem import Effort, GridFigures, Partition, Problem
 from decompose.results import Cutting, Decomposition, apply_time_ratios, finish_result
 
-WORTH = 0.005  # least expected gain, as a share of the makespan: the parts are sliced again for it
+MIN_GAIN = 0.005  # least expected gain, as a share of the makespan: the parts are sliced again for it
 
 
 def relevel_planes(
@@ -81,7 +81,7 @@ def _shift_planes(problem: Problem, before: list[list[Piece]]) -> list[Piece] | 
     boxes_mm = np.array([pieces[0].boxes_mm[0] for pieces in before])
     after = shift_box_planes(problem, problem.build_grid(problem.model), boxes_mm, before)
     old_s = _makespan_s(problem, [piece for pieces in before for piece in pieces])
-    return after if _makespan_s(problem, after) <= (1.0 - WORTH) * old_s else None
+    return after if _makespan_s(problem, after) <= (1.0 - MIN_GAIN) * old_s else None
 
 
 def _carry_over(previous: Decomposition, result: Decomposition, elapsed_s: float) -> Decomposition:

@@ -274,7 +274,7 @@ def run(fleet: Fleet, places: Places) -> None:
         os.environ[OWN_MATERIALS] = str(fleet.fleet.materials)  # for the workers
     places.state.make()
     try:
-        with _only_one(places.state):
+        with _lock_state_folder(places.state):
             shutil.rmtree(places.state.work, ignore_errors=True)
             places.state.make()
             for partial in places.state.slices.glob(".*"):  # of a worker that was killed while writing
@@ -289,7 +289,7 @@ def run(fleet: Fleet, places: Places) -> None:
 
 
 @contextlib.contextmanager
-def _only_one(state: StateFolder) -> Iterator[None]:
+def _lock_state_folder(state: StateFolder) -> Iterator[None]:
     lock: IO[str] = state.lock.open("a+")
     try:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)

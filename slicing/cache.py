@@ -63,7 +63,7 @@ def trim_cache(folder: Path, most_bytes: int = CACHE_BYTES) -> None:
     """
     files: dict[str, list[Path]] = {}
     entries: dict[str, CacheEntry] = {}
-    for path in _listed(folder):
+    for path in _list_files(folder):
         match = _ENTRY_FILE.fullmatch(path.name)
         if match is None:
             continue
@@ -80,7 +80,7 @@ def trim_cache(folder: Path, most_bytes: int = CACHE_BYTES) -> None:
                 path.unlink()
 
 
-def _listed(folder: Path) -> list[Path]:
+def _list_files(folder: Path) -> list[Path]:
     """List a folder, the files that make an entry valid (.json) first; empty where it cannot be read."""
     try:
         return sorted(folder.iterdir(), key=lambda path: path.suffix != ".json")

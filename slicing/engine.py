@@ -34,7 +34,7 @@ _LOG_BYTES = 2**20
 _PR_SET_PDEATHSIG = 1
 _UNKNOWN = "Unknown exception"
 _PROGRESS = re.compile(rb"Progress:[^:\n]+:\d+:\d+ *\t([\d.]+)%")
-_SMALLER = "scale the model down or simplify its mesh"
+_ADVICE = "scale the model down or simplify its mesh"
 _libc = ctypes.CDLL(None, use_errno=True)
 
 Progress = Callable[[float], None]
@@ -170,7 +170,7 @@ def _read_log(process: subprocess.Popen[bytes], timeout_s: float, progress: Prog
                 ready = [key.fd for key, _ in selector.select(max(0.0, deadline_s - time.monotonic()))]
                 running = ended not in ready  # the rest of its log is in the pipe then
                 if running and time.monotonic() >= deadline_s:
-                    raise EngineTimeout(f"CuraEngine did not finish within {timeout_s:g} s; {_SMALLER}")
+                    raise EngineTimeout(f"CuraEngine did not finish within {timeout_s:g} s; {_ADVICE}")
                 message = _read(pipe)
                 if message == b"" and pipe in ready:
                     selector.unregister(pipe)  # it closed its streams, and still runs
@@ -199,20 +199,20 @@ def _engine_error(code: int, log: str, memory_bytes: int) -> EngineFailed:
     message = message or (lines[-1].strip() if lines else "its log is empty")
     name = "" if code > 0 else signal.Signals(-code).name
     if "bad_alloc" in log or "memory exhausted" in log:
-        return EngineOutOfMemory(f"CuraEngine needs more than {memory_bytes / 2**30:.1f} GB; {_SMALLER}")
+        return EngineOutOfMemory(f"CuraEngine needs more than {memory_bytes / 2**30:.1f} GB; {_ADVICE}")
     if code == -signal.SIGKILL:
         return EngineOutOfMemory(
             f"CuraEngine was killed ({name}), which happens where a machine runs out of memory; "
             "slice with fewer workers at a time"
         )
     if code == -signal.SIGXFSZ:
-        return EngineCrashed(f"CuraEngine wrote more than {OUTPUT_BYTES / 2**30:.0f} GB; {_SMALLER}")
+        return EngineCrashed(f"CuraEngine wrote more than {OUTPUT_BYTES / 2**30:.0f} GB; {_ADVICE}")
     if code < 0:
-        return EngineCrashed(f"CuraEngine crashed ({name}): {message}; repair the mesh, or {_SMALLER}")
+        return EngineCrashed(f"CuraEngine crashed ({name}): {message}; repair the mesh, or {_ADVICE}")
     if _UNKNOWN in message:
         return EngineOutOfMemory(
             f"CuraEngine gave up twice ({message}), as it does where {memory_bytes / 2**30:.1f} GB of memory "
-            f"are not enough, or with a model many metres long; {_SMALLER}"
+            f"are not enough, or with a model many metres long; {_ADVICE}"
         )
     if "no value given" in message:
         message += "; it needs the settings files of its own version: set FARM_CURA_RESOURCES"

@@ -23,7 +23,7 @@ _NUMBERED = re.compile(rb"\s*[Nn](\d+)\s*(.*)\Z", re.DOTALL)
 _TEXT = re.compile(rb"\s*[Mm](11[78])\s")
 """Commands whose text, for a display or a host, may be in any language."""
 _BYTE_ORDER_MARK = b"\xef\xbb\xbf"
-_ASIDE = re.compile(r"\([^()]*\)")
+_PARENTHESES = re.compile(r"\([^()]*\)")
 _WORD = re.compile(r"\s*([A-Z])\s?([-+]?(?:\d+\.?\d*|\.\d+))")
 _RUN_TOGETHER = re.compile(r"[\d.]E")
 
@@ -71,7 +71,7 @@ def split_line(raw: bytes, number: int) -> Line:
     if not text.isprintable() or not (text or command.isspace()):
         raise GcodeRefused(f"line {number}: not plain text: is this a G-code file?")
     if "(" in text:
-        text = _ASIDE.sub(" ", text).strip()
+        text = _PARENTHESES.sub(" ", text).strip()
     if not text:
         return "", "", comment.strip()
     code = _CODE.match(text)

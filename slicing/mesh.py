@@ -96,21 +96,21 @@ def _cut(corners: Floats, axis: int, at_mm: float) -> Floats:
     across = (side.max(axis=1) > 0.0) & (side.min(axis=1) < 0.0)
     touching = across & (side == 0.0).any(axis=1)
     through = across & ~touching
-    on, a, b = _rolled(corners[touching], side[touching] == 0.0)
-    middle = _between(a, b, axis, at_mm)
-    tip, c, d = _rolled(corners[through], side[through] == -np.sign(side[through].sum(axis=1))[:, None])
-    p, q = _between(tip, c, axis, at_mm), _between(tip, d, axis, at_mm)
+    on, a, b = _roll_corners(corners[touching], side[touching] == 0.0)
+    middle = _interpolate(a, b, axis, at_mm)
+    tip, c, d = _roll_corners(corners[through], side[through] == -np.sign(side[through].sum(axis=1))[:, None])
+    p, q = _interpolate(tip, c, axis, at_mm), _interpolate(tip, d, axis, at_mm)
     new = [(on, a, middle), (on, middle, b), (tip, p, q), (p, c, d), (p, d, q)]
     return np.concatenate([corners[~across], *(np.stack(corner_set, axis=1) for corner_set in new)])
 
 
-def _rolled(corners: Floats, first: npt.NDArray[np.bool_]) -> tuple[Floats, Floats, Floats]:
+def _roll_corners(corners: Floats, first: npt.NDArray[np.bool_]) -> tuple[Floats, Floats, Floats]:
     """Rotate the order of each triangle's corners, so that the marked one (n, 3) comes first."""
     rows, start = np.arange(len(corners)), first.argmax(axis=1)
     return corners[rows, start], corners[rows, (start + 1) % 3], corners[rows, (start + 2) % 3]
 
 
-def _between(a: Floats, b: Floats, axis: int, at_mm: float) -> Floats:
+def _interpolate(a: Floats, b: Floats, axis: int, at_mm: float) -> Floats:
     """Find the points (n, 3) at which edges meet a plane; the ends may come in either order."""
     swap = (a[:, axis] > b[:, axis])[:, None]
     low, high = np.where(swap, b, a), np.where(swap, a, b)

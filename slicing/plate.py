@@ -27,7 +27,7 @@ _RETRIES = ((0.0, 0.0), (1e-4, 0.005), (-3e-4, -0.02), (5e-4, -0.03))
 
 CuraEngine 4.13 loses a corner of a sound ring where the corner's two sides, in um, multiply to 2**32 (from
 0.99995 to 1.000003 of it, measured), in a layer's section as in the walls that it makes of it."""
-_RETRIED = frozenset((Rule.NOTHING_PRINTED, Rule.LAYERS, Rule.HEIGHT, Rule.OUTLINE))
+_RETRIED_RULES = frozenset((Rule.NOTHING_PRINTED, Rule.LAYERS, Rule.HEIGHT, Rule.OUTLINE))
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,7 +125,7 @@ def _slice(request: PlateRequest, corners: Floats, progress: Progress | None) ->
                 return _slice_once(variant(), corners, progress)
             except SliceRejected as rejected:
                 first = first or rejected
-                if rejected.rule not in _RETRIED:
+                if rejected.rule not in _RETRIED_RULES:
                     break
     assert first is not None
     raise first

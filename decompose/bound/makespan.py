@@ -29,7 +29,7 @@ from decompose.print_time import MAX_INSET_SHARE, CostModel
 UNIT = 1 << 24  # the weight of a whole part, once weights are rounded to whole numbers
 LIMITS = 30  # greatest number of times T that are tried
 FIRST = 0.95  # share of a good partition's makespan at which the search for its bound begins
-CLOSE = 0.005  # accuracy of the bound, as a share of it
+TOLERANCE = 0.005  # accuracy of the bound, as a share of it
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,7 +117,7 @@ def makespan_bound(boxes: BoxTables, needed: Bools, printers: int, makespan_s: f
     low = _proof(boxes, weights, printers, makespan_s)
     high, limit = makespan_s, FIRST * makespan_s
     for _ in range(LIMITS):
-        if high <= low.seconds * (1.0 + CLOSE):
+        if high <= low.seconds * (1.0 + TOLERANCE):
             break
         if limit <= low.seconds:
             limit = (low.seconds + high) / 2.0

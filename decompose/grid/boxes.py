@@ -176,7 +176,7 @@ class Priced(NamedTuple):
 
 
 @jit
-def _clear(total: Contents) -> None:
+def _reset(total: Contents) -> None:
     """Reset contents to those of no cells."""
     total.sums[:] = 0.0
     for i in range(len(total.ends)):
@@ -211,12 +211,12 @@ def _price_all(needed: Bools, sums: Floats, extents: Floats, pricing: Pricing, p
     layer = Contents(np.zeros((nz, sums.shape[3])), np.zeros((nz, 12)))
     for x0 in range(nx):
         for y in range(ny):
-            _clear(Contents(row.sums[y], row.ends[y]))
+            _reset(Contents(row.sums[y], row.ends[y]))
         for x1 in range(x0 + 1, nx + 1):
             for y in range(ny):
                 _add(Contents(row.sums[y], row.ends[y]), Contents(sums[x1 - 1, y], ends[x1 - 1, y]))
             for y0 in range(ny):
-                _clear(layer)
+                _reset(layer)
                 for y1 in range(y0 + 1, ny + 1):
                     _add(layer, Contents(row.sums[y1 - 1], row.ends[y1 - 1]))
                     _price_column(layer, (x0, y0, x1, y1), shape, pricing, priced)

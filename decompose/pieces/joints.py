@@ -153,12 +153,14 @@ def find_faults(
     touching
         Joints of `find_joints`, where they are known already.
     """
-    faults = [Fault(i, reason) for i, piece in enumerate(pieces) if (reason := _sliver(piece))]
+    faults = [Fault(i, reason) for i, piece in enumerate(pieces) if (reason := _describe_sliver(piece))]
     touching = find_joints(pieces) if touching is None else touching
-    return faults + _loose([p.solid.volume_mm3 for p in pieces], touching, min_glue_mm2)
+    return faults + _find_loose_pieces([p.solid.volume_mm3 for p in pieces], touching, min_glue_mm2)
 
 
-def _loose(volumes_mm3: Sequence[float], touching: Sequence[Joint], min_glue_mm2: float) -> list[Fault]:
+def _find_loose_pieces(
+    volumes_mm3: Sequence[float], touching: Sequence[Joint], min_glue_mm2: float
+) -> list[Fault]:
     """Find, for each group that only weak joints hold to its body, the smallest piece with such a joint."""
     body = _groups(len(volumes_mm3), touching)
     components = _groups(len(volumes_mm3), [j for j in touching if j.holds(min_glue_mm2)])
@@ -176,7 +178,7 @@ def _loose(volumes_mm3: Sequence[float], touching: Sequence[Joint], min_glue_mm2
     return [Fault(piece, joint.weakness(min_glue_mm2)) for _, piece, joint in weak.values()]
 
 
-def _sliver(piece: CutSolid) -> str:
+def _describe_sliver(piece: CutSolid) -> str:
     """Find the reason why a piece is a sliver; empty where it is none."""
     vertices, faces = piece.solid.arrays()
     for plane in piece.planes:

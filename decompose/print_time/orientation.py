@@ -28,7 +28,7 @@ HULL_FACETS, FLAT_FACES = 24, 12  # candidates of each kind, the largest first
 DISTINCT_DEG = 2.0  # directions closer than this are one candidate
 MAX_MEASURED = 24  # candidates that are measured, in the order of their prices
 FEW_COLUMNS = 1_500  # for an estimate
-SURE_SHARE = 0.8  # of an estimated support that is surely needed
+CERTAIN_SHARE = 0.8  # of an estimated support that is surely needed
 DEGREES: Floats = np.radians(np.arange(90.0))
 
 
@@ -75,7 +75,7 @@ def find_best_pose(
             if least_s[i] >= best.price_s or measured >= MAX_MEASURED:
                 continue
             support_s = _support_s(vertices, faces, hull, rotations[i], cost)
-            if least_s[i] + SURE_SHARE * support_s >= best.price_s:
+            if least_s[i] + CERTAIN_SHARE * support_s >= best.price_s:
                 continue
         pose = measure_from_features(mesh, rotations[i], features[i], cost, fit_first_layer)
         measured += 1

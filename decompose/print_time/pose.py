@@ -23,8 +23,8 @@ TOUCHED_MM2 = 1.0  # less than this of a cut face under support is rounding
 MIN_CONTACT_MM2 = 4.0
 MIN_FOOT_MM = 0.8  # least `Footing.wall_mm`: the layer of an edge narrower than a line is not printed
 STICKS_N_MM2 = 0.05
-PROPPED = 0.1  # share of that for the area that supports carry
-BRIM_HOLDS = 0.5  # share of a brim's width that counts as footing
+SUPPORTED_CONTACT_SHARE = 0.1  # share of that for the area that supports carry
+BRIM_FOOTING_SHARE = 0.5  # share of a brim's width that counts as footing
 PULL_N = 0.5
 WEIGHT_N_MM3 = 1.25e-5
 
@@ -151,7 +151,7 @@ def measure_from_features(
         lean_mm=leans[-1],
         support_mm3=inside.support_mm3,
         touched_mm2=inside.touched_mm2,
-        brim_share_mm=BRIM_HOLDS * priced.brim_mm,
+        brim_share_mm=BRIM_FOOTING_SHARE * priced.brim_mm,
         brim_width_mm=brim,
         layer_0_expansion_mm=expansion,
     )
@@ -159,7 +159,7 @@ def measure_from_features(
 
 def _strain(footing: Footing, inside: Columns, height_mm: float, leans_mm: Sequence[float]) -> float:
     """Compute the worst ratio of the moments that pull a growing part over to the one that holds it."""
-    area_mm2 = footing.contact_mm2 + PROPPED * inside.propped_mm2
+    area_mm2 = footing.contact_mm2 + SUPPORTED_CONTACT_SHARE * inside.propped_mm2
     holds = STICKS_N_MM2 * area_mm2 * footing.width_mm / 2.0
     outside = max(w * max(0.0, -lean) for w, lean in zip(inside.volumes_mm3, leans_mm, strict=True))
     pulls = PULL_N * height_mm + WEIGHT_N_MM3 * outside

@@ -57,7 +57,7 @@ class Alarms:
         """Suspicion that the first session after a dead agent takes over."""
         return None if self.alarm is None else self.alarm.suspicion
 
-    def mark_over(self) -> None:
+    def mark_ended(self) -> None:
         """Note that the printer was cold or was reconnected: later findings are new ones."""
         if self.alarm is not None and self.alarm.outcome is not None:
             self.alarm = self.alarm.model_copy(update={"over": True})

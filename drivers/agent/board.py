@@ -22,7 +22,7 @@ log = logging.getLogger(__name__)
 
 RETRY_S = 2.0  # wall seconds between attempts to open a port
 RESET_PULSES = 2  # number of DTR pulses; the answer to one may be lost
-UNWATCHED = "it was not watched before its agent was started"
+NOT_WATCHED = "it was not watched before its agent was started"
 MAY_PRINT = "its port is opened after a person confirms that it does not print: opening it may reset it"
 NO_RESET = "a pulse of DTR does not reset its board: it prints only while somebody is there"
 
@@ -326,7 +326,7 @@ class Board:
         if cause is not None:
             self._mark_bed_unknown(cause)
         self.stuck_heater = self.stuck_heater if fault is None else fault.text
-        self.returned = self.returned or self.idle_watch.cold
+        self.returned = self.returned or self.idle_watch.is_cold
         if self.link.drained:
             # ends heat left on when the port was lost; queries alone would feed the dead-man
             firmware = self._firmware
@@ -373,7 +373,7 @@ class Board:
 
     def _mark_bed_unknown(self, reason: str) -> None:
         """Record that bed and filament are unknown; the first reason is kept."""
-        self.idle_watch.filament.lose()
+        self.idle_watch.filament.forget()
         if self.state.bed_unknown_reason is None:
             log.warning("bed and filament are unknown: %s", reason)
             self.state.bed_unknown_reason = reason

@@ -50,7 +50,7 @@ class FilamentWatch:
         """Let no position count before the next print: after a reset all positions are alike."""
         self._printed, self.rest = False, None
 
-    def lose(self) -> None:
+    def forget(self) -> None:
         """Doubt the journal: somebody used the printer."""
         self.certain, self.rest = False, None
 
@@ -71,7 +71,7 @@ class IdleWatch:
         Judgement on the position of the filament.
     card
         True while the printer prints from its SD card.
-    cold
+    is_cold
         True if three consecutive reports showed both heaters off and cold.
     """
 
@@ -92,7 +92,7 @@ class IdleWatch:
         self._cold = 0  # number of consecutive reports with both off and cold
 
     @property
-    def cold(self) -> bool:
+    def is_cold(self) -> bool:
         return self._cold >= 3
 
     def judge_answer(self, text: bytes) -> tuple[bool, str | None]:
@@ -129,8 +129,8 @@ class IdleWatch:
             An event not caused by the farm; a heater that is stuck on.
         """
         heated = report.nozzle_target_c > 0 or report.bed_target_c > 0
-        cold = not heated and max(report.nozzle_c, report.bed_c) < COLD_C
-        self._cold = self._cold + 1 if cold else 0
+        is_cold = not heated and max(report.nozzle_c, report.bed_c) < COLD_C
+        self._cold = self._cold + 1 if is_cold else 0
         seen_twice, self._heated = heated and self._heated, heated
         if heated:
             self._coolest_c = [float("inf"), float("inf")]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 
 from drivers.agent.alarm import Alarms
-from drivers.agent.board import UNWATCHED, Board
+from drivers.agent.board import NOT_WATCHED, Board
 from drivers.agent.idle_watch import FilamentWatch
 from drivers.clock import Clock
 from drivers.errors import Fault, JournalError
@@ -56,7 +56,7 @@ class Recorder:
         watched = board.simulated and board.state.bed_unknown_reason is None
         board.idle_watch.filament = FilamentWatch(watched, board.state.rest)
         if board.state.bed_unknown_reason is None and not board.simulated:
-            board.state.bed_unknown_reason = UNWATCHED
+            board.state.bed_unknown_reason = NOT_WATCHED
 
     def begin(
         self, program: Program | None, filament: Filament, extruded: bool, ends_by_s: float | None = None
@@ -104,7 +104,7 @@ class Recorder:
         session, board, alarms, now_s = self.board.session, self.board, self.alarms, self._clock.now()
         if board.returned:
             board.returned = False
-            alarms.mark_over()
+            alarms.mark_ended()
         if session is not None:
             alarms.take_from_session(session, now_s)
         elif (stuck := alarms.take_from_idle(board.stuck_heater, now_s)) is not None:

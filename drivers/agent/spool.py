@@ -84,7 +84,7 @@ class Spool:
         digest = hashlib.sha256()
         refusal: BadGcode | None = None
 
-        def hashed(lines: Iterable[bytes]) -> Iterator[bytes]:
+        def hash_lines(lines: Iterable[bytes]) -> Iterator[bytes]:
             for line in lines:
                 digest.update(line)
                 yield line
@@ -92,7 +92,7 @@ class Spool:
         try:
             with source.open("rb") as raw:
                 # limits the memory for a binary file, which may be one long line
-                lines = hashed(iter(lambda: raw.readline(LONGEST_LINE_BYTES + 1), b""))
+                lines = hash_lines(iter(lambda: raw.readline(LONGEST_LINE_BYTES + 1), b""))
                 try:
                     program = read_program(lines, self._profile, _Copy(path))
                 except BadGcode as error:

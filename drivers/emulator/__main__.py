@@ -88,7 +88,7 @@ class Emulator:
                 elif port.is_open and port.master in ready:
                     data = port.read()
                 if door in ready:
-                    self._obey(now_s)
+                    self._serve_control(now_s)
             if wires is not None:
                 wires[0].put(data, now_s)
                 data = wires[0].take(now_s)
@@ -159,20 +159,20 @@ class Emulator:
         if self._port.is_open != was_open:
             self._firmware.board.changes += 1
 
-    def _obey(self, now_s: float) -> None:
+    def _serve_control(self, now_s: float) -> None:
         """Execute one command from the control socket."""
         try:
             link, _ = self._control.accept()
             with link:
                 link.settimeout(CONTROL_S)
                 with link.makefile("rb") as requests:
-                    answer = self._do(json.loads(requests.readline()), now_s)
+                    answer = self._execute(json.loads(requests.readline()), now_s)
                 self.show(now_s)
                 link.sendall(json.dumps(answer).encode() + b"\n")
         except (OSError, ValueError, KeyError) as error:
             print(f"control: {error}", file=sys.stderr)  # noqa: T201 - its log
 
-    def _do(self, request: dict[str, Any], now_s: float) -> dict[str, Any]:
+    def _execute(self, request: dict[str, Any], now_s: float) -> dict[str, Any]:
         match request.get("do"):
             case Command.CLEAR_BED:
                 self._firmware.board.clear_bed()
@@ -215,7 +215,7 @@ def _listen(folder: Path) -> socket.socket:
     return listener
 
 
-def _hold(path: Path) -> IO[bytes]:
+def _take_lock(path: Path) -> IO[bytes]:
     lock = path.open("ab")
     try:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -241,7 +241,7 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         faults = parse_faults(options.fault)
         options.folder.mkdir(parents=True, exist_ok=True)
-        lock = _hold(options.folder / ALIVE_LOCK)
+        lock = _take_lock(options.folder / ALIVE_LOCK)
     except PortError as error:
         parser.error(str(error))
     with lock:
@@ -259,11 +259,11 @@ def main(arguments: list[str] | None = None) -> int:
             Clock(options.scale, options.anchor),
         )
 
-        def off(signum: int, frame: FrameType | None) -> None:
+        def power_off_on_signal(signum: int, frame: FrameType | None) -> None:
             emulator.switch_off()
 
-        signal.signal(signal.SIGTERM, off)
-        signal.signal(signal.SIGINT, off)
+        signal.signal(signal.SIGTERM, power_off_on_signal)
+        signal.signal(signal.SIGINT, power_off_on_signal)
         if options.detach:
             os.write(done_fd, b"1")
             os.close(done_fd)

@@ -130,10 +130,10 @@ class Dice:
             return bytes((text[0] ^ 1 << self._rng.randrange(6),)) + text[1:]
         return text
 
-    def swallows(self) -> bool:
+    def swallows_ok(self) -> bool:
         return bool(self._faults.swallow) and self._rng.random() < self._faults.swallow
 
-    def refuses(self) -> bool:
+    def refuses_line(self) -> bool:
         return bool(self._faults.resend) and self._rng.random() < self._faults.resend
 
 

@@ -257,7 +257,7 @@ class Link:
 
     def _handle_last_line(self, last: int, now_s: float, events: list[Event]) -> None:
         """Handle an answer to a query, or the refusal of a line that lost its number."""
-        action = self._recovery.match_answer(last, self._place, self._waiting)
+        action = self._recovery.match_answer(last, self._make_place, self._waiting)
         if self._firmware.last_line_resends:
             self._recovery.forget_queries()
         if action is None:
@@ -272,7 +272,7 @@ class Link:
         outbox = self._outbox
         resendable = outbox.holds(last + 1)
         confirmations = self._recovery.count_needed(self._firmware, outbox.moves, self._silence_s)
-        action, line = self._recovery.settle(last, self._place, confirmations, resendable)
+        action, line = self._recovery.settle(last, self._make_place, confirmations, resendable)
         if action is Action.QUERY_AGAIN:
             self._query(now_s)
             return
@@ -339,7 +339,7 @@ class Link:
     def _query(self, now_s: float) -> None:
         """Query the number of the last line that the board accepted."""
         self._clean = False
-        self._recovery.note_query(self._place, now_s)
+        self._recovery.note_query(self._make_place, now_s)
         self._out += self._firmware.last_line_query
         wait_s = self._silence_s * 2**self._recovery.queries
         if self._recovery.queries == MOST_QUERIES:
@@ -352,7 +352,7 @@ class Link:
             self._due_s = min(self._due_s, now_s + self._hint_s)
 
     @property
-    def _place(self) -> Place:
+    def _make_place(self) -> Place:
         """Place of the last sent line; an answer to a query from another place is out of date."""
         return Place(self._outbox.number, self.repeated, self._outbox.top, self._recovery.confirmations)
 

@@ -25,7 +25,7 @@ HEAT_LIMIT_S = {HeaterName.NOZZLE: 900.0, HeaterName.BED: 2400.0}
 EXTRUDE_MARGIN_C = 5.0  # above the temperature below which the firmware refuses to extrude
 FEED_S = 300.0  # between commands while heating: M105 does not feed the dead-man
 SUSPECT_S = 25.0  # for a heater that may be stuck on to show that it cools
-LEFT_S = 15.0  # for a board to restart and report temperatures, if the agent died after the finding
+RESTART_S = 15.0  # for a board to restart and report temperatures, if the agent died after the finding
 UNEXPECTED_REPORTS = 3  # one may be garbled
 
 _SETS = {HeaterName.NOZZLE: b"M104 S%g", HeaterName.BED: b"M140 S%g"}
@@ -138,7 +138,7 @@ def power_off_due_s(context: SessionContext) -> float:
     patience_s = 2 * context.pace.floor_s
     # The suspicion may be from the previous session.
     suspected_s, started_s = context.suspicion.since_s, context.started_s
-    return max(suspected_s + max(SUSPECT_S, patience_s), started_s + max(LEFT_S, patience_s))
+    return max(suspected_s + max(SUSPECT_S, patience_s), started_s + max(RESTART_S, patience_s))
 
 
 def _set_c(context: SessionContext) -> dict[HeaterName, float]:

@@ -25,8 +25,8 @@ from drivers.session.identify import identify
 from drivers.session.leave import make_safe
 from drivers.session.stream import print_program
 
-NOBODY_THERE = "it prints only while somebody is there, and the attended hours have ended"
-_LEFT = {
+UNATTENDED = "it prints only while somebody is there, and the attended hours have ended"
+_HEAT_MESSAGES = {
     Fault.AGENT_DIED: "the agent's process ended in the middle of the print",
     Fault.ESTOP: "a person stopped it by `farm estop`",
 }
@@ -61,7 +61,7 @@ class Session:
         for event in events:
             ended = ended or _notice(context, event)
         if now_s >= self._last_moment_s():
-            ended = ended or PrintEnded(Fault.HOURS_ENDED, NOBODY_THERE)
+            ended = ended or PrintEnded(Fault.HOURS_ENDED, UNATTENDED)
         if ended is not None:
             self._leave(ended)
         if now_s >= power_off_due_s(context):
@@ -138,7 +138,7 @@ def _run(context: SessionContext) -> Script:
     outcome = PrintPhase.DONE
     try:
         if context.program is None:
-            raise PrintEnded(context.previous_fault, _LEFT[context.previous_fault])
+            raise PrintEnded(context.previous_fault, _HEAT_MESSAGES[context.previous_fault])
         yield from identify(context)
         yield from print_program(context, context.program)
     except (PrintEnded, Unreadable) as why:

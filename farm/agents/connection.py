@@ -179,7 +179,7 @@ class AgentConnection:
                     self._offset_s = clock_offset_s(report, self._clock) - self._clock.ahead_s
                     if self._has_configured_port(report):
                         report = await self._import_journal(report)
-                        self._report(self._trusted(report))
+                        self._report(self._convert_snapshot(report))
                 if time.monotonic() - connected_s > _STEADY_S:
                     wait_s = 0.0
                 log.info("%s: the connection to its agent was lost", self._name)
@@ -203,7 +203,7 @@ class AgentConnection:
             return report
         latest = reply.snapshot or report
         prints = [to_farm_print(record, self._ahead_s) for record in reply.prints]
-        self._listener.on_journal(self._trusted(latest), prints)
+        self._listener.on_journal(self._convert_snapshot(latest), prints)
         return latest
 
     def _report(self, snapshot: AgentSnapshot) -> None:
@@ -217,7 +217,7 @@ class AgentConnection:
         except Exception:  # a bug here must not end the listening to this printer
             log.exception("%s: handling the snapshot of its agent", self._name)
 
-    def _trusted(self, report: m.Snapshot) -> AgentSnapshot:
+    def _convert_snapshot(self, report: m.Snapshot) -> AgentSnapshot:
         """Return a snapshot without fields that the agent cannot measure."""
         simulated = self._section is not None and self._section.simulated
         cleared = _CLEARED in self._pending
@@ -257,7 +257,7 @@ class AgentConnection:
                 if isinstance(request, m.StartPrint):
                     self._listener.on_refusal(request.print_id, reply.error, reply.late)
             elif isinstance(request, m.CancelPrint) and reply.snapshot is not None:
-                report = self._trusted(reply.snapshot)
+                report = self._convert_snapshot(reply.snapshot)
                 self._report(report.model_copy(update={"acknowledged_cancel": request.print_id}))
         except AgentTooOld as error:
             if key not in self._unsupported:

@@ -13,7 +13,7 @@ from drivers.errors import DriverError
 from drivers.remote import NO_AGENT, AgentClient, is_alive
 from farm.agents.connection import AgentConnection, AgentListener
 from farm.agents.protocol_adapter import request_for
-from farm.agents.remote import Route, delete_route, load_route, without_starting
+from farm.agents.remote import Route, delete_route, load_route, without_start
 from farm.config import Fleet
 from farm.errors import NoSuchThing, Refused
 from farm.paths import StateFolder
@@ -55,7 +55,7 @@ class AgentManager:
         for folder in sorted((self._state.root / "agents").glob("*/")):
             if folder.name in self._connections:
                 continue
-            route = without_starting(load_route(folder, None, "", self._clock))
+            route = without_start(load_route(folder, None, "", self._clock))
             if route is not None or is_alive(folder):
                 await self._end_orphan(folder, route)
 

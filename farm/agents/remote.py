@@ -29,7 +29,7 @@ def _route_to(section: PrinterSection, farm: str, clock: Clock) -> Route | None:
     return ssh_command(section.host, section.host_command), request.line()
 
 
-def without_starting(route: Route | None) -> Route | None:
+def without_start(route: Route | None) -> Route | None:
     """Return the same route without the instruction to start an agent."""
     if route is None:
         return None

@@ -70,7 +70,7 @@ def memory_for_each(count: int, memory_gb: float | None) -> int:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Turn:
+class _WaitingTask:
     """A task that waits for a worker."""
 
     group: Hashable
@@ -109,7 +109,7 @@ class Workers:
         self._alive: set[Worker] = set()
         self._idle: list[Worker] = []
         self._urgent_worker: Worker | None = None
-        self._waiting: list[_Turn] = []
+        self._waiting: list[_WaitingTask] = []
         self._running: Counter[Hashable] = Counter()  # tasks in workers, by group
         shutil.rmtree(scratch, ignore_errors=True)
         scratch.mkdir(parents=True)
@@ -157,7 +157,7 @@ class Workers:
         ended = ""
         group = object() if group is None else group
         for _ in range(_TRIES):
-            worker = await self._take(group, limit.urgent)
+            worker = await self._acquire_worker(group, limit.urgent)
             fit = False
             self._running[group] += 1
             try:
@@ -209,7 +209,7 @@ class Workers:
     def _start(self) -> None:
         worker = Worker(self._scratch, self._memory, self._warm)
         self._alive.add(worker)
-        self._give(worker)
+        self._assign_worker(worker)
 
     def _replace(self) -> None:
         """Start a worker; if that fails (the disk may be full), retry until it succeeds."""
@@ -221,7 +221,7 @@ class Workers:
             log.error("no worker can be started: %s; retrying", error)
             asyncio.get_running_loop().call_later(_RETRY_S, self._replace)
 
-    async def _take(self, group: Hashable, urgent: bool) -> Worker:
+    async def _acquire_worker(self, group: Hashable, urgent: bool) -> Worker:
         """Wait for a free worker, at best one whose start has ended. Raises FarmError in a closed pool."""
         if self._closed:
             raise FarmError(_CLOSED)
@@ -230,7 +230,7 @@ class Workers:
             worker = max(free, key=lambda worker: worker.starting is None)
             self._idle.remove(worker)
             return worker
-        turn = _Turn(group, urgent, asyncio.get_running_loop().create_future())
+        turn = _WaitingTask(group, urgent, asyncio.get_running_loop().create_future())
         self._waiting.append(turn)
         if urgent:
             self._start_urgent_worker()
@@ -240,7 +240,7 @@ class Workers:
             if turn in self._waiting:
                 self._waiting.remove(turn)
             elif turn.slot.exception() is None:  # cancelled just when a worker became free
-                self._give(turn.slot.result())
+                self._assign_worker(turn.slot.result())
             raise
 
     def _start_urgent_worker(self) -> None:
@@ -253,9 +253,9 @@ class Workers:
             log.error("no worker for urgent tasks can be started: %s", error)
             return
         self._alive.add(worker)
-        self._give(worker)
+        self._assign_worker(worker)
 
-    def _give(self, worker: Worker) -> None:
+    def _assign_worker(self, worker: Worker) -> None:
         """Give a free worker to the waiting task that is served first, if there is one."""
         open_turns = [turn for turn in self._waiting if not turn.slot.done()]
         turns = [turn for turn in open_turns if turn.urgent or worker is not self._urgent_worker]
@@ -271,7 +271,7 @@ class Workers:
         if self._closed:
             return
         if fit:
-            self._give(worker)
+            self._assign_worker(worker)
             return
         worker.end()
         self._alive.discard(worker)

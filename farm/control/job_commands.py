@@ -140,7 +140,7 @@ class JobCommands:
         by
             The person who approves it.
         """
-        job = self._held(number)
+        job = self._find_held_job(number)
         if plan != (job.plan or ""):
             raise Refused(f"the plan of job {number} is {job.plan}, not {plan}: check it again")
         for plate in list(self._controller.books.plates_of(job)):
@@ -149,10 +149,10 @@ class JobCommands:
                 raise Refused(
                     f"plate {plate.id} has changed since it was planned: {path}; submit the model again"
                 )
-        self._held(number)  # it may have been cancelled meanwhile
+        self._find_held_job(number)  # it may have been cancelled meanwhile
         self._controller.handle(ev.JobApproved(at_s=self._controller.clock.now(), job=number, by=by))
 
-    def _held(self, number: int) -> Job:
+    def _find_held_job(self, number: int) -> Job:
         job = self._controller.books.job(number)
         if job.state is not JobState.HELD:
             raise Refused(f"job {number} is not waiting for approval: it is {job.state}")

@@ -95,14 +95,14 @@ class KeyCommands:
             If a valid key has the same name.
         """
         now_s = self._controller.clock.now()
-        same = [
+        same_name = [
             key
             for key in self._controller.books.keys.values()
             if key.kind is KeyKind.KEY and key.name == request.name and key.is_valid(now_s)
         ]
-        if same:
+        if same_name:
             raise Refused(
-                f"there is a key named {request.name}: choose another name, or `farm key revoke {same[0].id}`"
+                f"there is a key named {request.name}: choose another name, or `farm key revoke {same_name[0].id}`"
             )
         name, text = make_key_text()
         key = Key(

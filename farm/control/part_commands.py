@@ -17,7 +17,7 @@ _PRINTED = {
     PlateState.GOOD: "is already printed",
     PlateState.CANCELLED: "is already cancelled",
 }
-_COMING = {
+_PENDING = {
     PlateState.PRINTING: "is being printed: `farm fail {printer}` ends that print and prints it again",
     PlateState.WAITING: "already waits to be printed",
 }
@@ -41,9 +41,9 @@ class PartCommands:
             )
         state = self._controller.books.plate_state(plate)
         stopped = stopped_print(plate, self._controller.books.prints_of(plate))
-        if state in _COMING and stopped is None:
+        if state in _PENDING and stopped is None:
             printer = self._printer_of(plate)
-            raise Refused(f"part {plate.parts[0]} {_COMING[state].format(printer=printer)}")
+            raise Refused(f"part {plate.parts[0]} {_PENDING[state].format(printer=printer)}")
         at_s = self._controller.clock.now()
         self._controller.handle(ev.ReprintRequested(at_s=at_s, plate=plate.id, why=why, by=by))
         return plate.parts[0]

@@ -19,7 +19,7 @@ COMFORT_BYTES = 2 * 1024**3
 """Free bytes that suffice for the plans, slices and backups of a large job."""
 SHARED_MEMORY_BYTES = 16 * 1024**2
 _FIRST_YEAR = 2024  # a host without a real-time clock starts in 1970
-_SHOWN = 5
+_MOST_SHOWN = 5
 
 
 def check_installation(facts: Facts) -> list[Finding]:
@@ -94,9 +94,9 @@ def check_books(facts: Facts) -> Iterator[Finding]:
         return
     problems = validate_books(books.books)
     action = "report this with the database; `farm history` shows what was printed"
-    yield from (problem("database", text, action) for text in problems[:_SHOWN])
-    if len(problems) > _SHOWN:
-        yield problem("database", f"and {len(problems) - _SHOWN} more contradictions", action)
+    yield from (problem("database", text, action) for text in problems[:_MOST_SHOWN])
+    if len(problems) > _MOST_SHOWN:
+        yield problem("database", f"and {len(problems) - _MOST_SHOWN} more contradictions", action)
     if not problems:
         jobs, prints = (
             format_count(len(books.books.jobs), "job"),
@@ -116,9 +116,9 @@ def check_files(facts: Facts) -> Iterator[Finding]:
         ("is missing", files.missing),
         ("has changed since it was planned", files.changed),
     ):
-        yield from (problem("files", f"{name} {condition}", action) for name in names[:_SHOWN])
-        if len(names) > _SHOWN:
-            yield problem("files", f"and {len(names) - _SHOWN} more: each {condition}", action)
+        yield from (problem("files", f"{name} {condition}", action) for name in names[:_MOST_SHOWN])
+        if len(names) > _MOST_SHOWN:
+            yield problem("files", f"and {len(names) - _MOST_SHOWN} more: each {condition}", action)
     if not files.missing and not files.changed:
         yield passed("files", f"{format_count(files.checked, 'file')} of open jobs, as planned")
 

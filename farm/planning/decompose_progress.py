@@ -9,7 +9,7 @@ from pathlib import Path
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 PROGRESS = "progress.json"
-_APART_S = 0.5  # wall seconds between two reports
+_INTERVAL_S = 0.5  # wall seconds between two reports
 
 
 class DecomposeProgress(BaseModel):
@@ -56,7 +56,7 @@ class ProgressFile:
             self._first = share, now_s
         if now_s < self._due_s:
             return
-        self._due_s = now_s + _APART_S
+        self._due_s = now_s + _INTERVAL_S
         remaining_s = None
         if self._first is not None and share > self._first[0]:
             first_share, began_s = self._first

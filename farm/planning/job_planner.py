@@ -82,14 +82,14 @@ class JobPlanner:
 
     async def _run(self, job: Job, builder: PlanBuilder) -> None:
         """Plan a job; after any error on a full disk, retry when there is space."""
-        while isinstance(result := await self._try(job, builder), FarmError) and self._is_disk_full():
+        while isinstance(result := await self._build_plan(job, builder), FarmError) and self._is_disk_full():
             log.error("job %d: %s; it is planned when %s has space", job.id, result, self._state.root)
             self._on_progress(job.id, PlanProgress(step=PlanStep.NO_ROOM))
             while self._is_disk_full():
                 await asyncio.sleep(_RETRY_S)
         await self._deliver(job.id, result)
 
-    async def _try(self, job: Job, builder: PlanBuilder) -> Plan | FarmError:
+    async def _build_plan(self, job: Job, builder: PlanBuilder) -> Plan | FarmError:
         folder = builder.task.folder
         try:
             shutil.rmtree(folder, ignore_errors=True)

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 
 _MOST_RELEVELS = 2  # after the first, the times of the parts are accurate
-_LOOK_S = 0.5  # wall seconds between two readings of the progress of a decomposition
+_POLL_S = 0.5  # wall seconds between two readings of the progress of a decomposition
 
 
 class PlanBuilder:
@@ -82,7 +82,7 @@ class PlanBuilder:
         """Report the progress that the worker writes, whenever it changes."""
         reported: PlanProgress | None = None
         while True:
-            await asyncio.sleep(_LOOK_S)
+            await asyncio.sleep(_POLL_S)
             progress = await asyncio.to_thread(read_progress, self.task.folder)
             if progress is None:
                 continue

@@ -18,7 +18,7 @@ from farm.state import Books
 
 CLEARING_S = 900.0
 """Time to clear a bed, once somebody is present."""
-_COMING = (
+_PASSING = (
     None,
     HoldCode.PRINTER_BUSY,
     HoldCode.BED_NOT_CLEAR,
@@ -71,7 +71,7 @@ def forecast_prints(situation: Situation, bounded: bool = True) -> Forecast:
     """
     rules, now_s = situation.rules, situation.now_s
     fleet = list(situation.fleet.values())
-    coming = [p for p in fleet if ((hold := p.obstacle()) and hold.code) in _COMING] or fleet
+    coming = [p for p in fleet if ((hold := p.obstacle()) and hold.code) in _PASSING] or fleet
     simulation = _Simulation(situation, coming)
     simulation.run()
     slots = sorted(simulation.slots, key=lambda slot: (slot.starts_s, slot.printer))

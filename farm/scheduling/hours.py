@@ -29,11 +29,11 @@ class Hours:
 
     def span(self, at_s: float) -> Span | None:
         """Return the half-open span around `at_s`; else None. A span without a gap ends at infinity."""
-        return next((span for span in self._near(at_s) if span[0] <= at_s < span[1]), None)
+        return next((span for span in self._spans_near(at_s) if span[0] <= at_s < span[1]), None)
 
     def following(self, at_s: float) -> Span | None:
         """Return the first span that starts after `at_s`; None if there is none."""
-        return next((span for span in self._near(at_s) if span[0] > at_s), None)
+        return next((span for span in self._spans_near(at_s) if span[0] > at_s), None)
 
     def edge_s(self, at_s: float) -> float | None:
         """Return the next start or end of a window; None if there is none."""
@@ -42,7 +42,7 @@ class Hours:
             return None if math.isinf(now[1]) else now[1]
         return then[0] if then is not None else None
 
-    def _near(self, at_s: float) -> tuple[Span, ...]:
+    def _spans_near(self, at_s: float) -> tuple[Span, ...]:
         day = datetime.fromtimestamp(at_s, self.zone).toordinal()
         return _spans(self.windows, self.zone, day)
 
@@ -59,10 +59,10 @@ def _spans(windows: tuple[Window, ...], zone: tzinfo, day: int) -> tuple[Span, .
                 begins = datetime.combine(date, window.begins, zone)
                 ends = datetime.combine(date + over, window.ends, zone)
                 spans.append((begins.timestamp(), max(ends.timestamp(), ends.replace(fold=1).timestamp())))
-    return tuple((begin, math.inf if end - begin > _ALWAYS_S else end) for begin, end in _merged(spans))
+    return tuple((begin, math.inf if end - begin > _ALWAYS_S else end) for begin, end in _merge_spans(spans))
 
 
-def _merged(spans: Iterable[Span]) -> list[Span]:
+def _merge_spans(spans: Iterable[Span]) -> list[Span]:
     merged: list[Span] = []
     for begin, end in sorted(spans):
         if end <= begin:
@@ -96,7 +96,7 @@ def parse_moment_s(text: str, now_s: float, zone: tzinfo) -> float:
             day, hour, minute = match.groups()
             if day is not None and day not in DAYS:
                 raise ValueError(f"{day!r} is not a day of the week")
-            at_s = _next(now, day, int(hour), int(minute)).timestamp()
+            at_s = _find_next(now, day, int(hour), int(minute)).timestamp()
     except ValueError as error:
         example = "write it like 22:00, fri 22:00 or 2026-11-21T22:00"
         cause = f" ({error})" if match is not None else ""
@@ -108,7 +108,7 @@ def parse_moment_s(text: str, now_s: float, zone: tzinfo) -> float:
     return at_s
 
 
-def _next(now: datetime, day: str | None, hour: int, minute: int) -> datetime:
+def _find_next(now: datetime, day: str | None, hour: int, minute: int) -> datetime:
     """Return the next occurrence of a local time, which daylight saving may repeat."""
     moment = now.replace(hour=hour, minute=minute, second=0, microsecond=0, fold=0)
     for _ in range(9):

@@ -205,11 +205,13 @@ class _Matching:
                 and kind.window.allows(plate)
                 and plate.requirements.matches(kind.capabilities)
             ):
-                names += [n for n in kind.names if grams <= _grams(inputs.fleet[n]) and self._may(plate, n)]
+                names += [
+                    n for n in kind.names if grams <= _grams(inputs.fleet[n]) and self._may_use(plate, n)
+                ]
         names.sort(key=self._rank.__getitem__)
         return names
 
-    def _may(self, plate: WaitingPlate, name: str) -> bool:
+    def _may_use(self, plate: WaitingPlate, name: str) -> bool:
         return name not in self._inputs.spare_printers or takes_spare(plate, self._inputs.fleet)
 
 

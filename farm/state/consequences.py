@@ -6,7 +6,7 @@ from farm.errors import ErrorCode
 from farm.model import Bed, Job, JobState, Outage, Plate, Print, Reopening
 from farm.state import events as ev
 from farm.state.books import Books, put, replace_fields
-from farm.state.outage import lost_together
+from farm.state.outage import find_common_losses
 from farm.state.plate_state import PlateState, charged_failures, derive_job_state, successful_print
 
 BY_A_PERSON = "cancelled by a person"
@@ -96,7 +96,7 @@ def end_job(books: Books, number: int, state: JobState, at_s: float, error: Erro
 def mark_printer_lost(books: Books, name: str, disconnected_at_s: float, at_s: float) -> Books:
     """Record the loss of a printer; several at once are an outage, whose failures do not count."""
     books = put(books, replace_fields(books.printer(name), disconnected_at_s=disconnected_at_s))
-    lost_names = lost_together(name, books.printers.values(), books.outage_window_s)
+    lost_names = find_common_losses(name, books.printers.values(), books.outage_window_s)
     if len(lost_names) < 2:
         return books
     outage = books.outage or Outage(id=len(books.outages) + 1, at_s=disconnected_at_s, printers=())

@@ -19,7 +19,7 @@ def outage_window_s(scale: float) -> float:
     return max(WINDOW_S, _LEAST_WALL_S * scale)
 
 
-def lost_together(name: str, printers: Iterable[Printer], window_s: float = WINDOW_S) -> tuple[str, ...]:
+def find_common_losses(name: str, printers: Iterable[Printer], window_s: float = WINDOW_S) -> tuple[str, ...]:
     """Find the printers that were lost together with this one, each within the window of another.
 
     Parameters

@@ -62,7 +62,7 @@ def _reconcile_unknown(attempt: Print, snapshot: AgentSnapshot, now_s: float) ->
     reason = attempt.cancel_reason or snapshot.reason or f"its printer is {snapshot.link}"
     # The start request may still be on its way: wait until the agent has the cancel request too.
     if not begun and not (
-        _is_gone(snapshot) or attempt.restored or snapshot.acknowledged_cancel == attempt.id
+        _has_no_agent(snapshot) or attempt.restored or snapshot.acknowledged_cancel == attempt.id
     ):
         if attempt.cancel_reason is None and snapshot.link in (Link.FAULT, Link.ABSENT):
             yield ev.PrintWithdrawn(at_s=now_s, print_id=attempt.id, reason=reason)
@@ -101,7 +101,7 @@ def refused_print_end(
     )
 
 
-def _is_gone(snapshot: AgentSnapshot) -> bool:
+def _has_no_agent(snapshot: AgentSnapshot) -> bool:
     """Return whether no agent remains that could start a print."""
     return snapshot.link is Link.ABSENT and snapshot.agent_pid is None
 
@@ -258,16 +258,16 @@ def find_plate(books: Books, printer: str, report: AgentPrint) -> Plate | None:
         for job in books.jobs.values()
         if job.planned_s is not None and job.planned_s <= report.started_s + CLOCKS_APART_S
         for plate in books.plates_of(job)
-        if plate.sha256 == report.sha256 and (_waits(books, plate) or _waited(books, plate))
+        if plate.sha256 == report.sha256 and (_is_waiting(books, plate) or _may_be_waiting(books, plate))
     ]
-    return min(candidates, key=lambda p: (not _waits(books, p), p.printer != printer), default=None)
+    return min(candidates, key=lambda p: (not _is_waiting(books, p), p.printer != printer), default=None)
 
 
-def _waits(books: Books, plate: Plate) -> bool:
+def _is_waiting(books: Books, plate: Plate) -> bool:
     return books.plate_state(plate) is PlateState.WAITING
 
 
-def _waited(books: Books, plate: Plate) -> bool:
+def _may_be_waiting(books: Books, plate: Plate) -> bool:
     """Return whether a plate may wait again: no agent has confirmed its open prints since the restore."""
     restored = [attempt.restored for attempt in books.prints_of(plate) if not attempt.state.ended]
     return books.plate_state(plate) is PlateState.PRINTING and all(restored)

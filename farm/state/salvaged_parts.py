@@ -10,8 +10,8 @@ from farm.state.consequences import Result, request_cancel, update_job_state
 from farm.state.plate_state import PlateState
 from farm.state.reels import subtract_grams
 
-_SOONEST = 0.8  # least share of the expected time in which a plate can be printed
-_WANTED = (PlateState.WAITING, PlateState.PRINTING, PlateState.OUT_OF_ATTEMPTS)
+_LEAST_TIME_SHARE = 0.8  # least share of the expected time in which a plate can be printed
+_UNPRINTED = (PlateState.WAITING, PlateState.PRINTING, PlateState.OUT_OF_ATTEMPTS)
 
 
 def part_name(books: Books, attempt: Print) -> str:
@@ -39,10 +39,10 @@ def possibly_whole_print(books: Books, printer: str) -> Print | None:
     if attempt.started_s is None or attempt.ended_s is None:
         return None
     plate = books.plates[attempt.plate]
-    soonest_s = _SOONEST * plate.sliced_s * books.printer(printer).time_factor
+    soonest_s = _LEAST_TIME_SHARE * plate.sliced_s * books.printer(printer).time_factor
     if attempt.ended_s - attempt.started_s < soonest_s:
         return None
-    is_missing = any(books.plate_state(plate) in _WANTED for plate in attempted_plates(books, attempt))
+    is_missing = any(books.plate_state(plate) in _UNPRINTED for plate in attempted_plates(books, attempt))
     return attempt if is_missing else None
 
 

@@ -10,7 +10,7 @@ from farm.state import Books, PlateState
 from farm.views.accounting import duration_s, is_wasted
 from farm.views.context import ViewContext
 
-_LEFT = (PlateState.WAITING, PlateState.PRINTING)
+_UNFINISHED = (PlateState.WAITING, PlateState.PRINTING)
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,7 +118,7 @@ def _utilisation(
     books: Books, job: Job, plates: Sequence[Plate], runs: Sequence[Run], makespan_s: float
 ) -> float | None:
     """Return the printing time of a job's plates over that of the printers used in each run."""
-    unfinished = [p for p in plates if books.plate_state(p) in _LEFT]
+    unfinished = [p for p in plates if books.plate_state(p) in _UNFINISHED]
     successes = [p for p in books.prints_of_job(job) if p.state is PrintState.DONE and not is_wasted(p)]
     busy_s = sum(map(duration_s, successes)) + sum(plate.expected_s for plate in unfinished)
     ended = [run for run in runs if not run.open]
@@ -137,7 +137,7 @@ def _growth_s(
     """Estimate the seconds that the runs will last longer: a new one begins when its first print starts."""
     if any(run.open for run in runs):
         return remaining_s
-    waiting = (p for p in plates if context.books.plate_state(p) in _LEFT)
+    waiting = (p for p in plates if context.books.plate_state(p) in _UNFINISHED)
     return min(remaining_s, sum(plate.expected_s for plate in waiting))
 
 

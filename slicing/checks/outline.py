@@ -218,12 +218,12 @@ def _compare(
     near = [sections.at(float(z_mm[layer]) + side, layer) for side in (-_PLANE_MM, _PLANE_MM)]
     printed = walls.printed(layer, shapely.union_all(near))
     tolerance_mm = TOLERANCE_MM + layout.slack_mm
-    extra = _worst(printed.difference(shapely.union_all(near).buffer(tolerance_mm)))
-    place = f"layer {layer} (Z {layout.top_mm(layer):.2f} mm)"
+    extra = _find_worst(printed.difference(shapely.union_all(near).buffer(tolerance_mm)))
+    at = f"layer {layer} (Z {layout.top_mm(layer):.2f} mm)"
     if extra is not None:
         raise SliceRejected(
             Rule.OUTLINE,
-            f"{place} prints {extra.area:.1f} mm2 outside of the model at {_at(extra)}; repair the mesh",
+            f"{at} prints {extra.area:.1f} mm2 outside of the model at {_locate(extra)}; repair the mesh",
         )
     certain = near[0].intersection(near[1])
     missing = certain.difference(printed.buffer(tolerance_mm))
@@ -231,11 +231,11 @@ def _compare(
         missing = missing.difference(walls.filling(layer, missing.bounds).buffer(tolerance_mm))
     two_lines_mm = float(layout.reach_mm(np.array([layer], np.int32))[0]) + 0.03
     thick = certain.buffer(-two_lines_mm).buffer(two_lines_mm)
-    lost_area = _worst(missing.intersection(thick))
+    lost_area = _find_worst(missing.intersection(thick))
     if lost_area is not None:
         raise SliceRejected(
             Rule.OUTLINE,
-            f"{place} leaves out {lost_area.area:.1f} mm2 of the model at {_at(lost_area)}; repair the mesh "
+            f"{at} leaves out {lost_area.area:.1f} mm2 of the model at {_locate(lost_area)}; repair the mesh "
             "there",
         )
     tolerance_area = printed.buffer(TIP_MM)
@@ -246,14 +246,14 @@ def _compare(
     ]
 
 
-def _worst(shape: Geometry) -> Geometry | None:
+def _find_worst(shape: Geometry) -> Geometry | None:
     """Find the largest piece that is more than a sliver; None where there is none."""
     core = shape.buffer(-TOLERANCE_MM / 2).buffer(TOLERANCE_MM / 2)
     pieces = [piece for piece in shapely.get_parts(core) if piece.area > MIN_REFUSED_MM2]
     return max(pieces, key=lambda piece: float(piece.area), default=None)
 
 
-def _at(shape: Geometry) -> str:
+def _locate(shape: Geometry) -> str:
     """Format a place in a shape."""
     middle = shape.representative_point()
     return f"X{middle.x:.1f} Y{middle.y:.1f} (from the bed's centre)"

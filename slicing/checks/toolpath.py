@@ -110,9 +110,9 @@ def read_toolpath(gcode: bytes) -> Toolpath:
     return Toolpath(
         before=before,
         after=after,
-        feed_mm_min=_filled(columns[ord("F")], 0.0),
-        layer=_stepped(_layers(notes), NO_LAYER, moves).astype(np.int32),
-        feature=_stepped(_types(notes, features), 0, moves).astype(np.uint8),
+        feed_mm_min=_fill_gaps(columns[ord("F")], 0.0),
+        layer=_expand_steps(_layers(notes), NO_LAYER, moves).astype(np.int32),
+        feature=_expand_steps(_types(notes, features), 0, moves).astype(np.uint8),
         features=features,
         notes=tuple(notes),
         commands=tuple(commands),
@@ -189,7 +189,7 @@ def _positions(columns: dict[int, Floats], commands: Iterable[Command]) -> tuple
             if relative or (relative_e and axis == 3):
                 after[done:stop, axis] = position[axis] + np.cumsum(np.nan_to_num(given))
             else:
-                after[done:stop, axis] = _filled(given, position[axis])
+                after[done:stop, axis] = _fill_gaps(given, position[axis])
             before[done, axis] = position[axis]
             before[done + 1 : stop, axis] = after[done : stop - 1, axis]
             position[axis] = float(after[stop - 1, axis])
@@ -212,14 +212,14 @@ def _positions(columns: dict[int, Floats], commands: Iterable[Command]) -> tuple
     return before, after
 
 
-def _filled(column: Floats, first: float) -> Floats:
+def _fill_gaps(column: Floats, first: float) -> Floats:
     """Replace each NaN by the number before it, or by `first` where there is none."""
     is_known = ~np.isnan(column)
     last = np.maximum.accumulate(np.where(is_known, np.arange(len(column)), -1)) if len(column) else is_known
     return np.where(last < 0, first, column[last])
 
 
-def _stepped(steps: list[tuple[int, int]], first: int, moves: int) -> npt.NDArray[np.int64]:
+def _expand_steps(steps: list[tuple[int, int]], first: int, moves: int) -> npt.NDArray[np.int64]:
     """Spread values (n,) that hold from a move on until the next step."""
     starts = [0, *(move for move, _ in steps), moves]
     return np.repeat(np.array([first, *(value for _, value in steps)], np.int64), np.diff(starts))

@@ -111,10 +111,10 @@ def accept_gcode(lines: Iterable[bytes], target: PrintTarget, *, stopwatch: Stop
         print_time_s=print_time_s,
         filament_mm=extent.filament_mm,
         layers=writer.layers,
-        min_mm=_three(extent.low),
-        max_mm=_three(extent.high),
-        reach_min_mm=_three(extent.reach_low),
-        reach_max_mm=_three(extent.reach_high),
+        min_mm=_to_point(extent.low),
+        max_mm=_to_point(extent.high),
+        reach_min_mm=_to_point(extent.reach_low),
+        reach_max_mm=_to_point(extent.reach_high),
         filament_type=survey.machine.filament_type,
         notices=_notices(survey.ulticode, interpreter.left_out) + warnings,
     )
@@ -181,5 +181,5 @@ def _notices(ulticode: bool, left_out: dict[str, str]) -> tuple[str, ...]:
     return tuple(lines)
 
 
-def _three(values: list[float]) -> tuple[float, float, float]:
+def _to_point(values: list[float]) -> tuple[float, float, float]:
     return (values[0], values[1], values[2])

@@ -9,7 +9,7 @@ CLIPS_MM = 10.0
 """[assumed] Height below which the head must keep off the bed's clips also on travels."""
 MOST_PRIMED_MM = 1.0
 """Most filament that slicers feed at one place, beyond what was drawn back."""
-_NOTHING_MM = 0.001
+_NEGLIGIBLE_MM = 0.001
 
 Corner = list[float]
 
@@ -52,7 +52,7 @@ class Extent:
         self._pushes += 1
         if fed_mm > MOST_PRIMED_MM:
             self._jumped_mm += fed_mm
-        elif fed_mm > _NOTHING_MM:
+        elif fed_mm > _NEGLIGIBLE_MM:
             self._primes += 1
             self._primed_mm += fed_mm
 
@@ -80,12 +80,12 @@ class Extent:
         self.filament_mm += self._fed_mm
         self._fed_mm = 0.0
         for point in self._moves:
-            _stretch(self.reach_low, self.reach_high, point)
+            _extend(self.reach_low, self.reach_high, point)
             if point[2] < CLIPS_MM:
-                _stretch(self.low, self.high, point[:2])
+                _extend(self.low, self.high, point[:2])
         self._moves.clear()
-        _stretch(self.low, self.high, old)
-        _stretch(self.low, self.high, target)
+        _extend(self.low, self.high, old)
+        _extend(self.low, self.high, target)
 
     @property
     def layer_mm(self) -> float:
@@ -98,7 +98,7 @@ class Extent:
         return 0.0
 
 
-def _stretch(low: Corner, high: Corner, point: Corner) -> None:
+def _extend(low: Corner, high: Corner, point: Corner) -> None:
     """Extend a bounding box to contain a point."""
     for axis, value in enumerate(point):
         if value < low[axis]:

@@ -33,9 +33,9 @@ class Objections:
     def add(self, reason: str) -> None:
         """Refuse the file as soon as something is printed after this line; a start script is not printed."""
         if self.printing:
-            self.first = self.first or self._located(reason)
+            self.first = self.first or self._add_line(reason)
             if not self._ended:
-                self._unexplained = self._unexplained or self._located(reason)
+                self._unexplained = self._unexplained or self._add_line(reason)
 
     def add_end(self, reason: str, *, ends_print: bool = False) -> None:
         """Refuse the file if something is printed after this line; an end script may contain it.
@@ -48,7 +48,7 @@ class Objections:
             Whether the line shows that the end script has begun.
         """
         if self.printing:
-            self.first = self.first or self._located(reason)
+            self.first = self.first or self._add_line(reason)
             self._ended = self._ended or ends_print
 
     def reject(self, reason: str) -> None:
@@ -59,7 +59,7 @@ class Objections:
 
     def refuse(self, reason: str) -> NoReturn:
         """Raise GcodeRefused with the number of the line."""
-        raise GcodeRefused(self._located(reason))
+        raise GcodeRefused(self._add_line(reason))
 
     def check_printed_line(self) -> None:
         """Raise GcodeRefused where a line is printed after a reason against it."""
@@ -91,5 +91,5 @@ class Objections:
                 "last line that is printed; export it once more, or copy it again"
             )
 
-    def _located(self, reason: str) -> str:
+    def _add_line(self, reason: str) -> str:
         return f"line {self.line}: {reason}"

@@ -134,7 +134,7 @@ def parse_value(setting: Setting, raw: Any) -> Any:
                 return int(number) if whole else number
             case SettingType.ENUM if text not in setting.options:
                 hint = suggest_names(text, setting.options) or f"; one of {', '.join(setting.options)}"
-                raise BadSetting(f"{setting.key}={_shown(text)}: not one of the options{hint}")
+                raise BadSetting(f"{setting.key}={_shorten(text)}: not one of the options{hint}")
             case SettingType.STR if any(ord(letter) < ord(" ") for letter in text.replace("\n", "")):
                 raise ValueError
             case kind if kind in _EXTRUDERS:
@@ -147,12 +147,12 @@ def parse_value(setting: Setting, raw: Any) -> Any:
                 return ast.literal_eval(text)
     except (KeyError, ValueError, SyntaxError, MemoryError, RecursionError):
         raise BadSetting(
-            f"{setting.key}={_shown(text)}: not a value of type {setting.type}; {_ALLOWED[setting.type]}"
+            f"{setting.key}={_shorten(text)}: not a value of type {setting.type}; {_ALLOWED[setting.type]}"
         ) from None
     return str(raw)
 
 
-def _shown(text: str) -> str:
+def _shorten(text: str) -> str:
     """Shorten a person's text to one line."""
     line = "".join(letter if letter.isprintable() else " " for letter in text)
     return line if len(line) <= _MOST_SHOWN else f"{line[:_MOST_SHOWN]}..."

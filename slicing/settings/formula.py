@@ -112,7 +112,7 @@ class _Evaluator:
             case ast.Constant(value=constant) if isinstance(constant, bool | int | float | str | None):
                 return constant
             case ast.Name(id=name):
-                return self._named(name)
+                return self._evaluate_name(name)
             case ast.Attribute(value=ast.Name(id="math"), attr=attribute) if attribute in _MATH:
                 return getattr(math, attribute)
             case ast.BinOp(left=left, op=op, right=right) if type(op) in _BINARY:
@@ -120,11 +120,11 @@ class _Evaluator:
             case ast.UnaryOp(op=op, operand=operand) if type(op) in _UNARY:
                 return _UNARY[type(op)](self.value(operand))
             case ast.BoolOp(op=op, values=parts):
-                return self._connected(isinstance(op, ast.Or), parts)
+                return self._evaluate_boolean(isinstance(op, ast.Or), parts)
             case ast.Compare(left=left, ops=ops, comparators=rights) if all(
                 type(op) in _COMPARE for op in ops
             ):
-                return self._compared(left, ops, rights)
+                return self._evaluate_comparison(left, ops, rights)
             case ast.IfExp(test=test, body=body, orelse=orelse):
                 return self.value(body if self.value(test) else orelse)
             case ast.List(elts=items):
@@ -132,10 +132,10 @@ class _Evaluator:
             case ast.Tuple(elts=items):
                 return tuple(self.value(item) for item in items)
             case ast.Call(func=function, args=arguments, keywords=[]):
-                return self._called(function, arguments)
+                return self._evaluate_call(function, arguments)
         raise DefinitionError(f"{ast.unparse(node)!r} is not allowed in a formula")
 
-    def _named(self, name: str) -> Any:
+    def _evaluate_name(self, name: str) -> Any:
         """Find a function or a setting by its name."""
         if name in self.functions:
             return self.functions[name]
@@ -146,7 +146,7 @@ class _Evaluator:
         except KeyError:
             raise DefinitionError(f"no setting is called {name!r}") from None
 
-    def _connected(self, is_or: bool, parts: list[ast.expr]) -> Any:
+    def _evaluate_boolean(self, is_or: bool, parts: list[ast.expr]) -> Any:
         """Compute ``a and b`` or ``a or b``: the first part that decides it, else the last."""
         result = self.value(parts[0])
         for part in parts[1:]:
@@ -155,7 +155,7 @@ class _Evaluator:
             result = self.value(part)
         return result
 
-    def _compared(self, left: ast.expr, ops: list[ast.cmpop], rights: list[ast.expr]) -> bool:
+    def _evaluate_comparison(self, left: ast.expr, ops: list[ast.cmpop], rights: list[ast.expr]) -> bool:
         """Compute a chain of comparisons, like ``a < b <= c``."""
         low = self.value(left)
         for op, right in zip(ops, rights, strict=True):
@@ -165,7 +165,7 @@ class _Evaluator:
             low = high
         return True
 
-    def _called(self, function: ast.expr, arguments: list[ast.expr]) -> Any:
+    def _evaluate_call(self, function: ast.expr, arguments: list[ast.expr]) -> Any:
         """Call a function that is allowed."""
         called = self.value(function)
         if not callable(called):

@@ -23,7 +23,7 @@ _PLACE = "this program places the part; leave it out"
 _FILE = "it names a file, which is not read; leave it out"
 _ONE_MESH = "it is for one mesh among several, and a plate has one; leave it out"
 _ONE_EXTRUDER = "it is for printers with several nozzles; leave it out"
-_ALONE = "a plate has one part; leave it out"
+_ONE_PART = "a plate has one part; leave it out"
 _SHAPE = "it does not print the part as it is; leave it out"
 _HEAT = "its temperatures are not checked; leave it out, and set material_print_temperature"
 _MOTION = "accelerations depend on the printer and the material; leave it out"
@@ -63,7 +63,7 @@ _RESERVED: Mapping[str, str] = {
     "extruder_nr": _ONE_EXTRUDER,
     "extruders_enabled_count": _ONE_EXTRUDER,
     "ooze_shield_enabled": _ONE_EXTRUDER,
-    "print_sequence": _ALONE,
+    "print_sequence": _ONE_PART,
     "mold_enabled": _SHAPE,
     "magic_spiralize": _SHAPE,
     "magic_mesh_surface_mode": _SHAPE,
@@ -141,7 +141,7 @@ def _check_value(resolver: Resolver, printer: PrinterModel, scope: Scope, key: s
         low, high = (-inf if least is None else least), (inf if greatest is None else greatest)
         if not low <= value <= high:
             ends = (("at least", low), ("at most", high))
-            allowed = ", ".join(f"{word} {_shown(end)}" for word, end in ends if isfinite(end))
+            allowed = ", ".join(f"{word} {_format_number(end)}" for word, end in ends if isfinite(end))
             yield Violation(scope, key, value, allowed, is_farm_limit)
 
 
@@ -171,5 +171,5 @@ def _farm_bounds(resolver: Resolver, printer: PrinterModel, key: str) -> tuple[f
     return None, None
 
 
-def _shown(number: float) -> str:
+def _format_number(number: float) -> str:
     return f"{number:.4g}"

@@ -38,7 +38,7 @@ _KEYS = {
     "no load move factor": "material_no_load_move_factor",
 }
 _GRAPH, _GRAPH_KEY = "processing temperature graph", "material_flow_temp_graph"
-_WORDS = {"yes": "True", "no": "False"}  # where the setting is one of Cura's
+_BOOLEANS = {"yes": "True", "no": "False"}  # where the setting is one of Cura's
 
 NO_SHRINKAGE = (1.0, 1.0)
 # Factors (XY, Z) by which parts are printed larger. Material files of Cura 4.13 and 5.0 give 100 % or none.
@@ -108,7 +108,7 @@ def read_material(root: ET.Element, name: str, product: str, hotend: str) -> Mat
                 values[_GRAPH_KEY] = str(_read_points(entry))
         for entry in section.findall(CURA_SETTING):
             text = (entry.text or "").strip()
-            values[entry.get("key", "")] = _WORDS.get(text.lower(), text)
+            values[entry.get("key", "")] = _BOOLEANS.get(text.lower(), text)
     if not compatible:
         raise BadSetting(
             f"material {name} is not for the {product} with the nozzle {hotend}; take another material or "

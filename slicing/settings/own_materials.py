@@ -22,7 +22,7 @@ _ROOT = f"{{{SPACE['m']}}}fdmmaterial"
 
 # Kinds of material whose profiles fit an own material of a kind for which Cura has none. [assumed]: they are
 # printed in much the same way; temperatures and cooling are those of the material's file.
-RELATIVES = {
+RELATED_NAMES = {
     "PETG": "CPE",
     "PET": "CPE",
     "PLA+": "PLA",

@@ -67,15 +67,15 @@ class Resolver:
         self._resolving: frozenset[str] = frozenset()  # keys whose `resolve` is being computed
         self._from = 0  # the first place of the look-up
         self._functions: dict[str, Callable[..., Any]] = {
-            "extruderValue": lambda _, key: self._own(Scope.EXTRUDER, key),
-            "extruderValues": lambda key: [self._own(Scope.EXTRUDER, key)],
+            "extruderValue": lambda _, key: self._own_value(Scope.EXTRUDER, key),
+            "extruderValues": lambda key: [self._own_value(Scope.EXTRUDER, key)],
             "resolveOrValue": lambda key: self.value(Scope.GLOBAL, key),
             "defaultExtruderPosition": lambda: "0",
             # Cura 5's:
             "anyExtruderWithMaterial": lambda _: "0",
             "anyExtruderNrWithOrDefault": lambda _: "0",
-            "valueFromContainer": lambda key, place: self._below(place, Scope.GLOBAL, key),
-            "extruderValueFromContainer": lambda _, key, place: self._below(place, Scope.EXTRUDER, key),
+            "valueFromContainer": lambda key, place: self._value_below(place, Scope.GLOBAL, key),
+            "extruderValueFromContainer": lambda _, key, place: self._value_below(place, Scope.EXTRUDER, key),
         }
 
     def setting(self, key: str) -> Setting:
@@ -111,7 +111,7 @@ class Resolver:
             Where a formula cannot be computed.
         """
         if scope is Scope.EXTRUDER:
-            return self._own(scope, key) if self.is_per_extruder(key) else self.value(Scope.GLOBAL, key)
+            return self._own_value(scope, key) if self.is_per_extruder(key) else self.value(Scope.GLOBAL, key)
         setting = self._definitions[Scope.GLOBAL].get(key)
         if setting is None:
             raise KeyError(key)
@@ -123,8 +123,8 @@ class Resolver:
             finally:
                 self._resolving = outer
         if self._is_limited(setting) and self.is_per_extruder(key):
-            return self._own(Scope.EXTRUDER, key)
-        return self._own(Scope.GLOBAL, key)
+            return self._own_value(Scope.EXTRUDER, key)
+        return self._own_value(Scope.GLOBAL, key)
 
     def bounds(self, scope: Scope, key: str) -> tuple[float | None, float | None]:
         """Compute the least and the greatest value of a key by its definition; None for no limit."""
@@ -162,7 +162,7 @@ class Resolver:
     def _is_user_set(self, key: str) -> bool:
         return any(key in layer for place, layer in self._layers[Scope.GLOBAL] if place is Place.USER)
 
-    def _raw(self, scope: Scope, key: str) -> Any:
+    def _raw_value(self, scope: Scope, key: str) -> Any:
         """Find the first value or formula on the way down a stack."""
         for place, layer in self._layers[scope]:
             if key in layer and place >= self._from:
@@ -171,10 +171,10 @@ class Resolver:
         if setting is not None:
             return setting.default if setting.value is None else setting.value
         if scope is Scope.EXTRUDER:
-            return self._raw(Scope.GLOBAL, key)
+            return self._raw_value(Scope.GLOBAL, key)
         raise KeyError(key)
 
-    def _below(self, place: int, scope: Scope, key: str) -> Any:
+    def _value_below(self, place: int, scope: Scope, key: str) -> Any:
         """Compute a value without the profiles above a place."""
         outer, self._from = self._from, place
         try:
@@ -182,9 +182,9 @@ class Resolver:
         finally:
             self._from = outer
 
-    def _own(self, scope: Scope, key: str) -> Any:
+    def _own_value(self, scope: Scope, key: str) -> Any:
         """Compute a stack's own value, its formula in that stack."""
-        raw = self._raw(scope, key)
+        raw = self._raw_value(scope, key)
         if not isinstance(raw, Formula):
             return raw
         step = (scope, key, self._resolving, self._from)

@@ -9,13 +9,13 @@ from slicing.errors import BadSetting, suggest_names
 from slicing.settings.definitions import parse_literal, parse_value
 from slicing.settings.formula import Formula
 from slicing.settings.material import Material, read_material
-from slicing.settings.own_materials import RELATIVES
+from slicing.settings.own_materials import RELATED_NAMES
 from slicing.settings.qualities import FARM_QUALITIES
 from slicing.settings.resolver import Layer, Place, Scope
 from slicing.settings.resources import Machine, Profile, Resources
 
 _GENERIC = ("generic_pla", "generic_pla_175")
-_MOST_APART_MM = 0.5
+_MOST_DEVIATION_MM = 0.5
 """Cura offers a material for a printer where both diameters round to the same millimetre."""
 
 
@@ -55,7 +55,9 @@ def find_stacks(
     shared, quality_profile = _qualities(machine, hotend, material, material_profile.kind, quality, resources)
 
     def layer(values: Mapping[str, str]) -> Layer:
-        return {key: _written(machine, key, text) for key, text in values.items() if _known(machine, key)}
+        return {
+            key: _convert_value(machine, key, text) for key, text in values.items() if _is_known(machine, key)
+        }
 
     extruder = {
         Place.QUALITY: layer(quality_profile.values),
@@ -69,7 +71,7 @@ def find_stacks(
     )
 
 
-def _known(machine: Machine, key: str) -> bool:
+def _is_known(machine: Machine, key: str) -> bool:
     return key in machine.settings or key in machine.extruder
 
 
@@ -84,7 +86,7 @@ def _check_values(machine: Machine, material: Material, name: str) -> None:
                 raise BadSetting(f"material {name}: {error}") from error
 
 
-def _written(machine: Machine, key: str, text: str) -> object:
+def _convert_value(machine: Machine, key: str, text: str) -> object:
     """Read a profile's value: a formula where it starts with an equals sign."""
     if text.startswith("="):
         return Formula(text[1:])
@@ -121,7 +123,7 @@ def _material(machine: Machine, hotend: str, name: str, resources: Resources) ->
     if name in resources.own_material_names():
         _check_values(machine, material, name)
     diameter_mm = float(material.values.get("material_diameter", machine.diameter_mm))
-    if abs(diameter_mm - machine.diameter_mm) > _MOST_APART_MM:
+    if abs(diameter_mm - machine.diameter_mm) > _MOST_DEVIATION_MM:
         raise BadSetting(
             f"material {name} has a diameter of {diameter_mm:g} mm; the {machine.name} needs "
             f"{machine.diameter_mm:g} mm"
@@ -139,7 +141,9 @@ def _qualities(
     if machine.has_materials:
         fitting = [p for p in profiles if p.metadata.get("variant") == hotend]
         matching = [p for p in fitting if p.metadata.get("material") == material]
-        kinds = [kind, RELATIVES.get(kind, kind)] if material in resources.own_material_names() else [kind]
+        kinds = (
+            [kind, RELATED_NAMES.get(kind, kind)] if material in resources.own_material_names() else [kind]
+        )
         for material_kind in kinds:
             matching = matching or [
                 p for p in fitting if _is_kind(p.metadata.get("material"), material_kind, resources)

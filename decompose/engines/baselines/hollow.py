@@ -14,7 +14,7 @@ from decompose.pieces import box_planes
 Block = tuple[int, int, int, int, int, int]  # x0, y0, z0, x1, y1, z1 in cells, half-open
 
 REACH = 2.0  # greatest growth of a cube on each side, as a multiple of a cell's longest side
-CLOSE_MM = 0.2  # accuracy of the cube's size
+ACCURACY_MM = 0.2  # accuracy of the cube's size
 MARGIN_MM = 0.01  # margin above the least wall, since distances are rounded
 ROUNDS = 2  # rounds of growth in every direction
 
@@ -120,10 +120,10 @@ def refine_cube(solid: Solid, cube_mm: Floats, cell_mm: float, wall_mm: float) -
     rounds, after which hardly any larger cube that contains it keeps the wall; by `REACH` cells at most. The
     given cube has to keep the wall.
     """
-    reach_mm, wall_mm = REACH * cell_mm, max(wall_mm, CLOSE_MM) + MARGIN_MM
+    reach_mm, wall_mm = REACH * cell_mm, max(wall_mm, ACCURACY_MM) + MARGIN_MM
     middle, half = cube_mm.mean(axis=0), np.ptp(cube_mm, axis=0).min() / 2.0
     least, most = cube_mm[0] - reach_mm, cube_mm[1] + reach_mm
-    far_mm = wall_mm + CLOSE_MM
+    far_mm = wall_mm + ACCURACY_MM
     outside = Solid.box(least - far_mm, most + far_mm).subtract(solid)
     cube = np.array([middle - half, middle + half])
     directions: Floats = np.array(
@@ -141,11 +141,11 @@ def refine_cube(solid: Solid, cube_mm: Floats, cell_mm: float, wall_mm: float) -
         for direction in directions:
             share, room = np.array([direction, 1.0 - direction]), np.array([cube[0] - least, most - cube[1]])
             low, high = 0.0, float((room[share > 0.0] / share[share > 0.0]).min())
-            while high - low > CLOSE_MM:
+            while high - low > ACCURACY_MM:
                 by_mm = (low + high) / 2.0
                 low, high = (by_mm, high) if keeps_wall(grow(direction, by_mm)) else (low, by_mm)
             cube = grow(direction, low)
-        if cube[1, 0] - cube[0, 0] < before_mm + CLOSE_MM:
+        if cube[1, 0] - cube[0, 0] < before_mm + ACCURACY_MM:
             break
     return cube
 
@@ -160,7 +160,9 @@ def planes_at(solid: Solid, grid: Grid, cube_mm: Floats) -> tuple[tuple[Floats, 
     planes, cells = [], []
     for axis, sides in enumerate(cube_mm.T.tolist()):
         positions, flats = grid.planes[axis].copy(), flat_coordinates(vertices[faces], axis)
-        low, high = (_clear(flats, at, by) for at, by in zip(sides, (inwards_mm, -inwards_mm), strict=True))
+        low, high = (
+            _find_clear_place(flats, at, by) for at, by in zip(sides, (inwards_mm, -inwards_mm), strict=True)
+        )
         first = 1 + int(np.abs(positions[1:-2] - low).argmin())
         last = first + 1 + int(np.abs(positions[first + 1 : -1] - high).argmin())
         positions[first], positions[last] = low, high
@@ -170,7 +172,7 @@ def planes_at(solid: Solid, grid: Grid, cube_mm: Floats) -> tuple[tuple[Floats, 
     return (planes[0], planes[1], planes[2]), (x0, y0, z0, x1, y1, z1)
 
 
-def _clear(flats_mm: Floats, at_mm: float, by_mm: float) -> float:
+def _find_clear_place(flats_mm: Floats, at_mm: float, by_mm: float) -> float:
     """Find the nearest place within reach that is clear of all flat faces, or the furthest from any."""
     places = np.linspace(at_mm, at_mm + by_mm, 41)
     gaps = np.abs(places[:, None] - flats_mm[None]).min(axis=1, initial=np.inf)

@@ -31,7 +31,7 @@ from decompose.problem.fitting import (
     refuse_misfits,
 )
 
-LOOK_AHEAD = 3  # depth of the tree of cuts
+TREE_DEPTH = 3  # depth of the tree of cuts
 DRAWN_PLANES = 5  # greatest number of planes that are kept from a draw for a part
 GOOD_PLANES = 3
 REFINING_SAMPLES = 25  # normals a round
@@ -93,7 +93,7 @@ def cut_by_symmetry(problem: Problem) -> Partition:
             f"the printers' rooms need at least {uncut_part.needs} parts, and there are {printers} printers",
             uncut_part.needs,
         )
-    parts = list(_best_leaves(form, uncut_part, printers, LOOK_AHEAD)[printers][1])
+    parts = list(_best_leaves(form, uncut_part, printers, TREE_DEPTH)[printers][1])
     problem.on_stage("tree")
     parts = form.cut_further(parts)
     problem.on_stage("greedy")

@@ -32,9 +32,9 @@ Cut = Mapping[Box, Sequence[Piece]]
 MAX_SUMS = 4e8  # of the search for classes, over all boxes: some seconds for each limit
 MAX_ROUNDS, MAX_REJECTIONS = 4, 20  # number of rounds of true prices, and of rejected partitions
 GAIN = 0.995  # share of the makespan so far that a partition has to reach to be worth its search
-CLOSE = 0.003  # share of it to which the least makespan is found
+TOLERANCE = 0.003  # share of it to which the least makespan is found
 MAX_MORE = 32  # greatest number of printers that are added to a class where there are too few
-WORTH = 1.01  # as in `exact_search`
+RETRY_RATIO = 1.01  # as in `exact_search`
 
 
 def cut_by_guillotine(problem: Problem) -> Partition:
@@ -115,7 +115,7 @@ class _ClassSearch(ExactSearch):
     def run(self, below_s: float) -> list[Cut]:  # type: ignore[override]
         """Search for partitions that truly end sooner than a time, the soonest last; none for one class."""
         cuts: list[Cut] = []
-        close_s = CLOSE * (below_s if math.isfinite(below_s) else self.least_s)
+        close_s = TOLERANCE * (below_s if math.isfinite(below_s) else self.least_s)
         if len(self.classes) == 1 or not self._may_succeed(GAIN * below_s, close_s):
             return cuts
         rounds = 0
@@ -134,9 +134,9 @@ class _ClassSearch(ExactSearch):
             ends_s = _ends_s(self.problem, cut)
             if ends_s < below_s:
                 cuts, below_s = [cut], ends_s
-            if ends_s <= WORTH * limit_s:
+            if ends_s <= RETRY_RATIO * limit_s:
                 break
-            self._learn(cut)
+            self._record_prices(cut)
         return cuts
 
     def _may_succeed(self, at_most_s: float, close_s: float) -> bool:
@@ -173,7 +173,7 @@ class _ClassSearch(ExactSearch):
         ]
         return np.array(columns).T
 
-    def _learn(self, cut: Cut) -> None:
+    def _record_prices(self, cut: Cut) -> None:
         """Put the true prices of pieces into the tables of all printers with that room."""
         for box, pieces in cut.items():
             at = box_index(box, self.boxes.shape)

@@ -18,8 +18,8 @@ from decompose.arrays import Bools, Ints
 from decompose.engines.guillotine.partitioner import OtherClass, Partitioner
 from decompose.grid import BoxTables
 
-CLOSE = 0.005  # share of a makespan to which it is known
-AT_ONCE = 2  # solves in parallel; a fixed number, so that the result does not depend on the machine
+TOLERANCE = 0.005  # share of a makespan to which it is known
+PARALLEL_SOLVES = 2  # solves in parallel; a fixed number, so that the result does not depend on the machine
 CLEAR_S = 120.0
 """A person's time to take a part off a bed and to clear the bed, an estimate."""
 ASSEMBLE_S = 216.0
@@ -71,9 +71,9 @@ class _Narrowing:
         reached = np.isfinite(self.reached_s)
         gaps: dict[tuple[float, float], float] = {}
         for low, high in zip(self.refuted_s[reached].tolist(), self.reached_s[reached].tolist(), strict=True):
-            if high - low > CLOSE * high:
+            if high - low > TOLERANCE * high:
                 gaps[low, high] = (high - low) / high
-        widest = sorted(gaps, key=lambda gap: (-gaps[gap], gap))[:AT_ONCE]
+        widest = sorted(gaps, key=lambda gap: (-gaps[gap], gap))[:PARALLEL_SOLVES]
         return [(low + high) / 2.0 for low, high in widest]
 
 
@@ -82,7 +82,7 @@ def makespan_curve(
 ) -> tuple[CurvePoint, ...]:
     """Compute the least makespan of guillotine partitions for some fleets.
 
-    Each is accurate to `CLOSE`; fleets too small for any partition are left out.
+    Each is accurate to `TOLERANCE`; fleets too small for any partition are left out.
 
     Parameters
     ----------

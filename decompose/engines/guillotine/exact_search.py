@@ -24,7 +24,7 @@ from decompose.problem import Partition, Problem, Work
 
 MAX_ROUNDS = 8  # of true prices for the chosen boxes, and a new choice
 MAX_REJECTIONS = 40  # choices given up for a sliver or a weak joint
-WORTH = 1.01  # a true makespan of more than this share of the tables' is worth another round
+RETRY_RATIO = 1.01  # a true makespan of more than this share of the tables' is worth another round
 LOOSER = (0.1, 0.25, 0.4)  # of the way to the least makespan of one printer less
 LOOSEST = 1.06  # of the least makespan, where there is none for one printer less
 CLOSE_RATIO = 1.03  # of the makespan to beat: a result that ends later is not improved further
@@ -104,7 +104,7 @@ class ExactSearch:
             longest_s = self._true_makespan_s(boxes)
             if longest_s < best_s:
                 best, best_s = boxes, longest_s
-            if longest_s <= WORTH * makespan_s or rounds == MAX_ROUNDS or effort.is_spent():
+            if longest_s <= RETRY_RATIO * makespan_s or rounds == MAX_ROUNDS or effort.is_spent():
                 break
         return {box: self.cut[box] for box in self._improve(best)}
 
@@ -147,7 +147,7 @@ class ExactSearch:
                 continue
             longest_s = self._true_makespan_s(boxes)
             best = boxes if math.isfinite(longest_s) else best
-            if longest_s <= WORTH * limit_s or self.problem.effort.is_spent():
+            if longest_s <= RETRY_RATIO * limit_s or self.problem.effort.is_spent():
                 break
         return best
 

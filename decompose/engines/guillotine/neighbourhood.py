@@ -25,12 +25,12 @@ from decompose.jit import jit
 from decompose.problem import Effort, Work
 
 MAX_WINDOWS = 200  # solved in one search
-MAX_TOGETHER = 5  # boxes in a window
-MAX_ABOUT = 10  # neighbours of a box in its windows, the quickest first
+MAX_BOXES_IN_WINDOW = 5  # boxes in a window
+MAX_NEIGHBOURS = 10  # neighbours of a box in its windows, the quickest first
 MAX_EACH = 24  # windows about one box, those with the most slack first
 MAX_BOXES = 150_000  # boxes of all sizes in a window: larger windows take too long
-WORTH = 0.999  # a window has to end sooner than this share of its time
-CLOSE = 0.002  # share of the time to which the least makespan is found
+MAX_TIME_RATIO = 0.999  # a window has to end sooner than this share of its time
+TOLERANCE = 0.002  # share of the time to which the least makespan is found
 
 Pinwheel = tuple[int, int, int, int, int, int]  # axis that it is extruded along, mirrored, p1, p2, q1, q2
 
@@ -282,7 +282,7 @@ class Window:
         if self.fewest_parts(high) > parts:
             return None
         best, low = self.chosen_boxes(), least_s
-        while high - low > CLOSE * high:
+        while high - low > TOLERANCE * high:
             middle = (low + high) / 2.0
             if self.fewest_parts(middle) <= parts:
                 best, high = self.chosen_boxes(), middle
@@ -324,7 +324,7 @@ def improve_locally(
         times = [_seconds(boxes, box) for box in group]
         window = Window(boxes, group, remaining)
         replacement = window.solve(
-            _pieces(boxes, group) + spare, WORTH * max(times), 0.5 * float(np.mean(times))
+            _pieces(boxes, group) + spare, MAX_TIME_RATIO * max(times), 0.5 * float(np.mean(times))
         )
         effort.record(Work.BOX_PRICED, window.boxes)
         effort.record(Work.SUM, window.sums)
@@ -359,9 +359,9 @@ def _groups(boxes: BoxTables, parts: list[Box]) -> Iterator[frozenset[Box]]:
         neighbours = [
             i for i in np.flatnonzero(gap <= 0).tolist() if i != centre and seconds[i] < seconds[centre]
         ]
-        neighbours = sorted(neighbours, key=lambda i: seconds[i])[:MAX_ABOUT]
+        neighbours = sorted(neighbours, key=lambda i: seconds[i])[:MAX_NEIGHBOURS]
         groups = []
-        for extra in range(MAX_TOGETHER):
+        for extra in range(MAX_BOXES_IN_WINDOW):
             for boxes_outside in combinations(neighbours, extra):
                 group = [int(centre), *boxes_outside]
                 sides = ends[group, 3:].max(axis=0) - ends[group, :3].min(axis=0)

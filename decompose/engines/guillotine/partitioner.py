@@ -135,19 +135,19 @@ class Partitioner:
         stack = [(within or self._root, len(self._states) - 1)]
         while stack:
             whole, state = stack.pop()
-            box = self._tight(whole)
+            box = self._trim(whole)
             if box is None:
                 continue
-            if self._worth(box, state) == self._uncut(box, state):
+            if self._value_of(box, state) == self._value_uncut(box, state):
                 chosen.append(box)
             else:
                 stack.extend(self._cut(box, state))
         return chosen
 
-    def _worth(self, box: Box, state: int) -> int:
+    def _value_of(self, box: Box, state: int) -> int:
         return int(self._value[state * len(self.boxes.seconds) + box_index(box, self.boxes.shape)])
 
-    def _uncut(self, box: Box, state: int) -> int:
+    def _value_uncut(self, box: Box, state: int) -> int:
         """Compute the value of a box as one part."""
         at = box_index(box, self.boxes.shape)
         value = np.empty(1, self._value.dtype)
@@ -156,7 +156,7 @@ class Partitioner:
 
     def _cut(self, box: Box, state: int) -> tuple[tuple[Box, int], tuple[Box, int]]:
         """Find the first cut that reaches the value of a box: its far and near side, with their states."""
-        value = self._worth(box, state)
+        value = self._value_of(box, state)
         shares = self._sums[self._sums[:, 0] == state, 1:].tolist()
         for axis in range(3):
             for plane in range(box[axis] + 1, box[axis + 3]):
@@ -164,11 +164,11 @@ class Partitioner:
                 lower[axis + 3] = upper[axis] = plane
                 far, near = _box(upper), _box(lower)
                 for a, b in shares:
-                    if self._worth(near, a) + self._worth(far, b) == value:
+                    if self._value_of(near, a) + self._value_of(far, b) == value:
                         return (far, b), (near, a)
         raise LookupError(f"no solution for {box}: nothing reaches it at this limit")
 
-    def _tight(self, box: Box) -> Box | None:
+    def _trim(self, box: Box) -> Box | None:
         at = int(self.boxes.trimmed[box_index(box, self.boxes.shape)])
         return None if at < 0 else box_at(at, self.boxes.shape)
 

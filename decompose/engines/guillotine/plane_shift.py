@@ -53,12 +53,12 @@ Face = tuple[int, ...]  # of a box: its side, 0 or 1, and its axis
 PROBE_MM = 3.0  # move of a face inwards to measure the time that it saves
 REACH = 0.9  # share of a cell that a plane may move by in all
 FIRST_STEP = 0.5  # share of that
-TRY_MM = 0.4  # a group that cannot move so far alone never moves
+TRIAL_MM = 0.4  # a group that cannot move so far alone never moves
 ROUNDS, ROUNDS_EACH = 4, 8
 SHORTER = 0.6  # factor on the next step, where one was no gain
 NOISE_MM = 2.0  # moves shorter than this show little: supports, and so times, change by jumps
-WORTH = 0.0015  # share of the makespan that a step has to promise
-WORTH_MORE = 0.003  # share that a search has to gain, so that another one starts from its result
+MIN_GAIN = 0.0015  # share of the makespan that a step has to promise
+MIN_TOTAL_GAIN = 0.003  # share that a search has to gain, so that another one starts from its result
 PLANE_DIGITS = 6  # of a plane that moved, in mm
 UNMOVED_MM = 0.02
 MAX_COVERED = 20_000_000  # fine cells times boxes in the test of the covering
@@ -119,7 +119,7 @@ def shift_box_planes(
         before = search.pose_start()
         parts = search.run(before)
         gained = math.isfinite(longest_s(parts)) and (
-            longest_s(parts) <= (1.0 - WORTH_MORE) * longest_s(before)
+            longest_s(parts) <= (1.0 - MIN_TOTAL_GAIN) * longest_s(before)
         )
         if not (gained and problem.thorough) or problem.effort.is_spent():
             return [piece for part in parts for piece in part.pieces]
@@ -146,7 +146,7 @@ class _PlaneShift:
             for box, inside in zip(boxes_mm, pieces, strict=True)
         ]
         self.groups = group_faces(self.start_mm)
-        self.free = free_directions(self.start_mm, self.groups, self.cells, TRY_MM)
+        self.free = free_directions(self.start_mm, self.groups, self.cells, TRIAL_MM)
         self.axes = np.zeros(len(self.free), dtype=np.int64)
         self.axes[self.groups[self.groups >= 0]] = np.argwhere(self.groups >= 0)[:, 2]
         self.reach_mm = (REACH * cell_mm)[self.axes]
@@ -181,7 +181,7 @@ class _PlaneShift:
             else:
                 gain = 1.0 - longest_s(new) / longest_s(best)
                 best = new
-                if gain < WORTH:
+                if gain < MIN_GAIN:
                     break
         return best
 
@@ -200,7 +200,7 @@ class _PlaneShift:
         step_mm = FIRST_STEP * self.reach_mm
         for _ in range(ROUNDS_EACH):
             boxes, promised_s = self._step(parts, slopes, step_mm)
-            if promised_s > (1.0 - WORTH) * longest_s(parts):
+            if promised_s > (1.0 - MIN_GAIN) * longest_s(parts):
                 break
             if not self.cells.is_partition(boxes):
                 step_mm *= SHORTER
@@ -253,8 +253,8 @@ class _PlaneShift:
         A plane that a flat face stops short of its best place stays there, and the others are solved again.
         """
         now = np.array([part.box_mm for part in parts])
-        places = self._places(now)
-        at = places - self._places(self.start_mm)
+        places = self._measure_places(now)
+        at = places - self._measure_places(self.start_mm)
         low_mm = np.minimum(np.where(self.free[:, 0], np.maximum(-step_mm, -self.reach_mm - at), 0.0), 0.0)
         high_mm = np.maximum(np.where(self.free[:, 1], np.minimum(step_mm, self.reach_mm - at), 0.0), 0.0)
         longer_mm = np.array([spare_length_mm(part.size_mm, self._rooms(part)) for part in parts])
@@ -268,14 +268,14 @@ class _PlaneShift:
                 break
             promised_s = least_s
             boxes_mm = self._keep_clear(now, move_groups(now, self.groups, by_mm))
-            moved_mm = self._places(boxes_mm) - places
+            moved_mm = self._measure_places(boxes_mm) - places
             moved_planes = np.abs(moved_mm - by_mm) > UNMOVED_MM
             if not moved_planes.any():
                 break
             low_mm[moved_planes] = high_mm[moved_planes] = moved_mm[moved_planes]
         return boxes_mm, promised_s
 
-    def _places(self, boxes_mm: Floats) -> Floats:
+    def _measure_places(self, boxes_mm: Floats) -> Floats:
         """Find the coordinate (groups,) of each group."""
         places = np.zeros(len(self.free))
         places[self.groups[self.groups >= 0]] = boxes_mm[self.groups >= 0]
@@ -283,7 +283,7 @@ class _PlaneShift:
 
     def _keep_clear(self, now: Floats, boxes_mm: Floats) -> Floats:
         """Stop every plane short of flat faces, and leave it where it would hardly move."""
-        old, new = self._places(now), self._places(boxes_mm)
+        old, new = self._measure_places(now), self._measure_places(boxes_mm)
         for group in range(len(old)):
             if abs(new[group] - old[group]) < UNMOVED_MM:
                 new[group] = old[group]

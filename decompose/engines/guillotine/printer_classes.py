@@ -15,8 +15,8 @@ from decompose.printers import PrinterRoom
 
 Room = tuple[tuple[float, float, float], ...]
 
-LITTLE = 0.003  # share of the throughput of all printers that may be lost when two classes become one
-ROOM_WORTH = 0.05  # value of a printer's larger room, as a share of the printer's throughput
+MAX_LOSS_SHARE = 0.003  # share of the throughput of all printers that may be lost when two classes become one
+ROOM_VALUE = 0.05  # value of a printer's larger room, as a share of the printer's throughput
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +61,7 @@ def classify_printers(printers: Sequence[PrinterRoom], most_sums: float) -> list
     for printer in printers:
         by_room.setdefault((printer.boxes, printer.time_factor), []).append(printer)
     classes = [PrinterClass(*key, tuple(by_room[key])) for key in sorted(by_room)]
-    limit = LITTLE * sum(member.throughput for member in classes)
+    limit = MAX_LOSS_SHARE * sum(member.throughput for member in classes)
     while len(classes) > 1:
         loss, a, b = min(
             (_lost_throughput(a, b), i, k) for (i, a), (k, b) in combinations(enumerate(classes), 2)
@@ -82,7 +82,7 @@ def _lost_throughput(a: PrinterClass, b: PrinterClass) -> float:
     """Compute the throughput that two classes lose when they become one."""
     merged = _merge(a, b)
     rooms = sum(one.throughput for one in (a, b) if one.boxes != merged.boxes)
-    return a.throughput + b.throughput - merged.throughput + ROOM_WORTH * rooms
+    return a.throughput + b.throughput - merged.throughput + ROOM_VALUE * rooms
 
 
 def _merge(a: PrinterClass, b: PrinterClass) -> PrinterClass:

@@ -142,7 +142,7 @@ class Listener(ABC):
     def _accept(self, line: bytes) -> None:
         """Check number and checksum, and buffer the line or refuse it."""
         if self._faults_on_lines:
-            if self._dice.swallows():
+            if self._dice.swallows_ok():
                 return
             line = self._dice.disturb(line)
         line = line.partition(b"\0")[0]
@@ -159,7 +159,7 @@ class Listener(ABC):
             if int(value(line, b"*") or 0.0) != checksum(line[:star]):
                 self._refuse(wording.CHECKSUM)
                 return
-            if (n == self._stuck_number or self._dice.refuses()) and b"M110" not in line:
+            if (n == self._stuck_number or self._dice.refuses_line()) and b"M110" not in line:
                 self._refuse(wording.CHECKSUM)
                 return
             self._last_number = n

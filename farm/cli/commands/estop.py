@@ -148,7 +148,7 @@ def find_targets(places: Places) -> tuple[dict[str, Stop], FleetFileError | None
     from drivers.safety import StopTarget, list_targets
 
     agents = list_targets(places.state.root / "agents")
-    targets: dict[str, Stop] = {name: _stop_here(target) for name, target in agents.items()}
+    targets: dict[str, Stop] = {name: _stop_local(target) for name, target in agents.items()}
     try:
         fleet = load_fleet(places.fleet, frozenset(PROFILES))
     except FleetFileError as error:
@@ -158,21 +158,21 @@ def find_targets(places: Places) -> tuple[dict[str, Stop], FleetFileError | None
         if section.host is not None:
             start = StartFile(name, section.model, section.port, power_off_cmd=relay)
             remote = (section.host, section.host_command, fleet.fleet.name)
-            targets[name] = _stop_there(*remote, start)
+            targets[name] = _stop_remote(*remote, start)
         elif section.enabled and name not in targets:
             folder, firmware = places.state.agent(name), firmware_of(section.model)
             target = StopTarget(name, section.port, folder, firmware, relay)
-            targets[name] = _stop_here(target)
+            targets[name] = _stop_local(target)
     return targets, None
 
 
-def _stop_here(target: StopTarget) -> Stop:
+def _stop_local(target: StopTarget) -> Stop:
     from drivers.safety import stop_printer
 
     return lambda notify: stop_printer(target, notify=notify)
 
 
-def _stop_there(host: str, command: str, farm: str, start: StartFile) -> Stop:
+def _stop_remote(host: str, command: str, farm: str, start: StartFile) -> Stop:
     from drivers.remote import stop_over_ssh  # slow to load, and most printers are on this host
 
     return lambda _: stop_over_ssh(host, command, farm, start)

@@ -34,7 +34,7 @@ def discover(
     json: Json = False,
 ) -> None:
     """List the plugged-in serial ports and their printers, without opening any of them."""
-    sections = _printers(places)
+    sections = _load_printers(places)
     if commission is not None:
         _commission(places, sections, commission, yes)
         return
@@ -69,7 +69,7 @@ def discover(
         )
 
 
-def _printers(places: Places) -> tuple[PrinterSection, ...]:
+def _load_printers(places: Places) -> tuple[PrinterSection, ...]:
     """List the printers of the fleet file; none if there is no file yet."""
     if not places.fleet.exists():
         return ()

@@ -26,7 +26,7 @@ def format_filament(
     grams: float, length_mm: float, price: float | None = None, currency: str | None = None
 ) -> str:
     """Format an amount of filament, with its price if that is known."""
-    parts = [f"{_short(grams)} g", f"{_short(length_mm / 1000)} m"]
+    parts = [f"{_format_amount(grams)} g", f"{_format_amount(length_mm / 1000)} m"]
     if price is not None:
         parts.append(f"{price:.2f} {currency}" if currency else f"price {price:.2f}")
     return ", ".join(parts)
@@ -59,7 +59,7 @@ def format_cached(plates: int) -> str:
     return f"{format_count(plates, 'plate')} from the cache"
 
 
-def _short(amount: float) -> str:
+def _format_amount(amount: float) -> str:
     decimals = 0 if amount >= 100 else 1 if amount >= 1 else 2
     return f"{amount:.{decimals}f}"
 

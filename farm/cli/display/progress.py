@@ -117,24 +117,26 @@ class ProgressLines:
         if view.waits_for_person:
             holds = [view.hold, *(plate.hold for plate in view.plates)]
             for text in sorted({hold.text for hold in holds if hold is not None}):
-                self._say(f"waits for you: {text}", loud=True)
+                self._print_once(f"waits for you: {text}", loud=True)
         elif view.hold is not None and view.state == JobState.QUEUED:
-            self._say(f"waits: {view.hold.text}")
+            self._print_once(f"waits: {view.hold.text}")
         if view.progress is not None:
-            self._say(_format_step(view.progress))
+            self._print_once(_format_step(view.progress))
         if view.estimated_s is not None:
             amount = format_filament(view.grams or 0.0, view.filament_mm or 0.0, view.price, view.currency)
             parts = format_count(len(view.parts), "part")
             cached = sum(plate.cached for plate in view.plates)
             sliced = f"; {format_cached(cached)}" if cached else ""
-            self._say(f"planned: {parts}, expected {format_duration(view.estimated_s)}, {amount}{sliced}")
+            self._print_once(
+                f"planned: {parts}, expected {format_duration(view.estimated_s)}, {amount}{sliced}"
+            )
         if view.printed:
-            self._say(f"printed {view.printed} of {len(view.plates)} parts")
+            self._print_once(f"printed {view.printed} of {len(view.plates)} parts")
         for attempt in view.prints:
             if attempt.state == PrintState.FAILED:
-                self._say(f"{attempt.part} failed on {attempt.printer}: {attempt.reason}")
+                self._print_once(f"{attempt.part} failed on {attempt.printer}: {attempt.reason}")
 
-    def _say(self, line: str, loud: bool = False) -> None:
+    def _print_once(self, line: str, loud: bool = False) -> None:
         if line not in self._said and (loud or not self._quiet):
             self._said.add(line)
             self._screen.print(f"  {line}")

@@ -36,7 +36,7 @@ _IDENTITY = (1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.
 _REACH_MM = 10.0  # bed travel beyond the build height, for a final Z hop
 _SLACK_MM = 0.05
 _SAME_MATERIAL = {"PET": "PETG", "CPE": "PETG", "PA": "NYLON", "FLEX": "TPU"}
-_APART_C = 30.0  # temperatures of brands of one material differ by less
+_DEVIATION_C = 30.0  # temperatures of brands of one material differ by less
 
 
 def is_gcode(name: str) -> bool:
@@ -199,7 +199,7 @@ def _list_notices(accepted: AcceptedGcode, section: PrinterSection) -> tuple[str
             f"{section.material} ({kind})."
         )
     usual_c = _resolve_material(section).nozzle_c
-    if abs(accepted.nozzle_c - usual_c) > _APART_C:
+    if abs(accepted.nozzle_c - usual_c) > _DEVIATION_C:
         notices.append(
             f"Warning: it heats the nozzle to {accepted.nozzle_c:g} C, and {section.material} on "
             f"{section.name} usually has {usual_c:g} C: was it sliced for another material?"

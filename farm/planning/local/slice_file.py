@@ -26,7 +26,7 @@ from slicing.plate import PlateResult
 from slicing.settings import EngineSettings, SettingsRequest, find_engine, find_resources, resolve_settings
 
 OnStep = Callable[[str], None]
-_SPARE = 0.99  # share of the largest size, as the suggested figures are rounded
+_MARGIN = 0.99  # share of the largest size, as the suggested figures are rounded
 
 
 def default_cache(env: Mapping[str, str] = os.environ) -> Path | None:
@@ -201,7 +201,7 @@ def _suggest_size(
     if not shares:
         return "its brim leaves no room on that bed; make the brim narrower (--set brim_width=4)"
     share, largest_mm = max(shares)
-    share *= _SPARE
+    share *= _MARGIN
     return (
         f"there is room for {_format_size(largest_mm)} mm beside the brim; `farm decompose` cuts it into "
         f"parts, or make it smaller with --scale {scale * share:.3g} or "

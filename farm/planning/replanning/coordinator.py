@@ -28,7 +28,7 @@ from farm.state import events as ev
 log = logging.getLogger(__name__)
 
 _SEARCH_S = 10.0  # wall seconds between two searches for plates to reslice
-_TriedKey = tuple[str, int, str | None, float]
+_AttemptKey = tuple[str, int, str | None, float]
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +49,7 @@ class ReplanCoordinator:
     def __init__(self) -> None:
         self._running: dict[str, StartReplan] = {}
         self._examined: set[tuple[str, int]] = set()  # failed plates with their number of prints
-        self._attempted: set[_TriedKey] = (
+        self._attempted: set[_AttemptKey] = (
             set()
         )  # plates and kinds of printer for which replanning gained nothing
         self._search_due_s = -math.inf
@@ -90,7 +90,7 @@ class ReplanCoordinator:
         for view in [view for view in situation.waiting if view.tried]:
             plate = books.plates[view.id]
             key = (plate.id, len(plate.prints))
-            if key in self._examined or not _failed(books, plate) or not _may_be_replanned(books, plate):
+            if key in self._examined or not _has_failed(books, plate) or not _may_be_replanned(books, plate):
                 continue
             self._examined.add(key)
             recut = policy.choose_recut(view, situation)
@@ -141,7 +141,7 @@ class ReplanCoordinator:
         printer: FleetPrinter,
         situation: Situation,
     ) -> bool:
-        untried = _tried_key(plate, printer.capabilities) not in self._attempted
+        untried = _attempt_key(plate, printer.capabilities) not in self._attempted
         return untried and (
             printer.name not in situation.spare_printers or takes_spare(view, situation.fleet)
         )
@@ -167,7 +167,7 @@ class ReplanCoordinator:
             return None  # cancelled or printed meanwhile
         for printer in replan.printers:
             if printer in situation.fleet:
-                self._attempted.add(_tried_key(plate, situation.fleet[printer].capabilities))
+                self._attempted.add(_attempt_key(plate, situation.fleet[printer].capabilities))
         if isinstance(result, FarmError):
             log.warning("plate %s is unchanged: %s", name, result)
             return None
@@ -206,11 +206,11 @@ class ReplanCoordinator:
         return self._running[plate.id]
 
 
-def _tried_key(plate: Plate, capabilities: Capabilities) -> _TriedKey:
+def _attempt_key(plate: Plate, capabilities: Capabilities) -> _AttemptKey:
     return plate.id, len(plate.prints), capabilities.family, capabilities.nozzle_mm
 
 
-def _failed(books: Books, plate: Plate) -> bool:
+def _has_failed(books: Books, plate: Plate) -> bool:
     last = books.prints[plate.prints[-1]] if plate.prints else None
     if last is None:
         return False

@@ -33,7 +33,7 @@ SLICING_S, CUTTING_S = 120.0, 300.0
 """Typical wall seconds of slicing, and of cutting with slicing."""
 MOST_PIECES = 8
 _CUT_TIME_RATIO = 1.15  # ratio of the time of all pieces to that of the whole part: cuts add walls and tops
-_WAITS = (
+_REASONS_OF_KIND = (
     HoldCode.PRINTER_BUSY,
     HoldCode.BED_NOT_CLEAR,
     HoldCode.FILAMENT_UNKNOWN,
@@ -101,7 +101,7 @@ def expected_end_s(plate: WaitingPlate, situation: Situation) -> float:
 
 def end_in_one_piece_s(plate: WaitingPlate, situation: Situation) -> float:
     """Return when a waiting plate's part ends in one piece, resliced if that is sooner."""
-    other = _best_other(plate, situation.free, situation)
+    other = _find_best_printer(plate, situation.free, situation)
     as_planned_s = expected_end_s(plate, situation)
     return as_planned_s if other is None else min(as_planned_s, _resliced_end_s(plate, other, situation))
 
@@ -125,7 +125,7 @@ def choose_reslice(
     ends
         The expected ends of the waiting plates, if already computed.
     """
-    best = _best_other(plate, free, situation)
+    best = _find_best_printer(plate, free, situation)
     if best is None:
         return None
     after_s = _resliced_end_s(plate, best, situation)
@@ -177,7 +177,7 @@ def choose_recut(plate: WaitingPlate, situation: Situation) -> Recut | None:
 
 def waits_for_its_printer_kind(code: HoldCode) -> bool:
     """Return whether a reason to wait does not apply to a printer of another kind."""
-    return code in _WAITS
+    return code in _REASONS_OF_KIND
 
 
 def _same_filament(plate: WaitingPlate, printer: FleetPrinter) -> bool:
@@ -191,20 +191,20 @@ def is_other_kind(demand: Demand, kind: Capabilities) -> bool:
     return kind.meets((material, colour, None, None, only)) and not kind.meets(demand)
 
 
-def _other_kind(plate: WaitingPlate, printer: FleetPrinter) -> bool:
+def _differs_in_kind(plate: WaitingPlate, printer: FleetPrinter) -> bool:
     """Return whether a plate fits a printer in everything but the printer kind it was sliced for."""
     box, kind = plate.requirements.box, printer.capabilities
     return is_other_kind(plate.demand, kind) and (box is None or kind.holds(box))
 
 
-def _best_other(
+def _find_best_printer(
     plate: WaitingPlate, free: Sequence[FleetPrinter], situation: Situation
 ) -> FleetPrinter | None:
     """Return the free printer of another kind on which a plate ends soonest; None if there is none."""
     ready = [
         p
         for p in free
-        if _other_kind(plate, p) and p.name not in plate.failed_on and _could_start(plate, p, situation)
+        if _differs_in_kind(plate, p) and p.name not in plate.failed_on and _could_start(plate, p, situation)
     ]
     if plate.places == 0 or not ready:
         return None

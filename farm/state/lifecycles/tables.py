@@ -86,7 +86,7 @@ JOB = Lifecycle(
     ),
 )
 
-_WANTED = (_P.WAITING, _P.PRINTING, _P.OUT_OF_ATTEMPTS)
+_UNPRINTED = (_P.WAITING, _P.PRINTING, _P.OUT_OF_ATTEMPTS)
 PLATE = Lifecycle(
     entity="plate",
     key="plate",
@@ -96,7 +96,7 @@ PLATE = Lifecycle(
         _row(ev.PlateAssigned, [_P.WAITING], [_P.PRINTING]),
         _row(ev.PlateReplaced, [_P.WAITING], [_P.REPLACED]),
         _row(ev.PlatePaused, [_P.WAITING], None),
-        _row(ev.PlateCancelled, _WANTED, [_P.CANCELLED]),
+        _row(ev.PlateCancelled, _UNPRINTED, [_P.CANCELLED]),
         _row(ev.PlateCancelled, [_P.PRINTED, _P.GOOD], None),
         # After `farm estop` the plate already waits; open prints are not ended.
         _row(
@@ -111,14 +111,14 @@ PLATE = Lifecycle(
         _row(ev.PlanRevised, [NEW, _P.REPLACED], [_P.WAITING]),
         _row(ev.PlanRevised, [_P.WAITING], [_P.REPLACED]),
         _row(ev.PlateReplaced, [NEW], [_P.WAITING]),
-        _row(ev.JobCancelled, _WANTED, [_P.CANCELLED]),
-        _row(ev.JobFailed, _WANTED, [_P.CANCELLED]),
+        _row(ev.JobCancelled, _UNPRINTED, [_P.CANCELLED]),
+        _row(ev.JobFailed, _UNPRINTED, [_P.CANCELLED]),
         _row(ev.PrintEnded, [_P.PRINTING], [_P.PRINTED, _P.WAITING, _P.OUT_OF_ATTEMPTS]),
         _row(ev.PrintEnded, [_P.CANCELLED], [_P.PRINTED]),
         _row(ev.PrintEnded, [_P.OUT_OF_ATTEMPTS], [_P.WAITING]),
         _row(ev.PrinterLost, [_P.OUT_OF_ATTEMPTS], [_P.WAITING]),
         _row(ev.BedCleared, [_P.PRINTED], [_P.GOOD, _P.WAITING, _P.PRINTING, _P.CANCELLED]),
-        _row(ev.BedCleared, [*_WANTED, _P.CANCELLED], [_P.GOOD]),
+        _row(ev.BedCleared, [*_UNPRINTED, _P.CANCELLED], [_P.GOOD]),
     ),
 )
 

@@ -59,7 +59,7 @@ def _is_unjudged(attempt: Print) -> bool:
 def select_jobs(
     books: Books, sizes: Mapping[str, int], rules: KeepRules, now_s: float, backup_s: float
 ) -> list[int]:
-    """Select the jobs whose files are deleted: those older than the limit, and the oldest while space is short.
+    """Select the jobs whose files are deleted: those too old, and the oldest above the size limit.
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ def list_prunable_files(books: Books, names: Iterable[str], now_s: float) -> set
 def list_lost_jobs(books: Books, names: Container[str]) -> list[int]:
     """List the jobs that may be pruned and were, by their files: they are in an older backup.
 
-    A prune keeps pictures. Where those are missing too, the store itself may be unavailable, and no job is listed.
+    A prune keeps pictures. Where those are missing too, the store may be unavailable, and no job is listed.
     """
     on_beds = _list_parts_on_beds(books)
     by_job = file_names_by_job(books)

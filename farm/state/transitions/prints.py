@@ -157,7 +157,7 @@ SHORTEST_S = 600.0
 """Least duration of a print that updates the factor: in shorter ones the heat-up dominates."""
 MOST_STARVED = 0.01
 """Largest share of a print for which a simulated printer may have waited for its host."""
-_WILD = 2.0
+_IMPLAUSIBLE_RATIO = 2.0
 _STEP = 0.1
 _WEIGHT = 0.25
 
@@ -185,7 +185,7 @@ def update_time_factor(factor: float, expected_s: float, reached_s: float, starv
     if expected_s < SHORTEST_S or reached_s <= 0.0 or starved_s > MOST_STARVED * reached_s:
         return factor
     ratio = reached_s / expected_s
-    if not 1 / _WILD < ratio < _WILD:
+    if not 1 / _IMPLAUSIBLE_RATIO < ratio < _IMPLAUSIBLE_RATIO:
         return factor
     step = min(_STEP, max(-_STEP, ratio - factor))
     return min(MOST, max(LEAST, factor + _WEIGHT * step))

@@ -114,7 +114,7 @@ class Completeness:
         if self.closed(last_print) is False:
             slicer = self._mark.decode("ascii", "replace")
             return f"{slicer!r} closes its files with a comment, and there is none"
-        if (short := self._short or self._layers_missing(self._most_empty())) is not None:
+        if (short := self._short or self._layers_missing(self._max_empty_layers())) is not None:
             return short
         if (lost_time := self._figures.find_lost_time()) is not None:
             return lost_time
@@ -134,7 +134,7 @@ class Completeness:
     def _begin_count(self, count: int, number: int) -> None:
         """Begin a count of layers: each object's, where they are printed one at a time."""
         if self._count and self._numbered:
-            self._short = self._short or self._layers_missing(self._most_empty())
+            self._short = self._short or self._layers_missing(self._max_empty_layers())
             self._numbers.clear()
         self._count, self._count_at = count, number
 
@@ -143,18 +143,18 @@ class Completeness:
         missing = self._layers_missing(0) if self.figures.filament is None else None
         return missing and f"Warning: {missing}: Cura leaves out empty ones; look at its preview."
 
-    def _most_empty(self) -> int:
+    def _max_empty_layers(self) -> int:
         if not self._numbered or self._closing is None:
             return 0
         return self._count if self.figures.filament is not None else max(1, int(EMPTY_SHARE * self._count))
 
     def _layers_missing(self, spare: int) -> str | None:
-        if self._found >= self._count - spare:
+        if self._count_layers >= self._count - spare:
             return None
-        return f"line {self._count_at} names {self._count} layers, and {self._found} of them are in it"
+        return f"line {self._count_at} names {self._count} layers, and {self._count_layers} of them are in it"
 
     @property
-    def _found(self) -> int:
+    def _count_layers(self) -> int:
         """Number of layers found: distinct layer numbers, without the negative ones of a raft."""
         return sum(number >= 0 for number in self._numbers) if self._numbered else self._layers
 

@@ -12,7 +12,7 @@ from scipy.optimize import linprog
 
 from box_tables import Shape, every_box, tables
 from decompose.bound import makespan_bound, surface_bound_s
-from decompose.bound.makespan import CLOSE, Bound
+from decompose.bound.makespan import TOLERANCE, Bound
 from decompose.engines.guillotine import Partitioner
 from decompose.geometry import Solid
 from decompose.grid import Box, BoxTables, box_index
@@ -110,7 +110,7 @@ def test_bound_equals_that_of_the_full_programme(shape: Shape, seed: int, printe
 
     limits = sorted(seconds for _, seconds, _ in every)
     proven = next(t for t in limits if not refuted(t))
-    assert bound.seconds >= proven * (1.0 - 2.0 * CLOSE)
+    assert bound.seconds >= proven * (1.0 - 2.0 * TOLERANCE)
 
 
 def test_a_row_of_like_cells_is_bounded_by_the_longest_share() -> None:

@@ -136,7 +136,7 @@ def test_a_board_that_takes_nothing_is_not_waited_for_for_ever(
 ):
     port, looks = SerialPort(ends[1], ULTIMAKER2.baud_rate), iter(range(1000))
     monkeypatch.setattr("drivers.ports.serial_port.time.monotonic", lambda: float(next(looks)))
-    monkeypatch.setattr(SerialPort, "_queued", lambda _: 1)
+    monkeypatch.setattr(SerialPort, "_count_queued", lambda _: 1)
     try:
         port.write_now(b"M104 S0\n")
     finally:

@@ -324,7 +324,7 @@ def test_idle_agent_of_a_removed_printer_is_ended_on_its_host(tmp_path: Path, wa
 @pytest.mark.parametrize("text", ["", "null", "[1, 2]", '["a"]', "{}", "[[], 5]"])
 def test_a_way_that_was_damaged_is_no_crash(text, tmp_path):
     (tmp_path / "way.json").write_text(text)
-    remote.without_starting(remote.load_route(tmp_path, None, "", Clock()))
+    remote.without_start(remote.load_route(tmp_path, None, "", Clock()))
 
 
 def test_no_name_of_a_farm_or_printer_leads_out_of_the_folder():

@@ -43,7 +43,7 @@ def test_only_the_listener_of_a_context_hears_of_its_search():
 
 def test_planner_shows_what_the_worker_of_a_decomposition_reports(tmp_path, monkeypatch):
     """The worker of this test decomposes until it has been seen to be half done."""
-    monkeypatch.setattr(plan_builder, "_LOOK_S", 0.0)
+    monkeypatch.setattr(plan_builder, "_POLL_S", 0.0)
     shown, half = [], asyncio.Event()
 
     class Worker:

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from farm.model import JobState, Printer, PrintState
 from farm.state import events as ev
-from farm.state.outage import WINDOW_S, lost_together, outage_window_s
+from farm.state.outage import WINDOW_S, find_common_losses, outage_window_s
 from farm.state.plate_state import ATTEMPTS, PlateState
 from make_books import ended, printing, run
 
@@ -78,7 +78,7 @@ def test_job_continues_after_failures_by_an_outage():
 @given(st.lists(st.floats(0, 100), min_size=1, max_size=8))
 def test_group_of_lost_printers_is_the_same_for_each(times):
     printers = [Printer(name=f"p{i}", disconnected_at_s=at_s) for i, at_s in enumerate(times)]
-    groups = {printer.name: lost_together(printer.name, printers) for printer in printers}
+    groups = {printer.name: find_common_losses(printer.name, printers) for printer in printers}
     for name, group in groups.items():
         assert name in group
         assert all(groups[other] == group for other in group)

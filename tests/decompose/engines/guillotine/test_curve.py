@@ -18,7 +18,7 @@ from decompose.engines.guillotine import (
     find_knee,
     makespan_curve,
 )
-from decompose.engines.guillotine.curve import CLOSE
+from decompose.engines.guillotine.curve import TOLERANCE
 from decompose.engines.guillotine.partitioner import OtherClass
 
 MOST = 8
@@ -39,7 +39,7 @@ def test_each_point_equals_a_separate_search(shape: Shape, seed: int) -> None:
         if least is None or not needed.any():
             assert printers not in points
         else:
-            assert least - 2e-3 <= points[printers] <= least / (1.0 - CLOSE)
+            assert least - 2e-3 <= points[printers] <= least / (1.0 - TOLERANCE)
 
 
 @settings(max_examples=20, deadline=None)
@@ -65,7 +65,7 @@ def test_each_point_of_unequal_printers_equals_a_separate_search(
         if least is None or not needed.any():
             assert mine + others not in points
         else:
-            assert least - 2e-3 <= points[mine + others] <= (least + 2e-3) / (1.0 - CLOSE)
+            assert least - 2e-3 <= points[mine + others] <= (least + 2e-3) / (1.0 - TOLERANCE)
 
 
 def test_more_printers_never_take_longer_and_threads_change_nothing() -> None:
