@@ -93,7 +93,7 @@ def _weld(triangles: Floats) -> tuple[Any, list[str]]:
     soup = np.arange(3 * len(triangles)).reshape(-1, 3)
     mesh: Any = trimesh.Trimesh(triangles.reshape(-1, 3), soup, process=False)
     mesh.merge_vertices(digits_vertex=None)
-    faces = _distinct(mesh.faces)
+    faces = _select_distinct(mesh.faces)
     messages = []
     if len(faces) < len(triangles):
         dropped = len(triangles) - len(faces)
@@ -106,7 +106,7 @@ def _weld(triangles: Floats) -> tuple[Any, list[str]]:
             pairs = tree.query_pairs(share * size, output_type="ndarray")
             group = label_components(len(mesh.vertices), pairs[:, 0], pairs[:, 1])
             first = np.unique(group, return_index=True)[1][group]
-            welded = _distinct(first[mesh.faces])
+            welded = _select_distinct(first[mesh.faces])
             if _open_edges(welded) < open_edges / 2:
                 faces = welded
                 messages.append(f"Joined vertices within {share * size:.1g} mm of each other.")
@@ -114,7 +114,7 @@ def _weld(triangles: Floats) -> tuple[Any, list[str]]:
     return trimesh.Trimesh(mesh.vertices, faces, process=False), messages
 
 
-def _distinct(faces: Any) -> Any:
+def _select_distinct(faces: Any) -> Any:
     """Select faces (m, 3) with three different corners, each once; a reversed face counts as another."""
     f = faces[(faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])]
     least = f.argmin(axis=1)[:, None]
@@ -191,8 +191,8 @@ def _volume_mm3(body: Any) -> float:
 def _shells(body: Any) -> list[Any] | None:
     """Split a body into surfaces by `split_shells`, None where it cannot take them apart."""
     faces = orient_faces(np.asarray(body.faces))
-    found = None if faces is None else split_shells(np.asarray(body.vertices), faces)
-    return None if found is None else [trimesh.Trimesh(*shell, process=False) for shell in found]
+    shells = None if faces is None else split_shells(np.asarray(body.vertices), faces)
+    return None if shells is None else [trimesh.Trimesh(*shell, process=False) for shell in shells]
 
 
 def _mesh_fix(body: Any) -> Any:
@@ -214,9 +214,9 @@ def _refuse_if_changed(name: str, before: Any, solid: Solid, defect: str) -> flo
     after: Any = trimesh.Trimesh(*solid.arrays(), process=False)
     probes = _probes(before, PROBES)
     far_probes = probes[_is_far(before, after)]
-    lost = 0.0
+    lost_share = 0.0
     if len(far_probes):
-        lost = float((~_inside(far_probes, np.asarray(after.triangles))).sum()) / len(probes)
+        lost_share = float((~_is_inside(far_probes, np.asarray(after.triangles))).sum()) / len(probes)
     new = float(_is_far(after, before).mean())
     if new > NEW_SHARE:
         raise ModelNotSolid(
@@ -224,10 +224,10 @@ def _refuse_if_changed(name: str, before: Any, solid: Solid, defect: str) -> flo
             f"{100 * NEW_SHARE:.0f} %): half a model or loose triangles; mend it by hand"
         )
     shrink = float(np.abs(after.bounds - before.bounds).max() / np.ptp(before.bounds, axis=0).max())
-    if lost > LOST_SHARE or shrink > EXTENT_SHARE:
+    if lost_share > LOST_SHARE or shrink > EXTENT_SHARE:
         raise ModelNotSolid(
-            f"{name}: {defect}, and repairing it would lose {100 * lost:.0f} % of its surface and change its "
-            f"size by {100 * shrink:.0f} %; mend it by hand"
+            f"{name}: {defect}, and repairing it would lose {100 * lost_share:.0f} % of its surface and "
+            f"change its size by {100 * shrink:.0f} %; mend it by hand"
         )
     return new
 
@@ -250,7 +250,7 @@ def _is_far(mesh: Any, other: Any) -> Bools:
     return np.asarray(least > NEAR_SHARE * np.ptp(mesh.bounds, axis=0).max())
 
 
-def _inside(points: Floats, triangles: Floats) -> Bools:
+def _is_inside(points: Floats, triangles: Floats) -> Bools:
     """Find which points (n, 3) lie in a closed surface (m, 3, 3): a ray meets it an odd number of times.
 
     The ray is tilted by an irregular angle, so that it meets no edge of a box.

@@ -57,7 +57,9 @@ class SerialPort:
         try:
             port = serial.Serial(str(self.path), self._baud_rate, timeout=0, exclusive=self._exclusive)
         except (serial.SerialException, OSError, ValueError) as error:
-            raise PortError(f"{self.path}: cannot be opened ({_cause(error)}); {_advice(error)}") from error
+            raise PortError(
+                f"{self.path}: cannot be opened ({_describe_cause(error)}); {_advise(error)}"
+            ) from error
         try:
             # Else closing the port drops DTR, and the next host to open it resets the board twice.
             fd = port.fileno()
@@ -136,7 +138,7 @@ class SerialPort:
             self._replace(data, flush=not self._is_pty)
             if self._is_pty and self._pending:  # the other end has stopped reading
                 self._replace(data, flush=True)
-            while self._pending or self._queued():
+            while self._pending or self._count_queued():
                 if time.monotonic() > until_s:
                     return
                 time.sleep(_DRAIN_POLL_S)
@@ -151,7 +153,7 @@ class SerialPort:
             termios.tcflush(self._fd, termios.TCOFLUSH)
         self.write(data)
 
-    def _queued(self) -> int:
+    def _count_queued(self) -> int:
         """Count the bytes that the kernel has not sent yet."""
         return int.from_bytes(fcntl.ioctl(self._fd, termios.TIOCOUTQ, bytes(4)), sys.byteorder)
 
@@ -264,13 +266,13 @@ class RemotePort:
             self._port.close()
 
 
-def _cause(error: BaseException) -> str:
+def _describe_cause(error: BaseException) -> str:
     """Return the system's message, which pyserial wraps twice."""
     number = getattr(error, "errno", None)
     return os.strerror(number) if isinstance(number, int) else str(error)
 
 
-def _advice(error: BaseException) -> str:
+def _advise(error: BaseException) -> str:
     match getattr(error, "errno", None):
         case 2:
             return "is the printer plugged in and switched on?"

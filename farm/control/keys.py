@@ -102,7 +102,8 @@ class KeyCommands:
         ]
         if same_name:
             raise Refused(
-                f"there is a key named {request.name}: choose another name, or `farm key revoke {same_name[0].id}`"
+                f"there is a key named {request.name}: choose another name, or "
+                f"`farm key revoke {same_name[0].id}`"
             )
         name, text = make_key_text()
         key = Key(
