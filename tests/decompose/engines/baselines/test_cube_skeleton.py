@@ -15,7 +15,7 @@ from decompose.decompose import decompose_model
 from decompose.engines.baselines import cube_skeleton
 from decompose.engines.baselines.cube_skeleton import _Merging
 from decompose.engines.baselines.hollow import (
-    CLOSE_MM,
+    ACCURACY_MM,
     blocks,
     cubes_about,
     hollow_model,
@@ -116,11 +116,11 @@ def test_a_cube_in_a_block_grows_until_it_reaches_the_wall(
 ) -> None:
     middle = wall_mm + 5.0 + np.array(share) * (np.array(size) - 2.0 * (wall_mm + 5.0))
     started = np.array([middle - 5.0, middle + 5.0])
-    least_mm = max(wall_mm, CLOSE_MM)
+    least_mm = max(wall_mm, ACCURACY_MM)
     cube = refine_cube(Solid.box((0, 0, 0), size), started, 100.0, wall_mm)
     edges = cube[1] - cube[0]
     assert edges == pytest.approx([edges[0]] * 3)
-    assert min(size) - 2.0 * least_mm - 4.0 * CLOSE_MM <= edges[0] <= min(size) - 2.0 * least_mm + 1e-6
+    assert min(size) - 2.0 * least_mm - 4.0 * ACCURACY_MM <= edges[0] <= min(size) - 2.0 * least_mm + 1e-6
     assert (cube[0] >= least_mm - 1e-6).all() and (cube[1] <= np.array(size) - least_mm + 1e-6).all()
     assert (cube[0] <= started[0]).all() and (cube[1] >= started[1]).all()
     near = refine_cube(Solid.box((0, 0, 0), size), started, 1.0, wall_mm)
