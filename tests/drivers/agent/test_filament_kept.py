@@ -125,5 +125,5 @@ def test_next_agent_knows_the_filament_if_the_printer_rests_where_it_was(
     assert (watch.certain, watch.rest) == (certain, REST.decode() if certain else None)
     watch.judge_position(REST)
     assert watch.certain is certain  # once in doubt, a person has to say it
-    watch.lose()
+    watch.forget()
     assert (watch.certain, watch.rest) == (False, None)

@@ -17,7 +17,7 @@ from farm.model import Moment, PrintState
 from farm.paths import StateFolder
 from farm.planning.printer_settings import bed_boxes
 from farm.state import events as ev
-from farm.state.retention import given_up_files, named_files
+from farm.state.retention import list_deletable_files, named_files
 from farm.state.storage.store import Store
 from make_books import ended, job, plan
 from recording_controller import PLUS, RecordedEffects
@@ -181,7 +181,7 @@ def test_stills_go_with_the_files_of_their_job(rig):
         ev.BedCleared(at_s=300.0, printer="a", by="ann"), ev.JobPruned(at_s=400.0, job=1, by="ann")
     )
     books = rig.controller.books
-    assert still.file in given_up_files(books) and still.file not in named_files(books)
+    assert still.file in list_deletable_files(books) and still.file not in named_files(books)
 
 
 def test_hanging_camera_is_cancelled_at_the_end_of_the_daemon(rig):
