@@ -1,0 +1,94 @@
+"""Log-in, pages and log-out in Chromium; skipped where it is missing."""
+
+import asyncio
+import os
+import socket
+from contextlib import asynccontextmanager, closing
+from pathlib import Path
+
+import pytest
+
+from chromium import CHROMIUM, Chromium
+from farm.config import WebSection
+from farm.http import NetworkState
+from farm.model import Role
+from farm.web import NetworkServer
+from network_farm import HOST, NetworkFarm
+
+pytestmark = [
+    pytest.mark.system,
+    pytest.mark.skipif(CHROMIUM is None, reason="apt-get install chromium"),
+]
+PICTURES = os.environ.get("FARM_PICTURES")
+"""Folder to keep pictures of the pages in."""
+
+
+@asynccontextmanager
+async def serve(farm):
+    """Serve a farm's pages on a free port; yield the port."""
+    with closing(socket.socket()) as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    state = NetworkState()
+    server = NetworkServer(WebSection(listen=f"127.0.0.1:{port}"), farm.web, 16, state)
+    server.start(lambda: True)
+    async with asyncio.timeout(30):
+        while server._server is None or not server._server.started:
+            await asyncio.sleep(0)
+    yield port
+    await server.close()
+
+
+async def take_picture(browser, name):
+    if PICTURES:
+        await browser.take_picture(Path(PICTURES) / f"{name}.png")
+
+
+@pytest.mark.parametrize("host", ["127.0.0.1", HOST])
+def test_user_logs_in_by_the_button_sees_the_farm_and_logs_out(tmp_path, host):
+    """A plain-HTTP name is no trustworthy origin: there the browser sends `Origin` alone."""
+
+    async def browse():
+        farm = NetworkFarm(tmp_path)
+        async with serve(farm) as port, Chromium(tmp_path / "profile", f"MAP {HOST} 127.0.0.1") as browser:
+            base = f"http://{host}:{port}"
+            await browser.open(base)
+            assert "farm web" in await browser.read_text()
+            await browser.open(f"{base}/login/{farm.sessions.make_link('ann', Role.OPERATE)}")
+            assert "opens the farm as ann (operate)" in await browser.read_text()
+            await take_picture(browser, "login")
+            await browser.press("button")
+            text = await browser.read_text()
+            assert await browser.evaluate("location.pathname") == "/"
+            assert "ann (operate)" in text
+            assert "idle" in text
+            assert await browser.evaluate("document.cookie") == ""  # no script can read it
+            font = "getComputedStyle(document.body).fontFamily"
+            assert "system-ui" in await browser.evaluate(font)  # the style sheet is applied
+            await take_picture(browser, "status")
+            await browser.press("button")
+            assert "You have logged out" in await browser.read_text()
+            await browser.open(base)
+            assert "You are not logged in" in await browser.read_text()
+            assert not [one for one in browser.messages if "Content Security Policy" in one]
+        farm.store.close()
+
+    asyncio.run(browse())
+
+
+def test_form_of_another_site_changes_nothing(tmp_path):
+    async def browse():
+        farm = NetworkFarm(tmp_path)
+        async with serve(farm) as port, Chromium(tmp_path / "profile", "MAP *.example 127.0.0.1") as browser:
+            base = f"http://{HOST}:{port}"
+            await browser.open(f"{base}/login/{farm.sessions.make_link('ann', Role.OPERATE)}")
+            await browser.press("button")
+            before = len(farm.store.events())
+            form = f"<form method=post action='{base}/logout'><button>x</button></form>"
+            await browser.open(f"data:text/html,{form}")
+            await browser.press("button")
+            assert "page of another site" in await browser.read_text()
+            assert len(farm.store.events()) == before
+        farm.store.close()
+
+    asyncio.run(browse())

@@ -1,0 +1,131 @@
+"""Chromium without a window, driven over its debugging pipe (`--remote-debugging-pipe`)."""
+
+import asyncio
+import base64
+import itertools
+import json
+import os
+import shutil
+
+CHROMIUM = shutil.which("chromium")
+PATIENCE_S = 30.0
+
+
+class Chromium:
+    """One page of a browser with a profile of its own; `async with` ends it.
+
+    Parameters
+    ----------
+    profile
+        Folder for the profile.
+    hosts
+        Rules by which names are found, such as `MAP farm.lab 127.0.0.1`.
+    """
+
+    def __init__(self, profile, hosts):
+        self._command = [CHROMIUM, "--headless=new", "--no-sandbox", "--disable-gpu", "--no-first-run"]
+        self._command += ["--remote-debugging-pipe", f"--user-data-dir={profile}", "--disable-dev-shm-usage"]
+        self._command += [f"--host-resolver-rules={hosts}", "--window-size=1000,700"]
+        self._numbers = itertools.count(1)
+        self._answers = {}
+        self.messages = []
+        """What the browser logged, such as violations of a page's policy."""
+        self._loaded = asyncio.Event()
+
+    async def __aenter__(self):
+        to_browser, own_write = os.pipe()
+        own_read, from_browser = os.pipe()
+
+        def place_pipes():
+            read, write = os.dup(to_browser), os.dup(from_browser)
+            for number, end in ((3, read), (4, write)):
+                os.dup2(end, number)
+                os.set_inheritable(number, True)  # dup2 leaves that as it was if both are the same
+
+        self._process = await asyncio.create_subprocess_exec(
+            *self._command,
+            preexec_fn=place_pipes,
+            close_fds=False,
+            stdout=asyncio.subprocess.DEVNULL,
+            stderr=asyncio.subprocess.DEVNULL,
+            start_new_session=True,
+        )
+        os.close(to_browser)
+        os.close(from_browser)
+        self._out = os.fdopen(own_write, "wb", buffering=0)
+        self._in = os.fdopen(own_read, "rb", buffering=0)
+        reader = asyncio.StreamReader(limit=2**26)
+        self._transport, _ = await asyncio.get_running_loop().connect_read_pipe(
+            lambda: asyncio.StreamReaderProtocol(reader), self._in
+        )
+        self._reading = asyncio.create_task(self._read(reader))
+        self._session = None
+        target = (await self.call("Target.createTarget", url="about:blank"))["targetId"]
+        attached = await self.call("Target.attachToTarget", targetId=target, flatten=True)
+        self._session = attached["sessionId"]
+        for domain in ("Page", "Log", "Network", "Runtime"):
+            await self.call(f"{domain}.enable")
+        return self
+
+    async def __aexit__(self, *_):
+        self._reading.cancel()
+        self._out.close()  # it ends when its pipe is closed
+        self._transport.close()
+        try:
+            async with asyncio.timeout(PATIENCE_S):
+                await self._process.wait()
+        except TimeoutError:
+            os.killpg(self._process.pid, 9)
+            await self._process.wait()
+
+    async def call(self, method, **params):
+        """Call a method of the protocol, and return its result."""
+        number = next(self._numbers)
+        message = {"id": number, "method": method, "params": params}
+        if self._session:
+            message["sessionId"] = self._session
+        self._answers[number] = asyncio.get_running_loop().create_future()
+        self._out.write(json.dumps(message).encode() + b"\0")
+        async with asyncio.timeout(PATIENCE_S):
+            answer = await self._answers[number]
+        del self._answers[number]
+        assert "error" not in answer, (method, answer)
+        return answer["result"]
+
+    async def open(self, url):
+        """Open an address, and wait until the page is loaded."""
+        self._loaded.clear()
+        await self.call("Page.navigate", url=url)
+        await self._wait()
+
+    async def press(self, selector):
+        """Press a button that leads to another page."""
+        self._loaded.clear()
+        await self.evaluate(f"document.querySelector({selector!r}).click()")
+        await self._wait()
+
+    async def evaluate(self, expression):
+        """Return the value of an expression on the page."""
+        return (await self.call("Runtime.evaluate", expression=expression))["result"].get("value")
+
+    async def read_text(self):
+        """Return the text of the page."""
+        return await self.evaluate("document.body.innerText")
+
+    async def take_picture(self, path):
+        """Write a picture of the page."""
+        path.write_bytes(base64.b64decode((await self.call("Page.captureScreenshot"))["data"]))
+
+    async def _wait(self):
+        async with asyncio.timeout(PATIENCE_S):
+            await self._loaded.wait()
+
+    async def _read(self, reader):
+        while True:
+            message = json.loads((await reader.readuntil(b"\0"))[:-1])
+            if message.get("id") in self._answers:
+                self._answers[message["id"]].set_result(message)
+            elif message.get("method") == "Page.loadEventFired":
+                self._loaded.set()
+            elif message.get("method") == "Log.entryAdded":
+                self.messages.append(message["params"]["entry"]["text"])
