@@ -1,68 +1,11 @@
 """G-code of PrusaSlicer with its own profile for the Ultimaker 2, as the farm reads it."""
 
-import configparser
-import shutil
-import subprocess
-from itertools import chain
-from pathlib import Path
-
 import pytest
-import trimesh
 
 from make_gcode import FILAMENT_MM2, Summed
 from slicing.errors import GcodeRefused
 from slicing.own_gcode import PrintTarget, accept_gcode
 from slicing_printers import UM2_PLUS
-
-PROGRAM = shutil.which("prusa-slicer")
-PRESETS = ("print:0.20mm NORMAL @ULTIMAKER2", "filament:Generic PLA @ULTIMAKER2", "printer:Ultimaker 2")
-pytestmark = pytest.mark.skipif(PROGRAM is None, reason="prusa-slicer is missing: `make peers`")
-
-
-def find_profile():
-    """Return the file with PrusaSlicer's presets for Ultimakers."""
-    top = Path(PROGRAM).resolve().parents[1]
-    return next(
-        chain.from_iterable(
-            top.glob(f"{way}share/PrusaSlicer/profiles/Ultimaker.ini") for way in ("", "*/*/")
-        )
-    )
-
-
-def flatten_preset(presets, title):
-    """Return the values of a preset with those that it inherits."""
-    own, values = dict(presets[title]), {}
-    for name in filter(None, map(str.strip, own.pop("inherits", "").split(";"))):
-        values |= flatten_preset(presets, f"{title.partition(':')[0]}:{name}")
-    return values | own
-
-
-@pytest.fixture(scope="module")
-def slice_box(tmp_path_factory):
-    """Slice a box by PrusaSlicer with options of its command line; returns the path of the G-code."""
-    folder = tmp_path_factory.mktemp("prusa")
-    presets = configparser.RawConfigParser(delimiters=("=",), comment_prefixes=("#",))
-    presets.read(find_profile())
-    values = {key: value for title in PRESETS for key, value in flatten_preset(presets, title).items()}
-    (folder / "um2.ini").write_text("".join(f"{key} = {value}\n" for key, value in values.items()))
-    trimesh.creation.box((20.0, 20.0, 2.0)).export(folder / "box.stl")
-
-    def slice_model(name, *options):
-        path = folder / f"{name}.gcode"
-        words = [
-            PROGRAM,
-            "--load",
-            folder / "um2.ini",
-            *options,
-            "--export-gcode",
-            folder / "box.stl",
-            "-o",
-            path,
-        ]
-        subprocess.run(words, check=True, capture_output=True, timeout=120)
-        return path
-
-    return slice_model
 
 
 def accept(path):

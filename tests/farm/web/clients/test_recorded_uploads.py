@@ -1,0 +1,200 @@
+"""Recorded uploads of libcurl and Qt on a real connection: their answers, and what a cut one leaves."""
+
+import asyncio
+import socket
+import struct
+import tempfile
+from contextlib import asynccontextmanager, closing, suppress
+from pathlib import Path
+
+import pytest
+
+from farm.config import WebSection
+from farm.http import NetworkState
+from farm.model import Role
+from farm.web.server import NetworkServer
+from same_process import SameProcess
+from slicer_farm import SlicerFarm
+
+FOLDER = Path(__file__).parent / "recorded"
+RECORDED_KEY = b"farm_" + b"a" * 8 + b"_" + b"A" * 43
+HEALTH = b"GET /healthz HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n"
+CONTINUE = b"HTTP/1.1 100 "
+CHUNKS = (1, 7, 1000, 10**6)
+UPLOADS = {  # name of the recording -> name of the job's model, whether it is held, its note
+    "libcurl-print": ("part.gcode", False, None),
+    "libcurl-upload": ("part.gcode", True, None),
+    "libcurl-file-first": ("part.gcode", False, None),
+    "libcurl-odd-name": ("Größe %222%22 (1).gcode", True, "a/b"),
+    "qt-print": ("part.gcode", False, None),
+    "qt-upload": ("part.gcode", True, None),
+    "qt-odd-name": ("Größe 2 (1).gcode", True, None),
+}
+
+
+@pytest.fixture
+def farm(tmp_path, monkeypatch):
+    """Farm with a folder of its own for temporary files."""
+    temporary = tmp_path / "temporary"
+    temporary.mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(temporary))
+    farm = SlicerFarm(tmp_path)
+    farm.temporary, farm.text = temporary, farm.add_key(Role.PRINT).text.encode()
+    return farm
+
+
+def read_recording(name, farm):
+    return (FOLDER / f"{name}.http").read_bytes().replace(RECORDED_KEY, farm.text)
+
+
+class Connections:
+    """Connections to the server, one after the other."""
+
+    def __init__(self, port, server):
+        self._port, self._server = port, server
+
+    async def send(self, *chunks):
+        """Send a request, and return its answers: the interim one too."""
+        reader, writer = await asyncio.open_connection("127.0.0.1", self._port)
+        with closing(writer):
+            for chunk in chunks:
+                writer.write(chunk)
+                await writer.drain()
+            answer = await reader.readuntil(b"\r\n\r\n")
+            if answer.startswith(CONTINUE):
+                answer += await reader.readuntil(b"\r\n\r\n")
+            answer += await reader.readexactly(int(read_answer(answer)[1]["content-length"]))
+        await self._settle()
+        return answer
+
+    async def wait(self, data):
+        """Send a part of a request, and return the head that comes back."""
+        reader, writer = await asyncio.open_connection("127.0.0.1", self._port)
+        with closing(writer):
+            writer.write(data)
+            answer = await reader.readuntil(b"\r\n\r\n")
+        await self._settle()
+        return answer
+
+    async def cut(self, data, reset):
+        """Send a part of a request and then nothing more; return what comes back."""
+        reader, writer = await asyncio.open_connection("127.0.0.1", self._port)
+        writer.write(data)
+        await writer.drain()
+        if reset:
+            linger = struct.pack("ii", 1, 0)
+            writer.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, linger)
+        with closing(writer):
+            answer = b"" if reset else await self._end(reader, writer)
+        await self._settle()
+        return answer
+
+    @staticmethod
+    async def _end(reader, writer):
+        with suppress(ConnectionError):
+            writer.write_eof()
+            return await reader.read()
+        return b""
+
+    async def _settle(self):
+        state = self._server._server.server_state
+        async with asyncio.timeout(60):
+            while state.tasks or state.connections:
+                await asyncio.sleep(0)
+
+
+@asynccontextmanager
+async def serve(farm):
+    with socket.create_server(("127.0.0.1", 0)) as probe:
+        port = probe.getsockname()[1]
+    server = NetworkServer(WebSection(listen=f"127.0.0.1:{port}"), farm.web, 16, NetworkState())
+    server.start(lambda: True)
+    async with asyncio.timeout(60):
+        while server._server is None or not server._server.started:
+            await asyncio.sleep(0)
+    yield Connections(port, server)
+    await server.close()
+
+
+def split(data, size):
+    return [data[at : at + size] for at in range(0, len(data), size)]
+
+
+def read_answer(answer):
+    """Return the status, the headers in lower case, and the body; without the interim answer."""
+    head, _, body = answer.partition(b"\r\n\r\n")
+    if answer.startswith(CONTINUE):
+        head, _, body = body.partition(b"\r\n\r\n")
+    status, *lines = head.decode().split("\r\n")
+    headers = dict(line.lower().split(": ", 1) for line in lines)
+    return int(status.split()[1]), headers, body.decode()
+
+
+@pytest.mark.parametrize("name", UPLOADS)
+def test_recorded_upload_becomes_a_job_however_it_is_split(name, farm):
+    model, held, note = UPLOADS[name]
+
+    async def story():
+        async with serve(farm) as connections:
+            return [await connections.send(*split(read_recording(name, farm), size)) for size in CHUNKS]
+
+    for answer in asyncio.run(story()):
+        status, headers, _ = read_answer(answer)
+        assert status == 201, answer
+        assert "api/" in headers["location"]
+    assert {(job.name, job.options.hold, job.options.note) for job in farm.booked.values()} == {
+        (model, held, note)
+    }
+    assert len(farm.booked) == len(CHUNKS)
+    assert (farm.left_files, list(farm.temporary.iterdir())) == ([], [])
+
+
+def test_libcurl_that_expects_it_is_told_to_continue_but_not_with_a_wrong_key(farm):
+    recorded = read_recording("libcurl-print", farm)
+    head = recorded[: recorded.index(b"\r\n\r\n") + 4]
+
+    async def story():
+        async with serve(farm) as connections:
+            refused = await connections.send(head.replace(farm.text, RECORDED_KEY))
+            return await connections.wait(head), refused
+
+    allowed, refused = asyncio.run(story())
+    assert allowed.startswith(CONTINUE)
+    assert read_answer(refused)[0] == 401
+
+
+@pytest.mark.parametrize(
+    ("name", "reset"),
+    [("libcurl-print", False), ("libcurl-file-first", True), ("qt-print", False), ("qt-print", True)],
+)
+def test_upload_cut_at_any_byte_leaves_nothing(name, reset, farm):
+    recorded, events = read_recording(name, farm), len(farm.controller._store.events())
+    state = {path for path in farm.state.root.rglob("*") if path.is_file()}
+
+    async def story():
+        async with serve(farm) as connections:
+            for end in range(len(recorded)):
+                answer = await connections.cut(recorded[:end], reset)
+                assert b" 201 " not in answer, end
+                assert (len(farm.booked), farm.left_files) == (0, []), end
+                assert read_answer(await connections.send(HEALTH))[0] == 200, end
+            assert {path for path in farm.state.root.rglob("*") if path.is_file()} == state
+            assert (len(farm.controller._store.events()), list(farm.temporary.iterdir())) == (events, [])
+            return await connections.send(recorded)
+
+    assert read_answer(asyncio.run(story()))[0] == 201
+    assert len(farm.booked) == 1
+
+
+def test_refused_gcode_is_one_line_of_text_with_line_and_reason_in_front(farm):
+    farm.services.uploads._workers = SameProcess()
+    recorded = read_recording("qt-print", farm).replace(b"M109 S205", b"M109 S999")
+
+    async def story():
+        async with serve(farm) as connections:
+            return await connections.send(recorded)
+
+    status, headers, text = read_answer(asyncio.run(story()))
+    assert (status, headers["content-type"]) == (400, "text/plain")
+    assert text.startswith("line 5: M109 sets 999 C, and the nozzle may have at most 260")
+    assert (farm.booked, farm.left_files) == ({}, [])

@@ -1,0 +1,129 @@
+"""Clients that others wrote send G-code to a real daemon with a simulated printer, which prints it.
+
+PrusaSlicer's G-code goes by curl as PrusaSlicer drives libcurl; Qt sends as Cura's plugin for OctoPrint does.
+"""
+
+import json
+import os
+import socket
+import subprocess
+from pathlib import Path
+
+import pytest
+import trimesh
+
+from make_gcode import marlin, square
+from real_farm import RealFarm, wait_for
+
+HERE = Path(__file__).parent
+PYTHON = Path(os.environ.get("FARM_INTEROP", "none"))
+PRINTED = ("printed", "done")
+pytestmark = [
+    pytest.mark.system,
+    pytest.mark.skipif(not PYTHON.exists(), reason="make interop"),
+]
+
+
+class ServedFarm(RealFarm):
+    """Farm with two simulated printers, a port for the network, and a key."""
+
+    def __init__(self, folder):
+        super().__init__(folder, dict.fromkeys(("a", "b"), ("ultimaker2_plus", "sim://ultimaker2_plus")))
+        with socket.create_server(("127.0.0.1", 0)) as probe:
+            port = probe.getsockname()[1]
+        self.url = f"http://127.0.0.1:{port}"
+        with self.fleet.open("a") as file:
+            file.write(f"web: {{listen: '127.0.0.1:{port}'}}\n")
+        self.up()
+        self.key = self.ok("key", "add", "slicer", "--role", "print").strip()
+
+    def wait_printed(self, job):
+        """Wait until a job is printed, clear its bed, and return the printer."""
+        wait_for(f"job {job}", lambda: self.job(job)["state"] in PRINTED)
+        (plate,) = self.job(job)["plates"]
+        self.ok("cleared", plate["printer"])
+        return plate["printer"]
+
+
+@pytest.fixture(scope="module")
+def farm(tmp_path_factory):
+    farm = ServedFarm(tmp_path_factory.mktemp("farm"))
+    yield farm
+    farm.end()
+
+
+@pytest.fixture(scope="module")
+def tower(tmp_path_factory):
+    """G-code of a small tower."""
+    path = tmp_path_factory.mktemp("tower") / "tower.gcode"
+    path.write_text("\n".join(marlin(square(layers=2))) + "\n")
+    return path
+
+
+def send_by_curl(farm, path, to="", **fields):
+    """Send a file as PrusaSlicer does; return the status, the type and the body that it would show."""
+    form = [word for name, value in fields.items() for word in ("-F", f"{name}={value}")]
+    words = ["curl", "-sS", "-A", "PrusaSlicer/2.9.4", "-H", f"X-Api-Key: {farm.key}", *form, "-F", "path="]
+    words += ["-F", f"file=@{path};type=application/octet-stream", f"{farm.url}{to}/api/files/local"]
+    answer = subprocess.run(
+        [*words, "-w", "\n%{http_code} %{content_type}"],
+        check=True,
+        capture_output=True,
+        text=True,
+        timeout=120,
+    ).stdout
+    body, _, last = answer.rpartition("\n")
+    status, _, kind = last.partition(" ")
+    return int(status), kind, body
+
+
+def send_by_qt(farm, path, *fields, to=""):
+    url = f"{farm.url}{to}/api/files/local"
+    words = [PYTHON, HERE / "qt_peer.py", url, farm.key, path, path.name, *fields]
+    return json.loads(subprocess.run(words, check=True, capture_output=True, text=True, timeout=120).stdout)
+
+
+def test_gcode_of_prusaslicer_is_printed_by_the_printer_of_its_address(farm, slice_box):
+    sliced = slice_box("sent")
+    status, _, body = send_by_curl(farm, sliced, "/to/b", print="true")
+    assert status == 201, body
+    job = farm.job(int(json.loads(body)["files"]["local"]["path"].partition("/")[0]))
+    assert (job["name"], job["submitted_by"]) == ("sent.gcode", "key slicer")
+    assert farm.wait_printed(job["id"]) == "b"
+
+
+def test_refusal_is_shown_by_prusaslicer_with_its_line(farm, slice_box):
+    sliced = slice_box("hot", "--temperature", "290")
+    status, kind, body = send_by_curl(farm, sliced, print="true")
+    assert (status, kind) == (400, "text/plain")
+    assert body.startswith("line ") and "M104 sets 290 C, and the nozzle may have at most 260" in body[:100]
+
+
+def test_large_model_is_sent_by_curl_that_expects_to_continue(farm, tmp_path):
+    model = tmp_path / "ball.stl"
+    trimesh.creation.icosphere(subdivisions=6, radius=10.0).export(model)
+    assert model.stat().st_size > 2**20  # above which libcurl waits for `100 Continue`
+    status, _, body = send_by_curl(farm, model, print="false")
+    assert status == 201, body
+    assert json.loads(body)["effectivePrint"] is False
+
+
+@pytest.mark.parametrize("fields", [(), ("select=true", "print=true")], ids=["upload", "print"])
+def test_upload_of_qt_is_a_job_with_the_location_that_cura_s_plugin_reads(farm, tower, fields):
+    answer = send_by_qt(farm, tower, *fields)
+    assert answer["status"] == 201, answer
+    location = answer["headers"]["location"]
+    assert location.startswith(f"{farm.url}/api/files/local/") and location.endswith("/tower.gcode")
+    number = int(location.split("/")[-2])
+    if fields:
+        farm.wait_printed(number)
+    else:
+        assert farm.job(number)["options"]["hold"]
+
+
+def test_refusal_to_qt_is_exactly_plain_text(farm, tmp_path):
+    path = tmp_path / "hot.gcode"
+    path.write_text("\n".join(marlin()).replace("M109 S205", "M109 S999") + "\n")
+    answer = send_by_qt(farm, path, "print=true")
+    assert (answer["status"], answer["headers"]["content-type"]) == (400, "text/plain")
+    assert answer["body"].startswith("line 5: M109 sets 999 C")
