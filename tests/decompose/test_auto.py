@@ -19,7 +19,9 @@ from decompose.printers import PrinterRoom
 COARSE = Options(Engine.GUILLOTINE, granularity="vcoarse", prove=False)
 
 
-def test_dear_handling_takes_fewer_printers(lump: Solid, fleet: list[PrinterRoom], cost: CostModel) -> None:
+def test_expensive_handling_uses_fewer_printers(
+    lump: Solid, fleet: list[PrinterRoom], cost: CostModel
+) -> None:
     model = Model(lump, (), 1.0)
     most = auto.decompose_auto(model, fleet, COARSE, cost, goal=auto.CountGoal(0.0, 0.0))
     fewest = auto.decompose_auto(model, fleet, COARSE, cost, goal=auto.CountGoal(1e5, 1e5))
@@ -29,7 +31,7 @@ def test_dear_handling_takes_fewer_printers(lump: Solid, fleet: list[PrinterRoom
     assert all(b.makespan_s <= a.makespan_s for a, b in pairwise(most.curve))
 
 
-def test_the_curve_knows_how_quick_the_printers_are(
+def test_curve_considers_the_speed_of_printers(
     lump: Solid, fleet: list[PrinterRoom], cost: CostModel
 ) -> None:
     model = Model(lump, (), 1.0)
@@ -40,7 +42,7 @@ def test_the_curve_knows_how_quick_the_printers_are(
     assert both == pytest.approx(8.0 / 3.0, rel=0.05)  # as two share it out that are so quick
 
 
-def test_the_curve_knows_the_room_of_each_printer(cost: CostModel) -> None:
+def test_curve_considers_the_room_of_printers(cost: CostModel) -> None:
     """Higher than two low printers: with the room that all share it is three parts."""
     low, high = PrinterRoom("low", ((100.0,) * 3,)), PrinterRoom("high", ((100.0, 100.0, 160.0),))
     model = Model(Solid.box((0, 0, 0), (90, 90, 230)), (), 1.0)
@@ -54,7 +56,7 @@ def test_the_curve_knows_the_room_of_each_printer(cost: CostModel) -> None:
     assert curves[1][0].makespan_s == result.curve[0].makespan_s
 
 
-def test_where_the_curve_promises_too_much_all_printers_are_taken(
+def test_all_printers_are_used_if_the_curve_is_too_optimistic(
     lump: Solid, fleet: list[PrinterRoom], cost: CostModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     model = Model(Solid.union([lump, Solid.box((0, 0, 300), (20, 20, 320))]), (), 1.0)
@@ -62,7 +64,7 @@ def test_where_the_curve_promises_too_much_all_printers_are_taken(
     assert len(auto.decompose_auto(model, fleet[:3], COARSE, cost).parts) > 1
 
 
-def test_the_curve_is_in_the_report(
+def test_curve_is_in_the_report(
     tmp_path: Path, ball: Model, fleet: list[PrinterRoom], cost: CostModel
 ) -> None:
     write_decomposition(auto.decompose_auto(ball, fleet, COARSE, cost), tmp_path)

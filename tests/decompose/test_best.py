@@ -110,7 +110,7 @@ def test_no_bound_is_proven_for_a_worse_result(cost: CostModel, result: Decompos
     ]
 
 
-def test_where_little_is_to_be_gained_no_other_grid_is_tried(cost: CostModel, result: Decomposition) -> None:
+def test_other_grids_are_not_tried_for_small_gains(cost: CostModel, result: Decomposition) -> None:
     """All printers are used nearly to the end."""
     engines = Engines(replace(result, sum_s=20.0 * 1.2 * BOUND_S), lambda _: 1.2 * 1.02 * BOUND_S)
     best = find_best(problem(cost), engines)
@@ -129,7 +129,7 @@ def test_requested_grid_is_the_only_one(
     assert {cells for _, cells in engines.tried} == {options.get("granularity", "auto")}
 
 
-def test_where_the_model_lies_best_other_grids_are_tried_too(cost: CostModel, result: Decomposition) -> None:
+def test_other_grids_are_tried_at_the_best_angle(cost: CostModel, result: Decomposition) -> None:
     def ends_s(options: Options) -> float:
         return BOUND_S * (1.2 if len(engines.asked) == 2 + len(first) + 2 else 1.3)  # the second yaw
 

@@ -50,7 +50,7 @@ print(sorted(set(signatures()) - before))
 """
 
 
-def test_a_decomposition_compiles_nothing_that_was_not_compiled_ahead(tmp_path: Path) -> None:
+def test_decomposition_compiles_nothing_that_was_not_compiled_ahead(tmp_path: Path) -> None:
     done = subprocess.run(
         [sys.executable, "-c", CHECK, tmp_path], capture_output=True, text=True, check=False
     )

@@ -26,7 +26,7 @@ def boxes_of(result: Decomposition) -> list[list[float]]:
     return [np.round(p.solid.bounds_mm, 6).ravel().tolist() for p in result.parts]
 
 
-def test_a_ball_for_eight(ball: Model, fleet: list[PrinterRoom], cost: CostModel) -> None:
+def test_ball_is_cut_for_eight_printers(ball: Model, fleet: list[PrinterRoom], cost: CostModel) -> None:
     result = decompose_model(ball, fleet, COARSE, cost)
     assert [p.id for p in result.parts] == [f"p{i:02d}" for i in range(1, len(result.parts) + 1)]
     assert len({p.printer for p in result.parts}) == len(result.parts) <= 8
@@ -56,7 +56,7 @@ def test_one_printer_prints_a_small_model_whole(
     assert part.price_s == pytest.approx(result.serial_s)
 
 
-def test_interior_is_left_out_where_it_saves(fleet: list[PrinterRoom], cost: CostModel) -> None:
+def test_interior_is_omitted_if_that_saves_time(fleet: list[PrinterRoom], cost: CostModel) -> None:
     block = Model(Solid.box((0, 0, 0), (500, 400, 380)), (), 1.0)
     printers = [PrinterRoom(f"p{i}", fleet[0].boxes) for i in range(40)]
     dear = replace(cost, volume_s_mm3=1.0)
@@ -87,7 +87,7 @@ def test_too_few_printers_are_reported_with_the_required_number(
         decompose_model(ball, [PrinterRoom(f"toy-{i}", ((5.0, 5.0, 5.0),)) for i in range(40)], COARSE, cost)
 
 
-def test_a_printer_may_be_there_for_several_rounds(
+def test_printer_may_be_there_for_several_rounds(
     ball: Model, fleet: list[PrinterRoom], cost: CostModel
 ) -> None:
     result = decompose_model(ball, fleet[:3] * 3, COARSE, cost)
@@ -105,7 +105,7 @@ def test_separate_pieces_are_separate_parts(fleet: list[PrinterRoom], cost: Cost
         decompose_model(two, fleet[:1], COARSE, cost)
 
 
-def test_pieces_that_the_grid_cannot_tell_apart(fleet: list[PrinterRoom], cost: CostModel) -> None:
+def test_pieces_in_one_cell_are_separate_parts(fleet: list[PrinterRoom], cost: CostModel) -> None:
     """Two plates 1 mm apart share every cell: the cut finds two pieces, and the search has to know."""
     plates = Solid.union([Solid.box((0, 0, 0), (60, 60, 5)), Solid.box((0, 0, 6), (60, 60, 11))])
     result = decompose_model(Model(plates, (), 1.0), fleet, Options(granularity=2), cost)
@@ -114,7 +114,7 @@ def test_pieces_that_the_grid_cannot_tell_apart(fleet: list[PrinterRoom], cost: 
         decompose_model(Model(plates, (), 1.0), fleet[:1], Options(granularity=2), cost)
 
 
-def test_flat_faces_in_the_middle(fleet: list[PrinterRoom], cost: CostModel) -> None:
+def test_flat_faces_in_the_middle_are_not_cut(fleet: list[PrinterRoom], cost: CostModel) -> None:
     """Steps at every tenth of the length, where an even grid of ten has its planes."""
     steps = Solid.union([Solid.box((0, 0, 20 * i), (200 - 20 * i, 80, 20 * i + 20)) for i in range(5)])
     result = decompose_model(Model(steps, (), 1.0), fleet, Options(granularity="regular"), cost)
@@ -123,19 +123,19 @@ def test_flat_faces_in_the_middle(fleet: list[PrinterRoom], cost: CostModel) -> 
 
 
 @pytest.mark.parametrize("bad", ["huge", 0, -3, "1.5", 1000])
-def test_bad_granularity(bad: str | int) -> None:
+def test_invalid_granularity_is_refused(bad: str | int) -> None:
     with pytest.raises(DecomposeError, match="granularity"):
         choose_granularity(bad, 4)
 
 
-def test_granularity_by_name_number_and_need() -> None:
+def test_granularity_is_set_by_name_number_or_size() -> None:
     assert choose_granularity("vfine", 4) == 15
     assert choose_granularity("12", 4) == choose_granularity(12, 4) == 12
     assert choose_granularity("auto", 4) == 15
     assert choose_granularity("auto", 50) > 20
 
 
-def test_bad_wall(lump: Solid, fleet: list[PrinterRoom], cost: CostModel) -> None:
+def test_invalid_wall_is_refused(lump: Solid, fleet: list[PrinterRoom], cost: CostModel) -> None:
     with pytest.raises(DecomposeError, match="--min-wall"):
         decompose_model(Model(lump, (), 1.0), fleet, Options(min_wall_mm=float("nan")), cost)
 
@@ -180,7 +180,7 @@ def test_written_parts_go_back_into_the_model(
 
 
 @pytest.mark.parametrize("min_wall_mm", [1e4, 1e200])
-def test_a_wall_thicker_than_the_model_leaves_nothing_out(
+def test_wall_thicker_than_the_model_keeps_everything(
     min_wall_mm: float, fleet: list[PrinterRoom], cost: CostModel
 ) -> None:
     cube = Model(Solid.box((0, 0, 0), (100, 100, 100)), (), 1.0)

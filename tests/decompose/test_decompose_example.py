@@ -28,7 +28,7 @@ def make(*args: str) -> subprocess.CompletedProcess[str]:
     )
 
 
-def test_aqueduct(tmp_path: Path, fleet: list[PrinterRoom], cost: CostModel) -> None:
+def test_aqueduct_of_the_paper_is_cut(tmp_path: Path, fleet: list[PrinterRoom], cost: CostModel) -> None:
     first, second = tmp_path / "a.stl", tmp_path / "b.stl"
     done = make(str(first))
     assert done.returncode == 0, done.stderr
@@ -45,7 +45,7 @@ def test_aqueduct(tmp_path: Path, fleet: list[PrinterRoom], cost: CostModel) -> 
     assert result.serial_s / result.makespan_s > 6.0
 
 
-def test_usage_and_a_place_that_cannot_be_written(tmp_path: Path) -> None:
+def test_unwritable_output_folder_is_refused(tmp_path: Path) -> None:
     assert make().returncode == 2
     assert "usage" in make("--help").stdout
     assert not (ROOT / "--help").exists()

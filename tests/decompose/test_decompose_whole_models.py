@@ -91,7 +91,7 @@ def run(solid: Solid, cost: CostModel, printers: int, granularity: int) -> Decom
         (pipe, 5, 16),
     ],
 )
-def test_cut_without_a_fault(
+def test_whole_models_are_cut_without_faults(
     make: Callable[[], Solid], granularity: int, printers: int, cost: CostModel
 ) -> None:
     solid = make()
@@ -112,7 +112,7 @@ def test_model_that_fits_one_printer_is_not_cut(cost: CostModel) -> None:
     assert result.joints == ()
 
 
-def test_how_many_printers_would_do(cost: CostModel) -> None:
+def test_sufficient_number_of_printers_is_reported(cost: CostModel) -> None:
     with pytest.raises(NoFit, match=r"400 x 400 x 400 mm needs \d+ parts.*there are 2") as raised:
         run(cube(400.0)(), cost, 2, 8)
     needed = raised.value.printers_needed
@@ -120,14 +120,14 @@ def test_how_many_printers_would_do(cost: CostModel) -> None:
     assert len(run(cube(400.0)(), cost, needed, 8).parts) <= needed
 
 
-def test_model_that_fits_no_number_of_printers(cost: CostModel) -> None:
+def test_model_too_large_for_any_fleet_is_reported(cost: CostModel) -> None:
     """A bed so small that a cell of the finest grid is larger."""
     rooms = [PrinterRoom(f"um-{i}", ((10.0, 10.0, 10.0),)) for i in range(50)]
     with pytest.raises(NoFit, match=r"printers with room for \d+ mm each way would be enough"):
         decompose_model(Model(ball(200.0), (), 1.0), rooms, Options(Engine.GUILLOTINE, 8), cost)
 
 
-def test_a_rod_of_100_m_is_refused_before_any_grid_is_laid(
+def test_rod_of_100_m_is_refused_before_any_grid_is_laid(
     cost: CostModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def never(*_: object) -> None:

@@ -10,7 +10,7 @@ from decompose import jit
 from decompose.jit import find_code_folder, hash_sources
 
 
-def test_a_change_in_any_compiled_file_is_seen(tmp_path: Path) -> None:
+def test_change_in_any_compiled_file_is_seen(tmp_path: Path) -> None:
     cost, boxes, words = (tmp_path / name for name in ("cost.py", "boxes.py", "words.py"))
     cost.write_text("from decompose.jit import jit\nPRICE = 1.0\n")
     boxes.write_text("from decompose.jit import jit\nfrom decompose.cost import PRICE\n")
@@ -51,7 +51,7 @@ def test_installed_code_is_copied_for_a_user_who_may_not_write_it(
     assert (own / "grid" / "rays.nbc").exists()  # it is not copied again
 
 
-def test_a_home_that_cannot_be_written_leaves_a_folder_of_the_process(
+def test_home_that_cannot_be_written_leaves_a_folder_of_the_process(
     tmp_path: Path, read_only: set[Path]
 ) -> None:
     (tmp_path / "file").write_text("no folder")

@@ -57,7 +57,7 @@ def number_in(after: Decomposition, cut: Decomposition, slow: int) -> int:
 
 
 @pytest.mark.parametrize("slow", range(4))
-def test_the_part_that_is_slow_gets_less(slow: int, cut: Decomposition, cost: CostModel) -> None:
+def test_slow_part_gets_smaller(slow: int, cut: Decomposition, cost: CostModel) -> None:
     before_s = took_s(cut, slow)
     after = relevel_planes(MODEL, bare(cut), before_s, cost)
     assert after is not None
@@ -68,7 +68,7 @@ def test_the_part_that_is_slow_gets_less(slow: int, cut: Decomposition, cost: Co
     assert sum(p.solid.volume_mm3 for p in after.parts) == pytest.approx(MODEL.solid.volume_mm3)
 
 
-def test_where_all_prices_are_true_nothing_moves(cut: Decomposition, cost: CostModel) -> None:
+def test_relevel_with_true_prices_changes_nothing(cut: Decomposition, cost: CostModel) -> None:
     assert relevel_planes(MODEL, bare(cut), took_s(cut, 0, 1.0), cost) is None
 
 
@@ -92,7 +92,7 @@ def test_second_relevel_continues_from_the_first(cut: Decomposition, cost: CostM
     assert took_s(twice, number_in(twice, once, 2), 1.3).max() < took_s(once, 2, 1.3).max()
 
 
-def test_a_model_that_was_turned_is_cut_as_it_lay(cost: CostModel) -> None:
+def test_turned_model_is_relevelled_in_its_frame(cost: CostModel) -> None:
     from decompose.decompose import _by_engine
 
     task = rotate_about_z(Problem(MODEL, ROOMS, cost, OPTIONS), -20.0)
@@ -148,7 +148,7 @@ def test_each_piece_of_a_box_keeps_its_time_ratio(cost: CostModel) -> None:
     assert slower == pytest.approx({False: 1.2, True: 1.1})
 
 
-def test_parts_that_are_others_are_left_as_they_are(cut: Decomposition, cost: CostModel) -> None:
+def test_unrelated_parts_are_unchanged(cut: Decomposition, cost: CostModel) -> None:
     assert cut.cutting is not None
     assert relevel_planes(MODEL, bare(cut), took_s(cut, 0)[:-1], cost) is None
     twice = replace(cut.cutting, boxes_mm=cut.cutting.boxes_mm[[0, 0, 1, 2]])

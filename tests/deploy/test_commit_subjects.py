@@ -47,13 +47,13 @@ def repository(tmp_path: Path) -> Repository:
     return made
 
 
-def test_a_subject_of_72_characters_passes(repository: Repository):
+def test_subject_of_72_characters_passes(repository: Repository):
     repository.commit("ü" * 72)
     assert repository.check().returncode == 0
 
 
 @pytest.mark.parametrize("subject", [LONG, "Ends with a period."])
-def test_a_bad_subject_is_refused_and_named(repository: Repository, subject: str):
+def test_bad_subject_is_refused_and_named(repository: Repository, subject: str):
     commit = repository.commit(subject)
     repository.commit("Good")
     result = repository.check()
@@ -61,9 +61,7 @@ def test_a_bad_subject_is_refused_and_named(repository: Repository, subject: str
     assert commit[:9] in result.stderr and subject in result.stderr
 
 
-def test_a_shallow_clone_without_the_base_is_checked_as_far_as_it_goes(
-    repository: Repository, tmp_path: Path
-):
+def test_shallow_clone_without_the_base_is_checked_as_far_as_it_goes(repository: Repository, tmp_path: Path):
     base = repository.git("rev-parse", "HEAD")
     repository.commit("One")
     repository.commit("Two")
@@ -75,7 +73,7 @@ def test_a_shallow_clone_without_the_base_is_checked_as_far_as_it_goes(
     assert clone.check().returncode == 1
 
 
-def test_a_folder_without_git_passes(tmp_path: Path):
+def test_folder_without_git_passes(tmp_path: Path):
     folder = Repository(tmp_path)
     folder.begin_rule_at("0" * 40)
     assert folder.check().returncode == 0
@@ -86,9 +84,7 @@ def test_a_folder_without_git_passes(tmp_path: Path):
     [("# help\n\nGood\n\nwhy\n", 0), (f"{LONG}\n", 1), ("# only help\n", 0)],
     ids=["good", "long", "empty"],
 )
-def test_the_hook_reads_the_subject_of_a_message(
-    repository: Repository, tmp_path: Path, message: str, code: int
-):
+def test_hook_reads_the_subject_of_a_message(repository: Repository, tmp_path: Path, message: str, code: int):
     file = tmp_path / "message"
     file.write_text(message)
     assert repository.check("--file", str(file)).returncode == code

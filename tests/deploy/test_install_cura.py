@@ -7,7 +7,7 @@ from apt_host import Host, resources
 
 class TestInstall:
     @pytest.mark.parametrize("version", ["4.13", "5.0"])
-    def test_everything_is_fetched_of_one_version(self, tmp_path, version):
+    def test_all_files_are_fetched_in_one_version(self, tmp_path, version):
         host = Host(tmp_path, apt=version)
         code, message, calls = host.run()
         assert (code, message.splitlines()[-1]) == (
@@ -59,7 +59,7 @@ class TestInstall:
         assert "cura-engine" not in calls
         assert '"setting_version": 20' in (host.settings / "definitions" / "fdmprinter.def.json").read_text()
 
-    def test_an_apt_of_another_version_than_the_engine_is_no_help(self, tmp_path):
+    def test_packages_of_another_version_are_not_used(self, tmp_path):
         host = Host(tmp_path, apt="5.0")
         host.engine("4.13")
         code, message, _ = host.run()

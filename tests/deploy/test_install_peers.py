@@ -94,7 +94,7 @@ def test_unavailable_package_is_reported_without_failure(install, tmp_path: Path
     assert not (tmp_path / "env" / ".installed").exists()
 
 
-def test_large_package_that_apt_lacks_does_not_cost_the_others(install, tmp_path: Path):
+def test_missing_large_package_does_not_affect_the_others(install, tmp_path: Path):
     assert "apt: prusa-slicer. The tests" in install(LACKS="prusa-slicer")
     assert (tmp_path / "env" / "bin" / "promtool").exists()
 

@@ -35,12 +35,12 @@ def is_wrong(text: str) -> bool:
 
 
 @pytest.mark.parametrize("text", ["a++", "(a*+b)?", "[0-9]{2}+", "(?>a|ab)c", "(x?+"])
-def test_the_check_finds_every_mistake(text: str) -> None:
+def test_check_finds_every_mistake(text: str) -> None:
     assert is_wrong(text)
 
 
 @pytest.mark.parametrize("text", ["a+", r"a+\+", "[*+]+", "a+?", "k-means++"])
-def test_the_check_lets_the_others_be(text: str) -> None:
+def test_check_accepts_valid_patterns(text: str) -> None:
     assert not is_wrong(text)
 
 

@@ -45,7 +45,7 @@ def test_unit_starts_an_existing_program(unit: Path):
 
 
 @pytest.mark.skipif(shutil.which("systemd-socket-activate") is None, reason="needs systemd")
-def test_the_service_of_farm_estop_takes_the_listening_socket_of_its_unit(tmp_path: Path):
+def test_service_of_farm_estop_takes_the_listening_socket_of_its_unit(tmp_path: Path):
     folder = DEPLOY / "systemd"
     assert "Accept=no" in (folder / "farm-estop.socket").read_text()
     service = (folder / "farm-estop.service").read_text()
@@ -68,7 +68,7 @@ def test_the_service_of_farm_estop_takes_the_listening_socket_of_its_unit(tmp_pa
             serving.kill()
 
 
-def test_an_agents_unit_waits_for_its_print_and_depends_on_nothing_that_may_stop():
+def test_agents_unit_waits_for_its_print_and_depends_on_nothing_that_may_stop():
     text = (DEPLOY / "systemd" / "farm-agent@.service").read_text()
     assert "TimeoutStopSec=infinity" in text and "KillMode=mixed" in text
     assert not re.search(r"^(Requires|BindsTo|PartOf|Requisite)=", text, re.MULTILINE)

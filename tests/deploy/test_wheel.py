@@ -60,7 +60,7 @@ def run(environment: Path, host: Host, *words: str) -> tuple[int, str]:
     return done.returncode, done.stdout
 
 
-def test_the_wheel_has_all_files_of_the_packages_that_git_has(wheel: Path):
+def test_wheel_has_all_files_of_the_packages_that_git_has(wheel: Path):
     words = ["git", "ls-files", "farm", "drivers", "decompose", "slicing"]
     listed = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=True).stdout.split()
     assert len(listed) > 100
@@ -94,7 +94,7 @@ def test_setup_says_what_is_missing_where_there_is_no_apt(environment: Path, tmp
     assert said.splitlines()[-1].startswith("farm: CuraEngine and its settings in")
 
 
-def test_the_version_is_that_of_the_wheel(environment: Path, wheel: Path, tmp_path: Path):
+def test_version_is_that_of_the_wheel(environment: Path, wheel: Path, tmp_path: Path):
     code, said = run(environment, Host(tmp_path), "--version")
     assert (code, said) == (0, f"farm {wheel.name.split('-')[1]}\n")
     assert os.access(environment / "bin" / "farm", os.X_OK)

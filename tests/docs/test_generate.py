@@ -37,7 +37,7 @@ def test_field_of_json_without_words_is_refused():
         generate._fields("Reel", schema, {"any": {"grams": "Filament."}})
 
 
-def test_a_cell_cannot_break_its_table():
+def test_cell_text_is_escaped():
     assert generate.make_table(("a", "b"), [("1|2", "3")]).splitlines()[-1] == "| 1\\|2 | 3 |"
 
 
@@ -55,7 +55,7 @@ def test_schema_is_described_in_words(schema: dict, words: str):
     assert generate.describe_value(schema) == words
 
 
-def test_a_terminal_picture_shows_the_output_and_loads_nothing():
+def test_terminal_picture_shows_the_output_and_loads_nothing():
     svg = load("terminal_picture").draw("farm status", "\x1b[1mDO NOW\x1b[0m nothing <b>", 40)
     assert "DO" in svg and "&lt;b&gt;" in svg
     assert "http" not in svg.replace("http://www.w3.org/2000/svg", "")

@@ -34,16 +34,16 @@ def mistakes_in(text: str) -> list[str]:
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
-def test_a_page_names_commands_and_options_that_exist(page: Path):
+def test_page_names_commands_and_options_that_exist(page: Path):
     assert mistakes_in(page.read_text(encoding="utf-8")) == []
 
 
-def test_a_wrong_command_and_a_wrong_option_are_found():
+def test_wrong_command_and_a_wrong_option_are_found():
     text = "Type `farm sumbit x.stl`.\n\n```text\n$ farm submit x.stl --overnite --wait\n```\n"
     assert mistakes_in(text) == ["farm sumbit", "farm submit --overnite"]
 
 
-def test_the_readme_submits_a_file_that_is_there_or_was_made_before():
+def test_readme_submits_a_file_that_is_there_or_was_made_before():
     text = (ROOT / "README.md").read_text(encoding="utf-8")
     lines = [line for block in re.findall(r"```\n(.*?)```", text, re.DOTALL) for line in block.splitlines()]
     made = set[str]()

@@ -16,7 +16,7 @@ def test_wall_and_farm_time_are_each_other_s_inverse(scale: float, anchor_s: flo
     assert clock.farm(anchor_s) == anchor_s
 
 
-def test_a_clock_of_scale_one_is_the_wall_s():
+def test_clock_of_scale_one_equals_wall_time():
     assert Clock().farm(12345.0) == 12345.0
     assert Clock(60.0).wall_seconds(90.0) == 1.5
 
@@ -31,7 +31,7 @@ def test_setting_the_host_s_clock_moves_no_deadline(step_s: float, monkeypatch: 
 
 
 @pytest.mark.parametrize("step_s", [6 * 3600.0, -6 * 3600.0, 3e7])
-def test_a_clock_that_follows_its_host_takes_a_step_over_once(step_s: float, monkeypatch: pytest.MonkeyPatch):
+def test_clock_step_of_the_host_is_applied_once(step_s: float, monkeypatch: pytest.MonkeyPatch):
     real = time.time
     clock, agent_s = Clock(), Clock()
     assert clock.follow_host() == 0.0
@@ -54,7 +54,7 @@ def test_small_steps_add_up(monkeypatch: pytest.MonkeyPatch):
     assert 2.0 < clock.ahead_s == pytest.approx(sum(taken_s))
 
 
-def test_a_clock_of_simulated_printers_never_steps(monkeypatch: pytest.MonkeyPatch):
+def test_clock_of_simulated_printers_never_steps(monkeypatch: pytest.MonkeyPatch):
     real, clock = time.time, Clock(60.0, time.time())
     monkeypatch.setattr(time, "time", lambda: real() + 1e6)
     assert (clock.follow_host(), clock.ahead_s) == (0.0, 0.0)

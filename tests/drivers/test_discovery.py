@@ -58,7 +58,7 @@ def test_plugged_device_is_named_by_its_socket_and_the_fleet(tmp_path: Path):
 
 
 @pytest.mark.system
-def test_a_board_that_starts_again_is_commissioned_and_that_is_kept(tmp_path: Path, printer: Path):
+def test_board_that_starts_again_is_commissioned_and_that_is_kept(tmp_path: Path, printer: Path):
     assert commission(str(printer), tmp_path / "agent", ULTIMAKER2) == MODEL
     memory = Journal(tmp_path / "agent" / "journal.jsonl").state
     assert memory.board.reset_verified == str(printer) and memory.board.opened is not None
@@ -74,7 +74,7 @@ def test_board_whose_banner_lacks_the_model_is_queried(tmp_path: Path):
         control(folder, "power_off")
 
 
-def test_a_board_that_prints_from_its_card_is_not_reset():
+def test_board_that_prints_from_its_card_is_not_reset():
     master, slave = pty.openpty()
     tty.setraw(slave)
     path = Path(os.ttyname(slave))  # the slave stays open: a close would be seen by the master
@@ -111,7 +111,7 @@ def test_board_of_an_unknown_version_is_refused(banner: bytes):
 
 
 @pytest.mark.system
-def test_the_farm_commissions_a_printer_with_and_without_its_agent(tmp_path: Path, printer: Path):
+def test_farm_commissions_a_printer_with_and_without_its_agent(tmp_path: Path, printer: Path):
     alone = farm(tmp_path, "/dev/null", "--commission", str(printer), "--yes")
     assert alone.returncode == 0, alone.stderr
     assert f"model: {MODEL}" in alone.stdout  # the line for fleet.yaml

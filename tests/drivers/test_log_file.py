@@ -41,7 +41,7 @@ def test_only_the_newest_logs_are_kept(tmp_path: Path):
     assert found == {"daemon.log": "", "daemon.log.1": "8", "daemon.log.2": "7", "daemon.log.3": "6"}
 
 
-def test_a_log_below_the_limit_or_missing_stays_as_it_is(tmp_path: Path):
+def test_log_below_the_limit_or_missing_stays_as_it_is(tmp_path: Path):
     path = tmp_path / "agent.log"
     assert not rotate_log(path, 100)
     path.write_text("short")
@@ -62,7 +62,7 @@ def test_on_a_full_disk_the_log_stays(tmp_path: Path, monkeypatch: pytest.Monkey
     assert path.read_text() == "x" * 100
 
 
-def test_the_renamed_log_keeps_its_mode(tmp_path: Path):
+def test_renamed_log_keeps_its_mode(tmp_path: Path):
     path = tmp_path / "daemon.log"
     path.touch(mode=0o600)
     path.write_text("x" * 100)

@@ -18,7 +18,7 @@ from farm.state import events as ev
 from recording_controller import fleet
 
 
-def test_a_state_folder_that_cannot_be_written_is_named_in_a_line(tmp_path, monkeypatch):
+def test_unwritable_state_folder_is_reported_in_one_line(tmp_path, monkeypatch):
     monkeypatch.setattr("logging.basicConfig", lambda **_: None)
     state = StateFolder(tmp_path / "state")
     state.make()
@@ -39,7 +39,7 @@ def test_modules_of_workers_are_not_loaded_by_the_daemon(module):
     assert done.stdout == "[]\n"
 
 
-def test_a_host_s_clock_that_is_set_is_taken_over_by_all_that_keep_hours(tmp_path, monkeypatch):
+def test_clock_step_of_the_host_reaches_every_component(tmp_path, monkeypatch):
     """Within a look; a step that the books cannot take (a full disk) ends nothing."""
     monkeypatch.setattr("farm.daemon._FOLLOW_S", 0.0)
     state = StateFolder(tmp_path / "state")

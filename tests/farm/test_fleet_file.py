@@ -28,7 +28,7 @@ printers:
 """
 
 
-def test_defaults_reach_every_printer_and_give_way_to_its_own(tmp_path):
+def test_defaults_apply_unless_a_printer_overrides_them(tmp_path):
     fleet = load(tmp_path, GOOD)
     assert [(p.model, p.colour) for p in fleet.printers] == [
         ("ultimaker2_plus", "red"),
@@ -46,14 +46,14 @@ def test_reel_has_a_price_if_given(tmp_path):
     assert [p.price(200.0) for p in load(tmp_path, GOOD).printers] == [None, None]
 
 
-def test_hours_are_read_one_or_many(tmp_path):
+def test_hours_are_one_window_or_a_list(tmp_path):
     hours = "attended: [mon-fri 08:00-18:00, sat 10:00-14:00], quiet: 22:00-06:00, timezone"
     house = load(tmp_path, GOOD.replace("timezone", hours)).fleet
     assert [len(window.days) for window in house.attended] == [5, 1]
     assert [len(window.days) for window in house.quiet] == [7]
 
 
-def test_the_repositorys_own_fleet_is_good():
+def test_fleet_file_of_the_repository_is_valid():
     fleet = load_fleet(ROOT / "fleet.yaml", MODELS)
     assert [p.model for p in fleet.printers].count("ultimaker2_plus") == 5
     assert len(fleet.printers) == 8
@@ -153,7 +153,7 @@ def test_the_repositorys_own_fleet_is_good():
         (GOOD.replace("colour: blue", "power_off_cmd: ''"), "printers.1.power_off_cmd: is empty"),
     ],
 )
-def test_a_mistake_is_named_in_one_line(tmp_path, text, said):
+def test_error_is_reported_in_one_line(tmp_path, text, said):
     with pytest.raises(FleetFileError) as error:
         load(tmp_path, text)
     assert said in str(error.value)
@@ -186,13 +186,13 @@ def test_unknown_cura_material_is_reported_as_a_field_error(tmp_path, text, said
     assert error.value.exit_code == ExitCode.USAGE
 
 
-def test_a_printer_that_cura_has_files_for_is_well_and_none_is_judged_without_files(tmp_path, monkeypatch):
+def test_printers_are_checked_only_if_the_files_of_cura_exist(tmp_path, monkeypatch):
     assert len(load(tmp_path, GOOD, complete_section).printers) == 2
     monkeypatch.setenv("FARM_CURA_RESOURCES", str(tmp_path))
     assert len(load(tmp_path, GOOD.replace("colour: blue", "nozzle_mm: 7"), complete_section).printers) == 2
 
 
-def test_a_printer_s_material_is_named_as_people_do(tmp_path):
+def test_material_of_a_printer_is_given_by_its_common_name(tmp_path):
     fleet = load(tmp_path, GOOD.replace("colour: blue", "material: red ABS"), complete_section)
     assert [(p.material, p.material_kind) for p in fleet.printers] == [
         ("generic_pla", "PLA"),
@@ -201,13 +201,13 @@ def test_a_printer_s_material_is_named_as_people_do(tmp_path):
     assert fleet.printers[1].colour == "red"
 
 
-def test_a_folder_of_materials_is_relative_to_the_fleet_file(tmp_path):
+def test_folder_of_materials_is_relative_to_the_fleet_file(tmp_path):
     (tmp_path / "mine").mkdir()
     fleet = load(tmp_path, GOOD.replace("name: lab", "name: lab, materials: mine"), complete_section)
     assert fleet.fleet.materials == tmp_path / "mine"
 
 
-def test_two_ways_to_write_one_port_are_one_port(tmp_path):
+def test_one_port_under_two_paths_is_detected(tmp_path):
     device = tmp_path / "ttyACM0"
     device.touch()
     link = tmp_path / "by-path"
@@ -225,7 +225,7 @@ def test_simulated_printers_may_share_an_address(tmp_path):
     assert len(load(tmp_path, text).printers) == 2
 
 
-def test_a_file_that_is_not_there_or_cannot_be_read_is_named(tmp_path):
+def test_missing_or_unreadable_file_is_reported(tmp_path):
     with pytest.raises(FleetFileError, match=r"no\.yaml: no such file; write one .*`farm discover`"):
         load_fleet(tmp_path / "no.yaml", MODELS)
     with pytest.raises(FleetFileError, match=r"cannot be read \(Is a directory\)"):
@@ -250,7 +250,7 @@ HOURS = "".join(f"  - mon {i // 60 % 24:02d}:{i % 60:02d}-24:00\n" for i in rang
     ],
     ids=["merges", "lists", "hours", "size"],
 )
-def test_a_file_that_would_take_all_time_or_memory_is_refused(tmp_path, text, why):
+def test_expanding_file_is_refused(tmp_path, text, why):
     with pytest.raises(FleetFileError) as error:
         load(tmp_path, text)
     assert str(error.value).endswith(why)

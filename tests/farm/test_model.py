@@ -22,7 +22,7 @@ FLAT = {
 }
 
 
-def test_a_part_of_farm_0_1_is_read_into_nested_records():
+def test_part_of_farm_0_1_is_read_into_nested_records():
     part = Part.model_validate(FLAT)
     assert part.print_options == PartPrintOptions(brim_width_mm=3.0, layer_0_expansion_mm=-0.2, stands=False)
     assert (part.geometry, part.cut_from) == (plan().parts[0].geometry, "1/p00")
@@ -30,7 +30,7 @@ def test_a_part_of_farm_0_1_is_read_into_nested_records():
     assert "brim_width_mm" in FLAT  # what was read is left as it was
 
 
-def test_a_part_of_before_print_options_has_the_quality_s():
+def test_part_without_print_options_has_those_of_its_quality():
     options = ("brim_width_mm", "layer_0_expansion_mm", "stands")
     part = Part.model_validate({name: value for name, value in FLAT.items() if name not in options})
     assert part.print_options == PartPrintOptions()
@@ -38,12 +38,12 @@ def test_a_part_of_before_print_options_has_the_quality_s():
 
 
 @pytest.mark.parametrize("damage", [{"to_model": None}, {"stand": True}, {"volume_mm3": "much"}])
-def test_a_damaged_part_is_refused(damage):
+def test_damaged_part_is_refused(damage):
     with pytest.raises(ValidationError):
         Part.model_validate({**FLAT, **damage})
 
 
-def test_a_plate_of_farm_0_1_is_read_by_its_former_names():
+def test_plate_of_farm_0_1_is_read_by_its_former_names():
     plate = plan().plates[0]
     former = plate.model_dump()
     former |= {"print_time_s": former.pop("sliced_s"), "estimated_s": former.pop("expected_s")}

@@ -10,7 +10,7 @@ from farm.errors import Refused
 from farm.paths import StateFolder, find_places, read_anchor, write_anchor
 
 
-def test_flags_come_before_the_environment_and_that_before_xdg(tmp_path):
+def test_options_precede_environment_and_xdg_folders(tmp_path):
     env = {"HOME": "/home/ann", "XDG_RUNTIME_DIR": "/run/user/7"}
     places = find_places(None, None, None, env)
     assert places.state.root == Path("/home/ann/.local/state/farm")
@@ -44,7 +44,7 @@ def temporary(tmp_path, monkeypatch):
     return folder, lambda: find_places(Path("/" + "a" * 120), None, None, {"HOME": "/home/ann"}).socket
 
 
-def test_without_a_runtime_folder_a_long_path_s_socket_lies_in_a_folder_of_one_s_own(temporary):
+def test_socket_of_a_long_path_is_in_a_private_folder(temporary):
     folder, find_socket = temporary
     assert find_socket().parent == folder
     assert stat.S_IMODE(folder.stat().st_mode) == 0o700
@@ -60,14 +60,14 @@ def test_without_a_runtime_folder_a_long_path_s_socket_lies_in_a_folder_of_one_s
         (lambda folder: folder.touch(), "cannot be used"),
     ],
 )
-def test_a_temporary_folder_that_others_may_have_made_is_refused(temporary, prepare, reason):
+def test_temporary_folder_open_to_others_is_refused(temporary, prepare, reason):
     folder, find_socket = temporary
     prepare(folder)
     with pytest.raises(Refused, match=f"{folder} {reason}.*name a shorter --socket"):
         find_socket()
 
 
-def test_a_temporary_folder_of_another_user_is_refused(temporary, monkeypatch):
+def test_temporary_folder_of_another_user_is_refused(temporary, monkeypatch):
     folder, find_socket = temporary
     find_socket()
     own = os.getuid()
@@ -77,7 +77,7 @@ def test_a_temporary_folder_of_another_user_is_refused(temporary, monkeypatch):
         find_socket()
 
 
-def test_user_without_a_farm_finds_the_shared_one(tmp_path):
+def test_user_without_a_farm_uses_the_shared_one(tmp_path):
     env = {"HOME": str(tmp_path), "XDG_RUNTIME_DIR": str(tmp_path / "run")}
     shared = tmp_path / "shared" / "farm.sock"
     own = tmp_path / "run" / "farm" / "farm.sock"
@@ -90,7 +90,7 @@ def test_user_without_a_farm_finds_the_shared_one(tmp_path):
     assert find_places(None, None, None, env, shared).socket == own
 
 
-def test_folders_that_may_not_be_entered_are_passed_over(tmp_path, monkeypatch):
+def test_inaccessible_folders_are_skipped(tmp_path, monkeypatch):
     """`su` keeps the caller's XDG_RUNTIME_DIR and working folder."""
     env = {"HOME": str(tmp_path), "XDG_RUNTIME_DIR": "/run/user/0", "XDG_CONFIG_HOME": "/root/.config"}
 
@@ -105,7 +105,7 @@ def test_folders_that_may_not_be_entered_are_passed_over(tmp_path, monkeypatch):
     assert (places.socket, places.fleet.name) == (Path("/opt/run/farm.sock"), "fleet.yaml")
 
 
-def test_the_fleet_file_nearby_comes_first(tmp_path, monkeypatch):
+def test_fleet_file_in_the_current_folder_is_preferred(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     config = tmp_path / "config" / "farm" / "fleet.yaml"
     config.parent.mkdir(parents=True)
@@ -116,7 +116,7 @@ def test_the_fleet_file_nearby_comes_first(tmp_path, monkeypatch):
     assert find_places(None, None, None, env).fleet == tmp_path / "fleet.yaml"
 
 
-def test_the_clock_is_kept_whole(tmp_path):
+def test_clock_anchor_is_written_atomically(tmp_path):
     path = tmp_path / "clock.json"
     assert read_anchor(path) is None
     write_anchor(path, 60.0, 1.7e9)
@@ -125,7 +125,7 @@ def test_the_clock_is_kept_whole(tmp_path):
     assert read_anchor(path) is None
 
 
-def test_a_state_folder_keeps_the_clock_that_it_was_made_with(tmp_path):
+def test_state_folder_keeps_its_clock(tmp_path):
     from farm.config import Fleet
     from farm.daemon import farm_clock
 

@@ -22,7 +22,7 @@ NOW = datetime(2026, 11, 22, 7, 0, tzinfo=UTC)  # a Sunday
         (400 * 24, "27 Dec 2027 07:00"),
     ],
 )
-def test_a_time_has_its_date_where_its_weekday_names_several_days(hours, text):
+def test_ambiguous_weekday_is_shown_with_its_date(hours, text):
     assert format_moment(NOW + timedelta(hours=hours), NOW) == text
 
 
@@ -36,5 +36,5 @@ def test_two_times_weeks_apart_differ_in_the_past_and_in_the_future(away, weeks,
     ("hours", "text"),
     [(-1, "06:00"), (-20, "11:00"), (-21, "Sat 10:00"), (1, "Sun 08:00"), (-144, "Mon 07:00")],
 )
-def test_a_time_of_the_same_night_has_no_weekday(hours, text):
+def test_time_of_the_same_night_has_no_weekday(hours, text):
     assert format_recent(NOW + timedelta(hours=hours), NOW) == text

@@ -33,7 +33,7 @@ def put(folder, letter, used_s, ends=("json", "gcode")):
         os.utime(path, (used_s, used_s))
 
 
-def test_the_longest_unused_go_whole_and_other_files_stay(tmp_path):
+def test_longest_unused_entries_are_deleted_completely(tmp_path):
     put(tmp_path, "a", 1000)
     put(tmp_path, "b", 2000)
     put(tmp_path, "c", 3000)
@@ -49,5 +49,5 @@ def test_the_longest_unused_go_whole_and_other_files_stay(tmp_path):
     assert left == {thesis.name, *(f"{letter * 64}.{end}" for letter in "ac" for end in ("json", "gcode"))}
 
 
-def test_a_folder_that_is_not_there_is_no_trouble(tmp_path):
+def test_missing_folder_is_ignored(tmp_path):
     trim_cache(tmp_path / "nowhere", 0)

@@ -62,7 +62,7 @@ def test_output_and_log_are_returned(run):
     assert "part.stl" in result.log
 
 
-def test_nothing_written_is_an_empty_file(run):
+def test_missing_output_is_an_empty_file(run):
     assert run("true").gcode == b""
 
 
@@ -83,7 +83,7 @@ def test_nothing_written_is_an_empty_file(run):
         ),
     ],
 )
-def test_each_end_has_its_name(run, body, error, message):
+def test_each_way_to_end_has_its_error(run, body, error, message):
     with pytest.raises(error, match=message) as failed:
         run(body)
     assert type(failed.value) is error
@@ -122,19 +122,19 @@ def test_long_log_keeps_its_beginning_and_end(run):
     assert len(log) <= 5 * 2**20
 
 
-def test_a_flood_on_the_disk_is_ended(run, monkeypatch):
+def test_engine_with_excessive_output_is_stopped(run, monkeypatch):
     monkeypatch.setattr(engine_module, "OUTPUT_BYTES", 100_000)
     with pytest.raises(EngineCrashed, match="wrote more than"):
         run("exec head -c 10000000 /dev/zero > part.gcode")
 
 
-def test_one_that_eats_memory_is_ended(run):
+def test_engine_with_excessive_memory_is_stopped(run):
     eater = f"exec {sys.executable} -c 'x = []\nwhile True: x.append(bytearray(1 << 26))'"
     with pytest.raises(EngineFailed, match="MemoryError"):
         run(eater, memory_bytes=2**29)
 
 
-def test_the_real_one_without_memory(engine, tmp_path, settings_of, cube_20):
+def test_real_engine_without_memory_is_reported(engine, tmp_path, settings_of, cube_20):
     stl = tmp_path / "cube.stl"
     cube_20.export(stl)
     settings = settings_of()
@@ -191,7 +191,7 @@ def test_engine_and_files_are_of_one_generation(tmp_path, version, extruder, goo
         check_versions(engine, extruder)
 
 
-def test_program_that_is_no_engine(tmp_path):
+def test_program_without_a_version_is_refused(tmp_path):
     with pytest.raises(EngineMissing, match="set FARM_CURA_ENGINE"):
         engine_version(Path("/bin/true"))
     with pytest.raises(EngineMissing, match="set FARM_CURA_ENGINE"):

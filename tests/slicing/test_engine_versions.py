@@ -47,7 +47,7 @@ def cura5(record, request_for, settings_of, tmp_path):
 
 
 @pytest.mark.parametrize("stream", [1, 2])
-def test_a_slice_of_cura_5_is_accepted_with_its_figures(cura5, record, stream):
+def test_slice_of_cura_5_is_accepted_with_its_figures(cura5, record, stream):
     result = slice_plate(cura5(stream))
     assert f"Print time (s): {int(result.sliced_s)}\n" in record["log"]
     assert f"Filament (mm^3): {int(result.filament_mm3)}\n" in record["log"]
@@ -82,13 +82,13 @@ WALLS = (";TYPE:WALL-OUTER", ";TYPE:WALL-INNER")
     ("number", "kinds", "rule"),
     [(5, WALLS, Rule.OUTLINE), (15, (*WALLS, ";TYPE:SKIN", ";TYPE:FILL"), Rule.LAYERS)],
 )
-def test_a_layer_that_lacks_its_walls_is_refused(cura5, number, kinds, rule):
+def test_layer_that_lacks_its_walls_is_refused(cura5, number, kinds, rule):
     with pytest.raises(SliceRejected, match="layer") as refused:
         slice_plate(cura5(edit=lambda gcode: without_layer(gcode, number, kinds)))
     assert refused.value.rule is rule
 
 
-def test_unknown_setting(cura5):
+def test_unknown_setting_is_not_passed_on(cura5):
     body = "echo \"[ERROR] Trying to retrieve setting with no value given: 'x'\" >&2; exit 2"
     with pytest.raises(EngineFailed, match=r"no value given: 'x'; .*set FARM_CURA_RESOURCES"):
         slice_plate(cura5(body=body))

@@ -25,7 +25,7 @@ def test_files_that_are_cut_short_are_refused(cube_20, cut):
     assert refused.value.rule is Rule.BROKEN_MESH
 
 
-def test_not_a_number_is_refused(cube_20):
+def test_stl_with_nan_is_refused(cube_20):
     stl = bytearray(cube_20.export(file_type="stl"))
     stl[96:100] = np.float32("nan").tobytes()
     with pytest.raises(SliceRejected, match="finite"):
@@ -33,7 +33,7 @@ def test_not_a_number_is_refused(cube_20):
 
 
 @given(st.binary(max_size=400))
-def test_bytes_of_any_kind_end_in_triangles_or_a_refusal(content):
+def test_any_bytes_are_read_or_refused(content):
     try:
         assert len(read_triangles(content)) > 0
     except SliceRejected as refused:
@@ -54,7 +54,7 @@ def merged(corners):
 @pytest.mark.parametrize(
     "mesh", [trimesh.creation.icosphere(2, 60.0), slab((100.0, 80.0), (90.0, 85.0), 40.0)]
 )
-def test_the_same_part_but_for_hundredths_of_a_mm(mesh):
+def test_same_part_but_for_hundredths_of_a_mm(mesh):
     new = merged(read_triangles(write_triangles(add_waves(np.asarray(mesh.triangles)))))
     assert new.is_watertight
     assert new.volume == pytest.approx(mesh.volume, rel=2e-4)
@@ -74,7 +74,7 @@ def test_corners_lie_on_the_crests():
     assert np.ptp(depths) == pytest.approx(WAVE_MM, rel=0.01)
 
 
-def test_a_slowly_widening_part_keeps_its_corners(request_for, settings_of):
+def test_slowly_widening_part_keeps_its_corners(request_for, settings_of):
     """Its outer walls multiply to 2**32 um2 in some layer, however much it is grown."""
     settings = settings_of(infill_sparse_density="0", layer_height=0.1)
     request = request_for(slab((84.6, 51.0), (85.4, 51.3), 42.0), settings=settings)

@@ -19,7 +19,7 @@ from slicing.plate import slice_plate
 from slicing.slice_store import write_atomically
 
 
-def test_the_cube_of_50_mm_at_the_papers_settings(request_for, settings_of):
+def test_cube_of_50_mm_at_the_papers_settings(request_for, settings_of):
     """The checksum of the whole chain: other settings give up to six times this time."""
     result = slice_plate(request_for(trimesh.creation.box((50, 50, 50)), settings=settings_of("paper")))
     assert int(result.sliced_s) == 4906
@@ -29,7 +29,7 @@ def test_the_cube_of_50_mm_at_the_papers_settings(request_for, settings_of):
     assert result.max_mm[0] == pytest.approx(25 + 8.05 - 0.175, abs=0.05)
 
 
-def test_the_file_is_ready_to_stream(request_for, cube_20):
+def test_file_is_ready_to_stream(request_for, cube_20):
     result = slice_plate(request_for(cube_20))
     text = result.gcode.read_text()
     assert f";TIME:{int(result.sliced_s)}\n" in text[:200]
@@ -56,7 +56,7 @@ def test_supports_are_printed_in_both_scopes(request_for, settings_of):
     assert ";TYPE:SUPPORT\n" not in without.gcode.read_text()
 
 
-def test_many_layers_are_no_matter_for_the_memory_limit(request_for, settings_of):
+def test_memory_limit_grows_with_the_layers(request_for, settings_of):
     result = slice_plate(
         request_for(trimesh.creation.box((3, 3, 204)), settings=settings_of("high", support_enable="false"))
     )
@@ -66,7 +66,7 @@ def test_many_layers_are_no_matter_for_the_memory_limit(request_for, settings_of
 @pytest.mark.parametrize(
     "mesh", [trimesh.creation.cone(10, 30), trimesh.creation.cone(4, 60)], ids=["cone", "spike"]
 )
-def test_tips_that_are_too_thin_to_print_are_no_fault(request_for, mesh):
+def test_unprintable_tips_are_not_a_fault(request_for, mesh):
     result = slice_plate(request_for(mesh))
     assert result.height_mm < mesh.extents[2]
 
@@ -81,7 +81,7 @@ def prism(bottom_mm, top_mm, height_mm):
 @pytest.mark.parametrize(
     "mesh", [prism(85.042, 85.042, 2), prism(84.98, 85.1, 6)], ids=["all layers", "one layer"]
 )
-def test_a_sound_part_that_loses_a_corner_in_the_engine_is_sliced_again(request_for, settings_of, mesh):
+def test_sound_part_that_loses_a_corner_in_the_engine_is_sliced_again(request_for, settings_of, mesh):
     """The outer wall's middle is 84.642 x 50.742 mm: as many square micrometres as 2**32."""
     result = slice_plate(request_for(mesh, settings=settings_of(infill_sparse_density="0")))
     assert result.unprinted == ()
@@ -89,7 +89,7 @@ def test_a_sound_part_that_loses_a_corner_in_the_engine_is_sliced_again(request_
     assert result.max_mm[0] < mesh.extents[0] / 2 + 8.1  # with the brim
 
 
-def test_a_part_is_sliced_again_as_a_wider_mesh(request_for, tmp_path):
+def test_part_is_sliced_again_as_a_wider_mesh(request_for, tmp_path):
     """A section can lose its corner before any offset of the walls: the mesh itself has to be another."""
     request = request_for(trimesh.creation.box((80, 60, 2)))
     corners = read_triangles(request.stl.read_bytes())
@@ -104,7 +104,7 @@ def test_a_part_is_sliced_again_as_a_wider_mesh(request_for, tmp_path):
     assert plate._widen(request, corners, 0.0, 0.0, folder) is request
 
 
-def test_an_inner_wall_that_is_lost_in_the_engine_is_sliced_again(request_for):
+def test_inner_wall_that_is_lost_in_the_engine_is_sliced_again(request_for):
     """Its middle is 84.642 x 50.742 mm; without it the part is filled with skin, at four times the time."""
     result = slice_plate(request_for(trimesh.creation.box((85.692, 51.792, 3))))
     text = result.gcode.read_text()
@@ -160,7 +160,7 @@ def test_bad_input_is_rejected_and_leaves_no_file(request_for, content, rule):
     assert [path.name for path in request.out.parent.iterdir()] == ["part.stl"]
 
 
-def test_the_same_again_runs_no_engine(request_for, cube_20, tmp_path, settings_of):
+def test_repeated_slice_runs_no_engine(request_for, cube_20, tmp_path, settings_of):
     request = request_for(cube_20, cache=tmp_path / "cache")
     first = slice_plate(request)
     repeated = slice_plate(replace(request, out=tmp_path / "again.gcode"))
@@ -172,7 +172,7 @@ def test_the_same_again_runs_no_engine(request_for, cube_20, tmp_path, settings_
         slice_plate(replace(request, bed=((-5.0, -5.0, 5.0, 5.0, 205.0),)))
 
 
-def test_a_full_disk_is_named_with_the_file_that_has_no_room(tmp_path, monkeypatch):
+def test_full_disk_is_named_with_the_file_that_has_no_room(tmp_path, monkeypatch):
     def full(*_):
         raise OSError(errno.ENOSPC, "No space left on device")
 
@@ -205,7 +205,9 @@ def test_damaged_cache_entry_is_sliced_again(request_for, cube_20, tmp_path):
     assert not slice_plate(request).cached
 
 
-def test_a_kept_slice_needs_no_engine_and_half_a_one_does(request_for, cube_20, tmp_path, script, engine):
+def test_stored_slice_needs_no_engine_but_an_incomplete_one_does(
+    request_for, cube_20, tmp_path, script, engine
+):
     passing = script(f'exec {engine} "$@"')
     cache = tmp_path / "cache"
     request = replace(request_for(cube_20, cache=cache), engine=passing)
@@ -228,18 +230,18 @@ def test_engine_runs_in_worker_processes(request_for, cube_20):
             pool.submit(slice_plate, tall).result(60)
 
 
-def test_an_engine_that_fails(request_for, cube_20, script):
+def test_failing_engine_is_reported(request_for, cube_20, script):
     engine = script('echo "[ERROR] no such luck" >&2; exit 3')
     with pytest.raises(EngineFailed, match=r"exit code 3\): \[ERROR\] no such luck"):
         slice_plate(replace(request_for(cube_20), engine=engine))
 
 
-def test_an_engine_that_is_killed(request_for, cube_20, script):
+def test_killed_engine_is_reported(request_for, cube_20, script):
     with pytest.raises(EngineFailed, match="SIGSEGV"):
         slice_plate(replace(request_for(cube_20), engine=script("kill -SEGV $$")))
 
 
-def test_an_engine_that_hangs_is_stopped_with_all_its_processes(request_for, cube_20, script, tmp_path):
+def test_engine_that_hangs_is_stopped_with_all_its_processes(request_for, cube_20, script, tmp_path):
     fifo = tmp_path / "fifo"
     os.mkfifo(fifo)
     reader = os.open(fifo, os.O_RDONLY | os.O_NONBLOCK)
@@ -254,11 +256,11 @@ def test_an_engine_that_hangs_is_stopped_with_all_its_processes(request_for, cub
         os.close(reader)
 
 
-def test_an_engine_that_is_not_there(request_for, cube_20, tmp_path):
+def test_missing_engine_is_reported(request_for, cube_20, tmp_path):
     with pytest.raises(EngineMissing, match="FARM_CURA_ENGINE"):
         slice_plate(replace(request_for(cube_20), engine=tmp_path / "nothing"))
 
 
-def test_a_model_that_is_not_there(request_for, cube_20, tmp_path):
+def test_missing_model_is_reported(request_for, cube_20, tmp_path):
     with pytest.raises(SlicingError, match="No such file"):
         slice_plate(replace(request_for(cube_20), stl=tmp_path / "nothing.stl"))

@@ -14,7 +14,7 @@ MODEL = "creality_ender3"
 
 
 @pytest.mark.parametrize("quality", ["glue", "paper", "standard"])
-def test_a_part_passes_all_checks_of_a_slice(tmp_path, engine, resources, quality):
+def test_part_passes_all_checks_of_a_slice(tmp_path, engine, resources, quality):
     expected = SettingsRequest(PRINTERS[MODEL], quality, material="generic_pla_175")
     settings = resolve_settings(expected, resources)
     assert settings.filament_diameter_mm == 1.75

@@ -9,13 +9,13 @@ from slicing_printers import PRINTERS, UM2_PLUS
 FILAMENT_MM2 = 6.379
 
 
-def test_a_start_code_heats_both_heaters_and_primes_the_models_volume():
+def test_start_code_heats_both_heaters_and_primes_the_models_volume():
     lines = UM2_PLUS.code.start_code(205.0, 60.0, FILAMENT_MM2).splitlines()
     assert {"M140 S60", "M190 S60", "M109 S205", "G1 F47 E7.8"} <= {*lines}
     assert lines.index("G28") < lines.index("M190 S60") < lines.index("M109 S205")
 
 
-def test_a_bed_at_0_c_is_left_out_of_the_start_code():
+def test_bed_at_0_c_is_left_out_of_the_start_code():
     start = UM2_PLUS.code.start_code(205.0, 0.0, FILAMENT_MM2)
     assert "M140" not in start and "M190" not in start
 

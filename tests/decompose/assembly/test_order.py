@@ -36,7 +36,7 @@ def plan(pieces: Sequence[Piece]) -> Assembly:
     return assembly
 
 
-def test_two_halves_are_one_step_with_the_lighter_half_moved():
+def test_assembly_of_two_halves_moves_the_lighter_one():
     [step] = plan(boxes(((0, 0, 0), (60, 40, 20)), ((0, 0, 20), (60, 40, 30)))).steps
     assert (step.moved, step.fixed) == ((1,), (0,))
     assert step.direction == pytest.approx([0, 0, 1])
@@ -62,13 +62,13 @@ def pinwheel() -> list[Piece]:
     )
 
 
-def test_a_pinwheel_is_closed_by_slides():
+def test_pinwheel_is_closed_by_slides():
     assembly = plan(pinwheel())
     assert len(assembly.steps) == 4 and not assembly.locked
     assert any(step.slides for step in assembly.steps)
 
 
-def test_a_ball_in_a_hollow_is_laid_in_before_the_shell_is_closed():
+def test_ball_in_a_hollow_is_laid_in_before_the_shell_is_closed():
     outside = Solid.box((0, 0, 0), (60, 60, 60)).subtract(Solid.box((10, 10, 10), (50, 50, 50)))
     halves = [
         piece
@@ -113,7 +113,7 @@ def test_two_ears_above_a_plane_are_joined_one_by_one():
     assert [len(step.moved) for step in assembly.steps] == [1, 1]
 
 
-def test_a_body_that_would_fall_over_is_held():
+def test_body_that_would_fall_over_is_held():
     [step] = plan(boxes(((0, 0, 0), (3, 3, 25)), ((0, 0, 25), (3, 3, 50)))).steps
     assert step.rests_on == ()
 

@@ -77,7 +77,7 @@ def test_no_partition_is_below_the_bound(shape: Shape, seed: int, printers: int)
 
 @settings(max_examples=40, deadline=None)
 @given(shape=shapes, seed=st.integers(0, 10**6), printers=st.integers(1, 12))
-def test_the_weights_prove_the_bound(shape: Shape, seed: int, printers: int) -> None:
+def test_weights_prove_the_bound(shape: Shape, seed: int, printers: int) -> None:
     """Told again with whole numbers of any size: some part holds its share, and no quicker box does."""
     boxes, needed = tables(shape, seed)
     bound, _ = solved(boxes, needed, printers)
@@ -113,7 +113,7 @@ def test_bound_equals_that_of_the_full_programme(shape: Shape, seed: int, printe
     assert bound.seconds >= proven * (1.0 - 2.0 * TOLERANCE)
 
 
-def test_a_row_of_like_cells_is_bounded_by_the_longest_share() -> None:
+def test_row_of_equal_cells_is_bounded_by_the_longest_share() -> None:
     """Seven cells on three printers: one prints three of them, and no fraction of boxes does better."""
     shape = (7, 1, 1)
     boxes, _ = tables(shape, 0)
@@ -136,7 +136,9 @@ def test_bound_exceeds_the_volume_bound_with_many_cells() -> None:
 
 @settings(deadline=None)  # the first call compiles
 @given(*[st.floats(3.0, 200.0)] * 3, st.integers(1, 9))
-def test_slabs_of_a_block_never_end_before_it(width: float, depth: float, height: float, slabs: int) -> None:
+def test_slabs_of_a_block_never_end_before_the_bound(
+    width: float, depth: float, height: float, slabs: int
+) -> None:
     """Small slabs too, whose flat sides are all rim and whose walls are all inset."""
     cost = CostModel.from_recipe(Recipe(prelude_s=60.0))
     slab = axis_prices_s(*Solid.box((0, 0, 0), (width, depth, height / slabs)).arrays(), cost)

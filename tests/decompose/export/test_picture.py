@@ -24,7 +24,7 @@ def parts() -> list[Part]:
     return [Part(f"p{i + 1:02d}", solid, np.eye(4), 60.0, "um") for i, solid in enumerate(solids)]
 
 
-def test_colours_differ() -> None:
+def test_colours_of_parts_differ() -> None:
     colours = part_colours(200)
     assert colours.min() >= 0.0 and colours.max() <= 1.0
     assert len(np.unique(np.round(255 * colours), axis=0)) == 200
@@ -32,7 +32,7 @@ def test_colours_differ() -> None:
     assert apart.min() > 0.15
 
 
-def test_the_glb_has_each_part_where_it_is_in_metres_with_y_up(parts: list[Part], tmp_path: Path) -> None:
+def test_glb_has_each_part_in_place_in_metres_with_y_up(parts: list[Part], tmp_path: Path) -> None:
     write_glb(parts, tmp_path / "assembly.glb")
     view_context = trimesh.load_scene(tmp_path / "assembly.glb")
     assert sorted(view_context.geometry) == ["p01", "p02", "p03", "p04"]
@@ -45,7 +45,7 @@ def test_the_glb_has_each_part_where_it_is_in_metres_with_y_up(parts: list[Part]
     assert mesh.volume == pytest.approx(parts[1].solid.volume_mm3, rel=1e-5)
 
 
-def test_the_picture_shows_the_parts_that_are_seen(parts: list[Part], tmp_path: Path) -> None:
+def test_picture_shows_visible_parts(parts: list[Part], tmp_path: Path) -> None:
     draw_assembly(parts, tmp_path / "assembly.png", longest_px=300)
     picture = np.round(255 * imread(tmp_path / "assembly.png")[..., :3]).astype(int)
     height, width, _ = picture.shape

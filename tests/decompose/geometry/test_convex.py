@@ -16,7 +16,7 @@ several = st.lists(st.tuples(places, places), min_size=3, max_size=30).map(np.ar
 
 @settings(deadline=None)  # the first call compiles
 @given(several)
-def test_an_outline_has_the_area_of_the_hull_and_holds_all_points(points: np.ndarray) -> None:
+def test_outline_has_the_area_of_the_hull_and_holds_all_points(points: np.ndarray) -> None:
     outline = convex_outline(points)
     hull = MultiPoint(points).convex_hull
     if hull.area == 0.0:
@@ -31,7 +31,7 @@ def test_an_outline_has_the_area_of_the_hull_and_holds_all_points(points: np.nda
 
 @settings(deadline=None)  # the first call compiles
 @given(several)
-def test_the_smallest_rectangle_is_as_small_as_shapely_s(points: np.ndarray) -> None:
+def test_smallest_rectangle_equals_that_of_shapely(points: np.ndarray) -> None:
     outline = convex_outline(points)
     if not len(outline):
         return

@@ -43,7 +43,7 @@ def save(path: Path, triangles: np.ndarray) -> Path:
 
 
 @pytest.mark.parametrize("suffix", [".stl", ".obj", ".ply", ".off"])
-def test_formats(tmp_path: Path, suffix: str) -> None:
+def test_every_format_is_read(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"ball{suffix}"
     trimesh.creation.icosphere(2, 30.0).export(path)
     model = load_model(path)
@@ -53,7 +53,7 @@ def test_formats(tmp_path: Path, suffix: str) -> None:
     assert model.mesh.is_watertight
 
 
-def test_ascii_stl_and_a_torn_one(tmp_path: Path) -> None:
+def test_ascii_stl_is_read_and_a_truncated_one_refused(tmp_path: Path) -> None:
     text = trimesh.exchange.stl.export_stl_ascii(trimesh.creation.box((10.0, 20.0, 30.0)))
     path = tmp_path / "a.stl"
     path.write_text(text)
@@ -63,7 +63,7 @@ def test_ascii_stl_and_a_torn_one(tmp_path: Path) -> None:
         load_model(path)
 
 
-def test_scale_and_longest_side(tmp_path: Path) -> None:
+def test_scale_and_longest_side_set_the_size(tmp_path: Path) -> None:
     path = save(tmp_path / "b.stl", block((0, 0, 0), (10, 20, 40)))
     assert load_model(path, longest_side_mm=260.0).extents_mm == pytest.approx([65.0, 130.0, 260.0])
     model = load_model(path, scale=25.4)
@@ -90,7 +90,7 @@ def damaged(path: Path, change: Callable[[bytes], bytes]) -> Path:
     return path
 
 
-def test_unreadable_and_empty(tmp_path: Path) -> None:
+def test_unreadable_and_empty_files_are_refused(tmp_path: Path) -> None:
     with pytest.raises(ModelUnreadable, match="cannot be read"):
         load_model(tmp_path / "nowhere.stl")
     with pytest.raises(ModelUnreadable, match="cannot be read"):
@@ -122,7 +122,7 @@ def test_random_bytes_are_refused_in_one_line(tmp_path: Path, data: bytes, suffi
     assert str(raised.value).startswith("random")
 
 
-def test_numbers_that_are_none(tmp_path: Path) -> None:
+def test_coordinates_that_are_not_finite_are_refused(tmp_path: Path) -> None:
     for bad in (np.nan, np.inf):
         triangles = ball()
         triangles[5, 1, 2] = bad
@@ -130,20 +130,20 @@ def test_numbers_that_are_none(tmp_path: Path) -> None:
             load_model(save(tmp_path / "nan.stl", triangles))
 
 
-def test_flat(tmp_path: Path) -> None:
+def test_flat_model_is_refused(tmp_path: Path) -> None:
     sheet = block((0, 0, 0), (50, 50, 1))
     sheet[..., 2] = 3.0
     with pytest.raises(ModelFlat, match="along z"):
         load_model(save(tmp_path / "flat.stl", sheet))
 
 
-def test_loose_triangles(tmp_path: Path) -> None:
+def test_loose_triangles_are_refused(tmp_path: Path) -> None:
     soup = np.random.default_rng(3).uniform(0.0, 100.0, (80, 3, 3))
     with pytest.raises(ModelNotSolid, match="loose"):
         load_model(save(tmp_path / "soup.stl", soup))
 
 
-def test_loose_triangles_by_the_thousand_are_refused_before_any_is_closed(
+def test_many_loose_triangles_are_refused_before_the_repair(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def never(body: object) -> None:
@@ -169,7 +169,7 @@ def test_hundreds_of_bodies_are_one_solid(tmp_path: Path) -> None:
     assert any("3 open edges" in r for r in model.repairs)
 
 
-def test_half_a_model_is_not_closed_by_force(tmp_path: Path) -> None:
+def test_half_a_model_is_refused(tmp_path: Path) -> None:
     triangles = ball()
     half = triangles[triangles[:, :, 2].mean(axis=1) > 0.0]
     with pytest.raises(ModelNotSolid, match="half a model"):
@@ -185,13 +185,13 @@ def test_small_holes_are_closed(tmp_path: Path) -> None:
     assert model.solid.volume_mm3 == pytest.approx(trimesh.creation.icosphere(3, 20.0).volume, rel=1e-3)
 
 
-def test_inside_out(tmp_path: Path) -> None:
+def test_inverted_model_is_turned_outwards(tmp_path: Path) -> None:
     model = load_model(save(tmp_path / "inverted.stl", ball()[:, ::-1]))
     assert model.solid.volume_mm3 > 0.0
     assert model.repairs == ("Turned the model inside out: its triangles faced inwards.",)
 
 
-def test_single_triangles_the_wrong_way(tmp_path: Path) -> None:
+def test_inverted_triangles_are_turned(tmp_path: Path) -> None:
     triangles = ball()
     triangles[40:60] = triangles[40:60, ::-1]
     model = load_model(save(tmp_path / "mixed.stl", triangles))
@@ -199,7 +199,7 @@ def test_single_triangles_the_wrong_way(tmp_path: Path) -> None:
     assert any("wrong way" in r for r in model.repairs)
 
 
-def test_triangles_twice(tmp_path: Path) -> None:
+def test_repeated_triangles_are_dropped(tmp_path: Path) -> None:
     triangles = np.concatenate([ball(), ball()[:5], np.zeros((2, 3, 3))])
     model = load_model(save(tmp_path / "twice.stl", triangles))
     assert model.repairs == ("Dropped 7 triangles that had collapsed or were given twice.",)
@@ -256,7 +256,7 @@ def test_messages_use_the_given_name_of_a_file(tmp_path: Path) -> None:
         ("fandisk.stl", 100.0, None),
     ],
 )
-def test_models_from_the_wild(name: str, side: float | None, message: str | None) -> None:
+def test_real_models_are_read(name: str, side: float | None, message: str | None) -> None:
     model = load_model(MODELS / name, longest_side_mm=side)
     assert model.mesh.is_watertight
     if side:
@@ -265,7 +265,7 @@ def test_models_from_the_wild(name: str, side: float | None, message: str | None
 
 
 @pytest.mark.skipif(not MODELS.is_dir(), reason="the models from the wild are not here")
-def test_models_from_the_wild_that_are_refused() -> None:
+def test_unusable_real_models_are_refused() -> None:
     with pytest.raises(ModelTiny, match="metres"):
         load_model(MODELS / "stanford-bunny.stl")
     with pytest.raises(ModelNotSolid, match="loose"):

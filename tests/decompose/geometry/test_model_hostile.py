@@ -32,7 +32,7 @@ def write_obj(path: Path, triangles: np.ndarray) -> Path:
 
 
 @pytest.mark.parametrize("factor", [1e-300, 1e-160, 1e-30, 1e10, 1e30, 1e38, 1e160, 1e300])
-def test_any_unit_is_taken_with_a_longest_side(tmp_path: Path, factor: float) -> None:
+def test_any_unit_is_accepted_with_a_longest_side(tmp_path: Path, factor: float) -> None:
     path = write_obj(tmp_path / "unit.obj", ball() * factor)
     model = load_model(path, longest_side_mm=100.0)
     assert model.extents_mm.max() == pytest.approx(100.0)
@@ -42,7 +42,7 @@ def test_any_unit_is_taken_with_a_longest_side(tmp_path: Path, factor: float) ->
 
 
 @pytest.mark.parametrize("offset", [1e8, 1e10, 1e12])
-def test_far_from_the_origin_is_no_place_for_a_model(tmp_path: Path, offset: float) -> None:
+def test_model_far_from_the_origin_is_refused(tmp_path: Path, offset: float) -> None:
     with pytest.raises(ModelHuge, match="origin"):
         load_model(write_obj(tmp_path / "far.obj", ball() + offset))
     assert load_model(write_obj(tmp_path / "near.obj", ball() + 1e4)).repairs == ()
@@ -62,7 +62,7 @@ def test_far_from_the_origin_is_no_place_for_a_model(tmp_path: Path, offset: flo
         (None, 1e300, ModelHuge),
     ],
 )
-def test_senseless_sizes(
+def test_invalid_sizes_are_refused(
     tmp_path: Path, scale: float | None, longest_side_mm: float | None, error: type[DecomposeError]
 ) -> None:
     path = tmp_path / "ball.stl"
@@ -72,14 +72,14 @@ def test_senseless_sizes(
     assert "\n" not in str(raised.value)
 
 
-def test_a_speck_beside_a_point_is_no_solid(tmp_path: Path) -> None:
+def test_speck_beside_a_point_is_refused(tmp_path: Path) -> None:
     """Triangles too small to be told apart, far from one another."""
     specks = np.concatenate([ball(1e-10), ball(1e-10) + 50.0])
     with pytest.raises(ModelNotSolid):
         load_model(write_obj(tmp_path / "speck.obj", specks))
 
 
-def test_a_million_vertices_in_one_place(tmp_path: Path) -> None:
+def test_million_vertices_in_one_place_are_refused(tmp_path: Path) -> None:
     sphere = trimesh.creation.icosphere(3, 20.0)
     copies = 1_000_000 // len(sphere.vertices) + 1
     which = len(sphere.vertices) * np.random.default_rng(0).integers(0, copies, sphere.faces.shape)
@@ -101,7 +101,7 @@ LYING = {
 
 
 @pytest.mark.parametrize("name", sorted(LYING))
-def test_files_that_lie(tmp_path: Path, name: str) -> None:
+def test_files_with_false_headers_are_refused(tmp_path: Path, name: str) -> None:
     (tmp_path / name).write_bytes(LYING[name])
     with pytest.raises(DecomposeError) as raised:
         load_model(tmp_path / name)
@@ -123,7 +123,7 @@ def test_files_that_lie(tmp_path: Path, name: str) -> None:
         (b"property float z\n", b""),
     ],
 )
-def test_a_ply_with_a_lying_header(tmp_path: Path, encoding: str, true: bytes, lie: bytes) -> None:
+def test_ply_with_a_false_header_is_refused(tmp_path: Path, encoding: str, true: bytes, lie: bytes) -> None:
     path = tmp_path / "lie.ply"
     trimesh.creation.icosphere(3, 20.0).export(path, encoding=encoding)
     data = path.read_bytes()
@@ -156,7 +156,7 @@ def test_repairs_are_reported(tmp_path: Path) -> None:
     assert "joining 2 bodies" in steps
 
 
-def test_a_model_with_more_triangles_than_memory_allows_is_refused_before_it_is_read(tmp_path: Path) -> None:
+def test_model_with_more_triangles_than_memory_allows_is_refused_before_it_is_read(tmp_path: Path) -> None:
     path, steps = tmp_path / "ball.stl", []
     write_stl(path, np.tile(ball(), (1000, 1, 1)).astype(np.float32))  # 1,280,000
     with pytest.raises(ModelTooDetailed, match=r"1\.3 million triangles.*1\.0 GB.*suffice for 0\.5 million"):

@@ -39,7 +39,7 @@ def without_lid(triangles: np.ndarray, axis: int, at_mm: float) -> np.ndarray:
     [((20.0, 0.0, 0.0), 1), ((20.0, 20.0, 0.0), 2), ((20.0, 20.0, 20.0), 2), ((20.0, 10.0, 0.0), 1)],
     ids=["face", "edge", "corner", "half a face"],
 )
-def test_bodies_that_touch(where: tuple[float, ...], pieces: int) -> None:
+def test_touching_bodies_are_separated(where: tuple[float, ...], pieces: int) -> None:
     other = tuple(20.0 + w for w in where)
     both = np.concatenate([block((0, 0, 0), (20, 20, 20)), block(where, other)])
     solid, _ = close_surface("two", both)
@@ -75,7 +75,7 @@ def test_bodies_that_overlap_and_share_an_edge_are_their_union() -> None:
     assert repairs[0] == sentence
 
 
-def test_a_body_that_is_inside_out_comes_apart_from_one_that_it_touches() -> None:
+def test_body_that_is_inside_out_comes_apart_from_one_that_it_touches() -> None:
     cubes = [block((0, 0, 0), (20, 20, 20)), block((20, 20, 0), (40, 40, 20))[:, ::-1]]
     solid, repairs = close_surface("two", np.concatenate(cubes))
     assert solid.volume_mm3 == pytest.approx(16_000.0)
@@ -83,7 +83,7 @@ def test_a_body_that_is_inside_out_comes_apart_from_one_that_it_touches() -> Non
 
 
 @pytest.mark.skipif(not MODELS.is_dir(), reason="the models from the wild are not here")
-def test_a_closed_model_with_edges_of_four_faces_is_not_called_open() -> None:
+def test_closed_model_with_edges_of_four_faces_is_not_called_open() -> None:
     """The flange of the paper's 'Hole Pipe' overlaps the pipe by a hair."""
     model = load_model(MODELS / "thingi10k-78224.stl")
     assert model.solid.volume_mm3 == pytest.approx(19_384.0, rel=1e-3)
@@ -100,7 +100,7 @@ def test_two_open_shells_through_one_another_are_closed_and_joined() -> None:
     assert any("12 open edges" in r and "% of the surface is new" in r for r in repairs)
 
 
-def test_the_open_ends_of_a_pipe_are_rings() -> None:
+def test_open_ends_of_a_pipe_are_rings() -> None:
     pipe = trimesh.creation.annulus(r_min=20.0, r_max=25.0, height=100.0)
     triangles = np.array(pipe.triangles)
     ends = np.ptp(triangles[:, :, 2], axis=1) < 1e-9
@@ -117,19 +117,19 @@ def test_gaps_that_rounding_left_are_welded() -> None:
     assert repairs == ["Joined vertices within 0.0001 mm of each other."]
 
 
-def test_a_cup_of_one_layer_is_refused() -> None:
+def test_cup_of_one_layer_is_refused() -> None:
     """Filling it would invent a lid, and a cup is no plug."""
     with pytest.raises(ModelNotSolid, match=r"would invent 2\d %"):
         close_surface("cup", without_lid(block((0, 0, 0), (100, 100, 50)), 2, 50.0))
 
 
-def test_a_surface_that_a_repair_would_drop_is_refused() -> None:
+def test_surface_that_a_repair_would_drop_is_refused() -> None:
     sail = np.array([[[50.0, 50.0, 100.0], [50.0, 250.0, 100.0], [50.0, 50.0, 250.0]]])
     with pytest.raises(ModelNotSolid, match=r"would lose \d+ %"):
         close_surface("sail", np.concatenate([block((0, 0, 0), (100, 100, 100)), sail]))
 
 
-def test_one_sided_surfaces_have_no_facing() -> None:
+def test_one_sided_surfaces_are_not_oriented() -> None:
     band = np.array([[0, 1, 2], [1, 3, 2], [2, 3, 4], [3, 5, 4], [4, 5, 1], [5, 0, 1]])
     assert shells.orient_faces(band) is None
 
@@ -150,7 +150,7 @@ def test_rims_of_holes_that_meet_in_a_vertex_come_apart() -> None:
 
 
 @pytest.mark.skipif(not MODELS.is_dir(), reason="the models from the wild are not here")
-def test_the_teapot_keeps_its_spout_handle_and_lid() -> None:
+def test_repaired_teapot_keeps_all_its_parts() -> None:
     model = load_model(MODELS / "utah-teapot.obj", longest_side_mm=450.0)
     assert model.extents_mm == pytest.approx([450.0, 220.3, 279.8], abs=0.1)
     assert model.solid.volume_mm3 == pytest.approx(8.844e6, rel=1e-3)

@@ -38,7 +38,7 @@ def test_pieces_come_in_order_of_position() -> None:
     assert Solid.box((0, 0, 0), (1, 1, 1)).clip((3, 3, 3), (4, 4, 4)).pieces() == []
 
 
-def test_a_cavity_belongs_to_the_piece_around_it() -> None:
+def test_cavity_belongs_to_the_piece_around_it() -> None:
     shell = Solid.box((0, 0, 0), (10, 10, 10)).subtract(Solid.box((2, 2, 2), (8, 8, 8)))
     inner = Solid.box((3, 3, 3), (7, 7, 7)).subtract(Solid.box((4, 4, 4), (6, 6, 6)))
     assert [p.volume_mm3 for p in shell.pieces()] == pytest.approx([1000.0 - 216.0])

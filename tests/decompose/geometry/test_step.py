@@ -23,7 +23,7 @@ needs_cascadio = pytest.mark.skipif(
 @needs_cascadio
 @pytest.mark.parametrize("unit_mm", [1.0, 25.4])
 @pytest.mark.parametrize("suffix", ["step", "stp", "STEP"])
-def test_a_step_file_is_a_solid_in_mm(tmp_path: Path, unit_mm: float, suffix: str) -> None:
+def test_step_file_is_a_solid_in_mm(tmp_path: Path, unit_mm: float, suffix: str) -> None:
     path = tmp_path / f"box.{suffix}"
     path.write_text(step_text((10, 20, 30), unit_mm))
     model = load_model(path)
@@ -56,14 +56,16 @@ def test_message_without_cascadio_names_the_package(monkeypatch: pytest.MonkeyPa
 
 
 @pytest.mark.parametrize(("code", "words"), [(-11, "crashed on it"), (0, "cannot read it")])
-def test_a_crash_of_opencascade_is_a_sentence(monkeypatch: pytest.MonkeyPatch, code: int, words: str) -> None:
+def test_crash_of_opencascade_is_reported_in_a_sentence(
+    monkeypatch: pytest.MonkeyPatch, code: int, words: str
+) -> None:
     monkeypatch.setattr(importlib.util, "find_spec", lambda _: object())
     monkeypatch.setattr(step.subprocess, "run", lambda *_, **__: SimpleNamespace(returncode=code))
     with pytest.raises(ModelUnreadable, match=words):
         read_step("box.step", step_text((10, 20, 30)).encode())
 
 
-def test_a_step_file_without_end_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_conversion_of_an_endless_step_file_is_stopped(monkeypatch: pytest.MonkeyPatch) -> None:
     def run(*_: object, timeout: float, **__: object) -> None:
         raise subprocess.TimeoutExpired("step", timeout)
 

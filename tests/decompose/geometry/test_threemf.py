@@ -40,7 +40,7 @@ def refused(data: bytes, kind: type[DecomposeError] = ModelUnreadable) -> str:
 
 
 @pytest.mark.parametrize(("unit", "factor"), [(None, 1.0), *model_part.UNITS_MM.items()])
-def test_the_unit_of_the_file_is_converted_to_mm(unit: str | None, factor: float) -> None:
+def test_unit_of_the_file_is_converted_to_mm(unit: str | None, factor: float) -> None:
     data = package_bytes(model_xml([object_xml(1, BOX)], ['objectid="1"'], unit))
     triangles, notes = read_3mf("a.3mf", data)
     np.testing.assert_allclose(np.ptp(triangles, axis=(0, 1)), np.array([10, 20, 30]) * factor)
@@ -58,7 +58,7 @@ def test_only_objects_placed_by_the_build_are_read() -> None:
     )
 
 
-def test_a_point_is_a_row_that_is_multiplied_from_the_left() -> None:
+def test_point_is_a_row_that_is_multiplied_from_the_left() -> None:
     """As the specification has it: x and y exchanged by the matrix 0 1 0 -1 0 0 0 0 1."""
     items = ['objectid="1" transform="0 1 0 -1 0 0 0 0 1 0 0 0"']
     triangles, _ = read_3mf("a.3mf", package_bytes(model_xml([object_xml(1, BOX)], items)))
@@ -77,7 +77,7 @@ def test_components_of_components_are_placed_by_all_their_transforms() -> None:
     assert bounds(data) == [[-9, -20, -16], [11, 20, 44]]  # the inner box: (z + 7) * 2, then x + 1
 
 
-def test_a_mirrored_object_is_not_inside_out() -> None:
+def test_mirrored_object_is_not_inside_out() -> None:
     items = ['objectid="1" transform="-1 0 0 0 1 0 0 0 1 0 0 0"']
     assert volume(package_bytes(model_xml([object_xml(1, BOX)], items))) == pytest.approx(6000)
 
@@ -106,7 +106,7 @@ def test_supports_and_unprinted_items_are_left_out() -> None:
         '<metadata type="volume" key="volume_type" value="ParameterModifier"/>',
     ],
 )
-def test_modifiers_of_a_slicer_are_warned_of(settings_text: str) -> None:
+def test_modifiers_of_a_slicer_are_a_warning(settings_text: str) -> None:
     model = model_xml([object_xml(1, BOX)], ['objectid="1"'])
     plain = {"Metadata/model_settings.config": '<part id="1" subtype="normal_part"/>'}
     marked = {"Metadata/model_settings.config": settings_text}
@@ -114,7 +114,7 @@ def test_modifiers_of_a_slicer_are_warned_of(settings_text: str) -> None:
     assert "modifiers" in read_3mf("a.3mf", package_bytes(model, marked))[1][0]
 
 
-def test_a_file_of_another_program_is_the_same_solid(tmp_path: Path) -> None:
+def test_file_of_another_program_is_the_same_solid(tmp_path: Path) -> None:
     """A whole way through the reader of models, with a scale beside the unit."""
     path = tmp_path / "ball.3mf"
     ball = mesh_xml(trimesh.creation.icosphere(2, 1.0))
@@ -161,7 +161,7 @@ def test_missing_parts_and_objects_are_named() -> None:
     refused(package_bytes(model_xml([object_xml(1, BOX)], [])), ModelEmpty)
 
 
-def test_a_path_never_leaves_the_package(tmp_path: Path) -> None:
+def test_paths_stay_inside_the_package(tmp_path: Path) -> None:
     secret = tmp_path / "secret.model"
     secret.write_text(model_xml([object_xml(1, BOX)], ['objectid="1"']))
     for path in (str(secret), f"/../../../../../../..{secret}", f"file://{secret}", "..\\..\\secret.model"):
@@ -193,21 +193,21 @@ def test_components_that_multiply_are_counted_before_they_are_placed() -> None:
     assert "10000 objects" in refused(package_bytes(many), ModelTooDetailed)
 
 
-def test_a_package_that_unpacks_to_gigabytes_is_refused_unread(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_package_that_unpacks_to_gigabytes_is_refused_unread(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(package, "ANY_RATIO_BYTES", 2**16)
     blank = model_xml([object_xml(1, BOX)], ['objectid="1"']).replace("<build>", " " * 2**22 + "<build>")
     assert "unpacks from" in refused(package_bytes(blank))
     assert "entries" in refused(package_bytes(blank) + package._ENTRY * 20_000)
 
 
-def test_an_entry_that_hides_its_size_ends_at_the_size_it_gives() -> None:
+def test_entry_that_hides_its_size_ends_at_the_size_it_gives() -> None:
     data = bytearray(package_bytes(model_xml([object_xml(1, BOX)], ['objectid="1"'])))
     at = data.rindex(b"PK\x01\x02")
     data[at + 24 : at + 28] = (100).to_bytes(4, "little")
     refused(bytes(data))
 
 
-def test_packing_that_3mf_does_not_know_is_refused() -> None:
+def test_unknown_compression_is_refused() -> None:
     file = io.BytesIO()
     with zipfile.ZipFile(file, "w", zipfile.ZIP_LZMA) as packed:
         packed.writestr("_rels/.rels", "<a/>")
@@ -239,7 +239,7 @@ def test_tags_without_end_and_tags_without_number_are_refused(monkeypatch: pytes
         ("http://schemas.microsoft.com/3dmanufacturing/core", "http://elsewhere"),
     ],
 )
-def test_a_broken_model_is_refused_in_a_sentence(was: str, becomes: str) -> None:
+def test_broken_model_is_refused_in_a_sentence(was: str, becomes: str) -> None:
     model = model_xml([object_xml(1, BOX)], ['objectid="1"'])
     assert was in model
     refused(package_bytes(model.replace(was, becomes, 1)))
@@ -253,7 +253,7 @@ def test_more_triangles_than_fit_the_memory_are_refused_while_they_are_read() ->
 
 @given(st.data())
 @settings(max_examples=150, deadline=None)
-def test_no_flipped_byte_is_anything_but_a_sentence(data: st.DataObject) -> None:
+def test_flipped_bytes_are_refused_in_a_sentence(data: st.DataObject) -> None:
     whole = package_bytes(model_xml([object_xml(1, BOX)], ['objectid="1"']))
     at = data.draw(st.integers(0, len(whole) - 1))
     broken = bytearray(whole)

@@ -56,7 +56,7 @@ def box_in(draw: st.DrawFn, shape: tuple[int, int, int]) -> tuple[int, ...]:
 
 @settings(max_examples=40, deadline=None)
 @given(data=st.data())
-def test_sums_over_a_box_are_those_of_the_solid_cut_out(
+def test_sums_over_a_box_equal_those_of_the_cut_solid(
     data: st.DataObject, grid: Grid, boxes: BoxTables, recipe_cost: CostModel, lump: Solid
 ) -> None:
     box = data.draw(box_in(grid.shape))
@@ -80,14 +80,14 @@ def test_sums_over_a_box_are_those_of_the_solid_cut_out(
 
 @settings(max_examples=20, deadline=None)
 @given(axis=st.integers(0, 2), data=st.data())
-def test_cut_areas_are_those_of_a_cut(axis: int, data: st.DataObject, grid: Grid, lump: Solid) -> None:
+def test_cut_areas_equal_those_of_a_real_cut(axis: int, data: st.DataObject, grid: Grid, lump: Solid) -> None:
     plane = data.draw(st.integers(1, grid.shape[axis] - 1))
     below, above = lump.split(axis, float(grid.planes[axis][plane]))
     cut = (below.area_mm2 + above.area_mm2 - lump.area_mm2) / 2.0
     assert np.take(grid.cuts[axis], plane, axis=axis).sum() == pytest.approx(cut, rel=1e-7, abs=1e-5)
 
 
-def test_classes_of_cells(grid: Grid, lump: Solid) -> None:
+def test_cells_are_classified(grid: Grid, lump: Solid) -> None:
     for cell in np.ndindex(grid.shape):
         x, y, z = cell
         lo, hi = grid.bounds_mm((x, y, z, x + 1, y + 1, z + 1))

@@ -18,7 +18,7 @@ from decompose.printers import PrinterRoom
 @given(
     parts=st.integers(1, 4), spare=st.integers(-1, 2), fits=st.floats(0.3, 1.0), seed=st.integers(0, 10**6)
 )
-def test_the_last_part_ends_as_soon_as_it_can(parts: int, spare: int, fits: float, seed: int) -> None:
+def test_last_part_ends_as_soon_as_it_can(parts: int, spare: int, fits: float, seed: int) -> None:
     rng = np.random.default_rng(seed)
     printers = max(1, parts + spare)
     seconds = np.outer(rng.integers(1, 9, parts) * 100.0, rng.choice([0.9, 1.0, 1.2], printers))
@@ -35,18 +35,18 @@ def test_the_last_part_ends_as_soon_as_it_can(parts: int, spare: int, fits: floa
     assert abs(times.sum() - best[1]) < 1e-3
 
 
-def test_a_greedy_choice_would_leave_the_last_part_without_a_printer() -> None:
+def test_assignment_succeeds_where_a_greedy_choice_fails() -> None:
     fits = np.array([[1.0, 1.0, 0.0], [1.0, 0.0, 1.0], [1.0, 0.0, 1.0]])
     found = assign_bottleneck(np.where(fits > 0.0, 60.0, np.inf))
     assert found is not None
     assert found[0] == 1
 
 
-def test_of_equal_printers_the_first_are_taken() -> None:
+def test_first_of_equal_printers_are_used() -> None:
     assert sorted(assign_bottleneck(np.full((3, 6), 60.0)) or []) == [0, 1, 2]
 
 
-def test_the_quickest_printer_takes_the_longest_part(
+def test_quickest_printer_takes_the_longest_part(
     lump: Solid, fleet: list[PrinterRoom], cost: CostModel
 ) -> None:
     printers = [replace(fleet[0], name=str(i), time_factor=1.5 - 0.2 * i) for i in range(3)]

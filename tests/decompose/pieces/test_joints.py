@@ -37,21 +37,21 @@ def cut(
     ]
 
 
-def test_two_halves() -> None:
+def test_two_halves_have_one_joint() -> None:
     (joint,) = find_joints(cut(block((0, 0, 0), (60, 40, 30)), x=(25.0,)))
     assert (joint.a, joint.b) == (0, 1)
     assert joint.area_mm2 == pytest.approx(1200.0)
     assert joint.width_mm == pytest.approx(30.0, rel=0.02)
 
 
-def test_a_plane_that_is_given_twice_counts_once() -> None:
+def test_plane_that_is_given_twice_counts_once() -> None:
     item, other = cut(block((0, 0, 0), (60, 40, 30)), x=(25.0,))
     twice = Piece(item.solid, np.concatenate([item.planes, -item.planes]), item.boxes_mm)
     (joint,) = find_joints([twice, other])
     assert joint.area_mm2 == pytest.approx(1200.0)
 
 
-def test_a_frame_is_as_wide_as_its_rim() -> None:
+def test_width_of_a_frame_is_that_of_its_rim() -> None:
     frame = block((0, 0, 0), (60, 60, 30)).subtract(block((4, 4, -1), (56, 56, 31)))
     pieces = cut(frame, z=(15.0,))
     (joint,) = find_joints(pieces)
@@ -80,7 +80,7 @@ def test_each_cut_face_is_glued_on_both_sides(
     assert all(0.0 < j.width_mm <= 2.0 * np.sqrt(j.area_mm2 / np.pi) + 1e-6 for j in found)
 
 
-def test_oblique_planes() -> None:
+def test_joints_on_oblique_planes_are_found() -> None:
     solid = block((0, 0, 0), (40, 40, 40))
     normal = np.array([0.6, 0.0, 0.8])
     plane = np.array([*normal, 28.0])[None]
@@ -90,7 +90,7 @@ def test_oblique_planes() -> None:
     assert joint.area_mm2 == pytest.approx(40.0 * 40.0 / 0.8)
 
 
-def test_a_thin_slice_is_a_sliver_and_a_thin_model_is_none() -> None:
+def test_thin_slice_is_a_sliver_but_not_a_thin_model() -> None:
     slab = block((0, 0, 0), (100, 60, 4))
     assert find_faults(cut(slab, x=(50.0,))) == []
     (fault,) = find_faults(cut(slab, x=(94.0,)))
@@ -98,7 +98,7 @@ def test_a_thin_slice_is_a_sliver_and_a_thin_model_is_none() -> None:
     assert fault.reason.startswith("is 6.0 mm thin")
 
 
-def test_a_film_with_a_rib_is_a_flake() -> None:
+def test_film_with_a_rib_is_a_flake() -> None:
     model = Solid.union([block((0, 0, 0), (60, 60, 30.5)), block((0, 30, 0), (60, 30.6, 40))])
     (fault,) = find_faults(cut(model, z=(30.0,)))
     assert fault.piece == 1
@@ -116,7 +116,7 @@ def dumbbell(bar_mm: float) -> Solid:
     )
 
 
-def test_a_piece_that_hangs_by_a_thread_is_loose() -> None:
+def test_piece_on_a_thin_connection_is_loose() -> None:
     pieces = cut(dumbbell(4.0), x=(60.0,))
     (fault,) = find_faults(pieces)
     assert fault.piece == 0  # the lighter one
@@ -125,7 +125,7 @@ def test_a_piece_that_hangs_by_a_thread_is_loose() -> None:
     assert find_faults(cut(dumbbell(6.0), x=(60.0,))) == []
 
 
-def test_a_weak_joint_beside_a_strong_one_is_none_to_rely_on() -> None:
+def test_weak_joint_beside_a_strong_one_does_not_hold() -> None:
     """Three boxes in a T: two of them touch each other by a strip, and both are held by the third."""
     solids = [
         block((0, 0, 0), (60, 30, 30)),
@@ -156,7 +156,7 @@ def finned() -> Solid:
     )
 
 
-def test_a_line_of_glue_holds_nothing_however_long() -> None:
+def test_long_thin_joint_does_not_hold() -> None:
     pieces = cut(finned(), y=(80.0,))
     (joint,) = find_joints(pieces)
     assert joint.area_mm2 == pytest.approx(200.0)
@@ -167,7 +167,7 @@ def test_a_line_of_glue_holds_nothing_however_long() -> None:
     assert not joint.holds(25.0) and joint.holds(0.0)
 
 
-def test_a_partition_that_a_line_of_glue_holds_is_given_up_for_another(cost: CostModel) -> None:
+def test_partition_with_a_thin_joint_is_rejected(cost: CostModel) -> None:
     """Between the two blocks is the cheapest cut, and the only one of a single width."""
     printers = [PrinterRoom(f"um-{i}", ((420.0, 420.0, 100.0),)) for i in range(2)]
     narrow = Options(Engine.GUILLOTINE, 6, min_glue_mm2=0.0, prove=False)
@@ -184,7 +184,7 @@ def test_bodies_that_touch_nothing_are_not_loose() -> None:
 
 
 @pytest.mark.parametrize(("min_glue_mm2", "held_mm2"), [(25.0, 25.0), (0.0, 0.0)])
-def test_a_partition_with_a_weak_joint_is_given_up_for_another(
+def test_partition_with_a_weak_joint_is_rejected(
     cost: CostModel, min_glue_mm2: float, held_mm2: float
 ) -> None:
     """The even cut goes through the thin bar between the two blocks."""

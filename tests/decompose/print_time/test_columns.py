@@ -63,7 +63,7 @@ def test_mass_grows_with_height(bench: Solid) -> None:
     assert found.centres_mm[0] == pytest.approx([10.0, 10.0, 30.0 / LEVELS / 2.0], abs=0.3)
 
 
-def test_a_ball_needs_a_cone_of_support() -> None:
+def test_ball_needs_a_cone_of_support() -> None:
     """Compute the volume under a sphere's cap of 45 degrees, less the sphere, by integration."""
     mesh = trimesh.creation.icosphere(4, 20.0)
     mesh.apply_translation([0, 0, 20])
@@ -73,7 +73,7 @@ def test_a_ball_needs_a_cone_of_support() -> None:
     assert found.support_mm3 == pytest.approx(np.trapezoid(2 * np.pi * radii * heights, radii), rel=0.05)
 
 
-def test_a_tip_in_mid_air_gets_a_tower() -> None:
+def test_tip_in_mid_air_needs_a_tower() -> None:
     """An arm that begins in a point 20 mm above the bed, too steep for support, and grows into its post."""
     corners = [(0, 0, 20), (-4, -4, 40), (4, -4, 40), (4, 4, 40), (-4, 4, 40)]
     hull = trimesh.convex.convex_hull(np.array(corners, float))
@@ -96,7 +96,7 @@ def test_islands_are_separate_areas_of_a_layer() -> None:
     )  # and the support between them
 
 
-def test_a_slope_from_its_wall_needs_no_tower() -> None:
+def test_slope_from_its_wall_needs_no_tower() -> None:
     """It leans out by 40 degrees all the way, and has a level edge below: it hangs on its wall."""
     corners = np.array([(0, y, z) for y in (0, 20) for z in (0, 40)] + [(24, y, 40) for y in (0, 20)], float)
     hull = trimesh.convex.convex_hull(np.vstack([corners, corners - [5.0, 0.0, 0.0]]))
@@ -104,7 +104,7 @@ def test_a_slope_from_its_wall_needs_no_tower() -> None:
 
 
 @pytest.mark.parametrize("yaw", [0.0, 0.3, 0.8])
-def test_a_thin_wall_that_leans_needs_no_tower(yaw: float) -> None:
+def test_thin_wall_that_leans_needs_no_tower(yaw: float) -> None:
     """Its columns are further apart than it is thick, so that none seems to stand on the next."""
     wall = trimesh.creation.box((200.0, 0.8, 120.0))
     wall.apply_transform(trimesh.transformations.rotation_matrix(np.radians(35.0), (1.0, 0.0, 0.0)))
@@ -115,7 +115,7 @@ def test_a_thin_wall_that_leans_needs_no_tower(yaw: float) -> None:
     assert found.support_side_mm2 < 1000.0
 
 
-def test_an_edge_in_mid_air_gets_a_strip() -> None:
+def test_edge_in_mid_air_needs_a_strip() -> None:
     """A wedge that grows out of a wall's end, 30 mm above the bed, too steep for support: its edge hangs."""
     corners = [(x, y, z) for y in (-1, 60) for x, z in ((0, 30), (-6, 40), (0, 40))]
     hull = trimesh.convex.convex_hull(np.array(corners, float))

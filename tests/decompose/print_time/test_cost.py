@@ -44,7 +44,7 @@ def wedge(reach: float) -> Solid:
     return Solid.from_arrays(vertices, faces)
 
 
-def test_cube_by_hand() -> None:
+def test_price_of_a_cube_equals_a_manual_calculation() -> None:
     cost = CostModel(7.0, 0.5, 0.25, 2.0, 50.0, 100.0, 3.0, 11.0, brim_mm=8.0)
     ring = 8.0 * (2.0 * 20.0 + math.pi * 8.0)
     body = max(0.5 * 1000.0 + 0.25 * 400.0, 11.0 * 10.0)
@@ -53,7 +53,7 @@ def test_cube_by_hand() -> None:
     assert times == pytest.approx([by_hand] * 6)  # its underside lies on the bed: no support
 
 
-def test_a_needle_takes_the_least_time_of_its_layers() -> None:
+def test_needle_takes_the_least_time_of_its_layers() -> None:
     cost = CostModel.from_recipe(Recipe(least_layer_s=5.0))
     needle, block = Solid.box((0, 0, 0), (3, 3, 60)), Solid.box((0, 0, 0), (60, 60, 60))
     faster = replace(cost, least_s_mm=0.0)
@@ -71,7 +71,7 @@ def test_walls_inside_the_outline_are_shorter() -> None:
     assert walls @ (4.0 * 40.0 * 10.0, 10.0) == pytest.approx(50.0 * 4.0 * (39.6 / 40.0 + 38.8 / 50.0))
 
 
-def test_the_first_layers_of_a_skin_on_the_bed_have_their_own_speed() -> None:
+def test_first_layers_of_a_skin_on_the_bed_have_their_own_speed() -> None:
     recipe = Recipe(skin_layers=4.0, skin_mm_s=20.0, brim_mm_s=30.0, speeding_layers=2)
     on_bed, above = 1.0 / 30.0 + 1.0 / 25.0 + 2.0 / 20.0, 4.0 / 20.0
     assert recipe.skin_s_mm == pytest.approx((on_bed + above) / 2.0)
@@ -100,7 +100,7 @@ def test_slopes_up_to_45_degrees_need_no_support() -> None:
     assert axis_prices_s(*wedge(10.1).arrays(), cost)[4] == pytest.approx(5.0 * 10.1 * 5.0, rel=0.01)
 
 
-def test_a_slope_has_skin_where_the_layers_above_leave_more_bare_than_the_walls() -> None:
+def test_slope_has_skin_if_its_steps_are_wider_than_the_walls() -> None:
     recipe = Recipe(layer_height_mm=0.2, skin_layers=4.0, wall_count=2, line_width_mm=0.35)
     cost = replace(one(slope_s_mm2=1.0), skin_cos=recipe.skin_cos)
     steepest = 4 * 0.2 / (2 * 0.35 + 0.35 / 2)  # height over width, where 4 layers leave just that bare
@@ -134,13 +134,13 @@ def test_a_slope_has_skin_where_the_layers_above_leave_more_bare_than_the_walls(
         ({"support_line_distance_mm": 0.0}, "support sides", 0.0),
     ],
 )
-def test_settings_enter_by_physics(change: dict[str, float], term: str, times: float) -> None:
+def test_settings_change_the_price_as_expected(change: dict[str, float], term: str, times: float) -> None:
     before, after = time_terms(Recipe())[term], time_terms(replace(Recipe(), **change))[term]
     share = slice(0, 2) if term == "infill" else slice(None)  # its volume less the skin's depends on layers
     assert after[share] == pytest.approx(before[share] * times)
 
 
-def test_a_brim_takes_as_long_as_its_lines() -> None:
+def test_brim_takes_as_long_as_its_lines() -> None:
     slow = Recipe(outer_line_width_mm=0.5, brim_mm_s=10.0)
     assert CostModel.from_recipe(slow, dict.fromkeys(FACTORS, 1.0)).brim_s_mm2 == pytest.approx(0.2)
 
@@ -181,7 +181,7 @@ def test_turning_part_and_bed_together_changes_nothing(
     assert turned == pytest.approx(extents, abs=1e-6)
 
 
-def test_the_axis_poses_are_rotations_like_others(lump: Solid, cost: CostModel) -> None:
+def test_axis_poses_are_priced_like_other_rotations(lump: Solid, cost: CostModel) -> None:
     vertices, faces = lump.arrays()
     assert np.linalg.det(POSE_ROTATIONS) == pytest.approx([1.0] * 6)
     for pose, rotation in enumerate(POSE_ROTATIONS):
@@ -199,7 +199,7 @@ def test_features_of_many_poses_come_in_their_order(lump: Solid, cost: CostModel
         assert together[i] == pytest.approx(alone[0])
 
 
-def test_a_part_may_be_turned_about_the_vertical_only() -> None:
+def test_part_may_be_turned_about_the_vertical_only() -> None:
     room = PrinterRoom("p", ((200.0, 100.0, 50.0),))
     assert room.fits(200.0, 100.0, 50.0)
     assert room.fits(100.0, 200.0, 50.0)

@@ -25,7 +25,7 @@ def upright(width: float, depth: float, height: float) -> Footing:
     return footing(Solid.box((0, 0, 0), (width, depth, height)))
 
 
-def test_a_block() -> None:
+def test_footing_of_a_block_is_its_base() -> None:
     found = upright(30, 20, 10)
     assert found.contact_mm2 == pytest.approx(600.0)
     assert found.wall_mm == pytest.approx(4 * 600 / 100)
@@ -35,7 +35,7 @@ def test_a_block() -> None:
     assert found.inside_mm(np.array([[-2.0, 10.0]])) == pytest.approx(-2.0)
 
 
-def test_a_ball_touches_where_its_first_layer_is_cut() -> None:
+def test_ball_touches_where_its_first_layer_is_cut() -> None:
     mesh = trimesh.creation.icosphere(5, 20.0)
     mesh.apply_translation([0, 0, 20])
     found = footing(Solid.from_arrays(mesh.vertices, mesh.faces))
@@ -52,7 +52,7 @@ def test_legs_stand_on_thin_walls_but_on_a_wide_base() -> None:
     assert found.brim_width_mm(45.0, 5.0, 8.0) == pytest.approx(6.0)
 
 
-def test_props_widen_the_base() -> None:
+def test_supports_widen_the_base() -> None:
     vertices, faces = Solid.box((0, 0, 0), (10, 10, 50)).arrays()
     found = Footing.from_mesh(vertices[faces], np.array([[40.0, 5.0]]))
     assert found.contact_mm2 == pytest.approx(100.0)
@@ -60,7 +60,7 @@ def test_props_widen_the_base() -> None:
     assert found.inside_mm(np.array([[20.0, 5.0]])) > 0.0
 
 
-def test_an_edge_has_no_base() -> None:
+def test_footing_of_an_edge_is_empty() -> None:
     mesh = trimesh.creation.box((10, 10, 10))
     mesh.apply_transform(trimesh.transformations.rotation_matrix(math.pi / 4, [1, 0, 0]))
     mesh.apply_translation([0, 0, math.sqrt(50.0)])
@@ -69,7 +69,7 @@ def test_an_edge_has_no_base() -> None:
     assert Footing.from_mesh(np.zeros((0, 3, 3)), NO_PROPS).inside_mm(np.zeros((1, 2))) == -math.inf
 
 
-def test_broad_and_low_needs_no_brim_narrow_long_and_small_do() -> None:
+def test_brim_depends_on_width_height_and_size() -> None:
     assert upright(40, 40, 20).brim_width_mm(20.0, 5.0, 8.0) == 0.0
     assert upright(40, 10, 100).brim_width_mm(100.0, 5.0, 8.0) == 8.0  # a tall plate
     assert upright(8, 8, 8).brim_width_mm(8.0, 5.0, 8.0) > 5.0  # little to stick by
@@ -82,7 +82,7 @@ def test_broad_and_low_needs_no_brim_narrow_long_and_small_do() -> None:
     assert 0.0 < blunt.brim_width_mm(10.0, 5.0, 8.0) < 8.0  # as long, without corners
 
 
-def test_a_chamfered_corner_is_sharp_a_rounded_one_is_not() -> None:
+def test_chamfered_corner_is_sharp_a_rounded_one_is_not() -> None:
     def block(corner_mm: float) -> Footing:
         corners = [
             (x + s * a, y + t * b)
@@ -98,7 +98,7 @@ def test_a_chamfered_corner_is_sharp_a_rounded_one_is_not() -> None:
     assert block(8.0).brim_width_mm(10.0, 5.0, 8.0) < block(0.2).brim_width_mm(10.0, 5.0, 8.0)
 
 
-def test_a_joint_is_not_squeezed_out_but_a_thin_wall_stays() -> None:
+def test_first_layer_is_narrowed_at_joints_but_not_at_thin_walls() -> None:
     assert upright(20, 20, 20).expansion_mm(joined=True) == -0.2
     assert upright(20, 20, 20).expansion_mm(joined=False) == 0.0
     assert upright(80, 0.9, 20).expansion_mm(joined=True) == 0.0
@@ -108,7 +108,7 @@ sizes = st.floats(1.0, 150.0)
 
 
 @given(sizes, sizes, sizes, st.floats(0.0, 10.0))
-def test_a_brim_is_never_wider_than_the_widest_and_grows_with_height(
+def test_brim_is_never_wider_than_the_widest_and_grows_with_height(
     width: float, depth: float, height: float, widest: float
 ) -> None:
     found = upright(width, depth, height)

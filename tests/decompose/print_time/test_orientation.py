@@ -72,7 +72,7 @@ def pyramid_on_its_tip() -> Solid:
     return Solid.from_arrays(hull.vertices, hull.faces)
 
 
-def test_a_tilted_block_is_laid_flat() -> None:
+def test_tilted_block_is_laid_flat() -> None:
     pose = laid(turned(Solid.box((0, 0, 0), (70, 50, 12))))
     assert sorted(pose.size_mm) == pytest.approx([12.0, 50.0, 70.0], abs=1e-6)
     assert pose.stands
@@ -91,7 +91,7 @@ def test_pose_without_support_is_preferred(solid: Solid) -> None:
     assert pose.price_s < as_it_is.price_s
 
 
-def test_a_pyramid_is_turned_over() -> None:
+def test_pyramid_is_turned_over() -> None:
     pose = laid(pyramid_on_its_tip())
     assert pose.stands
     assert pose.support_mm3 == 0.0
@@ -110,7 +110,7 @@ def test_thin_part_is_laid_down_or_gets_a_brim(size: tuple[float, ...]) -> None:
     assert upright.brim_width_mm == pytest.approx(COST.brim_mm, abs=0.1)
 
 
-def test_an_edge_is_no_footing() -> None:
+def test_edge_is_not_used_as_footing() -> None:
     vertices, faces = turned(Solid.box((0, 0, 0), (60, 30, 30)), EDGEWISE).arrays()
     pose = measure_pose(vertices, faces, np.zeros(len(faces), np.bool_), np.eye(3), COST)
     assert pose.footing.contact_mm2 > 10.0  # narrower than a line, and as long as the block
@@ -142,7 +142,7 @@ def test_no_support_touches_a_cut_face_where_another_pose_fits() -> None:
     assert abs(up_of(free)[2]) < 0.9
 
 
-def test_least_of_a_cut_face_where_none_is_clean() -> None:
+def test_least_touched_cut_face_is_preferred() -> None:
     """On the large slab, support hangs under and stands on no more than the small one's area."""
     solid = spool()
     cut = level_faces(solid, inner=True)
@@ -151,7 +151,7 @@ def test_least_of_a_cut_face_where_none_is_clean() -> None:
     assert pose.touched_mm2 == pytest.approx(2 * (30 * 30 - 10 * 10), rel=0.05)
 
 
-def test_a_cut_face_at_the_bed_is_not_squeezed_out() -> None:
+def test_cut_face_at_the_bed_is_not_squeezed_out() -> None:
     vertices, faces = Solid.box((0, 0, 0), (40, 40, 20)).arrays()
     cut = np.isclose(vertices[faces][:, :, 0], 40.0).all(axis=1)
     for marked, expansion in ((cut, -0.2), (~cut & cut, 0.0)):
@@ -162,17 +162,17 @@ def test_a_cut_face_at_the_bed_is_not_squeezed_out() -> None:
         assert as_set.price_s > pose.price_s  # the quality's brim
 
 
-def test_a_long_bar_goes_across_the_bed() -> None:
+def test_long_bar_goes_across_the_bed() -> None:
     pose = laid(Solid.box((0, 0, 0), (230, 6, 6)), PrinterRoom("p", ((190.0, 190.0, 50.0),)))
     assert pose.size_mm[2] == pytest.approx(6.0)
 
 
-def test_nothing_fits() -> None:
+def test_part_without_a_fitting_pose_is_reported() -> None:
     vertices, faces = Solid.box((0, 0, 0), (300, 300, 300)).arrays()
     assert find_best_pose(vertices, faces, np.zeros(len(faces), np.bool_), [ROOM], COST) is None
 
 
-def test_flat_sides_are_candidates_however_they_lie() -> None:
+def test_flat_sides_are_candidates_in_any_orientation() -> None:
     solid = turned(pyramid_on_its_tip())
     vertices, faces = solid.arrays()
     ups = candidate_directions(vertices, faces)
@@ -195,7 +195,7 @@ def test_convex_part_is_stable_and_fits(points: npt.NDArray[np.float64]) -> None
     assert pose.footing.inside_mm(placed[None, :2]) >= -COST.brim_mm / 2.0 - 0.5
 
 
-def test_a_part_that_lies_on_a_slanting_side_is_written_flat_and_closed(tmp_path: Path) -> None:
+def test_part_that_lies_on_a_slanting_side_is_written_flat_and_closed(tmp_path: Path) -> None:
     """In single precision, where its corners round: those at the bed are at zero."""
     solid = turned(Solid.box((0, 0, 0), (61.7, 47.3, 13.1)))
     model = Model(Solid.from_arrays(solid.arrays()[0].astype(np.float32), solid.arrays()[1]), (), 1.0)

@@ -35,12 +35,12 @@ def test_slabs_add_up_to_the_part() -> None:
         assert section_mm2[slab] == pytest.approx(math.pi * (20.0**2 - above_mm**2), rel=0.03)
 
 
-def test_of_layers_that_are_all_alike_the_price_knows() -> None:
+def test_equal_layers_are_covered_by_the_price() -> None:
     for side_mm in (4.0, 12.0, 60.0):
         assert short_layers_s(pyramid(side_mm, 50.0, side_mm).triangles, COST) == pytest.approx(0.0, abs=1e-6)
 
 
-def test_a_tip_is_slowed_down() -> None:
+def test_tip_is_slowed_down() -> None:
     """Layer by layer, from what the lines of each take."""
     side_mm, height_mm, top_mm, layer_mm = 40.0, 120.0, 2.0, Recipe().layer_height_mm
     tip = pyramid(side_mm, height_mm, top_mm)
@@ -62,7 +62,7 @@ def test_a_tip_is_slowed_down() -> None:
 
 
 @pytest.mark.parametrize(("layer_mm", "angle_deg"), [(0.25, 45.0), (0.1, 45.0), (0.25, 60.0)])
-def test_a_face_at_just_the_support_angle_is_supported(layer_mm: float, angle_deg: float) -> None:
+def test_face_at_just_the_support_angle_is_supported(layer_mm: float, angle_deg: float) -> None:
     """As CuraEngine does, for rounding; a part took a third longer than its price, which did not know it."""
     cost = CostModel.from_recipe(Recipe(layer_height_mm=layer_mm, support_angle_deg=angle_deg))
     assert (

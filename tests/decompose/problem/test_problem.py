@@ -46,7 +46,7 @@ def seconds(cost: CostModel, size_mm: float) -> float:
     return pose.price_s
 
 
-def test_the_longest_piece_is_for_the_quickest_printer(cost: CostModel) -> None:
+def test_longest_piece_is_for_the_quickest_printer(cost: CostModel) -> None:
     problem = asked(cost, fleet(1.5, 0.5))
     short_s, long_s = seconds(cost, 30.0), seconds(cost, 60.0)
     expected_s = max(1.5 * short_s, 0.5 * long_s)
@@ -56,7 +56,7 @@ def test_the_longest_piece_is_for_the_quickest_printer(cost: CostModel) -> None:
     assert asked(cost, fleet(1.5)).makespan_s([block(30.0)]) == pytest.approx(1.5 * short_s)
 
 
-def test_part_that_does_not_fit_never_ends(cost: CostModel) -> None:
+def test_time_of_a_part_that_does_not_fit_is_infinite(cost: CostModel) -> None:
     problem = asked(cost, fleet(1.0), prove=True)
     for pieces in ([block(130.0)], [block(30.0), block(30.0)]):
         assert problem.makespan_s(pieces) == math.inf
@@ -77,9 +77,7 @@ def test_bound_is_proven_for_candidates_only(factor: float, cost: CostModel) -> 
 
 
 @pytest.mark.parametrize("engine", [Engine.GUILLOTINE, Engine.PARALLELOBOX, Engine.CUBE_SKELETON])
-def test_twice_as_quick_printers_take_half_as_long_and_can_take_no_less(
-    engine: Engine, lump: Solid, cost: CostModel
-) -> None:
+def test_bound_scales_with_the_speed_of_the_printers(engine: Engine, lump: Solid, cost: CostModel) -> None:
     options = replace(OPTIONS, engine=engine, prove=True)
     model = Model(lump, (), 1.0)
     usual, quick = (decompose_model(model, fleet(*[f] * 8), options, cost) for f in (1.0, 0.5))
@@ -98,7 +96,7 @@ def test_bound_holds_on_unequal_printers_for_common_boxes(lump: Solid, cost: Cos
     assert result.lower_bound_s == pytest.approx(0.5 * equal.lower_bound_s)
 
 
-def test_all_that_best_tried_is_in_the_time(lump: Solid, cost: CostModel) -> None:
+def test_reported_time_includes_every_attempt(lump: Solid, cost: CostModel) -> None:
     options = replace(OPTIONS, engine=Engine.BEST)
     result = decompose_model(Model(lump, (), 1.0), fleet(*[1.0] * 4), options, cost)
     assert len(result.attempts) == 2

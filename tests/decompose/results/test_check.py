@@ -65,7 +65,7 @@ def good(model: Model, grid: Grid, halves: list[Box]) -> Decomposition:
     return replace(base.without_parts(), parts=tuple(parts))
 
 
-def test_a_good_result_passes(good: Decomposition, model: Model, grid: Grid, halves: list[Box]) -> None:
+def test_good_result_passes(good: Decomposition, model: Model, grid: Grid, halves: list[Box]) -> None:
     coverage = check_result(good.parts, in_mm(grid, halves), model, PRINTERS, 5.0)
     assert coverage.surface_error < 1e-9
     assert coverage.overlap_mm3 == 0.0
@@ -133,7 +133,7 @@ def nibbled(parts: list[Part], model: Model, grid: Grid) -> list[Part]:
         (empty, Rule.CLOSED, "p01"),
     ],
 )
-def test_a_broken_rule_is_named(
+def test_broken_rule_is_named(
     good: Decomposition,
     model: Model,
     grid: Grid,
@@ -149,7 +149,7 @@ def test_a_broken_rule_is_named(
     assert str(rule) in str(raised.value)
 
 
-def test_what_is_missing_must_be_whole_cells_away_from_the_surface(cost: CostModel) -> None:
+def test_hollows_must_be_whole_cells_inside_the_wall(cost: CostModel) -> None:
     block = Model(Solid.box((0, 0, 0), (100, 100, 100)), (), 1.0)
     vertices, faces = block.solid.arrays()
     grid = build_grid(vertices[faces], 10, GridRules(15.0, False, 0.7, 0.75))
@@ -177,7 +177,7 @@ def test_what_is_missing_must_be_whole_cells_away_from_the_surface(cost: CostMod
 
 
 @pytest.mark.parametrize(("top", "gap"), [(199.0, 1.0), (189.0, None)])
-def test_the_wall_is_measured_to_faces_not_only_to_their_corners(
+def test_wall_is_measured_to_faces_not_only_to_their_corners(
     cost: CostModel, top: float, gap: float | None
 ) -> None:
     """The faces of a plain cube have their corners and centres far from a hollow under one of them."""
@@ -204,7 +204,7 @@ def test_the_wall_is_measured_to_faces_not_only_to_their_corners(
     assert raised.value.rule == Rule.WALL
 
 
-def test_a_spoilt_file_is_refused(good: Decomposition, tmp_path: Path) -> None:
+def test_damaged_stl_is_refused(good: Decomposition, tmp_path: Path) -> None:
     written = write_decomposition(good, tmp_path)
     path = tmp_path / written.parts[0].file
     data = bytearray(path.read_bytes())

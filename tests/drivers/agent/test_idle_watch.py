@@ -16,7 +16,7 @@ def test_moved_position_is_detected_when_reported_twice():
         assert doubts == [None, None, None, None, None, MOVED, None, None, MOVED]
 
 
-def test_garbled_first_answer_is_no_move():
+def test_garbled_first_answer_is_not_a_move():
     """A position counts once it was reported twice; a move from it is seen."""
     watch = IdleWatch()
     answers = [watch.judge_answer(text)[1] for text in (FED, HOME, HOME, HOME, AWAY, AWAY)]

@@ -26,7 +26,7 @@ def fill_journal(path: Path) -> None:
 
 
 @pytest.mark.system
-def test_a_full_log_and_a_long_journal_are_continued_without_losing_a_line(tmp_path: Path):
+def test_full_log_and_a_long_journal_are_continued_without_losing_a_line(tmp_path: Path):
     async def story() -> None:
         async with printer(tmp_path) as one:
             assert one.process is not None

@@ -14,7 +14,7 @@ from drivers.errors import PortError
 from drivers.printers import PROFILES
 
 
-def test_a_plain_url_is_a_printer_in_good_health() -> None:
+def test_plain_url_has_no_faults() -> None:
     expected = parse_url("sim://ultimaker2_extended_plus")
     assert expected.profile.model == "ultimaker2_extended_plus"
     assert expected.faults == Faults() and expected.seed == 0 and not expected.faults.on_lines
@@ -51,13 +51,13 @@ def test_wrong_url_names_the_mistake_and_the_choices(url: str, message: str) -> 
 
 @given(st.binary(min_size=1, max_size=95), st.integers(0, 1000))
 @settings(deadline=None)
-def test_a_disturbed_line_differs_in_one_byte(line: bytes, seed: int) -> None:
+def test_disturbed_line_differs_in_one_byte(line: bytes, seed: int) -> None:
     disturbed = Dice(Faults(checksum=1.0), random.Random(seed)).disturb(line)
     assert len(disturbed) == len(line)
     assert sum(a != b for a, b in zip(line, disturbed, strict=True)) == 1
 
 
-def test_bytes_take_their_time_one_behind_the_other() -> None:
+def test_bytes_are_delivered_in_order_at_the_baud_rate() -> None:
     wire, byte_s = Wire(250_000), 40e-6
     wire.put(b"x" * 100, 10.0)
     wire.put(b"y" * 50, 10.001)

@@ -77,7 +77,7 @@ def printer(tmp_path: Path) -> Iterator[Printer]:
         control(printer.folder, Command.POWER_OFF)
 
 
-def test_a_new_printer_is_cold_clear_and_parked(printer: Printer) -> None:
+def test_new_printer_is_cold_clear_and_parked(printer: Printer) -> None:
     tty = printer.on()
     assert tty == printer.folder / "tty" and tty.is_char_device()
     status = printer.status()
@@ -101,7 +101,7 @@ def test_port_does_not_echo_and_answers(printer: Printer) -> None:
     link.close()
 
 
-def test_a_closed_port_changes_nothing_and_an_opened_one_resets(printer: Printer) -> None:
+def test_closed_port_changes_nothing_and_an_opened_one_resets(printer: Printer) -> None:
     link = printer.booted()
     link.ask(b"M104 S200")
     wait_for(lambda: printer.status().nozzle_target_c == 200.0)
@@ -117,7 +117,7 @@ def test_a_closed_port_changes_nothing_and_an_opened_one_resets(printer: Printer
     repeated.close()
 
 
-def test_a_port_closed_and_opened_at_once_is_a_reset_each_time(printer: Printer) -> None:
+def test_port_closed_and_opened_at_once_is_a_reset_each_time(printer: Printer) -> None:
     link = printer.booted()
     before = printer.status().resets
     for times in range(1, 6):
@@ -130,7 +130,7 @@ def test_a_port_closed_and_opened_at_once_is_a_reset_each_time(printer: Printer)
     link.close()
 
 
-def test_a_print_makes_the_bed_not_clear_until_a_person_clears_it(printer: Printer) -> None:
+def test_print_makes_the_bed_not_clear_until_a_person_clears_it(printer: Printer) -> None:
     link = printer.booted()
     link.ask(b"M109 S200", b"\nok\n")
     for line in (b"G28", b"G92 E0", b"G1 E20 F1500", b"G92 E0", b"G1 X50 Y50 Z0.3 F9000"):
@@ -172,7 +172,7 @@ def test_control_allows_actions_of_a_person_only(printer: Printer) -> None:
         control(printer.folder, "dance")
 
 
-def test_a_wrong_url_starts_nothing(printer: Printer) -> None:
+def test_wrong_url_starts_nothing(printer: Printer) -> None:
     with pytest.raises(PortError, match="no printer model"):
         printer.on("sim://ender3")
     assert not printer.folder.exists()
@@ -183,14 +183,14 @@ def test_missing_status_is_reported(tmp_path: Path) -> None:
         read_status(tmp_path)
 
 
-def test_the_wire_may_be_slow(printer: Printer) -> None:
+def test_slow_wire_delays_answers(printer: Printer) -> None:
     link = Link(printer.on("sim://ultimaker2_plus?wire=1"))
     link.read_until(b"SD init fail\n")
     assert link.ask(b"M115").endswith(b"\nok\n")
     link.close()
 
 
-def test_no_reader_ever_sees_half_a_status(printer: Printer) -> None:
+def test_status_is_written_atomically(printer: Printer) -> None:
     link = printer.booted()
     observed = set()
     for k in range(60):  # each target is written at once, and read in the middle of it
@@ -239,7 +239,7 @@ def test_actions_at_the_display_show_in_queries_only(printer: Printer) -> None:
     link.close()
 
 
-def test_answers_in_pieces_are_whole_in_the_end(printer: Printer) -> None:
+def test_answers_in_pieces_are_complete_at_the_end(printer: Printer) -> None:
     printer.on("sim://ultimaker2_plus?bytewise=1")
     link = printer.booted()
     assert b"EXTRUDER_COUNT:1\nok" in link.ask(b"M115")

@@ -33,7 +33,7 @@ def after(text: str, stopped_at: tuple[float, float, float, float] | None = None
         ("M83\nG1 X20 E5\nG1 E-2\nG1 E-1\nG1 E0.5\n", 2.5),
     ],
 )
-def test_the_feeder_is_followed_as_the_firmware_counts(text: str, retracted_mm: float):
+def test_feeder_is_followed_as_the_firmware_counts(text: str, retracted_mm: float):
     assert after(text) == pytest.approx(retracted_mm)
 
 
@@ -51,7 +51,7 @@ HOP = "G1 X20 Y10 E5\nG1 E-1.5\nG0 X80\nG1 E5\nG1 X90 E6\n"
         ((500.0, 10.0, 1.0, 2.0), 0.0),  # no move leads there: by the last line
     ],
 )
-def test_the_interrupted_move_decides_the_retraction(
+def test_interrupted_move_decides_the_retraction(
     stopped_at: tuple[float, float, float, float], retracted_mm: float
 ):
     assert after(HOP, stopped_at) == pytest.approx(retracted_mm)

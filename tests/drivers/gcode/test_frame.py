@@ -73,7 +73,7 @@ def numbered(draw: st.DrawFn, words: bytes = b"FXYE") -> tuple[int, bytes]:
 @given(numbered())
 @example((4, COLLIDING))
 @settings(max_examples=100, deadline=None)
-def test_no_flipped_bit_makes_another_remove_frame_a_line(line):
+def test_flipped_bit_is_never_accepted_as_another_line(line):
     number, command = line
     sent = add_frame(number, command)
     assert [meaning(taken) for taken in EAR.take(number, sent)] == [meaning(command)]
@@ -87,7 +87,7 @@ def test_no_flipped_bit_makes_another_remove_frame_a_line(line):
     [b"M110", b"M105", b"G28", b"M104 S210", b"M109 S0", b"M140 S60", b"G92 E0", b"M106 S127.5", b"M401",
      b"G2 X10.5 Y0.25 I5.125 J0 E1", b"M220 S100", b"M84", b"G4 P500", b"M85 S120", b"M82"],
 )  # fmt: skip
-def test_no_flipped_bit_makes_another_remove_frame_the_lines_of_a_session(command):
+def test_flipped_bit_is_never_accepted_in_lines_of_a_session(command):
     for number in (0, 1, 38, 999_999):
         for data in flips(add_frame(number, command)):
             for taken in EAR.take(number, data + ULTIMAKER2.last_line_query):
@@ -96,7 +96,7 @@ def test_no_flipped_bit_makes_another_remove_frame_the_lines_of_a_session(comman
 
 @given(numbered(b"EFIJRXYZ"))
 @settings(deadline=None)
-def test_a_frame_holds_its_command_and_fits(line):
+def test_frame_holds_its_command_and_fits(line):
     number, command = line
     assume(len(command) <= ULTIMAKER2.command_bytes)
     sent = add_frame(number, command)
@@ -107,7 +107,7 @@ def test_a_frame_holds_its_command_and_fits(line):
     assert len(sent) <= LINE_BYTES + 1
 
 
-def test_a_blank_is_put_in_where_it_is_needed_alone():
+def test_blank_is_inserted_only_where_needed():
     assert checksum(b"N4 G1 X10 Y112") == 30
     assert add_frame(4, COLLIDING).startswith(b"N4 G1 X10  Y112.30 E4.5*")
     assert add_frame(5, COLLIDING).startswith(b"N5 G1 X10 Y112.30 E4.5*")
@@ -127,7 +127,7 @@ def test_few_lines_need_a_blank(number, x_um, e_10nm):
     assert (add_frame(number, command) == plain) is not collides
 
 
-def test_a_line_with_no_room_for_a_blank_keeps_its_length():
+def test_line_without_room_for_a_blank_keeps_its_length():
     command = COLLIDING + b" " + b"S" * (ULTIMAKER2.command_bytes - len(COLLIDING) - 1)
     assert len(add_frame(4, command)) <= LINE_BYTES + 1
     longest = command + b"S" * (LINE_BYTES - len(b"N4 *255") - len(command))
@@ -141,13 +141,13 @@ def test_running_checksums_are_those_of_each_beginning(line):
 
 @given(st.integers(0, 9_999_000), st.lists(numbered().map(lambda line: line[1]), max_size=30))
 @example(3, [b"G1 X1.5", COLLIDING, b"M117 1. *2.30 *", b"M105", b"G1 Y.0000000000 E1.1234567"])
-def test_many_lines_are_framed_as_each_of_them(number, commands):
+def test_lines_framed_together_equal_lines_framed_singly(number, commands):
     frames = [add_frame(at, command) for at, command in enumerate(commands, number)]
     assert add_frames(number, commands) == frames
 
 
 @given(st.integers(1, 99_999), st.data())
-def test_a_line_among_many_gets_a_blank_where_it_needs_one(number, data):
+def test_blank_is_inserted_in_a_line_among_many(number, data):
     """Each line of a block has the decimals that match its own number."""
     commands = []
     for at in range(number, number + data.draw(st.integers(1, 8))):

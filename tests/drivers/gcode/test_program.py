@@ -39,7 +39,7 @@ M140 S0
 """
 
 
-def test_comments_blanks_and_questions_do_not_reach_the_wire():
+def test_comments_blanks_and_queries_are_not_sent():
     p = program(SLICED)
     assert p.lines(0, 3) == [b"M140 S60", b"G28", b"M190 S60"]
     assert p.count == 11
@@ -188,7 +188,7 @@ def test_lines_that_the_firmware_would_misread_are_refused_by_number(line: str, 
     assert "\n" not in str(refused.value)
 
 
-def test_a_file_without_a_command_is_refused():
+def test_file_without_a_command_is_refused():
     with pytest.raises(BadGcode):
         program("; nothing\n\n")
 
@@ -287,7 +287,7 @@ def test_heating_lines_are_found_in_every_notation():
     assert found == [(nozzle, 200.0, False), (nozzle, 210.0, True), (bed, 60.0, True)]
 
 
-def test_g92_is_no_extrusion():
+def test_g92_is_not_counted_as_extrusion():
     p = program("G92 E0\nM109 S210\nG1 X1 E1\n")
     assert p.extrusion_line == 2
 

@@ -19,7 +19,7 @@ from drivers.link.recovery import MOST_QUERIES, TRIES
 from link_bench import BANNER, Bench, Wire, lines, stream
 
 
-def test_frames_are_those_of_the_notes():
+def test_frames_equal_those_of_the_documentation():
     assert add_frame(0, b"M110") == b"N0 M110*35\n"
 
 
@@ -36,7 +36,7 @@ def test_over_a_clean_wire_every_line_is_carried_out_once_and_nothing_is_repeate
     assert not bench.faults()
 
 
-def test_a_line_that_is_sent_again_is_counted_once():
+def test_line_that_is_sent_again_is_counted_once():
     class Losing(Wire):
         """Loses the third line, whole."""
 
@@ -89,7 +89,7 @@ def test_link_never_raises_for_any_input(noise: list[bytes]):
 @pytest.mark.parametrize(
     "answer", [b"Resend: %b", b"ok T:%b /0.0 B:20.0 /0.0 @:0 B@:0", b"ok T:20.0 /0.0 B:20.0 /%b @:0 B@:0"]
 )
-def test_a_number_without_end_is_noise(answer: bytes):
+def test_endless_number_is_treated_as_noise(answer: bytes):
     link = Link(ULTIMAKER2)
     link.on_opened(0.0)
     link.receive(BANNER, 0.0)
@@ -115,7 +115,7 @@ def test_board_that_does_not_restart_is_queried_and_connected():
     assert [e.restarted for e in bench.events if isinstance(e, Connected)] == [False]
 
 
-def test_a_silent_board_ends_in_no_answer_and_nothing_more_is_sent():
+def test_silent_board_ends_in_no_answer_and_nothing_more_is_sent():
     bench = Bench().boot()
     bench.run()
     bench.firmware.mute = True
@@ -154,7 +154,7 @@ def test_patience_is_short_again_after_an_ordinary_ok():
         assert bench.link.deadline_s == pytest.approx(bench.now_s + SILENCE_S)
 
 
-def test_a_question_with_a_flipped_bit_commands_nothing():
+def test_query_with_a_flipped_bit_is_no_command():
     query = ULTIMAKER2.last_line_query
     for at in range(len(query)):
         for bit in range(8):
@@ -174,7 +174,7 @@ def silence_s(bench: Bench, *commands: bytes) -> float:
     return bench.now_s - started_s
 
 
-def test_no_time_out_is_shorter_than_the_floor():
+def test_time_out_is_never_below_the_minimum():
     assert silence_s(Bench(floor_s=200.0).boot(), b"G1 X1") >= 200.0
     bench = Bench(floor_s=200.0).boot()
     bench.run()
@@ -224,11 +224,11 @@ def test_answers_without_a_newline_are_split(line: bytes, words: list[bytes]):
 
 
 @given(st.binary(max_size=100))
-def test_telling_answers_apart_loses_no_byte(line: bytes):
+def test_splitting_answers_loses_no_byte(line: bytes):
     assert b"".join(replies.split_answers(line, ULTIMAKER2)) == line
 
 
-def test_the_ok_that_is_glued_to_the_end_stops_counts():
+def test_ok_that_is_glued_to_the_end_stops_counts():
     bench = Bench().boot()
     bench.link.send(bench.now_s, b"M119", b"G1 X1")
     bench.run()
@@ -236,7 +236,7 @@ def test_the_ok_that_is_glued_to_the_end_stops_counts():
     assert bench.now_s < 1.0
 
 
-def test_a_plain_ok_never_answers_a_poll_and_a_report_never_acknowledges_a_line():
+def test_plain_ok_never_answers_a_poll_and_a_report_never_acknowledges_a_line():
     bench = Bench().boot()
     bench.run()
     bench.link.send(bench.now_s, b"G1 X1", b"G1 X2")
@@ -265,7 +265,7 @@ def test_a_plain_ok_never_answers_a_poll_and_a_report_never_acknowledges_a_line(
         (b"echo: too long extrusion prevented\n", Fault.BAD_FILE),
     ],
 )
-def test_troubles_of_the_firmware_stop_the_stream_at_once(message: bytes, fault: Fault):
+def test_faults_of_the_firmware_stop_the_stream_at_once(message: bytes, fault: Fault):
     bench = Bench().boot()
     stream(bench, lines(50))
     bench.run(until_s=0.1)
@@ -369,7 +369,7 @@ def test_board_with_contradicting_last_lines_is_given_up():
     assert bench.faults() == [Fault.NOISY_LINE]
 
 
-def test_a_garbled_resend_from_far_back_costs_nothing():
+def test_garbled_resend_of_an_old_line_is_ignored():
     program, bench = lines(120), Bench().boot()
     stream(bench, program)
     bench.run(until_s=0.8)

@@ -71,7 +71,7 @@ def test_polls_keep_the_order_of_lines_and_are_not_counted(
     assert len(board.link._outbox._frames) < 400  # a print has a million lines
 
 
-def test_a_report_of_an_earlier_poll_is_no_answer_to_one_that_was_refused():
+def test_report_of_an_earlier_poll_is_no_answer_to_one_that_was_refused():
     board = Board(1e9)
     while board.step():
         pass
@@ -82,7 +82,7 @@ def test_a_report_of_an_earlier_poll_is_no_answer_to_one_that_was_refused():
     assert not board.link.drained
 
 
-def test_a_line_in_flight_is_no_line_that_was_printed():
+def test_line_in_flight_is_not_counted_as_printed():
     board = Board(1e9)
     board.link.stream(0.0, lambda a, b: PROGRAM[a:b], 0, 3)
     while board.last < 2:

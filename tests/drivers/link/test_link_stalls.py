@@ -19,7 +19,7 @@ SELDOM = 30  # of the lines that are no moves
 
 
 @pytest.mark.parametrize("name", KINDS)
-def test_a_fault_keeps_the_head_still_for_a_moment_and_doubles_nothing(name: str):
+def test_fault_stops_the_head_briefly_and_repeats_nothing(name: str):
     faults = SELDOM if name.startswith("M") else OFTEN
     outcome = run(KINDS[name], faults, seed=0)
     assert outcome.fault is None

@@ -115,7 +115,7 @@ def test_every_line_is_carried_out_once_in_order_and_unaltered_or_the_link_ends_
         assert link.streamed == len(program)
 
 
-def test_a_collision_is_counted():
+def test_checksum_collision_is_counted():
     """Two flips of one bit keep an XOR: the firmware takes the line, and the emulator knows."""
     firmware = Recorder(Faults(noise=1e-9), 0)
     assert firmware.noise is not None
@@ -142,13 +142,13 @@ def test_a_collision_is_counted():
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_a_long_print_over_a_slightly_damaged_wire_ends_exactly(seed: int):
+def test_long_print_over_a_slightly_damaged_wire_ends_exactly(seed: int):
     outcome = soak(20_000, 0.00005, seed)
     assert outcome.exact and outcome.altered == 0
     assert outcome.repeated > 10
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_over_a_noisy_wire_the_rule_trips(seed: int):
+def test_link_is_given_up_over_a_very_noisy_wire(seed: int):
     outcome = soak(20_000, 0.001, seed)
     assert outcome.fault == Fault.NOISY_LINE

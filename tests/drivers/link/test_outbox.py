@@ -29,32 +29,32 @@ def sent(commands, polls_before=()):
     return outbox, waits
 
 
-def test_lines_behind_a_slow_move_are_waited_for_as_it_is():
+def test_lines_behind_a_slow_move_have_its_time_limit():
     _, waits = sent([SLOW, *[FAST] * (QUEUED_LINES + 3)])
     assert QUEUED_LINES >= 16 + 8  # planned, and waiting
     assert waits[: QUEUED_LINES + 1] == [pytest.approx(60 * REACH_MM / 60)] * (QUEUED_LINES + 1)
     assert waits[QUEUED_LINES + 1 :] == [LINE_S] * 3
 
 
-def test_the_slowest_of_the_moves_that_are_queued_counts():
+def test_slowest_of_the_moves_that_are_queued_counts():
     _, waits = sent([FAST, SLOWER, SLOW, FAST])
     assert waits == [LINE_S, *[pytest.approx(60 * REACH_MM / 30)] * 3]
 
 
 @pytest.mark.parametrize("before", range(1, 6))
-def test_a_line_keeps_its_patience_where_a_poll_takes_its_number(before):
+def test_line_keeps_its_time_limit_if_a_poll_takes_its_number(before):
     plain = [b"G90", b"M400", b"G90", b"G4 P9", b"G28"]
     assert sent(plain, [before])[1] == sent(plain)[1]
 
 
-def test_a_line_can_be_sent_again_while_it_is_kept():
+def test_line_can_be_sent_again_while_it_is_kept():
     outbox, _ = sent([b"G90"] * 200)
     assert [number for number in range(201) if outbox.holds(number)] == list(range(201 - HISTORY_LINES, 201))
     first, _ = sent([b"G90"])
     assert first.holds(0) and not first.holds(-1)
 
 
-def test_a_plain_ok_is_no_answer_to_a_poll_though_the_next_line_is_encoded():
+def test_plain_ok_is_no_answer_to_a_poll_though_the_next_line_is_encoded():
     """`take_encoded` is what a link sends on a plain ok without looking at anything else."""
     outbox, _ = sent([])
     outbox.queue((FAST,) * 9)
@@ -78,7 +78,7 @@ def test_silent_board_is_given_up_after_its_start_and_four_queries():
     assert now_s == START_S + TRIES * START_S / 2
 
 
-def test_a_resend_is_believed_after_two_questions_without_an_answer():
+def test_resend_is_accepted_after_two_unanswered_queries():
     link, now_s, questions = Link(ULTIMAKER2), 0.0, 0
     link.on_opened(now_s)
     link.receive(b"start\necho:   M301 P10\n", now_s)
@@ -94,7 +94,7 @@ def test_a_resend_is_believed_after_two_questions_without_an_answer():
     assert questions == 2
 
 
-def test_a_refusal_without_a_number_leaves_the_questions_open():
+def test_refusal_without_a_number_leaves_the_questions_open():
     recovery, place = Recovery(), Place(5, 0, 5, 0)
     recovery.note_query(place, 0.0)
     recovery.note_query(place, 0.0)

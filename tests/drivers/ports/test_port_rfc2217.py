@@ -130,7 +130,7 @@ def test_agent_opens_the_port_after_a_person_confirms_it_idle(tmp_path: Path, ur
         process.wait()
 
 
-def test_a_host_that_does_not_answer_is_a_port_error():
+def test_host_that_does_not_answer_is_a_port_error():
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         number = probe.getsockname()[1]

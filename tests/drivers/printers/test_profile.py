@@ -11,7 +11,7 @@ sizes = st.floats(1.0, 400.0)
 
 
 @given(models, st.floats(0.0, 30.0))
-def test_a_box_of_the_room_with_its_brim_is_on_the_bed_and_off_the_clips(model: str, brim_mm: float):
+def test_box_of_the_room_with_its_brim_is_on_the_bed_and_off_the_clips(model: str, brim_mm: float):
     profile = BEDS[model]
     width, depth = profile.bed_mm
     bed = Rect(-width / 2, -depth / 2, width / 2, depth / 2)
@@ -39,13 +39,13 @@ def test_placed_part_lies_in_a_box_of_the_room(model: str, extents_mm: tuple[flo
     assert any(box.rect.grown(slack).contains(part) and box.height_mm + slack >= dz for box in room)
 
 
-def test_the_room_of_a_2_plus_with_a_brim_of_8_mm():
+def test_room_of_a_2_plus_with_a_brim_of_8_mm():
     sizes_mm = [box.size_mm for box in part_room(PROFILES["ultimaker2_plus"], 8.0)]
     assert (207.0, 191.0, 205.0) in sizes_mm
     assert any(depth == 207.0 and width <= 165.0 for width, depth, _ in sizes_mm)
 
 
-def test_a_person_s_own_limit_counts_where_it_is_smaller():
+def test_smaller_limit_of_the_user_is_used():
     assert part_room(PROFILES["ultimaker2_plus"], 0.0, (100.0, 90.0, 500.0))[0].size_mm == (
         100.0,
         90.0,
@@ -54,7 +54,7 @@ def test_a_person_s_own_limit_counts_where_it_is_smaller():
 
 
 @given(st.floats(22.0, 110.0), st.floats(22.0, 110.0))
-def test_hotter_takes_longer(one_c: float, other_c: float):
+def test_heating_to_a_higher_target_takes_longer(one_c: float, other_c: float):
     heater = HeaterModel(gain_c=105.0, tau_s=520.0)
     low_c, high_c = sorted((one_c, other_c))
     assert heater.seconds_to(low_c) <= heater.seconds_to(high_c)

@@ -14,7 +14,7 @@ from drivers.errors import JournalError
 from drivers.records import Alarm, BoardState, Journal, JournalState
 
 
-def test_a_truncated_journal_is_read_to_its_last_whole_record(tmp_path: Path):
+def test_truncated_journal_is_read_to_its_last_whole_record(tmp_path: Path):
     path = tmp_path / "journal.jsonl"
     ended = m.PrintSnapshot(print_id="p-1", phase=m.PrintPhase.DONE)
     opened = m.PrintSnapshot(print_id="p-2", phase=m.PrintPhase.HEATING)
@@ -51,7 +51,7 @@ def test_on_a_full_disk_writing_fails_and_the_records_stay_whole(
     assert (memory.filament, memory.board.attention_reason) == (m.Filament.PARKED, "smoke")
 
 
-def test_a_damaged_journal_needs_attention_and_may_leave_the_printer_hot(tmp_path: Path):
+def test_damaged_journal_needs_attention_and_may_leave_the_printer_hot(tmp_path: Path):
     path = tmp_path / "journal.jsonl"
     ended = m.PrintSnapshot(print_id="p-1", phase=m.PrintPhase.DONE)
     Journal(path).write(1.0, filament="parked")
@@ -71,7 +71,7 @@ def test_a_damaged_journal_needs_attention_and_may_leave_the_printer_hot(tmp_pat
     assert Journal(path).state.board.attention_reason is None
 
 
-def test_the_board_state_is_written_whole_under_its_first_names(tmp_path):
+def test_board_state_is_written_whole_under_its_first_names(tmp_path):
     path = tmp_path / "journal.jsonl"
     state = BoardState.model_validate(
         {"look": "smoke", "doubt": "moved", "hot": True, "reset_verified": "/dev/a"}
@@ -91,21 +91,21 @@ def test_the_board_state_is_written_whole_under_its_first_names(tmp_path):
     assert Journal(path).state.board == state
 
 
-def test_a_partial_record_of_the_board_keeps_the_rest(tmp_path):
+def test_partial_record_of_the_board_keeps_the_rest(tmp_path):
     path = tmp_path / "journal.jsonl"
     path.write_text('{"at_s": 1.0, "doubt": "moved", "hot": true}\n{"at_s": 2.0, "look": "smoke"}\n')
     board = Journal(path).state.board
     assert (board.attention_reason, board.bed_unknown_reason, board.hot) == ("smoke", "moved", True)
 
 
-def test_a_snapshot_keeps_its_names_on_the_wire():
+def test_snapshot_keeps_its_names_on_the_wire():
     said = m.Snapshot(printer="a", agent_pid=1, link=m.LinkState.READY, bed_unknown_reason="moved")
     line = json.loads(said.model_dump_json())
     assert line["doubt"] == "moved" and "bed_unknown_reason" not in line
     assert m.from_agent_adapter.validate_json(json.dumps(line)) == said
 
 
-def test_an_alarm_is_written_and_read_under_its_first_names(tmp_path):
+def test_alarm_is_written_and_read_under_its_first_names(tmp_path):
     path = tmp_path / "journal.jsonl"
     path.write_text('{"at_s": 1.0, "alarm": {"text": "hot", "at_s": 1.0, "asked": true, "said": null}}\n')
     alarm = Journal(path).state.alarm
@@ -136,7 +136,7 @@ _records = st.fixed_dictionaries(
 
 
 @given(records=st.lists(_records, max_size=40))
-def test_a_shortened_journal_restores_the_same_state(records: list[dict[str, object]]):
+def test_shortened_journal_restores_the_same_state(records: list[dict[str, object]]):
     before = JournalState()
     for record in records:
         before.apply(record)
@@ -146,7 +146,7 @@ def test_a_shortened_journal_restores_the_same_state(records: list[dict[str, obj
     assert after == before
 
 
-def test_a_long_journal_is_shortened_and_the_old_one_is_kept_once(tmp_path: Path):
+def test_long_journal_is_shortened_and_the_old_one_is_kept_once(tmp_path: Path):
     path = tmp_path / "journal.jsonl"
     journal = Journal(path)
     for number in range(1, 1300):
@@ -165,7 +165,7 @@ def test_a_long_journal_is_shortened_and_the_old_one_is_kept_once(tmp_path: Path
 
 
 @pytest.mark.parametrize("broken", ["write", "fsync", "link", "replace"])
-def test_a_journal_that_cannot_be_shortened_continues(
+def test_journal_that_cannot_be_shortened_continues(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, broken: str
 ):
     path = tmp_path / "journal.jsonl"

@@ -12,7 +12,7 @@ from drivers.errors import AgentError
 from drivers.remote import AgentClient, is_alive
 
 
-def test_without_an_agent_connecting_and_asking_fail(tmp_path: Path):
+def test_connection_and_request_fail_without_an_agent(tmp_path: Path):
     async def story() -> None:
         client = AgentClient(tmp_path)
         with pytest.raises(AgentError):
@@ -40,7 +40,7 @@ def test_unknown_fields_are_ignored_in_snapshots_and_refused_in_requests():
         m.request_adapter.validate_python({"do": "hello", "id": 1, "loudly": True})
 
 
-def test_a_message_that_cannot_be_read_still_counts_as_a_sign_of_life(tmp_path: Path):
+def test_message_that_cannot_be_read_still_counts_as_a_sign_of_life(tmp_path: Path):
     received: list[bool] = []
 
     async def speak(_: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:

@@ -16,12 +16,12 @@ def silence_until_wedged_s(
     return None
 
 
-def test_an_agent_that_stopped_sleeps_or_loops_is_wedged_after_half_a_minute():
+def test_agent_that_stopped_sleeps_or_loops_is_wedged_after_half_a_minute():
     for state in "TSR":
         assert silence_until_wedged_s([ProcessSample(state, 3.0)]) == WEDGED_S
 
 
-def test_an_agent_without_a_processor_or_waiting_for_a_disk_is_not_wedged():
+def test_agent_without_a_processor_or_waiting_for_a_disk_is_not_wedged():
     share_s = WEDGED_S - SAMPLE_S
     assert silence_until_wedged_s([ProcessSample("R", 3.0), ProcessSample("R", 3.0 + 0.6 * share_s)]) is None
     assert (
@@ -36,7 +36,7 @@ def test_time_in_which_the_listener_did_not_run_does_not_count():
     )
 
 
-def test_a_message_restarts_the_count():
+def test_message_restarts_the_count():
     heartbeat = Heartbeat()
     for second in range(200):
         if second % 20 == 0:
@@ -44,12 +44,12 @@ def test_a_message_restarts_the_count():
         assert not heartbeat.is_wedged(float(second), lambda: ProcessSample("S", 0.0))
 
 
-def test_a_process_that_has_ended_is_not_wedged():
+def test_process_that_has_ended_is_not_wedged():
     heartbeat = Heartbeat()
     assert not any(heartbeat.is_wedged(float(second), lambda: None) for second in range(100))
 
 
-def test_a_process_is_sampled_from_proc():
+def test_process_is_sampled_from_proc():
     mine = sample_process(os.getpid())
     assert mine is not None and mine.state == "R" and mine.waited_s >= 0.0
     assert sample_process(2**22 + 1) is None

@@ -71,7 +71,7 @@ def test_heat_and_queued_moves_end_within_one_move():
 
 
 @pytest.mark.parametrize("cut_off", ["G1 X7", "N19 G1 X70 Y5", "N1"])
-def test_a_truncated_line_before_the_abort_costs_one_more_move_at_most(cut_off: str):
+def test_truncated_line_before_the_abort_costs_one_more_move_at_most(cut_off: str):
     host = busy_host()
     host.firmware.feed(cut_off.encode(), host.now_s)
     host.firmware.feed(ULTIMAKER2.abort_unnumbered, host.now_s)
@@ -83,7 +83,7 @@ def test_a_truncated_line_before_the_abort_costs_one_more_move_at_most(cut_off: 
     assert not up.restarted
 
 
-def test_the_longest_line_the_abort_and_a_poll_fit_into_the_receive_buffer():
+def test_longest_line_the_abort_and_a_poll_fit_into_the_receive_buffer():
     assert LONGEST_LINE_BYTES + len(ULTIMAKER2.abort_unnumbered) + len(b"M105\n") <= RING_BYTES
     host = busy_host()
     line = numbered(host.n + 1, "G1 X90 " + " " * 80)[: LONGEST_LINE_BYTES - 1]
@@ -110,7 +110,7 @@ def test_on_marlin_2_moves_end_at_once_and_heat_a_second_later():
     assert ended(host) and link.drained
 
 
-def test_a_restarting_board_loses_the_abort_and_is_seen_to_restart():
+def test_restarting_board_loses_the_abort_and_is_seen_to_restart():
     host = busy_host()
     host.firmware.feed(ULTIMAKER2.abort_unnumbered, host.now_s)
     host.firmware.reset(host.now_s)
@@ -131,21 +131,21 @@ def silent_board():
     os.close(master)
 
 
-def test_an_emergency_stop_sends_the_abort_before_it_waits(tmp_path: Path, silent_board):
+def test_emergency_stop_sends_the_abort_before_it_waits(tmp_path: Path, silent_board):
     url, master = silent_board
     stopped = stop_printer(StopTarget("a", url, tmp_path / "a", ULTIMAKER2), show_s=0.0)
     assert everything(master) == ULTIMAKER2.abort_unnumbered
     assert not (stopped.seen_off or stopped.still) and "not seen to stand still" in stopped.text
 
 
-def test_a_board_that_shows_nothing_is_halted_where_its_firmware_can(tmp_path: Path, silent_board):
+def test_board_that_shows_nothing_is_halted_where_its_firmware_can(tmp_path: Path, silent_board):
     url, master = silent_board
     stopped = stop_printer(StopTarget("a", url, tmp_path / "a", MARLIN2), show_s=0.0)
     assert everything(master) == b"\nM410\nM104 S0\nM140 S0\nM107\n" + b"\nM112\n"
     assert not stopped.seen_off and "switch it off" in stopped.text
 
 
-def test_an_agent_that_finds_an_open_print_sends_the_abort_on_opening_the_port(tmp_path: Path, silent_board):
+def test_agent_that_finds_an_open_print_sends_the_abort_on_opening_the_port(tmp_path: Path, silent_board):
     url, master = silent_board
     board = Board(url, ULTIMAKER2_PLUS, tmp_path, Clock(1.0, 0.0), lambda: None, lambda _: None)
     board.state.hot = True
@@ -156,7 +156,7 @@ def test_an_agent_that_finds_an_open_print_sends_the_abort_on_opening_the_port(t
         board.close()
 
 
-def test_an_agent_that_ends_repeats_the_abort_after_a_refusal(silent_board):
+def test_agent_that_ends_repeats_the_abort_after_a_refusal(silent_board):
     url, master = silent_board
     port: Port = SerialPort(Path(url), ULTIMAKER2.baud_rate)
     try:

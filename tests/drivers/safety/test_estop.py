@@ -79,7 +79,7 @@ async def ended(folder: Path) -> m.PrintSnapshot:
 
 
 @pytest.mark.system
-def test_a_printer_with_a_hung_agent_is_stopped_and_needs_attention_afterwards(
+def test_printer_with_a_hung_agent_is_stopped_and_needs_attention_afterwards(
     tmp_path: Path,
 ):
     folder = tmp_path / "state" / "agents" / "um2-01"
@@ -166,9 +166,7 @@ def test_queued_moves_and_heat_end_on_a_board_that_dtr_does_not_reset(tmp_path: 
 
 
 @pytest.mark.parametrize(("relay", "message"), [("exit 0", "cut its"), ("echo stuck >&2; exit 3", "stuck")])
-def test_a_board_that_does_not_show_its_heaters_off_has_its_mains_cut(
-    tmp_path: Path, relay: str, message: str
-):
+def test_board_that_does_not_show_its_heaters_off_has_its_mains_cut(tmp_path: Path, relay: str, message: str):
     master, slave = pty.openpty()
     tty.setraw(slave)
     port = os.ttyname(slave)
@@ -187,7 +185,7 @@ def test_a_board_that_does_not_show_its_heaters_off_has_its_mains_cut(
 
 
 @pytest.mark.parametrize("listens", [True, False], ids=["", "nobody listens any more"])
-def test_a_heater_that_does_not_cool_is_not_reported_as_off(
+def test_heater_that_does_not_cool_is_not_reported_as_off(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, listens: bool
 ):
     for name, rule in tuple(heater_watch.RULES.items()):
@@ -220,7 +218,7 @@ def test_a_heater_that_does_not_cool_is_not_reported_as_off(
         os.close(master)
 
 
-def test_the_agent_of_another_user_means_that_the_printer_is_not_seen_off(
+def test_agent_of_another_user_means_that_the_printer_is_not_seen_off(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     def denied(path: Path) -> bool:
@@ -233,7 +231,7 @@ def test_the_agent_of_another_user_means_that_the_printer_is_not_seen_off(
     assert "cannot be stopped" in stopped.text
 
 
-def test_a_simulated_printer_without_power_is_off(tmp_path: Path):
+def test_simulated_printer_without_power_is_off(tmp_path: Path):
     stopped = stop_printer(StopTarget("um2-01", f"sim://{MODEL}", tmp_path / "um2-01", ULTIMAKER2))
     assert stopped.seen_off
 
@@ -249,7 +247,7 @@ def test_farm_estop_names_printers_that_it_could_not_stop(tmp_path: Path):
     assert done.returncode == 4 and "no printer b" in done.stderr
 
 
-def test_a_lock_names_its_holder(tmp_path: Path):
+def test_lock_names_its_holder(tmp_path: Path):
     path = tmp_path / AGENT_LOCK
     assert find_holder(path) is None
     lock = hold(path)
@@ -287,7 +285,7 @@ def test_targets_are_read_from_start_files_and_broken_files_are_skipped(tmp_path
     assert list_targets(tmp_path) == {"d": left, "e": older}
 
 
-def test_an_unchanged_start_file_is_not_written_again(tmp_path: Path):
+def test_unchanged_start_file_is_not_written_again(tmp_path: Path):
     started = StartFile("d", MODEL, "/dev/null")
     started.write(tmp_path)
     (tmp_path / ".start.json.new").mkdir()  # nothing can be written there

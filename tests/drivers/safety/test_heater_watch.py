@@ -36,9 +36,7 @@ def look(watch: HeaterWatch, name: HeaterName, now_c: float, set_c: float, now_s
 
 @pytest.mark.parametrize(("name", "set_c"), [(NOZZLE, 210.0), (NOZZLE, 260.0), (BED, 60.0), (BED, 100.0)])
 @pytest.mark.parametrize("every_s", [1.0, 3.0, 12.0])
-def test_a_heater_in_good_health_is_left_alone_from_cold_to_cold(
-    name: HeaterName, set_c: float, every_s: float
-):
+def test_healthy_heater_causes_no_finding(name: HeaterName, set_c: float, every_s: float):
     watch, curve, rng = HeaterWatch(4.0), Curve(name), random.Random(1)
     now_s = 0.0
     for target_c, seconds in ((set_c, 1800.0), (set_c - 15, 900.0), (set_c, 900.0), (0.0, 3600.0)):
@@ -57,7 +55,7 @@ def test_a_heater_in_good_health_is_left_alone_from_cold_to_cold(
 @pytest.mark.parametrize(
     ("name", "fails_at_c", "within_s"), [(NOZZLE, 150.0, 80.0), (BED, 45.0, 170.0), (NOZZLE, 30.0, 80.0)]
 )
-def test_a_heater_that_stops_getting_warmer_is_found(name: HeaterName, fails_at_c: float, within_s: float):
+def test_heater_that_stops_getting_warmer_is_found(name: HeaterName, fails_at_c: float, within_s: float):
     watch, curve = HeaterWatch(4.0), Curve(name)
     set_c = 210.0 if name is NOZZLE else 60.0
     now_s, failed_s = 0.0, math.nan
@@ -76,7 +74,7 @@ def test_a_heater_that_stops_getting_warmer_is_found(name: HeaterName, fails_at_
 
 @pytest.mark.parametrize("on", [False, True])
 @pytest.mark.parametrize("name", [NOZZLE, BED])
-def test_a_heater_that_leaves_its_target_is_found(name: HeaterName, on: bool):
+def test_heater_that_leaves_its_target_is_found(name: HeaterName, on: bool):
     set_c = 210.0 if name is NOZZLE else 60.0
     watch, curve, now_s = HeaterWatch(4.0), Curve(name, set_c), 0.0
     for _ in range(100):
@@ -109,7 +107,7 @@ def test_off_is_confirmed_by_falling_temperatures_only(name: HeaterName):
 
 @pytest.mark.parametrize("seconds", [70.0, 200.0, 4000.0, -4000.0])
 @pytest.mark.parametrize("name", [NOZZLE, BED])
-def test_a_gap_without_reports_is_no_fault_of_a_heater(name: HeaterName, seconds: float):
+def test_gap_without_reports_is_not_a_heater_fault(name: HeaterName, seconds: float):
     """A host that slept, a clock that was set, a move that took long."""
     set_c = 210.0 if name is NOZZLE else 60.0
     for target_c, start_c in ((set_c, 30.0), (0.0, set_c)):
@@ -119,7 +117,7 @@ def test_a_gap_without_reports_is_no_fault_of_a_heater(name: HeaterName, seconds
             assert look(watch, name, curve.step(target_c > 0, 1.0), target_c, now_s) is None
 
 
-def test_a_sensor_that_reads_below_freezing_is_broken_and_not_cold():
+def test_sensor_that_reads_below_freezing_is_broken_and_not_cold():
     watch = HeaterWatch(4.0)
     found = [look(watch, BED, -14.0, 0.0, float(second)) for second in range(5)]
     assert found[-1] is not None and found[-1].fault is Fault.MINTEMP
@@ -129,7 +127,7 @@ def test_a_sensor_that_reads_below_freezing_is_broken_and_not_cold():
 @given(
     st.lists(st.tuples(st.integers(0, 3), st.floats(0.0, 999.0)), max_size=30), st.sampled_from([NOZZLE, BED])
 )
-def test_a_garbled_report_among_good_ones_changes_nothing(garbled: list[tuple[int, float]], name: HeaterName):
+def test_garbled_report_among_good_ones_is_ignored(garbled: list[tuple[int, float]], name: HeaterName):
     """At most every third is garbled: a report carries no checksum."""
     set_c = 210.0 if name is NOZZLE else 60.0
     watch, now_s = HeaterWatch(4.0), 0.0

@@ -8,7 +8,7 @@ from drivers.messages import PrintPhase
 from print_rig import Rig, assert_ended_off, gcode
 
 
-def test_the_board_of_another_model_is_refused_before_anything_heats():
+def test_board_of_another_model_is_refused_before_anything_heats():
     rig = Rig(model="ultimaker2_extended_plus").run()
     assert_ended_off(rig, PrintPhase.FAILED, Fault.WRONG_PRINTER)
     assert b"M140 S60" not in rig.sent
@@ -48,7 +48,7 @@ def test_extended_with_a_plain_banner_is_detected_by_its_height():
     assert "315" in str(rig.session.context.reason) and b"M104 S210" not in rig.sent
 
 
-def test_a_file_that_homes_its_axes_one_by_one_is_no_other_printer():
+def test_file_that_homes_its_axes_one_by_one_is_no_other_printer():
     text = gcode().replace("\nG28\nG1", "\nG28 X0 Y0\nG28 Z0\nG1")
     assert_ended_off(Rig(text=text).run(), PrintPhase.DONE, None)
 

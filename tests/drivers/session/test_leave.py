@@ -155,7 +155,7 @@ def test_next_print_finds_the_filament_or_requests_a_person(way: Way, lines: int
 
 @given(way=st.sampled_from(WAYS), lines=st.integers(0, 250), seconds=st.floats(0.0, 20.0))
 @settings(max_examples=40, deadline=None)
-def test_fault_at_any_line(way: Way, lines: int, seconds: float):
+def test_fault_at_any_line_ends_the_print_safely(way: Way, lines: int, seconds: float):
     rig = ended(way, lines, seconds, hopping(50))
     if rig.session.context.filament is not Filament.UNKNOWN:
         assert abs(print_again(rig)) <= NEAR_MM

@@ -63,7 +63,7 @@ def one_by_one() -> str:
 
 
 @pytest.mark.parametrize("cancel", [False, True])
-def test_the_head_leaves_a_part_above_those_that_are_finished(cancel: bool):
+def test_head_leaves_a_part_above_those_that_are_finished(cancel: bool):
     rig = Rig(text=one_by_one())
     rig.printing(rig.program.count - 40)
     at = len(rig.sent)
@@ -81,7 +81,7 @@ def test_the_head_leaves_a_part_above_those_that_are_finished(cancel: bool):
     assert rig.session.context.phase is (PrintPhase.CANCELLED if cancel else PrintPhase.DONE)
 
 
-def test_a_cancel_at_the_lowest_place_of_the_bed_does_not_drive_it_further():
+def test_cancel_at_the_lowest_place_of_the_bed_does_not_drive_it_further():
     rig = Rig()
     rig.run(until=lambda: rig.session.context.streamed > rig.program.home_line + 1)
     rig.session.cancel("no more", rig.now_s)
@@ -99,7 +99,7 @@ def test_pause_beyond_its_limit_ends_the_print_safely():
 
 
 @pytest.mark.parametrize("lines", [0, 5])
-def test_a_pause_before_the_first_extrusion_is_nothing(lines: int):
+def test_pause_before_the_first_extrusion_is_ignored(lines: int):
     rig = Rig().printing(lines)
     rig.session.pause(rig.now_s)
     assert_ended_off(rig.run(), PrintPhase.DONE, None)
@@ -107,7 +107,7 @@ def test_a_pause_before_the_first_extrusion_is_nothing(lines: int):
 
 
 @pytest.mark.parametrize("layers", [True, False])
-def test_the_head_passes_over_the_highest_part_also_where_the_file_names_no_layers(layers: bool):
+def test_head_passes_over_the_highest_part_also_where_the_file_names_no_layers(layers: bool):
     moves = ["G1 F3000 X90 Y50 E1", "G0 F9000 Z80", "G1 F3000 X90 Y80 E2", "G0 F9000 X150 Y150 Z0.27"]
     moves += [f"G1 F3000 X{150 + i % 2} Y150 E{2 + 0.1 * i:.1f}" for i in range(300)]
     text = GCODE.format(moves="\n".join(moves), end=25.5)

@@ -14,7 +14,7 @@ from drivers.session import Pace
 from print_rig import GCODE, Rig, assert_ended_off, gcode, hopping
 
 
-def test_a_print_goes_through_its_phases_to_heaters_shown_off_and_filament_parked():
+def test_print_goes_through_its_phases_to_heaters_shown_off_and_filament_parked():
     rig = Rig().run()
     assert_ended_off(rig, PrintPhase.DONE, None)
     assert rig.phases == [
@@ -26,7 +26,7 @@ def test_a_print_goes_through_its_phases_to_heaters_shown_off_and_filament_parke
     assert rig.firmware.errors == 0
 
 
-def test_the_file_s_waits_are_never_sent_and_the_dead_man_is_armed_before_any_heat():
+def test_file_s_waits_are_never_sent_and_the_dead_man_is_armed_before_any_heat():
     rig = Rig().run()
     assert b"M109" not in rig.sent and b"M190" not in rig.sent
     assert rig.sent.index(b"M85 S1200") < rig.sent.index(b"M140 S60")
@@ -40,7 +40,7 @@ def test_parked_filament_is_pushed_back_once(filament: Filament, pushes: int):
 
 
 @pytest.mark.parametrize("lines", [0, 3, 9, 10, 12, 60, 150])
-def test_a_cancel_at_any_time_ends_with_heaters_off(lines: int):
+def test_cancel_at_any_time_ends_with_heaters_off(lines: int):
     rig = Rig().printing(lines)
     rig.session.cancel("no more", rig.now_s)
     rig.run()
@@ -48,7 +48,7 @@ def test_a_cancel_at_any_time_ends_with_heaters_off(lines: int):
     assert rig.session.context.reason == "no more"
 
 
-def test_a_cancel_in_the_middle_parks_the_filament_and_moves_the_head_away():
+def test_cancel_in_the_middle_parks_the_filament_and_moves_the_head_away():
     rig = Rig().printing(100)
     end_s = rig.now_s
     rig.session.cancel("no more", rig.now_s)
@@ -59,7 +59,7 @@ def test_a_cancel_in_the_middle_parks_the_filament_and_moves_the_head_away():
     assert rig.now_s - end_s < 60.0
 
 
-def test_a_cancel_before_homing_moves_nothing():
+def test_cancel_before_homing_moves_nothing():
     rig = Rig()
     rig.run(until=lambda: rig.session.context.phase is PrintPhase.HEATING)
     rig.session.cancel("no more", rig.now_s)
@@ -102,9 +102,7 @@ def test_faults_of_the_board_fail_the_print_by_name_and_end_with_heaters_off(fau
         (Faults(bed_short_after=700), Fault.MINTEMP),
     ],
 )
-def test_off_is_not_claimed_where_a_heater_does_not_cool_and_the_mains_have_to_go(
-    faults: Faults, fault: Fault
-):
+def test_uncooled_heater_is_not_reported_off_and_its_mains_are_cut(faults: Faults, fault: Fault):
     rig = Rig(faults, text=gcode(1000)).run()
     assert (rig.session.context.phase, rig.session.context.fault) == (PrintPhase.FAILED, fault), (
         rig.session.context.reason
@@ -114,7 +112,7 @@ def test_off_is_not_claimed_where_a_heater_does_not_cool_and_the_mains_have_to_g
     assert rig.targets() == (0.0, 0.0)  # which is not enough
 
 
-def test_a_heater_that_burns_on_at_the_end_fails_a_print_that_was_all_right():
+def test_heater_stuck_on_at_the_end_fails_the_print():
     rig = Rig(text=gcode(50))
     rig.printing(rig.program.count - 12)
     rig.firmware.board.bed.burns = True
@@ -144,7 +142,7 @@ def test_recoverable_faults_print_the_same_part(faults: Faults):
     assert bad.firmware.board.filament_mm == pytest.approx(good.firmware.board.filament_mm, abs=0.01)
 
 
-def test_a_firmware_that_stopped_and_acknowledges_everything_is_found_by_its_targets():
+def test_firmware_that_stopped_and_acknowledges_everything_is_found_by_its_targets():
     """Its words are lost on the way; every move is answered with ok, and none is made."""
     rig = Rig(Faults(stop_after=700), text=gcode(1000))
     listen = rig.link.receive
@@ -164,7 +162,7 @@ def test_dead_nozzle_fails_by_the_firmware_or_the_heater_watch():
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_a_wire_that_is_a_little_bad_prints_the_same_thing(seed: int):
+def test_slightly_damaged_wire_prints_the_same_part(seed: int):
     good = Rig().run()
     bad = Rig(Faults(checksum=0.004, drop_ok=0.004), seed=seed).run()
     assert_ended_off(bad, PrintPhase.DONE, None)
@@ -193,7 +191,7 @@ def test_repeated_and_late_cancels_change_nothing():
     assert rig.session.context.reason == "first"
 
 
-def test_an_accelerated_pace_is_bounded_in_wall_time():
+def test_accelerated_pace_is_bounded_in_wall_time():
     pace = Pace.from_clock(Clock(scale=60.0))
     assert (pace.floor_s, pace.printing_s) == (120.0, 30.0)
     assert Pace.from_clock(Clock()).printing_s == 3.0
@@ -206,7 +204,7 @@ def test_report_is_requested_by_a_numbered_line():
     assert rig.sent.count(b" M105*") > 10
 
 
-def test_moves_that_take_longer_than_a_time_out_are_no_noise_and_no_silence():
+def test_moves_longer_than_a_time_out_cause_no_fault():
     """A brim at 10 mm/s along the longest side: each ok comes when a move is done."""
     path = "\n".join(f"G1 F600 X{10 + 200 * (i % 2)} E{i + 1}" for i in range(60))
     rig = Rig(text=GCODE.format(moves=path, end=60 - 6.5)).run()
@@ -214,7 +212,7 @@ def test_moves_that_take_longer_than_a_time_out_are_no_noise_and_no_silence():
     assert rig.firmware.errors <= 6
 
 
-def test_a_board_whose_reports_cannot_be_read_is_not_heated_for_ever():
+def test_unreadable_reports_end_the_heat_up():
     rig = Rig()
     listen = rig.link.receive
     rig.link.receive = lambda data, now_s: listen(data.replace(b"ok T:", b"ok T:? "), now_s)  # type: ignore[method-assign]
@@ -225,7 +223,7 @@ def test_a_board_whose_reports_cannot_be_read_is_not_heated_for_ever():
     assert not rig.session.context.heaters_off  # nobody could read that they are
 
 
-def test_a_board_whose_reports_cannot_be_read_any_more_does_not_print_for_ever():
+def test_unreadable_reports_end_the_print():
     rig = Rig(text=gcode(3000)).printing(100)
     listen = rig.link.receive
     rig.link.receive = lambda data, now_s: listen(data.replace(b"ok T:", b"ok T:? "), now_s)  # type: ignore[method-assign]
@@ -236,7 +234,7 @@ def test_a_board_whose_reports_cannot_be_read_any_more_does_not_print_for_ever()
     assert rig.session.context.wants_power_off  # nobody could read that it cools
 
 
-def test_a_first_stage_too_cold_to_extrude_leaves_the_filament_parked():
+def test_cold_first_stage_leaves_the_filament_parked():
     text = gcode().replace("M109 S210", "M109 S150\nM109 S210")
     rig = Rig(text=text).run()
     assert_ended_off(rig, PrintPhase.DONE, None)
@@ -288,7 +286,7 @@ class DyingDisk(MemoryStore):
 
 
 @pytest.mark.parametrize(("bad", "message"), [(None, "cannot be read"), (b"G1 X1\n" * 256, "has changed")])
-def test_a_disk_that_dies_in_a_print_ends_it_safely_and_no_line_is_left_out(bad: bytes | None, message: str):
+def test_disk_failure_ends_the_print_safely_without_skipped_lines(bad: bytes | None, message: str):
     text = gcode(1500)
     disk = DyingDisk(bad)
     rig = Rig(text=text, store=disk).run()

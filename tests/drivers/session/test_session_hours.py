@@ -21,7 +21,7 @@ def test_print_over_its_time_limit_is_ended_safely(no_reset: bool):
     assert rig.firmware.resets == (0 if no_reset else 1)
 
 
-def test_neither_a_pause_nor_a_heat_up_outlasts_the_hour():
+def test_time_limit_applies_in_pauses_and_heat_up():
     paused = Rig(text=gcode(300)).printing(100)
     paused.session.pause(paused.now_s)
     paused.run(until=lambda: paused.session.context.pause_ends_s is not None)

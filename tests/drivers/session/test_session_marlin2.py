@@ -31,7 +31,7 @@ def rig(moves: int = 200, **faults: float) -> Rig:
 
 
 @pytest.mark.parametrize("advanced_ok", [False, True])
-def test_a_part_is_printed_whole_each_line_once_and_ends_cold(advanced_ok: bool):
+def test_part_is_printed_with_each_line_once_and_ends_cold(advanced_ok: bool):
     printer = rig(advanced_ok=advanced_ok).run()
     assert_ended_off(printer, PrintPhase.DONE, None)
     board = printer.firmware.board
@@ -44,7 +44,7 @@ def test_a_part_is_printed_whole_each_line_once_and_ends_cold(advanced_ok: bool)
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_a_part_is_exact_over_a_noisy_wire(seed: int):
+def test_part_is_exact_over_a_noisy_wire(seed: int):
     faults = Faults(noise=2e-4, lost=1e-4, doubled=1e-4)
     printer = Rig(faults, gcode(600), "creality_ender3", seed=seed, profile=ENDER3).run()
     assert_ended_off(printer, PrintPhase.DONE, None)
@@ -67,13 +67,13 @@ def test_a_part_is_exact_over_a_noisy_wire(seed: int):
     ids=lambda faults: next(iter(faults)),
 )
 @pytest.mark.parametrize("advanced_ok", [False, True])
-def test_a_part_is_exact_where_lines_or_answers_are_lost(faults: dict[str, float], advanced_ok: bool):
+def test_part_is_exact_where_lines_or_answers_are_lost(faults: dict[str, float], advanced_ok: bool):
     printer = rig(400, advanced_ok=advanced_ok, **faults).run()
     assert_ended_off(printer, PrintPhase.DONE, None)
     assert printer.firmware.board.filament_mm == pytest.approx(400.0 + 12.5, abs=0.01)
 
 
-def test_a_slow_move_is_waited_for_as_long_as_the_board_is_at_work():
+def test_slow_move_is_waited_for_as_long_as_the_board_is_at_work():
     slow = gcode(60).replace("F3000", "F120")  # 20 s each, and the planner is full
     printer = Rig(Faults(), slow, "creality_ender3", profile=ENDER3).run()
     assert_ended_off(printer, PrintPhase.DONE, None)
@@ -82,7 +82,7 @@ def test_a_slow_move_is_waited_for_as_long_as_the_board_is_at_work():
     assert questions < 150  # one a line at most, and not one each 0.3 s
 
 
-def test_a_cancel_lifts_the_head_off_the_part_and_parks_the_filament():
+def test_cancel_lifts_the_head_off_the_part_and_parks_the_filament():
     printer = rig().printing()
     printer.session.cancel("enough", printer.now_s)
     printer.run()
@@ -108,7 +108,7 @@ def test_print_resumes_at_its_position():
     assert printer.firmware.board.filament_mm == pytest.approx(200.0 + 12.5, abs=0.05)
 
 
-def test_the_dead_man_ends_the_heat_of_a_host_that_died():
+def test_dead_man_ends_the_heat_of_a_host_that_died():
     printer = rig().printing()
     firmware, since_s = printer.firmware, printer.now_s
     while firmware.phase is Phase.RUNNING:
@@ -118,14 +118,14 @@ def test_the_dead_man_ends_the_heat_of_a_host_that_died():
     assert firmware.phase is Phase.HALTED and printer.targets() == (0.0, 0.0)
 
 
-def test_a_board_that_halted_is_reset_and_seen_off():
+def test_board_that_halted_is_reset_and_seen_off():
     printer = rig(kill_after=150).run()
     assert_ended_off(printer, PrintPhase.FAILED, Fault.KILL)
     assert printer.firmware.phase is Phase.RUNNING
     assert b"G28 Z0" not in printer.sent  # its switch is down at the bed, below the part
 
 
-def test_the_head_stays_where_it_is_after_a_reset_in_a_cancel():
+def test_head_stays_where_it_is_after_a_reset_in_a_cancel():
     printer = rig(silent_after=150).printing(60)
     printer.session.cancel("enough", printer.now_s)
     printer.run()
@@ -133,7 +133,7 @@ def test_the_head_stays_where_it_is_after_a_reset_in_a_cancel():
     assert b"G28 Z0" not in printer.sent
 
 
-def test_a_heater_that_gives_no_heat_ends_the_print():
+def test_heater_that_gives_no_heat_ends_the_print():
     printer = rig(dead_nozzle=True).run()
     assert printer.session.context.phase is PrintPhase.FAILED
     assert printer.session.context.fault in (Fault.HEATER_TIMEOUT, Fault.KILL)
@@ -152,7 +152,7 @@ def test_another_machine_with_marlin_2_is_not_heated():
 
 
 @pytest.mark.parametrize("model", ["ultimaker2_plus", "creality_ender3"])
-def test_a_board_with_another_firmware_is_not_heated(model: str):
+def test_board_with_another_firmware_is_not_heated(model: str):
     profile = PROFILES["creality_ender3" if model == "ultimaker2_plus" else "ultimaker2_plus"]
     printer = Rig(Faults(), gcode(), model, profile=profile).run()
     assert printer.session.context.phase is PrintPhase.FAILED
@@ -165,7 +165,7 @@ def test_relative_extrusion_is_refused():
 
 
 @pytest.mark.parametrize("fault", ["drop_ok", "swallow", "checksum"])
-def test_a_hot_head_stands_still_no_longer_than_a_sign_of_life_takes(fault: str):
+def test_hot_head_stops_only_for_the_interval_of_keep_alive(fault: str):
     """Short moves, of which the planner holds a tenth of a second."""
     path = "\n".join(f"G1 F3000 X{50 + 0.3 * (i % 100):.1f} Y{50 + i * 0.01:.2f}" for i in range(3000))
     text = gcode(1).replace("G1 F3000 X50 Y50.00 E1", f"G1 F3000 X50 Y50.00 E1\n{path}")

@@ -43,7 +43,7 @@ def test_without_a_program_the_board_is_reset_and_the_agent_s_death_is_the_reaso
     assert rig.session.context.filament is Filament.UNKNOWN
 
 
-def test_a_print_on_a_link_that_has_printed_begins_at_nothing():
+def test_second_print_on_a_link_begins_with_new_counts():
     rig = Rig()
     rig.run()
     assert rig.session.context.streamed == rig.program.count
@@ -51,7 +51,7 @@ def test_a_print_on_a_link_that_has_printed_begins_at_nothing():
     assert repeated.context.streamed == 0
 
 
-def test_the_dead_man_is_shorter_once_hot_shorter_in_a_pause_and_off_when_cold():
+def test_dead_man_is_shorter_once_hot_shorter_in_a_pause_and_off_when_cold():
     rig = Rig(text=gcode(200)).printing(100)
     rig.session.pause(rig.now_s)
     rig.run(until=lambda: rig.session.context.phase is PrintPhase.PAUSED and rig.targets()[0] == 0.0)
@@ -66,7 +66,7 @@ def test_the_dead_man_is_shorter_once_hot_shorter_in_a_pause_and_off_when_cold()
     assert rig.sent.index(b"M85 S600") < rig.sent.index(b"M85 S120*")
 
 
-def test_a_heat_up_that_takes_longer_than_the_dead_man_does_not_trip_it(monkeypatch: pytest.MonkeyPatch):
+def test_heat_up_that_takes_longer_than_the_dead_man_does_not_trip_it(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr("drivers.session.stream.HEAT_DEAD_MAN_S", 60.0)
     monkeypatch.setattr("drivers.session.heat.FEED_S", 20.0)
     rig = Rig()
@@ -77,7 +77,7 @@ def test_a_heat_up_that_takes_longer_than_the_dead_man_does_not_trip_it(monkeypa
     assert_ended_off(rig.run(), PrintPhase.DONE, None)
 
 
-def test_a_host_that_dies_hot_leaves_a_board_that_ends_its_heat_by_itself():
+def test_host_that_dies_hot_leaves_a_board_that_ends_its_heat_by_itself():
     rig = Rig(text=gcode(200)).printing(100)
     dead_s = rig.now_s
     while (due_s := rig.firmware.deadline_s()) < dead_s + 1000.0:
@@ -95,7 +95,7 @@ def test_after_a_reset_the_bed_goes_down_before_the_head_moves():
     assert rig.sent.index(b"G28 Z0", cut) < rig.sent.index(b"G28 X0 Y0", cut)
 
 
-def test_a_board_that_nothing_resets_prints_and_is_as_a_new_one_before():
+def test_board_without_reset_is_initialised_before_each_print():
     rig = Rig(Faults(no_reset=True))
     board = rig.firmware.board
     board.bed.target_c = 50.0  # somebody warmed it up before
@@ -117,7 +117,7 @@ def test_another_board_without_reset_is_detected():
     ("faults", "fault"),
     [({}, None), ({"stop_after": 150}, Fault.MAXTEMP), ({"dead_bed": True}, Fault.HEATER_TIMEOUT)],
 )
-def test_a_board_that_nothing_resets_ends_by_command(faults: dict[str, Any], fault: Fault | None):
+def test_board_without_reset_is_stopped_by_command(faults: dict[str, Any], fault: Fault | None):
     rig = Rig(Faults(no_reset=True, **faults))
     if fault is None:
         rig.printing(60).session.cancel("cancelled", rig.now_s)

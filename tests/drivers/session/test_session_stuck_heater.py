@@ -59,7 +59,7 @@ def test_activity_of_the_board_does_not_delay_the_power_off(heater: HeaterName, 
     assert asked(rig) - found_s <= LIMIT_S
 
 
-def test_nor_does_a_port_that_goes_away():
+def test_lost_port_does_not_delay_the_power_off():
     rig = burning(NOZZLE)
     found_s = found(rig)
     rig.plugged = False
@@ -68,7 +68,7 @@ def test_nor_does_a_port_that_goes_away():
     assert asked(rig) - found_s <= LIMIT_S
 
 
-def test_a_nozzle_that_burns_after_a_cancel_or_in_a_pause_is_found_soon():
+def test_stuck_nozzle_heater_is_found_after_a_cancel_or_in_a_pause():
     """There the target is 0, and the temperature alone tells."""
     for stop in (
         lambda rig: rig.session.cancel("no more", rig.now_s),
@@ -86,7 +86,7 @@ def test_a_nozzle_that_burns_after_a_cancel_or_in_a_pause_is_found_soon():
 
 
 @pytest.mark.parametrize("lines_before_the_end", [40, 12, 3])
-def test_a_nozzle_that_burns_at_the_end_of_the_file_is_found_soon(lines_before_the_end: int):
+def test_stuck_nozzle_heater_is_found_at_the_end_of_the_file(lines_before_the_end: int):
     rig = Rig(text=gcode(50))
     rig.printing(rig.program.count - lines_before_the_end)
     rig.firmware.trigger_fault("nozzle_burns_after", rig.now_s)
@@ -98,7 +98,7 @@ def test_a_nozzle_that_burns_at_the_end_of_the_file_is_found_soon(lines_before_t
     assert rig.session.context.fault in (Fault.HEATER_STUCK_ON, Fault.MAXTEMP)
 
 
-def test_a_nozzle_that_burns_while_the_bed_is_heated_is_found_before_it_is_hot():
+def test_stuck_nozzle_heater_is_found_while_the_bed_heats():
     rig = Rig()
     rig.run(until=lambda: rig.session.context.phase is PrintPhase.HEATING)
     rig.firmware.trigger_fault("nozzle_burns_after", rig.now_s)
@@ -106,7 +106,7 @@ def test_a_nozzle_that_burns_while_the_bed_is_heated_is_found_before_it_is_hot()
     assert rig.firmware.board.nozzle.temperature_c(rig.now_s) < 80.0
 
 
-def test_a_sensor_that_breaks_is_a_suspicion_that_a_cooling_heater_lifts():
+def test_sensor_that_breaks_is_a_suspicion_that_a_cooling_heater_lifts():
     rig = Rig(Faults(stop_after=700), text=gcode(1000))
     rig.run(until=lambda: rig.session.context.phase is PrintPhase.ENDING)
     assert rig.session.context.suspicion is not None
@@ -116,7 +116,7 @@ def test_a_sensor_that_breaks_is_a_suspicion_that_a_cooling_heater_lifts():
 
 
 @pytest.mark.parametrize("burns", [False, True])
-def test_the_session_after_a_dead_agent_keeps_the_finding(burns: bool):
+def test_session_after_a_dead_agent_keeps_the_finding(burns: bool):
     rig = burning(NOZZLE)
     found_s = found(rig)
     suspicion = rig.session.context.suspicion
@@ -151,7 +151,7 @@ def test_old_finding_requests_power_off_after_the_time_to_cool(burns: bool):
     assert rig.session.context.wants_power_off is burns and rig.session.context.heaters_off is not burns
 
 
-def test_no_rule_is_quicker_than_the_patience_of_an_accelerated_clock():
+def test_rules_allow_for_the_delays_of_an_accelerated_clock():
     quick, slow = HeaterWatch(4.0), HeaterWatch(480.0)
     for now_s in range(400):
         report = Report(200.0 + now_s, 0.0, 21.0, 0.0)
@@ -183,12 +183,12 @@ def look(watch: HeaterWatch, nozzle_c: float, target_c: float, now_s: float) -> 
 
 
 @pytest.mark.parametrize("peak_c", [2.0, 6.0, 9.0])
-def test_a_nozzle_in_good_health_that_overshoots_is_left_alone(peak_c: float):
+def test_overshoot_of_a_healthy_nozzle_causes_no_finding(peak_c: float):
     watch = HeaterWatch(4.0)
     assert all(look(watch, overshoot(s, peak_c), 0.0, s) is None for s in map(float, range(60)))
 
 
-def test_heat_before_the_off_command_arrives_is_no_fault():
+def test_heat_before_the_off_command_is_not_a_fault():
     """A command waits behind a homing: the report shows that the target is not 0 yet."""
     watch = HeaterWatch(4.0)
     assert all(look(watch, 100.0 + 3 * s, 210.0, float(s)) is None for s in range(36))

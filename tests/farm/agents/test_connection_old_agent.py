@@ -128,7 +128,7 @@ def with_agent(
     return agent
 
 
-def test_an_idle_agent_of_an_earlier_protocol_gets_no_print_and_is_to_be_replaced(tmp_path: Path):
+def test_idle_agent_of_an_earlier_protocol_gets_no_print_and_is_to_be_replaced(tmp_path: Path):
     async def story(links: AgentManager, agent: OldAgent, listener: RecordingListener) -> None:
         assert listener.last is not None and listener.last.link is Link.FAULT and listener.last.outdated
         assert "farm up --replace a" in (listener.last.reason or "")
@@ -204,6 +204,6 @@ def test_new_request_is_not_sent_to_an_older_agent():
 
 
 @pytest.mark.parametrize("request_", [start(not_after_s=1.0, ends_by_s=2.0), m.Hello(id=3)])
-def test_an_agent_of_this_version_is_sent_everything(request_: m.Request):
+def test_agent_of_this_version_is_sent_everything(request_: m.Request):
     line = m.for_protocol(request_, m.PROTOCOL)
     assert line is not None and m.request_adapter.validate_json(line) == request_

@@ -68,7 +68,7 @@ async def wait_until_ready(links: AgentManager, listener: RecordingListener, old
 
 
 @pytest.mark.system
-def test_a_wedged_agent_is_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_wedged_agent_is_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(heartbeat, "SAMPLE_S", 1.0)
     monkeypatch.setattr(heartbeat, "WEDGED_S", 8.0)
     state, fleet, listener = simulated_farm(tmp_path)
@@ -97,7 +97,7 @@ def test_a_wedged_agent_is_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 
 
 @pytest.mark.parametrize(("apart_s", "shift_s"), [(0.0, 0.0), (-20.0, 0.0), (3600.0, -3600.0), (-3e7, 3e7)])
-def test_moments_of_an_agent_whose_host_has_another_time_are_put_right(apart_s: float, shift_s: float):
+def test_times_of_an_agent_with_another_clock_are_corrected(apart_s: float, shift_s: float):
     clock = Clock()
     began_s = clock.now() + apart_s
     shot = m.PrintSnapshot(print_id="p", phase=m.PrintPhase.PRINTING, started_s=began_s)
@@ -174,7 +174,7 @@ def test_requests_have_times_on_the_clock_of_the_agent():
 
 
 @pytest.mark.system
-def test_a_printer_that_gets_another_name_is_not_kept_from_its_port_by_the_agent_of_its_old_one(
+def test_renamed_printer_opens_the_port_of_its_former_agent(
     tmp_path: Path,
 ):
     state = StateFolder(tmp_path / "state")
@@ -279,7 +279,9 @@ class TalkingClient(FakeClient):
         pass
 
 
-def test_a_fault_of_the_farms_own_makes_no_link_deaf(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_internal_error_does_not_end_the_listening_to_an_agent(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
     monkeypatch.setattr(connection, "RETRY_S", 0.001)
 
     class Faulty(RecordingListener):
@@ -345,7 +347,7 @@ def test_print_cancelled_during_its_upload_does_not_start(tmp_path: Path):
 
 
 @pytest.mark.system
-def test_an_idle_agent_is_replaced_and_its_printer_stays_as_it_is(tmp_path: Path):
+def test_idle_agent_is_replaced_without_a_change_to_its_printer(tmp_path: Path):
     state, fleet, listener = simulated_farm(tmp_path)
 
     async def story() -> None:

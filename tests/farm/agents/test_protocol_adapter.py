@@ -29,14 +29,14 @@ def trusted(message, simulated=False, bed_cleared=False):
 
 
 @pytest.mark.parametrize("field", ["alarm", "bed_unknown_reason"])
-def test_a_cleared_bed_is_not_doubted_by_a_snapshot_that_was_sent_before(field):
+def test_cleared_bed_is_kept_over_an_earlier_snapshot(field):
     """Such a snapshot left its agent before the command arrived: the alarm in it is out of date."""
     message = snapshot(alarm="the nozzle stays hot", doubt="the board was reset")
     assert getattr(trusted(message), field) is not None
     assert getattr(trusted(message, bed_cleared=True), field) is None
 
 
-def test_readings_of_a_printer_reach_the_page_without_a_line_for_each():
+def test_readings_of_a_printer_are_copied_to_its_view():
     readings = {"heaters_off": True, "board_resets": 3}
     assert set(readings) == set(m.PrinterReadings.model_fields)
     seen = trusted(snapshot(**readings))
@@ -47,7 +47,7 @@ def test_readings_of_a_printer_reach_the_page_without_a_line_for_each():
     assert describe_printer(context, fleet.printer("a"), None).readings() == readings
 
 
-def test_only_an_emulator_sees_its_bed():
+def test_bed_is_reported_by_emulators_only():
     message = snapshot(bed_clear=True)
     assert trusted(message, simulated=True).bed_clear is True
     assert trusted(message).bed_clear is None
@@ -64,7 +64,7 @@ def test_filament_of_an_older_agent_is_unknown_to_the_farm():
     assert trusted(snapshot(filament="parked", protocol=2)).filament is FilamentState.PARKED
 
 
-def test_an_idle_agent_of_an_older_version_gets_no_prints():
+def test_idle_agent_of_an_older_version_gets_no_prints():
     old = trusted(snapshot(protocol=m.StartPrint.needed - 1))
     assert (old.link, old.outdated) == (Link.FAULT, True)
     assert "farm up --replace a" in old.reason

@@ -183,7 +183,7 @@ def way(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.Monk
 
 @pytest.mark.system
 @pytest.mark.parametrize("way", [Pipe, Sshd, Silence], indirect=True)
-def test_a_network_that_is_gone_for_ten_minutes_in_a_print_loses_nothing(
+def test_print_survives_a_network_failure_of_ten_minutes(
     tmp_path: Path, way: Any, monkeypatch: pytest.MonkeyPatch
 ):
     if isinstance(way, Silence):  # its ten minutes are five seconds of the wall
@@ -264,9 +264,7 @@ def test_a_network_that_is_gone_for_ten_minutes_in_a_print_loses_nothing(
 
 
 @pytest.mark.system
-def test_a_printer_on_another_host_is_stopped_and_one_that_cannot_be_reached_is_named(
-    tmp_path: Path, way: Any
-):
+def test_printer_on_another_host_is_stopped_and_one_that_cannot_be_reached_is_named(tmp_path: Path, way: Any):
     command = f"XDG_STATE_HOME={tmp_path}/there {sys.executable} -m drivers.remote.bridge"
     fleet = tmp_path / "fleet.yaml"
     fleet.write_text(
@@ -322,12 +320,12 @@ def test_idle_agent_of_a_removed_printer_is_ended_on_its_host(tmp_path: Path, wa
 
 
 @pytest.mark.parametrize("text", ["", "null", "[1, 2]", '["a"]', "{}", "[[], 5]"])
-def test_a_way_that_was_damaged_is_no_crash(text, tmp_path):
+def test_damaged_route_file_is_ignored(text, tmp_path):
     (tmp_path / "way.json").write_text(text)
     remote.without_start(remote.load_route(tmp_path, None, "", Clock()))
 
 
-def test_no_name_of_a_farm_or_printer_leads_out_of_the_folder():
+def test_names_of_farm_and_printer_never_leave_the_folder():
     for farm, printer in (("..", "a"), ("test", ".."), ("test", "a/b"), ("", "a")):
         with pytest.raises(AgentError):
             find_folder(farm, printer)

@@ -81,7 +81,7 @@ def rig(tmp_path):
     rig.store.close()
 
 
-def test_camera_is_asked_once_for_all_who_look_and_at_most_every_two_seconds(rig):
+def test_camera_is_polled_once_for_all_viewers_and_at_most_every_two_seconds(rig):
     async def look():
         assert await asyncio.gather(*(rig.cameras.look("a") for _ in range(20))) == [IMAGE] * 20
         rig.now_s += 1.9
@@ -94,7 +94,7 @@ def test_camera_is_asked_once_for_all_who_look_and_at_most_every_two_seconds(rig
     assert rig.asked == [URL.replace("{printer}", "a")] * 2
 
 
-def test_nobody_asks_while_nobody_looks_and_the_last_still_is_dropped(rig):
+def test_camera_without_viewers_is_not_polled_and_its_still_is_dropped(rig):
     async def wait():
         await rig.cameras.look("a")
         for _ in range(100):
@@ -173,7 +173,7 @@ def test_still_that_cannot_be_stored_is_logged_and_changes_nothing(rig, caplog):
     assert not list(rig.state.work.iterdir())
 
 
-def test_stills_go_with_the_files_of_their_job(rig):
+def test_stills_are_deleted_with_the_files_of_their_job(rig):
     print_id = rig.print_one()
     asyncio.run(rig.tick())
     (still,) = rig.controller.books.prints[print_id].stills

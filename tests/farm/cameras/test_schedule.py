@@ -34,7 +34,7 @@ def test_attempts_are_two_seconds_apart_and_at_least_one_a_minute_is_allowed(ste
     assert all(later - earlier >= LEAST_INTERVAL_S for earlier, later in itertools.pairwise(begun))
 
 
-def test_dead_camera_is_asked_less_and_less_often_until_it_answers():
+def test_dead_camera_is_polled_with_growing_intervals():
     state, waits = CameraState(), []
     for _ in range(7):
         state = state.begin(100.0).fail("dead")
@@ -77,7 +77,7 @@ def find(books, snapshots, now_s=1000.0, scale=1.0, cameras=CAMERAS):
         (report(2, print_id="another"), False),
     ],
 )
-def test_first_layer_is_taken_once_it_is_complete(snapshots, due):
+def test_still_of_the_first_layer_is_taken_when_complete(snapshots, due):
     expected = [DueStill("x", "a", Moment.FIRST_LAYER)] if due else []
     assert find(open_print(), snapshots) == expected
 
@@ -89,7 +89,7 @@ def test_first_layer_is_taken_once_it_is_complete(snapshots, due):
         (PrintState.FAILED, Moment.FAILURE),
     ],
 )
-def test_end_is_taken_within_a_minute_of_wall_time(state, moment):
+def test_still_of_the_end_is_taken_within_a_minute(state, moment):
     books, _ = run(open_print(), ended("x", state, at_s=200.0))
     due = [DueStill("x", "a", moment)]
     assert find(books, {}, 200.0) == find(books, {}, 200.0 + END_S) == due

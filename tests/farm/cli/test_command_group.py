@@ -37,7 +37,7 @@ def commands_in(modules):
 
 
 @pytest.mark.parametrize("words", [("--help",), ("--version",), ("sumbit",)])
-def test_no_command_is_loaded_for_the_help_and_for_a_wrong_name(words):
+def test_help_and_unknown_command_load_no_command(words):
     modules = modules_after(*words)
     assert commands_in(modules) == set()
     assert not modules & {"yaml", "serial", "farm.api", "farm.model"}
@@ -57,7 +57,7 @@ def test_no_command_is_loaded_to_complete_its_name():
         ("estop", "estop", {"serial", "drivers.records", "drivers.safety", "farm.api", "farm.cli.display"}),
     ],
 )
-def test_a_command_loads_its_own_module_alone(command, module, unused):
+def test_command_loads_only_its_own_module(command, module, unused):
     modules = modules_after(command, "--help")
     assert commands_in(modules) == {module}
     assert not modules & unused

@@ -71,7 +71,7 @@ def refused(item):
     return not message or "too many" in json.loads(message)["error"]
 
 
-def test_a_request_is_handed_on_whole_when_it_is_whole(bench):
+def test_request_is_passed_on_once_complete(bench):
     item = bench.connect(1000, REQUEST[:5])
     assert bench.begun == []
     item.sendall(REQUEST[5:])
@@ -95,7 +95,7 @@ def test_requests_are_limited_per_user(bench):
     assert len(bench.begun) == 1
 
 
-def test_stops_under_way_count_until_they_have_ended(bench):
+def test_running_stops_count_until_they_end(bench):
     for _ in range(MAX_PER_USER):
         bench.connect(1000, REQUEST)
     assert refused(bench.connect(1000, REQUEST)) and len(bench.begun) == MAX_PER_USER
@@ -104,7 +104,7 @@ def test_stops_under_way_count_until_they_have_ended(bench):
     assert len(bench.begun) == MAX_PER_USER + 1
 
 
-def test_all_users_together_get_no_more_than_there_are_places(bench):
+def test_total_number_of_requests_is_limited(bench):
     for uid in range(MAX_TOTAL // MAX_PER_USER + 1):
         for _ in range(MAX_PER_USER):
             bench.connect(uid, REQUEST)

@@ -64,7 +64,7 @@ async def until(condition):
             await asyncio.sleep(0.01)
 
 
-def test_the_step_of_the_start_is_told_until_a_worker_is_ready(pool, tmp_path):
+def test_start_step_is_reported_until_a_worker_is_ready(pool, tmp_path):
     os.mkfifo(tmp_path / "fifo")
 
     async def use(workers):
@@ -76,7 +76,7 @@ def test_the_step_of_the_start_is_told_until_a_worker_is_ready(pool, tmp_path):
     assert pool.run(use, warm=partial(work.start_after, tmp_path / "fifo", tmp_path / "first"))
 
 
-def test_work_goes_to_a_worker_that_is_ready(pool, tmp_path):
+def test_work_is_given_to_a_started_worker(pool, tmp_path):
     os.mkfifo(tmp_path / "fifo")
 
     async def use(workers):
@@ -112,7 +112,7 @@ def test_worker_that_ends_does_not_affect_other_work(pool, tmp_path, how):
     assert pool.run(use, count=2) == "hello"
 
 
-def test_an_error_passes_between_processes_whole(pool):
+def test_error_is_transferred_between_processes_unchanged(pool):
     async def use(workers):
         with pytest.raises(FarmError, match="no such thing") as error:
             await workers.run(work.complain)
@@ -125,7 +125,7 @@ def test_an_error_passes_between_processes_whole(pool):
 
 
 @pytest.mark.parametrize("how", ["cancelled", "too long", "closed"])
-def test_work_that_is_ended_leaves_no_process_and_no_file(pool, tmp_path, how):
+def test_cancelled_work_leaves_no_process_and_no_file(pool, tmp_path, how):
     """The engine holds a FIFO open: its end is read when nobody runs it any more."""
     os.mkfifo(tmp_path / "fifo")
 
@@ -155,7 +155,7 @@ def test_work_that_is_ended_leaves_no_process_and_no_file(pool, tmp_path, how):
     pool.run(use)
 
 
-def test_urgent_work_is_first_and_a_cancelled_turn_goes_to_the_next(pool, tmp_path):
+def test_urgent_work_runs_first_and_a_cancelled_task_frees_its_worker(pool, tmp_path):
     for name in ("fifo", "urgent"):
         os.mkfifo(tmp_path / name)
     order = []
@@ -183,7 +183,7 @@ def test_urgent_work_is_first_and_a_cancelled_turn_goes_to_the_next(pool, tmp_pa
     assert order == ["model", "plate 1", "plate 2"]
 
 
-def test_a_quick_task_does_not_wait_while_all_workers_are_busy(pool):
+def test_quick_task_does_not_wait_while_all_workers_are_busy(pool):
     """A model is decomposed for minutes; the dry run of another file takes a second."""
 
     async def use(workers):
@@ -258,7 +258,7 @@ def test_oversized_model_ends_with_advice(pool):
     assert pool.run(use, memory_gb=2.0) > 10**8
 
 
-def test_a_worker_that_cannot_be_started_now_is_started_later(pool, monkeypatch):
+def test_failed_worker_start_is_retried(pool, monkeypatch):
     class FullDisk(Worker):
         left = 2
 
@@ -279,7 +279,7 @@ def test_a_worker_that_cannot_be_started_now_is_started_later(pool, monkeypatch)
     assert FullDisk.left < 0
 
 
-def test_the_engine_is_not_under_the_workers_own_limit(pool, tmp_path):
+def test_engine_is_not_bound_by_the_memory_limit_of_its_worker(pool, tmp_path):
     """It reserves 9 MB for each of the 300 layers, of which it uses next to nothing."""
     trimesh.creation.box((8.0, 8.0, 60.0)).export(tmp_path / "rod.stl")
 
@@ -289,7 +289,7 @@ def test_the_engine_is_not_under_the_workers_own_limit(pool, tmp_path):
     assert pool.run(use, memory_gb=1.0) == 300
 
 
-def test_each_worker_has_its_share_of_the_machine_but_enough_for_a_model():
+def test_memory_of_a_worker_is_its_share_or_the_minimum():
     machine = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
     assert memory_for_each(1, None) == pytest.approx(0.8 * machine)
     assert memory_for_each(10_000, None) == min(4 * 2**30, machine // 2)

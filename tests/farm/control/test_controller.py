@@ -41,7 +41,7 @@ def farm(tmp_path):
     return Farm(tmp_path)
 
 
-def test_a_job_waits_for_its_printers_then_takes_all_that_are_idle_and_clear(farm):
+def test_job_waits_for_printers_then_uses_all_idle_and_clear_ones(farm):
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
     assert farm.controller.books.jobs[1].hold.code is HoldCode.PRINTER_CONNECTING
     farm.ready("a")
@@ -66,7 +66,7 @@ def test_plate_is_reassigned_after_its_agent_confirmed_the_cancel(tmp_path):
     assert [p.printer for p in farm.controller.books.open_prints()] == ["b"]
 
 
-def test_a_job_that_no_printer_matches_any_more_lets_the_next_one_pass(farm):
+def test_unmatched_job_does_not_block_the_next_one(farm):
     farm.ready("a", "b")
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions(material="generic_abs"))
     farm.jobs.submit("s" * 8, "n.stl", MODEL, JobOptions())
@@ -79,7 +79,7 @@ def test_a_job_that_no_printer_matches_any_more_lets_the_next_one_pass(farm):
     assert [number for number, *_ in farm.effects.plans] == [2, 3, 4]
 
 
-def test_own_g_code_takes_one_printer_that_has_its_nozzle_and_its_room(farm):
+def test_own_gcode_is_planned_for_one_matching_printer(farm):
     def submit(request_id, nozzle_mm, half_mm):
         box = {"min_mm": (-half_mm, -half_mm, 0.2), "max_mm": (half_mm, half_mm, 9.0)}
         own = OwnGcode(nozzle_mm=nozzle_mm, **box)
@@ -95,13 +95,13 @@ def test_own_g_code_takes_one_printer_that_has_its_nozzle_and_its_room(farm):
     assert farm.effects.plans == [(3, ["a"], 1)]
 
 
-def test_the_same_request_is_the_same_job(farm):
+def test_repeated_request_returns_the_same_job(farm):
     assert farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions()) == (1, False)
     assert farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions()) == (1, True)
     assert farm.jobs.submit("s" * 8, "m.stl", MODEL, JobOptions()) == (2, False)
 
 
-def test_a_model_that_needs_more_parts_than_there_are_printers_goes_in_rounds(farm):
+def test_model_with_more_parts_than_printers_is_planned_in_rounds(farm):
     farm.ready("a", "b")
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
     farm.controller.on_plan(1, TooFewPrinters("needs 5", 5))
@@ -121,7 +121,7 @@ def test_failed_plan_fails_its_job_and_the_next_one_starts(farm):
     assert describe_job(farm.view_context(STATE), job).exit_code == 5
 
 
-def test_a_plan_made_for_a_job_that_was_cancelled_is_thrown_away(farm, plan):
+def test_plan_of_a_cancelled_job_is_discarded(farm, plan):
     farm.ready("a", "b")
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
     farm.jobs.cancel(1, "ann")
@@ -159,7 +159,7 @@ def test_unattended_start_is_not_repeated_at_night(farm, plan, tmp_path):
     assert [i for i in day.effects.instructions if isinstance(i, ev.SendStart)]
 
 
-def test_a_daemon_that_died_while_it_planned_plans_again(farm, tmp_path):
+def test_planning_is_repeated_after_the_daemon_died(farm, tmp_path):
     farm.ready("a", "b")
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
     farm.store.close()
@@ -168,7 +168,7 @@ def test_a_daemon_that_died_while_it_planned_plans_again(farm, tmp_path):
     assert repeated.effects.plans == [(1, ["a", "b"], 1)]
 
 
-def test_a_job_is_planned_while_every_bed_is_full_and_the_beds_are_shown(farm, plan):
+def test_job_is_planned_while_every_bed_is_full(farm, plan):
     farm.ready("a", "b", bed_clear=False)
     assert {p.bed for p in farm.controller.books.printers.values()} == {Bed.NOT_CLEAR}
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
@@ -183,7 +183,7 @@ def test_a_job_is_planned_while_every_bed_is_full_and_the_beds_are_shown(farm, p
     assert [attempt.plate for attempt in farm.controller.books.open_prints()] == ["1/01"]
 
 
-def test_a_second_job_is_planned_while_the_first_one_prints_and_its_end_is_foreseen(farm, plan):
+def test_second_job_is_planned_and_forecast_while_the_first_prints(farm, plan):
     farm.ready("a", "b")
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
     farm.jobs.submit("s" * 8, "n.stl", MODEL, JobOptions())
@@ -311,7 +311,7 @@ def test_hold_is_derived_when_shown_without_a_commit(farm):
     assert kinds[-5:] == ["JobPlanned", *["PlateAssigned"] * 2, *["PrintProgressed"] * 2]
 
 
-def test_a_start_writes_little_however_many_plates_wait(farm, monkeypatch):
+def test_start_writes_little_with_many_waiting_plates(farm, monkeypatch):
     sizes = {}
 
     def weigh(event, before, after, commit=farm.store.commit):
@@ -357,7 +357,7 @@ def test_effects_before_an_error_are_performed(farm, plan):
     assert farm.effects.instructions[-1] == ev.SendPause(print_id=attempt.id, printer="a", wanted=True)
 
 
-def test_a_heater_that_cannot_be_switched_off_is_booked_whether_the_printer_prints_or_not(farm):
+def test_stuck_heater_is_recorded_for_idle_and_printing_printers(farm):
     farm.ready("a", "b")
     for link in (Link.BUSY, Link.FAULT):
         found = f"the nozzle is off, and gets hotter ({link})"

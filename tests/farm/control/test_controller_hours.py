@@ -135,7 +135,7 @@ def test_pause_is_resumed_in_attended_hours_only(farm):
     assert not farm.controller.books.open_print_on("a").pause_requested
 
 
-def test_a_job_is_resumed_only_where_its_printers_may_print_on(farm):
+def test_job_is_resumed_only_if_its_printers_may_continue(farm):
     word(farm)
     farm.jobs.pause(1, True, "ann")
     word(farm, PrintState.PAUSED)
@@ -148,7 +148,7 @@ def test_a_job_is_resumed_only_where_its_printers_may_print_on(farm):
     assert not farm.controller.books.jobs[1].paused
 
 
-def test_the_end_of_the_hours_is_no_fault_of_the_plate_and_a_person_looks_in_the_morning(farm):
+def test_end_of_hours_is_not_charged_to_the_plate_and_needs_an_inspection(farm):
     attempt = word(farm)
     ended = {"fault": "hours_ended", "reason": "nobody was to be there any more", "ended_s": STOP}
     word(farm, PrintState.FAILED, **ended)
@@ -160,7 +160,7 @@ def test_the_end_of_the_hours_is_no_fault_of_the_plate_and_a_person_looks_in_the
 
 
 @pytest.mark.parametrize("step_s", [3600.0, -3600.0])
-def test_a_clock_that_is_set_moves_the_hours_and_no_print(farm, step_s):
+def test_clock_step_moves_hours_and_no_print(farm, step_s):
     """Its agent says when it began by the clock as it is now; the print is as old as it was."""
     attempt = word(farm)
     farm.controller.clock.now_s += 600.0
@@ -176,7 +176,7 @@ def test_a_clock_that_is_set_moves_the_hours_and_no_print(farm, step_s):
         assert farm.effects.instructions[-1] == ev.SendEndBy(print_id=attempt.id, printer="a", ends_by_s=STOP)
 
 
-def test_hours_and_start_times_are_met_by_a_clock_that_was_set(tmp_path):
+def test_hours_and_start_times_follow_a_clock_step(tmp_path):
     """A host that starts without a network believes the night before, until NTP tells it otherwise."""
     farm = Farm(tmp_path, timezone="UTC", quiet=["mon-sun 22:00-08:00"])
     farm.controller.clock, farm.controller.started_s = Clock(at("2026-11-20 03:00")), at("2026-11-20 02:00")

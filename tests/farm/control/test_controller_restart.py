@@ -51,7 +51,7 @@ def undisturbed(tmp_path_factory):
 
 
 @pytest.mark.parametrize("after", [False, True], ids=["before", "after"])
-def test_killed_at_every_commit(after, undisturbed, tmp_path):
+def test_no_state_is_lost_if_killed_at_any_commit(after, undisturbed, tmp_path):
     assert undisturbed > 20
     for number in range(1, undisturbed + 1):
         folder = tmp_path / str(number)
@@ -64,7 +64,7 @@ def test_killed_at_every_commit(after, undisturbed, tmp_path):
 
 @settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(kills=st.sets(st.integers(4, 60), min_size=2, max_size=8), after=st.booleans())
-def test_repeated_kills(kills, after, tmp_path_factory):
+def test_no_state_is_lost_over_repeated_kills(kills, after, tmp_path_factory):
     simulation = World(tmp_path_factory.mktemp("again"), PLATES, kills=kills, after=after)
     simulation.run()
     check(simulation)
@@ -79,7 +79,7 @@ def test_repeated_kills(kills, after, tmp_path_factory):
     ids=["disk full", "read-only"],
 )
 @pytest.mark.parametrize("first", range(0, 16, 5))
-def test_books_that_cannot_be_written_for_a_while(first, broken, repaired, message, tmp_path):
+def test_controller_continues_after_failed_commits(first, broken, repaired, message, tmp_path):
     simulation = World(tmp_path, PLATES)
     tell, minutes = simulation.tell, itertools.count()
 
@@ -106,7 +106,7 @@ def test_full_disk_is_reported_and_starts_nothing(tmp_path):
     assert all(agent.print_id is None for agent in simulation.agents.values())
 
 
-def test_printers_whose_disk_takes_no_file_cost_no_plate_an_attempt(tmp_path):
+def test_full_disk_of_an_agent_is_not_counted_as_attempt(tmp_path):
     """A disk that has no room for a plate's file may still have some for the books."""
     farm = Farm(tmp_path, (PLUS,) * 4)
     farm.ready(*"abcd")

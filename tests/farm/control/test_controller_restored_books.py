@@ -74,7 +74,7 @@ def check(simulation):
     away_for=st.integers(0, 8),
     files=st.sampled_from([1, 2, PLATES]),
 )
-def test_no_plate_is_printed_twice_or_lost_whenever_the_books_were_copied(
+def test_restored_backup_neither_loses_nor_repeats_a_plate(
     copied, damaged, away, away_for, files, tmp_path_factory
 ):
     """Even where a person approves at once what the books hold, and some agents are heard only later."""
@@ -206,7 +206,7 @@ def test_interrupted_import_of_a_journal_is_repeated(tmp_path):
         assert other.controller.unreported_since_s("a") is None
 
 
-def test_restored_books_that_do_not_agree_with_themselves_are_named_in_the_log(tmp_path, caplog):
+def test_inconsistent_restored_books_are_logged(tmp_path, caplog):
     farm = Farm(tmp_path / "farm")
     spoilt = farm.controller.books.printer("a").model_copy(
         update={"reel": Reel(material="generic_pla", grams=-1.0, nozzle_mm=0.4)}

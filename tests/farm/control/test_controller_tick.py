@@ -60,14 +60,14 @@ def tick(farm, at_s):
     farm.controller.tick()
 
 
-def test_a_tick_without_a_change_does_not_schedule(farm, calls):
+def test_tick_without_a_change_does_not_schedule(farm, calls):
     for seconds in range(1, 3600):
         tick(farm, NIGHT + seconds)
     assert calls == []
     assert [hold.code for hold in farm.controller.plate_holds().values()] == [HoldCode.QUIET_HOURS]
 
 
-def test_a_tick_at_the_end_of_quiet_hours_starts_the_plate(farm, calls):
+def test_tick_at_the_end_of_quiet_hours_starts_the_plate(farm, calls):
     assert farm.controller.next_change_s == MORNING
     tick(farm, MORNING - 1.0)
     assert calls == []
@@ -76,7 +76,7 @@ def test_a_tick_at_the_end_of_quiet_hours_starts_the_plate(farm, calls):
     assert farm.controller.books.open_print_on("a") is not None
 
 
-def test_a_tick_sends_a_start_again_that_its_agent_has_not_confirmed(farm):
+def test_tick_repeats_an_unconfirmed_start(farm):
     tick(farm, MORNING)
     farm.effects.instructions.clear()
     tick(farm, MORNING + 1.0)
@@ -90,7 +90,7 @@ def test_telemetry_alone_does_not_schedule(farm, calls):
     assert len(calls) == 1
 
 
-def test_a_decision_that_could_not_be_written_is_made_at_the_next_tick(farm, calls, monkeypatch):
+def test_failed_commit_is_repeated_at_the_next_tick(farm, calls, monkeypatch):
     def full(*_):
         raise StoreError("the database cannot be written: disk full")
 
@@ -124,7 +124,7 @@ def test_plate_of_a_single_lost_printer_is_reassigned(farm, calls):
     assert farm.controller.books.open_print_on("b") is not None
 
 
-def test_a_tick_starts_a_plate_that_the_last_start_made_room_for(tmp_path):
+def test_tick_starts_a_plate_made_possible_by_the_last_start(tmp_path):
     """The first plate was planned for the tall printer c: once it has started on a, c can be the spare."""
     models = ("ultimaker2_plus", "ultimaker2_plus", "ultimaker2_extended_plus")
     farm = Farm(tmp_path, models, Clock(NIGHT), timezone="UTC", attended=["08:00-10:00"])

@@ -97,7 +97,7 @@ def test_all_copies_print_side_by_side(farm):
     assert seen.speedup == pytest.approx(3.6)  # of two copies, one after the other on a single printer
 
 
-def test_a_failed_part_of_a_copy_is_printed_again_alone(farm):
+def test_failed_part_of_a_copy_is_printed_again_alone(farm):
     for plate in ("1/01.1", "1/02.1", "1/01.2"):
         farm.clear_bed(end(farm, plate))
     printer = end(farm, "1/02.2")
@@ -115,7 +115,7 @@ def test_a_failed_part_of_a_copy_is_printed_again_alone(farm):
     assert view(farm).printed_copies == 2
 
 
-def test_a_part_of_one_copy_is_named_by_its_number(farm):
+def test_part_of_a_copy_is_named_with_its_number(farm):
     end(farm, "1/01.2")
     assert farm.parts.reprint(1, "p01.2", "scratched", "ann") == "1/p01.2"
     assert farm.parts.cancel(1, "2.1", "ann") == "1/p02.1"

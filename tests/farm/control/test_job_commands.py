@@ -98,7 +98,7 @@ def test_changes_during_an_approval_are_noticed(farm, state, monkeypatch):
         asyncio.run(farm.printers.load_reel("a", LoadRequest(grams=500.0), "ann"))
 
 
-def test_a_plan_of_an_older_farm_can_be_approved_after_the_books_were_restored(farm, state):
+def test_plan_of_an_earlier_version_is_approvable_after_a_restore(farm, state):
     number = submit(farm)
     farm.controller.on_plan(number, plan_for(number, state))
     job = farm.controller.books.job(number).model_copy(update={"plan": None})
@@ -109,7 +109,7 @@ def test_a_plan_of_an_older_farm_can_be_approved_after_the_books_were_restored(f
     assert farm.controller.books.job(number).state is JobState.PRINTING
 
 
-def test_a_held_plan_prints_only_when_that_very_plan_is_approved(farm, state):
+def test_held_plan_prints_only_after_approval_of_its_hash(farm, state):
     number = submit(farm, hold=True)
     farm.controller.on_plan(number, plan_for(number, state))
     job = farm.controller.books.job(number)
@@ -123,7 +123,7 @@ def test_a_held_plan_prints_only_when_that_very_plan_is_approved(farm, state):
         asyncio.run(farm.jobs.approve(number, job.plan, state, "ann"))
 
 
-def test_a_plan_whose_files_changed_is_not_released(farm, state):
+def test_plan_whose_files_changed_is_not_released(farm, state):
     number = submit(farm, hold=True)
     farm.controller.on_plan(number, plan_for(number, state))
     (state.files / "g.gcode").write_bytes(b"G28 ; and more\n")
@@ -133,7 +133,7 @@ def test_a_plan_whose_files_changed_is_not_released(farm, state):
     assert starts(farm) == []
 
 
-def test_a_fleet_can_ask_for_approval_of_every_job(tmp_path, state):
+def test_fleet_option_requires_approval_of_every_job(tmp_path, state):
     farm = Farm(tmp_path, approve=True)
     farm.ready("a", "b")
     number = submit(farm)
@@ -141,9 +141,7 @@ def test_a_fleet_can_ask_for_approval_of_every_job(tmp_path, state):
     assert farm.controller.books.job(number).state is JobState.HELD
 
 
-def test_a_reel_is_kept_over_a_restart_and_a_plate_never_starts_on_too_little(
-    farm, state, tmp_path, monkeypatch
-):
+def test_reel_survives_a_restart_and_short_reels_start_nothing(farm, state, tmp_path, monkeypatch):
     monkeypatch.setattr(printer_commands, "complete_section", lambda section, house: section)
     asyncio.run(farm.printers.load_reel("a", LoadRequest(grams=4.0, colour="white"), "ann"))
     reel = asyncio.run(
@@ -166,7 +164,7 @@ def test_a_reel_is_kept_over_a_restart_and_a_plate_never_starts_on_too_little(
         asyncio.run(repeated.printers.load_reel("a", LoadRequest(grams=300.0), "ann"))
 
 
-def test_a_reel_that_cura_does_not_know_is_refused(farm, state, monkeypatch):
+def test_reel_of_an_unknown_material_is_refused(farm, state, monkeypatch):
     def refuse(section, house):
         raise FieldError("there is no generic_gold", "material")
 
@@ -175,7 +173,7 @@ def test_a_reel_that_cura_does_not_know_is_refused(farm, state, monkeypatch):
         asyncio.run(farm.printers.load_reel("a", LoadRequest(material="generic_gold"), "ann"))
 
 
-def test_g_code_does_not_wait_behind_decompositions(farm):
+def test_own_gcode_is_planned_during_decompositions(farm):
     first, second = submit(farm), submit(farm, "s")
     third, urgent = submit(farm, "t"), submit(farm, "u", priority=1)
     holds = {number: farm.controller.books.job(number).hold.code for number in (third, urgent)}
@@ -186,7 +184,7 @@ def test_g_code_does_not_wait_behind_decompositions(farm):
     assert farm.effects.plans[-1][0] == urgent
 
 
-def test_g_code_is_planned_beside_a_job_that_nothing_can_print(farm):
+def test_own_gcode_is_planned_beside_an_unprintable_job(farm):
     """A dry run of it hung for ten minutes."""
     blocked = submit(farm, material="generic_abs")
     assert farm.controller.books.job(blocked).hold.code is HoldCode.NO_SUCH_PRINTER
@@ -194,7 +192,7 @@ def test_g_code_is_planned_beside_a_job_that_nothing_can_print(farm):
     assert farm.effects.plans == [(own, ["a", "b"], 1)]
 
 
-def test_a_job_with_a_start_time_is_planned_at_once_and_starts_then(farm, state):
+def test_job_with_a_start_time_is_planned_at_once_and_starts_then(farm, state):
     then = datetime.fromtimestamp(farm.controller.clock.now() + 3600).astimezone().isoformat()
     later = submit(farm, at=then)
     assert farm.effects.plans == [(later, ["a", "b"], 1)]
@@ -206,7 +204,7 @@ def test_a_job_with_a_start_time_is_planned_at_once_and_starts_then(farm, state)
     assert starts(farm) == ["a", "b"]
 
 
-def test_a_moment_that_cannot_be_is_refused_at_submission(farm):
+def test_invalid_start_time_is_refused_at_submission(farm):
     for options in ({"at": "soon"}, {"overnight": True}):
         with pytest.raises(FarmError) as error:
             submit(farm, **options)
@@ -243,13 +241,13 @@ def test_plan_of_several_materials_is_reported(farm, state):
         assert all("generic_abs and generic_pla" in notice for notice in found)
 
 
-def test_done_by_comes_after_the_start(farm):
+def test_deadline_before_the_start_is_refused(farm):
     number = submit(farm, at="22:00", done_by="08:00")
     job = farm.controller.books.job(number)
     assert job.done_by_s - job.not_before_s == pytest.approx(10 * 3600)
 
 
-def test_spares_are_left_out_of_the_plan(farm):
+def test_spare_printers_are_excluded_from_the_plan(farm):
     number = submit(farm, spares=1)
     assert len(farm.effects.plans[0][1]) == 1
     assert farm.effects.plans[0][0] == number

@@ -11,7 +11,7 @@ from farm.model import KeyKind
 from make_books import key
 
 
-def test_a_new_key_is_found_by_its_text_alone_and_its_text_is_not_kept():
+def test_new_key_is_found_by_its_text_alone_and_its_text_is_not_kept():
     name, text = make_key_text()
     assert re.fullmatch(rf"farm_{name}_[\w-]{{43}}", text)
     kept = key(id=name, digest=digest_key(text), expires_s=100.0)
@@ -26,7 +26,7 @@ def test_a_new_key_is_found_by_its_text_alone_and_its_text_is_not_kept():
 
 
 @given(st.text())
-def test_any_other_text_is_no_key(text):
+def test_unknown_text_is_not_accepted_as_key(text):
     name, secret = make_key_text()
     assert find_key(text, {name: key(id=name, digest=digest_key(secret))}, 1.0) is None
 

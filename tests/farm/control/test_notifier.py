@@ -70,7 +70,7 @@ def test_notice_is_sent_once_over_restarts(server, tmp_path, caplog):
     assert "secret" not in caplog.text
 
 
-def test_events_before_the_first_notification_are_not_sent(server, tmp_path):
+def test_events_before_the_first_notice_are_not_sent(server, tmp_path):
     posts, address = server
     file = tmp_path / "told.json"
     Notifier([SecretStr(f"json://{address}/")], "lab", file, 300.0).notify(printed(), 500.0)

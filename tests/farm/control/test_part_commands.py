@@ -69,7 +69,7 @@ def test_failing_print_is_ended_and_its_part_printed_elsewhere(farm):
     assert plates == {"1/01": "PRINTING", "1/02": "GOOD", "1/03": "WAITING"}
 
 
-def test_parts_are_named_as_a_person_writes_them(farm):
+def test_part_is_found_by_any_form_of_its_name(farm):
     for name in ("1/p03", "p03", "03", "3"):
         with pytest.raises(Refused, match="1/p03 already waits to be printed"):
             farm.parts.reprint(1, name, "", "ann")
@@ -97,7 +97,7 @@ def test_part_is_cancelled_by_name_or_by_printer(farm):
     assert farm.controller.books.open_print_on("a").plate == "1/01"
 
 
-def test_nothing_of_a_paused_job_starts(farm):
+def test_paused_job_starts_no_plate(farm):
     farm.jobs.pause(1, True, "ann")
     with pytest.raises(Refused, match="already paused"):
         farm.jobs.pause(1, True, "ann")
@@ -126,7 +126,7 @@ def test_plates_waiting_for_a_bed_are_counted(farm):
     assert describe_job(farm.view_context(STATE), farm.controller.books.job(1)).current_s < 110.0
 
 
-def test_a_part_that_is_paused_while_it_waits_goes_to_no_printer(farm, tmp_path):
+def test_paused_waiting_part_is_not_assigned(farm, tmp_path):
     assert farm.parts.pause(1, "p03", True, "ann") == ""
     with pytest.raises(Refused, match="already paused"):
         farm.parts.pause(1, "3", True, "ann")
@@ -143,7 +143,7 @@ def test_a_part_that_is_paused_while_it_waits_goes_to_no_printer(farm, tmp_path)
     assert farm.controller.books.open_print_on("a").plate == "1/03"
 
 
-def test_a_job_that_is_resumed_takes_its_paused_parts_with_it(farm):
+def test_resumed_job_resumes_its_paused_parts(farm):
     farm.parts.pause(1, "p03", True, "ann")
     farm.jobs.pause(1, False, "ann")
     assert farm.controller.plate_holds().get("1/03").code is not HoldCode.PAUSED
@@ -152,7 +152,7 @@ def test_a_job_that_is_resumed_takes_its_paused_parts_with_it(farm):
         farm.parts.pause(1, "p03", False, "ann")
 
 
-def test_a_printer_in_maintenance_ends_its_print_and_gets_no_other(farm):
+def test_printer_in_maintenance_finishes_its_print_and_gets_no_other(farm):
     farm.printers.begin_maintenance("a", "a new belt", "ann")
     assert farm.controller.books.open_print_on("a").cancel_reason is None
     ends(farm, "a")
@@ -173,7 +173,7 @@ def test_bad_part_is_printed_again_unless_its_job_was_cancelled(farm, cancelled)
     assert answer.again == (None if cancelled else "1/p01")
 
 
-def test_a_bed_is_called_bad_only_where_something_was_printed(farm):
+def test_bad_verdict_requires_a_printed_part(farm):
     ends(farm, "a")
     farm.clear_bed("a", verdict=Verdict.BAD, why="warped")
     assert farm.controller.books.plates["1/01"].prints
@@ -184,7 +184,7 @@ def test_a_bed_is_called_bad_only_where_something_was_printed(farm):
     assert ev.SendCleared(printer="a", filament=None) in farm.effects.instructions
 
 
-def test_after_an_outage_nothing_starts_until_a_person_confirms_it(farm):
+def test_outage_blocks_starts_until_confirmed(farm):
     with pytest.raises(Refused, match="there is no outage"):
         farm.printers.confirm_outage("ann")
     now_s = farm.controller.clock.now()
@@ -205,7 +205,7 @@ def test_after_an_outage_nothing_starts_until_a_person_confirms_it(farm):
     assert {farm.controller.books.open_print_on(name).plate for name in "ab"} == {"1/01", "1/02"}
 
 
-def test_idle_printers_that_vanish_together_are_an_outage(tmp_path):
+def test_idle_printers_lost_together_are_an_outage(tmp_path):
     farm = Farm(tmp_path)
     farm.ready("a", "b")
     for name in "ab":
@@ -225,7 +225,7 @@ def test_plates_of_a_held_job_do_not_wait_for_an_outage(farm):
     assert farm.controller.plate_holds().get("2/01") is None  # nothing would take it away again
 
 
-def test_a_print_that_no_agent_would_start_takes_nothing_off_its_reel(farm):
+def test_refused_start_uses_no_filament(farm):
     reel = Reel(material="generic_pla", grams=500.0, nozzle_mm=0.4)
     farm.controller.handle(ev.ReelLoaded(at_s=1.0, printer="a", reel=reel, by="ann"))
     attempt = farm.controller.books.open_print_on("a")

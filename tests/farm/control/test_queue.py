@@ -49,7 +49,7 @@ def test_jobs_move_up_down_first_last_and_before_each_other(farm):
     assert move(farm, 2, "down") == [3, 1, 2]
 
 
-def test_what_cannot_be_moved_is_refused_with_the_reason(farm):
+def test_impossible_move_is_refused_with_the_reason(farm):
     for number, to in ((1, "up"), (1, "first"), (3, "down"), (3, "last")):
         with pytest.raises(Refused, match="already"):
             move(farm, number, to)
@@ -64,7 +64,7 @@ def test_what_cannot_be_moved_is_refused_with_the_reason(farm):
     assert shown(farm) == [1, 3]
 
 
-def test_the_next_free_printer_serves_the_job_that_was_moved_and_the_forecast_follows(farm, tmp_path):
+def test_moved_job_gets_the_next_free_printer_and_forecast(farm, tmp_path):
     def ends():
         farm.controller.handle()
         context = farm.view_context(STATE)

@@ -67,7 +67,7 @@ def test_link_expires_after_five_minutes(farm):
     assert list_events(farm, "SessionOpened") == []
 
 
-def test_link_asked_for_without_end_takes_the_place_of_the_oldest_of_its_user(farm):
+def test_excess_link_replaces_the_oldest_of_its_user(farm):
     other = farm.sessions.make_link("bob", Role.PRINT)
     tokens = [farm.sessions.make_link("ann", Role.PRINT) for _ in range(50)]
     assert len(farm.sessions._links) == 6
@@ -78,7 +78,7 @@ def test_link_asked_for_without_end_takes_the_place_of_the_oldest_of_its_user(fa
     assert len(farm.sessions._links) == 100
 
 
-def test_texts_of_links_and_sessions_are_nowhere_on_the_disk(farm, tmp_path):
+def test_texts_of_links_and_sessions_are_not_stored(farm, tmp_path):
     token = farm.sessions.make_link("ann", Role.PRINT)
     text = farm.sessions.open(token)
     for secret in (token, text.split("_", 2)[2]):
@@ -110,7 +110,7 @@ def test_session_in_constant_use_is_extended_once_an_hour(farm):
     assert len(list_events(farm, "SessionExtended")) == 10
 
 
-def test_one_session_too_many_ends_the_oldest_of_its_user(farm):
+def test_excess_session_ends_the_oldest_of_its_user(farm):
     other = farm.open_session("bob")
     texts = [farm.open_session() for _ in range(MOST_SESSIONS + 3) if farm.wait(1.0) is None]
     found = [farm.find(text) is not None for text in texts]
@@ -119,7 +119,7 @@ def test_one_session_too_many_ends_the_oldest_of_its_user(farm):
     assert len(farm.controller.books.keys) <= MOST_SESSIONS + 2
 
 
-def test_books_do_not_grow_with_sessions_that_have_ended(farm):
+def test_ended_sessions_are_removed_from_the_books(farm):
     for _ in range(50):
         session = farm.find(farm.open_session())
         farm.wait(1.0)

@@ -29,7 +29,7 @@ BUSY = AgentSnapshot(printer="a", link=Link.BUSY, agent_pid=9, print=SAID)
 
 
 @given(nozzle_c=CELSIUS, bed_c=CELSIUS, target_c=CELSIUS, progress_s=SECONDS, layer=st.integers(1, 999))
-def test_telemetry_alone_is_no_news(nozzle_c, bed_c, target_c, progress_s, layer):
+def test_telemetry_without_changes_is_not_reported(nozzle_c, bed_c, target_c, progress_s, layer):
     telemetry = Telemetry()
     assert telemetry.store(BUSY)
     message = SAID.model_copy(update={"progress_s": progress_s, "layer": layer, "z_mm": layer * 0.1})
@@ -54,7 +54,7 @@ def test_rejected_snapshot_is_compared_again_and_shown():
     assert telemetry.failure is None
 
 
-def test_a_snapshot_is_compared_step_by_step():
+def test_snapshot_is_compared_step_by_step():
     """The outcome of an unknown print depends on the bed that the known one left."""
     other = SAID.model_copy(update={"print_id": "q", "state": PrintState.DONE, "ended_s": 50.0})
     ready = AgentSnapshot(printer="a", link=Link.READY, agent_pid=9, print=other)

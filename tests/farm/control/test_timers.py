@@ -36,7 +36,7 @@ def test_work_runs_on_the_event_loop(plain):
     assert asyncio.run(run()) is threading.current_thread()
 
 
-def test_a_timer_for_a_moment_runs_once_late_rather_than_never_and_can_be_moved():
+def test_timer_runs_once_even_late_and_can_be_moved():
     async def run() -> list[str]:
         result: list[str] = []
         done = asyncio.Event()

@@ -87,7 +87,7 @@ def test_clock_step_takes_effect_at_once(begin, step_h):
     "first", ["2026-03-27", "2026-10-23", "2026-11-20"], ids=["spring", "autumn", "plain"]
 )
 @pytest.mark.parametrize("asleep", [False, True])
-def test_the_books_are_copied_once_a_night(begin, tmp_path, first, asleep):
+def test_books_are_backed_up_once_a_night(begin, tmp_path, first, asleep):
     """At four, in spring and autumn too; as soon as it can be where the host was asleep then."""
     time = begin(f"{first} 12:00")
     state = StateFolder(tmp_path)

@@ -169,7 +169,7 @@ CASES = {
 }
 
 
-def test_a_sound_installation_has_nothing_to_do():
+def test_sound_installation_has_no_problem():
     findings = check_installation(SOUND)
     assert {item.level for item in findings} == {Level.OK}
     assert not any(item.action for item in findings)
@@ -183,7 +183,7 @@ def test_problem_is_named_with_an_action(changes, level, check, text):
     assert found[0].action
 
 
-def test_a_farm_that_is_not_up_has_no_agents_and_no_books_yet():
+def test_stopped_farm_without_books_is_no_problem():
     facts = replace(
         SOUND, daemon_error="down", agents=(AgentFacts("a", False),), books=BooksFacts("/s", False)
     )

@@ -25,7 +25,7 @@ def findings(places, check):
     return [one for one in found if one.check == check]
 
 
-def test_the_books_are_read_and_not_changed(places):
+def test_books_are_read_and_not_changed(places):
     before = {path.name: path.read_bytes() for path in places.state.root.glob("farm.db*")}
     (books,) = findings(places, "database")
     assert (books.level, "5 jobs" in books.text) == (Level.OK, True)
@@ -52,7 +52,7 @@ def _is_needed(facts, name):
     return any(job.model_file == name for job in live)
 
 
-def test_a_row_that_was_changed_is_a_problem(places):
+def test_row_that_was_changed_is_a_problem(places):
     with sqlite3.connect(places.state.books) as db:
         db.execute("UPDATE printer SET body = replace(body, 'clear', 'unknown')")
     db.close()
@@ -60,7 +60,7 @@ def test_a_row_that_was_changed_is_a_problem(places):
     assert books.level is Level.PROBLEM and "was changed" in books.text
 
 
-def test_no_books_and_books_that_are_none(places):
+def test_missing_and_invalid_books_are_reported(places):
     for path in places.state.root.glob("farm.db*"):
         path.unlink()
     assert [one.level for one in findings(places, "database")] == [Level.OK]
@@ -77,7 +77,7 @@ def test_silent_agent_is_a_problem(places):
     assert (agent.level, agent.text) == (Level.PROBLEM, "um2-01: its agent is running but does not answer")
 
 
-def test_the_command_prints_every_check_and_ends_with_1_where_there_is_a_problem(places):
+def test_command_prints_every_check_and_exits_with_1_on_problems(places):
     places.state.books.write_bytes(b"no books" * 1000)
     options = [
         "--state",

@@ -70,7 +70,7 @@ def submit(app, content, **params):
     return ask(app, "POST", "/jobs", params={**facts, **params}, content=content)
 
 
-def test_g_code_goes_the_same_road_as_a_model(daemon):
+def test_own_gcode_is_submitted_like_a_model(daemon):
     content = ("\n".join(marlin()) + "\n").encode()
     assert submit(daemon, content, name="tower.gcode").json() == {"job": 1, "again": False}
     assert submit(daemon, content, name="tower.gcode").json() == {"job": 1, "again": True}
@@ -89,20 +89,20 @@ def test_g_code_goes_the_same_road_as_a_model(daemon):
         ("t.stl", "{}", "model"),
     ],
 )
-def test_unprintable_g_code_is_refused_by_name(daemon, name, options, code):
+def test_unprintable_own_gcode_is_refused_with_its_name(daemon, name, options, code):
     answer = submit(daemon, ("\n".join(marlin()) + "\n").encode(), name=name, options=options).json()
     assert answer["code"] == code
     assert daemon.state.controller.books.jobs == {}
 
 
-def test_a_submission_sent_twice_is_one_job(daemon):
+def test_repeated_submission_is_one_job(daemon):
     assert submit(daemon, stl()).json() == {"job": 1, "again": False}
     assert submit(daemon, stl()).json() == {"job": 1, "again": True}
     assert len(daemon.state.controller.books.jobs) == 1
 
 
 @pytest.mark.parametrize("size", [0, 10, 10_000_000])
-def test_a_cut_upload_is_no_job_and_leaves_no_file(daemon, size):
+def test_truncated_upload_creates_no_job_and_no_file(daemon, size):
     answer = submit(daemon, stl(), size=size)
     assert answer.status_code == 409
     assert answer.json()["exit_code"] == 5
@@ -124,7 +124,7 @@ def endless_body(taken):
 
 
 @pytest.mark.parametrize("path", ["/printers/a/fail", "/down", "/jobs/1/approve", "/jobs/1/parts/p1/reprint"])
-def test_a_body_without_end_is_refused_and_read_no_further(daemon, path):
+def test_endless_body_is_refused_without_further_reading(daemon, path):
     taken = []
     answer = ask(daemon, "POST", path, content=endless_body(taken))
     assert sum(taken) <= LARGEST_BODY_BYTES + 4096
@@ -132,7 +132,7 @@ def test_a_body_without_end_is_refused_and_read_no_further(daemon, path):
     assert answer.json()["error"] == f"the request to {path} is longer than 64 KiB"
 
 
-def test_a_body_of_the_largest_size_is_read(daemon):
+def test_body_of_the_largest_size_is_read(daemon):
     said = b'{"why": "w"}'
     body = said + b" " * (LARGEST_BODY_BYTES - len(said))
     path, json = "/printers/a/maintenance", {"Content-Type": "application/json"}
@@ -140,7 +140,7 @@ def test_a_body_of_the_largest_size_is_read(daemon):
     assert ask(daemon, "POST", path, content=body + b" ", headers=json).status_code == 413
 
 
-def test_an_upload_beyond_the_quota_is_refused_before_it_is_sent(daemon, monkeypatch):
+def test_upload_beyond_the_quota_is_refused_before_it_is_sent(daemon, monkeypatch):
     taken = []
     answer = ask(
         daemon,
@@ -160,7 +160,7 @@ def test_an_upload_beyond_the_quota_is_refused_before_it_is_sent(daemon, monkeyp
     assert submit(daemon, stl()).status_code == 200
 
 
-def test_an_upload_that_is_given_up_is_refused_and_leaves_no_file(daemon):
+def test_abandoned_upload_is_refused_and_leaves_no_file(daemon):
     """Ctrl-C at `farm submit`: the connection ends in the middle of the body."""
     words = [{"type": "http.request", "body": b"solid", "more_body": True}, {"type": "http.disconnect"}]
     said = []
@@ -191,7 +191,7 @@ NAMES = {
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_a_name_is_only_a_name(daemon, name):
+def test_path_in_a_model_name_is_removed(daemon, name):
     answer = submit(daemon, stl(), name=name)
     assert answer.status_code == 200, answer.text
     inside = {path.parent.name for path in daemon.state.folder.root.rglob("*") if path.is_file()}
@@ -230,7 +230,7 @@ def test_unknown_path_is_not_found(daemon):
     assert (answer.status_code, answer.json()["exit_code"]) == (404, 4)
 
 
-def test_status_has_the_fields_that_are_promised(daemon):
+def test_status_has_the_documented_fields(daemon):
     submit(daemon, stl())
     status = ask(daemon, "GET", "/status").json()
     assert list(status) == ["schema", "daemon", "todo", "fleet", "printers", "jobs", "night"]
@@ -264,7 +264,7 @@ def test_status_has_the_fields_that_are_promised(daemon):
     assert promised | {"speedup", "utilisation"} <= set(job)
 
 
-def test_down_is_refused_while_a_plan_is_made(daemon):
+def test_shutdown_is_refused_during_planning(daemon):
     submit(daemon, stl())
     assert daemon.state.controller.books.jobs[1].state == "planning"
     answer = ask(daemon, "POST", "/down", json={})
@@ -290,7 +290,7 @@ def test_request_for_too_many_printers_is_reported(daemon, options, notices):
     assert submit(daemon, stl(), options=options).json().get("notices") == notices
 
 
-def test_down_is_refused_while_a_model_is_checked(daemon):
+def test_shutdown_is_refused_during_an_inspection(daemon):
     daemon.state.inspections[Path("upload-1")] = "bunny.stl"
     answer = ask(daemon, "POST", "/down", json={})
     assert (answer.status_code, answer.json()["exit_code"]) == (409, 5)
@@ -299,7 +299,7 @@ def test_down_is_refused_while_a_model_is_checked(daemon):
         assert ask(daemon, "POST", "/down", json={how: True}).status_code == 200
 
 
-def test_down_goes_down(daemon):
+def test_shutdown_request_ends_the_daemon(daemon):
     assert ask(daemon, "POST", "/down", json={"now": True}).status_code == 200
     assert daemon.state.went_down == [True]
 

@@ -81,7 +81,7 @@ def test_commands_that_continue_prints_are_for_operators(tmp_path, path, body):
 
 
 @pytest.mark.parametrize("group", [None, NO_GROUP])
-def test_a_request_without_a_caller_is_refused_on_every_route(tmp_path, group):
+def test_request_without_a_caller_is_refused_on_every_route(tmp_path, group):
     app = make(tmp_path, operators=group)
     values = {"number": "1", "name": "a", "part": "p01", "request_id": "r" * 8}
     routes = [
@@ -119,7 +119,7 @@ def test_commands_that_stop_prints_are_for_all_users(tmp_path):
     assert ask(app, STRANGER, "POST", "/printers/a/maintenance", json={"why": "smoke"}).status_code == 200
 
 
-def test_operators_are_a_group_that_there_is():
+def test_unknown_operator_group_is_an_error():
     check_operators(None)
     check_operators(OURS)
     with pytest.raises(FleetFileError, match="`groupadd no-such-group-here`"):
@@ -127,7 +127,7 @@ def test_operators_are_a_group_that_there_is():
 
 
 @pytest.mark.parametrize(("group", "mode"), [(OURS, 0o660), (NO_GROUP, 0o600)])
-def test_the_socket_is_for_its_group_and_where_there_is_none_for_its_owner(tmp_path, caplog, group, mode):
+def test_socket_belongs_to_its_group_or_else_its_owner(tmp_path, caplog, group, mode):
     caplog.set_level("INFO")
     path = tmp_path / "farm.sock"
     with listen(path, group):

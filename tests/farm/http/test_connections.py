@@ -40,7 +40,7 @@ class One:
     ("descriptors", "printers", "workers", "most"),
     [(1024, 100, 2, MOST_CONNECTIONS), (2**20, 3, 8, MOST_CONNECTIONS), (64, 1, 2, 11), (32, 1, 2, 4)],
 )
-def test_most_of_few_descriptors_is_kept_for_the_farm(descriptors, printers, workers, most):
+def test_descriptors_are_reserved_for_the_farm(descriptors, printers, workers, most):
     assert connection_limit(descriptors, printers, workers) == most
 
 
@@ -131,7 +131,7 @@ def test_connection_with_an_incomplete_request_is_ended(tmp_path, monkeypatch, s
     serve(tmp_path, 4, story)
 
 
-def test_a_head_has_its_time_as_a_whole_and_a_body_each_of_its_pieces(tmp_path):
+def test_time_limit_applies_to_the_head_and_to_each_chunk(tmp_path):
     async def story(server, path):
         async def since():
             await asyncio.sleep(0.01)
@@ -177,7 +177,7 @@ def test_missing_descriptors_are_logged_once_and_retried(tmp_path, monkeypatch, 
     assert len([record for record in caplog.records if "accepted" in record.getMessage()]) == 1
 
 
-def test_no_error_ends_accepting_and_each_is_logged(tmp_path, monkeypatch, caplog):
+def test_errors_of_accept_are_logged_and_accepting_continues(tmp_path, monkeypatch, caplog):
     monkeypatch.setattr(connections, "_SWEEP_S", 0.01)
     monkeypatch.setattr(connections, "_LOG_EVERY_S", 0.0)
 
@@ -248,7 +248,7 @@ def test_code_after_the_server_runs_when_a_signal_ends_it(tmp_path, number):
 
 
 @pytest.mark.system
-def test_an_agent_that_is_killed_is_started_again_although_idle_clients_want_all_descriptors(tmp_path):
+def test_killed_agent_is_restarted_despite_many_idle_clients(tmp_path):
     farm = RealFarm(tmp_path, {"um2-01": ("ultimaker2_plus", "sim://ultimaker2_plus")})
     farm.wrapper = ["prlimit", f"--nofile={LOW}:{LOW}"]
     try:

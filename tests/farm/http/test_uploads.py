@@ -37,12 +37,12 @@ def test_each_limit_of_uploads_is_named_with_its_key(size, missing, free, jobs, 
         check_quota(QUOTA, "a.stl", size, missing, free, jobs)
 
 
-def test_an_upload_within_all_limits_is_taken():
+def test_upload_within_all_limits_is_accepted():
     check_quota(QUOTA, "a.stl", GB, (GB,), 3 * GB, 2)
     check_quota(UploadsSection(free_gb=0.0), "a.stl", GB, (), 0, 999)
 
 
-def test_uploads_under_way_count_until_they_are_checked(tmp_path, monkeypatch):
+def test_open_uploads_count_until_inspected(tmp_path, monkeypatch):
     """Whatever became of them: the place of one that ended is free again."""
     state = StateFolder(tmp_path)
     state.make()
@@ -91,7 +91,7 @@ def test_uploads_under_way_count_until_they_are_checked(tmp_path, monkeypatch):
     asyncio.run(story())
 
 
-def test_an_stl_with_too_many_triangles_is_refused_before_the_rest_of_it_arrives(tmp_path, monkeypatch):
+def test_stl_with_too_many_triangles_is_refused_before_the_rest_of_it_arrives(tmp_path, monkeypatch):
     state = StateFolder(tmp_path)
     state.make()
     usage = shutil.disk_usage(tmp_path)

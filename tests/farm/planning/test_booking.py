@@ -13,7 +13,7 @@ from farm.planning.parts.slice_part import slice_part
 from slicing.checks import Unprinted
 
 
-def test_a_plan_is_whole(bar, files, tmp_path):
+def test_plan_has_every_part_and_plate(bar, files, tmp_path):
     work = decompose_task(bar, files, tmp_path)
     cut = decompose_job(work)
     tasks = slice_tasks(work, cut)

@@ -33,7 +33,7 @@ def test_unreadable_and_unwritable_files_are_no_error(tmp_path):
     ProgressFile(tmp_path / "missing").report(0.5, 1.0)
 
 
-def test_only_the_listener_of_a_context_hears_of_its_search():
+def test_progress_is_reported_to_the_listener_of_its_context_only():
     heard = []
     with listen_to_progress(heard.append):
         report_progress(0.5)

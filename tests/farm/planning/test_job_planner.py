@@ -103,7 +103,7 @@ def slowed(monkeypatch, late_s, fail=None):
     return asked
 
 
-def test_a_part_that_is_slow_as_it_is_sliced_is_cut_again(state, bar, monkeypatch):
+def test_part_with_a_slow_slice_is_cut_again(state, bar, monkeypatch):
     """One end of the bar takes ten seconds a mm more than it does: both ends end together after it."""
     slowed(monkeypatch, lambda stl, length_mm: 10.0 * length_mm * (stl.stem == "p02"))
     told, result = plan(state, bar)
@@ -144,7 +144,7 @@ def test_useless_relevel_is_discarded(state, bar, fail, monkeypatch):
     assert result.plates[1].sliced_s - result.plates[0].sliced_s == pytest.approx(600.0, rel=0.1)
 
 
-def test_a_plan_that_fails_on_a_full_disk_is_made_when_there_is_room(state, tmp_path, monkeypatch):
+def test_plan_is_retried_after_a_full_disk(state, tmp_path, monkeypatch):
     """Jobs that wait in a night with a full disk would fail one after the other."""
     usage, looks = shutil.disk_usage(state.root), iter([ROOM_BYTES - 1] * 3 + [ROOM_BYTES] * 9)
     monkeypatch.setattr(job_planner, "_RETRY_S", 0.0)

@@ -36,11 +36,11 @@ def test_loads_move_only_between_equal_printers_without_delay(loads_s, factors, 
     assert makespan(loads_s, takes, factors) <= makespan(loads_s, stays, factors)
 
 
-def test_where_nothing_was_learned_everything_stays():
+def test_loads_stay_without_learned_factors():
     kinds = dict.fromkeys(NAMES, "low")
     assert reassign_loads({"a": 1.0, "b": 9.0}, kinds, {}) == {name: name for name in NAMES}
 
 
-def test_a_single_part_goes_to_the_quickest_printer_though_the_plan_had_no_work_for_it():
+def test_single_part_is_moved_to_the_fastest_printer():
     takes = reassign_loads({"a": 5.0}, {"a": 0, "b": 0}, {"a": 1.1, "b": 0.9})
     assert takes == {"a": "b", "b": "a"}

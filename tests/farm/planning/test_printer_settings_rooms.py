@@ -19,7 +19,7 @@ def resources():
 
 
 @pytest.mark.parametrize("model", sorted(BEDS))
-def test_beds_and_clips_are_cura_s(resources, model):
+def test_beds_and_clips_equal_those_of_cura(resources, model):
     settings, profile = resources.machine(model).settings, BEDS[model]
     assert profile.model == model
     assert profile.title == resources.machine(model).name
@@ -32,7 +32,7 @@ def test_beds_and_clips_are_cura_s(resources, model):
     assert {(c.min_x_mm, c.min_y_mm, c.max_x_mm, c.max_y_mm) for c in profile.clips} == areas
 
 
-def test_a_printer_without_a_heated_bed_is_sliced_for_and_not_driven(resources):
+def test_printer_without_a_heated_bed_is_only_sliced_for(resources):
     heated = {model for model in BEDS if resources.machine(model).settings["machine_heated_bed"].default}
     assert set(PROFILES) == heated
 

@@ -29,7 +29,7 @@ def begin(requirements, printers, least, fleet, taken, starting, starts_later=Fa
     )
 
 
-def test_the_front_job_takes_all_that_are_idle_and_clear():
+def test_first_job_uses_all_idle_and_clear_printers():
     fleet = [printer("a"), printer("b", bed=Bed.NOT_CLEAR), printer("c", booked=True), printer("d")]
     assert begin(ANY, None, 0, fleet, frozenset(), True) == Begin(("a", "d"))
     assert begin(ANY, None, 0, fleet, frozenset("d"), True) == Begin(("a",))
@@ -48,7 +48,7 @@ def test_job_waits_for_connecting_printers():
     assert late == Begin(("a",))
 
 
-def test_more_parts_than_idle_printers_are_planned_for_busy_ones_too_and_in_rounds_for_a_small_fleet():
+def test_excess_parts_are_planned_for_busy_printers_then_in_rounds():
     fleet = [printer("a"), printer("b", booked=True), printer("c")]
     assert begin(ANY, None, 3, fleet, frozenset(), True) == Begin(("a", "b", "c"))
     away = [printer("a"), printer("b", link=Link.ABSENT), printer("c", attention_reason="it smokes")]
@@ -56,7 +56,7 @@ def test_more_parts_than_idle_printers_are_planned_for_busy_ones_too_and_in_roun
     assert begin(ANY, None, 5, fleet, frozenset(), True) == Begin(("a", "c"), rounds=3)
 
 
-def test_a_job_is_planned_though_no_printer_is_free():
+def test_job_is_planned_though_no_printer_is_free():
     busy, full = printer("c", booked=True), printer("b", bed=Bed.NOT_CLEAR)
     broken = printer("a", attention_reason="it smokes")
     assert begin(ANY, None, 0, [broken, full, busy], frozenset(), True) == Begin(("b", "c"))
@@ -65,7 +65,7 @@ def test_a_job_is_planned_though_no_printer_is_free():
     assert begin(ANY, None, 0, [printer("d"), busy], frozenset("d"), True) == Begin(("c", "d"))
 
 
-def test_a_job_that_no_printer_matches_is_held_with_the_reason():
+def test_job_that_no_printer_matches_is_held_with_the_reason():
     assert (
         find_mismatch(Requirements("generic_abs", None, None), [printer("a")]).code
         is HoldCode.NO_SUCH_PRINTER
@@ -98,7 +98,7 @@ def decide(jobs, fleet):
     return orders, {each.job: each.hold for each in found if isinstance(each, HoldJob)}
 
 
-def test_a_job_that_waits_for_approval_is_planned_for_printers_that_need_somebody_too():
+def test_held_job_is_planned_for_attended_printers_too():
     fleet = [printer("a"), printer("b", booked=True), printer("c", unattended=False)]
     assert decide([queued(1)], fleet)[0] == [(1, ("a",))]
     assert decide([queued(1, options=JobOptions(hold=True))], fleet)[0] == [(1, ("a", "b", "c"))]
@@ -108,7 +108,7 @@ def test_a_job_that_waits_for_approval_is_planned_for_printers_that_need_somebod
 SMALL = {"size": ModelSize(extents_mm=(60.0, 60.0, 60.0), faces=12)}
 
 
-def test_few_long_jobs_are_planned_side_by_side_and_quick_ones_do_not_wait_for_them():
+def test_long_plans_are_limited_and_quick_ones_do_not_wait():
     own = OwnGcode(nozzle_mm=0.4, min_mm=(-5.0, -5.0, 0.2), max_mm=(5.0, 5.0, 9.0))
     jobs = [queued(n) for n in (1, 2, 3)] + [queued(4, **SMALL), queued(5, own_gcode=own)]
     orders, holds = decide(jobs, [printer("a"), printer("b")])
@@ -116,7 +116,7 @@ def test_few_long_jobs_are_planned_side_by_side_and_quick_ones_do_not_wait_for_t
     assert (holds[3].code, holds[3].text) == (HoldCode.NOT_FIRST, "job 1 and job 2 are planned first")
 
 
-def test_a_model_is_quick_only_if_it_is_plain_and_one_printer_can_hold_it():
+def test_model_is_quick_only_if_small_and_without_options():
     fleet = [printer("a")]
     assert is_quick(queued(1, **SMALL), fleet)
     assert not is_quick(queued(1), fleet)  # of an earlier version

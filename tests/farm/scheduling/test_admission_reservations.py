@@ -24,21 +24,21 @@ FLEET = (printer("a", booked=True, heating=True), printer("b", grams=50.0), prin
     "reason", [{"places": 0}, {"not_before_s": 16 * 3600.0}, {"grams": 900.0, "failed_on": frozenset("c")}]
 )
 @pytest.mark.parametrize("house", [rules(), HOUSE])
-def test_nothing_is_kept_for_a_plate_that_may_not_start(reason, house):
+def test_no_printer_is_reserved_for_a_plate_that_may_not_start(reason, house):
     assert list_reservations(situation([plate("1/02", "b", **reason)], FLEET[:2], house), {}) == {}
 
 
-def test_a_printer_is_kept_for_a_plate_that_starts_when_another_has_heated_up():
+def test_printer_is_reserved_for_a_plate_waiting_for_the_heating_limit():
     assert list_reservations(situation([plate("6/03", "b")], FLEET, HOUSE), {}) == {"b": "6/03"}
 
 
-def test_printers_are_kept_for_a_plate_that_is_being_replanned_and_as_spares():
+def test_printers_are_reserved_for_replans_and_as_spares():
     moment = situation([], FLEET, spares=1)
     kept = list_reservations(moment, {"b": "6/03"})
     assert kept == {"b": "6/03", "c": "a failed part (--spares)"}
 
 
-def test_kept_and_promised_printers_are_left_to_others_while_another_is_free():
+def test_reserved_printers_are_avoided_while_another_is_free():
     fleet = (printer("a"), printer("b"), printer("c", booked=True))
     assert choose_printers(ANY, Availability(fleet, {"b": "6/03"})) == Begin(("a",))
     promise = Promise(job=8, priority=1, printers=frozenset("b"))
@@ -49,7 +49,7 @@ def test_kept_and_promised_printers_are_left_to_others_while_another_is_free():
     assert promised_printers([both]) == {"a": "job 8", "b": "job 8"}
 
 
-def test_printers_of_a_plate_that_is_being_replanned_are_left_alone_while_there_are_others():
+def test_printers_of_a_replan_are_avoided_while_others_exist():
     fleet = (printer("a"), printer("c", booked=True))
     assert choose_printers(ANY, Availability(fleet, reserved=frozenset("a"))) == Begin(("c",))
     assert choose_printers(ANY, Availability(fleet[:1], reserved=frozenset("a"))) == Begin(("a",))

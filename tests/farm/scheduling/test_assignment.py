@@ -19,7 +19,7 @@ def assign(waiting, fleet, house=None, **changes):
     return given_, assignment.find_holds(moment, given_)
 
 
-def test_printers_and_plates_that_match_nothing_cost_nothing(monkeypatch):
+def test_unmatched_printers_and_plates_are_skipped(monkeypatch):
     """A large queue for one material would else be gone through in vain for each free printer of another."""
     placed = []
     place = plate_matching._Matching.place
@@ -36,7 +36,7 @@ def test_printers_and_plates_that_match_nothing_cost_nothing(monkeypatch):
     assert assign(waiting, fleet[1:])[0] == [] and len(placed) == 1
 
 
-def test_a_plate_of_a_later_job_waits_for_its_time_whatever_the_printers_do():
+def test_plate_waits_for_the_start_time_of_its_job():
     fleet = [printer("a", booked=True), printer("b", bed=Bed.NOT_CLEAR)]
     _, holds = assign([plate("1/01", "a", not_before_s=NOW_S + 60.0), plate("1/02", "a")], fleet)
     assert (holds["1/01"].code, holds["1/02"].code) == (HoldCode.START_TIME, HoldCode.PRINTER_BUSY)
@@ -76,7 +76,7 @@ plates = st.lists(
 
 
 @given(plates, printers)
-def test_the_laws_of_assignment(waiting, fleet):
+def test_assignment_keeps_its_invariants(waiting, fleet):
     given_, holds = assign(waiting, fleet)
     by_name = {p.name: p for p in fleet}
     by_id = {p.id: p for p in waiting}
@@ -97,7 +97,7 @@ def test_the_laws_of_assignment(waiting, fleet):
 
 
 @given(plates, printers)
-def test_no_printer_idles_while_a_plate_waits_for_one_like_it(waiting, fleet):
+def test_no_matching_printer_stays_idle(waiting, fleet):
     given_, holds = assign(waiting, fleet)
     used = {a.printer for a in given_}
     for waits in (p for p in waiting if p.id in holds):
@@ -106,14 +106,14 @@ def test_no_printer_idles_while_a_plate_waits_for_one_like_it(waiting, fleet):
 
 
 @given(plates, printers, st.randoms())
-def test_the_order_of_fleet_and_plates_changes_nothing(waiting, fleet, random):
+def test_assignment_is_independent_of_input_order(waiting, fleet, random):
     answer = assign(waiting, fleet)
     for mixed in (fleet, waiting):
         random.shuffle(mixed)
     assert assign(waiting, fleet) == answer
 
 
-def test_a_plate_keeps_its_planned_printer_and_avoids_one_it_failed_on():
+def test_plate_keeps_its_planned_printer_and_avoids_one_it_failed_on():
     given_, _ = assign([plate("1/01", "b")], [printer("a"), printer("b")])
     assert given_[0].printer == "b"
     given_, _ = assign([plate("1/01", "b", failed_on=frozenset("b"))], [printer("a"), printer("b")])
@@ -132,7 +132,7 @@ def test_hold_names_the_reason_to_wait():
     assert "231 mm of height" in holds["1/01"].text
 
 
-def test_a_plate_moves_only_to_a_printer_whose_room_holds_all_of_it():
+def test_plate_is_moved_only_to_a_printer_with_enough_room():
     small = printer("b", room=((-50.0, -50.0, 50.0, 50.0, 205.0),))
     aside = Requirements("generic_pla", None, 0.4, (20.0, -20.0, 60.0, 20.0, 30.0))
     given_, holds = assign([plate("1/01", "a", requirements=aside)], [printer("a", booked=True), small])
@@ -142,7 +142,7 @@ def test_a_plate_moves_only_to_a_printer_whose_room_holds_all_of_it():
     assert given_[0].printer == "b"
 
 
-def test_a_job_prints_on_no_more_printers_than_it_was_given():
+def test_job_uses_at_most_the_requested_printers():
     waiting = [plate(f"1/0{i}", "ab"[i % 2], places=1) for i in range(4)]
     given_, holds = assign(waiting, [printer(name) for name in "abcd"])
     assert len(given_) == 1
@@ -151,12 +151,12 @@ def test_a_job_prints_on_no_more_printers_than_it_was_given():
 
 
 @given(plates, printers, st.integers(0, 5))
-def test_places_are_kept_whatever_the_fleet(waiting, fleet, places):
+def test_limit_on_printers_of_a_job_holds_for_any_fleet(waiting, fleet, places):
     given_, _ = assign([replace(waits, places=places) for waits in waiting], fleet)
     assert len(given_) <= places
 
 
-def test_an_earlier_jobs_plate_comes_before_a_longer_one_of_a_later_job():
+def test_earlier_jobs_plate_comes_before_a_longer_one_of_a_later_job():
     waiting = [plate("1/01", "x", job=1, expected_s=60.0), plate("2/01", "x", job=2, expected_s=6000.0)]
     given_, _ = assign(waiting, [printer("a")])
     assert given_[0].plate == "1/01"
@@ -183,7 +183,7 @@ def named(name, **changes):
     return replace(plain, capabilities=replace(plain.capabilities, named=name))
 
 
-def test_a_plate_for_certain_printers_goes_to_one_of_them_and_says_so_while_it_waits():
+def test_plate_for_named_printers_is_assigned_to_one_or_held_with_their_names():
     only_b = Requirements("generic_pla", None, 0.4, box(100.0), only=("b",))
     fleet = [printer("a"), named("b"), printer("c")]
     first, second = plate("1/01", "a", requirements=only_b), plate("1/02", "a", requirements=only_b)

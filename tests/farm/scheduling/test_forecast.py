@@ -61,7 +61,7 @@ houses = st.builds(
 
 
 @given(waiting, fleets, houses, st.floats(0, 7 * 24 * HOUR), st.randoms())
-def test_the_laws_of_a_forecast(plates, fleet, house, after_s, random):
+def test_forecast_keeps_its_invariants(plates, fleet, house, after_s, random):
     now_s = MONDAY_S + after_s
     observed = forecast(plates, fleet, house, now_s)
     by_id, by_name = {p.id: p for p in plates}, {p.name: p for p in fleet}
@@ -89,7 +89,7 @@ def test_the_laws_of_a_forecast(plates, fleet, house, after_s, random):
 
 
 @given(st.lists(st.floats(600, 9 * HOUR), min_size=1, max_size=6), st.integers(1, 3))
-def test_the_bound_is_below_every_order_of_the_plates(times, count):
+def test_bound_is_below_the_end_of_every_order(times, count):
     names = "abc"[:count]
     plates = [plate(f"1/{i}", "a", expected_s=seconds) for i, seconds in enumerate(times)]
     observed = forecast(plates, [printer(name) for name in names], rules(), 0.0)
@@ -110,7 +110,7 @@ def test_second_round_waits_for_a_cleared_bed():
     assert [slot.starts_s - MONDAY_S for slot in observed.slots] == [17 * HOUR, 32 * HOUR + CLEARING_S]
 
 
-def test_heating_up_is_staggered():
+def test_heating_limit_delays_starts():
     plates = [plate(f"1/{i}", "abc"[i], expected_s=HOUR, heating_s=600.0) for i in range(3)]
     observed = forecast(plates, [printer(name) for name in "abc"], rules(max_heating=2), 0.0)
     assert [slot.starts_s for slot in observed.slots] == [0.0, 0.0, 600.0]
@@ -136,7 +136,7 @@ def test_bound_includes_plates_for_some_printers_only():
     assert observed.lower_bound_s == pytest.approx(3 * HOUR)
 
 
-def test_a_plate_for_which_the_reel_of_the_next_printer_is_too_short_waits_for_another():
+def test_plate_for_which_the_reel_of_the_next_printer_is_too_short_waits_for_another():
     plates = [plate(f"1/{i}", "a", expected_s=HOUR, grams=40.0) for i in range(2)]
     fleet = [printer("a", grams=50.0), printer("b", booked=True, free_s=10 * HOUR)]
     observed = forecast(plates, fleet, rules(), 0.0)

@@ -46,7 +46,7 @@ def test_spans_over_midnight_and_over_the_week():
     assert night.edge_s(end) == begin + 7 * 86400
 
 
-def test_never_and_always():
+def test_windows_may_cover_nothing_or_the_whole_week():
     assert hours().span(at("2026-11-20 22:00")) is None
     assert hours().edge_s(at("2026-11-20 22:00")) is None
     always = hours("00:00-12:00", "12:00-24:00")
@@ -54,7 +54,7 @@ def test_never_and_always():
     assert always.edge_s(at("2026-11-20 22:00")) is None
 
 
-def test_a_night_is_an_hour_longer_or_shorter_when_the_clock_changes():
+def test_length_of_a_night_changes_with_daylight_saving():
     night = hours("22:00-06:00")
     lengths = [
         (end - begin) / 3600
@@ -106,7 +106,7 @@ windows = st.lists(
 
 
 @given(windows, st.datetimes(datetime(2026, 1, 1), datetime(2027, 12, 31)))
-def test_the_laws_of_spans(texts, moment):
+def test_spans_keep_their_invariants(texts, moment):
     calendar = hours(*texts)
     now_s = moment.replace(tzinfo=LONDON).timestamp()
     span, following, edge_s = calendar.span(now_s), calendar.following(now_s), calendar.edge_s(now_s)

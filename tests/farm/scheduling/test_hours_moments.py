@@ -27,7 +27,7 @@ NOW_S = datetime(2026, 10, 23, 17, 30, tzinfo=LONDON).timestamp()  # a Friday be
         ("2026-10-24T08:00:00+02:00", "2026-10-24T07:00:00+01:00"),
     ],
 )
-def test_the_next_such_moment(text, then):
+def test_time_is_parsed_as_its_next_occurrence(text, then):
     assert datetime.fromtimestamp(parse_moment_s(text, NOW_S, LONDON), LONDON).isoformat() == then
 
 
@@ -72,7 +72,7 @@ def test_length_of_a_night_follows_daylight_saving(day, night_h):
     ("now", "then"),
     [("2026-11-20 18:00", "Fri 20:00"), ("2026-11-20 20:30", "Sat 20:00"), ("2026-11-20 23:00", "Sat 20:00")],
 )
-def test_overnight_is_refused_where_first_layers_are_attended_and_a_time_is_named(now, then):
+def test_overnight_is_refused_if_first_layers_need_attendance(now, then):
     attended = Hours((parse_window("08:00-21:00"),), BERLIN)
     house = StartRules(attended, Hours((), BERLIN), first_layers_attended=True)
     now_s = datetime.fromisoformat(now).replace(tzinfo=BERLIN).timestamp()
@@ -87,7 +87,7 @@ def test_overnight_is_refused_where_first_layers_are_attended_and_a_time_is_name
 
 
 @pytest.mark.parametrize("first_layers_attended", [False, True])
-def test_overnight_is_refused_where_attended_hours_never_end(first_layers_attended):
+def test_overnight_is_refused_if_attended_hours_never_end(first_layers_attended):
     """Its start would be at infinity, which no calendar can show: nothing could be scheduled any more."""
     house = StartRules(
         Hours((parse_window("00:00-24:00"),), BERLIN), Hours((), BERLIN), first_layers_attended

@@ -57,7 +57,7 @@ def test_cached_description_equals_a_new_one(steps, away):
         away = not away
 
 
-def test_firmware_with_an_unobserved_dead_man_prints_only_attended():
+def test_firmware_with_an_unverified_dead_man_prints_only_attended():
     real = PrinterSection(name="a", model="creality_ender3", port="/dev/ttyUSB0")
     simulated = real.model_copy(update={"port": "sim://creality_ender3"})
     plus = real.model_copy(update={"model": "ultimaker2_plus"})
@@ -96,7 +96,7 @@ def test_only_changed_entities_are_described_again():
     assert [new is old for new, old in zip(then, printers, strict=True)] == [False, True, True]
 
 
-def test_only_printers_that_an_open_job_asks_for_have_a_name_of_their_own():
+def test_capabilities_have_a_name_only_if_a_job_requests_it():
     books, builder = printing(plates=1), SituationBuilder(bed_boxes)
     asking = job(2).model_copy(update={"options": JobOptions(only=("b",))})
     for events, names in (

@@ -64,7 +64,7 @@ def start_plates(moment):
 
 @given(plates, fleets, houses)
 @settings(max_examples=60, deadline=None)
-def test_nothing_changes_between_the_moments_that_matter(waiting, fleet, house):
+def test_no_start_changes_before_the_next_change(waiting, fleet, house):
     eager = lazy = situation(waiting, fleet, house, FRIDAY)
     due_s = -math.inf
     for tick in range(TICKS):
@@ -86,6 +86,6 @@ def test_nothing_changes_between_the_moments_that_matter(waiting, fleet, house):
         (rules(), {"not_before_s": FRIDAY + 60.0}, 60.0),
     ],
 )
-def test_the_next_change_is_known(house, changes, after_s):
+def test_next_change_is_computed(house, changes, after_s):
     moment = situation([plate("x", "a", **changes)], [printer("a")], house, FRIDAY)
     assert moment.next_change_s() - FRIDAY == pytest.approx(after_s, abs=0.01)

@@ -75,7 +75,7 @@ moments = st.floats(FRIDAY, FRIDAY + 7 * 24 * HOUR)
 
 
 @given(plates, fleets, houses, moments, st.integers(0, 2))
-def test_nothing_starts_that_the_house_forbids(waiting, fleet, house, now_s, spares):
+def test_forbidden_starts_are_refused(waiting, fleet, house, now_s, spares):
     given_, holds = assign(waiting, fleet, house, now_s, spares)
     by_name, by_id = {p.name: p for p in fleet}, {p.id: p for p in waiting}
     assert len({a.printer for a in given_}) == len(given_)
@@ -136,7 +136,7 @@ def test_window_allows_exactly_the_possible_starts(waiting, fleet, house, now_s)
 
 @given(plates, fleets, houses, moments)
 @settings(deadline=None)
-def test_no_printer_idles_for_want_of_a_better_order(waiting, fleet, house, now_s):
+def test_every_possible_start_is_made_in_any_order(waiting, fleet, house, now_s):
     """Against brute force: as many plates start as can, and the first of the queue among them."""
     waiting = [replace(p, failed_on=frozenset()) for p in waiting[:5]]
     house = replace(house, max_heating=None)
@@ -157,7 +157,7 @@ def test_no_printer_idles_for_want_of_a_better_order(waiting, fleet, house, now_
     assert {a.plate for a in given_} == set(most(turns, frozenset(fleet)))
 
 
-def test_a_spare_is_never_the_printer_that_a_plate_was_planned_for():
+def test_planned_printer_is_never_a_spare():
     high = plate("1/02", "b", requirements=Requirements("generic_pla", None, 0.4, box(231.0)))
     given_, _ = assign([high], [printer("a"), printer("b", room=TALL)], rules(), FRIDAY, spares=1)
     assert given_[0].printer == "b"
@@ -167,7 +167,7 @@ def test_a_spare_is_never_the_printer_that_a_plate_was_planned_for():
 
 
 @given(plates, fleets, st.integers(0, 2))
-def test_nothing_starves(waiting, fleet, spares):
+def test_every_plate_is_served_eventually(waiting, fleet, spares):
     """Whenever all prints have ended and all beds are clear, plates that fit some printer go on."""
     waiting = [replace(p, not_before_s=None) for p in waiting]
     for _ in range(len(waiting) + 1):
@@ -214,7 +214,7 @@ def test_hold_has_a_code_and_a_reason(what, where, house, code, message):
     assert only(plate("1/01", "a"), printer("a")) == "a"
 
 
-def test_a_reel_that_is_too_short_is_named_also_where_another_printer_is_waited_for():
+def test_short_reel_is_named_besides_another_hold():
     short = printer("b", grams=10.0)
     busy = printer("a", booked=True, free_s=FRIDAY + HOUR)
     hold = assign([plate("1/01", "a", grams=20.0)], [busy, short], rules(), FRIDAY)[1]["1/01"]
@@ -226,7 +226,7 @@ def test_a_reel_that_is_too_short_is_named_also_where_another_printer_is_waited_
     assert hold.text.startswith("needs white: b has 10 g") and hold.reel.text == "b has 10 g, 1/01 needs 25 g"
 
 
-def test_a_margin_is_kept_to_quiet_hours():
+def test_margin_is_kept_to_quiet_hours():
     house = rules(quiet=["22:00-06:00"])
     assert only(plate("1/01", "a", expected_s=5 * HOUR / 1.05 - 1), printer("a"), house) == "a"
     assert only(plate("1/01", "a", expected_s=5 * HOUR), printer("a"), house).code == "quiet_hours"
@@ -243,14 +243,14 @@ def test_hold_of_a_large_plate_names_when_its_printers_are_free():
     assert hold.text == "needs 231 mm of height: um2x-02 and um2x-03 are printing until Sat 03:12"
 
 
-def test_priority_goes_before_order_of_submission():
+def test_priority_precedes_order_of_submission():
     early, urgent = plate("1/01", "a", job=1), plate("2/01", "a", job=2, priority=1)
     given_, holds = assign([early, urgent], [printer("a")], rules(), FRIDAY)
     assert given_[0].plate == "2/01"
     assert holds["1/01"].code is HoldCode.PRINTER_BUSY
 
 
-def test_a_plate_makes_way_where_another_printer_will_do_as_well():
+def test_plate_moves_to_an_equivalent_printer():
     low = plate("1/01", "b", expected_s=9 * HOUR)
     high = plate("1/02", "b", requirements=Requirements("generic_pla", None, 0.4, box(231.0)))
     given_, _ = assign([low, high], [printer("a"), printer("b", room=TALL)], rules(), FRIDAY)
@@ -274,7 +274,7 @@ def test_reel_with_the_needed_grams_is_enough():
     assert short_of_filament(waiting, on, needed - 0.1).code is HoldCode.REEL_TOO_SHORT
 
 
-def test_of_one_job_the_longest_plate_goes_first():
+def test_longest_plate_of_a_job_is_served_first():
     short, long = plate("a", "a", expected_s=HOUR), plate("b", "a", expected_s=2 * HOUR)
     assert situation([short, long], [printer("a")]).by_priority == (long, short)
 

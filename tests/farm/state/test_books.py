@@ -23,7 +23,7 @@ from farm.state.transitions import apply
 from make_books import PRINTERS, ended, fleet, job, plan, printing, run
 
 
-def test_a_job_is_printed_when_its_last_part_is():
+def test_job_is_printed_with_its_last_part():
     books, instructions = run(
         printing(),
         ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"),
@@ -63,7 +63,7 @@ def test_only_a_person_makes_a_bed_clear():
     assert instructions == [ev.SendCleared(printer="a", filament=None)]
 
 
-def test_a_failed_print_soils_the_bed_wants_a_look_and_is_tried_again():
+def test_failed_print_needs_clearing_and_inspection_and_is_retried():
     books, _ = run(
         printing(plates=1),
         ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"),
@@ -74,7 +74,7 @@ def test_a_failed_print_soils_the_bed_wants_a_look_and_is_tried_again():
     assert [p.id for p in books.waiting_plates()] == ["1/01"]
 
 
-def test_a_plate_that_fails_too_often_fails_its_job():
+def test_plate_that_fails_too_often_fails_its_job():
     books = printing(plates=1)
     for attempt in range(ATTEMPTS):
         assert books.jobs[1].state is JobState.PRINTING
@@ -89,7 +89,7 @@ def test_a_plate_that_fails_too_often_fails_its_job():
     assert "no heat" in books.jobs[1].reason
 
 
-def test_cancelling_a_job_ends_its_prints_and_nothing_is_tried_again():
+def test_cancelled_job_ends_its_prints_without_retries():
     books, instructions = run(
         printing(),
         ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"),
@@ -115,7 +115,7 @@ def test_bad_part_of_a_cancelled_job_is_not_printed_with_a_reprint():
     assert [plate.id for plate in books.waiting_plates()] == ["1/02"]
 
 
-def test_unknown_amounts_are_named():
+def test_unknown_amounts_are_described():
     with pytest.raises(NoSuchThing, match="no job 7"):
         Books().job(7)
     with pytest.raises(NoSuchThing, match="no printer z"):

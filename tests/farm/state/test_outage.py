@@ -27,7 +27,7 @@ def lost(printer, at_s, fault="port_lost"):
 TWO = (("1/01", "a"), ("1/02", "b"))
 
 
-def test_two_printers_lost_within_the_window_are_one_outage_and_cost_no_attempt():
+def test_losses_within_the_window_are_one_outage_without_attempts():
     books, _ = run(printing(), *assigned(*TWO), lost("a", 100.0))
     assert (books.outage, books.prints["a"].charged) == (None, True)
     books, _ = run(books, lost("b", 100.0 + WINDOW_S, fault="agent_died"))
@@ -40,7 +40,7 @@ def test_two_printers_lost_within_the_window_are_one_outage_and_cost_no_attempt(
     assert books.outage is None
 
 
-def test_on_a_fast_clock_the_window_is_no_shorter_than_the_host_needs_to_tell_of_two_losses():
+def test_outage_window_covers_reporting_delays_on_a_fast_clock():
     assert [outage_window_s(scale) for scale in (1.0, 5.0, 300.0)] == [WINDOW_S, WINDOW_S, 300.0]
     second = lost("b", 250.0)  # half a wall second after the other
     real, _ = run(printing(), *assigned(*TWO), lost("a", 100.0), second)
@@ -87,7 +87,7 @@ def test_group_of_lost_printers_is_the_same_for_each(times):
     assert len(set(groups.values())) == wide + 1
 
 
-def test_an_earlier_failure_of_a_lost_printer_s_own_stays_charged():
+def test_failure_before_an_outage_stays_charged():
     """An outage takes back what it ended, and nothing else."""
     own = (
         *assigned(("1/01", "a")),

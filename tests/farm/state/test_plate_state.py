@@ -43,7 +43,7 @@ def stands(books, plate="1/01"):
     return books.plate_state(books.plates[plate])
 
 
-def test_a_job_is_done_when_a_person_has_found_every_part_good():
+def test_job_is_done_when_a_person_has_found_every_part_good():
     books = printed(2)
     assert (books.jobs[1].state, stands(books)) == (JobState.PRINTED, PlateState.PRINTED)
     books, _ = run(books, cleared("a"))
@@ -52,7 +52,7 @@ def test_a_job_is_done_when_a_person_has_found_every_part_good():
     assert (books.jobs[1].state, books.jobs[1].ended_s) == (JobState.DONE, 200.0)
 
 
-def test_a_bad_part_is_printed_again_and_costs_no_attempt():
+def test_bad_part_is_printed_again_without_an_attempt():
     books, _ = run(printed(1), cleared("a", Verdict.BAD))
     assert (books.jobs[1].state, books.jobs[1].ended_s) == (JobState.PRINTING, None)
     assert [plate.id for plate in books.waiting_plates()] == ["1/01"]
@@ -69,7 +69,7 @@ def test_clearing_a_bed_judges_the_last_print_only():
 
 
 @pytest.mark.parametrize("end", [PrintState.CANCELLED, PrintState.DONE])
-def test_a_print_that_a_person_saw_go_wrong_is_made_again(end):
+def test_print_failed_by_a_person_is_repeated(end):
     requested = ev.PrintFailRequested(at_s=50.0, print_id="x", why="a blob", by="ann")
     books, reported = run(printing(plates=1), assigned("1/01", "a", "x"), requested, ended("x", end))
     assert reported[1] == ev.SendCancel(print_id="x", printer="a", reason="a blob")
@@ -90,7 +90,7 @@ def test_fault_while_a_print_is_ended_by_a_person_is_no_attempt():
     assert books.printers["a"].attention_reason == "it does not cool"
 
 
-def test_a_plate_out_of_attempts_stops_none_of_the_others():
+def test_plate_without_attempts_does_not_block_others():
     books, _ = run(printing(plates=2), assigned("1/02", "b", "y"))
     books = failed(books, ATTEMPTS)
     assert stands(books) is PlateState.OUT_OF_ATTEMPTS
@@ -134,7 +134,7 @@ def test_cancelled_part_is_not_repeated_while_others_continue():
     assert both.jobs[1].state is JobState.CANCELLED
 
 
-def test_a_job_that_is_paused_parks_all_its_prints():
+def test_paused_job_pauses_all_its_prints():
     books, reported = run(
         printing(plates=2), assigned("1/01", "a", "x"), ev.JobPaused(at_s=9.0, job=1, wanted=True)
     )
@@ -147,7 +147,7 @@ def test_a_job_that_is_paused_parks_all_its_prints():
     )
 
 
-def test_a_printer_is_in_maintenance_until_a_person_has_done_it():
+def test_maintenance_lasts_until_ended_by_a_person():
     books, _ = run(
         Books(),
         ev.PrinterAdded(at_s=0.0, printer="a", bed=Bed.CLEAR),

@@ -17,7 +17,7 @@ from farm.state.reconciliation import (
 from make_books import fleet, printing, run
 
 
-def test_manual_use_makes_bed_and_filament_unknown_until_inspected():
+def test_manual_use_makes_bed_and_filament_unknown():
     message = AgentSnapshot(
         printer="a",
         link=Link.READY,
@@ -89,7 +89,7 @@ def assigned():
     return run(printing(), ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"))[0]
 
 
-def test_reconciling_follows_an_agent_and_is_quiet_when_nothing_is_new():
+def test_reconciliation_yields_events_for_changes_only():
     books = assigned()
     books, _ = run(books, *reconcile_print(books.prints["x"], word(), 3.0))
     assert books.prints["x"].state is PrintState.PRINTING
@@ -156,7 +156,7 @@ def test_unstartable_print_is_reassigned_after_its_agent_confirms(link):
         assert [plate.id for plate in each.waiting_plates()] == ["1/01", "1/02"]
 
 
-def test_where_no_agent_is_left_nothing_can_begin():
+def test_print_without_an_agent_cannot_start():
     books = assigned()
     books, _ = run(books, *reconcile_print(books.prints["x"], empty(Link.ABSENT, None), 3.0))
     assert books.prints["x"].state is PrintState.CANCELLED
@@ -204,7 +204,7 @@ def test_print_unknown_to_its_agent_is_no_outage_and_no_attempt():
     assert fresh.prints["a"].state is PrintState.CANCELLED
 
 
-def test_a_print_that_the_books_have_ended_is_ended_at_the_printer_too():
+def test_print_ended_in_the_books_is_cancelled_at_its_agent():
     books = assigned()
     books, _ = run(books, *reconcile_print(books.prints["x"], empty(Link.ABSENT, None), 3.0))
     heating = word(state=PrintState.HEATING, extruded=False)

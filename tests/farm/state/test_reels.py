@@ -31,7 +31,7 @@ def with_a_reel(**changes):
         ({"state": PrintState.CANCELLED, "started_s": None, "extruded": False}, 100.0),
     ],
 )
-def test_a_print_takes_its_grams_off(changes, left):
+def test_print_subtracts_its_grams_from_the_reel(changes, left):
     books, _ = run(with_a_reel(), ended("x", **changes))
     assert books.printer("a").reel.grams == pytest.approx(left)
     assert books.prints["x"].grams == pytest.approx(100.0 - left), "the history says the same as the reel"
@@ -43,12 +43,12 @@ def test_unweighed_reel_stays_unknown():
 
 
 @given(st.sampled_from(PrintState), st.booleans(), st.none() | st.floats(0, 5))
-def test_no_print_takes_more_than_its_plate(state, extruded, share):
+def test_print_uses_at_most_the_grams_of_its_plate(state, extruded, share):
     plate = printing().plates["1/01"]
     assert 0.0 <= used_grams(plate, state, extruded, share) <= plate.grams
 
 
-def test_the_fleet_has_what_was_loaded():
+def test_fleet_shows_the_loaded_reels():
     written = {"name": "a", "model": "ultimaker2_plus", "port": "sim://ultimaker2_plus", "colour": "red"}
     fleet = Fleet.model_validate({"printers": [written, {**written, "name": "b"}]})
     abs_ = Reel(material="generic_abs", nozzle_mm=0.8)
@@ -57,7 +57,7 @@ def test_the_fleet_has_what_was_loaded():
     assert has == [("generic_abs", None, 0.8), ("generic_pla", "red", 0.4)]
 
 
-def test_reels_of_restored_books_are_weighed_before_anything_is_printed_from_them():
+def test_restored_reels_must_be_weighed_before_printing():
     load = ev.ReelLoaded(at_s=1.0, printer="a", reel=WHITE, by="ann")
     books, _ = run(printing(), load, ev.BooksRestored(at_s=9.0, copied_s=2.0))
     assert [one.reel and one.reel.uncertain for one in books.printers.values()] == [True, None, None]

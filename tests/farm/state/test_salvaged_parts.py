@@ -38,7 +38,7 @@ def asked(books):
     return [item for item in list_tasks(context) if item.code in ("look", "outage")]
 
 
-def test_a_part_that_is_whole_is_good_and_not_printed_again():
+def test_complete_part_is_good_and_not_reprinted():
     books = died()
     assert books.plate_state(books.plates["1/01"]) is PlateState.WAITING
     books, reported = run(books, whole())
@@ -53,7 +53,7 @@ def test_a_part_that_is_whole_is_good_and_not_printed_again():
     assert reported == [ev.SendCleared(printer="a", filament=None)]
 
 
-def test_a_job_that_was_out_of_attempts_is_done_when_its_last_one_was_whole():
+def test_failed_job_is_done_if_its_last_part_is_complete():
     books = printing(plates=1)
     for attempt in range(ATTEMPTS):
         name = f"x{attempt}"
@@ -151,7 +151,7 @@ def test_no_verdict_is_requested_for_an_incomplete_part(facts):
     assert possibly_whole_print(books, "a") is None
 
 
-def test_a_print_that_a_person_ended_is_none_that_may_be_whole():
+def test_print_ended_by_a_person_is_not_salvageable():
     fail = ev.PrintFailRequested(at_s=100.0, print_id="x", why="a blob", by="ann")
     removed = ended("x", PrintState.CANCELLED, 110.0, filament=FilamentState.PARKED)
     books, _ = run(printing(1), given("1/01", "a", "x"), fail, removed)

@@ -105,11 +105,11 @@ BROKEN = {
 
 
 @pytest.mark.parametrize(("spoil", "problem"), BROKEN.values(), ids=BROKEN)
-def test_a_contradiction_is_named(spoil, problem):
+def test_contradiction_is_named(spoil, problem):
     assert problem in validate_books(spoil(done()))
 
 
-def test_sound_books_have_no_problem():
+def test_consistent_books_have_no_contradiction():
     books = done()
     assert validate_books(books) == []
     books, _ = run(
@@ -118,6 +118,6 @@ def test_sound_books_have_no_problem():
     assert validate_books(books) == []
 
 
-def test_the_books_of_the_first_release_are_sound(tmp_path):
+def test_books_of_the_first_release_are_consistent(tmp_path):
     with Store(unpack_state(tmp_path) / "farm.db") as store:
         assert validate_books(store.load()) == []

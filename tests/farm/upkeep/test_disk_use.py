@@ -52,7 +52,7 @@ def test_task_names_a_disk_that_fills_within_two_nights(tmp_path, monkeypatch):
         assert todo(10**9) == []
 
 
-def test_a_fast_clock_has_more_days_in_an_hour(tmp_path):
+def test_stored_bytes_per_day_follow_the_time_scale(tmp_path):
     state, books = StateFolder(tmp_path), books_of()
     state.files.mkdir()
     (state.files / "a.gcode").write_bytes(b"x" * 100)

@@ -119,7 +119,7 @@ def check_whole(state, books, before):
         assert all(path is None if pruned else Path(path).is_file() for path in paths)
 
 
-def test_files_of_old_jobs_go_and_the_pictures_stay(tmp_path):
+def test_files_of_old_jobs_are_deleted_except_pictures(tmp_path):
     state, before = fill(tmp_path)
     farm, run = begin(state)
     with farm.store:
@@ -140,7 +140,7 @@ def test_files_of_old_jobs_go_and_the_pictures_stay(tmp_path):
     assert len(pruned) == 3 and all('"by":"ann"' in body for body in pruned)
 
 
-def test_a_dry_run_lists_the_same_and_changes_nothing(tmp_path):
+def test_dry_run_lists_the_same_and_changes_nothing(tmp_path):
     state, before = fill(tmp_path)
     farm, run = begin(state)
     with farm.store:
@@ -151,7 +151,7 @@ def test_a_dry_run_lists_the_same_and_changes_nothing(tmp_path):
     assert preview == done.model_copy(update={"dry_run": True})
 
 
-def test_a_full_store_gives_up_the_oldest_first(tmp_path):
+def test_full_store_deletes_the_oldest_files_first(tmp_path):
     state, _ = fill(tmp_path)
     farm, run = begin(state, days=365, gb=36e-6)
     with farm.store:
@@ -160,7 +160,7 @@ def test_a_full_store_gives_up_the_oldest_first(tmp_path):
     assert answer.stored_bytes == 36_000
 
 
-def test_the_parts_of_a_pruned_job_keep_small_pictures(tmp_path):
+def test_parts_of_a_pruned_job_keep_small_pictures(tmp_path):
     state, before = fill(tmp_path, ages=((JobState.DONE, 100),))
     for name in ("1-p01.stl", "1-p02.stl"):
         trimesh.creation.box((10, 20, 30)).export(state.files / name)
@@ -188,7 +188,7 @@ def test_files_of_an_unknown_database_stay_for_the_kept_days(tmp_path):
     assert list_files(state.files).keys() == {name for name in named_files(before) if name.endswith("gcode")}
 
 
-def test_events_older_than_the_kept_days_go_after_the_backup_and_the_audit_stays(tmp_path):
+def test_old_events_are_deleted_after_the_backup(tmp_path):
     state, books = fill(tmp_path, events=400)
     farm, run = begin(state)
     with farm.store:
@@ -208,7 +208,7 @@ def test_events_older_than_the_kept_days_go_after_the_backup_and_the_audit_stays
         assert store.copied_s is None
 
 
-def test_a_backup_from_before_a_compaction_is_restored(tmp_path):
+def test_backup_from_before_a_compaction_is_restored(tmp_path):
     """Its jobs that were pruned since count as pruned again, and nothing that it names is missing."""
     state, before = fill(tmp_path)
     farm, run = begin(state)
@@ -267,7 +267,7 @@ def test_failed_run_is_reported_and_the_next_one_continues(tmp_path, monkeypatch
         assert list_files(state.files).keys() == named_files(farm.controller.books)
 
 
-def test_on_a_full_disk_what_ended_before_the_last_backup_goes(tmp_path, monkeypatch):
+def test_full_disk_deletes_jobs_from_before_the_last_backup(tmp_path, monkeypatch):
     """Otherwise a full disk would keep the backup, and with it the prune, from making room."""
     state, _ = fill(tmp_path)
     back_up(state, NOW_S - 97 * DAY_S)
@@ -320,7 +320,7 @@ CHANGES = (
 """All that a run changes on the disk."""
 
 
-def test_a_daemon_killed_at_any_moment_loses_nothing_and_the_next_start_finishes(tmp_path):
+def test_interrupted_prune_is_finished_at_the_next_start(tmp_path):
     for step in range(200):
         state, before = fill(tmp_path / str(step), events=10)
         done = run_until_killed(state, step)

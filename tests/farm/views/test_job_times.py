@@ -71,7 +71,7 @@ def test_wait_for_a_printer_within_a_run_is_counted():
     assert (len(observed.runs), observed.elapsed_s, observed.utilisation) == (1, 500.0, pytest.approx(0.4))
 
 
-def test_cancelled_reprint_leaves_the_figures_as_they_were(done):
+def test_cancelled_reprint_does_not_change_the_figures(done):
     before = times(done, DAY_S)
     repeated = ev.ReprintRequested(at_s=DAY_S, plate="1/01", why="lost", by="ann")
     cancelled, _ = run(done, repeated, ev.PlateCancelled(at_s=DAY_S + 9.0, plate="1/01", by="ann"))
@@ -79,7 +79,7 @@ def test_cancelled_reprint_leaves_the_figures_as_they_were(done):
     assert (after.elapsed_s, after.speedup) == (before.elapsed_s, before.speedup)
 
 
-def test_part_found_bad_in_the_morning_begins_another_run():
+def test_part_judged_bad_later_begins_another_run():
     bad = ev.BedCleared(at_s=9000.0, printer="a", by="ann", verdict=Verdict.BAD, why="warped")
     books, _ = run(printing(1), *attempt("x", "1/01", "a", 0.0, 100.0)[:2], bad)
     books, _ = run(books, *attempt("y", "1/01", "a", 9100.0, 9200.0))

@@ -45,7 +45,7 @@ def test_price_of_a_job_is_the_sum_of_its_plates():
     assert (observed.grams, observed.filament_mm) == (pytest.approx(6.0), pytest.approx(800.0))
 
 
-def test_no_printer_waited_for_longer_than_it_printed():
+def test_starved_time_does_not_exceed_the_printing_time():
     """Of a part that was printed twice, all that was waited is of all that it took."""
     books = printing(plates=1)
     assert view(books).starved_share is None
@@ -58,7 +58,7 @@ def test_no_printer_waited_for_longer_than_it_printed():
     assert view(books).starved_share == pytest.approx(0.8)
 
 
-def test_a_job_has_no_price_where_one_reel_has_none():
+def test_job_has_no_price_if_one_reel_has_none():
     assert view(priced(1.25, None)).price is None
 
 
@@ -73,7 +73,7 @@ def test_cancelled_parts_are_shown_with_the_job():
     assert f"plate {name}: {thin}" in console.export_text()
 
 
-def test_a_job_that_is_given_up_was_not_quick():
+def test_failed_job_has_no_speedup():
     books, _ = run(printing(), ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"))
     going = view(books)
     assert going.speedup and going.utilisation
@@ -131,7 +131,7 @@ def test_remaining_time_uses_the_factor_of_the_printer(progress_s, remaining_s):
     assert (view.print.z_mm, view.print.feature) == (0.67, "FILL")
 
 
-def test_a_print_that_is_resumed_is_not_shown_as_paused():
+def test_print_that_is_resumed_is_not_shown_as_paused():
     """Its nozzle heats for minutes before the printer goes on."""
     books, _ = run(printing(), ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"))
     for expected, state, shown in (

@@ -42,7 +42,7 @@ def test_printed_job_and_empty_queue_are_notified_once():
     assert told(more) == texts[:1]
 
 
-def test_failure_is_notified_and_a_cancel_is_not():
+def test_failure_is_notified_but_not_a_cancel():
     failed = ended("x", PrintState.FAILED, fault="heater_timeout", reason="it does not get warm")
     books, _ = run(
         begun(), failed, ev.PrintFailRequested(at_s=5.0, print_id="y", why="it came off", by="ann")

@@ -81,7 +81,7 @@ def books_without_files(books):
     return replace(books, jobs={1: books.jobs[1].model_copy(update={"pruned_s": 1.0})})
 
 
-def test_other_jobs_are_drawn_on_the_same_fleet():
+def test_chart_includes_prints_of_other_jobs():
     view, rows, now = report_of(night_books())
     theirs = rows[0].model_copy(update={"job": 2, "printer": "um2-05"})
     assert [bar.kind for bar in list_bars(view, [*rows, theirs], now)].count("another job") == 1
@@ -106,7 +106,7 @@ def test_page_is_one_file_with_failures_and_escaped_names():
     assert text.count("<br>expected 100 s") == 2
 
 
-def test_a_job_of_which_nothing_is_printed_has_a_page_too():
+def test_unprinted_job_has_a_page():
     view, rows, now = report_of(night_books(), parts=[], plates=[])
     text = render_page(view, rows, now, list_figures(view), {}, None)
     assert "Nothing has been printed yet" in text
@@ -123,14 +123,14 @@ def test_report_and_job_page_name_the_runs_of_a_job_that_was_printed_again():
     assert text in console.export_text()
 
 
-def test_a_part_has_a_picture_and_own_g_code_has_none(tmp_path):
+def test_part_has_a_picture_and_own_g_code_has_none(tmp_path):
     stl = tmp_path / "part.stl"
     stl.write_bytes(stl_bytes(trimesh.creation.box((20.0, 10.0, 30.0))))
     assert draw_part(stl).startswith(PNG)
     assert draw_part(tmp_path / "plate.gcode") is None
 
 
-def test_the_last_mark_of_time_is_not_cut_off():
+def test_last_time_mark_is_inside_the_chart():
     start = datetime.fromisoformat("2026-11-22T00:00:00+00:00")
     bar = Bar("um2-01", start, start + timedelta(hours=7), "good", "01", "")
     gantt = lay_out_gantt([bar])

@@ -8,7 +8,7 @@ from farm.views import list_tasks
 from recording_controller import Farm
 
 
-def test_an_outdated_agent_is_to_be_replaced_and_not_to_be_cleared(tmp_path: Path):
+def test_outdated_agent_is_a_task_to_replace_it(tmp_path: Path):
     state = StateFolder(tmp_path / "state")
     state.make()
     farm = Farm(tmp_path)

@@ -34,7 +34,7 @@ def test_each_route_has_a_row_in_one_table_and_each_row_is_a_route(farm):
     assert len(routes) == len(ROLES) + len(OPEN) + len(HOST_ONLY)
 
 
-def test_what_has_no_row_is_not_served(farm):
+def test_route_without_a_role_is_not_served(farm):
     operator = farm.add(OPERATE).text
     assert ("POST", f"{NETWORK_PREFIX}/down") in HOST_ONLY
     for method, path in HOST_ONLY | {
@@ -91,7 +91,7 @@ OTHER_SITES = (
 
 
 @pytest.mark.parametrize(("method", "path"), ROLES)
-def test_a_route_for_every_kind_of_caller(farm, method, path):
+def test_route_for_every_kind_of_caller(farm, method, path):
     needed, at = ROLES[method, path], fill(path)
     callers = list(list_callers(farm, needed))
 
@@ -121,7 +121,7 @@ def test_a_route_for_every_kind_of_caller(farm, method, path):
     assert ask(held[1]) not in REFUSALS
 
 
-def test_a_key_s_name_is_in_the_event_log_and_its_text_is_nowhere(farm, tmp_path):
+def test_key_s_name_is_in_the_event_log_and_its_text_is_nowhere(farm, tmp_path):
     key = farm.add(OPERATE, "slicer of ann")
     assert farm.ask("POST", f"{NETWORK_PREFIX}/printers/a/cleared", key.text, json={}).status_code == 200
     assert '"by":"key slicer of ann"' in farm.store.events()[-1][2]
@@ -131,7 +131,7 @@ def test_a_key_s_name_is_in_the_event_log_and_its_text_is_nowhere(farm, tmp_path
         assert not path.is_file() or secret not in path.read_bytes(), path
 
 
-def test_a_model_is_submitted_by_a_key_that_may_print(farm):
+def test_model_is_submitted_by_a_key_that_may_print(farm):
     key = farm.add(PRINT)
     params = {"request_id": "r" * 8, "name": "box.stl", "size": 100_000}
     assert (
@@ -145,7 +145,7 @@ def test_a_model_is_submitted_by_a_key_that_may_print(farm):
     assert farm.ask("POST", f"{NETWORK_PREFIX}/jobs/1/cancel", key.text).json()["job"]["state"] == "cancelled"
 
 
-def test_a_long_body_is_refused(farm):
+def test_oversized_body_is_refused(farm):
     long = farm.ask(
         "POST", f"{NETWORK_PREFIX}/printers/a/cleared", farm.add(OPERATE).text, content=b"x" * 200_000
     )

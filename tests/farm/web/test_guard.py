@@ -35,7 +35,7 @@ def test_other_names_are_refused(host, status):
 
 
 @given(st.text())
-def test_any_host_gets_an_answer(host):
+def test_every_host_is_answered(host):
     assert check_host(host, NAMES) is None or isinstance(check_host(host, NAMES), Refusal)
 
 
@@ -55,11 +55,11 @@ def test_any_host_gets_an_answer(host):
         ("GET", "http://evil.example", "cross-site", True),  # changes nothing, and shows nothing without CORS
     ],
 )
-def test_a_change_never_comes_from_another_site(method, origin, site, allowed):
+def test_change_never_comes_from_another_site(method, origin, site, allowed):
     assert (check_origin(method, "pc-b:8467", origin, site) is None) is allowed
 
 
-def test_an_address_with_ten_wrong_keys_waits_for_a_minute():
+def test_address_with_ten_wrong_keys_waits_for_a_minute():
     wrong = WrongKeys()
     for number in range(WRONG_KEYS):
         assert wrong.check("10.0.0.9", number) is None
@@ -72,7 +72,7 @@ def test_an_address_with_ten_wrong_keys_waits_for_a_minute():
     assert wrong.check("10.0.0.9", last_s + WAIT_S) is None
 
 
-def test_addresses_without_end_take_a_limited_memory():
+def test_memory_of_counted_addresses_is_limited():
     wrong = WrongKeys()
     for number in range(5000):
         wrong.add(f"address {number}", 0.0)

@@ -59,7 +59,7 @@ def test_every_answer_has_a_schema_and_every_reference_is_there(document):
     assert "DownRequest" not in schemas
 
 
-def test_a_refusal_and_an_answer_have_the_fields_that_are_described(farm, document):
+def test_refusal_and_an_answer_have_the_fields_that_are_described(farm, document):
     schemas = document["components"]["schemas"]
     refusal = farm.ask("GET", on_network("/status")).json()
     assert refusal.keys() == set(schemas["Problem"]["required"])

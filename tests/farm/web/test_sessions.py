@@ -36,7 +36,7 @@ def read_cookie(answer):
     return pair.partition("=")[2], {one.lower() for one in attributes}
 
 
-def test_looking_at_a_link_does_not_use_it_up_and_its_button_opens_one_session(farm):
+def test_link_is_used_by_its_button_only_and_once(farm):
     link = f"/login/{farm.sessions.make_link('ann', Role.PRINT)}"
     for _ in range(3):  # as the preview of a chat program does
         page = farm.ask("GET", link)

@@ -91,7 +91,7 @@ def checked(mesh, layers, lines=LINES, removed=0):
 
 
 @pytest.mark.parametrize("mesh", [BOX, TUBE], ids=["box", "tube"])
-def test_a_wall_along_the_outline_is_good(mesh):
+def test_wall_along_the_outline_passes(mesh):
     good = [list(rings(shape)) for shape in shapes_of(mesh)]
     assert checked(mesh, good) == ()
     turned = [[np.asarray(ring)[::-1] for ring in layer] for layer in good]  # as Cura 5 goes round
@@ -101,7 +101,7 @@ def test_a_wall_along_the_outline_is_good(mesh):
     assert checked(inside_out, good) == ()
 
 
-def test_the_model_is_grown_as_the_settings_say():
+def test_model_is_grown_as_the_settings_say():
     lines = replace(LINES, offset_mm=0.4, offset_0_mm=-0.3)
     grown = [
         list(rings(shape.buffer(0.4 if number else -0.3, join_style="mitre")))
@@ -133,14 +133,14 @@ def broken(change):
     ],
     ids=["nothing", "no hole", "shifted", "shrunk", "something beside it"],
 )
-def test_a_layer_that_is_not_the_model_is_refused(change, message):
+def test_layer_that_is_not_the_model_is_refused(change, message):
     with pytest.raises(SliceRejected, match=message) as refused:
         checked(TUBE, broken(change))
     assert refused.value.rule is Rule.OUTLINE
     assert "repair the mesh" in str(refused.value)
 
 
-def test_a_top_that_is_missing_is_refused():
+def test_top_that_is_missing_is_refused():
     layers = [list(rings(shape)) for shape in shapes_of(TUBE)]
     with pytest.raises(SliceRejected, match="leaves out"):
         checked(TUBE, layers[:20])
@@ -148,7 +148,7 @@ def test_a_top_that_is_missing_is_refused():
         checked(TUBE, layers[:10])
 
 
-def test_a_short_gap_without_flow_does_not_open_a_ring():
+def test_short_gap_without_flow_does_not_open_a_ring():
     layers = [list(rings(shape)) for shape in shapes_of(BOX)]
     outer = np.asarray(layers[5][0])
     there = outer[2] + (outer[3] - outer[2]) / 20
@@ -156,7 +156,7 @@ def test_a_short_gap_without_flow_does_not_open_a_ring():
     assert checked(BOX, layers) == ()
 
 
-def test_layers_that_the_engine_took_away_at_the_bottom():
+def test_removed_bottom_layers_are_considered():
     layers = [list(rings(shape)) for shape in shapes_of(CONE)]
     assert checked(CONE, layers) == ()
     assert checked(CONE, layers[2:], removed=2) == ()
@@ -174,7 +174,7 @@ def test_unprintable_wall_is_reported_with_its_size_and_position():
     assert str(wall).startswith("walls too thin to print: 9")
 
 
-def test_a_wall_of_one_line_is_printed():
+def test_wall_of_one_line_is_printed():
     layers = [list(rings(shape)) for shape in shapes_of(FIN)]
     layers = [layer or [[(4, -5.8), (4, 5.8)]] for layer in layers]
     assert checked(FIN, layers) == ()
@@ -189,7 +189,7 @@ def test_a_wall_of_one_line_is_printed():
         {"coasting_enable": "True"},
     ],
 )
-def test_settings_that_leave_the_outline(settings_of, setting):
+def test_settings_that_change_the_outline_are_considered(settings_of, setting):
     settings = settings_of()
     assert read_wall_layout(settings) is not None
     for scope in (settings.global_, settings.extruder):
@@ -220,7 +220,7 @@ def test_real_slices_of_sound_models_pass(request_for, mesh):
     assert slice_plate(request_for(mesh)).unprinted == ()
 
 
-def test_a_real_slice_of_thin_fins(request_for, tmp_path):
+def test_thin_fins_of_a_real_slice_are_reported(request_for, tmp_path):
     block = [trimesh.creation.box((40, 40, 5))]
     fins = [trimesh.creation.box((0.3, 30, 12), MOVE((x, 0, 5))) for x in (-10, 0, 10)]
     model = trimesh.boolean.union(block + fins)

@@ -90,7 +90,7 @@ def test_facts_of_a_valid_file():
         (Rule.OUTSIDE_BED, "X100 Y90", "X100 Y-90"),
     ],
 )
-def test_each_rule_refuses(rule, old, new):
+def test_each_rule_refuses_a_violation(rule, old, new):
     assert old.encode() in GOOD
     with pytest.raises(SliceRejected) as refused:
         checked(GOOD.replace(old.encode(), new.encode()))
@@ -99,7 +99,7 @@ def test_each_rule_refuses(rule, old, new):
     assert "; " in str(refused.value)  # what was found; what to do
 
 
-def test_nothing_printed():
+def test_file_without_extrusion_is_refused():
     start, _, rest = GOOD.partition(b";LAYER_COUNT")
     end = rest.partition(b"G1 F1500 E-3.5")[2]
     with pytest.raises(SliceRejected) as refused:
@@ -120,7 +120,7 @@ def test_nothing_printed():
         (2.5, 2.0, True, False),
     ],
 )
-def test_the_height(height_mm, cut_mm, top_checked, good):
+def test_wrong_height_is_refused(height_mm, cut_mm, top_checked, good):
     if good:
         checked(GOOD, height_mm=height_mm, cut_mm=cut_mm, top_checked=top_checked)
         return
@@ -148,7 +148,7 @@ def test_warnings_of_half_a_mesh_refuse(line):
     check_log("Starting slice...\nPrint time (s): 3\n")
 
 
-def test_the_true_header_replaces_the_placeholder():
+def test_true_header_replaces_the_placeholder():
     log = (
         "x\nGcode header after slicing:\n;FLAVOR:Marlin\n;TIME:21\nEnd of gcode header.\nPrint time (s): 21\n"
     )
@@ -158,11 +158,11 @@ def test_the_true_header_replaces_the_placeholder():
     assert replace_header(GOOD, "no header here") == GOOD
 
 
-def test_how_many_layers_were_taken_away_at_the_bottom():
+def test_number_of_removed_layers_is_read_from_the_log():
     assert count_removed_layers("Starting\nRemoving 2 layers because they are empty\nLayer count: 9\n") == 2
     assert count_removed_layers("Layer count: 9\n") == 0
 
 
-def test_a_refusal_passes_between_processes():
+def test_refusal_passes_between_processes():
     refused = pickle.loads(pickle.dumps(SliceRejected(Rule.COLD, "why")))
     assert (refused.rule, str(refused)) == (Rule.COLD, "the slice was rejected (cold): why")

@@ -13,7 +13,7 @@ def sections(mesh, z_mm):
     return measure_rings(cut_sections(np.asarray(mesh.triangles, float), z_mm), len(z_mm))
 
 
-def test_a_box_with_a_hole():
+def test_section_of_a_box_with_a_hole():
     box = trimesh.creation.box((40, 30, 10))
     hole = trimesh.creation.box((10, 10, 20), trimesh.transformations.translation_matrix((5, 0, 0)))
     found = sections(trimesh.boolean.difference([box, hole]), np.array([-9.0, -2.0, 0.0, 3.0]))
@@ -37,7 +37,7 @@ def test_sections_add_up_to_volume_and_move_along(seed, x_mm, y_mm):
     assert (found.area_mm2 >= 0).all()
 
 
-def test_a_plane_through_corners_leaves_closed_rings():
+def test_plane_through_corners_leaves_closed_rings():
     mesh = trimesh.creation.icosphere(2, 10)
     for z_mm in np.unique(mesh.vertices[:, 2].round(12))[1:-1]:
         pieces = list(cut_sections(np.asarray(mesh.triangles, float), np.array([z_mm])))

@@ -38,7 +38,7 @@ def test_time_is_distributed_by_the_duration_of_moves():
     assert left == [line for line in TWO_LAYERS.splitlines() if b"TIME" not in line]
 
 
-def test_a_file_without_times_stays_as_it_is():
+def test_file_without_times_stays_as_it_is():
     bare = TWO_LAYERS.replace(b";TIME_ELAPSED", b";NOTHING")
     assert add_times(bare, read_toolpath(bare)) == bare
 
@@ -56,7 +56,7 @@ def queued_s(path):
     return np.array(times)
 
 
-def test_the_times_within_layers_are_those_of_the_firmwares_planner(request_for):
+def test_times_within_layers_are_those_of_the_firmwares_planner(request_for):
     model = trimesh.boolean.difference([trimesh.creation.box((30, 20, 6)), trimesh.creation.cylinder(6, 20)])
     result = slice_plate(request_for(model))
     with result.gcode.open("rb") as lines:

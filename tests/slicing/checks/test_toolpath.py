@@ -31,7 +31,7 @@ G1 X1 E.5
 """
 
 
-def test_modes_resets_and_other_ways_of_writing():
+def test_modes_resets_and_notations_are_read():
     path = read_toolpath(FILE)
     assert path.after.tolist() == [
         [5, 10, 0, 0],
@@ -56,7 +56,7 @@ def test_modes_resets_and_other_ways_of_writing():
 
 
 @pytest.mark.parametrize("text", [b"", b"\n\n", b";only a comment", b"G28", b"G1 X1"])
-def test_next_to_nothing(text):
+def test_empty_and_tiny_files_are_read(text):
     path = read_toolpath(text)
     assert len(path.after) == len(path.layer) == len(path.feed_mm_min) == text.count(b"G1")
 
@@ -91,7 +91,7 @@ def test_columns_equal_those_of_a_line_reader(lines, spaced):
     assert after == pytest.approx(np.array(expected).reshape(-1, 4))
 
 
-def test_a_block_of_moves_without_an_end_takes_little_memory():
+def test_block_of_moves_without_an_end_takes_little_memory():
     """The engine of `re` keeps what it could give back: 50 bytes for each byte of one block."""
     text = b"G1 X10.125 Y10.125 E10.125\n" * 40_000
     tracemalloc.start()

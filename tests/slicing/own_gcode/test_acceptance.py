@@ -16,7 +16,7 @@ from own_gcode import body, fed, followed, refused, safe, take
 from slicing.errors import GcodeRefused
 
 
-def test_a_marlin_file_keeps_its_print_and_loses_its_start_and_end():
+def test_start_and_end_of_a_marlin_file_are_replaced():
     accepted = take(marlin())
     safe(accepted)
     lines = body(accepted)
@@ -35,7 +35,7 @@ def test_head_approaches_the_first_point_from_above():
     assert moves[0][:2] == moves[1][:2] == (100.0, 100.0)
 
 
-def test_where_the_start_left_the_head_does_not_matter():
+def test_position_after_the_start_does_not_matter():
     """PrusaSlicer raises it, then draws back, before it goes to the first point."""
     lines = marlin(start=["G28", "M109 S200", "G1 X5 Y5 Z0.3 F3000"], relative=True)
     at = lines.index(";LAYER:0") + 1
@@ -126,7 +126,7 @@ def prints(draw):
 
 @given(prints())
 @settings(max_examples=40, deadline=None)
-def test_the_same_print_in_every_dialect_is_the_same_print(layers):
+def test_print_is_the_same_in_every_dialect(layers):
     expected = [move for layer in layers for move in layer if move[3]]
     no_comments = marlin(layers, comments=False)
     for lines in (marlin(layers), marlin(layers, relative=True), ultigcode(layers), no_comments):
@@ -144,7 +144,7 @@ def test_relative_moves_become_absolute():
     assert [m[:2] for m in fed(followed(body(take(lines))))[-2:]] == [(110.0, 100.0), (110.0, 110.0)]
 
 
-def test_a_low_move_counts_as_a_printed_one_where_clips_are():
+def test_low_move_over_clips_counts_as_printed():
     low, high = take(marlin(body=["G0 X1 Y2 Z0.5"])), take(marlin(body=["G0 Z12", "G0 X1 Y2"]))
     assert low.min_mm == pytest.approx((1, 2, 0.2))
     assert high.min_mm == pytest.approx((100, 100, 0.2))
@@ -157,7 +157,7 @@ def test_factors_of_speed_and_flow_are_multiplied_out():
     assert "G1 F3600 X120.000" in "\n".join(body(half))
 
 
-def test_an_arc_becomes_straight_moves_on_its_circle():
+def test_arc_becomes_straight_moves_on_its_circle():
     arc = ["G3 F1800 X100 Y140 I0 J20 E0.8", "M104 S0"]
     moves = fed(followed(body(take(marlin([square(layers=1)[0][:1]], tail=arc)))))
     assert len(moves) > 50
@@ -195,7 +195,7 @@ def spiral(section_mm, turns=20, layer_mm=0.2):
     return [*lines, "M104 S0"]
 
 
-def test_a_spiral_is_printed_and_its_e_is_held_to_a_lines_width_too():
+def test_spiral_is_accepted_with_the_limit_on_line_width():
     accepted = take(spiral(0.4 * 0.2 / FILAMENT_MM2))
     assert accepted.max_mm[2] == pytest.approx(4.2)
     safe(accepted)
@@ -226,7 +226,7 @@ def test_progress_has_marks_from_the_stopwatch_not_from_the_file():
     assert 8 < program.time_s < 30
 
 
-def test_a_slow_layer_has_more_than_one_mark():
+def test_slow_layer_has_more_than_one_mark():
     slow = [line.replace("F1800", "F30") for line in marlin()]
     assert len(safe(take(slow)).timeline) > 6
 
@@ -262,7 +262,7 @@ def test_omitted_commands_are_reported():
     assert notices[-1] == "Left out, for the printer has its own: M204 (acceleration), M900 (linear advance)."
 
 
-def test_a_text_for_the_display_and_a_byte_order_mark_mean_nothing():
+def test_display_text_and_byte_order_mark_are_ignored():
     plain, lines = marlin(), marlin(body=["M117 Größe (50 %: N5*7", "m118 née"])
     lines[0] = "\ufeff" + lines[0]
     assert body(take(lines)) == body(take(plain))

@@ -11,7 +11,7 @@ from slicing.own_gcode import MAX_LINE_BYTES
 
 
 @pytest.mark.parametrize("tail", [[], ["G1 E0 F1500"]])
-def test_a_start_that_draws_the_filament_out_of_the_hot_end_is_refused(tail):
+def test_start_that_draws_the_filament_out_of_the_hot_end_is_refused(tail):
     start = [";FLAVOR:Marlin", "G28", "M109 S200", "G92 E0", "G1 E-60 F1500", "M82", "G92 E-60"]
     lines = marlin(start=start)
     at = lines.index(";LAYER:0")
@@ -21,7 +21,7 @@ def test_a_start_that_draws_the_filament_out_of_the_hot_end_is_refused(tail):
 @pytest.mark.parametrize(
     ("z", "message"), [("-3", "to Z -3, into the bed"), ("0", "at Z 0: .* above the bed")]
 )
-def test_a_start_that_leaves_the_head_in_the_bed_is_refused(z, message):
+def test_start_that_leaves_the_head_in_the_bed_is_refused(z, message):
     tail = [f"G1 X100 Y100 Z{z}", ";LAYER:0", "G1 F1800 X120 Z0.2 E0.25", "G1 X140 E0.5"]
     refused(marlin([], tail=tail), message)
 
@@ -125,7 +125,7 @@ def test_command_that_changes_the_meaning_is_refused_in_the_start_too(line):
         ([line for line in ultigcode() if "LAYER" not in line], "start of its print"),
     ],
 )
-def test_a_file_that_means_something_else_is_refused(lines, message):
+def test_file_that_means_something_else_is_refused(lines, message):
     refused(lines, message)
 
 

@@ -41,7 +41,7 @@ def test_move_through_printed_lines_is_refused(way, hit):
         safe(take(lines))
 
 
-def test_the_head_reaches_as_far_as_curas_definition_says():
+def test_head_reaches_as_far_as_curas_definition_says():
     clearance = Clearance(slack_mm=0.4, head=UM2_PLUS.head)
     clearance.add([100.0, 100.0, 9.0], [100.5, 100.0, 9.0])
 
@@ -70,7 +70,7 @@ def test_later_lines_are_obstacles_too():
     refused(marlin(after(after(first, second), third)), r"Z 0\.2 into what is printed up to Z 8")
 
 
-def test_standing_still_is_bounded_in_sum():
+def test_total_pause_time_is_limited():
     def waits(seconds, layers):
         lines = marlin(square(layers=layers))
         for number in range(layers):

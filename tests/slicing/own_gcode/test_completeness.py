@@ -42,7 +42,7 @@ SLICERS = ["ultigcode", "cura 5", "cura and its settings", "prusaslicer"]
 
 
 @pytest.mark.parametrize("slicer", [*SLICERS, "slic3r"])
-def test_a_whole_file_is_taken(slicer):
+def test_complete_file_is_accepted(slicer):
     safe(take(whole(slicer).splitlines(keepends=True)))
 
 
@@ -56,7 +56,7 @@ def cut_is_refused(file, at):
 @given(share=st.floats(0, 1, exclude_max=True))
 @example(share=0.9999999)
 @settings(max_examples=60, deadline=None)
-def test_a_file_cut_at_any_byte_is_refused(slicer, share):
+def test_file_cut_at_any_byte_is_refused(slicer, share):
     file = whole(slicer)
     cut_is_refused(file, int(share * len(file)))
 
@@ -64,7 +64,7 @@ def test_a_file_cut_at_any_byte_is_refused(slicer, share):
 @pytest.mark.parametrize("slicer", SLICERS)
 @given(data=st.data())
 @settings(max_examples=40, deadline=None)
-def test_a_file_cut_at_the_end_of_any_line_is_refused(slicer, data):
+def test_file_cut_at_the_end_of_any_line_is_refused(slicer, data):
     file = whole(slicer)
     ends = [found.end() for found in re.finditer(rb"\n", file)]
     cut_is_refused(file, data.draw(st.sampled_from(ends[:-1])))
@@ -72,7 +72,7 @@ def test_a_file_cut_at_the_end_of_any_line_is_refused(slicer, data):
 
 @given(st.data())
 @settings(max_examples=40, deadline=None)
-def test_a_file_of_a_slicer_without_a_closing_mark_is_refused_before_its_end_code(data):
+def test_file_of_a_slicer_without_a_closing_mark_is_refused_before_its_end_code(data):
     """Slic3r closes with its settings; a file of no slicer known here has its end code alone."""
     slic3r, unknown = whole("slic3r"), "\n".join(marlin(square(layers=20))).encode() + b"\n"
     for file, end in ((slic3r, b"; filament used"), (unknown, b"M104 S0")):
@@ -92,7 +92,7 @@ def test_fewer_layers_than_the_file_names_are_refused():
     "count",
     ["; total layers count = 100", "; total layer number: 100", ";Layer count: 100", ";LAYER_COUNT:100"],
 )
-def test_the_count_of_each_slicer_is_known(count):
+def test_count_of_each_slicer_is_known(count):
     lines = [line.replace(";LAYER:", ";LAYER_CHANGE ") for line in marlin(square(layers=60))]
     refused([*lines, count], "names 100 layers, and 60 of them")
     assert take([*lines, count.replace("100", "60")]).layers == 60
@@ -122,7 +122,7 @@ def test_empty_layers_that_cura_omits_are_a_warning():
 
 @given(data=st.data())
 @settings(max_examples=20, deadline=None)
-def test_a_file_that_lost_layers_is_refused_though_its_end_is_whole(data):
+def test_file_that_lost_layers_is_refused_though_its_end_is_whole(data):
     """All filament of what is missing would come in one move; of the last layers alone the count tells."""
     lines = whole("ultigcode").splitlines(keepends=True)
     starts = [at for at, line in enumerate(lines) if line.startswith(b";LAYER:")]
@@ -155,7 +155,7 @@ def with_figures(slicer):
 
 
 @pytest.mark.parametrize("slicer", ["cura 5", "ultigcode", "prusaslicer", "slic3r"])
-def test_the_filament_that_a_slicer_names_is_in_its_file(slicer):
+def test_filament_that_a_slicer_names_is_in_its_file(slicer):
     lines = with_figures(slicer).splitlines(keepends=True)
     assert survey_lines(lines, 2.85).figures.filament is not None
     safe(take(lines))
@@ -164,7 +164,7 @@ def test_the_filament_that_a_slicer_names_is_in_its_file(slicer):
 @pytest.mark.parametrize("slicer", ["cura 5", "ultigcode", "prusaslicer"])
 @given(data=st.data())
 @settings(max_examples=25, deadline=None)
-def test_a_file_that_lost_any_of_its_layers_is_refused_where_it_names_its_filament(slicer, data):
+def test_file_that_lost_any_of_its_layers_is_refused_where_it_names_its_filament(slicer, data):
     """The last ones, and those of relative E, too."""
     lines = with_figures(slicer).splitlines(keepends=True)
     starts = [at for at, line in enumerate(lines) if line.startswith((b";LAYER:", b";LAYER_CHANGE"))]
@@ -175,7 +175,7 @@ def test_a_file_that_lost_any_of_its_layers_is_refused_where_it_names_its_filame
         take(lines[: starts[first] + 1] + lines[starts[last] :])
 
 
-def test_empty_layers_are_no_matter_where_all_filament_is_there():
+def test_empty_layers_are_accepted_if_all_filament_is_present():
     message = [line.replace("COUNT:20", "COUNT:40") for line in ultigcode(square(layers=20))]
     refused(message, "names 40 layers")
     volume = round(take(ultigcode(square(layers=20))).filament_mm * FILAMENT_MM2)
@@ -204,20 +204,20 @@ def test_missing_layer_is_reported_with_relative_e():
     assert "names 20 layers, and 19 of them are in it" in take(relative).notices[-1]
 
 
-def test_a_block_of_settings_that_does_not_end_is_refused():
+def test_block_of_settings_that_does_not_end_is_refused():
     lines = [*marlin(), "; prusaslicer_config = begin", "; wipe = 1", "; prusaslicer_config = end"]
     assert take(lines).layers == 3
     refused(lines[:-1], "prusaslicer_config begins in line .* and does not end")
 
 
-def test_no_end_code_is_refused():
+def test_file_without_end_code_is_refused():
     lines = marlin(tail=[])
     refused(lines, rf"line {len(lines)}: the file ends here, .*M104 S0")
     for end in ("M104 S0", "M84", "G28 X0"):
         safe(take([*lines, end]))
 
 
-def test_a_last_line_without_a_newline_is_refused():
+def test_last_line_without_a_newline_is_refused():
     with pytest.raises(GcodeRefused, match="last line has no newline"):
         take([*(line.encode() + b"\n" for line in marlin()[:-1]), b"M84"])
 
@@ -250,7 +250,7 @@ def test_mistake_after_the_last_printed_line_is_refused(line):
     assert take(marlin(tail=[*END, line])).layers == 3
 
 
-def test_an_end_script_may_unload_the_filament():
+def test_end_script_may_unload_the_filament():
     assert take(marlin(tail=["G92 E0", "G1 E-60 F1500", *END[1:]])).layers == 3
 
 

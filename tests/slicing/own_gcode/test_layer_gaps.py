@@ -29,7 +29,7 @@ def renumbered(lines, first, by):
 
 @WRITERS
 @pytest.mark.parametrize("lost", [(0,), (7,), (3, 4, 5), (2, 9, 18)])
-def test_layers_of_little_filament_are_missed_at_the_gap_of_their_numbers(write, lost):
+def test_missing_thin_layers_are_detected_by_their_numbers(write, lost):
     whole = write(SMALL)
     assert take(whole).layers == 20
     refused(without(whole, *lost), r"line \d+: the first move that feeds after ;LAYER:.*lines are missing")
@@ -56,7 +56,7 @@ def with_header(lines, *figures):
 
 
 @pytest.mark.parametrize("relative", [False, True])
-def test_the_lowest_and_the_highest_layer_are_where_the_slicer_says(relative):
+def test_lowest_and_the_highest_layer_are_where_the_slicer_says(relative):
     whole = with_header(marlin(SMALL, relative=relative), "LAYER_COUNT:20", "MINZ:0.2", "MAXZ:4")
     assert safe(take(whole))
     refused(without(whole, 0), "Z 0.2, and it begins at Z 0.4|the first move that feeds")
@@ -65,7 +65,7 @@ def test_the_lowest_and_the_highest_layer_are_where_the_slicer_says(relative):
         assert take(without([*whole[:2], f";{placeholder}", *whole[2:]], 5) if relative else whole)
 
 
-def test_a_hop_above_the_highest_layer_is_no_layer():
+def test_hop_above_the_highest_layer_is_not_a_layer():
     lines = marlin(SMALL)
     lines[lines.index(";LAYER:19") + 1 : lines.index(";LAYER:19") + 1] = ["G0 Z5"]
     whole = with_header(lines, "LAYER_COUNT:20", "MINZ:0.2", "MAXZ:5")
@@ -73,7 +73,7 @@ def test_a_hop_above_the_highest_layer_is_no_layer():
     refused(without(whole, 18, 19), "up to Z 5, and it ends at Z 3.6")
 
 
-def test_the_last_layer_ends_at_the_time_that_the_slicer_says():
+def test_last_layer_ends_at_the_time_that_the_slicer_says():
     figures = f"TIME:200 MATERIAL:{round(take(ultigcode(SMALL)).filament_mm * FILAMENT_MM2)}".split()
     whole = [line for line in ultigcode(SMALL) if not line.startswith((";TIME:", ";MATERIAL:"))]
     whole[1:1] = [f";{figure}" for figure in figures]
@@ -91,18 +91,18 @@ def tear(lines, number, to):
 
 @WRITERS
 @pytest.mark.parametrize("to", [7, 9])
-def test_lines_lost_from_layer_to_layer_are_missed_at_the_gap_of_their_numbers(write, to):
+def test_missing_layers_are_detected_by_their_numbers(write, to):
     refused(tear(write(SMALL), 6, to), r"line \d+: the move feeds 0\.\d+ mm of filament more than its line")
 
 
 @WRITERS
-def test_lines_lost_within_a_layer_are_missed_where_they_take_much(write):
+def test_large_loss_within_a_layer_is_detected(write):
     whole = write(square(side_mm=30.0, layers=20))
     refused(tear(whole, 6, 6), r"line \d+: the move feeds 0\.2\d+ mm of filament more than its line takes")
     assert take(whole).layers == 20
 
 
-def test_a_thick_line_among_thin_ones_is_whole_within_bounds():
+def test_thick_line_among_thin_ones_is_accepted():
     """As variable widths of lines are: nothing is known to be missing."""
     for fed_mm, is_lost in ((0.3, False), (0.6, True)):
         gaps = LayerGaps(0.1)
@@ -122,7 +122,7 @@ lengths_mm = st.floats(0.05, 100.0)
     layers=st.lists(st.lists(lengths_mm, min_size=2, max_size=5), min_size=3, max_size=6),
     lost=st.integers(1, 4),
 )
-def test_a_gap_is_a_loss_where_the_move_after_it_feeds_too_much(flow, layers, lost):
+def test_gap_is_a_loss_where_the_move_after_it_feeds_too_much(flow, layers, lost):
     """E is written to 1e-5 mm, and one layer is left out: with its filament, or without."""
     lost = min(lost, len(layers) - 2)
     lost_mm = flow * sum(layers[lost])

@@ -46,7 +46,7 @@ def test_another_machine_is_a_warning_if_its_file_fits(comment):
         "; printer_settings_id = - default FFF printer -",
     ],
 )
-def test_an_ultimaker_2_plus_by_any_name_and_no_machine_are_not(comment):
+def test_file_for_an_ultimaker_2_plus_or_no_machine_is_no_warning(comment):
     assert warnings(named(comment)) == []
 
 
@@ -74,18 +74,18 @@ def test_another_machine_has_to_show_its_filament():
     refused(named("; fiber_dia_mm = 1.75"), "1.75 mm: set the filament's diameter")
 
 
-def test_lines_for_a_wider_nozzle_are_warned_of_where_the_file_names_none():
+def test_wide_lines_without_a_nozzle_are_a_warning():
     wide = square(e_per_mm=0.8 * 0.2 / FILAMENT_MM2)
     assert len(warnings(marlin(wide))) == 1
     assert warnings(named(";Nozzle Diameter #1: 0.80", marlin(wide))) == []
     assert take(named(";Nozzle Diameter #1: 0.80", marlin(wide))).nozzle_mm == 0.8
 
 
-def test_a_name_cannot_write_to_the_terminal():
+def test_machine_name_is_printed_without_control_characters():
     (warning,) = warnings(named("; printer_model = \x1b[2J[red]" + "x" * 500))
     assert warning.isprintable() and len(warning) < 300
 
 
-def test_the_material_is_reported():
+def test_material_is_reported():
     assert take(named("; filament_type = PETG;PETG")).filament_type == "PETG"
     assert take(marlin()).filament_type is None

@@ -57,11 +57,11 @@ def resolver(user=(), extruder=(), shared=()):
     return Resolver(merge_definitions([ROOT, CHILD, GRANDCHILD]), merge_definitions([TRAIN]), layers)
 
 
-def test_a_formula_of_a_parent_beats_a_plain_value_of_a_child():
+def test_formula_of_a_parent_beats_a_plain_value_of_a_child():
     assert resolver().value(Scope.EXTRUDER, "warmth") == 50
 
 
-def test_the_extruder_falls_through_to_the_machine():
+def test_extruder_falls_through_to_the_machine():
     assert resolver().value(Scope.EXTRUDER, "width") == 0.5
     assert resolver(extruder={"width": 0.6}).value(Scope.EXTRUDER, "child") == 6
     assert resolver(extruder={"width": 0.6}).value(Scope.GLOBAL, "child") == 5
@@ -82,18 +82,18 @@ def test_limited_setting_has_the_value_of_its_extruder_if_any(number, value):
     assert limited.value(Scope.GLOBAL, "limited") == value
 
 
-def test_the_user_wins_over_a_formula():
+def test_value_of_the_user_precedes_a_formula():
     assert (
         resolver(user={"width": 1.0}, extruder={"width": Formula("height")}).value(Scope.EXTRUDER, "width")
         == 1.0
     )
 
 
-def test_a_resolve_may_name_itself_once():
+def test_resolve_may_refer_to_itself_once():
     assert resolver().value(Scope.GLOBAL, "self") == 2
 
 
-def test_a_circle_is_an_error_and_not_a_hang():
+def test_circular_formula_is_an_error():
     with pytest.raises(DefinitionError, match="depends on itself"):
         resolver().value(Scope.EXTRUDER, "loop")
 
@@ -143,7 +143,7 @@ def test_values_of_another_type_are_refused(key, raw):
         parse_value(resolver().setting(key), raw)
 
 
-def test_limits_are_worked_out():
+def test_limits_are_computed():
     assert resolver(user={"height": 0.25}).bounds(Scope.EXTRUDER, "width") == (None, 10.5)
     assert resolver().bounds(Scope.GLOBAL, "height") == (0.001, None)
 

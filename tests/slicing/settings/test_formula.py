@@ -66,7 +66,7 @@ def test_cura_functions_are_called():
         "a\x00",
     ],
 )
-def test_everything_else_is_an_error(text):
+def test_other_expressions_are_errors(text):
     with pytest.raises(DefinitionError):
         run(text)
 
@@ -76,5 +76,5 @@ def test_everything_else_is_an_error(text):
         st.sampled_from(["a", "b", "1.5", "2"]), lambda e: st.tuples(e, e).map("({0[0]}+{0[1]}*2)".format)
     )
 )
-def test_arithmetic_is_pythons(text):
+def test_arithmetic_equals_that_of_python(text):
     assert run(text) == pytest.approx(eval(text, {}, {"a": 3.0, "b": 4}))

@@ -49,7 +49,7 @@ def test_every_part_of_some_layers_is_printed_to_its_height(share, case):
 
 @given(st.floats(1.0, HIGHEST_MM), cases)
 @example(156.94921875, (0.4, LayerHeights(0.3, 0.2)))  # the first layer changes by 4 % exactly
-def test_the_first_layer_changes_only_where_the_others_cannot_reach_the_height(height_mm, case):
+def test_first_layer_changes_only_where_the_others_cannot_reach_the_height(height_mm, case):
     nozzle_mm, heights = case
     found = fitted(height_mm, nozzle_mm, heights)
     alone = fit_heights(height_mm, heights, most_first_mm=0.0)
@@ -71,7 +71,7 @@ def missed_um(height_mm, heights, firsts_um):
 
 
 @pytest.mark.parametrize(("nozzle_mm", "heights"), CASES)
-def test_no_height_is_left_out_and_some_are_without_the_first_layer(nozzle_mm, heights):
+def test_every_height_is_fitted_or_reported(nozzle_mm, heights):
     """Every whole micrometre from some layers up to the highest printer, not a sample of them."""
     first = round(1000 * heights.first_mm)
     low, high = round(0.75 * first), min(round(1.25 * first), round(800 * nozzle_mm))
@@ -90,7 +90,7 @@ def reached(heights, low, high):
 
 
 @given(st.floats(0.01, HIGHEST_MM), cases)
-def test_a_fitted_height_is_never_further_off_than_the_plain_one(height_mm, case):
+def test_fitting_never_increases_the_height_error(height_mm, case):
     nozzle_mm, heights = case
     plain = abs(printed_height_mm(height_mm, heights) - height_mm)
     assert abs(printed_height_mm(height_mm, fitted(height_mm, nozzle_mm, heights)) - height_mm) <= max(
@@ -106,7 +106,7 @@ def test_fitting_height_is_unchanged():
 
 # 40.93 mm needs another first layer too; 3.0 mm is low.
 @pytest.mark.parametrize("height_mm", [3.0, 7.77, 25.4, 40.93, 61.13])
-def test_a_real_slice_ends_where_the_part_does(request_for, resources, height_mm):
+def test_real_slice_ends_where_the_part_does(request_for, resources, height_mm):
     part = PartSettings(height_mm=height_mm)
     settings = resolve_settings(SettingsRequest(UM2_PLUS), resources, part)
     box = trimesh.creation.box((8, 8, height_mm))
@@ -119,7 +119,7 @@ def test_a_real_slice_ends_where_the_part_does(request_for, resources, height_mm
     ("height_mm", "layer_height"),
     [(10.05, "0.2"), (7.0, "0.1996"), (7.0, "0.2004"), (2.31, "0.15"), (0.3, "0.2")],
 )
-def test_the_engine_s_layers_are_those_of_the_model(request_for, settings_of, height_mm, layer_height):
+def test_layers_of_the_engine_equal_the_predicted_ones(request_for, settings_of, height_mm, layer_height):
     settings = settings_of(layer_height=layer_height)
     heights = LayerHeights(settings.layer_height_0_mm, settings.layer_height_mm)
     box = trimesh.creation.box((8, 8, height_mm))

@@ -62,7 +62,7 @@ def test_settings_of_the_program_are_reserved(resources, key, value, reason):
     assert reason in message
 
 
-def test_hardly_anything_that_a_quality_sets_is_reserved(resources):
+def test_settings_of_qualities_are_hardly_reserved(resources):
     keys = {key for quality in resources.profiles("quality", "ultimaker2_plus") for key in quality.values}
     assert {key for key in keys if find_reserved_reason(key)} == {"acceleration_enabled", "jerk_enabled"}
 
@@ -109,7 +109,7 @@ def test_bad_value_is_refused_with_the_allowed_range(resources, overrides, messa
     assert message in refused(resources, overrides)
 
 
-def test_a_value_that_only_follows_is_refused_with_its_cause(resources):
+def test_derived_invalid_value_is_refused_with_its_cause(resources):
     message = refused(
         resources, {"default_material_print_temperature": "259", "material_initial_print_temperature": "261"}
     )

@@ -50,14 +50,14 @@ def _forget():
         cached.cache_clear()
 
 
-def test_the_settings_of_an_own_material_are_used(write):
+def test_settings_of_an_own_material_are_used(write):
     found = resolve_settings(REQUEST, write(FILE))
     assert (found.nozzle_c, found.bed_c) == (233.0, 77.0)
     assert float(found.extruder["retraction_speed"]) == 31.0
     assert found.density_g_cm3 == 1.27
 
 
-def test_a_kind_without_a_profile_of_its_own_takes_that_of_its_relative(write):
+def test_kind_without_a_profile_uses_that_of_a_related_kind(write):
     resources = write(FILE)
     cpe = resolve_settings(SettingsRequest(UM2_PLUS, material="generic_cpe"), resources)
     assert resolve_settings(REQUEST, resources).extruder["speed_print"] == cpe.extruder["speed_print"]
@@ -94,7 +94,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("case", REFUSED)
-def test_a_file_that_is_no_good_material_is_refused_with_the_reason(write, case):
+def test_file_that_is_no_good_material_is_refused_with_the_reason(write, case):
     text, said = REFUSED[case]
     with pytest.raises(BadSetting) as error:
         resolve_settings(REQUEST, write(text))
@@ -102,14 +102,14 @@ def test_a_file_that_is_no_good_material_is_refused_with_the_reason(write, case)
     assert len(str(error.value).splitlines()) == 1
 
 
-def test_an_own_material_does_not_replace_one_of_cura_s(write):
+def test_own_material_does_not_replace_one_of_cura_s(write):
     with pytest.raises(BadSetting, match="Cura has a material generic_pla of its own; rename the file"):
         resolve_settings(SettingsRequest(UM2_PLUS), write(FILE, "generic_pla"))
 
 
 @settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(at=st.integers(0, len(FILE)), junk=st.binary(max_size=8), cut=st.integers(0, 40))
-def test_any_damage_is_a_reason_or_a_material(write, at, junk, cut):
+def test_damaged_file_is_refused_or_a_valid_material(write, at, junk, cut):
     data = FILE.encode()
     try:
         resolve_settings(REQUEST, write(data[:at] + junk + data[at + cut :]))

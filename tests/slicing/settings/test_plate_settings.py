@@ -23,7 +23,7 @@ def lines_mm(settings, width_mm):
     return math.ceil(round(width_mm / line_mm, 6)) * line_mm
 
 
-def test_the_papers_settings(resources, settings_of):
+def test_quality_paper_has_the_settings_of_the_paper(resources, settings_of):
     if "material_shrinkage_percentage_xy" in resources.machine("ultimaker2_plus").settings:
         pytest.skip("the figures are those of Cura 4.13")
     s = settings_of("paper")
@@ -50,7 +50,7 @@ def test_every_quality_on_every_printer(settings_of, quality, model, height):
     assert 0.05 < s.layer_height_mm < 0.3
 
 
-def test_a_model_without_qualities_of_its_own_takes_those_of_all_machines(resources):
+def test_model_without_qualities_of_its_own_takes_those_of_all_machines(resources):
     printer = replace(PRINTERS["creality_ender3"], name="prusa_i3_mk3")
     s = resolve_settings(SettingsRequest(printer, "draft", material="generic_pla_175"), resources)
     assert (s.layer_height_mm, s.filament_diameter_mm) == (0.2, 1.75)
@@ -103,17 +103,17 @@ def test_without_a_brim_nothing_is_printed_around(settings_of):
 
 
 @pytest.mark.parametrize("nozzle_mm", [0.25, 0.6, 0.8])
-def test_other_nozzles(resources, nozzle_mm):
+def test_other_nozzles_have_their_line_widths(resources, nozzle_mm):
     s = resolve_settings(SettingsRequest(UM2_PLUS, nozzle_mm=nozzle_mm), resources)
     assert s.extruder["machine_nozzle_size"] == f"{nozzle_mm}"
 
 
-def test_a_brand_takes_the_profiles_of_its_kind(resources):
+def test_brand_takes_the_profiles_of_its_kind(resources):
     s = resolve_settings(SettingsRequest(UM2_PLUS, "paper", "ultimaker_pla_blue"), resources)
     assert s.layer_height_mm == 0.25
 
 
-def test_abs_is_hotter(resources):
+def test_abs_has_higher_temperatures(resources):
     s = resolve_settings(SettingsRequest(UM2_PLUS, "fast", "generic_abs"), resources)
     assert s.nozzle_c > 220
     assert s.density_g_cm3 == pytest.approx(1.1)
@@ -157,14 +157,14 @@ def test_unknown_name_is_refused_in_one_line(resources, change, message):
         ({"adhesion_type": "brim"}, 3.0, 3.0, "brim"),
     ],
 )
-def test_a_part_has_its_own_brim_within_the_qualitys(resources, overrides, chosen_mm, brim_mm, adhesion):
+def test_part_has_its_own_brim_within_the_qualitys(resources, overrides, chosen_mm, brim_mm, adhesion):
     request = SettingsRequest(UM2_PLUS, overrides=overrides)
     s = resolve_settings(request, resources, PartSettings(brim_width_mm=chosen_mm))
     assert s.brim_width_mm == pytest.approx(lines_mm(s, brim_mm))
     assert s.global_["adhesion_type"] == adhesion
 
 
-def test_the_first_layer_of_a_part_is_wider_or_narrower_than_the_others(resources):
+def test_first_layer_of_a_part_is_wider_or_narrower_than_the_others(resources):
     part = PartSettings(layer_0_expansion_mm=-0.2)
 
     def offsets_mm(**overrides):
@@ -177,7 +177,7 @@ def test_the_first_layer_of_a_part_is_wider_or_narrower_than_the_others(resource
     assert offsets_mm(xy_offset="0.1", xy_offset_layer_0="0.3") == pytest.approx((0.3, 0.1))
 
 
-def test_files_that_are_not_there(tmp_path):
+def test_missing_files_are_reported(tmp_path):
     with pytest.raises(ResourcesMissing, match="FARM_CURA_RESOURCES"):
         find_resources({"FARM_CURA_RESOURCES": str(tmp_path)})
     with pytest.raises(EngineMissing, match="FARM_CURA_ENGINE"):

@@ -48,7 +48,7 @@ def materials_of(resources):
 
 @pytest.mark.parametrize("nozzle_mm", NOZZLES_MM)
 @pytest.mark.parametrize("model", MODELS)
-def test_every_combination(resources, model, nozzle_mm):
+def test_every_combination_of_printer_and_quality_resolves(resources, model, nozzle_mm):
     outcome = Counter()
     for material in materials_of(resources):
         for quality in QUALITIES if model in FIRST else ("fast", "glue"):
@@ -91,7 +91,7 @@ def test_violations_of_cura_s_own_profiles_are_listed(resources, model):
     assert beyond <= CURA_S
 
 
-def test_a_brand_has_the_qualities_of_its_kind_where_it_has_none_of_its_own(resources):
+def test_brand_has_the_qualities_of_its_kind_where_it_has_none_of_its_own(resources):
     brand, generic = (
         resolve_settings(SettingsRequest(UM2_PLUS, "glue", material), resources)
         for material in ("ultimaker_cpe_plus_black", "generic_cpe_plus")

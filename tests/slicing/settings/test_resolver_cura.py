@@ -47,7 +47,7 @@ def same(ours, cura):
     ("version", "number"),
     [(version, number) for version, item in RECORDED.items() for number in range(len(item["combinations"]))],
 )
-def test_every_setting_is_cura_s(version, number):
+def test_every_setting_equals_that_of_cura(version, number):
     recorded, resources = RECORDED[version], resources_of(version)
     machine, nozzle, material, quality, user = recorded["combinations"][number]
     stacks = find_stacks(resources, machine, float(nozzle.split()[0]), material, quality)

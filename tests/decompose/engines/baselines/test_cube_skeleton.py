@@ -60,7 +60,7 @@ def test_blocks_cover_the_cells_once(shape: tuple[int, int, int], seed: int, sha
 
 @settings(max_examples=80, deadline=None)
 @given(shape=shapes, seed=st.integers(0, 10**6), share=st.floats(0.3, 1.0))
-def test_no_cube_is_larger(shape: tuple[int, int, int], seed: int, share: float) -> None:
+def test_largest_cube_is_found(shape: tuple[int, int, int], seed: int, share: float) -> None:
     cells = np.random.default_rng(seed).random(shape) < share
     found = largest_cube(cells)
     sizes = [
@@ -93,7 +93,7 @@ def test_cells_meet_in_faces(shape: tuple[int, int, int], seed: int, share: floa
     assert remove_diagonals(before | box, box)[box].all()
 
 
-def test_the_shell_keeps_the_wall(cost: CostModel) -> None:
+def test_shell_keeps_the_wall(cost: CostModel) -> None:
     solid = ball(100.0).solid
     vertices, faces = solid.arrays()
     grid = build_grid(vertices[faces], 20, GridRules(12.0, False, cost.overhang_cos, cost.skin_cos))
@@ -111,7 +111,7 @@ def test_the_shell_keeps_the_wall(cost: CostModel) -> None:
     wall_mm=st.floats(0.0, 12.0),
     share=st.tuples(*[st.floats(0.2, 0.8)] * 3),
 )
-def test_a_cube_in_a_block_grows_until_it_reaches_the_wall(
+def test_cube_in_a_block_grows_until_it_reaches_the_wall(
     size: tuple[float, float, float], wall_mm: float, share: tuple[float, float, float]
 ) -> None:
     middle = wall_mm + 5.0 + np.array(share) * (np.array(size) - 2.0 * (wall_mm + 5.0))
@@ -127,7 +127,7 @@ def test_a_cube_in_a_block_grows_until_it_reaches_the_wall(
     assert (near[0] >= started[0] - 2.0).all() and (near[1] <= started[1] + 2.0).all()
 
 
-def test_the_planes_of_the_grid_go_to_the_sides_of_the_refined_cube(cost: CostModel) -> None:
+def test_planes_of_the_grid_go_to_the_sides_of_the_refined_cube(cost: CostModel) -> None:
     """A ball on a plate whose upper face lies where the cube has its lower side."""
     body = ball(100.0).solid
     vertices, faces = body.arrays()
@@ -157,7 +157,7 @@ def test_the_planes_of_the_grid_go_to_the_sides_of_the_refined_cube(cost: CostMo
 
 
 @pytest.mark.parametrize(("share", "taken"), [(0.4, 1), (1.3, 0)])
-def test_that_cube_is_taken_whose_pieces_end_sooner(
+def test_cube_with_the_earlier_end_is_used(
     share: float, taken: int, cost: CostModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Of a ball a cube that is refined to be smaller; not one that is larger."""
@@ -178,7 +178,7 @@ def test_that_cube_is_taken_whose_pieces_end_sooner(
     assert problem.makespan_s(cuts[taken]) < problem.makespan_s(cuts[1 - taken])
 
 
-def test_a_cube_is_as_good_as_its_pieces_on_their_printers(
+def test_cubes_are_compared_by_the_times_of_their_pieces(
     cost: CostModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Two equal pieces end later than a larger and a smaller one, where one printer is quick."""
@@ -197,7 +197,7 @@ def test_a_cube_is_as_good_as_its_pieces_on_their_printers(
 
 
 @pytest.mark.parametrize("interior", Interior)
-def test_the_whole_engine(interior: Interior, cost: CostModel) -> None:
+def test_engine_returns_checked_parts(interior: Interior, cost: CostModel) -> None:
     model = ball(150.0)
     options = replace(MENDED, interior=interior)
     result = decompose_model(model, printers(20), options, cost)

@@ -46,7 +46,7 @@ def printers(count: int) -> list[PrinterRoom]:
 
 @settings(max_examples=30, deadline=None)
 @given(direction=directions, share=st.floats(0.2, 0.8))
-def test_an_oblique_plane_parts_a_solid(
+def test_solid_is_cut_by_an_oblique_plane(
     lump: Solid, direction: tuple[float, float, float], share: float
 ) -> None:
     normal = np.array(direction) / np.linalg.norm(direction)
@@ -76,13 +76,13 @@ def test_parts_required_by_the_room() -> None:
     assert count_parts(Solid.box((0, 0, 0), (191.0, 205.1, 206.9)), [ROOM]) == 2
 
 
-def test_films_on_a_cut_are_no_pieces() -> None:
+def test_films_on_a_cut_are_ignored() -> None:
     two = [Solid.box((0, 0, 0), (10, 10, 10)), Solid.box((20, 0, 0), (20 + 1e-9, 10, 10))]
     found = connected_pieces(Piece(Solid.union(two), np.zeros((0, 4)), np.zeros((0, 2, 3))))
     assert [piece.solid.volume_mm3 for piece in found] == pytest.approx([1000.0])
 
 
-def test_a_plane_keeps_clear_of_faces() -> None:
+def test_plane_keeps_clear_of_faces() -> None:
     step = Solid.union([Solid.box((0, 0, 0), (100, 40, 40)), Solid.box((0, 0, 0), (50, 40, 90))])
     along = np.array([1.0, 0.0, 0.0])
     assert place_clear_of_faces(step, along, 30.0) == 30.0
@@ -121,7 +121,7 @@ def test_parts_add_up_and_are_the_same_each_time(options: Options, cost: CostMod
     assert [p.solid.volume_mm3 for p in repeated.parts] == [p.solid.volume_mm3 for p in result.parts]
 
 
-def test_the_room_forces_cuts(rough_ball: Model, cost: CostModel) -> None:
+def test_room_forces_cuts(rough_ball: Model, cost: CostModel) -> None:
     result = decompose_model(rough_ball, printers(9), MENDED, cost)
     assert 8 <= len(result.parts) <= 9
     for part in result.parts:

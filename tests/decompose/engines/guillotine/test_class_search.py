@@ -46,7 +46,7 @@ def tower() -> Model:
     return Model(Solid.box((0, 0, 0), (90, 90, 230)), (), 1.0)
 
 
-def test_a_part_may_be_as_high_as_the_printer_that_takes_it(tower: Model, cost: CostModel) -> None:
+def test_part_may_use_the_height_of_its_printer(tower: Model, cost: CostModel) -> None:
     printers = [PrinterRoom("low", LOW), PrinterRoom("high", HIGH)]
     result = decompose_model(tower, printers, OPTIONS, cost)
     heights = {part.printer: np.ptp(part.printing_mesh()[0], axis=0)[2] for part in result.parts}
@@ -71,7 +71,7 @@ def test_too_few_printers_are_reported_with_the_required_kind(cost: CostModel) -
         decompose_model(model, [*lows, *highs[:2]], options, cost)
 
 
-def test_a_printer_that_is_twice_as_quick_gets_about_twice_as_much(lump: Solid, cost: CostModel) -> None:
+def test_fast_printer_gets_more_work(lump: Solid, cost: CostModel) -> None:
     printers = [*(PrinterRoom(f"fine-{i}", HIGH) for i in range(3)), PrinterRoom("wide", HIGH, 0.45)]
     model = Model(lump, (), 1.0)
     result = decompose_model(model, printers, OPTIONS, cost)
@@ -83,7 +83,7 @@ def test_a_printer_that_is_twice_as_quick_gets_about_twice_as_much(lump: Solid, 
     assert result.lower_bound_s <= result.grid_makespan_s
 
 
-def test_the_bound_holds_for_the_quickest_printer_with_the_largest_room(lump: Solid, cost: CostModel) -> None:
+def test_bound_holds_for_the_quickest_printer_with_the_largest_room(lump: Solid, cost: CostModel) -> None:
     printers = [PrinterRoom("a", LOW, 1.2), PrinterRoom("b", LOW), PrinterRoom("c", HIGH, 0.7)]
     result = decompose_model(Model(lump, (), 1.0), printers, replace(OPTIONS, prove=True), cost)
     best = [replace(printers[2], name=name) for name in "abc"]

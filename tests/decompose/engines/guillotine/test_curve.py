@@ -77,7 +77,7 @@ def test_more_printers_never_take_longer_and_threads_change_nothing() -> None:
         assert makespan_curve([boxes], equal(30), executor) == points
 
 
-def test_nothing_to_print_has_no_curve() -> None:
+def test_curve_of_an_empty_model_is_empty() -> None:
     boxes, _ = tables((2, 2, 2), 1)
     boxes.seconds[:] = np.inf
     assert makespan_curve([boxes], equal(4)) == ()

@@ -38,7 +38,7 @@ def work_s(search: ExactSearch, boxes: list[Box]) -> float:
     return float(sum(search.boxes.seconds[box_index(box, search.boxes.shape)] for box in boxes))
 
 
-def test_looser_partitions_are_whole_and_of_no_more_work(searched: tuple[ExactSearch, list[Box]]) -> None:
+def test_looser_partitions_are_complete_with_no_more_work(searched: tuple[ExactSearch, list[Box]]) -> None:
     search, best = searched
     found = [list(cut) for cut in search.looser_partitions(best)]
     assert 0 < len(found) <= len(LOOSER)

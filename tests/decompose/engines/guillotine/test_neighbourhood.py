@@ -36,7 +36,7 @@ def feasible(boxes: BoxTables, limit_s: float) -> list[Box]:
 
 @settings(max_examples=60, deadline=None)
 @given(shape=shapes, seed=st.integers(0, 10**6), spare=st.integers(0, 3), share=st.floats(0.3, 1.2))
-def test_a_partition_stays_one_and_gets_no_slower(shape: Shape, seed: int, spare: int, share: float) -> None:
+def test_improved_partition_is_valid_and_no_slower(shape: Shape, seed: int, spare: int, share: float) -> None:
     boxes, needed = tables(shape, seed)
     before = feasible(boxes, share * 130.0 * float(np.prod(shape)))
     assume(before)
@@ -53,7 +53,7 @@ def test_a_partition_stays_one_and_gets_no_slower(shape: Shape, seed: int, spare
 
 @settings(max_examples=60, deadline=None)
 @given(shape=shapes, seed=st.integers(0, 10**6), share=st.floats(0.1, 1.2))
-def test_a_window_of_everything_is_the_exact_search_or_better(shape: Shape, seed: int, share: float) -> None:
+def test_window_of_all_boxes_is_as_good_as_the_exact_search(shape: Shape, seed: int, share: float) -> None:
     boxes, needed = tables(shape, seed)
     assume(needed.any())
     limit_s = share * 130.0 * float(np.prod(shape))

@@ -78,9 +78,7 @@ def test_fewest_parts_at_a_limit(shape: Shape, seed: int, share: float) -> None:
 
 @settings(max_examples=40, deadline=None)
 @given(shape=shapes, seed=st.integers(0, 10**6), share=st.floats(0.2, 1.2), alike=st.booleans())
-def test_of_as_few_parts_the_least_work_then_the_least_cut(
-    shape: Shape, seed: int, share: float, alike: bool
-) -> None:
+def test_ties_are_broken_by_work_then_by_cut_area(shape: Shape, seed: int, share: float, alike: bool) -> None:
     boxes, needed = tables(shape, seed)
     if alike:  # so that only cuts decide
         boxes.seconds[np.isfinite(boxes.seconds)] = 100.0
@@ -156,7 +154,7 @@ def of_classes(shape: Shape, seed: int, number: int) -> tuple[list[BoxTables], n
     share=st.floats(0.05, 1.2),
     counts=st.lists(st.integers(0, 2), min_size=1, max_size=2),
 )
-def test_unequal_printers_against_every_way_to_share_the_parts_out(
+def test_unequal_printers_match_an_exhaustive_distribution(
     shape: Shape, seed: int, share: float, counts: list[int]
 ) -> None:
     classes, needed = of_classes(shape, seed, 1 + len(counts))
@@ -188,7 +186,7 @@ def test_unequal_printers_against_every_way_to_share_the_parts_out(
 
 @settings(max_examples=25, deadline=None)
 @given(shape=shapes, seed=st.integers(0, 10**6), printers=st.integers(1, 4), others=st.integers(0, 2))
-def test_printers_of_another_class_never_make_it_later(
+def test_more_printers_of_another_class_never_end_later(
     shape: Shape, seed: int, printers: int, others: int
 ) -> None:
     (first, second), _ = of_classes(shape, seed, 2)
@@ -306,7 +304,7 @@ def turned(boxes: BoxTables, axes: tuple[int, int, int], mirrored: tuple[bool, b
     mirrored=st.tuples(*[st.booleans()] * 3),
     printers=st.integers(1, 8),
 )
-def test_a_model_turned_or_mirrored_takes_as_long(
+def test_turned_or_mirrored_model_takes_the_same_time(
     shape: Shape, seed: int, axes: list[int], mirrored: tuple[bool, bool, bool], printers: int
 ) -> None:
     boxes, _ = tables(shape, seed)
@@ -318,7 +316,7 @@ def test_a_model_turned_or_mirrored_takes_as_long(
     assert times[0] is None or times[0] == pytest.approx(times[1], abs=2e-3)
 
 
-def test_all_rooms_count() -> None:
+def test_every_room_limits_the_parts() -> None:
     rooms = room_array(
         [PrinterRoom("a", ((1.0, 2.0, 3.0),)), PrinterRoom("b", ((4.0, 5.0, 6.0), (7.0, 1.0, 1.0)))]
     )

@@ -24,7 +24,7 @@ def makespan_s(triangles: np.ndarray, cost: CostModel) -> float:
 
 @pytest.mark.parametrize("axes", [(1, 2, 0), (1, 0, 2)])
 @pytest.mark.parametrize("mirrored", [(1.0, 1.0, 1.0), (-1.0, 1.0, 1.0), (1.0, -1.0, -1.0)])
-def test_times_are_equal(
+def test_times_of_rotated_grids_are_equal(
     axes: tuple[int, int, int],
     mirrored: tuple[float, float, float],
     triangles: np.ndarray,

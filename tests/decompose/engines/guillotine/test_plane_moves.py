@@ -60,7 +60,7 @@ def test_any_move_of_all_groups_at_once_keeps_a_full_partition(seed: int, cuts: 
 
 
 @pytest.mark.parametrize("mirrored", [0, 1])
-def test_the_arms_of_a_pinwheel_move_alone(mirrored: int) -> None:
+def test_arms_of_a_pinwheel_move_alone(mirrored: int) -> None:
     boxes = in_mm(pinwheel_boxes((6, 6, 6), (2, mirrored, 2, 4, 2, 4)))
     groups = group_faces(boxes)
     assert groups.max() == 3
@@ -74,7 +74,7 @@ def test_four_boxes_about_an_edge_share_one_of_their_planes() -> None:
     assert groups.max() == 2  # one plane goes through, the other is two halves that move alone
 
 
-def test_a_face_gives_way_only_to_a_box_that_covers_it() -> None:
+def test_face_moves_only_into_a_box_that_covers_it() -> None:
     """The lower box is the narrower one: it cannot take anything that is needed of the upper one."""
     boxes = [(0, 0, 0, 3, 6, 3), (0, 0, 3, 6, 6, 6)]
     needed = np.ones((6, 6, 6), dtype=bool)
@@ -112,7 +112,7 @@ def test_invalid_partition() -> None:
 
 
 @given(flats=st.lists(st.floats(0.0, 50.0), max_size=6), old=st.floats(0.0, 50.0), new=st.floats(0.0, 50.0))
-def test_a_plane_stops_short_of_flat_faces(flats: list[float], old: float, new: float) -> None:
+def test_plane_stops_before_flat_faces(flats: list[float], old: float, new: float) -> None:
     known = np.array(sorted(flats))
     place = keep_clear(known, old, new, 2.0)
     assert min(old, new) <= place <= max(old, new)
@@ -121,7 +121,7 @@ def test_a_plane_stops_short_of_flat_faces(flats: list[float], old: float, new: 
         assert place == new
 
 
-def test_makes_all_equal_through_a_box_between() -> None:
+def test_load_is_balanced_through_a_box_between() -> None:
     moves, seconds = solve_plane_shifts(
         np.array([20.0, 14.0, 8.0]), SLOPES, ROW, ShiftLimits(FREE, FREE, -FAR, FAR)
     )

@@ -56,7 +56,7 @@ def cone() -> Solid:
     return Solid.from_arrays(corners, faces)
 
 
-def test_a_cone_is_cut_where_both_ends_take_equally_long(cone: Solid, cost: CostModel) -> None:
+def test_cone_is_cut_where_both_ends_take_equally_long(cone: Solid, cost: CostModel) -> None:
     task = problem(cone, cost, 2, cells=2)
     nx, ny, nz = task.build_grid(task.model).shape
     middle = nx // 2
@@ -68,7 +68,7 @@ def test_a_cone_is_cut_where_both_ends_take_equally_long(cone: Solid, cost: Cost
     assert after[0].boxes_mm[0, 1, 0] == after[1].boxes_mm[0, 0, 0] < before[0].boxes_mm[0, 1, 0]
 
 
-def test_where_one_part_would_be_posed_worse_the_others_are_evened(
+def test_other_parts_are_balanced_if_one_pose_would_get_worse(
     cone: Solid, cost: CostModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The thin end, longer, would have to lie in another pose: it stays, and the other cut moves."""
@@ -131,9 +131,7 @@ def test_planes_move_once_after_the_budget_is_spent(
     assert task.effort.cut_short
 
 
-def test_the_last_round_leaves_nothing_out(
-    cone: Solid, cost: CostModel, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_last_round_prices_every_part(cone: Solid, cost: CostModel, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(plane_shift, "ROUNDS", 1)
     task = replace(problem(cone, cost, 2, cells=2), effort=Effort(0.0))
     before, after = run(task, halves(task))
@@ -142,7 +140,7 @@ def test_the_last_round_leaves_nothing_out(
 
 
 @pytest.mark.parametrize("faulty", [False, True])
-def test_a_round_in_vain_is_not_made_again_once_the_budget_is_spent(
+def test_useless_round_is_not_repeated_after_the_budget(
     faulty: bool, cone: Solid, cost: CostModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """All that has moved is ten times slower in its true pose, or bad to glue."""
@@ -166,7 +164,7 @@ def test_a_round_in_vain_is_not_made_again_once_the_budget_is_spent(
     assert task.effort.cut_short
 
 
-def test_a_longest_part_that_stays_where_it_is_bars_nothing(
+def test_unmoved_longest_part_does_not_stop_other_faces(
     cone: Solid, cost: CostModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """No round is made again that would be the same."""
@@ -214,7 +212,7 @@ def test_new_pose_is_computed_once_and_recorded(
     assert len({*posed}) == len(posed) == task.effort.done[Work.PIECE_POSED] > 4
 
 
-def test_the_slower_of_two_printers_gets_less(cone: Solid, cost: CostModel) -> None:
+def test_slower_of_two_printers_gets_less(cone: Solid, cost: CostModel) -> None:
     task = problem(cone, cost, 2, cells=2)
     slow, quick = PrinterRoom("slow", ROOM, 1.2), PrinterRoom("quick", ROOM, 0.9)
     task = replace(task, printers=(slow, quick))
@@ -234,7 +232,7 @@ def test_the_slower_of_two_printers_gets_less(cone: Solid, cost: CostModel) -> N
     assert times[quick] == pytest.approx(times[slow], rel=0.03)
 
 
-def test_a_lid_gives_way_to_the_hollow_behind_it(cost: CostModel) -> None:
+def test_lid_moves_into_the_hollow_behind_it(cost: CostModel) -> None:
     """Two cells, of 45 mm, lie before the hollow, and a wall of 24 mm will do."""
     block = Solid.box((0.0, 0.0, 0.0), (180.0, 180.0, 180.0))
     task = problem(block, cost, 6, cells=8, interior=Interior.LEAVE)
@@ -295,7 +293,7 @@ def test_keeps_clear_of_a_flat_face(cost: CostModel) -> None:
     assert longest_s(task, after) < longest_s(task, before)
 
 
-def test_a_part_that_has_to_fit_stays_in_its_printer(cost: CostModel) -> None:
+def test_part_that_has_to_fit_stays_in_its_printer(cost: CostModel) -> None:
     """The thin end is quicker, but is as long as a printer already."""
     bar = Solid.union(
         [Solid.box((0.0, 10.0, 10.0), (280.0, 50.0, 50.0)), Solid.box((215.0, 0.0, 0.0), (400.0, 60.0, 60.0))]
@@ -311,7 +309,7 @@ def test_a_part_that_has_to_fit_stays_in_its_printer(cost: CostModel) -> None:
 
 @settings(max_examples=5, deadline=None)
 @given(at=st.tuples(st.integers(1, 5), st.integers(1, 5), st.integers(1, 5)))
-def test_never_slower_never_in_more_pieces_and_nothing_missing(
+def test_shifted_planes_are_never_slower_nor_incomplete(
     lump: Solid, cost: CostModel, at: tuple[int, int, int]
 ) -> None:
     task = problem(lump, cost, 8, cells=6)

@@ -31,7 +31,7 @@ def test_rooms_are_classes_and_small_differences_of_speed_are_none() -> None:
     assert found[0].time_factor == 1.014
 
 
-def test_a_wide_nozzle_is_a_class_of_its_own_before_a_room() -> None:
+def test_wide_nozzle_is_a_separate_class_before_a_room() -> None:
     fleet = printers(*[(PLUS, 1.0)] * 12, *[(PLUS, 0.4)] * 3, *[(EXTENDED, 1.0)] * 4)
     three = classify_printers(fleet, 1000.0)
     assert [each.count for each in three] == [12, 4, 3]
@@ -59,5 +59,5 @@ def test_each_printer_of_a_class_can_print_its_parts(
 
 
 @given(counts=st.lists(st.integers(1, 4), min_size=1, max_size=3))
-def test_as_many_sums_as_the_search_makes(counts: list[int]) -> None:
+def test_count_sums_equals_the_sums_of_the_search(counts: list[int]) -> None:
     assert count_sums(counts) == len(class_states(sorted(counts)[:-1])[1])

@@ -63,7 +63,7 @@ def cover(blocks: np.ndarray, shape: Shape) -> np.ndarray:
     share=st.floats(0.0, 1.0),
     score=st.sampled_from(Score.BOTH.readings),
 )
-def test_blocks_never_meet_and_all_is_covered(shape: Shape, seed: int, share: float, score: Score) -> None:
+def test_blocks_are_disjoint_and_cover_the_cells(shape: Shape, seed: int, share: float, score: Score) -> None:
     terrain = invented(shape, seed)
     cells = np.argwhere(terrain.needed)
     chosen = cells[: math.ceil(share * len(cells))].tolist()
@@ -106,7 +106,7 @@ def test_growth_stops_where_no_block_can_grow() -> None:
 
 
 @pytest.mark.parametrize(("score", "expected"), [(Score.LOW, [0, 1]), (Score.HIGH, [1, 2])])
-def test_the_two_readings_of_the_score(score: Score, expected: list[int]) -> None:
+def test_both_readings_of_the_score_are_used(score: Score, expected: list[int]) -> None:
     """A block in the middle of three cells: to the left is cheap, to the right dear."""
     shape = (3, 1, 1)
     price = np.ones(6, np.float32)
@@ -146,9 +146,7 @@ def ball_boxes(ball_grid: Grid, printers: list[PrinterRoom], cost: CostModel) ->
 
 
 @pytest.mark.parametrize("count", [1, 7, 40, 10_000])
-def test_seeds_are_boundary_cells_no_two_the_same(
-    ball_grid: Grid, ball_points: np.ndarray, count: int
-) -> None:
+def test_seeds_are_distinct_boundary_cells(ball_grid: Grid, ball_points: np.ndarray, count: int) -> None:
     found = draw_seeds(
         SeedSource(ball_points, ball_grid, nothing(ball_grid)), count, np.random.default_rng(3)
     )
@@ -198,7 +196,7 @@ def test_attempts_cover_the_model_and_are_the_same_each_time(
     assert found != run_attempts(others, terrain, 14, score)
 
 
-def test_the_papers_prices_are_those_of_the_solid_in_a_box(
+def test_prices_of_the_paper_equal_those_of_the_solid_in_a_box(
     ball: Model, ball_grid: Grid, ball_boxes: BoxTables
 ) -> None:
     terrain = paper_terrain(ball_grid, ball_boxes)
@@ -226,7 +224,7 @@ def turn(angle: float, axis: tuple[float, float, float]) -> np.ndarray:
 
 @settings(max_examples=15, deadline=None)
 @given(angle=st.floats(-3.0, 3.0), seed=st.integers(0, 100))
-def test_a_mirrored_cloud_has_its_mirror(angle: float, seed: int) -> None:
+def test_mirror_of_a_mirrored_cloud_is_found(angle: float, seed: int) -> None:
     rng = np.random.default_rng(seed)
     half = rng.uniform((5.0, -60.0, -20.0), (100.0, 40.0, 30.0), (150, 3))
     rotation = turn(angle, (1.0, 2.0, 0.5))
@@ -262,7 +260,9 @@ GROWN = Options(Engine.PARALLELOBOX, granularity="vcoarse", seed=1)
         replace(GROWN, faithful=True),
     ],
 )
-def test_the_whole_engine(options: Options, skewed: Model, plus_room: PrinterRoom, cost: CostModel) -> None:
+def test_engine_returns_checked_parts(
+    options: Options, skewed: Model, plus_room: PrinterRoom, cost: CostModel
+) -> None:
     printers = [replace(plus_room, name=str(i)) for i in range(9)]
     assert align_model(skewed, 1, cost.overhang_cos).mirror is not None
     result = decompose_model(skewed, printers, options, cost)
@@ -285,7 +285,7 @@ def test_the_whole_engine(options: Options, skewed: Model, plus_room: PrinterRoo
     assert repeated.makespan_s == result.makespan_s
 
 
-def test_faithful_is_the_papers_table(
+def test_option_faithful_has_the_settings_of_the_paper(
     skewed: Model, plus_room: PrinterRoom, cost: CostModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Very fine, three tries, symmetry, an overhang tolerance of 1 degree, both speeds 20 mm/s; not infill,
@@ -338,7 +338,7 @@ def test_result_is_never_worse_than_the_faithful_one(
     assert own.makespan_s <= faithful.makespan_s or (faithful.faults and not own.faults)
 
 
-def test_a_model_is_turned_for_its_overhangs(cost: CostModel) -> None:
+def test_model_is_turned_for_its_overhangs(cost: CostModel) -> None:
     """A crooked block without symmetry, which overhangs nowhere once it stands straight."""
     solid = Solid.union([Solid.box((0, 0, 0), (90, 60, 40)), Solid.box((0, 0, 0), (30, 20, 80))])
     solid = Solid.union([solid, Solid.box((0, 0, 0), (50, 60, 55))])

@@ -27,6 +27,6 @@ def test_planning_needs_no_semaphores(module: str) -> None:
     assert (done.returncode, done.stderr) == (0, "")
 
 
-def test_joblib_by_itself_would_warn() -> None:
+def test_joblib_warns_without_the_filter() -> None:
     """Else the test above shows nothing."""
     assert "serial mode" in import_without_semaphores("joblib").stderr

@@ -24,7 +24,7 @@ def host() -> Host:
 # --- boot ---
 
 
-def test_the_banner_comes_a_second_after_power_and_the_card_fails_2_3_s_later() -> None:
+def test_banner_comes_a_second_after_power_and_the_card_fails_2_3_s_later() -> None:
     host = Host(boot=False)
     assert host.until(0.99) == []
     message = host.until(1.05)
@@ -111,7 +111,7 @@ def test_m115_reports_no_capabilities(host: Host) -> None:
     assert message[1:] == ["ok"]
 
 
-def test_the_position_is_the_last_target_and_the_count_is_where_the_head_is(host: Host) -> None:
+def test_position_is_the_last_target_and_the_count_is_where_the_head_is(host: Host) -> None:
     host.say("G28")
     host.say("G1 X100 F6000")  # 100 mm/s
     host.wait(0.5)
@@ -122,7 +122,7 @@ def test_the_position_is_the_last_target_and_the_count_is_where_the_head_is(host
     assert host.say("M114")[0] == "X:100.00Y:224.50Z:215.00E:0.00 Count X: 100.00Y:224.50Z:215.00"
 
 
-def test_homing_from_the_middle_is_5_3_s_of_silence(host: Host) -> None:
+def test_homing_from_the_middle_takes_5_3_s_without_answers(host: Host) -> None:
     host.say("G28")
     for line in ("G1 X115 Y112.25 Z107.5 F9000", "M400"):
         host.say(line)
@@ -141,7 +141,7 @@ def test_homing_one_axis_leaves_the_others(host: Host) -> None:
 # --- moves ---
 
 
-def test_out_of_reach_is_silently_clamped(host: Host) -> None:
+def test_targets_out_of_reach_are_clamped_silently(host: Host) -> None:
     assert host.say("G1 X500 Y-50 Z400") == ["ok"]
     assert host.say("M114")[0].startswith("X:230.00Y:0.00Z:225.00")
 
@@ -153,12 +153,12 @@ def test_cold_extrusion_is_refused_after_its_ok_but_counted(host: Host) -> None:
     assert host.board.filament_mm == 0.0
 
 
-def test_a_metre_at_once_is_refused(host: Host) -> None:
+def test_extrusion_of_a_metre_is_refused(host: Host) -> None:
     host.warm()
     assert host.put("G1 E1001 F300") == ["ok", "echo: too long extrusion prevented"]
 
 
-def test_a_move_is_acknowledged_when_parsed_and_all_else_when_done(host: Host) -> None:
+def test_moves_are_acknowledged_when_parsed_other_commands_when_done(host: Host) -> None:
     """The oks of both moves come before the answer to the M105 in front of them."""
     assert host.put("G28", "M105", "G1 X10 F6000", "M114", "G1 X20") == ["ok", "ok"]
     message = host.wait(30.0)
@@ -193,7 +193,7 @@ def test_late_host_does_not_delay_queued_moves() -> None:
     assert ends[0] == pytest.approx(ends[1], abs=1e-6)
 
 
-def test_m400_is_done_when_the_last_move_is_and_not_before(host: Host) -> None:
+def test_m400_ends_with_the_last_move(host: Host) -> None:
     started_s = host.now_s
     for k in range(1, 11):
         host.put(f"G1 X{10 * k} F600")  # 1 s each
@@ -203,7 +203,7 @@ def test_m400_is_done_when_the_last_move_is_and_not_before(host: Host) -> None:
     assert host.firmware.printing_s == pytest.approx(host.now_s - started_s)
 
 
-def test_relative_moves_and_a_new_zero(host: Host) -> None:
+def test_relative_moves_and_g92_are_applied(host: Host) -> None:
     for line in ("G28", "G91", "G1 X5 F3000", "G1 X5 Y-10", "G90", "G92 X100 E7", "G1 X101"):
         host.say(line)
     host.say("M400")
@@ -212,7 +212,7 @@ def test_relative_moves_and_a_new_zero(host: Host) -> None:
     assert host.firmware.machine.planner.position(host.now_s)[0] == pytest.approx(11.0)
 
 
-def test_an_arc_goes_round(host: Host) -> None:
+def test_arc_follows_its_circle(host: Host) -> None:
     for line in ("G28", "G1 X100 Y100 Z100 F9000", "M400"):
         host.say(line)
     before_s = host.firmware.printing_s
@@ -221,7 +221,7 @@ def test_an_arc_goes_round(host: Host) -> None:
     assert host.firmware.printing_s - before_s == pytest.approx(2 * math.pi * 20 / 20, rel=0.02)
 
 
-def test_quick_stop_empties_the_planner_and_knows_where_it_is(host: Host) -> None:
+def test_quick_stop_empties_the_planner_and_keeps_the_position(host: Host) -> None:
     host.say("G28")
     for x in (100, 200, 100, 200):
         host.put(f"G1 X{x} F6000")
@@ -245,7 +245,7 @@ def test_m0_never_finishes(host: Host) -> None:
 # --- heat ---
 
 
-def test_m109_reports_each_second_and_stays_three(host: Host) -> None:
+def test_m109_reports_each_second_and_holds_three_seconds(host: Host) -> None:
     started_s = host.now_s
     message = host.say("M109 S60")
     assert [line[-3:] for line in message[-4:-1]] == ["W:2", "W:1", "W:0"] and message[-1] == "ok"
@@ -281,7 +281,7 @@ def test_temperatures_are_reported_with_their_targets(host: Host) -> None:
 # --- faults on lines ---
 
 
-def test_the_same_seed_gives_the_same_day() -> None:
+def test_same_seed_gives_the_same_run() -> None:
     days = []
     for _ in range(2):
         host = Host(faults=Faults(checksum=0.2, drop_ok=0.2))

@@ -42,7 +42,7 @@ def test_open_sensor_stops_the_print_with_its_message() -> None:
     assert host.put("G1 X5") == ["ok"]
 
 
-def test_a_target_beyond_275_degrees_trips(host: Host) -> None:
+def test_target_above_275_degrees_stops_the_firmware(host: Host) -> None:
     host.say("M104 S300")
     message = host.wait(1000.0)
     assert message[:2] == ["Error:0", ": Extruder switched off. MAXTEMP triggered !"]
@@ -57,14 +57,14 @@ def test_dead_nozzle_is_detected_after_30_s_and_m109_continues() -> None:
     assert host.now_s - started_s == pytest.approx(33.0, abs=1.1)
 
 
-def test_a_dead_bed_is_never_noticed() -> None:
+def test_dead_bed_heater_is_not_detected() -> None:
     host = Host(faults=Faults(dead_bed=True))
     host.put("M190 S60")
     message = host.wait(3600.0)
     assert len(message) > 3500 and all(line.startswith("T:21.00 E:0 B:21.0") for line in message)
 
 
-def test_the_dead_man_kills_and_the_watchdog_resets(host: Host) -> None:
+def test_dead_man_kills_and_the_watchdog_resets(host: Host) -> None:
     host.say("M104 S210")
     host.say("M85 S30")
     host.wait(20.0)
@@ -78,7 +78,7 @@ def test_the_dead_man_kills_and_the_watchdog_resets(host: Host) -> None:
     assert host.wait(100.0) == ["echo:SD init fail"]  # and the dead-man is off again
 
 
-def test_the_dead_man_gives_a_late_reader_the_benefit(host: Host) -> None:
+def test_dead_man_is_restarted_by_late_input(host: Host) -> None:
     """Bytes and the end of the wait that are noticed at once: the bytes were there."""
     host.say("M85 S30")
     host.now_s += 31.0
@@ -113,7 +113,7 @@ def test_moves_and_heat_continue_without_a_host(host: Host) -> None:
     assert host.firmware.machine.planner.position(host.now_s)[0] == 200.0
 
 
-def test_a_brown_out_resets_the_board_unasked() -> None:
+def test_brown_out_resets_the_board() -> None:
     host = Host(faults=Faults(reset_after=3))
     host.say("M104 S210")
     host.say("G4 P0")

@@ -39,7 +39,7 @@ def test_number_without_checksum_requests_the_same_line(host: Host) -> None:
     assert host.put("N1 G28") == ["Error:No Checksum with line number, Last Line: 0", "Resend: 1", "ok"]
 
 
-def test_a_checksum_without_number_gets_no_ok_at_all(host: Host) -> None:
+def test_checksum_without_number_gets_no_ok_at_all(host: Host) -> None:
     assert host.put("M105*12") == ["Error:No Line Number with checksum, Last Line: 0"]
     assert host.wait(60.0) == []
 
@@ -77,28 +77,28 @@ def test_unnumbered_lines_may_be_mixed_in(host: Host) -> None:
     assert host.number("G4 P0") == ["ok"]
 
 
-def test_a_comment_swallows_its_own_line_and_the_next(host: Host) -> None:
+def test_comment_discards_its_line_and_the_next(host: Host) -> None:
     assert host.put("M105 ;why", "M114", "M27") == ["Not SD printing", "Card error:1", "ok"]
     assert host.firmware.feed(b"M105 ;why\r\nM27\r\n", host.now_s).startswith(b"Not SD")
     assert host.put(";nothing", "", "M27")[-1] == "ok"
 
 
-def test_a_colon_ends_a_line(host: Host) -> None:
+def test_colon_ends_a_line(host: Host) -> None:
     assert host.put("M117 ETA 12:30") == ["ok", 'echo:Unknown command: "30"', "ok"]
 
 
-def test_letters_are_found_anywhere(host: Host) -> None:
+def test_letters_are_found_anywhere_in_a_line(host: Host) -> None:
     assert host.put("M117 Go X5") == ["ok"]
     assert host.say("M114")[0].startswith("X:5.00")
     assert host.put("M117 Nozzle")[0].startswith("Error:Line Number is not Last Line Number+1")
     assert host.put("M1\x0005") == []  # a NUL ends it: M1 waits for ever
 
 
-def test_one_command_a_line(host: Host) -> None:
+def test_one_command_is_read_per_line(host: Host) -> None:
     assert host.put("G91 M114") == ["ok"]
 
 
-def test_a_line_is_cut_at_95_characters(host: Host) -> None:
+def test_line_is_cut_at_95_characters(host: Host) -> None:
     assert host.put("M117 " + "a" * 90) == ["ok"]
     message = host.put("M117 " + "a" * 95)
     assert message == ["ok", 'echo:Unknown command: "aaaa"', "ok"]
@@ -125,7 +125,7 @@ def test_flipped_bytes_are_refused_and_requested_again() -> None:
     assert 230 < tries < 400 and host.firmware.errors == tries - 200
 
 
-def test_lost_oks_are_lost_and_nothing_else() -> None:
+def test_lost_oks_do_not_affect_other_lines() -> None:
     host = Host(faults=Faults(drop_ok=0.25))
     answered = sum(host.put(numbered(n, "G4 P0")) == ["ok"] for n in range(1, 401))
     assert 250 < answered < 350
@@ -134,7 +134,7 @@ def test_lost_oks_are_lost_and_nothing_else() -> None:
 
 @given(st.binary(max_size=96))
 @settings(deadline=None)
-def test_the_folded_checksum_is_the_xor_of_all_bytes(line: bytes) -> None:
+def test_folded_checksum_is_the_xor_of_all_bytes(line: bytes) -> None:
     assert checksum(line) == reduce(xor, line, 0)
 
 
@@ -158,7 +158,7 @@ feedrate = st.sampled_from([None, -1.0, 0.0, 600.0, 3000.0, 12000.0])
 
 @given(st.lists(st.tuples(feedrate, axis, axis, axis, axis), min_size=1, max_size=30))
 @settings(deadline=None)
-def test_the_short_way_of_a_move_is_the_long_way(moves: list[tuple[float | None, ...]]) -> None:
+def test_fast_path_of_a_move_equals_the_slow_path(moves: list[tuple[float | None, ...]]) -> None:
     """A well-formed numbered move skips the line buffer; two spaces are enough to send it the long way."""
     ends = []
     for gap in (" ", "  "):

@@ -26,14 +26,14 @@ def test_identity_is_reported(host: Host):
     assert host.say("M114") == ["X:0.00 Y:0.00 Z:0.00 E:0.00 Count X:0 Y:0 Z:0", "ok"]
 
 
-def test_a_number_without_a_checksum_is_refused_with_the_last_line(host: Host):
+def test_number_without_a_checksum_is_refused_with_the_last_line(host: Host):
     host.number("M400")
     refused = ["Error:No Checksum with line number, Last Line: 1", "Resend: 2", "ok"]
     assert host.put("N0 M110") == refused
     assert host.number("M400") == ["ok"]  # it has changed nothing
 
 
-def test_the_ok_of_a_move_comes_when_it_is_in_the_planner(host: Host):
+def test_ok_of_a_move_comes_when_it_is_in_the_planner(host: Host):
     host.say("G28")
     message = [line for x in range(40) for line in host.number(f"G1 F600 X{x % 2 * 100}")]
     assert [line for line in message if not line.startswith("ok")] == ["echo:busy: processing"] * (
@@ -50,7 +50,7 @@ def test_busy_board_reads_lines_and_sends_busy_messages(host: Host):
     assert host.wait(6.0) == ["echo:busy: processing"] * 4 + ["ok"]
 
 
-def test_an_ok_names_its_line_where_that_is_built_in():
+def test_ok_names_its_line_where_that_is_built_in():
     host = Host(MODEL, Faults(advanced_ok=True))
     assert host.number("M400") == ["ok N1 P15 B4"]
     assert host.number("M105")[0].startswith("ok T:")
@@ -65,7 +65,7 @@ def test_m112_halts_the_board_until_a_reset(host: Host):
     assert "start" in host.wait(5.0)
 
 
-def test_only_moves_and_m85_itself_put_the_dead_man_off(host: Host):
+def test_only_moves_and_m85_restart_the_dead_man(host: Host):
     host.say("M140 S60")
     host.say("M85 S100")
     for _ in range(6):
@@ -96,6 +96,6 @@ def test_g90_ends_relative_extrusion(host: Host):
     assert host.firmware.machine.relative_e
 
 
-def test_a_comment_ends_with_its_line(host: Host):
+def test_comment_ends_with_its_line(host: Host):
     assert host.say("M115;what are you")[0].startswith("FIRMWARE_NAME")
     assert host.say("M105") == ["ok T:21.00 /0.00 B:21.00 /0.00 @:0 B@:0"]

@@ -48,20 +48,20 @@ def trapezoid_s(mm: float, v: float, a: float, entry: float, leave: float = STAN
 
 @pytest.mark.parametrize("mm", [1.0, 5.0, 20.0, 90.0])
 @pytest.mark.parametrize("v", [5.0, 60.0, 150.0, 300.0])
-def test_a_straight_move_takes_the_time_of_its_trapezoid(mm: float, v: float) -> None:
+def test_straight_move_takes_the_time_of_its_trapezoid(mm: float, v: float) -> None:
     bench = Bench()
     bench.go((100 + mm, 100, 50, 0), v)
     entry = min(v, PROFILE.jerk_mm_s[0] / 2)  # from a stand: half the jerk
     assert bench.finish() == pytest.approx(trapezoid_s(mm, v, 3000.0, entry))
 
 
-def test_z_is_held_to_its_own_speed_and_acceleration() -> None:
+def test_z_keeps_its_limits_of_speed_and_acceleration() -> None:
     bench = Bench()
     bench.go((100, 100, 150, 0), 300.0)
     assert bench.finish() == pytest.approx(trapezoid_s(100.0, 40.0, 100.0, PROFILE.jerk_mm_s[1] / 2))
 
 
-def test_the_feeder_is_held_to_its_own_speed() -> None:
+def test_feeder_keeps_its_speed_limit() -> None:
     bench = Bench()
     bench.go((100, 100, 50, 90), 300.0)
     assert bench.finish() == pytest.approx(trapezoid_s(90.0, 45.0, 3000.0, PROFILE.jerk_mm_s[2] / 2))
@@ -70,7 +70,7 @@ def test_the_feeder_is_held_to_its_own_speed() -> None:
 
 @given(pieces=st.integers(2, 60), v=st.sampled_from([20.0, 60.0, 150.0]))
 @settings(max_examples=40, deadline=None)
-def test_a_line_in_pieces_takes_about_as_long_as_in_one(pieces: int, v: float) -> None:
+def test_line_in_pieces_takes_about_as_long_as_in_one(pieces: int, v: float) -> None:
     whole, cut = Bench(), Bench()
     whole.go((180, 100, 50, 4), v)
     for k in range(1, pieces + 1):
@@ -134,7 +134,7 @@ def test_speed_is_continuous_within_jerk_and_the_position_without_a_jump(
 
 @given(moves=moves, v=st.floats(5, 300))
 @settings(max_examples=100, deadline=None)
-def test_entry_speeds_can_be_reached_and_braked_from(moves: list[Point], v: float) -> None:
+def test_entry_speeds_are_reachable(moves: list[Point], v: float) -> None:
     bench = Bench()
     for target in moves:
         bench.go(target, v)

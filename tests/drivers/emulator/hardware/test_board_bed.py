@@ -39,14 +39,14 @@ def test_extruding_over_the_bed_makes_it_not_clear_until_a_person_clears_it(host
     assert host.board.bed_clear
 
 
-def test_purging_with_the_bed_all_the_way_down_is_a_persons_own_affair(host: Host) -> None:
+def test_purging_with_the_bed_lowered_keeps_the_bed_clear(host: Host) -> None:
     unretract(host)
     host.say("G1 E30 F300")
     host.say("M400")
     assert host.board.bed_clear
 
 
-def test_a_retraction_and_its_end_move_the_filament_and_print_nothing(host: Host) -> None:
+def test_retraction_and_its_end_move_the_filament_and_print_nothing(host: Host) -> None:
     unretract(host)
     for line in ("G1 Z0.3 F9000", "G10", "M400"):
         host.say(line)
@@ -65,7 +65,7 @@ def stream(host: Host, pause_s: float) -> None:
             host.wait(pause_s)
 
 
-def test_a_queue_that_runs_dry_in_a_print_is_starved(host: Host) -> None:
+def test_empty_queue_during_a_print_counts_as_starvation(host: Host) -> None:
     unretract(host)
     host.say("G1 X50 Y50 Z0.3 F9000")
     stream(host, 0.0)

@@ -15,14 +15,14 @@ NOZZLE = PROFILES["ultimaker2_plus"].nozzle
 BED = PROFILES["ultimaker2_plus"].bed
 
 
-def test_a_new_heater_has_the_temperature_of_the_room_and_keeps_it() -> None:
+def test_new_heater_has_the_temperature_of_the_room_and_keeps_it() -> None:
     heater = Heater(NOZZLE)
     assert heater.temperature_c(0.0) == heater.temperature_c(1e5) == AMBIENT_C
     assert heater.power(1e5) == 0
 
 
 @given(target_c=st.floats(50, 260))
-def test_the_nozzle_reaches_its_target_when_its_model_says_and_holds_it(target_c: float) -> None:
+def test_nozzle_reaches_its_target_when_its_model_says_and_holds_it(target_c: float) -> None:
     heater = Heater(NOZZLE)
     heater.set_target(target_c, 0.0)
     needed_s = NOZZLE.seconds_to(target_c)
@@ -46,7 +46,7 @@ def test_temperature_is_independent_of_the_sampling_rate(steps: list[float]) -> 
         assert looked.temperature_c(now_s) == pytest.approx(left.temperature_c(now_s), abs=1e-6)
 
 
-def test_the_bed_switches_each_five_seconds_and_stays_within_a_degree() -> None:
+def test_bed_switches_each_five_seconds_and_stays_within_a_degree() -> None:
     heater = Heater(BED, period_s=5.0)
     heater.set_target(60.0, 0.0)
     now_s = BED.seconds_to(60.0) + 10.0
@@ -71,7 +71,7 @@ def test_without_power_it_cools_down_towards_the_room(target_c: float, wait_s: f
     assert heater.power(5000.0 + wait_s) == 0
 
 
-def test_a_lower_target_is_approached_from_above_and_then_held() -> None:
+def test_lower_target_is_approached_from_above_and_then_held() -> None:
     heater = Heater(NOZZLE)
     heater.set_target(240.0, 0.0)
     heater.temperature_c(2000.0)
@@ -80,7 +80,7 @@ def test_a_lower_target_is_approached_from_above_and_then_held() -> None:
     assert heater.temperature_c(4000.0) == pytest.approx(180.0)
 
 
-def test_a_dead_element_never_warms() -> None:
+def test_dead_element_never_warms() -> None:
     heater = Heater(BED, period_s=5.0, dead=True)
     heater.set_target(60.0, 0.0)
     assert heater.temperature_c(3000.0) == pytest.approx(AMBIENT_C)

@@ -73,7 +73,7 @@ def test_invalid_request_is_refused_and_stops_nothing(tmp_path, rubbish):
 
 
 @pytest.mark.parametrize("rubbish", [b"\xff\xfe\n", b"{}\n", b"\n"])
-def test_an_end_that_answers_rubbish_is_no_printer_that_is_off(tmp_path, rubbish):
+def test_invalid_answer_does_not_confirm_a_stop(tmp_path, rubbish):
     path = tmp_path / "estop.sock"
     with socket.socket(socket.AF_UNIX) as listening:
         listening.bind(str(path))
@@ -91,7 +91,7 @@ def test_an_end_that_answers_rubbish_is_no_printer_that_is_off(tmp_path, rubbish
         answering.join()
 
 
-def test_an_end_that_dies_is_no_printer_that_is_off(tmp_path):
+def test_lost_connection_does_not_confirm_a_stop(tmp_path):
     path = tmp_path / "estop.sock"
     with socket.socket(socket.AF_UNIX) as listening:
         listening.bind(str(path))
@@ -125,7 +125,7 @@ def test_root_with_a_state_folder_needs_no_socket(tmp_path, monkeypatch):
     assert estop_socket.find_estop_socket(places) is None
 
 
-def test_the_owner_of_a_farm_needs_no_button(tmp_path):
+def test_owner_of_a_farm_does_not_use_the_estop_socket(tmp_path):
     (tmp_path / "estop.sock").touch()
     places = find_places(tmp_path / "state", tmp_path / "farm.sock", None)
     assert estop_socket.find_estop_socket(places) is None
@@ -149,7 +149,7 @@ class Sheet(io.StringIO):
         return len(text)
 
 
-def test_line_of_a_printer_is_written_whole(monkeypatch):
+def test_report_line_is_written_in_one_call(monkeypatch):
     sheet = Sheet()
     monkeypatch.setattr(estop.sys, "stdout", sheet)
     estop.print_report(estop_socket.StopReport(printer="a", text="ssh said\nthis and\r that"))
@@ -186,7 +186,7 @@ def test_lines_of_several_printers_do_not_mix(tmp_path, monkeypatch):
     ("seen_off", "still", "message"),
     [(False, True, "heaters not confirmed off: a"), (True, False, "standstill not confirmed: a")],
 )
-def test_a_printer_that_was_not_seen_to_stop_is_an_error_that_names_it(
+def test_unconfirmed_stop_is_an_error_with_the_name_of_the_printer(
     tmp_path, monkeypatch, seen_off, still, message
 ):
     targets = {"a": lambda tell: StopResult("a", 0.0, seen_off, "hm", still)}

@@ -12,9 +12,7 @@ from farm.cli.main import app
 from farm.fleet_file import load_fleet
 
 
-def test_the_lines_for_new_printers_are_those_of_a_fleet_file(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_entries_for_new_printers_are_valid_in_a_fleet_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     fleet = tmp_path / "fleet.yaml"
     fleet.write_text("printers:\n  - {name: um2-01, model: ultimaker2_plus, port: /dev/known}\n")
     rows = [

@@ -55,7 +55,7 @@ def run(*words):
     return result
 
 
-def test_a_new_key_alone_is_on_stdout(daemon):
+def test_only_the_new_key_is_on_stdout(daemon):
     result = run("add", "ann", "--role", "look", "--expires", "4w")
     assert result.stdout == TEXT + "\n"
     assert "shown only now" in result.stderr
@@ -76,7 +76,7 @@ def test_keys_are_listed_and_revoked_by_id(daemon):
 @pytest.mark.parametrize(
     "words", [["add"], ["add", "ann", "--expires", "soon"], ["add", "ann", "--expires", "0d"]]
 )
-def test_a_wrong_request_is_told_before_the_daemon_is_asked(words):
+def test_invalid_request_is_refused_without_a_call_to_the_daemon(words):
     result = CliRunner().invoke(cli, ["key", *words])
     assert result.exit_code == 2
 
@@ -89,12 +89,12 @@ def test_a_wrong_request_is_told_before_the_daemon_is_asked(words):
         ("https://user:word@farm", "is no address"),
     ],
 )
-def test_a_wrong_url_is_named(tmp_path, url, said):
+def test_wrong_url_is_named(tmp_path, url, said):
     with pytest.raises(FarmError, match=said):
         read_address(url, tmp_path / "key")
 
 
-def test_the_key_file_is_private_and_has_one_key(tmp_path):
+def test_key_file_is_private_and_has_one_key(tmp_path):
     file = tmp_path / "key"
     url = "https://farm.lab:8467/printers/"
     with pytest.raises(FarmError, match="--url needs --key-file"):

@@ -34,7 +34,7 @@ def report(**more: Any) -> dict[str, Any]:
     } | more
 
 
-def test_a_good_result() -> None:
+def test_summary_of_a_good_result() -> None:
     assert summarise_decomposition(report(), 4, Path("out")) == [
         "3 parts: 1h00 on 4 printers, 2h30 on a single large one; efficiency E 0.75",
         "By guillotine: at most 8% above the lower bound for cuts along its grid",

@@ -44,14 +44,14 @@ def test_json_is_one_object_and_slicing_again_is_from_the_cache(box, env, tmp_pa
     assert not list((tmp_path / "tmp").iterdir())
 
 
-def test_a_mistake_is_one_line(box, env, tmp_path):
+def test_error_is_printed_in_one_line(box, env, tmp_path):
     result = farm(env, box, "-o", tmp_path / "a.gcode", "--set", "layer_height")
     assert (result.returncode, result.stdout) == (2, "")
     assert result.stderr == "farm: --set layer_height: must be KEY=VALUE\n"
 
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-def test_a_signal_ends_the_engine_and_leaves_no_file(box, env, tmp_path, number, code):
+def test_signal_ends_the_engine_and_leaves_no_file(box, env, tmp_path, number, code):
     """The engine holds a FIFO open: its end is read when none of it is left."""
     os.mkfifo(tmp_path / "fifo")
     engine = tmp_path / "engine"

@@ -22,11 +22,11 @@ from farm.model import Hold, HoldCode
         ("um2-03", "/printers/um2-03"),
     ],
 )
-def test_a_target_is_a_job_a_part_or_a_printer(target, path):
+def test_target_path_is_found_for_job_part_and_printer(target, path):
     assert find_target_path(target) == path
 
 
-def test_all_selects_the_beds_that_wait_to_be_cleared():
+def test_option_all_selects_the_beds_to_clear():
     hold = Hold(code=HoldCode.BED_NOT_CLEAR, text="")
     states = ("idle", "maintenance", "look", "absent", "connecting")
     fleet = [PrinterView.model_construct(name=state, state=state, print=None, hold=hold) for state in states]
@@ -87,7 +87,7 @@ class Reels:
         return Reel(material="generic_abs", kind="ABS", colour="black", grams=750.0, nozzle_mm=0.6)
 
 
-def test_a_reel_is_named_in_words(monkeypatch):
+def test_reel_is_described_in_words(monkeypatch):
     daemon = Reels()
     monkeypatch.setattr(operate, "connect", lambda places: daemon)
     result = CliRunner().invoke(app, ["load", "um2-01", "black ABS", "--grams", "750"])
@@ -95,7 +95,7 @@ def test_a_reel_is_named_in_words(monkeypatch):
     assert daemon.requests == [("um2-01", LoadRequest(material="black ABS", grams=750.0))]
 
 
-def test_a_material_is_given_once(monkeypatch):
+def test_material_given_twice_is_refused(monkeypatch):
     monkeypatch.setattr(operate, "connect", lambda places: Reels())
     result = CliRunner().invoke(app, ["load", "um2-01", "ABS", "--material", "PLA"])
     assert result.exit_code != 0

@@ -84,7 +84,7 @@ def flat(text):
 
 
 @pytest.mark.parametrize("part", ["1/p01", "p01", "1"])
-def test_a_part_that_is_whole_is_not_printed_again(farm, part):
+def test_good_part_of_a_failed_print_is_not_reprinted(farm, part):
     assert "if part 1/p01 is good nevertheless: `farm cleared a --good 1/p01`" in flat(ask("status").stdout)
     answer = ask("cleared", "a", "--good", part)
     assert answer.stdout == "a: bed clear; part 1/p01 is good and will not be printed again\n"
@@ -109,7 +109,7 @@ def test_good_part_names_its_running_reprint_and_the_command_to_end_it(farm):
     assert farm.controller.books.jobs[1].state is JobState.DONE
 
 
-def test_going_down_ends_a_print_of_a_part_that_was_found_whole(farm):
+def test_shutdown_ends_a_print_of_a_part_found_good(farm):
     farm.controller.clock.ahead_s += 60.0
     farm.ready("b")
     said(farm, "b", PrintState.HEATING, started_s=farm.controller.clock.now())
@@ -138,7 +138,7 @@ def test_part_on_another_bed_cannot_be_good(farm, words, said):
     assert farm.controller.books.printer("a").bed is Bed.NOT_CLEAR
 
 
-def test_a_part_whose_print_was_done_may_be_named_too(farm):
+def test_part_of_a_completed_print_may_be_named_as_good(farm):
     ask("cleared", "a")
     farm.controller.clock.ahead_s += 60.0
     farm.ready("a")

@@ -41,7 +41,7 @@ def prune(monkeypatch, capsys, tmp_path):
     return run
 
 
-def test_a_dry_run_says_what_would_go(prune):
+def test_dry_run_describes_what_would_be_deleted(prune):
     asked, text = prune("--dry-run")
     assert asked == [True]
     assert text.splitlines() == [
@@ -51,12 +51,12 @@ def test_a_dry_run_says_what_would_go(prune):
     ]
 
 
-def test_a_prune_says_what_went(prune):
+def test_prune_describes_what_was_deleted(prune):
     asked, text = prune()
     assert asked == [False]
     assert text.splitlines()[-1].startswith("2 jobs pruned: 0.49 GB freed")
 
 
-def test_a_program_reads_the_same(prune):
+def test_json_of_a_prune_has_the_same_figures(prune):
     _, text = prune("--json", "--dry-run")
     assert json.loads(text) == ANSWER.model_dump(by_alias=True)

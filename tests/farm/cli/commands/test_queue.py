@@ -41,13 +41,13 @@ def test_jobs_are_listed_in_their_order(moves):
     assert moves == []
 
 
-def test_a_job_is_moved_by_a_word_or_before_another(moves):
+def test_job_is_moved_by_direction_or_before_another(moves):
     assert CliRunner().invoke(app, ["queue", "3", "up"]).exit_code == 0
     assert CliRunner().invoke(app, ["queue", "3", "--before", "7"]).exit_code == 0
     assert moves == [(3, "up", None), (3, None, 7)]
 
 
 @pytest.mark.parametrize("words", [["3"], ["3", "up", "--before", "7"], ["--before", "7"], ["3", "sideways"]])
-def test_a_move_that_says_too_little_or_too_much_is_refused(moves, words):
+def test_move_without_one_target_is_refused(moves, words):
     assert CliRunner().invoke(app, ["queue", *words]).exit_code == 2
     assert moves == []

@@ -19,6 +19,6 @@ class Daemon:
 
 
 @pytest.mark.parametrize(("options", "shown"), [([], "no print has ended\n"), (["--json"], '"prints": []')])
-def test_an_empty_history_is_not_an_empty_table(monkeypatch: pytest.MonkeyPatch, options, shown):
+def test_empty_history_is_reported_in_a_sentence(monkeypatch: pytest.MonkeyPatch, options, shown):
     monkeypatch.setattr(status, "connect", Daemon)
     assert shown in CliRunner().invoke(app, ["history", *options]).stdout

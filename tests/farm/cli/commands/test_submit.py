@@ -88,7 +88,7 @@ def run(tmp_path, monkeypatch):
     return invoke
 
 
-def test_several_models_are_a_job_each_and_the_first_failure_is_the_exit_code(run):
+def test_each_model_is_one_job_and_the_first_failure_sets_the_exit_code(run):
     done = run("a.stl", "broken.stl", "tall.stl", "b.stl", "missing.stl")
     assert done.exit_code == 5
     assert [job.name for job in Daemon.last.jobs.values()] == ["a.stl", "tall.stl", "b.stl"]
@@ -101,7 +101,7 @@ def test_several_models_are_a_job_each_and_the_first_failure_is_the_exit_code(ru
     assert run("a.stl", "b.stl").exit_code == 0
 
 
-def test_a_pattern_that_the_shell_left_is_expanded(run, tmp_path):
+def test_pattern_not_expanded_by_the_shell_is_expanded(run, tmp_path):
     for pattern in ("[ab].stl", str(tmp_path / "[ab].stl")):
         assert run(pattern).exit_code == 0
         assert [job.name for job in Daemon.last.jobs.values()] == ["a.stl", "b.stl"]
@@ -109,7 +109,7 @@ def test_a_pattern_that_the_shell_left_is_expanded(run, tmp_path):
     assert len(Daemon.last.jobs) == 1
 
 
-def test_a_file_whose_name_looks_like_a_pattern_is_itself(run, tmp_path):
+def test_existing_file_named_like_a_pattern_is_not_expanded(run, tmp_path):
     (tmp_path / "[ab].stl").write_text("model")
     run("[ab].stl")
     assert [job.name for job in Daemon.last.jobs.values()] == ["[ab].stl"]
@@ -126,7 +126,7 @@ def test_several_dry_runs_are_shown_one_after_the_other_and_cancelled(run):
     assert (str(alone.exception), alone.exception.exit_code) == ("job 1: does not fit", 5)
 
 
-def test_json_of_several_is_one_object_with_an_outcome_each(run):
+def test_json_of_several_models_is_one_object_with_all_outcomes(run):
     done = run("--json", "--dry-run", "a.stl", "broken.stl")
     answer = json.loads(done.stdout)
     assert answer["schema"] == 1
@@ -136,13 +136,13 @@ def test_json_of_several_is_one_object_with_an_outcome_each(run):
     assert "schema" in first["timeline"]
 
 
-def test_all_are_waited_for(run):
+def test_wait_covers_every_submitted_model(run):
     done = run("--wait", "a.stl", "b.stl")
     results = [line for line in done.stdout.splitlines() if line.startswith("result")]
     assert results == ["result 1", "result 2"]
 
 
-def test_name_note_and_copies_go_with_the_job(run):
+def test_name_note_and_copies_are_sent_with_the_job(run):
     done = run("a.stl", "--name", "  left\tbracket ", "--note", "for\nAda", "--copies", "3")
     assert done.exit_code == 0
     assert Daemon.last.jobs[1].options == JobOptions(name="left bracket", note="for Ada", copies=3)
@@ -159,7 +159,7 @@ def test_name_note_and_copies_go_with_the_job(run):
         (("a.stl", "--note", "x" * 201), "--note"),
     ],
 )
-def test_values_that_cannot_be_are_refused(run, words, said):
+def test_invalid_option_values_are_refused(run, words, said):
     done = run(*words)
     assert done.exit_code
     assert said in done.stderr + str(done.exception)

@@ -39,7 +39,7 @@ def run(*words):
     return result
 
 
-def test_link_alone_is_on_stdout():
+def test_only_the_link_is_on_stdout():
     result = run()
     assert result.stdout == URL + "\n"
     assert "as ann (operate), once, within 5 min" in result.stderr

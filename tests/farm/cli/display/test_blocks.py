@@ -15,7 +15,7 @@ def shown(blocks, height):
     return [line.plain for line in fit_blocks(blocks, height)]
 
 
-def test_the_highest_rank_is_shortened_first_and_counts_what_is_left_out():
+def test_highest_rank_is_shortened_first_with_a_count_of_omitted_lines():
     blocks = [block("task", 2, 0), block("job", 4, 2), block("printer", 3, 1)]
     assert len(shown(blocks, None)) == 9
     assert shown(blocks, 7) == [
@@ -26,7 +26,7 @@ def test_the_highest_rank_is_shortened_first_and_counts_what_is_left_out():
     assert shown(blocks, 5) == ["task 0", "task 1", "printer 0", "printer 1", "printer 2"]
 
 
-def test_a_block_keeps_its_least_lines_before_a_more_important_one_is_whole():
+def test_minimum_lines_of_a_block_precede_lines_of_more_important_blocks():
     blocks = [block("job", 4, 2, least=2), block("printer", 50, 1, least=3)]
     assert shown(blocks, 5) == ["job 0", "... 3 more jobs", "printer 0", "printer 1", "... 48 more printers"]
     assert shown(blocks, 2) == ["printer 0", "... 49 more printers"]
@@ -36,7 +36,7 @@ def test_a_block_keeps_its_least_lines_before_a_more_important_one_is_whole():
     st.lists(st.tuples(st.integers(0, 9), st.integers(0, 3), st.integers(0, 4)), max_size=6),
     st.integers(0, 40),
 )
-def test_blocks_never_exceed_the_height_and_are_whole_where_they_fit(sizes, height):
+def test_blocks_fit_the_height_and_are_complete_if_possible(sizes, height):
     blocks = [block("x", *size) for size in sizes]
     lines = shown(blocks, height)
     assert len(lines) <= height

@@ -19,24 +19,24 @@ from farm.text import format_duration
         (360000, "100h00"),
     ],
 )
-def test_spans(seconds, words):
+def test_durations_are_formatted_in_hours_minutes_or_seconds(seconds, words):
     assert format_duration(seconds) == words
 
 
-def test_filament_has_a_price_where_one_is_known():
+def test_filament_is_shown_with_its_price_if_known():
     assert format_filament(123.6, 15640.0) == "124 g, 15.6 m"
     assert format_filament(123.6, 15640.0, 3.5226) == "124 g, 15.6 m, price 3.52"
     assert format_filament(0.081, 12.0) == "0.08 g, 0.01 m"
     assert format_filament(123.6, 15640.0, 0.0, "EUR") == "124 g, 15.6 m, 0.00 EUR"
 
 
-def test_moments():
+def test_times_are_formatted_with_weekday_or_date():
     now = "2026-11-22T07:00:00+00:00"
     assert format_time(None, now) == "-"
     assert format_time("2026-11-21T07:05:09+00:00", now) == "Sat 07:05"
 
 
-def test_how_far_a_plan_is():
+def test_progress_of_a_plan_is_formatted():
     assert format_planning(PlanProgress(step=PlanStep.DECOMPOSING)) == "decomposing"
     half = PlanProgress(step=PlanStep.DECOMPOSING, share=0.42, remaining_s=95.0)
     assert format_planning(half) == "decomposing 42 %, at most 95 s left"

@@ -32,7 +32,7 @@ def test_page_begins_with_the_tasks():
     assert [row[1] for row in table] == ["remove"] * 3 + ["inspect", "printing"]
 
 
-def test_row_of_a_free_printer_says_what_it_is_kept_for():
+def test_row_of_a_free_printer_shows_its_reservation():
     view = status_of(night_books())
     kept = view.printers[1].model_copy(update={"hold": None, "kept_for": "6/03"})
     printers = [*view.printers[:1], kept, *view.printers[2:]]
@@ -68,7 +68,7 @@ def test_unstarted_job_shows_known_figures_only():
     assert shown(status_of(books))[-1] == "JOB 1    bracket.stl: cancelled, printed 0/1; expected 100 s"
 
 
-def test_a_night_of_which_everything_was_cancelled_is_no_count_of_nothing():
+def test_night_with_cancelled_prints_only_is_described():
     view = api.NightView.model_construct(
         plates=0, printed=0, failed=0, printing=0, waiting=0, grams=0.0, wasted_grams=26.0
     )
@@ -82,14 +82,14 @@ def test_printer_in_maintenance_shows_its_reason():
 
 
 @pytest.mark.parametrize(("link", "needs"), [("absent", "connect"), ("starting", "wait (connecting)")])
-def test_absent_printer_is_a_task_and_a_connecting_one_is_not(link, needs):
+def test_absent_printer_is_a_task_but_not_a_connecting_one(link, needs):
     hold = Hold(code=HoldCode.PRINTER_ABSENT, text="")
     observed = status_of(night_books()).printers[0].model_copy(update={"state": link, "hold": hold})
     view = status_of(night_books()).model_copy(update={"printers": [observed]})
     assert shown(view)[-1].endswith(needs)
 
 
-def test_judged_part_is_good_or_bad():
+def test_verdict_on_a_part_is_shown():
     verdicts = zip(PRINTERS[:3], (Verdict.GOOD, Verdict.BAD, Verdict.GOOD), strict=True)
     books, _ = run(
         night_books(),
@@ -108,7 +108,7 @@ def test_judged_part_is_good_or_bad():
     assert list_history(context, last=1) == rows[-1:]
 
 
-def test_things_to_do_share_a_line_only_where_it_is_long_enough():
+def test_tasks_share_a_line_only_if_they_fit():
     narrow = shown(status_of(night_books()), width=60)
     assert narrow[1:3] == [
         "DO NOW   clear 3 beds: um2-01..03",
@@ -127,17 +127,17 @@ def test_things_to_do_share_a_line_only_where_it_is_long_enough():
         ([], ""),
     ],
 )
-def test_names_that_count_on_are_drawn_together(printers, text):
+def test_consecutive_names_are_shown_as_ranges(printers, text):
     assert shorten_names(printers) == text
 
 
-def test_jobs_that_are_over_leave_the_board_but_those_to_be_judged_stay():
+def test_finished_jobs_leave_the_page_once_judged():
     books, _ = run(Books(), *(ev.JobSubmitted(at_s=0.0, job=job(i)) for i in range(1, 31)))
     books, _ = run(books, *(ev.JobCancelled(at_s=1.0, job=i) for i in range(2, 31)))
     assert [item.id for item in select_shown_jobs(books)] == [1, *range(21, 31)]
 
 
-def test_a_dry_run_is_on_the_board_only_while_it_is_made():
+def test_dry_run_is_on_the_page_only_while_planned():
     attempted = job(2).model_copy(update={"options": JobOptions(dry_run=True, hold=True)})
     books, _ = run(Books(), *(ev.JobSubmitted(at_s=0.0, job=item) for item in (job(1), attempted)))
     assert [item.id for item in select_shown_jobs(books)] == [1, 2]

@@ -83,7 +83,7 @@ def waiting(number, **values):
 @SIZES
 @settings(max_examples=30, suppress_health_check=[HealthCheck.too_slow])
 @given(fleet=FLEETS)
-def test_no_line_is_wider_than_the_terminal_and_no_printer_is_lost(width, fleet):
+def test_lines_fit_the_terminal_and_list_every_printer(width, fleet):
     view = view_of(fleet)
     lines = lines_of(view, width)
     assert all(cell_len(line) <= width for line in lines)
@@ -97,7 +97,7 @@ def test_no_line_is_wider_than_the_terminal_and_no_printer_is_lost(width, fleet)
 @SIZES
 @settings(max_examples=20, suppress_health_check=[HealthCheck.too_slow])
 @given(fleet=FLEETS, height=st.integers(4, 40))
-def test_a_page_that_is_watched_fits_into_the_terminal(width, fleet, height):
+def test_watched_page_fits_the_terminal(width, fleet, height):
     jobs = [VIEW.jobs[0], *(waiting(i) for i in range(2, 30))]
     lines = lines_of(view_of(fleet, jobs=jobs), width, height)
     assert len(lines) <= height
@@ -115,7 +115,7 @@ def test_printing_row_is_complete_in_every_width(width):
         assert row.startswith(f"um2-0{number}   printing  12/03  in 12h13 (55 %)")
 
 
-def test_ended_jobs_stand_below_the_printers():
+def test_ended_jobs_are_listed_below_the_printers():
     over = VIEW.jobs[0].model_copy(update={"id": 1, "state": "cancelled", "name": "old.stl"})
     lines = lines_of(view_of(VIEW.printers, jobs=[over, waiting(2)]), 80)
     places = [
@@ -125,13 +125,13 @@ def test_ended_jobs_stand_below_the_printers():
     assert places == sorted(places)
 
 
-def test_jobs_that_wait_for_the_same_are_one_sentence():
+def test_jobs_with_the_same_hold_share_one_sentence():
     page = "\n".join(lines_of(view_of([], jobs=[waiting(i) for i in range(3, 8)])))
     assert page.count(WAITING.text.strip()) == 1
     assert "JOBS     3..7 (box.stl (5)): queued, waits: um2-01 is printing" in page
 
 
-def test_plates_of_several_jobs_that_wait_for_the_same_are_one_sentence():
+def test_plates_of_several_jobs_with_the_same_hold_share_one_sentence():
     parts = VIEW.jobs[0].parts
     held = [
         waiting(
@@ -151,13 +151,13 @@ def test_plates_of_several_jobs_that_wait_for_the_same_are_one_sentence():
     assert "WAIT     3/01..05 4/01..05: um2-01 is printing" in page
 
 
-def test_nothing_to_do_is_not_urgent():
+def test_empty_task_list_is_not_highlighted():
     line = render_status(view_of([], todo=[])).split("\n")[1]
     assert line.plain == "DO NOW   nothing"
     assert not any("red" in str(span.style) for span in line.spans)
 
 
-def test_a_print_that_ended_last_month_has_its_date():
+def test_print_that_ended_last_month_has_its_date():
     last = api.LastPrint(
         plate="1/01", state=PrintState.DONE, ended="2026-10-30T06:00:00+00:00", off=None, verdict=Verdict.GOOD
     )
@@ -169,7 +169,7 @@ def trouble(printer, text):
     return api.Todo(code="connect", printers=[printer], text="", brief=f"{printer}: {text}")
 
 
-def test_printers_with_the_same_trouble_are_one_task():
+def test_printers_with_the_same_problem_are_one_task():
     todo = [trouble(name, f"/run/{name}/tty: no such file") for name in ("um2-01", "um2-02", "um2x-01")]
     lines = lines_of(view_of([], todo=[*todo, trouble("um2-05", "no answer")]), 80)
     assert lines[1] == "DO NOW   connect: um2-01..02 um2x-01: /run/um2-01/tty: no such file"

@@ -16,7 +16,7 @@ def plain(lines):
     return [line.plain for line in lines]
 
 
-def test_a_wide_table_has_every_column():
+def test_wide_table_has_every_column():
     expected = [
         "NAME    LESS  NOTE             END",
         "um2-01  1.00  a long sentence  in 5h00",
@@ -26,18 +26,18 @@ def test_a_wide_table_has_every_column():
     assert plain(lay_out_table(COLUMNS, ROWS, None)) == expected
 
 
-def test_the_highest_rank_is_left_out_first_and_the_others_use_its_room():
+def test_highest_rank_is_omitted_first_and_its_width_is_reused():
     assert plain(lay_out_table(COLUMNS, ROWS, 37))[1] == ("um2-01  1.00  a long senten…  in 5h00")
     assert plain(lay_out_table(COLUMNS, ROWS, 28))[1] == "um2-01  a long sen…  in 5h00"
     assert plain(lay_out_table(COLUMNS, ROWS, 20))[1] == "um2-01  in 5h00"
 
 
-def test_an_empty_column_is_left_out_before_any_text_is_shortened():
+def test_empty_column_is_left_out_before_any_text_is_shortened():
     rows = [("um2-01", "", "a long sentence", "in 5h00")]
     assert plain(lay_out_table(COLUMNS, rows, 36))[1] == "um2-01  a long sentence  in 5h00"
 
 
-def test_a_row_takes_several_lines_where_the_terminal_is_too_narrow():
+def test_row_takes_several_lines_in_a_narrow_terminal():
     assert plain(lay_out_table(COLUMNS, ROWS, 12)) == ["NAME  END", "um2-01  in", "  5h00", "um2-02"]
 
 
@@ -45,7 +45,7 @@ def test_a_row_takes_several_lines_where_the_terminal_is_too_narrow():
     st.lists(st.tuples(st.text("ab-1", min_size=1, max_size=20), CELLS, CELLS, CELLS), max_size=5),
     st.integers(1, 120),
 )
-def test_no_line_is_wider_than_the_terminal_and_no_name_is_lost(rows, width):
+def test_lines_fit_the_terminal_and_keep_every_name(rows, width):
     lines = plain(lay_out_table(COLUMNS, rows, max(width, 22)))
     assert all(cell_len(line) <= max(width, 22) for line in lines)
     names = iter(lines[1:])
@@ -59,7 +59,7 @@ def test_wrapped_text_is_complete(text, width, indent):
     assert "".join("".join(lines).split()) == "".join(text.split())
 
 
-def test_a_command_is_not_broken_where_a_line_has_room_for_it():
+def test_command_that_fits_a_line_is_not_broken():
     text = Text("resume um2-02 by Mon 04:19, or it ends: `farm resume um2-02`")
     assert plain(wrap_text(text, 50, 2)) == [
         "resume um2-02 by Mon 04:19, or it ends:",

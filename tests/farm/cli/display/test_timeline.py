@@ -28,7 +28,7 @@ SLOTS = [
 ]
 
 
-def test_each_printer_has_a_line_of_time():
+def test_each_printer_has_one_row_in_the_chart():
     assert draw_gantt(SLOTS, NOW, columns=40) == [
         "um2-01  [------01------]",
         "um2-02  [--02--]                [--03--]",
@@ -36,7 +36,7 @@ def test_each_printer_has_a_line_of_time():
     ]
 
 
-def test_a_short_plate_in_a_long_night_is_still_seen():
+def test_short_plate_in_a_long_night_is_visible():
     lines = draw_gantt([slot(1, "a", "00:00", "00:01"), slot(2, "b", "00:00", "23:59")], NOW, columns=23)
     assert lines[0].startswith("a  ") and lines[0].strip() != "a"
     assert len(lines[1]) == len("b  ") + 20

@@ -57,7 +57,7 @@ def choose(text, resources, model="ultimaker2_plus"):
         ("generic_cpe clear", ("generic_cpe", "CPE", "clear")),
     ],
 )
-def test_a_material_is_found_by_its_kind_or_its_file_and_the_rest_is_its_colour(text, meant):
+def test_material_is_found_by_kind_or_file_with_its_colour(text, meant):
     assert parse_material(text, KINDS) == NamedMaterial(*meant)
 
 
@@ -67,14 +67,14 @@ def test_any_text_is_a_known_material_or_none(text):
     assert found is None or found.kind in KINDS.values()
 
 
-def test_a_kind_is_cura_s_generic_material_that_fits_the_printer(resources):
+def test_kind_selects_the_generic_material_for_the_printer(resources):
     assert choose("PLA", resources) == ("generic_pla", "PLA", None)
     assert choose("white ABS", resources) == ("generic_abs", "ABS", "white")
     assert choose("PETG", resources, "creality_ender3")[0] == "generic_petg_175"
 
 
 @pytest.mark.parametrize("text", ["PETG", "unobtainium"])
-def test_a_refusal_lists_what_the_printer_prints(resources, text):
+def test_refusal_lists_what_the_printer_prints(resources, text):
     with pytest.raises(BadSetting) as error:
         choose(text, resources)
     assert "it prints ABS, CPE, CPE+, Nylon, PLA, PP, TPU 95A, and others with a material file" in str(
@@ -87,14 +87,14 @@ def section(**values):
     return PrinterSection.model_validate({**base, **values})
 
 
-def test_a_printer_s_section_names_the_file_the_kind_and_the_colour(resources):
+def test_section_of_a_printer_has_file_kind_and_colour(resources):
     found = complete_section(section(material="black PLA"), FleetSection())
     assert (found.material, found.material_kind, found.colour) == ("generic_pla", "PLA", "black")
     kept = complete_section(section(material="black PLA", colour="white"), FleetSection())
     assert kept.colour == "white"
 
 
-def test_a_folder_of_own_materials_is_read_and_its_mistakes_are_told(resources, tmp_path):
+def test_folder_of_own_materials_is_read_and_errors_are_reported(resources, tmp_path):
     path = tmp_path / "x.xml.fdm_material"
     path.write_text("<html/>")
     with pytest.raises(FieldError, match="is not a material file of Cura's") as error:
@@ -104,7 +104,7 @@ def test_a_folder_of_own_materials_is_read_and_its_mistakes_are_told(resources, 
         complete_section(section(), FleetSection(materials=tmp_path / "no"))
 
 
-def test_a_job_s_material_matches_every_printer_of_that_kind(resources):
+def test_material_of_a_job_matches_every_printer_of_its_kind(resources):
     printers = [
         section(name="a").with_filament("generic_pla", "PLA", "white"),
         section(name="b", port="/dev/b").with_filament("ultimaker_pla_black", "PLA", "black"),

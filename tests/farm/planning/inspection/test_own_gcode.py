@@ -83,7 +83,7 @@ def test_packed_g_code_is_refused_with_advice(name):
     assert raised.value.code is ErrorCode.GCODE
 
 
-def test_packed_models_are_not_taken_for_g_code():
+def test_packed_models_are_not_treated_as_gcode():
     assert not is_gcode("a.stl.gz")
 
 
@@ -106,7 +106,7 @@ def test_file_is_stored_with_its_requirements(inspect, files):
         ({"engine": Engine.GUILLOTINE}, "--engine:"),
     ],
 )
-def test_options_that_g_code_has_decided_are_refused(inspect, options, flags):
+def test_options_for_models_are_refused_for_gcode(inspect, options, flags):
     with pytest.raises(FarmError, match=flags) as raised:
         inspect(marlin(), **options)
     assert raised.value.code is ErrorCode.SETTINGS
@@ -144,13 +144,13 @@ def test_file_without_a_nozzle_needs_printers_with_one_size(inspect):
     assert inspect(ultigcode(), fleet).own_gcode.nozzle_mm == 0.4
 
 
-def test_a_refusal_names_the_line(inspect):
+def test_refusal_names_the_line(inspect):
     with pytest.raises(FarmError, match=r"tower.gcode: line \d+: M500 changes the printer's") as raised:
         inspect(marlin(body=["M500"]))
     assert raised.value.code is ErrorCode.GCODE
 
 
-def test_a_plan_is_one_plate_on_the_lowest_printer_that_fits(plan, files):
+def test_plan_is_one_plate_on_the_lowest_printer_that_fits(plan, files):
     made = plan(marlin(), [printer("b", TALL), printer("c", price_per_kg=30.0), printer("d")])
     (plate,), (part,) = made.plates, made.parts
     assert (plate.printer, plate.parts, part.plate) == ("c", (part.id,), plate.id)
@@ -162,7 +162,7 @@ def test_a_plan_is_one_plate_on_the_lowest_printer_that_fits(plan, files):
     assert (files / part.file).read_text().splitlines() == marlin()
 
 
-def test_a_tall_print_goes_to_a_tall_printer(plan):
+def test_tall_print_is_assigned_to_a_tall_printer(plan):
     tall = marlin(square(layers=750, layer_mm=0.32))
     assert plan(tall).plates[0].printer == "b"
 
@@ -192,20 +192,20 @@ def test_file_for_another_material_is_a_warning(plan, inspect, nozzle_c, request
         ("ABS", "generic_cpe", True),
     ],
 )
-def test_a_file_that_names_another_material_is_warned_of(plan, inspect, message, material, warned):
+def test_file_with_another_material_name_is_a_warning(plan, inspect, message, material, warned):
     lines, fleet = [*marlin(), f"; filament_type = {message}"], [printer("a", material=material)]
     for notices in (inspect(lines, fleet).repairs, plan(lines, fleet).repairs):
         reported = [line for line in notices if line.startswith("Warning: it was sliced for")]
         assert [repr(message) in line and material in line for line in reported] == [True] * warned
 
 
-def test_another_machine_is_warned_of_on_the_job(plan, inspect):
+def test_file_for_another_machine_is_a_warning_of_the_job(plan, inspect):
     lines = [*marlin(), "; printer_model = MK3S"]
     for notices in (inspect(lines).repairs, plan(lines).repairs):
         assert notices[-1].startswith("Warning: it was sliced for 'MK3S'.")
 
 
-def test_the_time_is_that_of_the_firmwares_planner():
+def test_time_is_that_of_the_firmwares_planner():
     clock = FirmwareTime(PROFILES[LOW])
     clock.move(105.0, 50.0, 20.0, 0.0, 50.0)
     clock.wait(3.0)
@@ -218,7 +218,7 @@ def test_the_time_is_that_of_the_firmwares_planner():
     assert clock.seconds(finish=True) == clock.seconds()
 
 
-def test_a_large_file_takes_little_more_memory_than_its_text(inspect):
+def test_large_file_takes_little_more_memory_than_its_text(inspect):
     points = [(100.0 + n % 17, 100.0 + n % 13, 0.2, 0.02) for n in range(1, 20_000)]
     lines = marlin([[(100.0, 100.0, 0.2, 0.0), *points]])
     inspect(marlin())  # Cura's files are read once

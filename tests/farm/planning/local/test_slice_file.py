@@ -67,7 +67,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("mistake", REFUSED)
-def test_a_mistake_is_named_and_nothing_is_written(box, tmp_path, mistake):
+def test_mistake_is_named_and_nothing_is_written(box, tmp_path, mistake):
     options, code, message = REFUSED[mistake]
     out = tmp_path if mistake == "folder" else tmp_path / "new" / "deep" / "out.gcode"
     error = refused(box, out, **options)
@@ -76,7 +76,7 @@ def test_a_mistake_is_named_and_nothing_is_written(box, tmp_path, mistake):
     assert [path.name for path in tmp_path.iterdir()] == ["box.stl"]
 
 
-def test_the_model_is_not_written_over(box, tmp_path):
+def test_output_over_the_model_is_refused(box, tmp_path):
     content = box.read_bytes()
     link = tmp_path / "link.stl"
     link.symlink_to(box)
@@ -85,7 +85,7 @@ def test_the_model_is_not_written_over(box, tmp_path):
     assert box.read_bytes() == content
 
 
-def test_a_file_is_no_folder_for_the_file(box):
+def test_output_below_a_file_is_refused(box):
     assert "is no folder" in str(refused(box, box / "deep" / "out.gcode"))
 
 
@@ -96,7 +96,7 @@ def test_model_in_inches_or_metres_is_refused_with_scales(tmp_path):
     assert "--scale 1000 if it is in metres" in message and "--scale 25.4 if it is in inches" in message
 
 
-def test_no_engine_is_no_fault_of_the_model(box, tmp_path, monkeypatch):
+def test_missing_engine_is_not_reported_as_model_error(box, tmp_path, monkeypatch):
     monkeypatch.setenv("FARM_CURA_ENGINE", str(tmp_path / "none"))
     error = refused(box, tmp_path / "out.gcode")
     assert (error.code, error.exit_code) == (ErrorCode.ENGINE, ExitCode.FAILED)
@@ -118,7 +118,7 @@ def test_proposed_scale_of_a_large_model_fits(tmp_path, monkeypatch, size, by_sc
     assert str(refused(path, tmp_path / "out.gcode", **proposed)) == "it fits"
 
 
-def test_a_cache_that_cannot_be_written_is_none(tmp_path):
+def test_unwritable_cache_is_not_used(tmp_path):
     (tmp_path / "file").touch()
     assert default_cache({"XDG_CACHE_HOME": str(tmp_path / "file")}) is None
     assert default_cache({"XDG_CACHE_HOME": str(tmp_path)}) == tmp_path / "farm" / "slices"
@@ -133,7 +133,7 @@ OWN = """<fdmmaterial xmlns="http://www.ultimaker.com/material" version="1.3">
 </fdmmaterial>"""
 
 
-def test_an_own_material_s_settings_reach_the_g_code(box, tmp_path, monkeypatch):
+def test_settings_of_an_own_material_are_in_the_gcode(box, tmp_path, monkeypatch):
     (tmp_path / "petg.xml.fdm_material").write_text(OWN)
     monkeypatch.setenv("FARM_MATERIALS", str(tmp_path))
     report = slice_(box, tmp_path / "box.gcode", material="black PETG")

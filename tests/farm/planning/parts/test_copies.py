@@ -36,7 +36,7 @@ def test_fewer_rounds_go_before_more_parts_and_all_printers_are_tried(copies, pr
 
 
 @given(st.lists(st.integers(), min_size=1, max_size=30), st.data())
-def test_a_share_of_each_kind_is_chosen(items, data):
+def test_share_of_each_kind_is_chosen(items, data):
     count = data.draw(st.integers(1, len(items)))
     chosen = choose_evenly(sorted(items), count)
     assert len(chosen) == count
@@ -69,12 +69,12 @@ def task_of(fleet, tmp_path, factors=None, **options):
     )
 
 
-def test_one_copy_is_the_plan_itself(tmp_path):
+def test_plan_of_one_copy_is_unchanged(tmp_path):
     plan = one_copy(50.0)
     assert multiply_plan(plan, task_of({"p0": {}}, tmp_path)) is plan
 
 
-def test_each_copy_has_every_part_with_its_number_behind_the_name(tmp_path):
+def test_each_copy_has_every_part_with_its_number(tmp_path):
     printers = {f"p{i}": {} for i in range(4)}
     plan = multiply_plan(one_copy(50.0, 90.0), task_of(printers, tmp_path, copies=2))
     assert [(part.id, part.plate, part.copy_number) for part in plan.parts] == [
@@ -91,7 +91,7 @@ def test_each_copy_has_every_part_with_its_number_behind_the_name(tmp_path):
     assert plan.expected_s == 100.0
 
 
-def test_a_printer_gets_only_what_it_can_print_and_the_slower_one_less(tmp_path):
+def test_printers_get_matching_plates_and_slow_ones_fewer(tmp_path):
     printers = {"p0": {}, "p1": {}, "p2": {"nozzle_mm": 0.8}, "p3": {"material": "generic_abs"}}
     task = task_of(printers, tmp_path, factors={"p1": 1.25}, copies=9)
     plan = multiply_plan(one_copy(100.0), task)
@@ -104,7 +104,7 @@ def test_a_printer_gets_only_what_it_can_print_and_the_slower_one_less(tmp_path)
     assert plan.expected_s == 550.0
 
 
-def test_no_more_printers_are_planned_than_the_user_gave(tmp_path):
+def test_planned_printers_do_not_exceed_the_request(tmp_path):
     printers = {f"p{i}": {} for i in range(4)}
     plan = multiply_plan(one_copy(100.0), task_of(printers, tmp_path, copies=4, printers=2))
     assert {plate.printer for plate in plan.plates} == {"p0", "p1"}
@@ -182,7 +182,7 @@ class Sliced:
         self.cached, self.unprinted = False, ()
 
 
-def test_a_copy_is_neither_cut_nor_sliced_nor_stored_again(bar, files, tmp_path):
+def test_copies_reuse_cuts_slices_and_files(bar, files, tmp_path):
     options = JobOptions(copies=3, printers=6)
     task = replace(decompose_task(bar, files, tmp_path, printers=6), options=options)
     cut = decompose_job(task)

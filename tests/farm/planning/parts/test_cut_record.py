@@ -13,7 +13,7 @@ from farm.planning.parts.cut_record import read_cut_record, write_cut_record
 from farm.planning.parts.decompose_job import decompose_job
 
 
-def test_how_a_job_was_cut_is_read_back_to_the_last_bit(bar, files, tmp_path):
+def test_cut_record_is_read_back_exactly(bar, files, tmp_path):
     """Boxes are grouped by their bytes; an infinite figure is no number of JSON."""
     cut = decompose_job(decompose_task(bar, files, tmp_path))
     first = read_cut_record(cut.cut_record)
@@ -28,7 +28,7 @@ def test_how_a_job_was_cut_is_read_back_to_the_last_bit(bar, files, tmp_path):
 
 
 @pytest.mark.parametrize("content", [b"", b"{}", b'{"engine": "best"}', b"\x80\x04"])
-def test_a_broken_cut_record_is_named(content, tmp_path):
+def test_broken_cut_record_is_an_error_with_its_path(content, tmp_path):
     path = tmp_path / "cut-record.json"
     path.write_bytes(content)
     with pytest.raises(FarmError, match=r"cut-record\.json: cannot be read"):

@@ -41,7 +41,7 @@ def test_too_few_printers_report_the_required_number_unless_in_rounds(bar, files
     assert [p.printer for p in cut.parts] == ["p0", "p0"]
 
 
-def test_a_model_that_one_printer_can_hold_stays_whole_unless_a_person_gives_more(files, tmp_path):
+def test_model_for_one_printer_stays_whole_unless_more_are_requested(files, tmp_path):
     path = tmp_path / "upload.stl"
     trimesh.creation.box((60.0, 36.0, 28.0)).export(path)
     box = inspect_model(path, "box.stl", JobOptions(), files)
@@ -66,7 +66,7 @@ def test_fewest_parts_in_time_are_cut(files, tmp_path):
     assert counts == [1, 2, 3]
 
 
-def test_the_first_layer_is_chosen_in_glue_alone(bar, files, tmp_path):
+def test_first_layer_is_fitted_in_quality_glue_only(bar, files, tmp_path):
     glue = decompose_task(bar, files, tmp_path)
     paper = replace(glue, options=JobOptions(quality="paper"))
     for part in decompose_job(glue).parts:
@@ -108,7 +108,7 @@ def test_parts_that_overlap_are_found_and_the_job_is_refused(bar, files, tmp_pat
     assert effects.instructions == []
 
 
-def test_another_nozzle_makes_a_printer_slower_or_quicker(bar, files, tmp_path, monkeypatch):
+def test_speed_of_a_printer_depends_on_its_nozzle(bar, files, tmp_path, monkeypatch):
     observed = []
 
     def caught(model, rooms, options, cost, executor):

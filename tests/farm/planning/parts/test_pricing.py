@@ -40,7 +40,7 @@ def settings_of():
     return resolve
 
 
-def test_a_changed_setting_reaches_the_cost(settings_of):
+def test_changed_setting_reaches_the_cost(settings_of):
     before = build_recipe(settings_of("glue"), prelude_s=0.0)
     assert before.infill_connected
     for key, value, field in (
@@ -124,7 +124,7 @@ def test_prices_are_those_of_the_engine(how, settings_of, tmp_path):
     assert max(map(abs, errors)) < 0.1, errors
 
 
-def test_the_stored_table_bears_out_the_factors(settings_of):
+def test_measured_table_agrees_with_the_factors(settings_of):
     """Held out by model, every setting stays below 5 %; the fit is made again, not the slices."""
     root = Path(__file__).parents[4]
     done = subprocess.run(

@@ -11,7 +11,7 @@ from farm.planning.parts.relevel_parts import relevel_parts
 from farm.planning.plan import RELEVEL_LATE_S
 
 
-def test_a_part_that_is_sliced_slow_is_cut_smaller(bar, files, tmp_path):
+def test_part_with_a_slow_slice_is_cut_smaller(bar, files, tmp_path):
     work = decompose_task(bar, files, tmp_path)
     cut = decompose_job(work)
     slow = slice_late(work, cut, late_s=RELEVEL_LATE_S * 3)
@@ -37,7 +37,7 @@ def test_balanced_parts_are_not_relevelled(bar, files, tmp_path):
     assert relevel_parts(level, tmp_path / "levelled") is None
 
 
-def test_a_slow_printer_is_busy_longer(bar, files, tmp_path):
+def test_slow_printer_is_busy_longer(bar, files, tmp_path):
     work = replace(decompose_task(bar, files, tmp_path), time_factors={"p0": 1.5})
     cut = decompose_job(work)
     level = slice_late(work, cut, late_s=0.0)
@@ -47,7 +47,7 @@ def test_a_slow_printer_is_busy_longer(bar, files, tmp_path):
     )  # of the layers alone
 
 
-def test_where_a_printer_has_several_parts_they_are_not_levelled(bar, files, tmp_path):
+def test_several_parts_per_printer_are_not_relevelled(bar, files, tmp_path):
     work = decompose_task(bar, files, tmp_path)
     cut = decompose_job(work)
     assert slice_late(work, cut, late_s=1e4).should_relevel()

@@ -53,7 +53,7 @@ def test_abs_is_enlarged_by_its_shrinkage(task):
         assert plate.height_mm == pytest.approx(100 * z, abs=0.02)
 
 
-def test_a_part_has_its_own_brim_first_layer_and_height(task):
+def test_part_has_its_own_brim_first_layer_and_height(task):
     # A first layer that is narrower by 0.2 mm is seen where nothing else is in it.
     flat = trimesh.creation.box((40.0, 30.0, 0.27))
     plain, narrow = (
@@ -70,7 +70,7 @@ def test_a_part_has_its_own_brim_first_layer_and_height(task):
 
 
 @pytest.mark.parametrize("material", ["generic_pla", "generic_abs"])
-def test_a_part_that_fills_its_room_still_fits(task, material):
+def test_part_that_fills_its_room_still_fits(task, material):
     section = PrinterSection(name="a", model=MODEL, port=f"sim://{MODEL}", material=material)
     settings = resolve_settings(SettingsRequest(PRINTERS[MODEL], material=material), find_resources())
     x, y, _ = model_sizes(printer_room(section, settings.brim_width_mm), settings)[0]

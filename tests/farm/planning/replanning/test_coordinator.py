@@ -111,7 +111,7 @@ def test_part_that_is_not_sooner_in_pieces_stays_whole(tmp_path):
         assert [cut for _, _, cut in farm.effects.replans] == [True, True]
 
 
-def test_job_that_starts_later_leaves_the_promised_printers(tmp_path):
+def test_job_with_a_later_start_gets_no_reserved_printers(tmp_path):
     farm = begun(tmp_path, [PLUS] * 5, plates=1)
     fails(farm, "a", "1/01")
     ((_, promised, _),) = farm.effects.replans
@@ -136,7 +136,7 @@ def test_replan_is_repeated_after_a_restart(tmp_path):
     assert printing(repeated) == {"b": "1/01"}  # which was there first
 
 
-def test_a_part_that_is_cancelled_while_it_is_cut_is_not_replaced(tmp_path):
+def test_part_that_is_cancelled_while_it_is_cut_is_not_replaced(tmp_path):
     farm = begun(tmp_path, [PLUS] * 4, plates=1)
     fails(farm, "a", "1/01")
     farm.parts.cancel(1, "p01", "ann")
@@ -183,7 +183,7 @@ def test_backward_clock_step_does_not_delay_the_next_search(tmp_path):
     assert farm.effects.replans == [("1/01", ["c"], False), ("1/02", ["c"], False)]
 
 
-def test_a_slice_that_would_not_be_there_sooner_is_not_made_twice(tmp_path):
+def test_useless_reslice_is_not_repeated(tmp_path):
     farm = begun(tmp_path, [PLUS, PLAIN], plates=1)
     fails(farm, "a", "1/01")
     farm.controller.on_replan("1/01", sliced(farm, "1/01", "b", 30.0))
@@ -205,7 +205,7 @@ def test_planned_printer_may_take_the_plate_before_the_reslice(tmp_path):
     assert [next_plate_id(name) for name in ("3/07", "3/07-2", "3/07a")] == ["3/07-2", "3/07-3", "3/07a-2"]
 
 
-def test_a_clock_that_is_set_back_puts_off_no_search(tmp_path):
+def test_search_is_not_delayed_by_a_backward_clock_step(tmp_path):
     farm = begun(tmp_path, [PLUS, PLAIN], plates=1)
     farm.printers.begin_maintenance("b", "a new belt", "ann")
     fails(farm, "a", "1/01")

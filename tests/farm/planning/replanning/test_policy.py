@@ -96,7 +96,7 @@ def test_printer_to_be_inspected_counts_only_with_attended_hours():
     assert wish(rules()) == policy.Reslice("1/01", "b")
 
 
-def test_a_failed_part_is_cut_for_the_printers_that_others_leave():
+def test_failed_part_is_cut_for_printers_not_needed_by_others():
     fleet = [printer_of(name, PLUS) for name in "abcd"]
     failed = part(failed_on=frozenset("a"))
     other = plate("1/02", "b", expected_s=HOUR)
@@ -110,7 +110,7 @@ def test_a_failed_part_is_cut_for_the_printers_that_others_leave():
     assert policy.choose_recut(failed, situation([failed], fleet[:1], NIGHT, NOW_S)) is None
 
 
-def test_a_part_whose_kind_of_printer_is_gone_is_cut_only_where_a_new_slice_is_not_as_good():
+def test_part_of_a_removed_model_is_cut_only_if_reslicing_is_worse():
     fleet = [printer_of(name, PLAIN) for name in "bc"]
     short, long = part(hours=1.0), part(hours=10.0)
     assert policy.expected_end_s(short, situation([short], fleet, NIGHT, NOW_S)) == float("inf")
@@ -123,7 +123,7 @@ def test_a_part_whose_kind_of_printer_is_gone_is_cut_only_where_a_new_slice_is_n
     )
 
 
-def test_pieces_may_end_before_quiet_hours_that_the_whole_would_run_into():
+def test_pieces_may_end_before_quiet_hours_unlike_the_whole_part():
     house = rules(quiet=["06:00-22:00"])
     now_s = NOW_S + 3 * HOUR  # 23:00
     fleet = [printer_of(name, PLUS) for name in "abc"]

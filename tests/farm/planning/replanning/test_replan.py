@@ -73,7 +73,7 @@ def in_model(path, to_model):
     return Solid.from_arrays(mesh.vertices @ matrix[:3, :3].T + matrix[:3, 3], mesh.faces)
 
 
-def test_a_part_that_is_sooner_whole_is_not_cut(state):
+def test_part_that_ends_sooner_whole_is_not_cut(state):
     with pytest.raises(FarmError, match="in one piece") as reported:
         cut_part(task_of(state, (30.0, 20.0, 5.0)))
     assert reported.value.code is ErrorCode.NO_FIT
@@ -133,7 +133,7 @@ def test_pieces_fill_their_part_exactly_and_are_sliced_each_for_its_own_printer(
         assert (state.files / name).is_file()
 
 
-def test_a_part_is_sliced_for_another_printer_and_its_plan_is_kept(state):
+def test_part_is_sliced_for_another_printer_and_its_plan_is_kept(state):
     task = task_of(state, (40.0, 30.0, 4.0), (PLAIN,))
     result = run_replan(state, task, cut=False)
     assert isinstance(result, ReplannedPlate), result
@@ -144,7 +144,7 @@ def test_a_part_is_sliced_for_another_printer_and_its_plan_is_kept(state):
     assert (state.files / plate.gcode).is_file()
 
 
-def test_a_printer_that_loses_walls_of_the_plan_is_not_used(state, monkeypatch):
+def test_printer_that_would_omit_walls_is_not_used(state, monkeypatch):
     task = task_of(state, (40.0, 0.5, 4.0), (PLAIN,))
     task = replace(task, printers=(task.printers[0].model_copy(update={"nozzle_mm": 0.8}),))
     result = run_replan(state, task, cut=False)

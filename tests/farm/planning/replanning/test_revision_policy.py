@@ -30,7 +30,7 @@ def choose(job, fleet, *candidates, house=None, others=()):
     return choose_revision(job, situation([*others, *job.plates], fleet, house), candidates)
 
 
-def test_plan_for_more_free_printers_pays():
+def test_plan_is_revised_for_more_free_printers():
     fleet = [printer(name) for name in "abcdefgh"]
     assert choose(planned([8.0, 8.0], "ab"), fleet, "abcdefgh") == tuple("abcdefgh")
     assert choose(planned([8.0, 8.0], "ab"), fleet, "abc", "abcdefgh") == tuple("abcdefgh")
@@ -43,12 +43,12 @@ def test_plan_stays_where_little_would_be_gained():
     assert choose(planned([2.0, 2.0], "ab", planning_s=5 * HOUR), fleet, "abc") is None
 
 
-def test_plan_that_left_printers_out_would_leave_more_out():
+def test_plan_without_some_printers_is_not_revised_for_more():
     fleet = [printer(name) for name in "abcdefgh"]
     assert choose(planned([8.0, 8.0], "abcd"), fleet, "abcdefgh") is None
 
 
-def test_few_large_parts_pay_where_nobody_clears_beds_at_night():
+def test_fewer_parts_are_planned_for_unattended_nights():
     fleet = [printer("a"), printer("b"), *(printer(name, bed=Bed.NOT_CLEAR) for name in "cdef")]
     night = rules(attended=["08:00-18:00"])
     job = planned([1.0] * 6, "abcdef")
@@ -110,7 +110,7 @@ def test_revision_saves_the_margin_with_its_planning_time_and_is_the_last(
 
 
 @pytest.mark.parametrize("priority", [0, 5])
-def test_jobs_that_go_first_are_taken_into_account(priority):
+def test_revision_considers_jobs_of_higher_priority(priority):
     """The free printers are about to print a job of higher priority."""
     fleet = [printer(name) for name in "abcd"]
     others = [

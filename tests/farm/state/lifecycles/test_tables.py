@@ -8,13 +8,13 @@ from farm.state import events as ev
 from farm.state.lifecycles import FARM_WIDE, LIFECYCLES, NEW
 
 
-def test_every_event_is_about_something():
+def test_every_event_has_a_subject():
     about = set().union(*(lifecycle.kinds for lifecycle in LIFECYCLES)) | FARM_WIDE
     assert about == set(get_args(ev.AnyEvent))
 
 
 @pytest.mark.parametrize("lifecycle", LIFECYCLES, ids=lambda item: item.entity)
-def test_every_state_is_reached_from_the_beginning(lifecycle):
+def test_every_state_is_reachable(lifecycle):
     rows = [*lifecycle.transitions, *lifecycle.consequences]
     reached = {NEW}
     while True:

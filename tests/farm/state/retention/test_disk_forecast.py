@@ -30,7 +30,7 @@ _bytes = st.floats(0, 1e13)
 
 
 @given(free=_bytes, stored=_bytes, prunable=_bytes, day=st.floats(1, 1e12), most=_bytes, more=_bytes)
-def test_more_room_is_never_full_earlier(free, stored, prunable, day, most, more):
+def test_more_free_space_is_never_full_earlier(free, stored, prunable, day, most, more):
     def nights(**changes):
         use = DiskUse(
             **(
@@ -46,7 +46,7 @@ def test_more_room_is_never_full_earlier(free, stored, prunable, day, most, more
     assert nights(day_bytes=day + more) <= nights() * slack
 
 
-def test_a_busy_week_end_counts_more_than_the_quiet_week_before():
+def test_busy_weekend_outweighs_a_quiet_week():
     quiet = [(6.5, 700), (5.5, 0)]
     assert average_day_bytes(quiet) == pytest.approx(700 / 6.5)
     assert average_day_bytes([*quiet, (1.0, 4000)]) == 2000.0

@@ -32,7 +32,7 @@ def prune(books, number):
     return apply(ev.JobPruned(at_s=NOW_S, job=number, by="ann"), books)[0]
 
 
-def test_jobs_that_ended_too_long_ago_go_the_first_one_first():
+def test_expired_jobs_are_selected_oldest_first():
     books = books_of(
         (JobState.DONE, 91), (JobState.DONE, 89), (JobState.CANCELLED, 200), (JobState.PRINTING, 0)
     )
@@ -40,7 +40,7 @@ def test_jobs_that_ended_too_long_ago_go_the_first_one_first():
     assert select_jobs(books, sizes_of(books), rules, NOW_S, NOW_S) == [3, 1]
 
 
-def test_the_oldest_go_until_the_rest_fits():
+def test_oldest_jobs_are_selected_until_the_rest_fits():
     books = books_of(*((JobState.DONE, 10 + number) for number in range(5)))  # 7 files a job
     assert len(file_names_of_job(books, books.jobs[1])) == 7
     rules = KeepRules(days=90, most_bytes=2500)
@@ -58,7 +58,7 @@ def test_printers_of_another_job_are_not_free():
     assert select_jobs(books, sizes, KeepRules(90, 500), NOW_S, NOW_S) == []
 
 
-def test_a_job_of_the_last_two_days_or_after_the_backup_stays():
+def test_recent_and_unsaved_jobs_are_not_selected():
     books = books_of((JobState.DONE, 1.9), (JobState.DONE, 5), (JobState.DONE, 2.1))
     full = KeepRules(days=2, most_bytes=0.0)
     assert select_jobs(books, sizes_of(books), full, NOW_S, NOW_S) == [2, 3]
@@ -66,14 +66,14 @@ def test_a_job_of_the_last_two_days_or_after_the_backup_stays():
 
 
 @pytest.mark.parametrize("state", [s for s in JobState if s not in ("done", "failed", "cancelled")])
-def test_a_job_that_is_open_or_not_judged_is_never_pruned(state):
+def test_job_that_is_open_or_not_judged_is_never_pruned(state):
     books = books_of((state, 500))
     assert select_jobs(books, sizes_of(books), KeepRules(2, 0.0), NOW_S, NOW_S) == []
     with pytest.raises(InvalidTransition):
         prune(books, 1)
 
 
-def test_a_part_on_a_bed_or_without_a_verdict_keeps_the_files():
+def test_part_on_a_bed_or_without_a_verdict_keeps_the_files():
     """A bad verdict, or a good one on a failed print, changes the job: its files may be needed."""
     cancelled = ev.JobCancelled(at_s=201.0, job=1, by="ann")
     books, _ = run(
@@ -94,7 +94,7 @@ def test_a_part_on_a_bed_or_without_a_verdict_keeps_the_files():
     assert find_need(books, books.jobs[1]) is None
 
 
-def test_an_open_print_keeps_the_files_of_a_cancelled_job():
+def test_open_print_keeps_the_files_of_a_cancelled_job():
     books, _ = run(
         Books(),
         *fleet(),
@@ -107,7 +107,7 @@ def test_an_open_print_keeps_the_files_of_a_cancelled_job():
     assert find_need(books, books.jobs[1]) == "being printed"
 
 
-def test_a_pruned_job_keeps_its_pictures_and_is_not_printed_again():
+def test_pruned_job_keeps_its_pictures_and_is_not_printed_again():
     books = books_of((JobState.DONE, 100), (JobState.DONE, 100))
     event = ev.JobPruned(at_s=NOW_S, job=1, by="ann", part_pictures={"1/p01": "small.png"})
     after, instructions = apply(event, books)
@@ -126,14 +126,14 @@ def test_parts_that_others_replaced_keep_their_files_while_the_job_is_open():
     assert {"1-p01.stl", "1-01.gcode"} <= named_files(books)
 
 
-def test_jobs_of_an_older_backup_whose_files_are_gone_are_found():
+def test_jobs_with_missing_files_are_found_after_a_restore():
     books = books_of((JobState.DONE, 100), (JobState.PRINTING, 0))
     files = named_files(books) - {"1-p02.stl", "2-p02.stl"}
     assert list_lost_jobs(books, files) == [1]
     assert list_lost_jobs(prune(books, 1), files) == []
 
 
-def test_a_store_that_is_away_prunes_no_job():
+def test_unavailable_store_prunes_no_job():
     """Its disk is not mounted, or a person moved it."""
     books = books_of((JobState.DONE, 100), (JobState.PRINTING, 0))
     assert list_lost_jobs(books, set()) == []

@@ -58,7 +58,7 @@ def books_held():
     return run(Books(), *fleet(), *events, planned().model_copy(update={"held": True}))[0]
 
 
-def test_a_copy_is_made_while_the_books_are_in_use_and_the_oldest_go(state):
+def test_backup_of_books_in_use_succeeds_and_old_ones_are_deleted(state):
     books = fill(state)
     assert is_due(state, NIGHT_S)
     with Store(state.books):
@@ -130,7 +130,7 @@ def test_database_of_a_newer_version_is_not_reported_as_damaged(state):
         open_books(state, NIGHT_S)
 
 
-def test_a_copy_that_cannot_be_made_leaves_those_that_are_there(state):
+def test_failed_backup_keeps_earlier_ones(state):
     fill(state)
     back_up(state, NIGHT_S)
     state.books.write_bytes(b"no books" * 999)
@@ -213,7 +213,7 @@ def test_restored_database_starts_nothing_before_an_inspection(tmp_path):
     assert len([i for i in farm.effects.instructions[told:] if isinstance(i, ev.SendStart)]) == 2
 
 
-def test_a_full_disk_gives_up_the_slice_cache_for_the_backup(state, monkeypatch):
+def test_full_disk_empties_the_slice_cache_for_the_backup(state, monkeypatch):
     fill(state)
     state.slices.mkdir()
     entry = state.slices / f"{'0' * 64}.json"
@@ -225,7 +225,7 @@ def test_a_full_disk_gives_up_the_slice_cache_for_the_backup(state, monkeypatch)
     assert not entry.exists() and len(list_backups(state)) == 2
 
 
-def test_a_copy_that_cannot_be_read_back_counts_as_none(state, monkeypatch):
+def test_unreadable_backup_is_discarded(state, monkeypatch):
     fill(state)
     back_up(state, NIGHT_S)
     copy = backups.copy_books

@@ -18,7 +18,7 @@ from farm.state.storage.file_store import (
 )
 
 
-def test_a_stored_file_has_its_hash_for_a_name_and_cannot_be_written(tmp_path):
+def test_stored_file_is_named_by_its_hash_and_read_only(tmp_path):
     store = tmp_path / "files"
     store.mkdir()
     source = tmp_path / "part.STL"
@@ -31,7 +31,7 @@ def test_a_stored_file_has_its_hash_for_a_name_and_cannot_be_written(tmp_path):
     assert sha256_of(store / name) + ".stl" == name
 
 
-def test_the_same_bytes_are_stored_once(tmp_path):
+def test_same_bytes_are_stored_once(tmp_path):
     store = tmp_path / "files"
     store.mkdir()
     for name in ("a.stl", "b.stl"):
@@ -41,7 +41,7 @@ def test_the_same_bytes_are_stored_once(tmp_path):
     assert not (tmp_path / "b.stl").exists()
 
 
-def test_stored_files_are_found_by_the_names_that_they_have_now_beside_a_persons_own(tmp_path):
+def test_links_have_the_current_names_beside_other_files(tmp_path):
     store, folder = tmp_path / "files", tmp_path / "jobs" / "1"
     store.mkdir()
     (tmp_path / "a.stl").write_bytes(b"solid")
@@ -71,7 +71,7 @@ def test_unnamed_files_are_deleted_an_hour_after_they_were_stored(tmp_path):
     assert list_files(store) == {}
 
 
-def test_a_file_that_is_stored_again_counts_as_new(tmp_path):
+def test_file_that_is_stored_again_counts_as_new(tmp_path):
     """A worker stores a model that an old job had; the event that names it follows."""
     store = tmp_path / "files"
     store.mkdir()
@@ -82,7 +82,7 @@ def test_a_file_that_is_stored_again_counts_as_new(tmp_path):
     assert (store / name).read_bytes() == b"solid"
 
 
-def test_a_file_that_was_made_long_ago_counts_from_when_it_was_stored(tmp_path):
+def test_age_of_a_file_counts_from_its_storing(tmp_path):
     store, source = tmp_path / "files", tmp_path / "old.stl"
     store.mkdir()
     source.write_bytes(b"solid")
@@ -113,7 +113,7 @@ def test_file_stored_during_a_deletion_is_kept(tmp_path):
         deleting.result()
 
 
-def test_links_to_deleted_files_go_and_others_stay(tmp_path):
+def test_links_to_deleted_files_are_removed(tmp_path):
     store, jobs = tmp_path / "files", tmp_path / "jobs"
     store.mkdir()
     kept, removed = stored(store, tmp_path, b"a"), stored(store, tmp_path, b"b")

@@ -25,7 +25,7 @@ def in_form(db, version):
     db.execute(f"PRAGMA user_version = {version}")
 
 
-def test_the_store_gives_back_what_was_committed(tmp_path):
+def test_store_returns_committed_entities(tmp_path):
     books = Books()
     with Store(tmp_path / "farm.db") as store:
         for event in (
@@ -42,7 +42,7 @@ def test_the_store_gives_back_what_was_committed(tmp_path):
         assert [kind for _, kind, _ in store.events()][-1] == "JobPlanned"
 
 
-def test_books_in_a_folder_that_is_open_to_all_are_their_owner_s_alone(tmp_path):
+def test_books_in_a_public_folder_are_private(tmp_path):
     """Also those of an older farm, which are there already."""
     tmp_path.chmod(0o755)
     old = os.umask(0o022)
@@ -60,7 +60,7 @@ def test_books_in_a_folder_that_is_open_to_all_are_their_owner_s_alone(tmp_path)
         os.umask(old)
 
 
-def test_an_event_that_cannot_be_written_leaves_nothing(tmp_path):
+def test_failed_commit_changes_nothing(tmp_path):
     store = Store(tmp_path / "farm.db")
     before = Books()
     after, _ = apply(fleet()[0], before)
@@ -71,7 +71,7 @@ def test_an_event_that_cannot_be_written_leaves_nothing(tmp_path):
         assert repeated.load() == before
 
 
-def test_books_that_are_no_database_are_named(tmp_path):
+def test_invalid_database_is_an_error_with_its_path(tmp_path):
     (tmp_path / "farm.db").write_text("these are not the books that you are looking for" * 50)
     with pytest.raises(StoreError, match="cannot be opened"):
         Store(tmp_path / "farm.db")
@@ -92,7 +92,7 @@ def test_database_of_the_first_schema_is_migrated(tmp_path):
         assert store.load() == books
 
 
-def test_a_row_that_cannot_be_read_is_named(tmp_path):
+def test_row_that_cannot_be_read_is_named(tmp_path):
     import sqlite3
 
     with Store(tmp_path / "farm.db") as store:

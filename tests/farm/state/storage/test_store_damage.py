@@ -96,7 +96,7 @@ def flip(path, at, bit=0):
     at=st.integers(0, 2**20),
     bit=st.integers(0, 7),
 )
-def test_a_wrong_bit_anywhere(night, tmp_path_factory, of, at, bit):
+def test_flipped_bit_anywhere_is_detected(night, tmp_path_factory, of, at, bit):
     folder = tmp_path_factory.getbasetemp() / "flipped"
     check(night, folder, lambda state: flip(state.books.with_name(f"farm.db{of}"), at, bit))
 

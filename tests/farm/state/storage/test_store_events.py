@@ -27,7 +27,7 @@ def times(store):
     most=st.integers(1, 20),
     at_once=st.integers(1, 5),
 )
-def test_what_stays_is_the_end_of_the_log(tmp_path_factory, times_s, before_s, most, at_once):
+def test_remaining_events_are_the_latest(tmp_path_factory, times_s, before_s, most, at_once):
     path = tmp_path_factory.mktemp("books") / "farm.db"
     with Store(path) as store:
         record(store, *times_s)
@@ -47,7 +47,7 @@ def test_what_stays_is_the_end_of_the_log(tmp_path_factory, times_s, before_s, m
         assert times(store) == [*kept, 200.0]
 
 
-def test_a_shrunken_log_makes_the_file_smaller(tmp_path):
+def test_deleting_events_makes_the_file_smaller(tmp_path):
     path = tmp_path / "farm.db"
     with Store(path) as store:
         record(store, *(float(n) for n in range(300)), by="a" * 4000)

@@ -8,7 +8,7 @@ from farm.state.storage.store import Store
 from recorded_state import unpack_state
 
 
-def test_the_books_of_the_first_release_open(tmp_path):
+def test_books_of_the_first_release_are_readable(tmp_path):
     books = Store(unpack_state(tmp_path) / "farm.db").load()
     states = {number: job.state for number, job in books.jobs.items()}
     assert states == {
@@ -32,7 +32,7 @@ def test_the_books_of_the_first_release_open(tmp_path):
     assert (first.bed, round(first.reel.grams)) == (Bed.NOT_CLEAR, 697)
 
 
-def test_the_journals_of_the_first_release_open(tmp_path):
+def test_journals_of_the_first_release_are_readable(tmp_path):
     state = unpack_state(tmp_path)
     ended = Journal(state / "agents" / "um2-01" / JOURNAL).state
     assert len(ended.ended) == 2 and not ended.may_be_hot

@@ -104,7 +104,7 @@ steps = st.lists(
 
 
 @given(steps)
-def test_no_part_is_lost_and_none_is_printed_twice(taken):
+def test_replacing_plates_neither_loses_nor_repeats_a_part(taken):
     """Whatever is sliced or cut again: what is current is what was planned, each piece of it once."""
     books = printing(3)
     for number, (what, which, printer) in enumerate(taken):

@@ -11,7 +11,7 @@ from farm.views import list_due_notices
 from make_books import ended, printing, run
 
 
-def test_a_verdict_is_on_the_last_print_also_where_the_clock_was_set_back_before_it_ended(tmp_path):
+def test_verdict_applies_to_the_last_print_despite_a_clock_step(tmp_path):
     path = tmp_path / "farm.db"
     earlier = (
         ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"),
@@ -47,7 +47,7 @@ def test_loss_before_a_backward_clock_step_is_notified_and_repeated():
     assert [item.key for item in list_due_notices(books, 1000.0, 0.0, ())] == ["print x"]
 
 
-def test_an_open_print_is_as_old_as_it_was_where_the_clock_was_set_and_an_ended_one_stays():
+def test_clock_step_shifts_open_prints_only():
     books, _ = run(
         printing(),
         ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"),

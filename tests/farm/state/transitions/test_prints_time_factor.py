@@ -41,7 +41,7 @@ def test_time_factor_is_bounded_and_changes_slowly(factor, expected_s, reached_s
 
 
 @given(st.lists(st.floats(0.9, 1.2), min_size=1, max_size=5), FACTORS)
-def test_the_order_of_prints_matters_less_than_they_differ(ratios, start):
+def test_order_of_prints_hardly_affects_the_factor(ratios, start):
     ends = [after(order, start) for order in itertools.permutations(ratios)]
     assert max(ends) - min(ends) <= max(ratios) - min(ratios) + 1e-9
 
@@ -93,13 +93,13 @@ def test_time_factor_learns_from_a_completed_print(planned):
     assert books.plates["1/01"].expected_on(1.2) == pytest.approx(1.2 * HOUR_S + 100.0)
 
 
-def test_a_printer_learns_nothing_from_a_print_that_failed():
+def test_failed_print_does_not_update_the_factor():
     books = printed(PrintState.FAILED)
     assert books.printers["a"].bed is Bed.NOT_CLEAR
     assert books.printers["a"].time_factor == 1.0
 
 
-def test_a_printer_learns_nothing_from_a_print_that_was_paused():
+def test_paused_print_does_not_update_the_factor():
     facts = {"print_id": "x", "started_s": 2.0, "extruded": True}
     books, _ = run(
         long_plate(printing(), 1.0),
@@ -112,9 +112,9 @@ def test_a_printer_learns_nothing_from_a_print_that_was_paused():
 
 
 @pytest.mark.parametrize("ratio", [0.3, 0.49, 2.01, 5.0])
-def test_a_print_that_took_twice_or_half_as_long_teaches_nothing(ratio):
+def test_implausible_print_time_is_ignored_by_the_factor(ratio):
     assert update_time_factor(1.0, HOUR_S, ratio * HOUR_S) == 1.0
 
 
-def test_a_print_that_waited_for_its_host_for_a_moment_only_teaches():
+def test_print_with_a_short_starvation_updates_the_factor():
     assert update_time_factor(1.0, HOUR_S, 1.1 * HOUR_S, MOST_STARVED * HOUR_S) > 1.0

@@ -43,7 +43,7 @@ def test_jobs_are_served_by_priority_and_submission_until_they_are_moved():
     st.lists(st.integers(-2, 2), min_size=1, max_size=6),
     st.lists(st.tuples(st.integers(1, 6), st.one_of(st.none(), st.integers(1, 6))), max_size=12),
 )
-def test_a_moved_job_stands_where_it_was_put_and_the_others_keep_their_order(priorities, moves):
+def test_moved_job_keeps_its_place_and_the_others_their_order(priorities, moves):
     books = queued(*priorities)
     for number, before in moves:
         if number > len(priorities) or before == number or (before or 0) > len(priorities):
@@ -58,7 +58,7 @@ def test_a_moved_job_stands_where_it_was_put_and_the_others_keep_their_order(pri
     assert same[-1] == len(priorities) + 1  # behind all jobs of its priority
 
 
-def test_two_jobs_may_pass_each_other_for_ever():
+def test_two_jobs_can_be_swapped_any_number_of_times():
     books = queued(0, 0, 0)
     for _ in range(200):
         first, second, _last = order(books)
@@ -72,7 +72,7 @@ def test_two_jobs_may_pass_each_other_for_ever():
     assert order(later)[-1] == 4
 
 
-def test_a_job_cannot_be_put_before_one_that_is_not_in_the_queue():
+def test_job_cannot_be_put_before_one_that_is_not_in_the_queue():
     books = queued(0, 0)
     books, _ = run(books, ev.JobCancelled(at_s=1.0, job=1))
     with pytest.raises(InvalidTransition, match="not in the queue"):

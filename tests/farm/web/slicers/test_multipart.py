@@ -42,14 +42,14 @@ CURA = write_form([field("path", "x/y"), file(), field("select", "true"), field(
 
 @pytest.mark.parametrize("form", [PRUSA, CURA], ids=["options first", "options last"])
 @given(data=st.data())
-def test_a_form_split_anywhere_reads_the_same(form, data):
+def test_form_split_anywhere_reads_the_same(form, data):
     cuts = sorted(data.draw(st.lists(st.integers(0, len(form)), max_size=5)))
     reader, content = read(form, *cuts)
     assert content == CONTENT
     assert (reader.file_name, reader.fields["path"], reader.is_true("print")) == ("a.gcode", "x/y", True)
 
 
-def test_a_form_read_byte_by_byte_reads_the_same():
+def test_form_read_byte_by_byte_reads_the_same():
     reader, content = read(PRUSA, *range(1, len(PRUSA)))
     assert (reader.file_name, content) == ("a.gcode", CONTENT)
 
@@ -62,7 +62,7 @@ def test_boundaries_of_qt_and_of_curl_are_read_quoted_or_not(boundary, quote):
     assert (reader.file_name, content) == ("Größe \N{OLD ITALIC LETTER A}.gcode", CONTENT)
 
 
-def test_a_cut_form_is_never_complete():
+def test_cut_form_is_never_complete():
     whole = len(PRUSA) - 2  # the last line end may be missing
     for end in range(whole):
         with pytest.raises(BadForm, match="stopped before its end"):
@@ -82,7 +82,7 @@ def test_a_cut_form_is_never_complete():
         (b"no form at all", "cannot be read"),
     ],
 )
-def test_a_bad_form_is_refused_with_the_reason(form, reason):
+def test_bad_form_is_refused_with_the_reason(form, reason):
     with pytest.raises(BadForm, match=reason):
         read(form)
 
@@ -97,7 +97,7 @@ def test_a_bad_form_is_refused_with_the_reason(form, reason):
         "multipart/mixed; boundary=x",
     ],
 )
-def test_what_is_no_form_is_refused(content_type):
+def test_invalid_form_is_refused(content_type):
     with pytest.raises(BadForm):
         FormReader(content_type)
 
@@ -112,5 +112,5 @@ def test_any_bytes_are_read_or_refused(noise, at):
 @pytest.mark.parametrize(
     ("value", "means"), [("true", True), ("True ", True), ("1", True), ("", False), ("false", False)]
 )
-def test_the_words_for_yes(value, means):
+def test_every_form_of_true_is_read(value, means):
     assert read(write_form([field("print", value), file()]))[0].is_true("print") is means

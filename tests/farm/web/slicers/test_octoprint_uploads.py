@@ -12,7 +12,7 @@ def make(tmp_path):
     return lambda **options: SlicerFarm(tmp_path, **options)
 
 
-def test_the_version_is_one_that_slicers_accept(make):
+def test_version_is_one_that_slicers_accept(make):
     farm = make()
     answer = farm.ask("GET", "/api/version", farm.add_key(Role.LOOK))
     assert answer.status_code == 200
@@ -32,7 +32,7 @@ def test_upload_holds_a_job_and_upload_and_print_submits_one(make):
     assert farm.left_files == []
 
 
-def test_the_answer_is_that_of_octoprint_with_a_location(make):
+def test_answer_is_that_of_octoprint_with_a_location(make):
     farm = make()
     answer = farm.upload(farm.add_key(Role.PRINT), "größe 1.gcode", print="true")
     assert answer.headers["location"] == f"http://{HOST}{UPLOAD}/1/gr%C3%B6%C3%9Fe%201.gcode"
@@ -51,7 +51,7 @@ def test_the_answer_is_that_of_octoprint_with_a_location(make):
     }
 
 
-def test_a_farm_that_approves_every_job_prints_none_at_once(make):
+def test_farm_that_approves_every_job_prints_none_at_once(make):
     farm = make(approve=True)
     assert farm.upload(farm.add_key(Role.PRINT), print="true").json()["effectivePrint"] is False
 
@@ -63,7 +63,7 @@ def test_models_are_taken_too(make, name):
     assert farm.booked[1].name == name
 
 
-def test_an_address_of_a_printer_asks_for_that_one(make):
+def test_address_of_a_printer_asks_for_that_one(make):
     farm = make()
     key = farm.add_key(Role.PRINT)
     answer = farm.upload(key, to="/to/b" + UPLOAD, print="true")
@@ -74,7 +74,7 @@ def test_an_address_of_a_printer_asks_for_that_one(make):
     assert len(farm.booked) == 1
 
 
-def test_a_refusal_is_plain_text_with_line_and_reason_in_front(make):
+def test_refusal_is_plain_text_with_line_and_reason_in_front(make):
     farm = make(workers=RefuseAll())
     answer = farm.upload(farm.add_key(Role.PRINT), "n" * 200 + ".gcode")
     assert answer.status_code == 400
@@ -83,7 +83,7 @@ def test_a_refusal_is_plain_text_with_line_and_reason_in_front(make):
     assert (farm.booked, farm.left_files) == ({}, [])
 
 
-def test_a_folder_is_shown_and_not_interpreted(make):
+def test_folder_is_shown_and_not_interpreted(make):
     farm = make()
     fields = {"path": "/../etc/", "print": "true"}
     assert farm.ask(
@@ -103,7 +103,7 @@ def announce(size):
     return {**BOUNDARY, "content-length": str(size)}
 
 
-def test_an_upload_cut_at_any_byte_leaves_nothing(make):
+def test_upload_cut_at_any_byte_leaves_nothing(make):
     farm = make()
     key = farm.add_key(Role.PRINT)
     events = len(farm.store.events())
@@ -115,7 +115,7 @@ def test_an_upload_cut_at_any_byte_leaves_nothing(make):
     assert farm.booked[1].name == "a.gcode"
 
 
-def test_a_refused_upload_is_read_to_its_end_so_that_the_client_sees_the_answer(make):
+def test_refused_upload_is_read_to_its_end_so_that_the_client_sees_the_answer(make):
     farm = make()
     chunks = [b"--x", *[b"x"] * 5]
     assert farm.send(UPLOAD, farm.add_key(Role.PRINT), chunks, announce(8)).unread == 0
@@ -131,7 +131,7 @@ def test_a_refused_upload_is_read_to_its_end_so_that_the_client_sees_the_answer(
     )
 
 
-def test_the_length_of_an_upload_must_be_announced(make):
+def test_length_of_an_upload_must_be_announced(make):
     answer = make_answer(make(), {**BOUNDARY})
     assert (answer.status, answer.text[:31]) == (411, "the request has no Content-Leng")
 
@@ -140,7 +140,7 @@ def make_answer(farm, headers):
     return farm.send(UPLOAD, farm.add_key(Role.PRINT), [FORM], headers)
 
 
-def test_an_empty_file_is_refused(make):
+def test_empty_file_is_refused(make):
     farm = make()
     answer = farm.upload(farm.add_key(Role.PRINT), content=b"")
     assert (answer.status_code, answer.text) == (400, "the file is empty")
