@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from fastapi import APIRouter, Response
 
+from farm import api
 from farm.http.services import Services
 
 _IMAGES = {media_type: {"schema": {"type": "string"}} for media_type in ("image/jpeg", "image/png")}
@@ -16,7 +17,10 @@ def camera_routes(services: Services) -> APIRouter:
     @router.get(
         "/printers/{name}/camera",
         response_class=Response,
-        responses={200: {"description": "A still, two seconds old at most.", "content": _IMAGES}},
+        responses={
+            200: {"description": "A still, two seconds old at most.", "content": _IMAGES},
+            503: {"description": "The camera sends no still.", "model": api.Problem},
+        },
     )
     async def camera(name: str) -> Response:
         image = await services.look(name)

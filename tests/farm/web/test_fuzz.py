@@ -1,0 +1,107 @@
+"""Random requests to the server for the network: none fails, none does more than its caller may."""
+
+import asyncio
+import random
+import socket
+
+import pytest
+import uvicorn
+
+from bench.fuzz_requests import list_statuses, make_request
+from farm.http import BoundedServer, PeerProtocol
+from farm.model import Role
+from farm.web.access import ROLES
+from network_farm import NetworkFarm
+
+AT_ONCE = 8
+PATIENCE_S = 20.0
+
+
+@pytest.fixture
+def farm(tmp_path):
+    farm = NetworkFarm(tmp_path)
+    yield farm
+    farm.store.close()
+
+
+async def send(port, request):
+    """Send a request on a connection of its own. Returns all that comes back."""
+    reader, writer = await asyncio.open_connection("127.0.0.1", port)
+    try:
+        writer.write(request.data)
+        answer = b""
+        while chunk := await asyncio.wait_for(reader.read(65536), 5.0 if request.intact else 0.05):
+            answer += chunk
+            if request.path.endswith("/events"):
+                break
+    except (ConnectionError, TimeoutError):
+        pass
+    finally:
+        writer.close()
+    return answer
+
+
+async def fuzz(farm, requests):
+    """Send requests to a server, several at once. Returns each with its statuses."""
+    listening = socket.create_server(("127.0.0.1", 0))
+    listening.setblocking(False)
+    config = uvicorn.Config(
+        farm.web, http=PeerProtocol, ws="none", log_config=None, lifespan="off", access_log=False
+    )
+    server = BoundedServer(config, 64)
+    serving = asyncio.create_task(server.serve(sockets=[listening]))
+    port, waiting, answers = listening.getsockname()[1], list(requests), []
+
+    async def work():
+        while waiting:
+            request = waiting.pop()
+            answers.append((request, list(list_statuses(await send(port, request)))))
+
+    await asyncio.gather(*(work() for _ in range(AT_ONCE)))
+    server.should_exit = True
+    await asyncio.wait_for(serving, PATIENCE_S)
+    listening.close()
+    return answers
+
+
+def run(farm, keys, number, seed):
+    rng = random.Random(seed)
+    return asyncio.run(fuzz(farm, [make_request(rng, keys) for _ in range(number)]))
+
+
+def list_failures(answers):
+    """List the requests that the server failed to serve; 503 is a camera that does not answer."""
+    return [
+        (request.data, statuses)
+        for request, statuses in answers
+        if any(status >= 500 and status != 503 for status in statuses) or (request.intact and not statuses)
+    ]
+
+
+def is_guarded(request):
+    return (request.method, request.path) in ROLES
+
+
+def test_requests_of_those_who_may_only_look_change_nothing(farm):
+    revoked = farm.add(Role.OPERATE, "revoked")
+    farm.keys.revoke(revoked.id, "ann")
+    look = farm.add(Role.LOOK).text
+    keys = {"": "", "wrong": "farm_key_x", "revoked": revoked.text, "look": look}
+    events = farm.store.events()
+    answers = run(farm, keys, 250, seed=1)
+    assert list_failures(answers) == []
+    assert farm.store.events() == events
+    assert farm.controller.books.jobs == {} and not list(farm.state.work.iterdir())
+    served = {request.caller for request, statuses in answers if 200 in statuses and is_guarded(request)}
+    assert served == {"look"}
+
+
+def test_requests_of_those_who_may_everything_do_not_fail(farm):
+    keys = {str(role): farm.add(role).text for role in (Role.PRINT, Role.OPERATE)}
+    events = len(farm.store.events())
+    answers = run(farm, keys, 250, seed=2)
+    assert list_failures(answers) == []
+    changed = sum(200 <= status < 300 for request, statuses in answers for status in statuses if
+                  request.method != "GET")  # fmt: skip
+    assert 0 < len(farm.store.events()) - events <= 5 * changed
+    assert farm.went_down == [] and not list(farm.state.work.iterdir())
