@@ -5,6 +5,7 @@ from __future__ import annotations
 from fastapi import Depends, FastAPI, Request, Response
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
+from starlette.exceptions import HTTPException
 
 import farm
 from farm import api
@@ -87,6 +88,10 @@ def _add_error_handlers(app: FastAPI, services: Services) -> None:
     async def body_too_large(request: Request, _: Exception) -> Response:
         error = Refused(f"the request to {request.url.path} is longer than {LARGEST_BODY_BYTES // 1024} KiB")
         return make_problem(str(error), error.code, error.exit_code, TOO_LARGE)
+
+    @app.exception_handler(HTTPException)
+    async def other_http_error(_: Request, error: HTTPException) -> Response:
+        return make_problem(str(error.detail), ErrorCode.REFUSED, ExitCode.REFUSED, error.status_code)
 
     @app.exception_handler(404)
     async def not_found(request: Request, _: Exception) -> Response:

@@ -12,6 +12,7 @@ from network_farm import HOST, OWN_PAGE, NetworkFarm
 
 VALUES = {"printer": "a", "number": "1", "name": "a", "part": "p01", "request_id": "r" * 8}
 LOOK, PRINT, OPERATE = Role
+JSON = {"content-type": "application/json"}
 HOUR_S = 3600.0
 REFUSALS = (401, 403, 421, 429, 500)
 
@@ -176,3 +177,10 @@ def test_every_answer_forbids_scripts_and_frames_and_no_other_site_may_read_it(f
         assert "access-control-allow-origin" not in answer.headers
     assert answers[0].json() == {"status": "ok"}
     assert not re.search("key print|um2|job", answers[0].text)
+
+
+def test_body_that_cannot_be_parsed_gives_an_error_like_any_other(farm):
+    path, key = fill(f"{NETWORK_PREFIX}/printers/{{name}}/cleared"), farm.add(OPERATE).text
+    answer = farm.ask("POST", path, key, content=b'{"why": "\xff"}', headers=JSON)
+    assert answer.status_code == 400
+    assert answer.json().keys() == {"error", "code", "exit_code"}
