@@ -41,6 +41,7 @@ STL = b"solid a\n" + b"".join(
 ) + b"endsolid a\n"  # fmt: skip
 GCODE = b";FLAVOR:Marlin\nG28\nM104 S200\nG1 X10 Y10 E1\n"
 _METHODS = ("GET", "POST", "PUT", "DELETE", "HEAD", "OPTIONS", "PATCH", "TRACE", "CONNECT", "get", "P\x00ST")
+_SUBMIT = f"{NETWORK_PREFIX}/jobs"
 _PLAIN_SHARE = 0.3
 _PLAIN_BODIES = (b"{}", b'{"why": "x"}', b'{"grams": 500, "colour": "red"}', b'{"bad": true, "why": "x"}')
 _ENCODING = "surrogatepass"
@@ -84,6 +85,9 @@ def make_request(rng: random.Random, keys: Mapping[str, str]) -> FuzzedRequest:
         method = rng.choice(_METHODS)
     path = _fill(rng, template, 1.0 if plain else 0.8)
     body, kind = (rng.choice(_PLAIN_BODIES), "application/json") if plain else _make_body(rng)
+    if plain and template == _SUBMIT:
+        body, kind = STL, "application/octet-stream"
+        path = f"{template}?request_id={rng.getrandbits(64):016x}&name=a.stl&size={len(body)}"
     headers = {"Host": HOST, "Connection": "close", "Content-Type": kind}
     if not plain:
         headers |= _make_headers(rng)
@@ -118,7 +122,7 @@ def _fill(rng: random.Random, template: str, valid_share: float) -> str:
         path = rng.choice(HOSTILE)
     if not path.startswith("/"):
         path = f"/{path}"
-    if template == f"{NETWORK_PREFIX}/jobs" and rng.random() < 0.7:
+    if template == _SUBMIT and rng.random() < 0.7:
         name = rng.choice(("a.stl", "a.gcode", "a.3mf", "a.obj", "../a.stl", "ü.stl", "a" * 150))
         size = rng.choice((0, 1, len(GCODE), len(STL), 10**15))
         return f"{path}?request_id={rng.getrandbits(64):016x}&name={name}&size={size}"

@@ -1,0 +1,211 @@
+"""Random requests to a real daemon: none fails, nothing grows, nobody does more than they may.
+
+``python -m bench.fuzz_web [--requests N] [--seed N] [--at-once N] [--json]``. A daemon with two simulated
+printers and a server for the network. Three quarters of the requests come from callers who may change
+nothing: without a key, with a wrong or a revoked one, or with the role `look`. The others have the roles
+`print` and `operate`. Every connection is new. The exit status is 1 where a goal is missed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import json
+import random
+import socket
+import sqlite3
+import subprocess
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Mapping
+from contextlib import closing, suppress
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from bench.fuzz_requests import FuzzedRequest, list_statuses, make_request
+
+FARM = Path(sys.executable).with_name("farm")
+PATIENCE_S = 600.0
+ANSWER_S = 20.0
+DAMAGED_S = 0.05
+"""Time for the answer to a request that a server need not answer."""
+WARM_UP = 5000
+"""Requests after which the daemon has loaded all code, and memory is measured."""
+GOALS = {
+    "failed": 0, "unanswered": 0, "events_without_right": 0, "jobs_without_right": 0,
+    "prints_without_right": 0,
+    "new_work_files": 0, "new_descriptors": 4, "grown_mb_per_100000": 20.0,
+}  # fmt: skip
+_CAMERA_SILENT = 503
+_SHOWN = 20
+
+
+class Farm:
+    """Daemon on a state folder of its own, with keys for the network."""
+
+    def __init__(self, folder: Path) -> None:
+        with socket.create_server(("127.0.0.1", 0)) as probe:
+            self.port = probe.getsockname()[1]
+        self.state = folder / "state"
+        fleet = folder / "fleet.yaml"
+        model = "ultimaker2_plus"
+        rows = [{"name": name, "model": model, "port": f"sim://{model}"} for name in "ab"]
+        fleet.write_text(yaml.safe_dump({"printers": rows, "web": {"listen": f"127.0.0.1:{self.port}"}}))
+        self.run("up", "--fleet", str(fleet))
+        self.pid = int(json.loads(self.run("status", "--json"))["daemon"]["pid"])
+        roles = {"look": "look", "print": "print", "operate": "operate", "revoked": "operate"}
+        self.keys = {
+            name: self.run("key", "add", name, "--role", role).strip() for name, role in roles.items()
+        }
+        self.run("key", "revoke", self.keys["revoked"].split("_")[1])
+        self.keys |= {"nobody": "", "wrong": "farm_wrong_key"}
+
+    def run(self, *words: str) -> str:
+        """Run a command of `farm`."""
+        command = [str(FARM), *words, "--state", str(self.state)]
+        return subprocess.run(command, check=True, capture_output=True, text=True, timeout=PATIENCE_S).stdout
+
+    def measure(self) -> dict[str, float]:
+        """Measure memory, descriptors, files of unfinished work, and rows of the database."""
+        process = Path(f"/proc/{self.pid}")
+        resident_kb = next(
+            int(line.split()[1]) for line in (process / "status").read_text().splitlines() if "VmRSS" in line
+        )
+        with closing(sqlite3.connect(f"file:{self.state / 'farm.db'}?mode=ro", uri=True)) as books:
+            rows = {
+                table: books.execute(f"SELECT count(*) FROM {table}").fetchone()[0]
+                for table in ("event", "job", "print")
+            }
+        return {
+            "resident_mb": resident_kb / 1024,
+            "descriptors": len(list((process / "fd").iterdir())),
+            "work_files": sum(path.is_file() for path in (self.state / "work").rglob("*")),
+            **rows,
+        }
+
+
+async def send(port: int, request: FuzzedRequest) -> list[int]:
+    """Send a request on a connection of its own. Returns the statuses of the answers."""
+    answer, patience_s = b"", ANSWER_S if request.intact else DAMAGED_S
+    with suppress(ConnectionError, TimeoutError):
+        reader, writer = await asyncio.open_connection("127.0.0.1", port)
+        try:
+            writer.write(request.data)
+            while chunk := await asyncio.wait_for(reader.read(65536), patience_s):
+                answer += chunk
+                if request.path.endswith("/events"):
+                    break  # it does not end
+        finally:
+            writer.close()
+    return list(list_statuses(answer))
+
+
+class Fuzzing:
+    """Sends requests, several at once, and counts the answers."""
+
+    def __init__(self, port: int, rng: random.Random, at_once: int) -> None:
+        self._port, self._rng, self._at_once = port, rng, at_once
+        self.statuses: Counter[int] = Counter()
+        self.failures: list[tuple[list[int], bytes]] = []
+        self.sent = self.intact = self.unanswered = self.accepted = 0
+
+    async def run(self, number: int, keys: Mapping[str, str]) -> None:
+        """Send a number of requests by callers with these keys."""
+        left = number
+
+        async def work() -> None:
+            nonlocal left
+            while left > 0:
+                left -= 1
+                request = make_request(self._rng, keys)
+                self._count(request, await send(self._port, request))
+
+        await asyncio.gather(*(work() for _ in range(self._at_once)))
+
+    def _count(self, request: FuzzedRequest, statuses: list[int]) -> None:
+        self.sent += 1
+        self.intact += request.intact
+        self.statuses.update(statuses)
+        if request.method != "GET":
+            self.accepted += sum(200 <= status < 300 for status in statuses)
+        if request.intact and not statuses:
+            self.unanswered += 1
+            self.failures.append((statuses, request.data))
+        if any(status >= 500 and status != _CAMERA_SILENT for status in statuses):
+            self.failures.append((statuses, request.data))
+
+
+def measure(number: int, seed: int, at_once: int) -> dict[str, Any]:
+    """Send the requests, and compare the daemon before and after."""
+    with tempfile.TemporaryDirectory() as name:
+        farm = Farm(Path(name))
+        try:
+            fuzzing, begun_s = Fuzzing(farm.port, random.Random(seed), at_once), time.monotonic()
+            powerless = {name: farm.keys[name] for name in ("nobody", "wrong", "revoked", "look")}
+            powerful = {name: farm.keys[name] for name in ("print", "operate")}
+            at_start = farm.measure()
+            warm_up = min(WARM_UP, number // 4)
+            asyncio.run(fuzzing.run(warm_up, powerless))
+            warm = farm.measure()
+            asyncio.run(fuzzing.run(number * 3 // 4 - warm_up, powerless))
+            looked = farm.measure()
+            accepted_powerless = fuzzing.accepted
+            asyncio.run(fuzzing.run(number - number * 3 // 4, powerful))
+            time.sleep(2.0)  # until uploads that were cut have been dropped
+            ended = farm.measure()
+            status = json.loads(farm.run("status", "--json"))
+        finally:
+            farm.run("down", "--now")
+    measured = max(1, number * 3 // 4 - warm_up)
+    failed = sum(bool(statuses) for statuses, _ in fuzzing.failures)
+    return {
+        "requests": fuzzing.sent,
+        "intact": fuzzing.intact,
+        "seconds": time.monotonic() - begun_s,
+        "statuses": dict(sorted(fuzzing.statuses.items())),
+        "failed": failed,
+        "unanswered": fuzzing.unanswered,
+        "failures": [(statuses, repr(data[:2000])) for statuses, data in fuzzing.failures[:_SHOWN]],
+        "events_without_right": looked["event"] - at_start["event"],
+        "jobs_without_right": looked["job"],
+        "prints_without_right": looked["print"],
+        "accepted_changes": fuzzing.accepted - accepted_powerless,
+        "new_events": ended["event"] - looked["event"],
+        "new_jobs": ended["job"],
+        "new_prints": ended["print"],
+        "new_work_files": ended["work_files"] - at_start["work_files"],
+        "new_descriptors": looked["descriptors"] - warm["descriptors"],
+        "grown_mb_per_100000": (looked["resident_mb"] - warm["resident_mb"]) * 100_000 / measured,
+        "resident_mb": [one["resident_mb"] for one in (at_start, warm, looked, ended)],
+        "printers": {printer["name"]: printer["state"] for printer in status["printers"]},
+    }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--requests", type=int, default=100_000)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--at-once", type=int, default=8)
+    parser.add_argument("--json", action="store_true")
+    args = parser.parse_args()
+    result = measure(args.requests, args.seed, args.at_once)
+    if args.json:
+        print(json.dumps({**result, "goals": GOALS}, indent=2))
+    else:
+        print(
+            f"{result['requests']} requests in {result['seconds']:.0f} s: {result['failed']} failed, "
+            f"{result['unanswered']} unanswered; {result['events_without_right']} events and "
+            f"{result['prints_without_right']} prints without a right to them; "
+            f"{result['grown_mb_per_100000']:.1f} MB more for 100,000 requests"
+        )
+        for statuses, data in result["failures"]:
+            print(statuses, data[:500])
+    sys.exit(any(result[name] > most for name, most in GOALS.items()))
+
+
+if __name__ == "__main__":
+    main()
