@@ -37,6 +37,7 @@ from farm.control import (
 from farm.errors import FarmError, Refused
 from farm.http import (
     BoundedServer,
+    EventStreams,
     PeerProtocol,
     Services,
     check_operators,
@@ -104,6 +105,7 @@ class Daemon:
         self._server: uvicorn.Server | None = None
         self._ending: asyncio.Task[None] | None = None
         self._inspections: dict[Path, str] = {}  # models that are being inspected
+        self._streams = EventStreams(self._store)
 
     # -- run --------------------------------------------------------------------------------------------
 
@@ -122,6 +124,7 @@ class Daemon:
             upkeep.prune,
             cameras.look,
             inspections=self._inspections,
+            streams=self._streams,
         )
         dry_runs = DryRuns(self._controller)
         most = self._limit_connections()
@@ -232,7 +235,8 @@ class Daemon:
         self._ending = asyncio.get_running_loop().create_task(self._end(now))
 
     def _stop_work(self) -> None:
-        """End all work in workers; requests that wait for it are answered with an error."""
+        """End all streams, and all work in workers; requests that wait for it are answered with an error."""
+        self._streams.close()
         self._planner.stop()
         self._replan_worker.stop()
         self._workers.close()

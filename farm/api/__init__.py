@@ -12,6 +12,9 @@ from farm.api.base import NETWORK_PREFIX as NETWORK_PREFIX
 from farm.api.base import SCHEMA as SCHEMA
 from farm.api.base import Line as Line
 from farm.api.base import View
+from farm.api.events import EventView as EventView
+from farm.api.events import JobRow as JobRow
+from farm.api.events import Jobs as Jobs
 from farm.api.keys import EndedSessions as EndedSessions
 from farm.api.keys import KeyRequest as KeyRequest
 from farm.api.keys import Keys as Keys
@@ -19,6 +22,12 @@ from farm.api.keys import KeyView as KeyView
 from farm.api.keys import LoginLink as LoginLink
 from farm.api.keys import NetworkView as NetworkView
 from farm.api.keys import NewKey as NewKey
+from farm.api.prints import History as History
+from farm.api.prints import HistoryRow as HistoryRow
+from farm.api.prints import PrintRow as PrintRow
+from farm.api.prints import Prints as Prints
+from farm.api.prints import PrintView as PrintView
+from farm.api.prints import StillView as StillView
 from farm.api.requests import ApproveRequest as ApproveRequest
 from farm.api.requests import Cleared as Cleared
 from farm.api.requests import ClearedRequest as ClearedRequest
@@ -37,34 +46,10 @@ from farm.model import (
     Hold,
     JobOptions,
     JobState,
-    Moment,
     PlanProgress,
     PrintState,
     Verdict,
 )
-
-
-class StillView(View):
-    """Picture of a print by its printer's camera."""
-
-    moment: Moment
-    taken: str
-    file: str | None  # null if the files of its job were pruned
-
-
-class PrintView(View):
-    """One attempt to print the plate of a part."""
-
-    part: str  # its name at that time: a piece also has the prints of the part that it was cut from
-    printer: str
-    state: PrintState
-    fault: str | None
-    reason: str | None
-    verdict: Verdict | None
-    why: str | None  # reason for the verdict
-    started: str | None
-    ended: str | None
-    stills: list[StillView] = Field(default_factory=list)
 
 
 class PartView(View):
@@ -233,27 +218,6 @@ class NightView(View):
     waiting: int  # not started
     grams: float
     wasted_grams: float
-
-
-class HistoryRow(PrintView):
-    """A print that has ended."""
-
-    job: int
-    name: str  # the job's
-    note: str | None  # the job's
-    submitted_by: str | None
-    took_s: float
-    expected_s: float
-    grams: float
-    wasted: bool
-
-
-class History(View):
-    model_config = ConfigDict(populate_by_name=True)
-
-    schema_: int = Field(default=SCHEMA, alias="schema")
-    now: str
-    prints: list[HistoryRow]  # oldest first
 
 
 class JobName(View):

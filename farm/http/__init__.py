@@ -13,6 +13,7 @@ from farm.http.callers import (
     listen,
 )
 from farm.http.connections import BoundedServer, connection_limit, descriptor_limit, end_at_signals
+from farm.http.event_streams import EventStreams
 from farm.http.services import NetworkState, Services
 from farm.http.status_routes import describe_farm
 from farm.http.uploads import Upload, Uploads, clean_name
@@ -22,6 +23,7 @@ __all__ = [
     "BodyLimit",
     "BoundedServer",
     "CallerName",
+    "EventStreams",
     "NetworkState",
     "PeerProtocol",
     "Person",

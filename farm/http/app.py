@@ -14,6 +14,7 @@ from farm.errors import ErrorCode, ExitCode, FarmError, NoSuchThing, Refused
 from farm.http.body_limit import LARGEST_BODY_BYTES, TOO_LARGE, BodyLimit
 from farm.http.callers import identify_caller
 from farm.http.camera_routes import camera_routes
+from farm.http.event_routes import event_routes
 from farm.http.job_routes import job_routes, part_routes
 from farm.http.key_routes import key_routes
 from farm.http.printer_routes import printer_routes
@@ -53,6 +54,7 @@ def add_routes(app: FastAPI, services: Services, dry_runs: DryRuns, prefix: str 
     jobs = JobCommands(services.controller, printers)
     for router in (
         status_routes(services),
+        event_routes(services),
         upload_routes(services, jobs),
         job_routes(services, jobs, dry_runs),
         part_routes(parts),

@@ -13,6 +13,7 @@ from farm.cameras import Image
 from farm.compute import Workers
 from farm.control import Controller, SessionCommands
 from farm.errors import NoSuchThing, Refused
+from farm.http.event_streams import EventStreams, NoEvents
 from farm.http.uploads import Uploads
 from farm.paths import StateFolder
 from farm.views import ViewContext
@@ -84,6 +85,8 @@ class Services:
         Time of the last use of each key since the daemon started.
     inspections
         Names of the models that are being inspected, by the files of their uploads.
+    streams
+        Streams of the event log.
     sessions
         Commands about sessions of browsers.
     uploads
@@ -101,6 +104,7 @@ class Services:
     network: NetworkState = field(default_factory=NetworkState)
     key_uses_s: dict[str, float] = field(default_factory=dict)
     inspections: dict[Path, str] = field(default_factory=dict)
+    streams: EventStreams = field(default_factory=lambda: EventStreams(NoEvents()))
     sessions: SessionCommands = field(init=False)
     uploads: Uploads = field(init=False)
     since_s: float = field(init=False)

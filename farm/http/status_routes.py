@@ -10,11 +10,14 @@ from farm import api
 from farm.errors import Refused
 from farm.http.callers import OperatorName
 from farm.http.services import Services
+from farm.model import JobState, PrintState
 from farm.views import (
     describe_job,
     describe_night,
     describe_printer,
     list_history,
+    list_jobs,
+    list_prints,
     list_tasks,
     select_shown_jobs,
 )
@@ -52,6 +55,26 @@ def status_routes(services: Services) -> APIRouter:
         return api.History(
             now=context.format_time(context.now_s) or "", prints=list_history(context, job, printer, last)
         )
+
+    @router.get("/prints")
+    async def prints(
+        job: int | None = None,
+        printer: str | None = None,
+        state: PrintState | None = None,
+        last: Annotated[int, Query(ge=1, le=100_000)] = 100,
+    ) -> api.Prints:
+        context = controller.build_view_context(services.state)
+        return api.Prints(
+            now=context.format_time(context.now_s) or "",
+            prints=list_prints(context, job, printer, state, last),
+        )
+
+    @router.get("/jobs")
+    async def jobs(
+        state: JobState | None = None, last: Annotated[int, Query(ge=1, le=100_000)] = 100
+    ) -> api.Jobs:
+        context = controller.build_view_context(services.state)
+        return api.Jobs(now=context.format_time(context.now_s) or "", jobs=list_jobs(context, state, last))
 
     @router.post("/prune")
     async def prune(request: api.PruneRequest, by: OperatorName) -> api.Pruned:

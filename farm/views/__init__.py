@@ -7,7 +7,8 @@ from __future__ import annotations
 
 from farm.views.accounting import duration_s
 from farm.views.context import ViewContext
-from farm.views.history import describe_night, list_history, select_shown_jobs
+from farm.views.events import describe_event
+from farm.views.history import describe_night, list_history, list_jobs, list_prints, select_shown_jobs
 from farm.views.jobs import describe_job
 from farm.views.keys import list_keys
 from farm.views.notices import Notice, list_due_notices
@@ -18,6 +19,7 @@ from farm.views.timeline import describe_timeline
 __all__ = [
     "Notice",
     "ViewContext",
+    "describe_event",
     "describe_job",
     "describe_night",
     "describe_printer",
@@ -25,7 +27,9 @@ __all__ = [
     "duration_s",
     "list_due_notices",
     "list_history",
+    "list_jobs",
     "list_keys",
+    "list_prints",
     "list_tasks",
     "select_shown_jobs",
 ]

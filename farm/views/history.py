@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from farm import api
-from farm.model import Job, JobState, Print
+from farm.model import Job, JobState, Print, PrintState
 from farm.state import Books
-from farm.views.accounting import duration_s, is_wasted, summarise_night
+from farm.views.accounting import duration_s, is_wasted, summarise_job, summarise_night
 from farm.views.context import ViewContext
 from farm.views.jobs import describe_print
 
@@ -57,6 +57,53 @@ def list_history(
     ]
     ended.sort(key=lambda attempt: (attempt.ended_s or 0.0, attempt.id))
     return [_history_row(context, attempt) for attempt in ended[-last:]]
+
+
+def list_prints(
+    context: ViewContext, job: int | None, printer: str | None, state: PrintState | None, last: int
+) -> list[api.PrintRow]:
+    """List the prints that were started last, open ones too, in the order of their start."""
+    found = [
+        attempt
+        for attempt in context.books.prints.values()
+        if job in (None, attempt.job)
+        and printer in (None, attempt.printer)
+        and state in (None, attempt.shown_state)
+    ]
+    found.sort(key=lambda attempt: (attempt.assigned_s, attempt.number))
+    return [_print_row(context, attempt) for attempt in found[-last:]]
+
+
+def _print_row(context: ViewContext, attempt: Print) -> api.PrintRow:
+    row = api.PrintRow(**dict(_history_row(context, attempt)), id=attempt.id, plate=attempt.plate)
+    if not attempt.state.ended and attempt.started_s is not None:
+        row.took_s = max(0.0, context.now_s - attempt.started_s)
+    return row
+
+
+def list_jobs(context: ViewContext, state: JobState | None, last: int) -> list[api.JobRow]:
+    """List the jobs that were submitted last, in order of submission."""
+    found = [job for job in context.books.jobs.values() if state in (None, job.state)]
+    found.sort(key=lambda job: job.id)
+    return [_job_row(context, job) for job in found[-last:]]
+
+
+def _job_row(context: ViewContext, job: Job) -> api.JobRow:
+    summary = summarise_job(context.books, job)
+    return api.JobRow(
+        id=job.id,
+        name=job.name,
+        state=job.state,
+        submitted=context.format_time(job.submitted_s) or "",
+        submitted_by=job.submitted_by,
+        ended=context.format_time(job.ended_s),
+        note=job.options.note,
+        plates=len(job.plates),
+        printed=summary.printed,
+        good=summary.good,
+        error=job.error,
+        reason=job.reason,
+    )
 
 
 def _history_row(context: ViewContext, attempt: Print) -> api.HistoryRow:

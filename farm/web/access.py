@@ -17,8 +17,11 @@ SCHEMA_PAGE = f"{NETWORK_PREFIX}/docs"
 LIVENESS = "/healthz"
 _LOOK = (
     "/status",
+    "/events",
     "/names",
     "/history",
+    "/prints",
+    "/jobs",
     "/queue",
     "/jobs/{number}",
     "/jobs/{number}/timeline",

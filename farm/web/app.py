@@ -6,6 +6,7 @@ Only what the table of roles lists is served. Every request passes the guard bef
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
+from functools import partial
 
 from fastapi import Depends, FastAPI, Response
 from fastapi.responses import HTMLResponse, JSONResponse, PlainTextResponse
@@ -126,7 +127,8 @@ class Guard:
 
         judged = self._judge(scope)
         if not isinstance(judged, Refusal):
-            state = {**scope.get("state", {}), "person": judged}
+            is_allowed = partial(self._is_allowed, scope)
+            state = {**scope.get("state", {}), "person": judged, "is_allowed": is_allowed}
             await self._app({**scope, "state": state}, receive, send_with_headers)
             return
         response = self._answer(judged, scope["path"], Headers(scope=scope))
@@ -148,6 +150,10 @@ class Guard:
         if without_session and self._cookie.read(headers.get("cookie", "")):
             self._cookie.clear(response)
         return response
+
+    def _is_allowed(self, scope: Scope) -> bool:
+        """Return whether a request would still pass: a stream ends when its key is revoked."""
+        return not isinstance(self._judge(scope), Refusal)
 
     def _judge(self, scope: Scope) -> KeyHolder | Visitor | Refusal:
         """Return the caller, or a refusal."""

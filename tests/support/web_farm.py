@@ -7,7 +7,7 @@ import httpx
 from drivers.clock import Clock
 from farm.api import NETWORK_PREFIX, KeyRequest
 from farm.control import DryRuns, KeyCommands
-from farm.http import Services, make_app
+from farm.http import EventStreams, Services, make_app
 from farm.paths import StateFolder
 from farm.web import make_web_app
 from http_caller import DAEMON_USER, called_by
@@ -27,7 +27,12 @@ class WebFarm(Farm):
         self.ready("a", "b")
         self.state = state
         self.services = Services(
-            self.controller, state, folder / "fleet.yaml", workers or AcceptAll(), self._down
+            self.controller,
+            state,
+            folder / "fleet.yaml",
+            workers or AcceptAll(),
+            self._down,
+            streams=EventStreams(self.store, poll_s=0.0),
         )
         self.web = make_web_app(self.services, DryRuns(self.controller), {HOST})
         self.unix = called_by(DAEMON_USER, make_app(self.services, DryRuns(self.controller)))

@@ -15,6 +15,7 @@ from pydantic import ValidationError
 from farm.errors import FarmError
 from farm.model import Entity, Job, Key, Outage, Part, Plate, Print, Printer
 from farm.state.books import Books, changed_entities, removed_keys
+from farm.state.event_rows import READ_EVENTS, EventRow, make_row
 from farm.state.events import BooksRestored, Event
 from farm.state.lifecycles import InvalidTransition
 from farm.state.storage.migrations import (
@@ -175,7 +176,7 @@ class Store:
             self._check_rows()
             if new:  # the old ones were moved away
                 path.with_name(path.name + _COUNT).unlink(missing_ok=True)
-            self._lost = self._count_events() < self._read_count()
+            self._lost = self.find_last_event() < self._read_count()
         except (sqlite3.Error, UnicodeDecodeError) as error:  # the error message may not be text
             environment = getattr(error, "sqlite_errorcode", 0) & 0xFF in _ENVIRONMENT_ERRORS
             message = f"the database {path} cannot be opened: {error}"
@@ -209,8 +210,8 @@ class Store:
             if bad is not None:
                 raise DamagedBooks(f"the database {self._path} is damaged: {table} {bad[0]} was changed")
 
-    def _count_events(self) -> int:
-        """Return the number of events in these books."""
+    def find_last_event(self) -> int:
+        """Return the number of the last event; 0 if there is none."""
         (number,) = self._db.execute("SELECT coalesce(max(seq), 0) FROM event").fetchone()
         return int(number)
 
@@ -280,6 +281,13 @@ class Store:
     def events(self) -> list[tuple[float, str, str]]:
         """Return the event log: farm time, kind and JSON of each."""
         return self._db.execute("SELECT at_s, kind, body FROM event ORDER BY seq").fetchall()
+
+    def read_events(self, after: int, most: int) -> list[EventRow]:
+        """Read events after a number, oldest first, with the fields that all users may see."""
+        try:
+            return [make_row(row) for row in self._db.execute(READ_EVENTS, (after, most))]
+        except sqlite3.Error as error:
+            raise StoreError(f"the event log cannot be read: {error}") from error
 
     def find_last_old_event(self, before_s: float, most: int) -> int:
         """Find the last event that need not be kept: all after it are later than a time, and at most `most`.

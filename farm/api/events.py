@@ -1,0 +1,50 @@
+"""Events and lists for programs that follow the farm."""
+
+from __future__ import annotations
+
+from pydantic import ConfigDict, Field
+
+from farm.api.base import SCHEMA, View
+from farm.model import JobState
+
+
+class EventView(View):
+    """Event of the log; fields that it does not have are null."""
+
+    number: int
+    at: str
+    kind: str
+    job: int | None
+    plate: str | None
+    printer: str | None
+    print_id: str | None
+    by: str | None
+    state: str | None
+    reason: str | None
+
+
+class JobRow(View):
+    """Job in a list; `GET /jobs/{number}` has the rest."""
+
+    id: int
+    name: str
+    state: JobState
+    submitted: str
+    submitted_by: str | None
+    ended: str | None
+    note: str | None
+    plates: int
+    printed: int
+    good: int
+    error: str | None
+    reason: str | None
+
+
+class Jobs(View):
+    """Jobs in order of submission."""
+
+    model_config = ConfigDict(populate_by_name=True)
+
+    schema_: int = Field(default=SCHEMA, alias="schema")
+    now: str
+    jobs: list[JobRow]

@@ -1,0 +1,69 @@
+"""Prints, open and ended."""
+
+from __future__ import annotations
+
+from pydantic import ConfigDict, Field
+
+from farm.api.base import SCHEMA, View
+from farm.model import Moment, PrintState, Verdict
+
+
+class StillView(View):
+    """Picture of a print by its printer's camera."""
+
+    moment: Moment
+    taken: str
+    file: str | None  # null if the files of its job were pruned
+
+
+class PrintView(View):
+    """One attempt to print the plate of a part."""
+
+    part: str  # its name at that time: a piece also has the prints of the part that it was cut from
+    printer: str
+    state: PrintState
+    fault: str | None
+    reason: str | None
+    verdict: Verdict | None
+    why: str | None  # reason for the verdict
+    started: str | None
+    ended: str | None
+    stills: list[StillView] = Field(default_factory=list)
+
+
+class HistoryRow(PrintView):
+    """A print that has ended."""
+
+    job: int
+    name: str  # the job's
+    note: str | None  # the job's
+    submitted_by: str | None
+    took_s: float
+    expected_s: float
+    grams: float
+    wasted: bool
+
+
+class History(View):
+    model_config = ConfigDict(populate_by_name=True)
+
+    schema_: int = Field(default=SCHEMA, alias="schema")
+    now: str
+    prints: list[HistoryRow]  # oldest first
+
+
+class PrintRow(HistoryRow):
+    """A print, open or ended; of an open one `took_s` is the time so far."""
+
+    id: str
+    plate: str
+
+
+class Prints(View):
+    """Prints in the order in which they were started."""
+
+    model_config = ConfigDict(populate_by_name=True)
+
+    schema_: int = Field(default=SCHEMA, alias="schema")
+    now: str
+    prints: list[PrintRow]

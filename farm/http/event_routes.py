@@ -1,0 +1,85 @@
+"""Route of the event log, as server-sent events."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator, Callable, Sequence
+from contextlib import AbstractContextManager
+from typing import Annotated
+
+from fastapi import APIRouter, Header, Query, Request
+from fastapi.responses import StreamingResponse
+from starlette.types import Receive, Scope, Send
+
+from farm import api
+from farm.errors import Refused
+from farm.http.callers import CallerName
+from farm.http.services import Services
+from farm.state.event_rows import EventRow
+from farm.views import describe_event
+
+_LARGEST_NUMBER = 2**63 - 1  # that SQLite knows
+_RETRY = "retry: 5000\n\n"  # milliseconds after which a browser connects again
+_HEARTBEAT = ":\n\n"
+_MEDIA_TYPE = "text/event-stream"
+_HEADERS = {"x-accel-buffering": "no"}  # a proxy must not hold events back
+_ANSWERS: dict[int | str, dict[str, object]] = {
+    200: {"content": {_MEDIA_TYPE: {"schema": {"type": "string"}}}}
+}
+
+
+class _EventResponse(StreamingResponse):
+    """Response that counts as an open stream while it is sent, even if its client has gone before."""
+
+    def __init__(self, content: AsyncIterator[str], counted: AbstractContextManager[None]) -> None:
+        super().__init__(content, media_type=_MEDIA_TYPE, headers=_HEADERS)
+        self._counted = counted
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        with self._counted:
+            await super().__call__(scope, receive, send)
+
+
+def event_routes(services: Services) -> APIRouter:
+    """Return the route of the event log."""
+    router, controller, streams = APIRouter(), services.controller, services.streams
+
+    def describe(rows: Sequence[EventRow]) -> str:
+        context = controller.build_view_context(services.state)
+        return "".join(_format(describe_event(context, row)) for row in rows) or _HEARTBEAT
+
+    @router.get(
+        "/events",
+        response_class=StreamingResponse,
+        responses=_ANSWERS,
+    )
+    async def events(
+        request: Request,
+        by: CallerName,
+        since: Annotated[int, Query(ge=0, le=_LARGEST_NUMBER)] | None = None,
+        wait: bool = True,
+        last_event_id: Annotated[int | None, Header(ge=0, le=_LARGEST_NUMBER)] = None,
+    ) -> StreamingResponse:
+        """Send the events after a number, and new ones as they happen; without a number new ones alone.
+
+        Each is an EventView as JSON, with its number as the id. A stream ends when the daemon does, or when
+        the key is revoked. With `wait=false` it ends after the last event.
+        """
+        newest = streams.log.find_last_event()
+        after = next((number for number in (last_event_id, since) if number is not None), newest)
+        if after > newest:
+            raise Refused(f"the last event is {newest}: the database was restored; begin with since={newest}")
+        is_allowed: Callable[[], bool] = getattr(request.state, "is_allowed", lambda: True)
+        streams.check(by)
+
+        async def write() -> AsyncIterator[str]:
+            yield _RETRY
+            async for rows in streams.follow(after, is_allowed, wait):
+                yield describe(rows)
+
+        return _EventResponse(write(), streams.count(by))
+
+    return router
+
+
+def _format(event: api.EventView) -> str:
+    return f"id: {event.number}\ndata: {event.model_dump_json()}\n\n"

@@ -1,0 +1,107 @@
+"""Streams of the farm's events: as many as are allowed, until the daemon ends."""
+
+from __future__ import annotations
+
+import asyncio
+from collections import Counter
+from collections.abc import AsyncIterator, Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from typing import Protocol
+
+from farm.errors import Refused
+from farm.state.event_rows import EventRow
+
+_MOST_OF_ONE = 4
+_BATCH = 20  # events read at once: each may have megabytes
+_HEARTBEATS = 30  # polls without an event, after which a client is shown that the stream is alive
+
+
+class EventLog(Protocol):
+    """Log of all events, numbered from 1."""
+
+    def find_last_event(self) -> int:
+        """Return the number of the last event."""
+
+    def read_events(self, after: int, most: int) -> Sequence[EventRow]:
+        """Read events after a number, oldest first."""
+
+
+class NoEvents:
+    """Empty log."""
+
+    def find_last_event(self) -> int:
+        """Return 0."""
+        return 0
+
+    def read_events(self, after: int, most: int) -> Sequence[EventRow]:
+        """Return nothing."""
+        return ()
+
+
+class EventStreams:
+    """Open streams, whose number is limited; closing ends them all.
+
+    Parameters
+    ----------
+    log
+        The event log.
+    most
+        Most streams at a time; one caller may have four.
+    poll_s
+        Seconds between two looks at the log.
+    """
+
+    def __init__(self, log: EventLog, most: int = 16, poll_s: float = 0.5) -> None:
+        self.log, self._most, self._poll_s = log, most, poll_s
+        self._callers: Counter[str] = Counter()
+        self._closing = asyncio.Event()
+
+    def close(self) -> None:
+        """End all streams."""
+        self._closing.set()
+
+    def check(self, caller: str) -> None:
+        """Raise Refused if a caller may not open another stream."""
+        if self._closing.is_set():
+            raise Refused("the daemon is ending")
+        if self._callers.total() >= self._most or self._callers[caller] >= _MOST_OF_ONE:
+            raise Refused(f"too many event streams are open ({self._callers[caller]} of {caller}): end one")
+
+    @contextmanager
+    def count(self, caller: str) -> Iterator[None]:
+        """Count a stream of a caller while it is open."""
+        self._callers[caller] += 1
+        try:
+            yield
+        finally:
+            self._callers[caller] -= 1
+
+    async def follow(
+        self, after: int, is_allowed: Callable[[], bool], wait: bool
+    ) -> AsyncIterator[list[EventRow]]:
+        """Yield events as they are committed; nothing now and then, while there are none.
+
+        Parameters
+        ----------
+        after
+            Number of the last event that is known.
+        is_allowed
+            Returns whether the caller may still see them.
+        wait
+            Whether to go on when there are no more.
+        """
+        quiet = 0
+        while is_allowed() and not self._closing.is_set():
+            rows = list(self.log.read_events(after, _BATCH))
+            if rows:
+                after, quiet = rows[-1].number, 0
+                yield rows
+                continue
+            if not wait:
+                return
+            quiet += 1
+            if quiet % _HEARTBEATS == 0:
+                yield []
+            with suppress(TimeoutError):
+                async with asyncio.timeout(self._poll_s):
+                    await self._closing.wait()

@@ -1,0 +1,63 @@
+"""Rows of the event log with the fields that all users may see. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+
+@dataclass(frozen=True, slots=True)
+class EventRow:
+    """Event without what only the farm may know, such as hashes of keys and names of stored files.
+
+    Attributes
+    ----------
+    number
+        Its number in the log.
+    at_s
+        When it happened, on the farm's clock.
+    kind
+        Name of its class.
+    job, plate, printer, print_id
+        Entities that it names; None: not in the event.
+    by
+        Name of the person, or of the key.
+    state, reason
+        New state of a print, and the reason.
+    """
+
+    number: int
+    at_s: float
+    kind: str
+    job: int | None = None
+    plate: str | None = None
+    printer: str | None = None
+    print_id: str | None = None
+    by: str | None = None
+    state: str | None = None
+    reason: str | None = None
+
+
+_JOB = "CASE json_type(body, '$.job') WHEN 'object' THEN '$.job.id' ELSE '$.job' END"
+_FIELDS = (
+    f"json_extract(body, {_JOB})",
+    "json_extract(body, '$.plate')",
+    "json_extract(body, '$.printer')",
+    "json_extract(body, '$.print_id')",
+    "coalesce(json_extract(body, '$.by'), json_extract(body, '$.job.submitted_by'),"
+    " json_extract(body, '$.key.by'))",
+    "json_extract(body, '$.state')",
+    "coalesce(json_extract(body, '$.reason'), json_extract(body, '$.why'), json_extract(body, '$.fault'))",
+)
+READ_EVENTS = f"SELECT seq, at_s, kind, {', '.join(_FIELDS)} FROM event WHERE seq > ? ORDER BY seq LIMIT ?"
+"""Query for events after a number, at most so many. SQLite picks the fields: bodies may have megabytes."""
+
+
+def make_row(values: Sequence[Any]) -> EventRow:
+    """Make a row from the values of `READ_EVENTS`; an event of an older version may have other types."""
+    number, at_s, kind, job, *texts = values
+    plate, printer, print_id, by, state, reason = (one if isinstance(one, str) else None for one in texts)
+    return EventRow(
+        number, at_s, kind, job if isinstance(job, int) else None, plate, printer, print_id, by, state, reason
+    )

@@ -1,0 +1,147 @@
+"""Streams of the event log: complete, without secrets, and ended with the daemon or the key."""
+
+import asyncio
+import json
+from contextlib import ExitStack
+
+import pytest
+
+from fake_event_loop_clock import FakeTime
+from farm.errors import Refused
+from farm.http.event_streams import EventStreams, NoEvents
+from farm.model import JobOptions, Role
+from farm.state.event_rows import EventRow
+from recording_controller import MODEL
+from web_farm import HOST, WebFarm, on_network
+
+EVENTS = on_network("/events")
+
+
+@pytest.fixture
+def farm(tmp_path):
+    farm = WebFarm(tmp_path)
+    farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions(note="a note"), "ann")
+    yield farm
+    farm.store.close()
+
+
+def read_stream(text):
+    """Return the ids and the events of a stream."""
+    parts = [part for part in text.split("\n\n") if part and part != ":"]
+    fields = [dict(line.split(": ", 1) for line in part.splitlines()) for part in parts]
+    return [(int(one["id"]), json.loads(one["data"])) for one in fields if "data" in one]
+
+
+def test_stream_has_all_events_after_a_number(farm):
+    key = farm.add_key(Role.LOOK)
+    answer = farm.ask("GET", EVENTS, key, params={"since": 0, "wait": "false"})
+    assert answer.headers["content-type"].startswith("text/event-stream")
+    events = read_stream(answer.text)
+    assert [number for number, _ in events] == list(range(1, farm.store.find_last_event() + 1))
+    assert [event["kind"] for _, event in events] == [kind for _, kind, _ in farm.store.events()]
+    later = farm.ask("GET", EVENTS, key, params={"since": 2, "wait": "false"})
+    assert read_stream(later.text) == events[2:]
+    again = farm.ask("GET", EVENTS, key, headers={"Last-Event-ID": "3"}, params={"since": 0, "wait": "false"})
+    assert read_stream(again.text) == events[3:]
+    assert read_stream(farm.ask("GET", EVENTS, key, params={"wait": "false"}).text) == []
+
+
+def test_event_names_job_and_person_but_no_file_and_no_hash(farm):
+    key = farm.add_key(Role.LOOK)
+    text = farm.ask("GET", EVENTS, key, params={"since": 0, "wait": "false"}).text
+    submitted = next(event for _, event in read_stream(text) if event["kind"] == "JobSubmitted")
+    assert (submitted["job"], submitted["by"]) == (1, "ann")
+    assert farm.controller.books.keys[key.id].digest not in text
+    assert MODEL.file not in text
+    assert "r" * 8 not in text
+    assert text == farm.ask_socket("GET", "/events", params={"since": 0, "wait": "false"}).text
+
+
+def test_number_that_the_log_does_not_have_yet_is_refused(farm):
+    key = farm.add_key(Role.LOOK)
+    answer = farm.ask("GET", EVENTS, key, params={"since": 1000})
+    assert answer.status_code == 409
+    assert f"since={farm.store.find_last_event()}" in answer.json()["error"]
+    for wrong in ("x", "-1", str(2**63)):
+        assert farm.ask("GET", EVENTS, key, headers={"Last-Event-ID": wrong}).status_code == 400
+
+
+def follow_stream(farm, key, react):
+    """Open a stream, call `react` with its text at each chunk, and return the text at its end."""
+    scope = {
+        "type": "http",
+        "method": "GET",
+        "path": EVENTS,
+        "query_string": b"",
+        "headers": [(b"host", HOST.encode()), (b"x-api-key", key.text.encode())],
+        "client": ("10.0.0.9", 1),
+    }
+    chunks = []
+
+    async def receive():
+        await asyncio.Event().wait()
+
+    async def send(message):
+        chunks.append(message.get("body", b"").decode())
+        react("".join(chunks))
+
+    asyncio.run(farm.web(scope, receive, send))
+    return "".join(chunks)
+
+
+def test_stream_shows_a_new_event_and_ends_when_the_key_is_revoked(farm):
+    key = farm.add_key(Role.LOOK)
+
+    def react(text):
+        if "retry" in text and "JobCancelled" not in text:
+            farm.jobs.cancel(1, "bob")
+        elif text.endswith(":\n\n") and farm.controller.books.keys[key.id].revoked_s is None:  # a heartbeat
+            farm.keys.revoke(key.id, "ann")
+
+    text = follow_stream(farm, key, react)
+    cancelled = next(event for _, event in read_stream(text) if event["kind"] == "JobCancelled")
+    assert (cancelled["job"], cancelled["by"]) == (1, "bob")
+    assert "KeyRevoked" not in text
+
+
+def test_stream_ends_with_the_daemon_and_its_place_is_free_again(farm):
+    key = farm.add_key(Role.LOOK)
+    streams = farm.services.streams
+    for _ in range(4):
+        streams.check("key look")
+        with streams.count("key look"):
+            pass
+
+    def react(text):
+        if "retry" in text:
+            streams.close()
+
+    follow_stream(farm, key, react)
+    assert streams._callers.total() == 0
+    with pytest.raises(Refused, match="ending"):
+        streams.check("key look")
+
+
+def test_streams_are_limited_for_a_caller_and_in_all():
+    streams = EventStreams(NoEvents(), most=6)
+    with ExitStack() as open_streams:
+        for caller in ("ann", "ann", "ann", "ann", "bob", "bob"):
+            streams.check(caller)
+            open_streams.enter_context(streams.count(caller))
+        with pytest.raises(Refused, match="4 of ann"):
+            streams.check("ann")
+        with pytest.raises(Refused, match="0 of eve"):
+            streams.check("eve")
+    streams.check("ann")
+
+
+def test_long_log_is_sent_in_order(monkeypatch):
+    class Log(NoEvents):
+        def read_events(self, after, most):
+            return [EventRow(n, 0.0, "JobMoved") for n in range(after + 1, min(after + most, 1000) + 1)]
+
+    async def read():
+        rows = EventStreams(Log()).follow(17, lambda: True, wait=False)
+        return [row.number async for batch in rows for row in batch]
+
+    assert FakeTime(monkeypatch, 0.0).run(read()) == list(range(18, 1001))
