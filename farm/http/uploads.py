@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import asyncio
 import shutil
 import uuid
-from collections.abc import AsyncIterator, Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
+from contextlib import asynccontextmanager, suppress
 from pathlib import Path
 
 from pydantic import ValidationError
@@ -26,6 +27,8 @@ from farm.text import flatten_text, format_count
 
 _GB = 1e9
 _LONGEST_NAME = 60  # characters
+_WRITE_BYTES = 2**20
+"""Content that is written at once: larger than a chunk, as each write needs a thread."""
 
 
 def clean_name(name: str) -> str:
@@ -109,30 +112,36 @@ class Upload:
         self.request_id, self.size, self.missing_bytes, self.path = request_id, size, size, path
         self._memory_bytes = memory_bytes
 
-    @contextmanager
-    def open_file(self, name: str) -> Iterator[Callable[[bytes], None]]:
+    @asynccontextmanager
+    async def open_file(self, name: str) -> AsyncIterator[Callable[[bytes], Awaitable[None]]]:
         """Open the file, and yield a function that appends content to it.
+
+        Threads write it: a slow disk keeps a write waiting for seconds, and the daemon answers meanwhile.
 
         Raises
         ------
         FarmError
             `limit` as soon as the first bytes give more triangles than a worker has memory for.
         """
-        head, checked = b"", False
+        head, checked, waiting = b"", False, bytearray()
 
-        def write(content: bytes) -> None:
-            nonlocal head, checked
+        async def append(content: bytes) -> None:
+            nonlocal head, checked, waiting
             if not checked:
                 head += content[:HEAD_BYTES]
                 if len(head) >= min(self.size, HEAD_BYTES):
                     checked = True
                     self._check_head(name, head)
-            file.write(content)
+            waiting += content
+            if len(waiting) >= _WRITE_BYTES:
+                full, waiting = waiting, bytearray()
+                await asyncio.to_thread(file.write, full)
 
         with self.path.open("wb") as file:
-            yield write
+            yield append
             if not checked:
                 self._check_head(name, head)
+            await asyncio.to_thread(file.write, waiting)
 
     def _check_head(self, name: str, head: bytes) -> None:
         try:
@@ -180,8 +189,8 @@ class Uploads:
         starting = self._workers.starting
         return "waiting for a worker" if starting is None else f"waiting for the workers to start: {starting}"
 
-    @contextmanager
-    def admit(self, request_id: str, name: str, size: int) -> Iterator[Upload]:
+    @asynccontextmanager
+    async def admit(self, request_id: str, name: str, size: int) -> AsyncIterator[Upload]:
         """Admit an upload; at the end its file is deleted.
 
         Parameters
@@ -204,9 +213,8 @@ class Uploads:
         try:
             yield upload
         finally:
-            path.unlink(missing_ok=True)
-            step_file(path).unlink(missing_ok=True)
             del self._open[path]
+            await asyncio.to_thread(_delete, path)  # a tenth of a second for the largest models
 
     async def inspect(self, upload: Upload, name: str, options: JobOptions) -> InspectedSubmission:
         """Inspect a complete upload in a worker. Raises FarmError if it cannot be printed."""
@@ -238,13 +246,14 @@ class Uploads:
         FarmError
             If the model cannot be printed; `limit` as soon as its first bytes give too many triangles.
         """
-        with self.admit(request_id, name, size) as upload:
-            with upload.open_file(name) as write, suppress(ClientDisconnect):  # detected by the size below
-                async for chunk in content:
-                    upload.missing_bytes -= len(chunk)
-                    if upload.missing_bytes < 0:
-                        break
-                    write(chunk)
+        async with self.admit(request_id, name, size) as upload:
+            async with upload.open_file(name) as append:
+                with suppress(ClientDisconnect):  # detected by the size below
+                    async for chunk in content:
+                        upload.missing_bytes -= len(chunk)
+                        if upload.missing_bytes < 0:
+                            break
+                        await append(chunk)
             if upload.missing_bytes:
                 received = size - upload.missing_bytes
                 raise Refused(
@@ -263,3 +272,9 @@ class Uploads:
             shutil.disk_usage(self._state.root).free,
             sum(not job.state.ended for job in controller.books.jobs.values()),
         )
+
+
+def _delete(path: Path) -> None:
+    """Delete the file of an upload, and the one with the step of its inspection."""
+    path.unlink(missing_ok=True)
+    step_file(path).unlink(missing_ok=True)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import uuid
-from collections.abc import AsyncIterator, Callable
-from contextlib import ExitStack, suppress
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import AsyncExitStack, suppress
 from dataclasses import dataclass
 
 from starlette.exceptions import HTTPException
@@ -73,7 +73,7 @@ async def submit_form(
     try:
         jobs.check_submission(options)
         reader = FormReader(request.headers.get("content-type", ""))
-        with uploads.admit(request_id, _ANY_NAME, int(size)) as upload:
+        async with uploads.admit(request_id, _ANY_NAME, int(size)) as upload:
             name = await _receive_file(content, reader, upload)
             wanted = _read_options(reader, options)
             model = await _inspect(uploads, upload, name, wanted)
@@ -110,19 +110,19 @@ async def _discard(content: AsyncIterator[bytes]) -> None:
 async def _receive_file(content: AsyncIterator[bytes], reader: FormReader, upload: Upload) -> str:
     """Write the file of a form to the upload's file, and return its name. Raises FarmError."""
     name = _ANY_NAME
-    write: Callable[[bytes], None] | None = None
-    with ExitStack() as files:
+    append: Callable[[bytes], Awaitable[None]] | None = None
+    async with AsyncExitStack() as files:
         try:
             async for chunk in content:
                 upload.missing_bytes -= len(chunk)
                 for piece in reader.feed(chunk):
-                    if write is None:
+                    if append is None:
                         name = clean_name(reader.file_name or "")
-                        write = files.enter_context(upload.open_file(name))
-                    write(piece)
+                        append = await files.enter_async_context(upload.open_file(name))
+                    await append(piece)
         except ClientDisconnect as error:
             raise BadForm("the upload stopped before its end: send it again") from error
         reader.finish()
-    if write is None:
+    if append is None:
         raise BadForm("the file is empty")
     return name

@@ -1,17 +1,22 @@
 """Uploads: one, several at once, and those refused for lack of disk space."""
 
 import asyncio
+import io
 import shutil
+import tempfile
+import threading
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from decompose.files.triangle_limit import HEAD_BYTES
 from farm.api import UploadView
 from farm.config import UploadsSection
 from farm.errors import ErrorCode, FarmError, NoSuchThing, Refused
-from farm.http.uploads import Uploads, check_quota
+from farm.http.uploads import Upload, Uploads, check_quota
 from farm.model import JobOptions
 from farm.paths import StateFolder
 from farm.planning import step_file
@@ -111,3 +116,51 @@ def test_stl_with_too_many_triangles_is_refused_before_the_rest_of_it_arrives(tm
         asyncio.run(uploads.receive_model(content(), "a", "big.STL", size, JobOptions()))
     assert error.value.code is ErrorCode.LIMIT
     assert list(state.work.iterdir()) == []
+
+
+class SlowFile(io.BytesIO):
+    """File on a disk that takes nothing until it is told to."""
+
+    def __init__(self):
+        super().__init__()
+        self.ready, self.written = threading.Event(), b""
+
+    def write(self, content):
+        assert self.ready.wait(30), "nobody could tell it: the event loop was waiting for the disk"
+        self.written += content
+        return super().write(content)
+
+
+def test_a_slow_disk_keeps_an_upload_waiting_and_nothing_else(tmp_path, monkeypatch):
+    file, large = SlowFile(), b"x" * 2**21
+    upload = Upload("a", 3 * len(large), tmp_path / "upload", GB)
+    monkeypatch.setattr(Path, "open", lambda *_: file)
+
+    async def receive():
+        async with upload.open_file("a.gcode") as append:
+            for _ in range(3):
+                await append(large)
+
+    async def story():
+        receiving = asyncio.create_task(receive())
+        await asyncio.sleep(0)  # it writes, and the loop goes on
+        assert (file.written, receiving.done()) == (b"", False)
+        file.ready.set()
+        await receiving
+
+    asyncio.run(story())
+    assert file.written == 3 * large
+
+
+@given(st.lists(st.binary(max_size=2000), max_size=40))
+def test_content_in_any_pieces_is_written_in_order(pieces):
+    with tempfile.TemporaryDirectory() as folder:
+        upload = Upload("a", sum(map(len, pieces)), Path(folder) / "upload", GB)
+
+        async def receive():
+            async with upload.open_file("a.gcode") as append:
+                for piece in pieces * 40:
+                    await append(piece)
+
+        asyncio.run(receive())
+        assert upload.path.read_bytes() == b"".join(pieces * 40)
