@@ -14,8 +14,8 @@ from farm.http.callers import (
 )
 from farm.http.connections import BoundedServer, connection_limit, descriptor_limit, end_at_signals
 from farm.http.event_streams import EventStreams
+from farm.http.routes.status import describe_farm
 from farm.http.services import NetworkState, Services
-from farm.http.status_routes import describe_farm
 from farm.http.uploads import Upload, Uploads, clean_name
 
 __all__ = [

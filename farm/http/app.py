@@ -13,14 +13,14 @@ from farm.control import DryRuns, JobCommands, KeyCommands, PartCommands, Printe
 from farm.errors import ErrorCode, ExitCode, FarmError, NoSuchThing, Refused
 from farm.http.body_limit import LARGEST_BODY_BYTES, TOO_LARGE, BodyLimit
 from farm.http.callers import identify_caller
-from farm.http.camera_routes import camera_routes
-from farm.http.event_routes import event_routes
-from farm.http.job_routes import job_routes, part_routes
-from farm.http.key_routes import key_routes
-from farm.http.printer_routes import printer_routes
+from farm.http.routes.cameras import camera_routes
+from farm.http.routes.events import event_routes
+from farm.http.routes.jobs import job_routes, part_routes
+from farm.http.routes.keys import key_routes
+from farm.http.routes.printers import printer_routes
+from farm.http.routes.status import status_routes
+from farm.http.routes.uploads import upload_routes
 from farm.http.services import Services
-from farm.http.status_routes import status_routes
-from farm.http.upload_routes import upload_routes
 from farm.text import describe_first_error
 
 UPLOAD_PATH = "/jobs"
