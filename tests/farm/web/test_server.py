@@ -9,10 +9,12 @@ import subprocess
 import urllib.error
 import urllib.request
 from contextlib import ExitStack, closing
+from pathlib import Path
 
 import pytest
 import trimesh
 
+from bench.web_load import list_beginnings
 from real_farm import RealFarm, wait_for
 
 pytestmark = pytest.mark.system
@@ -122,3 +124,35 @@ def test_slow_network_clients_do_not_delay_the_socket(farm):
     pid = farm.status()["daemon"]["pid"]
     os.kill(pid, signal.SIGTERM)
     wait_for("the daemon's end", lambda: not (farm.state / "farm.sock").exists(), 30.0)
+
+
+def test_daemon_ends_in_time_with_hanging_clients_and_half_uploads(farm, tmp_path):
+    port = free_port()
+    farm.fleet.write_text(farm.fleet.read_text() + f"web: {{listen: '127.0.0.1:{port}'}}\n")
+    farm.up()
+    key = farm.ok("key", "add", "ann", "--role", "print").strip()
+    beginnings = list_beginnings(key)
+    with ExitStack() as hanging:
+        for number in range(150):
+            client = hanging.enter_context(socket.create_connection(("127.0.0.1", port), 30))
+            client.send(beginnings[number % len(beginnings)])
+        status = farm.status()
+        agent = status["printers"][0]["agent_pid"]
+        wait_for("half an upload", lambda: list((farm.state / "work").glob("upload-*")), 60.0)
+        os.kill(status["daemon"]["pid"], signal.SIGTERM)
+        # the code after both servers removes the socket
+        wait_for("the daemon's end", lambda: not (farm.state / "farm.sock").exists(), 60.0)
+        wait_for("its process's end", lambda: not is_running(status["daemon"]["pid"]), 60.0)
+    assert not list((farm.state / "work").glob("upload-*"))
+    assert is_running(agent)
+    farm.up()
+    assert farm.status()["printers"][0]["agent_pid"] == agent
+
+
+def is_running(pid):
+    """Return whether a process runs; one that has ended and is not waited for does not."""
+    try:
+        stat = Path(f"/proc/{pid}/stat").read_text()
+    except FileNotFoundError:
+        return False
+    return stat.rpartition(")")[2].split()[0] != "Z"

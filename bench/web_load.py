@@ -1,0 +1,216 @@
+"""Thousands of hanging connections from the network, and what the others notice of them.
+
+``python -m bench.web_load [--connections N] [--seconds S] [--json]``. A real daemon, one simulated printer
+that prints. Clients on the network hang in every way: they are silent, send half a head, half a body of
+JSON, half an upload, or never read the answers to many requests; who is disconnected connects again.
+Meanwhile another process asks for `GET /status` on the Unix socket every 50 ms, and on the network every
+second. At the end the daemon gets SIGTERM with all of them connected. The exit status is 1 where a goal is
+missed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import multiprocessing
+import os
+import resource
+import selectors
+import signal
+import socket
+import sys
+import tempfile
+import time
+from contextlib import suppress
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
+
+import httpx
+import trimesh
+
+from bench.upload_speed import ASK_S, PATIENCE_S, Farm
+from farm.api import NETWORK_PREFIX
+
+GOALS = {
+    "status_p99_ms": 100.0, "status_worst_ms": 1000.0, "network_failures_share": 0.1, "new_agents": 0,
+    "printer_lost": 0, "end_s": 30.0, "uploads_left": 0,
+}  # fmt: skip
+_NETWORK_S = 1.0
+_SPARE_DESCRIPTORS = 100
+_LARGE = 10**9
+
+
+def list_beginnings(key: str) -> list[bytes]:
+    """List what hanging clients send."""
+    head = f"Host: localhost\r\nX-Api-Key: {key}\r\n"
+    status = f"GET {NETWORK_PREFIX}/status HTTP/1.1\r\n{head}\r\n"
+    upload = f"POST {NETWORK_PREFIX}/jobs?request_id=12345678&name=a.stl&size={_LARGE} HTTP/1.1\r\n{head}"
+    form = f"POST /api/files/local HTTP/1.1\r\n{head}Content-Type: multipart/form-data; boundary=x\r\n"
+    return [
+        text.encode()
+        for text in (
+            "",
+            "GET /heal",
+            f"GET {NETWORK_PREFIX}/status HTTP/1.1\r\nX-Slow: ",
+            f"POST {NETWORK_PREFIX}/printers/um2-01/fail HTTP/1.1\r\n{head}Content-Length: 20\r\n\r\n{{",
+            f"{upload}Content-Length: {_LARGE}\r\n\r\nsolid",
+            f"{form}Content-Length: {_LARGE}\r\n\r\n--x\r\nContent-Disposition: form-data; name=",
+            status * 50,
+            f"GET {NETWORK_PREFIX}/events HTTP/1.1\r\n{head}\r\n",
+        )
+    ]
+
+
+class HangingClients:
+    """Connections that hang; those that are closed connect again."""
+
+    def __init__(self, port: int, key: str, number: int) -> None:
+        self._port, self._beginnings = port, list_beginnings(key)
+        self._selector = selectors.DefaultSelector()
+        self._number, self.connected, self.closed, self.refused = number, 0, 0, 0
+
+    def hang(self, seconds: float) -> None:
+        """Keep the connections hanging for a time."""
+        end_s = time.monotonic() + seconds
+        while time.monotonic() < end_s:
+            for _ in range(min(50, self._number - len(self._selector.get_map()))):
+                self._connect()
+            for key, _ in self._selector.select(0.05):
+                self._read(key.fileobj)  # type: ignore[arg-type]
+
+    def _connect(self) -> None:
+        client = socket.socket()
+        client.settimeout(0.2)
+        try:
+            client.connect(("127.0.0.1", self._port))
+            client.send(self._beginnings[self.connected % len(self._beginnings)])
+        except OSError:
+            client.close()
+            self.refused += 1
+            return
+        client.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        self.connected += 1
+        self._selector.register(client, selectors.EVENT_READ)
+
+    def _read(self, client: socket.socket) -> None:
+        """Read a few bytes, so that a close is seen and answers stay unread."""
+        data = b""
+        with suppress(OSError):
+            data = client.recv(16)
+        if not data:
+            self._selector.unregister(client)
+            client.close()
+            self.closed += 1
+
+
+def ask_status(state: Path, port: int, key: str, pipe: Connection) -> None:
+    """Ask for the status until told to stop; send the milliseconds of each answer, and the failures."""
+    near_ms: list[float] = []
+    asked = failed = 0
+    next_s = 0.0
+    url, headers = f"http://127.0.0.1:{port}{NETWORK_PREFIX}/status", {"x-api-key": key}
+    transport = httpx.HTTPTransport(uds=str(state / "farm.sock"))
+    with httpx.Client(transport=transport, base_url="http://farm", timeout=PATIENCE_S) as near:
+        while not pipe.poll():
+            start_s = time.perf_counter()
+            near.get("/status").raise_for_status()
+            near_ms.append(1000 * (time.perf_counter() - start_s))
+            if time.monotonic() >= next_s:
+                next_s, asked = time.monotonic() + _NETWORK_S, asked + 1
+                try:
+                    httpx.get(url, headers=headers, timeout=5.0).raise_for_status()
+                except httpx.HTTPError:
+                    failed += 1
+            time.sleep(ASK_S)
+    pipe.send((near_ms, asked, failed))
+
+
+def read_printer(farm: Farm) -> dict[str, Any]:
+    printer: dict[str, Any] = json.loads(farm.run("status", "--json"))["printers"][0]
+    return printer
+
+
+def measure(number: int, seconds: float) -> dict[str, Any]:
+    """Measure the answers while connections hang, and how the daemon ends with them."""
+    with tempfile.TemporaryDirectory() as name:
+        farm = Farm(Path(name))
+        try:
+            model = Path(name) / "box.stl"
+            trimesh.creation.box((20.0, 20.0, 5.0)).export(model)
+            farm.run("submit", str(model), "--json")
+            give_up_s = time.monotonic() + PATIENCE_S
+            while read_printer(farm)["print"] is None and time.monotonic() < give_up_s:
+                time.sleep(0.5)
+            before = read_printer(farm)
+            pid = json.loads(farm.run("status", "--json"))["daemon"]["pid"]
+            here, there = multiprocessing.get_context("spawn").Pipe()
+            asking = multiprocessing.get_context("spawn").Process(
+                target=ask_status, args=(farm.state, farm.port, farm.key, there)
+            )
+            clients = HangingClients(farm.port, farm.key, number)
+            clients.hang(5.0)
+            asking.start()
+            clients.hang(seconds)
+            descriptors = len(list(Path(f"/proc/{pid}/fd").iterdir()))
+            here.send(None)
+            near_ms, asked, failed = here.recv()
+            asking.join()
+            after = read_printer(farm)
+            start_s = time.monotonic()
+            os.kill(pid, signal.SIGTERM)
+            while (farm.state / "farm.sock").exists() and time.monotonic() < start_s + PATIENCE_S:
+                clients.hang(0.1)
+            end_s = time.monotonic() - start_s
+            left = [path.name for path in (farm.state / "work").glob("upload-*")]
+        finally:
+            farm.run("up", "--fleet", str(Path(name) / "fleet.yaml"))
+            farm.run("down", "--now")
+    near_ms.sort()
+    return {
+        "connections": number,
+        "made": clients.connected,
+        "closed_by_the_daemon": clients.closed,
+        "refused": clients.refused,
+        "descriptors": descriptors,
+        "status_asked": len(near_ms),
+        "status_median_ms": near_ms[len(near_ms) // 2],
+        "status_p99_ms": near_ms[int(0.99 * len(near_ms))],
+        "status_worst_ms": near_ms[-1],
+        "network_asked": asked,
+        "network_failures_share": failed / max(1, asked),
+        "new_agents": int(before["agent_pid"] != after["agent_pid"]),
+        "printer_lost": int(after["print"] is None),
+        "end_s": end_s,
+        "uploads_left": len(left),
+        "load": os.getloadavg()[0],
+    }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--connections", type=int, default=2000)
+    parser.add_argument("--seconds", type=float, default=30.0)
+    parser.add_argument("--json", action="store_true")
+    args = parser.parse_args()
+    _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
+    wanted = args.connections + _SPARE_DESCRIPTORS
+    resource.setrlimit(
+        resource.RLIMIT_NOFILE, (wanted if most == resource.RLIM_INFINITY else min(wanted, most), most)
+    )
+    result = measure(args.connections, args.seconds)
+    if args.json:
+        print(json.dumps({**result, "goals": GOALS}, indent=2))
+    else:
+        print(
+            f"{result['connections']} connections hang: the status on the Unix socket within "
+            f"{result['status_median_ms']:.0f} ms, 99 % within {result['status_p99_ms']:.0f} ms, at worst "
+            f"{result['status_worst_ms']:.0f} ms; on the network "
+            f"{100 * result['network_failures_share']:.0f} % failed; "
+            f"the daemon ended within {result['end_s']:.1f} s of SIGTERM"
+        )
+    sys.exit(any(result[name] > most for name, most in GOALS.items()))
+
+
+if __name__ == "__main__":
+    main()
