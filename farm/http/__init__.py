@@ -12,7 +12,14 @@ from farm.http.callers import (
     identify_caller,
     listen,
 )
-from farm.http.connections import BoundedServer, connection_limit, descriptor_limit, end_at_signals
+from farm.http.connections import (
+    BoundedServer,
+    WaitingConnection,
+    connection_limit,
+    descriptor_limit,
+    end_at_signals,
+    find_longest_waiting,
+)
 from farm.http.event_streams import EventStreams
 from farm.http.routes.status import describe_farm
 from farm.http.services import NetworkState, Services
@@ -30,6 +37,7 @@ __all__ = [
     "Services",
     "Upload",
     "Uploads",
+    "WaitingConnection",
     "add_routes",
     "check_operators",
     "clean_name",
@@ -37,6 +45,7 @@ __all__ = [
     "describe_farm",
     "descriptor_limit",
     "end_at_signals",
+    "find_longest_waiting",
     "identify_caller",
     "listen",
     "make_app",

@@ -14,7 +14,7 @@ import math
 import resource
 import signal
 import socket
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Protocol, cast
 
 import uvicorn
@@ -127,7 +127,7 @@ class BoundedServer(uvicorn.Server):
         super().__init__(config)
         self._limit, self._stop_work = limit, stop_work
         self._tasks: list[asyncio.Task[None]] = []
-        self._handshakes: dict[asyncio.Task[None], None] = {}  # of TLS, the oldest first
+        self._handshakes: dict[asyncio.Task[None], socket.socket] = {}  # of TLS, the oldest first
         self._rate_limited_log = RateLimitedLog()
 
     @contextlib.contextmanager
@@ -154,7 +154,8 @@ class BoundedServer(uvicorn.Server):
         await super().shutdown(sockets)
 
     @property
-    def _connections(self) -> set[WaitingConnection]:
+    def connections(self) -> set[WaitingConnection]:
+        """The connections at present."""
         return cast(set[WaitingConnection], self.server_state.connections)
 
     def _protocol(self) -> asyncio.Protocol:
@@ -183,16 +184,31 @@ class BoundedServer(uvicorn.Server):
 
         If many do, the oldest is abandoned.
         """
-        if len(self._handshakes) >= _MOST_HANDSHAKES:
-            next(iter(self._handshakes)).cancel()
+        abandoned = self.find_abandoned_handshake(self._handshakes, connection)
+        if abandoned is not None:
+            abandoned.cancel()
         task = asyncio.create_task(self._connect(connection))
-        self._handshakes[task] = None
+        self._handshakes[task] = connection
         task.add_done_callback(lambda ended: self._handshakes.pop(ended, None))
+
+    def find_abandoned_handshake(
+        self, handshakes: Mapping[asyncio.Task[None], socket.socket], connection: socket.socket
+    ) -> asyncio.Task[None] | None:
+        """Return the handshake to abandon for a new connection; None if there is room.
+
+        Parameters
+        ----------
+        handshakes
+            Those under way, the oldest first.
+        connection
+            The new connection.
+        """
+        return next(iter(handshakes)) if len(handshakes) >= _MOST_HANDSHAKES else None
 
     async def _connect(self, connection: socket.socket) -> None:
         loop, tls = asyncio.get_running_loop(), self.config.ssl
         try:
-            await self._make_room()
+            await self.make_room(connection)
             await loop.connect_accepted_socket(
                 self._protocol, connection, ssl=tls, ssl_handshake_timeout=REQUEST_S if tls else None
             )
@@ -204,10 +220,16 @@ class BoundedServer(uvicorn.Server):
             if not isinstance(error, OSError):  # OSError: the client has disconnected
                 self._rate_limited_log.warn(f"a connection was refused: {error!r}", loop.time())
 
-    async def _make_room(self) -> None:
-        """Wait for a free connection; close the one that has waited longest for its request."""
-        while len(self._connections) >= self._limit:
-            idle = find_longest_waiting(self._connections)
+    async def make_room(self, connection: socket.socket) -> None:
+        """Wait until a new connection may be served; close the one that has waited longest for its request.
+
+        Raises
+        ------
+        Refused
+            If the new connection is to be closed.
+        """
+        while len(self.connections) >= self._limit:
+            idle = find_longest_waiting(self.connections)
             if idle is not None:
                 idle.transport.abort()
                 self._rate_limited_log.warn(
@@ -217,7 +239,7 @@ class BoundedServer(uvicorn.Server):
 
     async def _sweep(self) -> None:
         while True:
-            for one in find_overdue(self._connections, self._now_s()):
+            for one in find_overdue(self.connections, self._now_s()):
                 one.transport.abort()
             await asyncio.sleep(_SWEEP_S)
 

@@ -27,10 +27,11 @@ from farm.http import (
     make_problem,
 )
 from farm.web.access import LIVENESS, METRICS, SCHEMA, SCHEMA_PAGE, find_role, is_open
+from farm.web.address_limit import group_address
 from farm.web.api_page import POLICY, render_api_page
 from farm.web.callers import CallerFinder, KeyHolder, Visitor
 from farm.web.cookies import SessionCookie
-from farm.web.guard import Refusal, check_host, check_origin, check_page
+from farm.web.guard import Refusal, check_head, check_host, check_origin, check_page
 from farm.web.metrics import CONTENT_TYPE, write_metrics
 from farm.web.openapi import describe_routes
 from farm.web.pages import page_routes, render_message
@@ -160,10 +161,15 @@ class Guard:
         headers = Headers(scope=scope)
         method, path, host = scope["method"], scope["path"], headers.get("host")
         site = headers.get("origin"), headers.get("sec-fetch-site")
-        refusal = check_host(host, self._names) or check_origin(method, host, *site)
+        refusal = (
+            check_head(scope.get("raw_path", b"") + scope["query_string"], scope["headers"])
+            or check_host(host, self._names)
+            or check_origin(method, host, *site)
+        )
         if refusal is not None:
             return refusal
-        address = (scope.get("client") or ("nobody",))[0]
+        client = (scope.get("client") or ("nobody",))[0]
+        address = group_address(client) or client
         if is_open(method, path):
             return check_page(method, *site) or Visitor(address)
         holder = self._callers.find(headers, address)

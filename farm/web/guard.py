@@ -8,13 +8,15 @@ from __future__ import annotations
 
 import ipaddress
 import re
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 
 _SAFE_METHODS = frozenset({"GET", "HEAD", "OPTIONS"})
 _OWN_SITE = frozenset({"same-origin", "none"})
 _LOCAL = "localhost"
 _HOST = re.compile(r"(\[[0-9A-Fa-f:.]{2,45}\]|[A-Za-z0-9._-]{1,253})(:[0-9]{1,5})?")
+LONGEST_HEAD_BYTES = 16 * 1024
+"""Limit of a request's path and headers."""
 WRONG_KEYS = 10
 """Wrong keys from one address after which it has to wait."""
 WAIT_S = 60.0
@@ -85,6 +87,22 @@ def check_page(method: str, origin: str | None, fetch_site: str | None) -> Refus
     if method in _SAFE_METHODS or origin is not None or fetch_site is not None:
         return None
     return Refusal(403, "a session serves the farm's own pages alone: use a key (`farm key add`)")
+
+
+def check_head(path: bytes, headers: Iterable[tuple[bytes, bytes]]) -> Refusal | None:
+    """Check the size of a request's head: the server limits a head that arrives in pieces only.
+
+    Parameters
+    ----------
+    path
+        The request's path with its query.
+    headers
+        Names and values.
+    """
+    size = len(path) + sum(len(name) + len(value) for name, value in headers)
+    if size <= LONGEST_HEAD_BYTES:
+        return None
+    return Refusal(431, f"the headers are longer than {LONGEST_HEAD_BYTES // 1024} KiB")
 
 
 class WrongKeys:

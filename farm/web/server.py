@@ -14,8 +14,10 @@ from starlette.types import ASGIApp
 
 from drivers.clock import Clock
 from farm.config import WebSection
-from farm.http import BoundedServer, NetworkState, PeerProtocol
+from farm.http import NetworkState, PeerProtocol
 from farm.state import Books
+from farm.web.address_limit import AddressLimitedServer
+from farm.web.guard import LONGEST_HEAD_BYTES
 
 log = logging.getLogger(__name__)
 
@@ -55,11 +57,12 @@ class NetworkServer:
             lifespan="off",
             proxy_headers=False,
             server_header=False,
+            h11_max_incomplete_event_size=LONGEST_HEAD_BYTES,
             timeout_graceful_shutdown=_GRACE_S,
             ssl_certfile=None if tls is None else tls.cert,
             ssl_keyfile=None if tls is None else tls.key,
         )
-        self._server: BoundedServer | None = None
+        self._server: AddressLimitedServer | None = None
         self._task: asyncio.Task[None] | None = None
         state.address, state.browser_url = section.listen_url, section.find_browser_url(socket.gethostname())
 
@@ -98,7 +101,7 @@ class NetworkServer:
                 self._report(error.strerror or str(error))
                 await asyncio.sleep(_RETRY_S)
         self._report(None)
-        self._server = BoundedServer(self._config, self._limit)
+        self._server = AddressLimitedServer(self._config, self._limit)
         with listening:
             await self._server.serve(sockets=[listening])
 

@@ -154,6 +154,11 @@ def test_oversized_body_is_refused(farm):
     assert long.status_code == 413
 
 
+def test_long_headers_are_refused(farm):
+    long = {"x-long": "x" * 20_000}
+    assert farm.ask("GET", LIVENESS, headers=long).status_code == 431
+
+
 def test_ten_wrong_keys_have_to_wait_but_a_valid_one_does_not(farm):
     key = farm.add(LOOK)
     for _ in range(10):

@@ -53,6 +53,23 @@ def reach(port, path, context=None, key=None):
         return error.code, error.read()
 
 
+class KeepRedirect(urllib.request.HTTPRedirectHandler):
+    """Shows a redirection instead of following it."""
+
+    def redirect_request(self, *_):
+        return None
+
+
+def open_session(link, origin, context):
+    """Press the button of a link; return the cookie."""
+    opener = urllib.request.build_opener(urllib.request.HTTPSHandler(context=context), KeepRedirect)
+    request = urllib.request.Request(link, method="POST", data=b"", headers={"Origin": origin})
+    with pytest.raises(urllib.error.HTTPError, match="303") as raised:
+        opener.open(request, timeout=30)
+    with raised.value as answer:
+        return answer.headers["Set-Cookie"].partition(";")[0]
+
+
 @pytest.fixture
 def farm(tmp_path):
     farm = RealFarm(tmp_path, {"um2-01": ("ultimaker2_plus", "sim://ultimaker2_plus")})
@@ -98,6 +115,17 @@ def test_another_host_sees_and_submits_over_tls_as_its_role_allows(farm, tmp_pat
     assert "chmod 600" in farm.run("status", **there).stderr
     listed = json.loads(farm.ok("key", "--json"))["keys"]
     assert [(one["name"], one["used"] is not None) for one in listed] == [("laptop", True), ("ann", True)]
+    link = json.loads(farm.ok("web", "--json"))
+    assert link["url"].startswith(f"https://{socket.gethostname()}:{port}/login/")
+    session = open_session(url + "/login/" + link["url"].rpartition("/")[2], url, context)
+    assert session.startswith(f"__Host-farm-{port}=session_")
+    page = urllib.request.Request(url, headers={"Cookie": session})
+    with urllib.request.urlopen(page, timeout=30, context=context) as shown:
+        assert f"{link['user']} (operate)" in shown.read().decode()
+    assert farm.ok("web", "--end-all") == "1 session ended\n"
+    with pytest.raises(urllib.error.HTTPError, match="401") as ended:
+        urllib.request.urlopen(page, timeout=30, context=context)
+    ended.value.close()
     farm.ok("key", "revoke", listed[0]["id"])
     assert reach(port, "/api/v1/status", context, added)[0] == 401
     # a client that never begins its handshake does not keep others waiting

@@ -1,0 +1,95 @@
+"""Limit on the connections from one address, so that one client cannot take those of all others."""
+
+from __future__ import annotations
+
+import asyncio
+import ipaddress
+import socket
+from collections.abc import Mapping
+
+import uvicorn
+
+from farm.errors import Refused
+from farm.http import BoundedServer, WaitingConnection, find_longest_waiting
+
+_SHARE = 4  # of all connections one address may take a quarter
+_LEAST = 4
+_SITE_BITS = 64  # of an IPv6 address: one client may have all addresses that begin alike
+
+
+def group_address(host: str) -> str | None:
+    """Return the name under which a client is counted.
+
+    Parameters
+    ----------
+    host
+        The client's IP address.
+
+    Returns
+    -------
+    str or None
+        The address; of IPv6, the network that one client has. None for this host: it may be a proxy.
+    """
+    try:
+        address = ipaddress.ip_address(host.partition("%")[0])
+    except ValueError:
+        return host
+    if isinstance(address, ipaddress.IPv6Address) and address.ipv4_mapped is not None:
+        address = address.ipv4_mapped
+    if address.is_loopback:
+        return None
+    if isinstance(address, ipaddress.IPv4Address):
+        return str(address)
+    return str(ipaddress.ip_network((address, _SITE_BITS), strict=False))
+
+
+class AddressLimitedServer(BoundedServer):
+    """Server on TCP that takes a quarter of its connections from one address at most.
+
+    When an address has that many, its connection that has waited longest for a request is closed; if all of
+    them have one, the new connection is.
+
+    Parameters
+    ----------
+    config
+        uvicorn's configuration.
+    limit
+        Most connections at a time.
+    """
+
+    def __init__(self, config: uvicorn.Config, limit: int) -> None:
+        super().__init__(config, limit)
+        self._address_limit = max(_LEAST, limit // _SHARE)
+
+    async def make_room(self, connection: socket.socket) -> None:
+        """Make room for a connection of its address, then of all. Raises Refused if it is to be closed."""
+        client = group_address(connection.getpeername()[0])
+        while client is not None and len(own := self._list_own(client)) >= self._address_limit:
+            idle = find_longest_waiting(own)
+            if idle is None:
+                raise Refused(f"{client} has {len(own)} connections")
+            idle.transport.abort()
+            await asyncio.sleep(0.0)
+        await super().make_room(connection)
+
+    def find_abandoned_handshake(
+        self, handshakes: Mapping[asyncio.Task[None], socket.socket], connection: socket.socket
+    ) -> asyncio.Task[None] | None:
+        """Return the oldest handshake of the same address if it has too many, or of all if all have."""
+        client = _find_peer(connection)
+        own = [task for task, other in handshakes.items() if _find_peer(other) == client]
+        if client is not None and len(own) >= self._address_limit:
+            return own[0]
+        return super().find_abandoned_handshake(handshakes, connection)
+
+    def _list_own(self, client: str) -> list[WaitingConnection]:
+        """List the connections of a client."""
+        peers = ((one, one.transport.get_extra_info("peername")) for one in self.connections)
+        return [one for one, peer in peers if peer and group_address(peer[0]) == client]
+
+
+def _find_peer(connection: socket.socket) -> str | None:
+    try:
+        return group_address(connection.getpeername()[0])
+    except OSError:  # it has been closed
+        return None

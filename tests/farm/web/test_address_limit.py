@@ -1,0 +1,146 @@
+"""Limits on connections by address, on handshakes, and on the heads of requests."""
+
+import asyncio
+import socket
+from contextlib import ExitStack, closing
+
+import pytest
+import uvicorn
+from hypothesis import given
+from hypothesis import strategies as st
+
+from farm.http import PeerProtocol
+from farm.web import address_limit
+from farm.web.address_limit import AddressLimitedServer, group_address
+from farm.web.guard import LONGEST_HEAD_BYTES, check_head
+
+HALF = b"GET / HTTP/1.1\r\nHost: farm\r\n"
+WHOLE = HALF + b"Connection: close\r\n\r\n"
+SLOW = HALF + b"X-Slow: yes\r\n\r\n"
+
+
+@pytest.mark.parametrize(
+    ("host", "client"),
+    [
+        ("10.0.0.9", "10.0.0.9"),
+        ("127.0.0.1", None),
+        ("::1", None),
+        ("::ffff:127.0.0.1", None),
+        ("::ffff:10.0.0.9", "10.0.0.9"),
+        ("2001:db8:1:2:3::4", "2001:db8:1:2::/64"),
+        ("fe80::1%eth0", "fe80::/64"),
+        ("nobody", "nobody"),
+    ],
+)
+def test_client_is_counted_by_its_address_or_network(host, client):
+    assert group_address(host) == client
+
+
+@given(st.ip_addresses())
+def test_any_address_has_a_group_that_is_its_own(address):
+    group = group_address(str(address))
+    assert group is None or group_address(group.partition("/")[0]) == group
+
+
+async def answer(scope, receive, send):
+    """Answer at once, or to a request that asks for it, never."""
+    if (b"x-slow", b"yes") in scope["headers"]:
+        await asyncio.Event().wait()
+    await send({"type": "http.response.start", "status": 200, "headers": []})
+    await send({"type": "http.response.body", "body": b"well"})
+
+
+def serve(story, limit=16):
+    """Serve on loopback, whose addresses 127.0.0.X are clients of their own here."""
+
+    async def run():
+        with socket.socket() as listening:
+            listening.bind(("127.0.0.1", 0))
+            listening.listen(64)
+            listening.setblocking(False)
+            config = uvicorn.Config(
+                answer, http=PeerProtocol, log_config=None, lifespan="off", timeout_graceful_shutdown=0
+            )
+            server = AddressLimitedServer(config, limit)
+            serving = asyncio.create_task(server.serve([listening]))
+            try:
+                async with asyncio.timeout(30.0):
+                    await story(server, listening.getsockname())
+            finally:
+                server.should_exit = True
+                await serving
+
+    asyncio.run(run())
+
+
+@pytest.fixture(autouse=True)
+def loopback_addresses_are_clients(monkeypatch):
+    monkeypatch.setattr(address_limit, "group_address", lambda host: host)
+
+
+async def connect(at, host, sent=b""):
+    reader, writer = await asyncio.open_connection(*at, local_addr=(host, 0))
+    writer.write(sent)
+    return reader, writer
+
+
+async def wait_until(condition):
+    while not condition():
+        await asyncio.sleep(0.0)
+
+
+def test_idle_connections_of_a_client_give_way_to_its_own_and_not_to_those_of_others():
+    async def story(server, at):
+        other = await connect(at, "127.0.0.2", HALF)
+        await wait_until(lambda: len(server.connections) == 1)
+        flood = [await connect(at, "127.0.0.1", HALF) for _ in range(40)]
+        reader, writer = await connect(at, "127.0.0.1", WHOLE)
+        assert b"well" in await reader.read()
+        assert len(server._list_own("127.0.0.1")) <= 4
+        other[1].write(b"Connection: close\r\n\r\n")  # it was not closed for them
+        assert b"well" in await other[0].read()
+        for _, one in (*flood, (reader, writer), other):
+            one.close()
+
+    serve(story)
+
+
+def test_client_with_too_many_open_requests_gets_no_connection_and_others_do():
+    async def story(server, at):
+        busy = [await connect(at, "127.0.0.1", SLOW) for _ in range(4)]
+        await wait_until(lambda: sum(one.waiting_since_s is None for one in server.connections) == 4)
+        reader, refused = await connect(at, "127.0.0.1")
+        assert await reader.read() == b""
+        reader, writer = await connect(at, "127.0.0.2", WHOLE)
+        assert b"well" in await reader.read()
+        assert len(server._list_own("127.0.0.1")) == 4
+        for _, one in (*busy, (reader, writer), (reader, refused)):
+            one.close()
+
+    serve(story)
+
+
+def test_client_with_too_many_handshakes_abandons_its_own_oldest():
+    config = uvicorn.Config(answer, http=PeerProtocol, log_config=None, lifespan="off")
+    server = AddressLimitedServer(config, 16)
+    with ExitStack() as opened:
+        listening = opened.enter_context(closing(socket.create_server(("127.0.0.1", 0))))
+
+        def accept(host):
+            opened.enter_context(closing(socket.create_connection(listening.getsockname(), 30, (host, 0))))
+            return opened.enter_context(closing(listening.accept()[0]))
+
+        handshakes = {"other": accept("127.0.0.2")}
+        handshakes |= {number: accept("127.0.0.1") for number in range(4)}
+        assert server.find_abandoned_handshake(handshakes, accept("127.0.0.1")) == 0
+        assert server.find_abandoned_handshake(handshakes, accept("127.0.0.2")) is None
+        handshakes |= {f"client {number}": accept(f"127.0.1.{number}") for number in range(60)}
+        assert server.find_abandoned_handshake(handshakes, accept("127.0.0.3")) == "other"
+
+
+def test_long_head_is_refused():
+    long = [(b"cookie", b"x" * LONGEST_HEAD_BYTES)]
+    assert check_head(b"/", long).status == 431
+    assert check_head(b"/" * (LONGEST_HEAD_BYTES + 1), []).status == 431
+    assert check_head(b"/", [(b"x", b"y")] * LONGEST_HEAD_BYTES).status == 431
+    assert check_head(b"/", [(b"cookie", b"x" * 8000)]) is None
