@@ -111,3 +111,21 @@ def test_key_file_is_private_and_has_one_key(tmp_path):
     file.write_text("two\nlines")
     with pytest.raises(FarmError, match="one key and nothing else"):
         read_address(url, file)
+
+
+def test_sessions_are_listed_with_their_kind_and_end(monkeypatch):
+    [key] = Daemon(None).keys().keys
+    open_session = key.model_copy(update={"id": "s1", "kind": KeyKind.SESSION})
+    times = {"revoked": "2026-11-20T10:30:00+00:00", "valid": False}
+    ended = open_session.model_copy(update={"id": "s2", **times})
+    monkeypatch.setattr(
+        Daemon,
+        "keys",
+        lambda _: api.Keys(
+            now="2026-11-20T11:00:00+00:00", network=Daemon.network, keys=[key, open_session, ended]
+        ),
+    )
+    rows = {line.split()[0]: line.split()[2:6] for line in run().stdout.splitlines()[2:]}
+    assert rows["abcd2345"][0] == "key"
+    assert rows["s1"][:3] == ["session", "look", "valid"]
+    assert rows["s2"][:3] == ["session", "look", "ended"]
