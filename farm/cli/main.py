@@ -96,6 +96,11 @@ COMMANDS = {
             "status.report",
             "Write an HTML page on a job: its figures, a Gantt chart, what failed and why, and its parts.",
         ),
+        CommandEntry(
+            "fetch",
+            "fetch.fetch",
+            "Fetch the files of a job: parts, G-code, pictures, stills, and a report.",
+        ),
     ),
     "Printers": (
         CommandEntry(

@@ -15,6 +15,7 @@ from farm.http.body_limit import LARGEST_BODY_BYTES, TOO_LARGE, BodyLimit
 from farm.http.callers import identify_caller
 from farm.http.routes.cameras import camera_routes
 from farm.http.routes.events import event_routes
+from farm.http.routes.files import file_routes
 from farm.http.routes.jobs import job_routes, part_routes
 from farm.http.routes.keys import key_routes
 from farm.http.routes.printers import printer_routes
@@ -60,6 +61,7 @@ def add_routes(app: FastAPI, services: Services, dry_runs: DryRuns, prefix: str 
         part_routes(parts),
         printer_routes(services, printers, parts),
         camera_routes(services),
+        file_routes(services),
     ):
         app.include_router(router, prefix=prefix)
     _add_error_handlers(app, services)

@@ -25,6 +25,8 @@ _LOOK = (
     "/queue",
     "/jobs/{number}",
     "/jobs/{number}/timeline",
+    "/jobs/{number}/files",
+    "/jobs/{number}/files/{name}",
     "/printers/{name}/camera",
     "/uploads/{request_id}",
 )

@@ -31,6 +31,8 @@ SUBMISSION_S = 86400.0
 the progress."""
 _POLL_S = 0.5
 _LONGEST_NAME = 200
+_FIRST_ERROR = 400  # lowest status code of an error
+_CHUNK = 1 << 20  # bytes of a download
 
 
 class Client:
@@ -89,6 +91,13 @@ class Client:
 
     def timeline(self, number: int) -> api.Timeline:
         return self._ask(api.Timeline, "GET", f"/jobs/{number}/timeline")
+
+    def files(self, number: int) -> api.JobFiles:
+        return self._ask(api.JobFiles, "GET", f"/jobs/{number}/files")
+
+    def download(self, number: int, name: str, write: Callable[[bytes], None]) -> None:
+        """Download a file of a job, and pass it on in chunks."""
+        self._call("GET", f"/jobs/{number}/files/{name}", write=write)
 
     def prune(self, dry_run: bool) -> api.Pruned:
         """Delete what is no longer kept, or list it; the parts of each job are drawn first."""
@@ -196,6 +205,7 @@ class Client:
         body: BaseModel | None = None,
         upload: BinaryIO | None = None,
         answer_s: float | None = None,
+        write: Callable[[bytes], None] | None = None,
     ) -> Any:
         target = make_target(self._address, quote(path)) + (f"?{urlencode(params)}" if params else "")
         content = upload if body is None else body.model_dump_json().encode()
@@ -208,6 +218,10 @@ class Client:
                 with suppress(BrokenPipeError, ConnectionResetError):  # it may answer before reading all
                     connection.request(method, target, content, headers)
                 answer = connection.getresponse()
+                if write is not None and answer.status < _FIRST_ERROR:
+                    while chunk := answer.read(_CHUNK):
+                        write(chunk)
+                    return None
                 text = answer.read()
         except TimeoutError as error:
             raise DaemonUnreachable(
@@ -225,7 +239,7 @@ class Client:
             ) from error
         try:
             values = json.loads(text)
-            if answer.status < 400:
+            if answer.status < _FIRST_ERROR:
                 return values
             problem = api.Problem.model_validate(values)
             code = ErrorCode(problem.code)

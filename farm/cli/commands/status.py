@@ -2,29 +2,23 @@
 
 from __future__ import annotations
 
-import os
 import time
-from datetime import datetime
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Annotated
 
 import typer
 from rich.console import RenderableType
 from rich.live import Live
 
-from farm import api
 from farm.cli import completion
 from farm.cli.client import Client, connect
 from farm.cli.display import (
     Column,
-    format_copies,
     format_deviation,
-    format_runs,
-    format_share,
     format_time,
     lay_out_table,
     open_console,
-    parse_time,
     print_json,
     render_job,
     render_status,
@@ -33,14 +27,13 @@ from farm.cli.display import (
     terminal_width,
 )
 from farm.cli.notices import print_notice
-from farm.cli.options import Job, Json, with_farm, with_places
+from farm.cli.options import Job, Json, with_farm
 from farm.errors import FarmError
 from farm.paths import Places
 from farm.text import format_count, format_duration, format_mass
 
 _REFRESH_S = 1.0
 _ALL = 100_000
-_STILLS_BYTES = 50_000_000  # of all stills on a page
 _HISTORY = (
     Column("ENDED"),
     Column("PRINTER"),
@@ -138,7 +131,7 @@ def history(
     )
 
 
-@with_places
+@with_farm
 def report(
     places: Places,
     job: Job,
@@ -147,92 +140,21 @@ def report(
     ] = None,
 ) -> None:
     """Write an HTML page on a job: its figures, a Gantt chart, what failed and why, and its parts."""
-    from farm.views.report import render_page  # slow to load
+    from farm.cli.job_files import fetch_files, is_picture
+    from farm.cli.job_report import find_local, render_report  # slow to load
 
-    client = Client(places.socket)
-    view = client.job(job).job
-    now = datetime.fromisoformat(client.status().fleet.now)
-    part_by_files = {(part.file, part.picture): part for part in view.parts}  # copies of a part share both
-    picture_by_files = {files: _find_picture(part) for files, part in part_by_files.items()}
-    pictures = {
-        part.id: png for part in view.parts if (png := picture_by_files[part.file, part.picture]) is not None
-    }
-    pictures |= _read_stills(view)
-    assembly = Path(view.folder) / "assembly.png" if view.folder else None
-    readable = assembly is not None and os.access(assembly, os.R_OK)
-    target = out or Path(f"job-{job}.html")
-    text = render_page(
-        view,
-        client.history(None, None, _ALL).prints,
-        now,
-        list_figures(view),
-        pictures,
-        assembly.read_bytes() if assembly is not None and readable and len(view.parts) > 1 else None,
-    )
+    client, target = connect(places), out or Path(f"job-{job}.html")
+    if places.url is None:
+        page = render_report(client, job, find_local)
+    else:
+        with TemporaryDirectory() as folder:
+            fetched = fetch_files(client, job, Path(folder), select=is_picture)
+            page = render_report(client, job, fetched.find)
     try:
-        target.write_text(text, encoding="utf-8")
+        target.write_text(page.text, encoding="utf-8")
     except OSError as error:
         cause = error.strerror or error
         raise FarmError(f"{target} cannot be written ({cause}); give another file with --out") from error
-    if view.parts and not pictures and not readable:
-        print_notice(f"you may not read {view.folder}: the page has no pictures")
+    if page.without_pictures:
+        print_notice(f"you may not read the files of job {job}: the page has no pictures")
     print(target)
-
-
-def _find_picture(part: api.PartView) -> bytes | None:
-    """Draw a part, or read the picture that was kept of it; None if neither can be read."""
-    from farm.upkeep.part_pictures import draw_part
-
-    if part.file is not None:
-        return draw_part(Path(part.file))
-    if part.picture is not None and os.access(part.picture, os.R_OK):
-        return Path(part.picture).read_bytes()
-    return None
-
-
-def _read_stills(view: api.JobView) -> dict[str, bytes]:
-    """Read the stills of a job's prints by their paths, the first ones of too many."""
-    stills: dict[str, bytes] = {}
-    left_bytes = _STILLS_BYTES
-    for path in [still.file for one in view.prints for still in one.stills if still.file is not None]:
-        if os.access(path, os.R_OK) and (left_bytes := left_bytes - Path(path).stat().st_size) >= 0:
-            stills[path] = Path(path).read_bytes()
-    return stills
-
-
-def list_figures(view: api.JobView) -> list[tuple[str, str]]:
-    """List the figures of a job, each with its name."""
-    actual = "actual" if view.state in ("printed", "done") else "as known now"
-    rows = [
-        (
-            "submitted",
-            f"{parse_time(view.submitted):%a %d %b %Y %H:%M}"
-            + (f" by {view.submitted_by}" if view.submitted_by else ""),
-        ),
-        ("plates printed", f"{view.printed} of {len(view.plates)}; good {view.good}"),
-        ("parallel printing time, expected", format_duration(view.estimated_s)),
-        (f"parallel printing time, {actual}", format_duration(view.current_s)),
-        ("single large printer", format_duration(view.serial_s)),
-        ("speed-up", f"{view.speedup:.1f}" if view.speedup else "-"),
-        ("utilisation", format_share(view.utilisation) if view.utilisation else "-"),
-        (
-            "wasted",
-            f"{format_duration(view.wasted_s)}, {format_mass(view.wasted_grams)}"
-            if view.wasted_s
-            else "nothing",
-        ),
-        ("filament", format_mass(view.grams) if view.grams is not None else "-"),
-    ]
-    if view.options.note:
-        rows.insert(1, ("note", view.options.note))
-    if view.options.copies > 1:
-        rows.insert(1, ("copies printed", format_copies(view)))
-    if len(view.runs) > 1:
-        rows.append(
-            ("printed in runs", f"{format_runs(view.runs, view.now)}; the time between them is not counted")
-        )
-    if view.pruned is not None:
-        rows.append(("files", f"pruned on {format_time(view.pruned, view.now)}"))
-    if view.price is not None:
-        rows.append(("price of the filament", f"{view.price:.2f} {view.currency or ''}".strip()))
-    return rows

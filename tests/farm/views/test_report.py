@@ -11,8 +11,8 @@ from rich.console import Console
 
 from example_night import night_books, view_context_of
 from farm import api
-from farm.cli.commands.status import list_figures
 from farm.cli.display import render_job
+from farm.cli.job_report import list_figures
 from farm.model import Still, Verdict
 from farm.state import events as ev
 from farm.upkeep.part_pictures import draw_part

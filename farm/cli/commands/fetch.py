@@ -1,0 +1,52 @@
+"""`farm fetch`: the files of a job, from this host's daemon or another's."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from farm.cli.client import connect
+from farm.cli.job_files import fetch_files
+from farm.cli.notices import print_notice
+from farm.cli.options import Job, with_farm
+from farm.errors import FarmError
+from farm.paths import Places
+from farm.text import format_count
+
+_REPORT = "report.html"
+
+
+@with_farm
+def fetch(
+    places: Places,
+    job: Job,
+    out: Annotated[
+        Path | None, typer.Option("-o", "--out", help="The folder to write to; default job-N in this folder.")
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite files with other content.")] = False,
+) -> None:
+    """Fetch the files of a job: parts, G-code, pictures, stills, and a report.
+
+    Each file is compared with its SHA-256, and appears when it is complete. Run again, the command fetches
+    what is missing.
+    """
+    from farm.cli.job_report import render_report  # slow to load
+
+    client, folder = connect(places), out or Path(f"job-{job}")
+    fetched = fetch_files(client, job, folder, force)
+    there = len(fetched.by_name) - len(fetched.written)
+    print(
+        f"{folder}: {format_count(len(fetched.written), 'file')} of job {job} fetched"
+        + (f", {there} already there" if there else "")
+    )
+    report = folder / _REPORT
+    text = render_report(client, job, fetched.find).text
+    try:
+        with report.open("w" if force else "x", encoding="utf-8") as file:
+            file.write(text)
+    except FileExistsError:
+        print_notice(f"{report} stays as it is; --force writes it again")
+    except OSError as error:
+        raise FarmError(f"{report} cannot be written ({error.strerror or error})") from error

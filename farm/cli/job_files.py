@@ -1,0 +1,136 @@
+"""Files of a job, fetched from the daemon into a folder. Names and bytes that it sends are not trusted."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import re
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from farm import api
+from farm.cli.client import Client
+from farm.errors import FarmError, Refused
+
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,120}")
+_DIGEST = re.compile(r"[0-9a-f]{64}")
+_PICTURES = (".stl", ".png", ".jpg", ".jpeg")  # parts are drawn
+
+
+@dataclass(frozen=True, slots=True)
+class Fetched:
+    """Files of a job in a folder: all of them by name and by SHA-256, and which were written."""
+
+    by_name: dict[str, Path] = field(default_factory=dict)
+    by_sha256: dict[str, Path] = field(default_factory=dict)
+    written: list[str] = field(default_factory=list)
+
+    def find(self, path: str) -> Path | None:
+        """Return the file that was fetched for a path on the daemon's host; stored ones are named by hash."""
+        return self.by_sha256.get(Path(path).stem) or self.by_name.get(Path(path).name)
+
+
+def is_picture(name: str) -> bool:
+    """Return whether a report shows a file."""
+    return name.lower().endswith(_PICTURES)
+
+
+def fetch_files(
+    client: Client,
+    number: int,
+    folder: Path,
+    force: bool = False,
+    select: Callable[[str], bool] = lambda _: True,
+) -> Fetched:
+    """Fetch the files of a job; those that are there already are not fetched again.
+
+    Each file appears when it is complete and has the right SHA-256, or not at all.
+
+    Parameters
+    ----------
+    client
+        The daemon.
+    number
+        The job.
+    folder
+        Where to write; made if it is missing.
+    force
+        Whether files with other content are overwritten.
+    select
+        Returns whether a file of this name is wanted.
+
+    Raises
+    ------
+    Refused
+        If there is another file of the same name; then nothing is written.
+    FarmError
+        If a name or content is not as it must be, or a file cannot be written.
+    """
+    files = [file for file in client.files(number).files if select(file.name)]
+    for file in files:
+        if not _NAME.fullmatch(file.name) or not _DIGEST.fullmatch(file.sha256):
+            raise FarmError(
+                f"the daemon names a file {file.name!r}, which is no valid name: nothing is written"
+            )
+    fetched = Fetched()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        missing = [file for file in files if not _is_there(folder / file.name, file)]
+        _refuse_others(folder, missing, force)
+        for file in missing:
+            _fetch_one(client, number, file, folder, force)
+            fetched.written.append(file.name)
+    except OSError as error:
+        cause = error.strerror or error
+        raise FarmError(f"{folder} cannot be written ({cause}); give another folder with --out") from error
+    for file in files:
+        fetched.by_name[file.name] = fetched.by_sha256[file.sha256] = folder / file.name
+    return fetched
+
+
+def _is_there(path: Path, file: api.FileView) -> bool:
+    """Return whether a file has been fetched before."""
+    if not path.is_file() or path.stat().st_size != file.size:
+        return False
+    with path.open("rb") as content:
+        return hashlib.file_digest(content, "sha256").hexdigest() == file.sha256
+
+
+def _refuse_others(folder: Path, files: list[api.FileView], force: bool) -> None:
+    """Raise Refused if files with other content would be overwritten."""
+    others = [file.name for file in files if os.path.lexists(folder / file.name)]
+    if others and not force:
+        raise Refused(
+            f"{folder} has other files of these names: {' '.join(others[:5])}; give another folder with "
+            "--out, or overwrite them with --force"
+        )
+
+
+def _fetch_one(client: Client, number: int, file: api.FileView, folder: Path, force: bool) -> None:
+    digest, left = hashlib.sha256(), file.size
+    descriptor, name = tempfile.mkstemp(prefix=".fetch-", dir=folder)
+    temporary = Path(name)
+    try:
+        with os.fdopen(descriptor, "wb") as target:
+
+            def write(chunk: bytes) -> None:
+                nonlocal left
+                left -= len(chunk)
+                if left < 0:
+                    raise FarmError(f"{file.name} is longer than {file.size} bytes: it is not written")
+                digest.update(chunk)
+                try:
+                    target.write(chunk)
+                except OSError as error:
+                    raise FarmError(f"{temporary} cannot be written ({error.strerror})") from error
+
+            client.download(number, file.name, write)
+        if left or digest.hexdigest() != file.sha256:
+            raise FarmError(f"{file.name} arrived damaged or incomplete: fetch it again")
+        temporary.chmod(0o644)
+        _refuse_others(folder, [file], force)  # it may have been written meanwhile
+        temporary.replace(folder / file.name)
+    finally:
+        temporary.unlink(missing_ok=True)

@@ -1,0 +1,62 @@
+"""Routes of the files of jobs: parts, plates, pictures, reports and stills."""
+
+from __future__ import annotations
+
+import asyncio
+from contextlib import suppress
+from pathlib import Path
+
+from fastapi import APIRouter
+from fastapi.responses import FileResponse
+
+from farm import api
+from farm.errors import NoSuchThing
+from farm.http.services import Services
+from farm.planning import list_job_files
+from farm.state import Books
+
+_CONTENT = {"content": {"application/octet-stream": {"schema": {"type": "string", "format": "binary"}}}}
+
+
+def file_routes(services: Services) -> APIRouter:
+    """Return the routes of files. A name is looked up among those of the job; it is never used as a path."""
+    router, controller = APIRouter(), services.controller
+
+    @router.get("/jobs/{number}/files")
+    async def files(number: int) -> api.JobFiles:
+        names = name_stored_files(controller.books, number)
+        rows = await asyncio.to_thread(_measure, services.state.files, names)
+        return api.JobFiles(job=number, files=rows)
+
+    @router.get("/jobs/{number}/files/{name}", response_class=FileResponse, responses={200: _CONTENT})
+    async def file(number: int, name: str) -> FileResponse:
+        stored = name_stored_files(controller.books, number).get(name)
+        path = services.state.files / (stored or "")
+        if stored is None or not await asyncio.to_thread(path.is_file):
+            raise NoSuchThing(f"job {number} has no file {name!r}: it may have been pruned")
+        return FileResponse(path, media_type="application/octet-stream", filename=name)
+
+    return router
+
+
+def name_stored_files(books: Books, number: int) -> dict[str, str]:
+    """Return the stored files of a job by their names. Raises NoSuchThing for an unknown job."""
+    job = books.job(number)
+    names = list_job_files(job, map(books.parts.__getitem__, job.parts), books.plates_of(job))
+    if job.pruned_s is None:
+        for attempt in (one for plate in books.plates_of(job) for one in books.prints_of(plate)):
+            names |= {
+                f"print-{attempt.number}-{still.moment}{Path(still.file).suffix}": still.file
+                for still in attempt.stills
+            }
+    return names
+
+
+def _measure(folder: Path, names: dict[str, str]) -> list[api.FileView]:
+    """Return the files that are there, with their sizes; a stored file is named by its SHA-256."""
+    rows = []
+    for name, stored in names.items():
+        with suppress(FileNotFoundError):
+            size = (folder / stored).stat().st_size
+            rows.append(api.FileView(name=name, size=size, sha256=Path(stored).stem))
+    return rows

@@ -1,0 +1,123 @@
+"""Files of a job that are fetched: whole, under their own names, and never over others."""
+
+import hashlib
+
+import pytest
+
+from farm import api
+from farm.cli.job_files import fetch_files, is_picture
+from farm.errors import FarmError, Refused
+
+PARTS = {"p01.stl": b"solid", "plate-01.gcode": b"G28" * 1000, "assembly.png": b"\x89PNG"}
+
+
+class FakeClient:
+    """A daemon that sends these contents, and announces the names and hashes of `files`."""
+
+    def __init__(self, files=None, contents=None):
+        self.contents = PARTS if contents is None else contents
+        self.announced = self.contents if files is None else files
+        self.downloads = []
+
+    def files(self, number):
+        rows = [
+            api.FileView(name=name, size=len(content), sha256=hashlib.sha256(content).hexdigest())
+            for name, content in self.announced.items()
+        ]
+        return api.JobFiles(job=number, files=rows)
+
+    def download(self, number, name, write):
+        self.downloads.append(name)
+        content = self.contents[name]
+        for start in range(0, len(content), 7):
+            write(content[start : start + 7])
+
+
+def read(folder):
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+def test_files_are_written_with_their_content_and_found_by_name_and_by_hash(tmp_path):
+    fetched = fetch_files(FakeClient(), 3, tmp_path / "new" / "folder")
+    assert read(tmp_path / "new" / "folder") == PARTS
+    stored = hashlib.sha256(PARTS["p01.stl"]).hexdigest()
+    assert fetched.find(f"/var/lib/farm/files/{stored}.stl").read_bytes() == PARTS["p01.stl"]
+    assert fetched.find("/var/lib/farm/jobs/3/assembly.png").name == "assembly.png"
+    assert fetched.find("/etc/passwd") is None
+
+
+def test_second_fetch_brings_only_what_is_missing(tmp_path):
+    fetch_files(FakeClient(), 3, tmp_path)
+    (tmp_path / "p01.stl").unlink()
+    client = FakeClient()
+    assert fetch_files(client, 3, tmp_path).written == client.downloads == ["p01.stl"]
+    assert read(tmp_path) == PARTS
+
+
+def test_own_file_is_overwritten_with_force_only(tmp_path):
+    (tmp_path / "assembly.png").write_bytes(b"mine")
+    client = FakeClient()
+    with pytest.raises(Refused, match=r"assembly\.png.*--force"):
+        fetch_files(client, 3, tmp_path)
+    assert client.downloads == []
+    assert read(tmp_path) == {"assembly.png": b"mine"}
+    fetch_files(client, 3, tmp_path, force=True)
+    assert read(tmp_path) == PARTS
+
+
+def test_link_in_the_folder_is_replaced_and_not_followed(tmp_path):
+    outside = tmp_path / "outside"
+    outside.write_bytes(b"mine")
+    folder = tmp_path / "folder"
+    folder.mkdir()
+    (folder / "p01.stl").symlink_to(outside)
+    with pytest.raises(Refused):
+        fetch_files(FakeClient(), 3, folder)
+    fetch_files(FakeClient(), 3, folder, force=True)
+    assert outside.read_bytes() == b"mine"
+    assert not (folder / "p01.stl").is_symlink()
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        *("../p01.stl", "/etc/cron.d/x", "a/b", "..", ".", "", ".bashrc", "-rf", "a\\b", "a\0b", "a\nb"),
+        *("é.stl", "x" * 200, "C:evil"),
+    ],
+)
+def test_name_that_is_no_plain_file_name_is_refused_and_nothing_is_written(tmp_path, name):
+    folder = tmp_path / "folder"
+    with pytest.raises(FarmError, match="no valid name"):
+        fetch_files(FakeClient({"p01.stl": b"solid", name: b"evil"}), 3, folder)
+    assert not folder.exists()
+
+
+@pytest.mark.parametrize("sent", [b"", b"soli", b"SOLID", b"solid and more"])
+def test_damaged_content_leaves_no_file(tmp_path, sent):
+    with pytest.raises(FarmError, match=r"p01\.stl"):
+        fetch_files(FakeClient({"p01.stl": b"solid"}, {"p01.stl": sent}), 3, tmp_path)
+    assert read(tmp_path) == {}
+
+
+def test_lost_connection_leaves_the_files_before_and_no_half(tmp_path):
+    class Lost(FakeClient):
+        def download(self, number, name, write):
+            if self.downloads:
+                write(b"G28")
+                raise FarmError("no daemon answers")
+            super().download(number, name, write)
+
+    with pytest.raises(FarmError, match="no daemon"):
+        fetch_files(Lost(), 3, tmp_path)
+    assert read(tmp_path) == {"p01.stl": PARTS["p01.stl"]}
+
+
+def test_folder_that_cannot_be_made_is_named(tmp_path):
+    (tmp_path / "file").write_bytes(b"")
+    with pytest.raises(FarmError, match="--out"):
+        fetch_files(FakeClient(), 3, tmp_path / "file" / "folder")
+
+
+def test_report_needs_pictures_and_parts_alone(tmp_path):
+    fetch_files(FakeClient(), 3, tmp_path, select=is_picture)
+    assert sorted(read(tmp_path)) == ["assembly.png", "p01.stl"]

@@ -1,0 +1,59 @@
+"""Files of a job over the network: those of the job, by name, and no others."""
+
+import hashlib
+
+import pytest
+
+from farm.model import JobOptions, Role
+from farm.planning.plan import Plan
+from make_books import plan
+from recording_controller import MODEL
+from web_farm import WebFarm, on_network
+
+FILES = on_network("/jobs/1/files")
+
+
+@pytest.fixture
+def farm(tmp_path):
+    farm = WebFarm(tmp_path)
+    farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions(), "ann")
+    content = b"solid part"
+    stored = f"{hashlib.sha256(content).hexdigest()}.stl"
+    (farm.state.files / stored).write_bytes(content)
+    (farm.state.files / "secret.txt").write_text("secret")
+    event = plan(1, 2)
+    parts = (event.parts[0].model_copy(update={"file": stored}), *event.parts[1:])
+    farm.controller.on_plan(1, Plan(parts, event.plates, event.repairs, 1.0, 500.0, 100.0, None))
+    yield farm
+    farm.store.close()
+
+
+def test_files_that_are_there_are_listed_and_sent_with_their_hash(farm):
+    key = farm.add_key(Role.LOOK)
+    (listed,) = farm.ask("GET", FILES, key).json()["files"]
+    assert listed["name"] == "p01.stl"
+    answer = farm.ask("GET", f"{FILES}/p01.stl", key)
+    assert answer.status_code == 200
+    assert hashlib.sha256(answer.content).hexdigest() == listed["sha256"]
+    assert len(answer.content) == listed["size"]
+    assert answer.headers["content-disposition"].startswith("attachment")
+    part = farm.ask("GET", f"{FILES}/p01.stl", key, headers={"range": "bytes=6-"})
+    assert (part.status_code, part.content) == (206, b"part")
+    assert farm.ask_socket("GET", "/jobs/1/files").json()["files"] == [listed]
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        *("secret.txt", "..%2fsecret.txt", "%2e%2e%2f%2e%2e%2ffarm.db", "p02.stl"),
+        *("", "%00", "p01.stl%00", "%2fetc%2fpasswd", "....//secret.txt", "p01.STL"),
+    ],
+)
+def test_other_names_bring_nothing(farm, name):
+    answer = farm.ask("GET", f"{FILES}/{name}", farm.add_key(Role.LOOK))
+    assert answer.status_code in (404, 307)  # 307: to the list
+    assert answer.text != "secret"
+
+
+def test_files_of_an_unknown_job_are_not_found(farm):
+    assert farm.ask("GET", on_network("/jobs/7/files"), farm.add_key(Role.LOOK)).status_code == 404
