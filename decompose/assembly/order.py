@@ -8,7 +8,7 @@ A partition into boxes of one frame can always be split so; for others, a set th
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain
 
 import numpy as np
@@ -68,6 +68,11 @@ class Assembly:
 
     steps: tuple[AssemblyStep, ...] = ()
     locked: tuple[tuple[int, ...], ...] = ()
+
+    def rotate(self, rotation: Floats) -> Assembly:
+        """Return the same steps with directions turned by a matrix (3, 3)."""
+        steps = tuple(replace(step, direction=rotation @ step.direction) for step in self.steps)
+        return replace(self, steps=steps)
 
     @property
     def levels(self) -> int:

@@ -1,4 +1,4 @@
-"""A decomposition as a folder: one STL per part, decomposition.json, a picture and a GLB of the assembly."""
+"""A decomposition as a folder: one STL per part, report, picture, GLB and instructions."""
 
 from __future__ import annotations
 
@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 import trimesh
 
+from decompose.export.instructions import write_instructions
 from decompose.export.picture import draw_assembly, part_colours
-from decompose.files.names import ASSEMBLY, PICTURE, REPORT
+from decompose.files.names import ASSEMBLY, INSTRUCTIONS, PICTURE, REPORT
 from decompose.geometry import write_stl
 from decompose.results import Decomposition, Part, check_stl
 
@@ -21,7 +22,7 @@ METRES_Y_UP = np.array([[1e-3, 0, 0, 0], [0, 0, 1e-3, 0], [0, -1e-3, 0, 0], [0, 
 
 
 def write_decomposition(decomposition: Decomposition, folder: Path) -> Decomposition:
-    """Write one binary STL per part, decomposition.json, assembly.png and assembly.glb; read each STL back.
+    """Write one binary STL per part, report, picture, GLB and instructions; read each STL back.
 
     Returns
     -------
@@ -45,6 +46,7 @@ def write_decomposition(decomposition: Decomposition, folder: Path) -> Decomposi
     (folder / REPORT).write_text(text, encoding="utf-8")
     draw_assembly(stored.parts, folder / PICTURE)
     write_glb(stored.parts, folder / ASSEMBLY)
+    write_instructions(stored, folder / INSTRUCTIONS, folder / PICTURE)
     return stored
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from decompose.geometry.convex import convex_outline, half_planes, rectangles, smallest_rectangle
 from decompose.geometry.model import Model, load_model
 from decompose.geometry.shells import label_components
-from decompose.geometry.solid import Solid
+from decompose.geometry.solid import Solid, triangulate
 from decompose.geometry.stl import round_triangles, write_stl
 from decompose.geometry.symmetry import Mirror, draw_mirrors, find_good_mirrors, find_mirror, rotation_to_axis
 
@@ -24,5 +24,6 @@ __all__ = [
     "rotation_to_axis",
     "round_triangles",
     "smallest_rectangle",
+    "triangulate",
     "write_stl",
 ]

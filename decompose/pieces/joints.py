@@ -54,9 +54,12 @@ class JointFace:
     def area_mm2(self) -> float:
         return float(self.outline.area)
 
-    def rotate(self, rotation: Floats) -> JointFace:
-        """Return the face turned about the origin by a matrix (3, 3)."""
-        return replace(self, normal=rotation @ self.normal, axes=self.axes @ rotation.T)
+    def move(self, transform: Floats) -> JointFace:
+        """Return the face moved by a rigid transform (4, 4)."""
+        rotation, offset_mm = transform[:3, :3], transform[:3, 3]
+        normal, axes = rotation @ self.normal, self.axes @ rotation.T
+        outline = shapely.transform(self.outline, lambda corners: corners + axes @ offset_mm)
+        return JointFace(normal, self.offset_mm + float(normal @ offset_mm), axes, outline)
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,9 +82,9 @@ class Joint:
     width_mm: float
     faces: tuple[JointFace, ...] = field(default=(), compare=False, repr=False)
 
-    def rotate(self, rotation: Floats) -> Joint:
-        """Return the joint turned about the origin by a matrix (3, 3)."""
-        return replace(self, faces=tuple(face.rotate(rotation) for face in self.faces))
+    def move(self, transform: Floats) -> Joint:
+        """Return the joint moved by a rigid transform (4, 4)."""
+        return replace(self, faces=tuple(face.move(transform) for face in self.faces))
 
     def holds(self, min_glue_mm2: float) -> bool:
         """Check whether the joint has the least area and is two walls wide; for 0 mm2 any joint holds.

@@ -69,7 +69,7 @@ def _build_decomposition(
     bound_s = surface_bound_s(problem.model.solid.area_mm2, 0.0, len(problem.printers), problem.cost)
     grid = partition.grid or GridFigures(makespan_s, problem.fastest_factor * bound_s, None)
     restored = tuple(_restore_frame(part, rotation) for part in parts)
-    joints = tuple(joint.rotate(rotation.T) for joint in touching)
+    joints = tuple(joint.move(_inverse(rotation)) for joint in touching)
     return Decomposition(
         engine=problem.options.engine,
         options=problem.options,
@@ -141,11 +141,16 @@ def _restore_frame(part: Part, rotation: Floats) -> Part:
     """Move a part to the frame of the original model; `rotation` (3, 3) led to the frame of the cut."""
     if (rotation == np.eye(3)).all():
         return part
-    to_frame = np.eye(4)
-    to_frame[:3, :3] = rotation.T
     return replace(
         part,
         solid=part.solid.rotate(rotation.T),
-        to_model=to_frame @ part.to_model,
+        to_model=_inverse(rotation) @ part.to_model,
         planes=rotate_planes(part.planes, rotation.T),
     )
+
+
+def _inverse(rotation: Floats) -> Floats:
+    """Return the transform (4, 4) back from a rotation (3, 3)."""
+    transform = np.eye(4)
+    transform[:3, :3] = rotation.T
+    return transform

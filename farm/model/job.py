@@ -102,10 +102,12 @@ class Job(Entity):
     lower_bound_s: float | None = None  # lower bound of any schedule of its plates
     expected_s: float | None = None  # parallel printing time of the plan
     serial_s: float | None = None
-    picture: str | None = None  # image of the assembly; like the two below, a name in the file store
+    picture: str | None = None  # image of the assembly; like the three below, a name in the file store
     assembly: str | None = None  # as a GLB
     decomposition: str | None = None  # the report on it, as JSON
+    instructions: str | None = None  # to glue it, as HTML
     cuts: Mapping[str, str] = Field(default_factory=dict)  # reports on parts that were recut, by part
+    cut_instructions: Mapping[str, str] = Field(default_factory=dict)  # for the same parts
     plates: tuple[str, ...] = ()
     parts: tuple[str, ...] = ()
     paused: bool = False  # by a person: no plate of it starts

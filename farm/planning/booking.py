@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from decompose.files.names import ASSEMBLY, PICTURE, REPORT
+from decompose.files.names import ASSEMBLY, INSTRUCTIONS, PICTURE, REPORT
 from drivers.printers import PROFILES
 from farm.model import Job, Part, Plate
 from farm.planning.part_records import DecomposedPart, SlicedPart
@@ -96,6 +96,7 @@ def book_plan(sliced: SlicedJob, files: Path) -> Plan:
         picture=store_file(files, task.folder / PICTURE),
         assembly=store_file(files, task.folder / ASSEMBLY),
         decomposition=store_file(files, task.folder / REPORT),
+        instructions=store_file(files, task.folder / INSTRUCTIONS),
     )
 
 
@@ -109,12 +110,16 @@ def list_job_files(job: Job, parts: Iterable[Part], plates: Iterable[Plate]) -> 
         return pictures | ({PICTURE: job.picture} if job.picture else {})
     names = {Path(part.id).name + Path(part.file).suffix: part.file for part in parts}
     names |= {f"plate-{Path(plate.id).name}.gcode": plate.gcode for plate in plates}
-    shared = {PICTURE: job.picture, ASSEMBLY: job.assembly, REPORT: job.decomposition}
-    names |= {name: stored for name, stored in shared.items() if stored}
-    report = Path(REPORT)
-    return names | {
-        f"{report.stem}-{Path(part).name}{report.suffix}": stored for part, stored in job.cuts.items()
+    shared = {
+        PICTURE: job.picture,
+        ASSEMBLY: job.assembly,
+        REPORT: job.decomposition,
+        INSTRUCTIONS: job.instructions,
     }
+    names |= {name: stored for name, stored in shared.items() if stored}
+    for whole, cuts in ((Path(REPORT), job.cuts), (Path(INSTRUCTIONS), job.cut_instructions)):
+        names |= {f"{whole.stem}-{Path(part).name}{whole.suffix}": stored for part, stored in cuts.items()}
+    return names
 
 
 def _serial_s(sliced: SlicedJob) -> float:

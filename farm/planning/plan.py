@@ -167,7 +167,7 @@ class Plan:
         Expected time of the whole model on one imagined large printer.
     expected_s
         Expected parallel printing time.
-    picture, assembly, decomposition
+    picture, assembly, decomposition, instructions
         Names in the file store.
     """
 
@@ -180,3 +180,4 @@ class Plan:
     picture: str | None = None
     assembly: str | None = None
     decomposition: str | None = None
+    instructions: str | None = None

@@ -55,6 +55,7 @@ def build_planned_event(
         picture=plan.picture,
         assembly=plan.assembly,
         decomposition=plan.decomposition,
+        instructions=plan.instructions,
         plan=hash_plan(plan.parts, plan.plates),
         held=job.options.hold,
     )

@@ -74,6 +74,7 @@ class JobPlanned(Event):
     picture: str | None
     assembly: str | None = None
     decomposition: str | None = None
+    instructions: str | None = None
     lower_bound_s: float | None = None
     plan: str | None = None
     held: bool = False  # until a person approves this plan
@@ -137,6 +138,7 @@ class PlateReplaced(Event):
     picture: str | None = None  # picture of the whole job, and the GLB, if there are new parts
     assembly: str | None = None
     decomposition: str | None = None  # the report on the cut
+    instructions: str | None = None  # to glue the pieces
 
 
 class PrintProgressed(Event):

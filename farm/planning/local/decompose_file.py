@@ -12,7 +12,7 @@ from typing import Any
 from decompose.auto import CountGoal, decompose_auto
 from decompose.decompose import decompose_model
 from decompose.export import write_decomposition
-from decompose.files.names import ASSEMBLY, PICTURE, REPORT
+from decompose.files.names import ASSEMBLY, INSTRUCTIONS, PICTURE, REPORT
 from decompose.geometry import load_model
 from decompose.options import BestOptions, Engine, Interior, Options, ParalleloboxOptions, Score
 from decompose.print_time import CostModel
@@ -152,7 +152,7 @@ def _empty_for_parts(out: Path) -> None:
     report = out / REPORT
     try:
         out.mkdir(parents=True, exist_ok=True)
-        own_files = {REPORT, PICTURE, ASSEMBLY}
+        own_files = {REPORT, PICTURE, ASSEMBLY, INSTRUCTIONS}
         if report.is_file():
             own_files |= {str(part.get("file")) for part in json.loads(report.read_text())["parts"]}
         foreign_files = sorted(path.name for path in out.iterdir() if path.name not in own_files)

@@ -185,6 +185,7 @@ class ReplanCoordinator:
             picture=result.picture,
             assembly=result.assembly,
             decomposition=result.decomposition,
+            instructions=result.instructions,
         )
 
     def _saves_time(

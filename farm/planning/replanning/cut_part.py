@@ -12,7 +12,7 @@ import trimesh
 from decompose.auto import decompose_auto
 from decompose.errors import NoFit
 from decompose.export import draw_assembly, write_decomposition, write_glb
-from decompose.files.names import REPORT
+from decompose.files.names import INSTRUCTIONS, REPORT
 from decompose.geometry import Model, Solid
 from decompose.options import Interior
 from decompose.results import Decomposition
@@ -56,7 +56,7 @@ def cut_part(task: ReplanTask) -> Pieces:
     picture, assembly = task.folder / "job.png", task.folder / "job.glb"
     draw_assembly(job_parts, picture)
     write_glb(job_parts, assembly)
-    return Pieces(pieces, picture, assembly, task.folder / REPORT)
+    return Pieces(pieces, picture, assembly, task.folder / REPORT, task.folder / INSTRUCTIONS)
 
 
 def _rename_pieces(decomposition: Decomposition, whole: Part) -> Decomposition:
@@ -73,7 +73,12 @@ def _rename_pieces(decomposition: Decomposition, whole: Part) -> Decomposition:
         )
         for letter, piece in zip(string.ascii_lowercase, decomposition.parts, strict=False)
     )
-    return replace(decomposition, parts=tuple(pieces))
+    return replace(
+        decomposition,
+        parts=tuple(pieces),
+        joints=tuple(joint.move(to_model) for joint in decomposition.joints),
+        assembly=decomposition.assembly.rotate(to_model[:3, :3]),
+    )
 
 
 def _read_solid(stl: Path) -> Solid:

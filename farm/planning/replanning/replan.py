@@ -46,23 +46,31 @@ class ReplanTask:
 
 @dataclass(frozen=True, slots=True)
 class Pieces:
-    """Pieces of a part, in its job's model frame, with their report; picture and GLB of the whole job."""
+    """Pieces of a part, in its job's model frame, with their report and instructions.
+
+    Attributes
+    ----------
+    picture, assembly
+        Picture and GLB of the whole job.
+    """
 
     parts: tuple[DecomposedPart, ...]
     picture: Path
     assembly: Path
     decomposition: Path
+    instructions: Path
 
 
 @dataclass(frozen=True, slots=True)
 class ReplannedPlate:
-    """Parts and plates that replace a plate, and new pictures and report, if any, in the file store."""
+    """Parts and plates that replace a plate, and new files in the file store, if any; see `Pieces`."""
 
     parts: tuple[Part, ...]
     plates: tuple[Plate, ...]
     picture: str | None = None
     assembly: str | None = None
     decomposition: str | None = None
+    instructions: str | None = None
 
 
 def copy_part(task: ReplanTask) -> DecomposedPart:
@@ -105,7 +113,7 @@ def book_recut(task: ReplanTask, pieces: Pieces, sliced: Sequence[SlicedPart]) -
         names = PlateNames(task.plate.job, f"{task.part.id}{letter}", plate_id)
         parts.append(book_part(names, piece.part, task.files, cut_from=task.part))
         plates.append(book_plate(names, piece, task.time_factors.get(piece.printer.name, 1.0), task.files))
-    shared = (pieces.picture, pieces.assembly, pieces.decomposition)
+    shared = (pieces.picture, pieces.assembly, pieces.decomposition, pieces.instructions)
     stored = (store_file(task.files, path) for path in shared)
     return ReplannedPlate(tuple(parts), tuple(plates), *stored)
 

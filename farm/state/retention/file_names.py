@@ -52,5 +52,6 @@ def _own_names(job: Job) -> set[str]:
     pictures = {*job.part_pictures.values(), *([job.picture] if job.picture else [])}
     if job.pruned_s is not None:
         return pictures
-    job_files = (job.model_file, job.assembly, job.decomposition, *job.cuts.values())
+    shared = (job.model_file, job.assembly, job.decomposition, job.instructions)
+    job_files = (*shared, *job.cuts.values(), *job.cut_instructions.values())
     return pictures | {name for name in job_files if name}

@@ -69,6 +69,7 @@ def _planned_job(job: Job, event: ev.JobPlanned) -> Job:
         picture=event.picture,
         assembly=event.assembly,
         decomposition=event.decomposition,
+        instructions=event.instructions,
         planned_s=event.at_s,
         planned_for=event.printers,
         planning_s=event.planning_s,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from farm.model import JobState, Print, Verdict
 from farm.state import events as ev
 from farm.state.books import Books, put, replace_fields
@@ -42,9 +44,14 @@ def _(event: ev.PlateReplaced, books: Books) -> Result:
         parts=_replace_names(job.parts, plate.parts, tuple(part.id for part in event.parts)),
         picture=event.picture or job.picture,
         assembly=event.assembly or job.assembly,
-        cuts={**job.cuts, plate.parts[0]: event.decomposition} if event.decomposition else job.cuts,
+        cuts=_add_file(job.cuts, plate.parts[0], event.decomposition),
+        cut_instructions=_add_file(job.cut_instructions, plate.parts[0], event.instructions),
     )
     return put(books, old, job, *plates, *event.parts), (ev.NameFiles(job=job.id),)
+
+
+def _add_file(files: Mapping[str, str], part: str, file: str | None) -> Mapping[str, str]:
+    return files if file is None else {**files, part: file}
 
 
 def _replace_names(names: tuple[str, ...], old: tuple[str, ...], new: tuple[str, ...]) -> tuple[str, ...]:

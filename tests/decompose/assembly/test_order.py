@@ -140,7 +140,9 @@ def partitions(draw: st.DrawFn) -> list[Piece]:
 @given(partitions(), st.floats(0.0, 6.0))
 def test_every_partition_into_boxes_of_one_frame_can_be_assembled(pieces: list[Piece], angle: float):
     rotation = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1.0]])
-    joints = [joint.rotate(rotation) for joint in find_joints(pieces)]
+    transform = np.eye(4)
+    transform[:3, :3] = rotation
+    joints = [joint.move(transform) for joint in find_joints(pieces)]
     turned = [
         Piece(piece.solid.rotate(rotation), rotate_planes(piece.planes, rotation), piece.boxes_mm)
         for piece in pieces

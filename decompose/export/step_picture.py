@@ -1,0 +1,137 @@
+"""Picture of a step of the assembly: two bodies apart, the faces to glue tinted, an arrow, parts' numbers."""
+
+from __future__ import annotations
+
+from io import BytesIO
+from itertools import product
+from typing import Any
+
+import numpy as np
+import shapely
+
+from decompose.arrays import Floats
+from decompose.assembly import AssemblyStep
+from decompose.export.picture import AZIMUTH_DEG, make_figure, part_colours, short_label, write_labels
+from decompose.export.raster import Drawing, Shape, draw, make_camera
+from decompose.geometry import triangulate
+from decompose.pieces import JointFace
+from decompose.results import Decomposition
+
+APART_MM, APART_SHARE = 25.0, 0.3  # least move of the body, also as a share of its extent
+GLUE_COLOUR = np.array([1.0, 0.35, 0.0])
+LIFT_MM = 0.05  # of the tint off its face
+AZIMUTHS_DEG = [AZIMUTH_DEG + turn for turn in (0.0, 45.0, -45.0, 90.0, -90.0, 135.0, -135.0, 180.0)]
+ELEVATIONS_DEG = (22.0, 45.0, -22.0, -45.0)
+BEST_TILT = 0.5  # cosine between a face and the eye at which the face and the gap beside it are both seen
+TURN_COST = 0.2  # for each 45 degrees that the eye turns from the step before
+LONGEST_PX = 620
+
+
+def choose_camera(step: AssemblyStep, decomposition: Decomposition, before: Floats | None) -> Floats:
+    """Choose the view that shows the glued faces of the fixed body best; rather that of the step before.
+
+    Parameters
+    ----------
+    before
+        Camera of the step before, (3, 3).
+    """
+    faces = [face for joint in step.joints for face in decomposition.joints[joint].faces]
+    whole_mm2 = sum(face.area_mm2 for face in faces) or 1.0
+
+    def merit(camera: Floats) -> float:
+        eye = camera[2]
+        shown = sum(
+            face.area_mm2 * (1.0 - abs(_outward(face, step) @ eye - BEST_TILT))
+            for face in faces
+            if _outward(face, step) @ eye > 0.0
+        )
+        turn = 0.0 if before is None else np.arccos(np.clip(eye @ before[2], -1.0, 1.0)) / (np.pi / 4.0)
+        return float(shown / whole_mm2 - TURN_COST * turn)
+
+    cameras = [make_camera(a, e) for e, a in product(ELEVATIONS_DEG, AZIMUTHS_DEG)]
+    return max(cameras, key=merit)
+
+
+def draw_step(step: AssemblyStep, decomposition: Decomposition, camera: Floats) -> bytes:
+    """Draw a step as PNG."""
+    parts, colours = decomposition.parts, part_colours(len(decomposition.parts))
+    apart_mm = _apart_mm(step, decomposition) * step.direction
+    shapes, labels = [], []
+    for number in (*step.fixed, *step.moved):
+        vertices, faces = parts[number].solid.arrays()
+        offset_mm = apart_mm if number in step.moved else np.zeros(3)
+        shapes.append(Shape((vertices + offset_mm)[faces], colours[number]))
+        labels.append(short_label(parts[number].id))
+    joint_faces = [face for joint in step.joints for face in decomposition.joints[joint].faces]
+    for face in joint_faces:
+        outward = _outward(face, step)
+        shapes.append(Shape(_fill(face, outward), GLUE_COLOUR))
+        shapes.append(Shape(_fill(face, -outward) + apart_mm, GLUE_COLOUR))
+    drawing = draw(shapes, camera, LONGEST_PX, oversample=2)
+    figure, axes = make_figure(drawing)
+    write_labels(axes, drawing, labels)
+    _draw_arrow(axes, drawing, step, decomposition, apart_mm)
+    return _write_png(figure)
+
+
+def _apart_mm(step: AssemblyStep, decomposition: Decomposition) -> float:
+    heights = [decomposition.parts[number].solid.arrays()[0] @ step.direction for number in step.moved]
+    extent_mm = max(h.max() for h in heights) - min(h.min() for h in heights)
+    return max(APART_MM, APART_SHARE * float(extent_mm))
+
+
+def _outward(face: JointFace, step: AssemblyStep) -> Floats:
+    """Return the normal of a face away from the fixed body; a face that slides has either."""
+    return face.normal if float(face.normal @ step.direction) >= 0.0 else -face.normal
+
+
+def _fill(face: JointFace, outward: Floats) -> Floats:
+    """Build triangles (m, 3, 3) of a face, a little before it."""
+    offset_mm = face.offset_mm * face.normal + LIFT_MM * outward
+    found = []
+    for polygon in shapely.get_parts(face.outline):
+        if polygon.geom_type != "Polygon":
+            continue
+        ordered = shapely.geometry.polygon.orient(polygon)
+        rings = [np.array(ring.coords)[:-1] for ring in (ordered.exterior, *ordered.interiors)]
+        corners = np.concatenate(rings) @ face.axes + offset_mm
+        triangles = corners[triangulate(rings)]
+        normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+        back = normal @ outward < 0.0
+        triangles[back] = triangles[back][:, ::-1]
+        found.append(triangles)
+    return np.concatenate(found) if found else np.zeros((0, 3, 3))
+
+
+def _draw_arrow(
+    axes: Any, drawing: Drawing, step: AssemblyStep, decomposition: Decomposition, apart_mm: Floats
+) -> None:
+    """Draw the way of the moved body as an arrow from its middle."""
+    bounds = [decomposition.parts[number].solid.bounds_mm for number in step.moved]
+    middle = np.mean([bound.mean(axis=0) for bound in bounds], axis=0)
+    start, end = drawing.place(np.array([middle + apart_mm, middle]))
+    axes.annotate(
+        "",
+        xy=end,
+        xytext=start,
+        arrowprops={"arrowstyle": "-|>", "lw": 4, "mutation_scale": 25, "color": "black"},
+    )
+
+
+def _write_png(figure: Any) -> bytes:
+    from PIL import Image  # comes with matplotlib; slow to load
+
+    file, small = BytesIO(), BytesIO()
+    figure.savefig(file)
+    Image.open(file).convert("RGB").quantize(128).save(small, "PNG", optimize=True)
+    return small.getvalue()
+
+
+def draw_steps(decomposition: Decomposition) -> list[bytes]:
+    """Draw all steps, each from a view near to that of the step before."""
+    pictures: list[bytes] = []
+    camera: Floats | None = None
+    for step in decomposition.assembly.steps:
+        camera = choose_camera(step, decomposition, camera)
+        pictures.append(draw_step(step, decomposition, camera))
+    return pictures

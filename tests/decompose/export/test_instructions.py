@@ -1,0 +1,73 @@
+"""Instructions for assembly: all parts and joints, nothing loaded, and glue in each picture."""
+
+from __future__ import annotations
+
+import base64
+import re
+from dataclasses import replace
+from io import BytesIO
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from decompose.assembly import Assembly
+from decompose.decompose import decompose_model
+from decompose.export.instructions import render_instructions
+from decompose.export.step_picture import GLUE_COLOUR, choose_camera, draw_steps
+from decompose.geometry import Model, Solid
+from decompose.options import Engine, Options
+from decompose.print_time import CostModel
+from decompose.printers import PrinterRoom
+from decompose.results import Decomposition
+
+
+@pytest.fixture(scope="module")
+def table() -> Decomposition:
+    """A table that is cut for four printers."""
+    legs = [Solid.box((x, y, 0), (x + 20, y + 20, 90)) for x in (0, 100) for y in (0, 100)]
+    solid = Solid.union([Solid.box((0, 0, 80), (120, 120, 100)), *legs])
+    rooms = [PrinterRoom(name, ((80.0, 130.0, 130.0),)) for name in "abcd"]
+    options = Options(engine=Engine.GUILLOTINE, granularity=8, prove=False)
+    return decompose_model(Model(solid, (), 1.0), rooms, options, CostModel(1.0, *[1e-3] * 7, brim_mm=0.0))
+
+
+def pictures_of(page: str) -> list[Image.Image]:
+    return [
+        Image.open(BytesIO(base64.b64decode(data))).convert("RGB")
+        for data in re.findall(r'src="data:image/png;base64,([^"]+)"', page)
+    ]
+
+
+def count_glue(picture: Image.Image) -> int:
+    """Count pixels in a shade of the colour of glue."""
+    pixels = np.asarray(picture, dtype=np.float64) / 255.0
+    shade = pixels[..., 0:1]
+    return int(((np.abs(pixels - shade * GLUE_COLOUR) < 0.03).all(axis=2) & (shade[..., 0] > 0.3)).sum())
+
+
+def test_the_page_names_every_part_and_joint_once_and_loads_nothing(table: Decomposition) -> None:
+    page = render_instructions(table, draw_steps(table), None)
+    rows = re.findall(r"<tr><td>(p\d+)</td>", page)
+    assert rows == [part.id for part in table.parts]
+    names = re.findall(r"<tr><td>(\d+-\d+)</td>", page)
+    assert len(names) == len(table.joints) and len(set(names)) == len(names)
+    assert all(source.startswith("data:") for source in re.findall(r'(?:src|href)="([^"]*)"', page))
+    assert "url(" not in page and "<script" not in page and "@import" not in page
+    assert len(pictures_of(page)) == len(table.parts) - 1
+
+
+def test_every_picture_shows_where_the_glue_goes(table: Decomposition) -> None:
+    page = render_instructions(table, draw_steps(table), None)
+    assert [count_glue(picture) > 200 for picture in pictures_of(page)] == [True] * len(table.assembly.steps)
+
+
+def test_a_view_stays_near_the_view_before(table: Decomposition) -> None:
+    step = table.assembly.steps[0]
+    camera = choose_camera(step, table, None)
+    assert choose_camera(step, table, camera) == pytest.approx(camera)
+
+
+def test_parts_without_an_order_are_named(table: Decomposition) -> None:
+    page = render_instructions(replace(table, assembly=Assembly((), ((0, 1),))), [], None)
+    assert "p01, p02 cannot be joined" in page
