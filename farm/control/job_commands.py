@@ -152,6 +152,33 @@ class JobCommands:
         self._find_held_job(number)  # it may have been cancelled meanwhile
         self._controller.handle(ev.JobApproved(at_s=self._controller.clock.now(), job=number, by=by))
 
+    async def release(self, number: int, state: StateFolder, by: str, is_operator: bool) -> None:
+        """Let a held job print, whether it is planned or not; nothing changes if it prints already.
+
+        Parameters
+        ----------
+        number
+            The job.
+        state
+            Folder with the files.
+        by
+            The person who releases it.
+        is_operator
+            Others may release what they have submitted themselves, unless each job needs an approval.
+        """
+        job = self._controller.books.job(number)
+        if job.state.ended:
+            raise Refused(f"job {number} has already ended: it is {job.state}")
+        if not is_operator and (self._needs_operator(job) or job.submitted_by != by):
+            raise Refused(f"only an operator may let job {number} print: `farm approve {number}`")
+        if job.state is JobState.HELD:
+            await self.approve(number, job.plan or "", state, by)
+        elif job.options.hold and job.state in (JobState.QUEUED, JobState.PLANNING):
+            self._controller.handle(ev.JobReleased(at_s=self._controller.clock.now(), job=number, by=by))
+
+    def _needs_operator(self, job: Job) -> bool:
+        return self._controller.fleet.fleet.approve or job.restored or job.options.dry_run
+
     def _find_held_job(self, number: int) -> Job:
         job = self._controller.books.job(number)
         if job.state is not JobState.HELD:

@@ -93,6 +93,13 @@ class JobApproved(Event):
     by: str
 
 
+class JobReleased(Event):
+    """A person wants a held job to print as soon as it is planned, without an approval."""
+
+    job: int
+    by: str
+
+
 class JobFailed(Event):
     job: int
     error: ErrorCode
@@ -357,6 +364,7 @@ AnyEvent = (
     | JobPlanned
     | PlanRevised
     | JobApproved
+    | JobReleased
     | JobFailed
     | JobCancelled
     | JobPruned

@@ -15,7 +15,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 import farm
 from farm.api import NETWORK_PREFIX
-from farm.control import DryRuns, JobCommands, PrinterCommands
+from farm.control import DryRuns
 from farm.errors import ErrorCode, ExitCode
 from farm.http import (
     UPLOAD_PATH,
@@ -35,7 +35,7 @@ from farm.web.guard import Refusal, check_head, check_host, check_origin, check_
 from farm.web.metrics import CONTENT_TYPE, write_metrics
 from farm.web.openapi import describe_routes
 from farm.web.pages import page_routes, render_message
-from farm.web.slicers import PREFIXES, is_slicer_path, is_slicer_upload, make_text, octoprint_routes
+from farm.web.slicers import add_slicer_routes, is_slicer_path, is_slicer_upload, make_text
 
 _HEADERS = {
     "content-security-policy": "default-src 'none'; style-src 'self'; form-action 'self'; "
@@ -63,9 +63,7 @@ def make_web_app(services: Services, dry_runs: DryRuns, names: Collection[str]) 
         title="farm", version=farm.__version__, openapi_url=None, dependencies=[Depends(identify_caller)]
     )
     add_routes(app, services, dry_runs, NETWORK_PREFIX)
-    jobs = JobCommands(services.controller, PrinterCommands(services.controller))
-    for prefix in PREFIXES:
-        app.include_router(octoprint_routes(services, jobs), prefix=prefix)
+    add_slicer_routes(app, services)
     app.add_middleware(
         BodyLimit, is_upload=lambda path: path == NETWORK_PREFIX + UPLOAD_PATH or is_slicer_upload(path)
     )

@@ -88,6 +88,13 @@ def _(event: ev.JobApproved, books: Books) -> Result:
 
 
 @change.register
+def _(event: ev.JobReleased, books: Books) -> Result:
+    job = books.job(event.job)
+    options = job.options.model_copy(update={"hold": False})
+    return put(books, replace_fields(job, options=options)), ()
+
+
+@change.register
 def _(event: ev.JobFailed, books: Books) -> Result:
     return end_job(books, event.job, JobState.FAILED, event.at_s, event.error, event.reason)
 

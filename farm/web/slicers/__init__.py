@@ -5,15 +5,26 @@ Each is served at the root, for whichever printer fits, and under `/to/PRINTER`,
 
 from __future__ import annotations
 
+from fastapi import FastAPI
+
+from farm.control import JobCommands, PrinterCommands
+from farm.http import Services
+from farm.web.slicers.octoprint_commands import octoprint_commands
 from farm.web.slicers.octoprint_routes import octoprint_routes
 from farm.web.slicers.paths import PREFIXES, SLICER_ROLES, is_slicer_path, is_slicer_upload
+from farm.web.slicers.selection import Selection
 from farm.web.slicers.text_errors import make_text
 
-__all__ = [
-    "PREFIXES",
-    "SLICER_ROLES",
-    "is_slicer_path",
-    "is_slicer_upload",
-    "make_text",
-    "octoprint_routes",
-]
+__all__ = ["SLICER_ROLES", "add_slicer_routes", "is_slicer_path", "is_slicer_upload", "make_text"]
+
+
+def add_slicer_routes(app: FastAPI, services: Services) -> None:
+    """Add the routes of all dialects to an application."""
+    jobs = JobCommands(services.controller, PrinterCommands(services.controller))
+    selection = Selection()
+    for prefix in PREFIXES:
+        for router in (
+            octoprint_routes(services, jobs, selection),
+            octoprint_commands(services, jobs, selection),
+        ):
+            app.include_router(router, prefix=prefix)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import uuid
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import AsyncExitStack, suppress
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect, Request
@@ -23,22 +23,10 @@ _MOST_DISCARDED_BYTES = 2**30
 _ANY_NAME = "the upload"  # until its name is known
 
 
-@dataclass(frozen=True, slots=True)
-class SubmittedForm:
-    """Job of an upload.
-
-    Attributes
-    ----------
-    job
-        Its number.
-    name
-        Name of the file.
-    print_requested
-        Whether the slicer asked to print it.
-    """
+class SubmittedForm(NamedTuple):
+    """Number of an upload's job, and whether the slicer asked to print it."""
 
     job: int
-    name: str
     print_requested: bool
 
 
@@ -82,7 +70,7 @@ async def submit_form(
             await _discard(content)
         raise
     number, _ = jobs.submit(request_id, name, model, wanted, by)
-    return SubmittedForm(number, name, reader.is_true("print"))
+    return SubmittedForm(number, reader.is_true("print"))
 
 
 def _read_options(reader: FormReader, options: JobOptions) -> JobOptions:

@@ -7,47 +7,126 @@ from urllib.parse import quote
 
 from fastapi import APIRouter, Request, Response
 
-import farm
+from farm import api
 from farm.control import JobCommands
-from farm.http import CallerName, Services
-from farm.model import JobOptions
+from farm.http import CallerName, Services, identify_caller
+from farm.model import Job
+from farm.views import describe_printer
+from farm.web.slicers import octoprint_views as views
+from farm.web.slicers.address import Address, Addressed
 from farm.web.slicers.form_upload import submit_form
-from farm.web.slicers.paths import FILES
+from farm.web.slicers.paths import FILE, FILE_OF_JOB, FILES
+from farm.web.slicers.selection import Selection
 from farm.web.slicers.text_errors import TextErrorRoute
 
 _CREATED = 201
 
 
-def octoprint_routes(services: Services, jobs: JobCommands) -> APIRouter:
-    """Return the routes of OctoPrint's dialect."""
-    router, controller = APIRouter(route_class=TextErrorRoute, include_in_schema=False), services.controller
+def octoprint_routes(services: Services, jobs: JobCommands, selection: Selection) -> APIRouter:
+    """Return the routes of OctoPrint's dialect that describe the farm, and that of uploads.
 
-    def read_target(request: Request) -> JobOptions:
-        """Return the options of a job that is sent to this address. Raises NoSuchThing."""
-        printer: str | None = request.path_params.get("printer")
-        if printer is None:
-            return JobOptions()
-        controller.books.printer(printer)
-        return JobOptions(only=(printer,))
+    Parameters
+    ----------
+    services, jobs
+        Components of the daemon.
+    selection
+        Jobs that callers have selected.
+    """
+    router = APIRouter(route_class=TextErrorRoute, include_in_schema=False)
+    controller = services.controller
+    _add_descriptions(router, services)
 
-    @router.get("/api/version")
-    async def version(request: Request) -> dict[str, str]:
-        read_target(request)
-        return {"api": "0.1", "server": "1.9.0", "text": f"OctoPrint (farm {farm.__version__})"}
+    @router.get("/api/job")
+    async def job(address: Addressed, by: CallerName) -> dict[str, Any]:
+        current = selection.find(by, address, controller.books)
+        prints = controller.books.open_prints(current.id) if current is not None else ()
+        printer = next((one.printer for one in prints if address.printer in (None, one.printer)), None)
+        view = None if printer is None else _describe_printer(services, printer)
+        return views.describe_current_job(current, view.print if view else None)
 
     @router.post(FILES, status_code=_CREATED)
-    async def upload(request: Request, response: Response, by: CallerName) -> dict[str, Any]:
-        submitted = await submit_form(request, services.uploads, jobs, read_target(request), by)
-        path = f"{submitted.job}/{submitted.name}"
-        location = f"{request.url.replace(query='', fragment='')}/{quote(path)}"
-        response.headers["location"] = location
-        held = controller.books.job(submitted.job).options.hold
-        file = {"name": submitted.name, "path": path, "origin": "local", "refs": {"resource": location}}
+    async def upload(
+        request: Request, response: Response, address: Addressed, by: CallerName
+    ) -> dict[str, Any]:
+        submitted = await submit_form(request, services.uploads, jobs, address.options, by)
+        sent = controller.books.job(submitted.job)
+        response.headers["location"] = location = _locate(address, sent)
+        file = {"name": sent.name, "path": views.file_path(sent), "origin": "local"}
         return {
-            "files": {"local": file},
+            "files": {"local": {**file, "refs": {"resource": location}}},
             "done": True,
             "effectiveSelect": False,
-            "effectivePrint": submitted.print_requested and not held,
+            "effectivePrint": submitted.print_requested and not sent.options.hold,
         }
 
+    @router.get("/api/files")
+    @router.get(FILES)
+    async def files(address: Addressed) -> dict[str, Any]:
+        listed = [one for one in controller.books.open_jobs() if address.takes(one)]
+        return {"files": [views.describe_file(one, _locate(address, one)) for one in listed]}
+
+    @router.get(FILE)
+    @router.get(FILE_OF_JOB)
+    async def file(address: Addressed, by: CallerName, name: str, number: str = "") -> dict[str, Any]:
+        found = views.find_job(controller.books.jobs, f"{number}/{name}", by)
+        return views.describe_file(found, _locate(address, found))
+
     return router
+
+
+def _add_descriptions(router: APIRouter, services: Services) -> None:
+    """Add the routes that describe the farm or a printer, and the caller."""
+    controller = services.controller
+
+    @router.get("/api/version")
+    async def version(_: Addressed) -> dict[str, Any]:
+        return views.describe_version()
+
+    @router.get("/api/server")
+    async def server(_: Addressed) -> dict[str, Any]:
+        return {"version": views.SERVER_VERSION, "safemode": None}
+
+    @router.get("/api/settings")
+    async def settings(address: Addressed) -> dict[str, Any]:
+        return views.describe_settings(address.name(controller))
+
+    @router.get("/api/printer")
+    async def printer(address: Addressed) -> dict[str, Any]:
+        name = address.printer
+        return views.describe_state(None if name is None else _describe_printer(services, name))
+
+    @router.get("/api/printerprofiles")
+    async def profiles(address: Addressed) -> dict[str, Any]:
+        resource = f"{address.root}/api/printerprofiles"
+        return views.describe_profiles(address.name(controller), address.sections(controller), resource)
+
+    @router.get("/api/connection")
+    async def connection(address: Addressed) -> dict[str, Any]:
+        return views.describe_connection(address.name(controller))
+
+    @router.get("/api/currentuser")
+    async def current_user(request: Request, _: Addressed) -> dict[str, Any]:
+        caller = identify_caller(request)
+        return views.describe_user(caller.name, is_operator(request))
+
+    @router.post("/api/login")
+    async def log_in(request: Request, _: Addressed) -> dict[str, Any]:
+        caller = identify_caller(request)
+        return views.describe_login(caller.name, is_operator(request))
+
+
+def is_operator(request: Request) -> bool:
+    """Return whether the caller may let printers go on."""
+    group: str | None = request.app.state.controller.fleet.fleet.operators
+    return identify_caller(request).is_operator(group)
+
+
+def _describe_printer(services: Services, name: str) -> api.PrinterView:
+    controller = services.controller
+    (section,) = (one for one in controller.fleet.printers if one.name == name)
+    return describe_printer(controller.build_view_context(services.state), section, None)
+
+
+def _locate(address: Address, job: Job) -> str:
+    """Return the address of a job's file."""
+    return f"{address.root}{FILES}/{quote(views.file_path(job))}"

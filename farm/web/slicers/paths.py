@@ -9,13 +9,32 @@ from farm.model import Role
 PREFIXES = ("", "/to/{printer}")
 """The whole farm, and one printer."""
 FILES = "/api/files/local"
+FILE = FILES + "/{name}"
+FILE_OF_JOB = FILES + "/{number}/{name}"
+_LOOK = (
+    "/api/version",
+    "/api/server",
+    "/api/settings",
+    "/api/currentuser",
+    "/api/printer",
+    "/api/printerprofiles",
+    "/api/job",
+    "/api/connection",
+    "/api/files",
+    FILES,
+    FILE,
+    FILE_OF_JOB,
+)
+_PRINT = (FILES, FILE, FILE_OF_JOB, "/api/job", "/api/connection")
 SLICER_ROLES: dict[tuple[str, str], Role] = {
     (method, prefix + path): role
     for prefix in PREFIXES
-    for method, path, role in (
-        ("GET", "/api/version", Role.LOOK),
-        ("POST", FILES, Role.PRINT),
+    for method, paths, role in (
+        ("GET", _LOOK, Role.LOOK),
+        ("POST", ("/api/login",), Role.LOOK),
+        ("POST", _PRINT, Role.PRINT),
     )
+    for path in paths
 }
 """Role by method and path."""
 _DIALECT = re.compile(r"/to/.*|/api/(?!v1(/|$)).*")

@@ -123,6 +123,18 @@ def test_held_plan_prints_only_after_approval_of_its_hash(farm, state):
         asyncio.run(farm.jobs.approve(number, job.plan, state, "ann"))
 
 
+def test_held_job_is_released_before_its_plan_or_after_it(farm, state):
+    early, late = submit(farm, hold=True), submit(farm, "s", hold=True)
+    farm.controller.on_plan(late, plan_for(late, state))
+    assert farm.controller.books.job(late).state is JobState.HELD
+    for number in (early, late):
+        with pytest.raises(Refused, match="only an operator"):
+            asyncio.run(farm.jobs.release(number, state, "bob", is_operator=False))
+        asyncio.run(farm.jobs.release(number, state, "bob", is_operator=True))
+    farm.controller.on_plan(early, plan_for(early, state))
+    assert [farm.controller.books.job(n).state for n in (early, late)] == [JobState.PRINTING] * 2
+
+
 def test_plan_whose_files_changed_is_not_released(farm, state):
     number = submit(farm, hold=True)
     farm.controller.on_plan(number, plan_for(number, state))

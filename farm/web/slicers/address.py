@@ -1,0 +1,61 @@
+"""Address to which a slicer sends: the whole farm, or one of its printers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+from fastapi import Depends, Request
+
+from farm.config import PrinterSection
+from farm.control import Controller
+from farm.errors import NoSuchThing
+from farm.model import Job, JobOptions
+
+
+@dataclass(frozen=True, slots=True)
+class Address:
+    """The farm, or one of its printers, as the path of a request names it.
+
+    Attributes
+    ----------
+    printer
+        Name of the printer; None: whichever fits.
+    root
+        Scheme, host and prefix, without a slash at the end.
+    """
+
+    printer: str | None
+    root: str
+
+    @property
+    def options(self) -> JobOptions:
+        """Options of a job that is sent here."""
+        return JobOptions() if self.printer is None else JobOptions(only=(self.printer,))
+
+    def name(self, controller: Controller) -> str:
+        """Return the name that people know."""
+        return self.printer or controller.fleet.fleet.name
+
+    def sections(self, controller: Controller) -> list[PrinterSection]:
+        """Return the printers that may print what is sent here."""
+        return [one for one in controller.fleet.printers if self.printer in (None, one.name)]
+
+    def takes(self, job: Job) -> bool:
+        """Return whether a job is listed here."""
+        return self.printer is None or not job.options.only or self.printer in job.options.only
+
+
+def read_address(request: Request) -> Address:
+    """Return the address of a request. Raises NoSuchThing for an unknown printer."""
+    printer: str | None = request.path_params.get("printer")
+    controller: Controller = request.app.state.controller
+    if printer is not None and printer not in controller.fleet.names:
+        known = ", ".join(sorted(controller.fleet.names)) or "none"
+        raise NoSuchThing(f"there is no printer {printer}; the fleet has {known}")
+    prefix = "" if printer is None else f"/to/{printer}"
+    return Address(printer, f"{request.url.scheme}://{request.url.netloc}{prefix}")
+
+
+Addressed = Annotated[Address, Depends(read_address)]
+"""Parameter of a route: the address of the request."""

@@ -1,0 +1,101 @@
+"""Routes of OctoPrint's dialect that change something: select, print, pause and cancel."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from fastapi import APIRouter, Request
+from pydantic import BaseModel
+
+from farm.control import JobCommands, PartCommands, PrinterCommands
+from farm.errors import Refused
+from farm.http import CallerName, Services
+from farm.model import PrintState
+from farm.web.slicers.address import Addressed
+from farm.web.slicers.octoprint_routes import is_operator
+from farm.web.slicers.octoprint_views import find_job
+from farm.web.slicers.paths import FILE, FILE_OF_JOB
+from farm.web.slicers.selection import Selection
+from farm.web.slicers.text_errors import TextErrorRoute
+
+_NO_CONTENT = 204
+
+
+class FileCommand(BaseModel):
+    """Command on a file: `select`, and `print` to let its job print."""
+
+    command: str
+    print: bool = False
+
+
+class JobCommand(BaseModel):
+    """Command on what is selected, or prints."""
+
+    command: str
+    action: Literal["pause", "resume", "toggle"] = "toggle"
+
+    def wants_pause(self, paused: bool) -> bool:
+        """Return whether a print, which is paused or not, is to be paused."""
+        return not paused if self.action == "toggle" else self.action == "pause"
+
+
+class ConnectionCommand(BaseModel):
+    """Command on the connection to the printer."""
+
+    command: str
+
+
+def octoprint_commands(services: Services, jobs: JobCommands, selection: Selection) -> APIRouter:
+    """Return the routes of commands.
+
+    Parameters
+    ----------
+    services, jobs
+        Components of the daemon.
+    selection
+        Jobs that callers have selected.
+    """
+    router = APIRouter(route_class=TextErrorRoute, include_in_schema=False)
+    controller = services.controller
+    printers = PrinterCommands(controller)
+    parts = PartCommands(controller, printers)
+
+    @router.post(FILE, status_code=_NO_CONTENT)
+    @router.post(FILE_OF_JOB, status_code=_NO_CONTENT)
+    async def command_file(
+        request: Request, body: FileCommand, address: Addressed, by: CallerName, name: str, number: str = ""
+    ) -> None:
+        if body.command != "select":
+            raise Refused(f"the farm has no command {body.command} for files")
+        job = find_job(controller.books.jobs, f"{number}/{name}", by)
+        if body.print:
+            await jobs.release(job.id, services.state, by, is_operator(request))
+        selection.select(by, address, job.id)
+
+    @router.post("/api/job", status_code=_NO_CONTENT)
+    async def command_job(request: Request, body: JobCommand, address: Addressed, by: CallerName) -> None:
+        job = selection.find(by, address, controller.books)
+        if job is None:
+            raise Refused("no file is selected, and nothing is printed at this address")
+        printing = None if address.printer is None else controller.books.open_print_on(address.printer)
+        match body.command:
+            case "start":
+                await jobs.release(job.id, services.state, by, is_operator(request))
+            case "pause" if printing is not None:
+                paused = printing.pause_requested or printing.state is PrintState.PAUSED
+                printers.pause(printing.printer, body.wants_pause(paused), by)
+            case "pause":
+                jobs.pause(job.id, body.wants_pause(job.paused), by)
+            case "cancel" if printing is not None:
+                parts.cancel_on(printing.printer, by)
+            case "cancel":
+                jobs.cancel(job.id, by)
+            case _:
+                raise Refused(f"the farm has no command {body.command} for jobs")
+
+    @router.post("/api/connection", status_code=_NO_CONTENT)
+    async def command_connection(body: ConnectionCommand, _: Addressed) -> None:
+        if body.command != "connect":  # the farm keeps its printers connected itself
+            raise Refused("printers stay connected: `farm maintenance PRINTER` takes one out of use")
+
+    return router

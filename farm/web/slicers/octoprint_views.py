@@ -1,0 +1,234 @@
+"""Descriptions of the farm as OctoPrint describes its one printer. Pure.
+
+The farm takes jobs at any time, so that it is always ready: Cura's plugin refuses to send to a printer that
+prints. What a printer does is in the description of its job.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import farm
+from drivers.printers import PROFILES, Profile
+from farm import api
+from farm.config import PrinterSection
+from farm.errors import NoSuchThing
+from farm.model import Job, PrintState
+
+API_VERSION = "0.1"
+SERVER_VERSION = "1.9.0"
+"""The version of OctoPrint whose interface this is: clients compare it."""
+READY = "Operational"
+_STATES = {
+    PrintState.ASSIGNED: "Starting",
+    PrintState.HEATING: "Starting",
+    PrintState.PAUSED: "Paused",
+    PrintState.ENDING: "Cancelling",
+}
+_PRINTING = "Printing"
+_PROFILE = "_default"
+_NUMBER = re.compile(r"[0-9]{1,9}")
+_FLAGS = {
+    "operational": True,
+    "printing": False,
+    "cancelling": False,
+    "pausing": False,
+    "resuming": False,
+    "finishing": False,
+    "closedOrError": False,
+    "error": False,
+    "paused": False,
+    "ready": True,
+    "sdReady": False,
+}
+
+
+def describe_version() -> dict[str, Any]:
+    """Describe the version: some clients accept only a text that begins with OctoPrint."""
+    return {"api": API_VERSION, "server": SERVER_VERSION, "text": f"OctoPrint (farm {farm.__version__})"}
+
+
+def describe_settings(name: str) -> dict[str, Any]:
+    """Describe the settings of a farm or a printer: no SD card, no camera, no plugins."""
+    return {
+        "appearance": {"name": name, "color": "default"},
+        "feature": {"sdSupport": False, "temperatureGraph": False},
+        "plugins": {},
+        "webcam": {"webcamEnabled": False},
+    }
+
+
+def describe_user(name: str, is_operator: bool) -> dict[str, Any]:
+    """Describe a caller."""
+    groups = ["admins", "users"] if is_operator else ["users"]
+    return {"name": name, "groups": groups, "permissions": []}
+
+
+def describe_login(name: str, is_operator: bool) -> dict[str, Any]:
+    """Describe a caller as the answer to a log-in by a key."""
+    rights = {"active": True, "admin": is_operator, "user": True}
+    return {**describe_user(name, is_operator), **rights, "apikey": None, "settings": {}}
+
+
+def describe_state(printer: api.PrinterView | None) -> dict[str, Any]:
+    """Describe the state, with the temperatures of a printer; None: of the whole farm."""
+    temperature = {}
+    if printer is not None:
+        targets = printer.targets
+        temperature = {
+            "tool0": {"actual": printer.nozzle_c, "target": targets.nozzle_c, "offset": 0},
+            "bed": {"actual": printer.bed_c, "target": targets.bed_c, "offset": 0},
+        }
+    state = {"text": READY, "flags": _FLAGS, "error": ""}
+    return {"temperature": temperature, "state": state}
+
+
+def describe_current_job(job: Job | None, progress: api.PrintProgress | None) -> dict[str, Any]:
+    """Describe the selected or printing job.
+
+    Parameters
+    ----------
+    job
+        The job; None if none is selected.
+    progress
+        Progress of its open print; None if it does not print.
+    """
+    file = dict.fromkeys(("name", "path", "display", "origin", "size", "date"))
+    if job is not None:
+        file = {**file, **_name_file(job), "date": int(job.submitted_s)}
+    elapsed_s = left_s = completion = None
+    if progress is not None:
+        left_s, completion = round(progress.remaining_s), progress.progress * 100
+        if 0 < progress.progress < 1:
+            elapsed_s = round(progress.remaining_s * progress.progress / (1 - progress.progress))
+    return {
+        "job": {
+            "file": file,
+            "estimatedPrintTime": None if job is None else job.expected_s,
+            "averagePrintTime": None,
+            "lastPrintTime": None,
+            "filament": None,
+            "user": None if job is None else job.submitted_by,
+        },
+        "progress": {
+            "completion": completion,
+            "filepos": None,
+            "printTime": elapsed_s,
+            "printTimeLeft": left_s,
+            "printTimeLeftOrigin": None if left_s is None else "estimate",
+        },
+        "state": READY if progress is None else _STATES.get(progress.state, _PRINTING),
+    }
+
+
+def describe_file(job: Job, resource: str) -> dict[str, Any]:
+    """Describe a job as a file, with the address of its description."""
+    kind = "model" if job.own_gcode is None else "machinecode"
+    return {
+        **_name_file(job),
+        "type": kind,
+        "typePath": [kind, "stl" if job.own_gcode is None else "gcode"],
+        "date": int(job.submitted_s),
+        "refs": {"resource": resource},
+        "gcodeAnalysis": {} if job.expected_s is None else {"estimatedPrintTime": job.expected_s},
+    }
+
+
+def file_path(job: Job) -> str:
+    """Return the path of a job's file: the job's number is its folder, so that no two are the same."""
+    return f"{job.id}/{job.name}"
+
+
+def _name_file(job: Job) -> dict[str, Any]:
+    return {"name": job.name, "display": job.name, "path": file_path(job), "origin": "local"}
+
+
+def find_job(jobs: Mapping[int, Job], path: str, by: str) -> Job:
+    """Find the job of a file's path.
+
+    Parameters
+    ----------
+    jobs
+        All jobs by number.
+    path
+        Number and name; or a name alone, of the newest open job that the caller sent, else of anybody.
+    by
+        Name of the caller.
+
+    Raises
+    ------
+    NoSuchThing
+        If there is no such job.
+    """
+    folder, _, name = path.strip("/").rpartition("/")
+    if folder:
+        numbered = jobs.get(int(folder)) if _NUMBER.fullmatch(folder) else None
+        found = [numbered] if numbered is not None and numbered.name == name else []
+    else:
+        same = [job for job in jobs.values() if job.name == name and not job.state.ended]
+        found = [job for job in same if job.submitted_by == by] or same
+    if not found:
+        raise NoSuchThing(f"there is no open job of a file {name}: send it first")
+    return max(found, key=lambda job: job.id)
+
+
+def describe_profiles(name: str, sections: Iterable[PrinterSection], resource: str) -> dict[str, Any]:
+    """Describe the one printer that a client sees: that of the address, or what any of the fleet can print.
+
+    Parameters
+    ----------
+    name
+        Name of the printer or of the farm.
+    sections
+        The printers, at least one.
+    resource
+        Address of the profiles.
+    """
+    chosen = list(sections)
+    smallest = min((PROFILES[one.model] for one in chosen), key=lambda profile: profile.height_mm)
+    width, depth = smallest.bed_mm
+    profile = {
+        "id": _PROFILE,
+        "name": name,
+        "model": " / ".join(sorted({PROFILES[one.model].title for one in chosen})),
+        "color": "default",
+        "current": True,
+        "default": True,
+        "resource": f"{resource}/{_PROFILE}",
+        "heatedBed": True,
+        "heatedChamber": False,
+        "volume": {
+            "formFactor": "rectangular",
+            "origin": "lowerleft",
+            "width": width,
+            "depth": depth,
+            "height": smallest.height_mm,
+            "custom_box": False,
+        },
+        "extruder": {"count": 1, "nozzleDiameter": chosen[0].nozzle_mm, "offsets": [[0.0, 0.0]]},
+        "axes": _describe_axes(smallest),
+    }
+    return {"profiles": {_PROFILE: profile}}
+
+
+def _describe_axes(profile: Profile) -> dict[str, Any]:
+    """Describe the fastest feed rate of each axis, in mm/min."""
+    speeds = zip("xyze", profile.max_feedrate_mm_s, strict=True)
+    return {axis: {"speed": round(speed * 60), "inverted": False} for axis, speed in speeds}
+
+
+def describe_connection(name: str) -> dict[str, Any]:
+    """Describe the connection, which the farm makes itself."""
+    return {
+        "current": {"state": READY, "port": None, "baudrate": None, "printerProfile": _PROFILE},
+        "options": {
+            "ports": [],
+            "baudrates": [],
+            "printerProfiles": [{"id": _PROFILE, "name": name}],
+            "portPreference": None,
+            "baudratePreference": None,
+            "printerProfilePreference": _PROFILE,
+        },
+    }

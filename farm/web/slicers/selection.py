@@ -1,0 +1,29 @@
+"""Jobs that clients have selected, as OctoPrint's have one selected file. Kept in memory only."""
+
+from __future__ import annotations
+
+from farm.model import Job
+from farm.state import Books
+from farm.web.slicers.address import Address
+
+_MOST = 1000
+
+
+class Selection:
+    """Selected job of each caller at each address."""
+
+    def __init__(self) -> None:
+        self._jobs: dict[tuple[str, str | None], int] = {}
+
+    def select(self, by: str, address: Address, job: int) -> None:
+        """Select a job; of too many selections the oldest is forgotten."""
+        self._jobs.pop((by, address.printer), None)
+        self._jobs[by, address.printer] = job
+        if len(self._jobs) > _MOST:
+            del self._jobs[next(iter(self._jobs))]
+
+    def find(self, by: str, address: Address, books: Books) -> Job | None:
+        """Return the job that the printer of an address prints, else the selected one."""
+        attempt = None if address.printer is None else books.open_print_on(address.printer)
+        number = self._jobs.get((by, address.printer)) if attempt is None else attempt.job
+        return None if number is None else books.jobs.get(number)

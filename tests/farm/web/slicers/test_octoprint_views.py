@@ -1,0 +1,82 @@
+"""Descriptions in OctoPrint's words."""
+
+import pytest
+
+from farm import api
+from farm.config import PrinterSection
+from farm.errors import NoSuchThing
+from farm.model import PrintState
+from farm.web.slicers import octoprint_views as views
+from make_books import job
+
+
+def progress(state=PrintState.PRINTING, share=0.25, remaining_s=300.0):
+    return api.PrintProgress(
+        job=1, plate="1/01", state=state, progress=share, remaining_s=remaining_s, layers=9, pause_ends=None
+    )
+
+
+@pytest.mark.parametrize(
+    ("state", "text"),
+    [
+        (PrintState.ASSIGNED, "Starting"),
+        (PrintState.HEATING, "Starting"),
+        (PrintState.PRINTING, "Printing"),
+        (PrintState.PAUSED, "Paused"),
+        (PrintState.ENDING, "Cancelling"),
+    ],
+)
+def test_states_of_a_print_have_octoprint_s_names(state, text):
+    assert views.describe_current_job(job(), progress(state))["state"] == text
+
+
+def test_progress_adds_up_to_the_whole_print():
+    shown = views.describe_current_job(job(), progress())["progress"]
+    assert (shown["completion"], shown["printTime"], shown["printTimeLeft"]) == (25.0, 100, 300)
+    begun = views.describe_current_job(job(), progress(share=0.0))["progress"]
+    assert (begun["completion"], begun["printTime"]) == (0.0, None)
+
+
+def test_without_a_job_the_names_are_there_and_empty():
+    shown = views.describe_current_job(None, None)
+    assert shown["job"]["file"]["name"] is None
+    assert shown["progress"]["printTimeLeft"] is None
+    assert shown["state"] == "Operational"
+
+
+def test_the_farm_is_always_ready_as_it_takes_jobs_at_any_time():
+    flags = views.describe_state(None)["state"]["flags"]
+    wanted = ("error", "closedOrError", "paused", "pausing", "printing", "cancelling", "ready", "operational")
+    assert [flags[name] for name in wanted] == [False] * 6 + [True] * 2
+
+
+def test_the_profile_of_the_farm_is_what_each_printer_can_print():
+    sections = [
+        PrinterSection(name=name, model=model, port=f"sim://{model}")
+        for name, model in (("a", "ultimaker2_extended_plus"), ("b", "ultimaker2_plus"))
+    ]
+    profile = views.describe_profiles("lab", sections, "http://farm/api/printerprofiles")["profiles"][
+        "_default"
+    ]
+    assert (profile["name"], profile["volume"]["height"]) == ("lab", 205.0)
+    assert profile["model"] == "Ultimaker 2 Extended+ / Ultimaker 2+"
+    tall = views.describe_profiles("a", sections[:1], "x")["profiles"]["_default"]
+    assert tall["volume"]["height"] == 305.0
+
+
+def test_a_file_is_found_by_number_and_name_or_as_the_newest_of_its_name():
+    jobs = {
+        n: job(n).model_copy(update={"name": name, "submitted_by": by})
+        for n, name, by in (
+            (1, "a.gcode", "ann"),
+            (2, "a.gcode", "ann"),
+            (3, "a.gcode", "bob"),
+            (4, "b", "bob"),
+        )
+    }
+    found = {path: views.find_job(jobs, path, "ann").id for path in ("1/a.gcode", "a.gcode", "/b")}
+    assert found == {"1/a.gcode": 1, "a.gcode": 2, "/b": 4}
+    assert views.find_job(jobs, "a.gcode", "carl").id == 3
+    for path in ("4/a.gcode", "9/a.gcode", "c", "٣/a.gcode", "9" * 5000 + "/a.gcode", "", "1/"):
+        with pytest.raises(NoSuchThing):
+            views.find_job(jobs, path, "ann")
