@@ -1,4 +1,4 @@
-"""Dialects of other print servers, so that slicers send to the farm: OctoPrint's.
+"""Dialects of other print servers, so that slicers send to the farm: OctoPrint's and Moonraker's.
 
 Each is served at the root, for whichever printer fits, and under `/to/PRINTER`, for that one.
 """
@@ -9,6 +9,7 @@ from fastapi import FastAPI
 
 from farm.control import JobCommands, PrinterCommands
 from farm.http import Services
+from farm.web.slicers.moonraker import moonraker_routes
 from farm.web.slicers.octoprint_commands import octoprint_commands
 from farm.web.slicers.octoprint_routes import octoprint_routes
 from farm.web.slicers.paths import PREFIXES, SLICER_ROLES, is_slicer_path, is_slicer_upload
@@ -26,5 +27,6 @@ def add_slicer_routes(app: FastAPI, services: Services) -> None:
         for router in (
             octoprint_routes(services, jobs, selection),
             octoprint_commands(services, jobs, selection),
+            moonraker_routes(services, jobs),
         ):
             app.include_router(router, prefix=prefix)

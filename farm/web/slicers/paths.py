@@ -11,6 +11,7 @@ PREFIXES = ("", "/to/{printer}")
 FILES = "/api/files/local"
 FILE = FILES + "/{name}"
 FILE_OF_JOB = FILES + "/{number}/{name}"
+MOONRAKER_UPLOAD = "/server/files/upload"
 _LOOK = (
     "/api/version",
     "/api/server",
@@ -24,8 +25,10 @@ _LOOK = (
     FILES,
     FILE,
     FILE_OF_JOB,
+    "/server/info",
+    "/printer/info",
 )
-_PRINT = (FILES, FILE, FILE_OF_JOB, "/api/job", "/api/connection")
+_PRINT = (FILES, FILE, FILE_OF_JOB, "/api/job", "/api/connection", MOONRAKER_UPLOAD)
 SLICER_ROLES: dict[tuple[str, str], Role] = {
     (method, prefix + path): role
     for prefix in PREFIXES
@@ -37,8 +40,8 @@ SLICER_ROLES: dict[tuple[str, str], Role] = {
     for path in paths
 }
 """Role by method and path."""
-_DIALECT = re.compile(r"/to/.*|/api/(?!v1(/|$)).*")
-_UPLOAD = re.compile(r"(/to/[^/]+)?/api/files/local")
+_DIALECT = re.compile(r"/(to|server|printer)/.*|/api/(?!v1(/|$)).*")
+_UPLOAD = re.compile(rf"(/to/[^/]+)?({FILES}|{MOONRAKER_UPLOAD})")
 
 
 def is_slicer_path(path: str) -> bool:

@@ -1,0 +1,57 @@
+"""Routes of Moonraker's dialect, as far as slicers use it: whether it is there, and uploads.
+
+An upload is answered without the `result` that is around all other answers, as Moonraker does.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+from urllib.parse import quote
+
+from fastapi import APIRouter, Request, Response
+
+import farm
+from farm.control import JobCommands
+from farm.http import CallerName, Services
+from farm.web.slicers.address import Addressed
+from farm.web.slicers.form_upload import submit_form
+from farm.web.slicers.octoprint_views import file_path
+from farm.web.slicers.paths import MOONRAKER_UPLOAD
+from farm.web.slicers.text_errors import TextErrorRoute
+
+_CREATED = 201
+_ROOT = "gcodes"
+_READY = "ready"
+
+
+def moonraker_routes(services: Services, jobs: JobCommands) -> APIRouter:
+    """Return the routes of Moonraker's dialect."""
+    router = APIRouter(route_class=TextErrorRoute, include_in_schema=False)
+    controller = services.controller
+
+    @router.get("/server/info")
+    async def server_info(_: Addressed) -> dict[str, Any]:
+        components = {"components": ["file_manager"], "failed_components": [], "warnings": []}
+        state = {"klippy_connected": True, "klippy_state": _READY, "registered_directories": [_ROOT]}
+        version = {"moonraker_version": f"farm {farm.__version__}", "api_version": [1, 4, 0]}
+        return {"result": {**state, **components, **version}}
+
+    @router.get("/printer/info")
+    async def printer_info(address: Addressed) -> dict[str, Any]:
+        state = {"state": _READY, "state_message": "Printer is ready"}
+        names = {"hostname": address.name(controller), "software_version": f"farm {farm.__version__}"}
+        return {"result": {**state, **names}}
+
+    @router.post(MOONRAKER_UPLOAD, status_code=_CREATED)
+    async def upload(
+        request: Request, response: Response, address: Addressed, by: CallerName
+    ) -> dict[str, Any]:
+        submitted = await submit_form(request, services.uploads, jobs, address.options, by)
+        job = controller.books.job(submitted.job)
+        path = file_path(job)
+        response.headers["location"] = f"{address.root}/server/files/{_ROOT}/{quote(path)}"
+        printed = submitted.print_requested and not job.options.hold
+        item = {"path": path, "root": _ROOT}
+        return {"item": item, "print_started": False, "print_queued": printed, "action": "create_file"}
+
+    return router
