@@ -17,6 +17,8 @@ from farm.api.events import JobRow as JobRow
 from farm.api.events import Jobs as Jobs
 from farm.api.files import FileView as FileView
 from farm.api.files import JobFiles as JobFiles
+from farm.api.keys import AppKeyGrant as AppKeyGrant
+from farm.api.keys import AppKeyRequestView as AppKeyRequestView
 from farm.api.keys import EndedSessions as EndedSessions
 from farm.api.keys import KeyRequest as KeyRequest
 from farm.api.keys import Keys as Keys

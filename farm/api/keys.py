@@ -41,6 +41,21 @@ class KeyView(View):
     revoked: str | None
 
 
+class AppKeyGrant(View):
+    """Grant of a key to a program that asks for one."""
+
+    role: Role = Role.PRINT
+    days: Annotated[float, Field(gt=0, le=36_500)] | None = None
+
+
+class AppKeyRequestView(View):
+    """Program that asks for a key."""
+
+    code: str
+    app: str  # as it says itself
+    address: str
+
+
 class NetworkView(View):
     """Server for callers on the network (`web` in fleet.yaml)."""
 
@@ -56,6 +71,7 @@ class Keys(View):
     now: str
     network: NetworkView
     keys: list[KeyView]
+    requests: list[AppKeyRequestView] = Field(default_factory=list)
 
 
 class LoginLink(View):

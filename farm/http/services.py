@@ -13,6 +13,7 @@ from farm.cameras import Image
 from farm.compute import Workers
 from farm.control import Controller, SessionCommands
 from farm.errors import NoSuchThing, Refused
+from farm.http.app_key_requests import AppKeyRequests
 from farm.http.event_streams import EventStreams, NoEvents
 from farm.http.uploads import Uploads
 from farm.paths import StateFolder
@@ -91,6 +92,8 @@ class Services:
         Commands about sessions of browsers.
     uploads
         Open uploads of all callers, whose total is limited.
+    app_key_requests
+        Requests of programs for a key.
     """
 
     controller: Controller
@@ -105,6 +108,7 @@ class Services:
     key_uses_s: dict[str, float] = field(default_factory=dict)
     inspections: dict[Path, str] = field(default_factory=dict)
     streams: EventStreams = field(default_factory=lambda: EventStreams(NoEvents()))
+    app_key_requests: AppKeyRequests = field(default_factory=AppKeyRequests)
     sessions: SessionCommands = field(init=False)
     uploads: Uploads = field(init=False)
     since_s: float = field(init=False)

@@ -9,7 +9,7 @@ import re
 
 from farm.api import NETWORK_PREFIX
 from farm.model import Role
-from farm.web.slicers import SLICER_ROLES
+from farm.web.slicers import SLICER_OPEN, SLICER_ROLES
 
 METRICS = "/metrics"
 SCHEMA = f"{NETWORK_PREFIX}/openapi.json"
@@ -59,6 +59,7 @@ OPEN = frozenset(
         ("GET", "/login/{token}"),
         ("POST", "/login/{token}"),
         ("GET", "/static/farm.css"),
+        *SLICER_OPEN,
     }
 )
 """Routes that need no key; they show nothing of the farm."""

@@ -169,7 +169,8 @@ class Guard:
         client = (scope.get("client") or ("nobody",))[0]
         address = group_address(client) or client
         if is_open(method, path):
-            return check_page(method, *site) or Visitor(address)
+            page = None if is_slicer_path(path) else check_page(method, *site)  # programs have no page
+            return page or Visitor(address)
         holder = self._callers.find(headers, address)
         if isinstance(holder, Refusal):
             return holder

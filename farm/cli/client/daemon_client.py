@@ -113,6 +113,12 @@ class Client:
     def revoke_key(self, name: str) -> None:
         self._call("POST", f"/keys/{name}/revoke")
 
+    def grant_key(self, code: str, grant: api.AppKeyGrant) -> api.Named:
+        return self._ask(api.Named, "POST", f"/keys/requests/{code}/grant", body=grant)
+
+    def deny_key(self, code: str) -> None:
+        self._call("POST", f"/keys/requests/{code}/deny")
+
     def make_login_link(self) -> api.LoginLink:
         return self._ask(api.LoginLink, "POST", "/sessions/link")
 

@@ -33,6 +33,8 @@ class KeyAction(StrEnum):
 
     ADD = "add"
     REVOKE = "revoke"
+    GRANT = "grant"
+    DENY = "deny"
 
 
 @with_places
@@ -40,7 +42,11 @@ def key(
     places: Places,
     action: Annotated[KeyAction | None, typer.Argument(help="Without it, the keys are listed.")] = None,
     name: Annotated[
-        str | None, typer.Argument(help="Name of a new key: a person or a program; the id of one to revoke.")
+        str | None,
+        typer.Argument(
+            help="Name of a new key: a person or a program; the id of one to revoke; the code of a program "
+            "that asks for one, to grant or deny."
+        ),
     ] = None,
     role: Annotated[
         Role, typer.Option(help="look: see everything; print: submit, pause, cancel; operate: all.")
@@ -48,7 +54,7 @@ def key(
     expires: Annotated[str | None, typer.Option(help="Time until it expires: 90d, 4w or 1y.")] = None,
     json: Json = False,
 ) -> None:
-    """Add, list and revoke the keys by which other hosts reach the farm (`web` in fleet.yaml).
+    """Add, list, revoke, grant and deny the keys by which other hosts reach the farm (`web` in fleet.yaml).
 
     Sessions of browsers (`farm web`) are listed too, and ended by their id. A new key is printed once, on
     stdout; the farm keeps only its hash. Only operators may do this.
@@ -61,6 +67,12 @@ def key(
     elif action is KeyAction.REVOKE:
         client.revoke_key(name)
         print(f"the key {name} is revoked")
+    elif action is KeyAction.GRANT:
+        granted = client.grant_key(name, api.AppKeyGrant(role=role, days=_parse_days(expires)))
+        print(f"the program gets the key {granted.name} ({role})")
+    elif action is KeyAction.DENY:
+        client.deny_key(name)
+        print(f"the program with the code {name} gets no key")
     else:
         _add(client, api.KeyRequest(name=name, role=role, days=_parse_days(expires)), json)
 
@@ -87,6 +99,8 @@ def _list(answer: api.Keys, json: bool) -> None:
         return
     network = answer.network
     print(f"network: {network.address or 'off'}{f' (closed: {network.problem})' if network.problem else ''}")
+    for asking in answer.requests:
+        print(f"{asking.app} at {asking.address} asks for a key: farm key grant {asking.code}, or deny")
     if not answer.keys:
         print("no key; `farm key add NAME` adds one")
         return

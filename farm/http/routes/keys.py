@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from typing import Annotated
 
 from fastapi import APIRouter, Depends
@@ -26,6 +27,10 @@ def key_routes(services: Services, keys: KeyCommands) -> APIRouter:
             now=context.format_time(context.now_s) or "",
             network=services.network.describe(),
             keys=list_keys(context, services.key_uses_s),
+            requests=[
+                api.AppKeyRequestView(code=one.code, app=one.app, address=one.address)
+                for one in services.app_key_requests.list_open(time.monotonic())
+            ],
         )
 
     @router.post("/keys")
@@ -35,6 +40,17 @@ def key_routes(services: Services, keys: KeyCommands) -> APIRouter:
     @router.post("/keys/{name}/revoke")
     async def revoke_key(name: str, by: OperatorName) -> None:
         keys.revoke(name, by)
+
+    @router.post("/keys/requests/{code}/grant")
+    async def grant_key(code: str, grant: api.AppKeyGrant, by: OperatorName) -> api.Named:
+        asking = services.app_key_requests.find_open(code, time.monotonic())
+        request = api.KeyRequest(name=f"{asking.app} {code}", role=grant.role, days=grant.days)
+        asking.key = keys.add(request, by).text
+        return api.Named(name=request.name)
+
+    @router.post("/keys/requests/{code}/deny")
+    async def deny_key(code: str, _: OperatorName) -> None:
+        services.app_key_requests.deny(code, time.monotonic())
 
     @router.post("/sessions/link")
     async def make_link(caller: Annotated[Caller, Depends(identify_caller)]) -> api.LoginLink:

@@ -9,14 +9,22 @@ from fastapi import FastAPI
 
 from farm.control import JobCommands, PrinterCommands
 from farm.http import Services
+from farm.web.slicers.app_keys import app_key_routes
 from farm.web.slicers.moonraker import moonraker_routes
 from farm.web.slicers.octoprint_commands import octoprint_commands
 from farm.web.slicers.octoprint_routes import octoprint_routes
-from farm.web.slicers.paths import PREFIXES, SLICER_ROLES, is_slicer_path, is_slicer_upload
+from farm.web.slicers.paths import PREFIXES, SLICER_OPEN, SLICER_ROLES, is_slicer_path, is_slicer_upload
 from farm.web.slicers.selection import Selection
 from farm.web.slicers.text_errors import make_text
 
-__all__ = ["SLICER_ROLES", "add_slicer_routes", "is_slicer_path", "is_slicer_upload", "make_text"]
+__all__ = [
+    "SLICER_OPEN",
+    "SLICER_ROLES",
+    "add_slicer_routes",
+    "is_slicer_path",
+    "is_slicer_upload",
+    "make_text",
+]
 
 
 def add_slicer_routes(app: FastAPI, services: Services) -> None:
@@ -28,5 +36,6 @@ def add_slicer_routes(app: FastAPI, services: Services) -> None:
             octoprint_routes(services, jobs, selection),
             octoprint_commands(services, jobs, selection),
             moonraker_routes(services, jobs),
+            app_key_routes(services),
         ):
             app.include_router(router, prefix=prefix)

@@ -12,6 +12,9 @@ FILES = "/api/files/local"
 FILE = FILES + "/{name}"
 FILE_OF_JOB = FILES + "/{number}/{name}"
 MOONRAKER_UPLOAD = "/server/files/upload"
+APP_KEY_PROBE = "/plugin/appkeys/probe"
+APP_KEY_REQUESTS = "/plugin/appkeys/request"
+APP_KEY_REQUEST = APP_KEY_REQUESTS + "/{token}"
 _LOOK = (
     "/api/version",
     "/api/server",
@@ -40,7 +43,13 @@ SLICER_ROLES: dict[tuple[str, str], Role] = {
     for path in paths
 }
 """Role by method and path."""
-_DIALECT = re.compile(r"/(to|server|printer)/.*|/api/(?!v1(/|$)).*")
+SLICER_OPEN = frozenset(
+    (method, prefix + path)
+    for prefix in PREFIXES
+    for method, path in (("GET", APP_KEY_PROBE), ("POST", APP_KEY_REQUESTS), ("GET", APP_KEY_REQUEST))
+)
+"""Routes that need no key: by them a program asks for one."""
+_DIALECT = re.compile(r"/(to|server|printer|plugin)/.*|/api/(?!v1(/|$)).*")
 _UPLOAD = re.compile(rf"(/to/[^/]+)?({FILES}|{MOONRAKER_UPLOAD})")
 
 

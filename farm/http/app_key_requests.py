@@ -1,0 +1,89 @@
+"""Requests of programs for a key of their own, which an operator grants or denies. Kept in memory only."""
+
+from __future__ import annotations
+
+import re
+import secrets
+from dataclasses import dataclass
+
+from farm.errors import NoSuchThing, Refused
+
+_LETTERS = "abcdefghijkmnpqrstuvwxyz23456789"  # without l, o, 0 and 1, which look alike
+_CODE_LENGTH = 4
+_TOKEN_BYTES = 24
+_LONGEST_APP = 30  # characters
+_OTHER = re.compile(r"[^A-Za-z0-9._-]+")
+MOST_REQUESTS = 5
+MOST_OF_ADDRESS = 2
+REQUEST_S = 300.0
+"""Wall seconds until a request is forgotten, whether it was answered or not."""
+
+
+@dataclass(slots=True)
+class AppKeyRequest:
+    """Request of a program.
+
+    Attributes
+    ----------
+    code
+        Names it to the operator.
+    app
+        Name of the program, as it says itself.
+    address
+        The address that it came from.
+    ends_s
+        When it is forgotten.
+    key
+        Text of the granted key, until the program has fetched it.
+    """
+
+    code: str
+    app: str
+    address: str
+    ends_s: float
+    key: str | None = None
+
+
+class AppKeyRequests:
+    """Open requests; the programs know them by secret tokens. `now_s` is on any steady clock."""
+
+    def __init__(self) -> None:
+        self._requests: dict[str, AppKeyRequest] = {}  # by token
+
+    def add(self, app: str, address: str, now_s: float) -> str:
+        """Add a request, and return its token. Raises Refused if there are too many."""
+        waiting = self.list_open(now_s)
+        if len(waiting) >= MOST_REQUESTS or sum(one.address == address for one in waiting) >= MOST_OF_ADDRESS:
+            raise Refused("too many programs ask for a key: wait for five minutes, or paste one")
+        name = _OTHER.sub(" ", app).strip(" ._-")[:_LONGEST_APP].strip() or "app"
+        code = "".join(secrets.choice(_LETTERS) for _ in range(_CODE_LENGTH))
+        token = secrets.token_urlsafe(_TOKEN_BYTES)
+        self._requests[token] = AppKeyRequest(code, name, address, now_s + REQUEST_S)
+        return token
+
+    def list_open(self, now_s: float) -> list[AppKeyRequest]:
+        """List the requests that nobody has answered."""
+        self._requests = {token: one for token, one in self._requests.items() if now_s < one.ends_s}
+        return [one for one in self._requests.values() if one.key is None]
+
+    def find_open(self, code: str, now_s: float) -> AppKeyRequest:
+        """Return the unanswered request with a code. Raises NoSuchThing."""
+        found = next((one for one in self.list_open(now_s) if one.code == code), None)
+        if found is None:
+            raise NoSuchThing(f"no program asks for a key with the code {code}; `farm key` lists them")
+        return found
+
+    def deny(self, code: str, now_s: float) -> None:
+        """Remove a request. Raises NoSuchThing."""
+        denied = self.find_open(code, now_s)
+        self._requests = {token: one for token, one in self._requests.items() if one is not denied}
+
+    def take_key(self, token: str, now_s: float) -> str | None:
+        """Return the granted key, once; None while nobody has answered. Raises NoSuchThing."""
+        self.list_open(now_s)
+        request = self._requests.get(token)
+        if request is None:
+            raise NoSuchThing("this request for a key was denied, or is too old: ask again")
+        if request.key is not None:
+            del self._requests[token]
+        return request.key

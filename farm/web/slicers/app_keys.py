@@ -1,0 +1,52 @@
+"""Routes by which a program asks for a key of its own, as OctoPrint's plugin `appkeys` has them.
+
+They need no key. A request does nothing until an operator grants it on the farm's host.
+"""
+
+from __future__ import annotations
+
+import time
+from typing import Annotated
+
+from fastapi import APIRouter, Request, Response
+from fastapi.responses import JSONResponse
+from pydantic import BaseModel, Field
+
+from farm.http import Services, identify_caller
+from farm.web.slicers.paths import APP_KEY_PROBE, APP_KEY_REQUEST, APP_KEY_REQUESTS
+from farm.web.slicers.text_errors import TextErrorRoute
+
+_CREATED, _ACCEPTED, _NO_CONTENT = 201, 202, 204
+
+
+class AppRequest(BaseModel):
+    """Request of a program for a key."""
+
+    app: Annotated[str, Field(min_length=1, max_length=200)]
+
+
+def app_key_routes(services: Services) -> APIRouter:
+    """Return the routes of requests for keys."""
+    router = APIRouter(route_class=TextErrorRoute, include_in_schema=False)
+    requests = services.app_key_requests
+
+    @router.get(APP_KEY_PROBE, status_code=_NO_CONTENT)
+    async def probe() -> None:
+        """Tell that keys may be asked for."""
+
+    @router.post(APP_KEY_REQUESTS)
+    async def ask(request: Request, body: AppRequest) -> Response:
+        client = request.client.host if request.client else identify_caller(request).name
+        token = requests.add(body.app, client, time.monotonic())
+        asked = str(request.url.replace(query="", fragment=""))
+        answer = {"app_token": token, "auth_dialog": asked.removesuffix(APP_KEY_REQUESTS) + "/"}
+        return JSONResponse(answer, _CREATED, {"location": f"{asked}/{token}"})
+
+    @router.get(APP_KEY_REQUEST)
+    async def poll(token: str) -> Response:
+        key = requests.take_key(token, time.monotonic())
+        if key is None:
+            return JSONResponse({"message": "Awaiting decision"}, _ACCEPTED)
+        return JSONResponse({"api_key": key})
+
+    return router

@@ -1,0 +1,74 @@
+"""Programs that ask for a key, and operators who grant or deny it."""
+
+import pytest
+
+from farm.errors import NoSuchThing, Refused
+from farm.http.app_key_requests import MOST_OF_ADDRESS, MOST_REQUESTS, REQUEST_S, AppKeyRequests
+from slicer_farm import SlicerFarm
+from web_farm import HOST
+
+ASK = "/plugin/appkeys/request"
+
+
+@pytest.mark.parametrize("prefix", ["", "/to/b"])
+def test_program_gets_granted_key_once(tmp_path, prefix):
+    farm = SlicerFarm(tmp_path)
+    assert farm.ask("GET", f"{prefix}/plugin/appkeys/probe").status_code == 204
+    asked = farm.ask("POST", prefix + ASK, json={"app": "Cura <b>5.9</b>"})
+    location = asked.headers["location"].removeprefix(f"http://{HOST}")
+    assert (asked.status_code, location) == (201, f"{prefix}{ASK}/{asked.json()['app_token']}")
+    assert farm.ask("GET", location).status_code == 202
+    (request,) = farm.ask_socket("GET", "/keys").json()["requests"]
+    assert (request["app"], request["address"]) == ("Cura b 5.9 b", "10.0.0.9")
+    grant = farm.ask_socket("POST", f"/keys/requests/{request['code']}/grant", json={"role": "look"})
+    assert grant.json() == {"name": f"Cura b 5.9 b {request['code']}"}
+    key = farm.ask("GET", location).json()["api_key"]
+    assert farm.ask("GET", location).status_code == 404
+    headers = {"x-api-key": key}
+    assert farm.ask("GET", "/api/version", headers=headers).status_code == 200
+    assert farm.ask("POST", "/api/files/local", headers=headers).status_code == 403
+    assert key not in str(farm.store.events())
+    assert farm.ask_socket("GET", "/keys").json()["requests"] == []
+
+
+def test_denied_program_gets_no_key(tmp_path):
+    farm = SlicerFarm(tmp_path)
+    location = farm.ask("POST", ASK, json={"app": "Cura"}).headers["location"]
+    (request,) = farm.ask_socket("GET", "/keys").json()["requests"]
+    assert farm.ask_socket("POST", f"/keys/requests/{request['code']}/deny").status_code == 200
+    assert farm.ask_socket("POST", f"/keys/requests/{request['code']}/grant", json={}).status_code == 404
+    answer = farm.ask("GET", location)
+    assert (answer.status_code, answer.headers["content-type"]) == (404, "text/plain")
+    assert not farm.controller.books.keys
+
+
+def test_visitor_learns_no_name_of_a_printer(tmp_path):
+    farm = SlicerFarm(tmp_path)
+    assert farm.ask("POST", "/to/nobody" + ASK, json={"app": "x"}).status_code == 201
+    assert farm.ask("POST", ASK, json={"app": ""}).headers["content-type"] == "text/plain"
+    assert farm.ask("GET", f"{ASK}/guessed").status_code == 404
+
+
+def test_open_requests_are_limited_by_address_and_in_all():
+    requests = AppKeyRequests()
+    for _ in range(MOST_OF_ADDRESS):
+        requests.add("Cura", "1.2.3.4", 0.0)
+    with pytest.raises(Refused, match="too many programs"):
+        requests.add("Cura", "1.2.3.4", 0.0)
+    for number in range(MOST_REQUESTS - MOST_OF_ADDRESS):
+        requests.add("Cura", f"1.2.3.{number}", 0.0)
+    with pytest.raises(Refused, match="too many programs"):
+        requests.add("Cura", "9.9.9.9", REQUEST_S - 1.0)
+    requests.add("Cura", "9.9.9.9", REQUEST_S)
+
+
+def test_request_and_granted_key_are_forgotten_after_their_time():
+    requests = AppKeyRequests()
+    token = requests.add("\x1b[31m\n", "1.2.3.4", 0.0)
+    (request,) = requests.list_open(1.0)
+    assert request.app == "31m"
+    request.key = "secret"
+    with pytest.raises(NoSuchThing):
+        requests.take_key(token, REQUEST_S)
+    with pytest.raises(NoSuchThing):
+        requests.find_open(request.code, 1.0)
