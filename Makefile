@@ -13,7 +13,7 @@ LOCK_OPTIONS := --quiet --generate-hashes --allow-unsafe --strip-extras --all-bu
 	--no-emit-index-url --no-emit-find-links --no-emit-trusted-host --no-emit-options
 
 .PHONY: install demo test test-system test-waiting test-rest test-newest fresh interop peers check docs mutants lock \
-	clean engine
+	clean engine deb test-deb wheel
 .DELETE_ON_ERROR:
 
 install: engine $(VENV)/.compiled
@@ -67,6 +67,19 @@ test-newest: install
 COMMANDS := demo test
 fresh:
 	@deploy/fresh.sh $(if $(filter no,$(SHM)),--no-shm) $(if $(KEEP),--keep $(KEEP)) $(COMMANDS)
+
+# build/dist/farm_VERSION_amd64.deb for Debian 12; `make test-deb`, as root, installs, upgrades and purges it in a new one.
+deb: engine $(VENV)/.installed
+	@deploy/debian/build.sh
+
+test-deb: deb
+	@deploy/debian/test.sh
+
+# The wheel, and the versions that it is tested with, for pipx and uv.
+wheel: $(VENV)/.installed
+	rm -rf build/lib build/bdist.*
+	$(BIN)/python -m pip --disable-pip-version-check wheel --quiet --no-deps --no-build-isolation -w build/dist .
+	sed -n 's/^\([A-Za-z0-9_.-]*==[^ ]*\).*/\1/p' requirements.lock > build/dist/constraints.txt
 
 # Only against software that we did not write.
 interop: $(VENV)/.installed-dev peers

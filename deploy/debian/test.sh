@@ -1,0 +1,150 @@
+#!/usr/bin/env bash
+# Installs the package in a new Debian 12, upgrades it while simulated printers print, removes and purges it.
+# usage, as root: deploy/debian/test.sh [DEB]     by default the newest of build/dist; five to ten minutes
+#
+# systemd does not run in there: the daemon is started by `farm up`, and stopped and started by hand where the
+# package would do it. The units are checked by `systemd-analyze verify`.
+set -euo pipefail
+cd "$(dirname "$0")/../.."
+
+readonly SAYS=test-deb
+. deploy/debian-root.sh
+
+readonly SCALE=5 # of the printers' clock: the print of the box then takes four minutes
+
+# --- inside: process 1 of namespaces of its own, so that no process and no mount outlasts it -------------------------
+
+as_farm() {
+    setpriv --reuid=farm --regid=farm --init-groups env -i PATH=/usr/bin:/bin HOME=/var/lib/farm LANG=C.UTF-8 \
+        FARM_STATE=/var/lib/farm FARM_SOCKET=/run/farm/farm.sock FARM_FLEET=/etc/farm/fleet.yaml "$@"
+}
+
+check() {
+    local what=$1
+    shift
+    "$@" || { say "FAILED: $what"; exit 1; }
+    say "ok: $what"
+}
+
+refused() { ! "$@"; }
+
+# usage: ask EXPRESSION     of `printers` and `daemon` in farm status --json
+ask() {
+    as_farm farm status --json | python3 -c 'import json, sys
+status = json.load(sys.stdin)
+printers, daemon = status["printers"], status["daemon"]
+print(eval(sys.argv[1]))' "$1"
+}
+
+# usage: wait_for SECONDS EXPRESSION
+wait_for() {
+    local given_up=$((SECONDS + $1))
+    until [[ $(ask "$2") == True ]]; do
+        ((SECONDS < given_up)) || { as_farm farm status; return 1; }
+        sleep 1
+    done
+}
+
+list_files() {
+    find / -xdev \( -path /proc -o -path /sys -o -path /dev -o -path /tmp -o -path /var/cache -o -path /var/log \
+        -o -path /var/lib/apt -o -path /var/lib/dpkg -o -path /var/lib/systemd -o -path /run/systemd \) -prune -o -print |
+        grep -v -e __pycache__ -e '^/etc/[a-z]*-$' | sort
+    cut -d: -f1 /etc/passwd /etc/group
+}
+
+farm_processes() { find /proc -maxdepth 2 -name cmdline -exec grep -l '[/]opt/farm/' {} + 2>/dev/null; }
+
+install_package() { apt-get install -qq -y --no-install-recommends "$1"; }
+
+check_installation() {
+    check "farm runs as any user" setpriv --reuid=65534 --clear-groups farm --version
+    check "there is a user farm in group dialout" grep -q '^dialout:.*farm' /etc/group
+    check "nothing runs" refused farm_processes
+    check "no unit is enabled" refused grep -rq farm /etc/systemd/system
+    check "systemd accepts the units" systemd-analyze verify --man=no farm-daemon.service farm-estop.socket \
+        farm-estop.service farm-agent@um2-01.service
+    as_farm farm doctor > /tmp/doctor || true
+    check "only printers are missing" grep -q "^problem  fleet: /etc/farm/fleet.yaml has no printers" /tmp/doctor
+    check "CuraEngine and its settings are found" refused grep "^problem  cura" /tmp/doctor
+    check "the planning is compiled" grep "^ok       code: .*/opt/farm" /tmp/doctor
+    check "each command has a man page" test -s /usr/share/man/man1/farm-submit.1.gz
+    check "completion is there" bash -c '. /usr/share/bash-completion/completions/farm && complete -p farm'
+}
+
+start_prints() {
+    cat > /etc/farm/fleet.yaml <<END
+fleet: {name: test, timezone: UTC, time_scale: $SCALE}
+defaults: {model: ultimaker2_plus, material: generic_pla, nozzle_mm: 0.4}
+printers:
+  - {name: um2-01, port: "sim://ultimaker2_plus?seed=1"}
+  - {name: um2-02, port: "sim://ultimaker2_plus?seed=2"}
+END
+    mkdir -p /run/farm && chown farm:farm /run/farm
+    /opt/farm/.venv/bin/python -c 'import trimesh; trimesh.creation.box((30, 30, 6)).export("/tmp/box.stl")'
+    chmod 644 /tmp/box.stl
+    as_farm farm up
+    as_farm farm submit /tmp/box.stl --copies 2
+    check "both printers print" wait_for 240 'all(p["state"] == "printing" for p in printers)'
+}
+
+run_test() {
+    local before pids
+    export DEBIAN_FRONTEND=noninteractive
+    apt-get update -qq
+    say "Installing what the package depends on ..."
+    # shellcheck disable=SC2046 # a word for each
+    apt-get install -qq -y --no-install-recommends \
+        $(dpkg-deb -f /tmp/1.deb Depends | tr ',' '\n' | sed 's/(.*//') > /dev/null
+    before=$(list_files)
+    say "Installing the package ..."
+    check "apt installs it" install_package /tmp/1.deb
+    check_installation
+    start_prints
+    pids=$(ask '[p["agent_pid"] for p in printers]')
+
+    check "a removal is refused while agents print" refused apt-get remove -qq -y farm
+    check "the program is still there" farm --version
+    check "apt upgrades it" install_package /tmp/2.deb
+    check "the settings are kept" grep -q um2-02 /etc/farm/fleet.yaml
+    check "both printers print on" test "$(ask 'all(p["state"] == "printing" for p in printers)')" = True
+    kill -TERM "$(ask 'daemon["pid"]')" # as prerm and postinst do under systemd
+    while as_farm farm status > /dev/null 2>&1; do sleep 0.2; done
+    as_farm farm up
+    check "a daemon of the new version finds them" wait_for 60 'all(p["print"] for p in printers)'
+    check "the agents are the same" test "$(ask '[p["agent_pid"] for p in printers]')" = "$pids"
+    check "the prints end well" wait_for 600 'all(p["last"] and p["last"]["state"] == "done" for p in printers)'
+
+    check "a farm without a print is removed" apt-get remove -qq -y farm
+    check "no process is left" refused farm_processes
+    check "its data are kept" test -s /var/lib/farm/farm.db
+    check "it is purged" apt-get purge -qq -y farm
+    check "nothing is left" diff <(echo "$before") <(list_files)
+}
+
+if [[ ${1:-} == --inside ]]; then
+    ip link set lo up 2>/dev/null || true
+    enter "$2"
+    run_test
+    exit
+fi
+
+# --- outside ----------------------------------------------------------------------------------------------------------
+
+[[ $(id -u) == 0 ]] || fail "This needs root, for the new root and its mounts: sudo make test-deb"
+deb=${1:-$(find build/dist -name 'farm_*.deb' -printf '%T@ %p\n' | sort -n | tail -n 1 | cut -d' ' -f2)}
+[[ -f $deb ]] || fail "There is no package: make deb"
+need_mmdebstrap
+scratch=$(mktemp -d /var/tmp/farm-deb.XXXXXX)
+trap 'rm -rf --one-file-system "$scratch"' EXIT
+chmod 755 "$scratch"
+root=$scratch/root
+build_root "$root" ca-certificates
+copy_settings "$root" "$root/root"
+cp "$deb" "$root/tmp/1.deb"
+say "Making a package with a later version of it ..."
+dpkg-deb -R "$deb" "$scratch/later"
+sed -i 's/^Version: .*/&.later/' "$scratch/later/DEBIAN/control"
+dpkg-deb --root-owner-group -Znone -b "$scratch/later" "$root/tmp/2.deb" > /dev/null
+rm -rf "$scratch/later"
+unshare --mount --pid --fork --kill-child --propagation private "$PWD/deploy/debian/test.sh" --inside "$root"
+say "The package installs, upgrades while printers print, and goes without a trace."
