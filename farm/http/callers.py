@@ -69,7 +69,8 @@ class Person:
 class PeerProtocol(H11Protocol):
     """HTTP protocol whose requests carry the caller as `request.state.person`.
 
-    It also records since when it has been waiting for the rest of a request.
+    It also records since when it has been waiting for its client: for the rest of a request, or until
+    the client reads what was sent. A client that reads nothing would keep its connection for ever.
     """
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
@@ -92,9 +93,15 @@ class PeerProtocol(H11Protocol):
         self._waiting_since_s = self.loop.time()
         super().on_response_complete()
 
+    def pause_writing(self) -> None:
+        self._unread_since_s = self.loop.time()
+        super().pause_writing()
+
     @property
     def waiting_since_s(self) -> float | None:
-        """Time since which it waits for the rest of a request, on the loop's clock; None if it does not."""
+        """Time since which it waits for its client, on the loop's clock; None if it does not."""
+        if self.flow.write_paused:
+            return self._unread_since_s
         waits = self.conn.their_state in (h11.IDLE, h11.SEND_BODY) and not self.flow.read_paused
         return self._waiting_since_s if waits else None
 

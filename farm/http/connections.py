@@ -21,7 +21,7 @@ import uvicorn
 
 log = logging.getLogger(__name__)
 
-REQUEST_S = 10.0  # wall seconds for the head of a request to arrive, and between two chunks of its body
+REQUEST_S = 10.0  # wall seconds for the head of a request, between two chunks of its body, and for reading
 MOST_CONNECTIONS = 64
 _LEAST_CONNECTIONS = 4
 _RESERVED_DESCRIPTORS = 32  # for database, socket, timers, log, and starting an agent
@@ -34,7 +34,7 @@ _ENDING_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
 class WaitingConnection(Protocol):
-    """Connection that may be waiting for the rest of a request."""
+    """Connection that may be waiting for its client: for the rest of a request, or until it reads."""
 
     transport: asyncio.Transport
 

@@ -28,6 +28,7 @@ from real_farm import RealFarm, wait_for
 LOW = 64
 IDLE = 80
 HALF = b"GET /status HTTP/1.1\r\nHost: farm\r\n"
+LARGE = 20_000_000
 WHOLE = HALF + b"Connection: close\r\n\r\n"
 
 
@@ -64,7 +65,9 @@ async def hello(scope, receive, send):
     while (await receive()).get("more_body"):
         pass
     await send({"type": "http.response.start", "status": 200, "headers": []})
-    await send({"type": "http.response.body", "body": b"well"})
+    size = LARGE if scope["path"] == "/large" else 0
+    await send({"type": "http.response.body", "body": b"well" + bytes(size), "more_body": True})
+    await send({"type": "http.response.body", "body": b""})
 
 
 def serve(tmp_path, most, story):
@@ -106,6 +109,20 @@ def test_idle_connections_are_closed_for_a_request(tmp_path):
         assert b"well" in await ask(path, WHOLE)
         assert len(server.server_state.connections) <= 4
         for _, writer in idle:
+            writer.close()
+
+    serve(tmp_path, 4, story)
+
+
+def test_connection_whose_client_does_not_read_is_closed_for_a_request(tmp_path):
+    async def story(server, path):
+        unread = [await asyncio.open_unix_connection(path, limit=1) for _ in range(4)]
+        for _, writer in unread:
+            writer.write(WHOLE.replace(b"/status", b"/large"))
+        while not all(one.flow.write_paused for one in server.server_state.connections):
+            await asyncio.sleep(0.001)
+        assert b"well" in await ask(path, WHOLE)
+        for _, writer in unread:
             writer.close()
 
     serve(tmp_path, 4, story)
