@@ -30,6 +30,7 @@ _PACKED = {
     ".gz": "unpack it with gunzip",
     ".zip": "unpack it first",
     ".bgcode": "let your slicer write plain G-code (PrusaSlicer: switch binary G-code off)",
+    ".3mf": "let your slicer export plain G-code, not a sliced plate (OrcaSlicer: Export G-code)",
     ".ufp": "let Cura write G-code instead of a format package",
 }
 _IDENTITY = (1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0)

@@ -9,7 +9,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from decompose.files.triangle_limit import HEAD_BYTES
@@ -152,6 +152,7 @@ def test_a_slow_disk_keeps_an_upload_waiting_and_nothing_else(tmp_path, monkeypa
     assert file.written == 3 * large
 
 
+@settings(deadline=None)
 @given(st.lists(st.binary(max_size=2000), max_size=40))
 def test_content_in_any_pieces_is_written_in_order(pieces):
     with tempfile.TemporaryDirectory() as folder:

@@ -76,7 +76,7 @@ def test_g_code_is_recognised_by_its_name(name):
     assert not is_gcode(name + ".stl")
 
 
-@pytest.mark.parametrize("name", ["a.gcode.gz", "a.g.zip", "a.bgcode", "a.ufp"])
+@pytest.mark.parametrize("name", ["a.gcode.gz", "a.g.zip", "a.bgcode", "a.ufp", "a.gcode.3mf"])
 def test_packed_g_code_is_refused_with_advice(name):
     with pytest.raises(FarmError, match=r"unpack|plain|package") as raised:
         is_gcode(name)
@@ -85,6 +85,7 @@ def test_packed_g_code_is_refused_with_advice(name):
 
 def test_packed_models_are_not_treated_as_gcode():
     assert not is_gcode("a.stl.gz")
+    assert not is_gcode("a.3mf")
 
 
 def test_file_is_stored_with_its_requirements(inspect, files):

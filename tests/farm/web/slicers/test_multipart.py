@@ -3,7 +3,7 @@
 from contextlib import suppress
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from farm.web.slicers.multipart import MOST_FIELD_BYTES, MOST_PARTS, BadForm, FormReader
@@ -41,6 +41,7 @@ CURA = write_form([field("path", "x/y"), file(), field("select", "true"), field(
 
 
 @pytest.mark.parametrize("form", [PRUSA, CURA], ids=["options first", "options last"])
+@settings(deadline=None)
 @given(data=st.data())
 def test_form_split_anywhere_reads_the_same(form, data):
     cuts = sorted(data.draw(st.lists(st.integers(0, len(form)), max_size=5)))
@@ -102,6 +103,7 @@ def test_invalid_form_is_refused(content_type):
         FormReader(content_type)
 
 
+@settings(deadline=None)
 @given(st.binary(max_size=300), st.integers(0, 300))
 def test_any_bytes_are_read_or_refused(noise, at):
     form = PRUSA[: at % len(PRUSA)] + noise + PRUSA[at % len(PRUSA) :]

@@ -1,0 +1,17 @@
+"""The file by which Avahi announces the farm to slicers."""
+
+from pathlib import Path
+from xml.etree import ElementTree
+
+from farm.config import WebSection
+from farm.web.slicers.octoprint_views import API_VERSION, SERVER_VERSION
+
+FILE = Path(__file__).parents[2] / "deploy" / "avahi" / "farm.service"
+
+
+def test_announcement_is_what_slicers_look_for_at_the_usual_port():
+    (service,) = ElementTree.parse(FILE).getroot().findall("service")
+    assert service.findtext("type") == "_octoprint._tcp"
+    assert int(service.findtext("port")) == WebSection().address[1]
+    records = dict(one.text.split("=") for one in service.findall("txt-record"))
+    assert records == {"path": "/", "version": SERVER_VERSION, "api": API_VERSION, "model": "farm"}
