@@ -56,7 +56,7 @@ def list_beginnings(key: str) -> list[bytes]:
             f"POST {NETWORK_PREFIX}/printers/um2-01/fail HTTP/1.1\r\n{head}Content-Length: 20\r\n\r\n{{",
             f"{upload}Content-Length: {_LARGE}\r\n\r\nsolid",
             f"{form}Content-Length: {_LARGE}\r\n\r\n--x\r\nContent-Disposition: form-data; name=",
-            status * 50,
+            status * 5,
             f"GET {NETWORK_PREFIX}/events HTTP/1.1\r\n{head}\r\n",
         )
     ]
@@ -74,7 +74,7 @@ class HangingClients:
         """Keep the connections hanging for a time."""
         end_s = time.monotonic() + seconds
         while time.monotonic() < end_s:
-            for _ in range(min(50, self._number - len(self._selector.get_map()))):
+            for _ in range(min(10, self._number - len(self._selector.get_map()))):
                 self._connect()
             for key, _ in self._selector.select(0.05):
                 self._read(key.fileobj)  # type: ignore[arg-type]

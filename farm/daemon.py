@@ -166,7 +166,9 @@ class Daemon:
         workers = self._fleet.fleet.compute.workers or len(os.sched_getaffinity(0))
         workers += 1  # for urgent work
         servers = 1 if self._fleet.web is None else 2
-        return connection_limit(descriptor_limit() // servers, len(self._fleet.printers), workers)
+        cameras = sum(printer.camera is not None for printer in self._fleet.printers)
+        kept = len(self._fleet.printers) + cameras  # a camera needs fewer than a printer
+        return connection_limit(descriptor_limit() // servers, kept, workers)
 
     def _make_server(self, app: FastAPI, limit: int) -> BoundedServer:
         """Make the server on the Unix socket."""
