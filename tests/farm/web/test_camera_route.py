@@ -1,0 +1,50 @@
+"""A printer's camera, as callers on the network see it."""
+
+import pytest
+
+from fake_camera import make_png
+from farm.api import NETWORK_PREFIX
+from farm.cameras.image import read_image
+from farm.errors import ErrorCode, FarmError
+from farm.model import Role
+from network_farm import NetworkFarm
+
+CAMERA = f"{NETWORK_PREFIX}/printers/a/camera"
+
+
+@pytest.fixture
+def farm(tmp_path):
+    farm = NetworkFarm(tmp_path)
+    yield farm
+    farm.store.close()
+
+
+def connect(farm, look):
+    object.__setattr__(farm.services, "look", look)  # frozen, as routes only read it
+
+
+def test_still_is_sent_as_an_image_that_is_not_kept(farm):
+    async def look(printer):
+        assert printer == "a"
+        return read_image(make_png())
+
+    connect(farm, look)
+    answer = farm.ask("GET", CAMERA, farm.add(Role.LOOK).text)
+    assert (answer.status_code, answer.content) == (200, make_png())
+    assert answer.headers["content-type"] == "image/png"
+    assert answer.headers["cache-control"] == "no-store"
+    assert answer.headers["x-content-type-options"] == "nosniff"
+
+
+def test_camera_that_does_not_answer_is_told_with_503(farm):
+    async def look(printer):
+        raise FarmError(f"the camera of {printer}: it does not answer", ErrorCode.UNREACHABLE)
+
+    connect(farm, look)
+    answer = farm.ask("GET", CAMERA, farm.add(Role.LOOK).text)
+    assert (answer.status_code, answer.json()["error"]) == (503, "the camera of a: it does not answer")
+
+
+def test_printer_without_a_camera_is_told_with_404(farm):
+    answer = farm.ask("GET", CAMERA, farm.add(Role.LOOK).text)
+    assert answer.status_code == 404 and "no camera" in answer.json()["error"]
