@@ -18,6 +18,7 @@ from decompose.arrays import Bools, Floats
 from decompose.grid.box_index import Box, Shape, box_index, index_of
 from decompose.grid.clipping import LATERAL, MOMENT, OVERHANG, SKIN, SLOPE, VOLUME
 from decompose.grid.grid import Grid
+from decompose.grid.piece_counts import count_pieces
 from decompose.jit import jit
 from decompose.print_time import CostModel, Prices, price
 from decompose.printers import PrinterRoom
@@ -251,75 +252,6 @@ def _price_column(
                 priced.seconds[box] = _least_price(pricing.prices, pricing.rooms, s, e, areas)
 
 
-@jit
-def _join_groups(parent: npt.NDArray[np.int32], a: int, b: int) -> int:
-    """Join the groups of two cells in a forest of parents (cells,); 1 where they were two groups, else 0."""
-    while parent[a] != a:
-        parent[a] = parent[parent[a]]
-        a = parent[a]
-    while parent[b] != b:
-        parent[b] = parent[parent[b]]
-        b = parent[b]
-    if a == b:
-        return 0
-    if a < b:
-        parent[b] = a
-    else:
-        parent[a] = b
-    return 1
-
-
-@jit
-def _count_pieces(
-    full: Bools,
-    opened: tuple[Bools, Bools, Bools],
-    trimmed: npt.NDArray[np.int32],
-    seconds: npt.NDArray[np.float32],
-    pieces: npt.NDArray[np.int16],
-) -> None:
-    """Count the pieces of every box that may be printed, each cell's solid taken as one piece.
-
-    Union-find by layers: each box extends the one below it by one layer of cells.
-
-    Parameters
-    ----------
-    full
-        (nx, ny, nz) whether a cell has solid.
-    opened
-        For each axis (nx, ny, nz) whether solid crosses the near side of a cell.
-    trimmed, seconds
-        Of `BoxTables`.
-    pieces
-        (boxes,) filled in.
-    """
-    nx, ny, nz = full.shape
-    open_x, open_y, open_z = opened
-    parent = np.zeros(nx * ny * nz, np.int32)
-    for x0 in range(nx):
-        for x1 in range(x0 + 1, nx + 1):
-            for y0 in range(ny):
-                for y1 in range(y0 + 1, ny + 1):
-                    for z0 in range(nz):
-                        k = 0
-                        for z in range(z0, nz):
-                            for x in range(x0, x1):
-                                for y in range(y0, y1):
-                                    if not full[x, y, z]:
-                                        continue
-                                    index = (x * ny + y) * nz + z
-                                    parent[index] = index
-                                    k += 1
-                                    if x > x0 and open_x[x, y, z]:
-                                        k -= _join_groups(parent, index, index - ny * nz)
-                                    if y > y0 and open_y[x, y, z]:
-                                        k -= _join_groups(parent, index, index - nz)
-                                    if z > z0 and open_z[x, y, z]:
-                                        k -= _join_groups(parent, index, index - 1)
-                            box = index_of((x0, y0, z0, x1, y1, z + 1), (nx, ny, nz))
-                            if trimmed[box] == box and seconds[box] < np.inf:
-                                pieces[box] = max(1, k)
-
-
 def room_array(printers: Sequence[PrinterRoom]) -> Floats:
     """List the distinct rooms of printers (rooms, boxes, 3) in mm, padded with boxes that nothing fits."""
     distinct = sorted({p.boxes for p in printers})
@@ -353,9 +285,6 @@ def price_boxes(grid: Grid, printers: Sequence[PrinterRoom], cost: CostModel) ->
     )
     pricing = Pricing(room_array(printers), cuts, cost.prices())
     _price_all(grid.needed, grid.sums, grid.extents, pricing, priced)
-    full = np.isfinite(grid.extents[..., 0])
-    nx, ny, nz = grid.shape
-    open_x, open_y, open_z = (np.ascontiguousarray(c[:nx, :ny, :nz] > 0.0) for c in grid.cuts)
     pieces = np.ones(total, np.int16)
-    _count_pieces(full, (open_x, open_y, open_z), priced.trimmed, priced.seconds, pieces)
+    count_pieces(grid.shape, grid.bodies, priced.trimmed, priced.seconds, pieces)
     return BoxTables(grid.shape, priced.seconds, priced.trimmed, pieces, priced.cut_mm2)

@@ -7,7 +7,7 @@ from that of its near side, and the first moment of that flux gives the volume. 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
 from typing import Any
 
@@ -16,12 +16,14 @@ import numpy.typing as npt
 
 from decompose.arrays import Bools, Floats
 from decompose.grid.clipping import VOLUME, clip_into_cells
+from decompose.grid.piece_counts import CellBodies, find_bodies
 
 GRANULARITY = {
     "ucoarse": 2, "xcoarse": 3, "vcoarse": 8, "coarse": 9, "regular": 10, "fine": 12, "vfine": 15,
 }  # fmt: skip
 MAX_BOXES = 10_000_000  # all boxes of the grid are held in memory
 MIN_CELL_MM = 4.0
+FINER, MAX_FINE_CELLS = 3, 500_000  # division of cells to tell their bodies apart
 CLEAR_MM = 2.0
 """Distance that a grid plane keeps from flat faces where it can, so that no slivers are left and no face is
 taken for a cut."""
@@ -79,6 +81,8 @@ class Grid:
         The same for the model's surface alone.
     cuts
         For each axis the area in mm2 of solid on each plane, by cell: (n+1 along that axis).
+    bodies
+        Bodies of the solid in each cell.
     """
 
     planes: tuple[Floats, Floats, Floats]
@@ -89,6 +93,7 @@ class Grid:
     extents: Floats
     surface: Floats
     cuts: tuple[Floats, Floats, Floats]
+    bodies: CellBodies
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -186,7 +191,11 @@ def build_grid(
     if plane_at is not None and counts[plane_at[0]] > 1:
         inner_planes = planes[plane_at[0]][1:-1]
         inner_planes[np.abs(inner_planes - plane_at[1]).argmin()] = plane_at[1]
-    return fill_grid(triangles, planes, rules)
+    grid = fill_grid(triangles, planes, rules)
+    times = max(1, min(FINER, int((MAX_FINE_CELLS / grid.needed.size) ** (1.0 / 3.0))))
+    finer = (divide_planes(px, times), divide_planes(py, times), divide_planes(pz, times))
+    fine = fill_grid(triangles, finer, replace(rules, keep_interior=True))
+    return replace(grid, bodies=_find_bodies(fine.extents, fine.cuts, times))
 
 
 def fill_grid(triangles: Floats, planes: tuple[Floats, Floats, Floats], rules: GridRules) -> Grid:
@@ -227,7 +236,22 @@ def fill_grid(triangles: Floats, planes: tuple[Floats, Floats, Floats], rules: G
     needed = cells != Cell.EXTERNAL
     if not rules.keep_interior:
         needed = (cells == Cell.BOUNDARY) | _wall(cells, surface, planes, rules.min_wall_mm)
-    return Grid(planes, cells, needed, sums, area, extents, surface, (cuts[0], cuts[1], cuts[2]))
+    cut_areas = (cuts[0], cuts[1], cuts[2])
+    bodies = _find_bodies(extents, cut_areas, 1)
+    return Grid(planes, cells, needed, sums, area, extents, surface, cut_areas, bodies)
+
+
+def _find_bodies(extents: Floats, cuts: tuple[Floats, Floats, Floats], times: int) -> CellBodies:
+    """Find the bodies of cells by a grid that divides them; `extents` and `cuts` are that one's."""
+    nx, ny, nz = extents.shape[:3]
+    open_x, open_y, open_z = (cut[:nx, :ny, :nz] > 0.0 for cut in cuts)
+    return find_bodies(np.isfinite(extents[..., 0]), (open_x, open_y, open_z), times)
+
+
+def divide_planes(planes: Floats, times: int) -> Floats:
+    """Divide each interval of planes (n + 1,) into equal ones."""
+    shares = np.arange(times) / times
+    return np.append((planes[:-1, None] + np.diff(planes)[:, None] * shares).ravel(), planes[-1])
 
 
 def _wall(

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from decompose.arrays import Bools, Floats
-from decompose.grid.grid import Cell, Grid, GridRules, fill_grid
+from decompose.grid.grid import Cell, Grid, GridRules, divide_planes, fill_grid
 
 SAME_MM = 1e-9  # coordinates closer than this are the same plane
 MAX_FINER = 4
@@ -36,7 +36,7 @@ def refine_cells(
         Greatest number of cells in total, unless the grid itself has more.
     """
     times = max(1, min(MAX_FINER, int((most_cells / grid.needed.size) ** (1.0 / 3.0))))
-    px, py, pz = (_finer(planes, times) for planes in grid.planes)
+    px, py, pz = (divide_planes(planes, times) for planes in grid.planes)
     fine = fill_grid(triangles, (px, py, pz), GridRules(min_wall_mm, True, 1.0, 1.0))
     needed = fine.cells != Cell.EXTERNAL
     if not keep_interior:
@@ -46,12 +46,6 @@ def refine_cells(
     for axis in range(3):
         coarse = coarse.repeat(times, axis=axis)
     return NeededCells(fine.planes, needed & coarse)
-
-
-def _finer(planes: Floats, times: int) -> Floats:
-    """Divide each interval of planes (n + 1,) into equal ones."""
-    shares = np.arange(times) / times
-    return np.append((planes[:-1, None] + np.diff(planes)[:, None] * shares).ravel(), planes[-1])
 
 
 def _is_near(extents: Floats, planes: tuple[Floats, Floats, Floats], distance_mm: float) -> Bools:

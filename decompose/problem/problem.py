@@ -112,7 +112,7 @@ class Problem:
         """Build the grid over a model in the frame that it is cut in; see `grid.build_grid`."""
         options, cost = self.options, self.cost
         vertices, faces = model.solid.arrays()
-        self.effort.record(Work.FACE_GRIDDED, len(faces))
+        self.effort.record(Work.FACE_GRIDDED, 2 * len(faces))  # on its cells, and on those that divide them
         overhang_cos = cost.overhang_cos if overhang_cos is None else overhang_cos
         rules = GridRules(options.min_wall_mm, options.interior is Interior.KEEP, overhang_cos, cost.skin_cos)
         return build_grid(vertices[faces], self.granularity(model), rules, plane_at)

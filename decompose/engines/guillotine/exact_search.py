@@ -25,6 +25,9 @@ from decompose.problem import Partition, Problem, Work
 MAX_ROUNDS = 8  # of true prices for the chosen boxes, and a new choice
 MAX_REJECTIONS = 40  # choices given up for a sliver or a weak joint
 RETRY_RATIO = 1.01  # a true makespan of more than this share of the tables' is worth another round
+TOLERANCE_S = 1.0  # to which the least makespan by the tables is found
+SEARCH_SHARE = 0.6  # of the budget; the rest is left for windows and planes
+LATE_STEP = 0.02  # share of the makespan by which its limit grows when that is used up and nothing is found
 LOOSER = (0.1, 0.25, 0.4)  # of the way to the least makespan of one printer less
 LOOSEST = 1.06  # of the least makespan, where there is none for one printer less
 CLOSE_RATIO = 1.03  # of the makespan to beat: a result that ends later is not improved further
@@ -77,7 +80,7 @@ class ExactSearch:
 
     def __init__(self, problem: Problem, grid: Grid, boxes: BoxTables, bound_s: float) -> None:
         self.problem, self.grid, self.boxes = problem, grid, boxes
-        self.least_s = bound_s
+        self.least_s, self.is_near = bound_s, False  # near once a makespan is known: prices only grow
         self.solver = Partitioner(boxes)
         self.cut: dict[Box, list[Piece]] = {}
         self.posed_s: dict[Box, float] = {}
@@ -88,13 +91,20 @@ class ExactSearch:
         best: list[Box] = []
         best_s = math.inf
         rounds, effort = 0, self.problem.effort
+        until_s = effort.spent_s + SEARCH_SHARE * (effort.budget_s - effort.spent_s)
         while True:
-            makespan_s = self._solve(len(self.problem.printers))
+            is_late = effort.spent_s >= until_s
+            if best and is_late:
+                effort.cut_short = True
+                break
+            close_s = max(TOLERANCE_S, LATE_STEP * self.least_s) if is_late else TOLERANCE_S
+            makespan_s = self._solve(len(self.problem.printers), close_s)
             if makespan_s is None or len(self.rejections) > MAX_REJECTIONS:
                 if best:
                     break  # prices only grow: no other partition fits
                 raise self._no_fit_error()
-            self.least_s = max(self.least_s, makespan_s - 1.0)
+            # Late, any partition will do: each limit is higher than the one before.
+            self.least_s = makespan_s if is_late else max(self.least_s, makespan_s - close_s)
             if makespan_s >= best_s:
                 break
             boxes = self.solver.chosen_boxes()
@@ -104,7 +114,7 @@ class ExactSearch:
             longest_s = self._true_makespan_s(boxes)
             if longest_s < best_s:
                 best, best_s = boxes, longest_s
-            if longest_s <= RETRY_RATIO * makespan_s or rounds == MAX_ROUNDS or effort.is_spent():
+            if longest_s <= RETRY_RATIO * makespan_s or rounds == MAX_ROUNDS:
                 break
         return {box: self.cut[box] for box in self._improve(best)}
 
@@ -137,6 +147,8 @@ class ExactSearch:
         """Find a partition of about the least work whose true times keep a limit; empty without one."""
         best: list[Box] = []
         for _ in range(MAX_ROUNDS):
+            if self.problem.effort.is_spent():
+                break
             before = self.solver.sums
             parts = self.solver.solve(limit_s, ties=self.solver.can_break_ties)
             self.problem.effort.record(Work.SUM, self.solver.sums - before)
@@ -147,14 +159,15 @@ class ExactSearch:
                 continue
             longest_s = self._true_makespan_s(boxes)
             best = boxes if math.isfinite(longest_s) else best
-            if longest_s <= RETRY_RATIO * limit_s or self.problem.effort.is_spent():
+            if longest_s <= RETRY_RATIO * limit_s:
                 break
         return best
 
     def _solve(self, printers: int, *limits_s: float) -> float | None:
         """Find the least makespan by the tables (`Partitioner.find_least_makespan`), and record the work."""
         before = self.solver.sums
-        least_s = self.solver.find_least_makespan(printers, self.least_s, *limits_s)
+        least_s = self.solver.find_least_makespan(printers, self.least_s, *limits_s, is_near=self.is_near)
+        self.is_near = least_s is not None
         self.problem.effort.record(Work.SUM, self.solver.sums - before)
         return least_s
 

@@ -34,6 +34,7 @@ from decompose.engines.guillotine.recursion import (
 )
 from decompose.grid import Box, BoxTables, box_at, box_index
 
+GALLOP = 4.0  # factor on the steps by which a limit grows until it is reached
 MAX_TIED = 120_000_000  # values of all states, beyond which ties are not broken, to save memory
 
 
@@ -173,28 +174,46 @@ class Partitioner:
         return None if at < 0 else box_at(at, self.boxes.shape)
 
     def find_least_makespan(
-        self, printers: int, at_least_s: float, tolerance_s: float = 1.0, at_most_s: float = math.inf
+        self,
+        printers: int,
+        at_least_s: float,
+        tolerance_s: float = 1.0,
+        at_most_s: float = math.inf,
+        *,
+        is_near: bool = False,
     ) -> float | None:
         """Find the least limit (to tolerance_s) at which a number of printers of the first class is enough.
 
-        Keeps its solution. None where there is no limit, or none up to at_most_s.
+        Keeps its solution. None where there is no limit, or none up to at_most_s. Where the least limit is
+        probably near at_least_s (`is_near`), limits above it are tried first, in steps that grow.
         """
         tables = (self.boxes, *(other.boxes for other in self.others))
         finite = [boxes.seconds[np.isfinite(boxes.seconds)] for boxes in tables]
         high = min(
             at_most_s, max((float(seconds.max()) for seconds in finite if len(seconds)), default=-math.inf)
         )
-        low = max(0.0, at_least_s)
-        if high < 0.0 or self.solve(high) > printers:
+        low, step_s = max(0.0, at_least_s), tolerance_s
+        reached = False
+        while is_near and not reached and low + step_s < high:
+            reached = self.solve(low + step_s) <= printers
+            if reached:
+                high = self._reached_s(low + step_s)
+            else:
+                low, step_s = low + step_s, GALLOP * step_s
+        if high < 0.0 or (not reached and self.solve(high) > printers):
             return None
         while high - low > tolerance_s:
             middle = (low + high) / 2.0
             if self.solve(middle) <= printers:
-                high = middle if self.others else min(middle, self.longest_s())
+                high = self._reached_s(middle)
             else:
                 low = middle
         self.solve(high, ties=self.can_break_ties)
         return high
+
+    def _reached_s(self, limit_s: float) -> float:
+        """Find the limit that the last solution, for this limit, truly needs."""
+        return limit_s if self.others else min(limit_s, self.longest_s())
 
     def longest_s(self) -> float:
         """Find the time of the costliest box of the last solution on a printer of the first class."""

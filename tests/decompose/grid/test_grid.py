@@ -78,6 +78,23 @@ def test_sums_over_a_box_equal_those_of_the_cut_solid(
         assert boxes.pieces[at] <= len(inside.pieces())
 
 
+@settings(max_examples=40, deadline=None)
+@given(data=st.data())
+def test_rods_in_one_cell_are_counted_apart(data: st.DataObject, recipe_cost: CostModel) -> None:
+    """Nine rods on a plate, some in one cell: without the plate each is a piece."""
+    rods = [
+        Solid.box((x, y, 5.0), (x + 4.0, y + 4.0, 90.0)) for x in (3.0, 15.0, 27.0) for y in (3.0, 15.0, 27.0)
+    ]
+    comb = Solid.union([Solid.box((0.0, 0.0, 0.0), (60.0, 60.0, 10.0)), *rods])
+    vertices, faces = comb.arrays()
+    grid = build_grid(vertices[faces], 3, GridRules(0.0, True, 0.7, 0.75))
+    boxes = price_boxes(grid, [HUGE], recipe_cost)
+    box = data.draw(box_in(grid.shape))
+    at = box_index(box, grid.shape)  # type: ignore[arg-type]
+    if boxes.trimmed[at] == at:
+        assert boxes.pieces[at] == len(comb.clip(*grid.bounds_mm(box)).pieces())
+
+
 @settings(max_examples=20, deadline=None)
 @given(axis=st.integers(0, 2), data=st.data())
 def test_cut_areas_equal_those_of_a_real_cut(axis: int, data: st.DataObject, grid: Grid, lump: Solid) -> None:

@@ -10,6 +10,7 @@ import pytest
 
 from decompose.engines.guillotine import exact_search
 from decompose.engines.guillotine.exact_search import LOOSER, ExactSearch
+from decompose.engines.guillotine.partitioner import Partitioner, count_cuts
 from decompose.geometry import Model
 from decompose.grid import Box, box_index
 from decompose.options import Engine, Options
@@ -87,3 +88,47 @@ def test_hopeless_partitions_are_not_searched(
     exact_search.cut_for_uniform_printers(
         replace(asked, best_known_s=best_known_s, effort=Effort(budget_s), thorough=thorough)
     )
+
+
+@pytest.mark.parametrize("budget_s", [np.inf, 0.0])
+def test_corrected_counts_cost_few_solves(
+    budget_s: float, asked: Problem, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each correction begins at the makespan before, not at all prices, whether or not there is a budget."""
+    corrections, solves = iter(range(10)), 2
+    monkeypatch.setattr(
+        ExactSearch, "_correct_piece_counts", lambda self, _: next(corrections, None) is not None
+    )
+    monkeypatch.setattr(ExactSearch, "_forbid_faulty", lambda self, _: False)
+    monkeypatch.setattr(ExactSearch, "_true_makespan_s", lambda self, _: self.least_s)
+    monkeypatch.setattr(ExactSearch, "_improve", lambda self, _: [])
+    asked = replace(asked, effort=Effort(budget_s))
+    grid = asked.build_grid(asked.model)
+    boxes = asked.price_boxes(grid)
+    once = Partitioner(boxes)
+    assert once.find_least_makespan(len(ROOMS), 1.0) is not None
+    search = ExactSearch(asked, grid, boxes, 1.0)
+    search.run()
+    assert search.solver.sums <= once.sums + 10 * solves * count_cuts(boxes.shape)
+
+
+def test_search_ends_with_its_share_of_the_budget(asked: Problem, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A partition is known, and the next ones would be corrected for ever."""
+    corrections = 0
+
+    def correct(self: ExactSearch, chosen: list[Box]) -> bool:
+        nonlocal corrections
+        corrections += 1
+        assert corrections < 1000
+        return corrections > 1
+
+    monkeypatch.setattr(ExactSearch, "_correct_piece_counts", correct)
+    monkeypatch.setattr(ExactSearch, "_forbid_faulty", lambda self, _: False)
+    monkeypatch.setattr(ExactSearch, "_true_makespan_s", lambda self, _: 1e9)
+    monkeypatch.setattr(ExactSearch, "_improve", lambda self, _: [])
+    effort = Effort(0.1)
+    asked = replace(asked, effort=effort)
+    grid = asked.build_grid(asked.model)
+    ExactSearch(asked, grid, asked.price_boxes(grid), 1.0).run()
+    assert effort.cut_short
+    assert effort.spent_s < effort.budget_s

@@ -108,6 +108,22 @@ def test_least_makespan_is_least(shape: Shape, seed: int, printers: int) -> None
         assert found == pytest.approx(float(reachable[0]), abs=2e-3)
 
 
+@settings(max_examples=25, deadline=None)
+@given(shape=shapes, seed=st.integers(0, 10**6), printers=st.integers(1, 6), share=st.floats(0.0, 1.0))
+def test_least_makespan_is_the_same_from_any_lower_bound(
+    shape: Shape, seed: int, printers: int, share: float
+) -> None:
+    boxes, _ = tables(shape, seed)
+    found = Partitioner(boxes).find_least_makespan(printers, 0.0, tolerance_s=1e-3)
+    bound_s = share * (found or 1.0)
+    near = Partitioner(boxes)
+    assert near.find_least_makespan(printers, bound_s, 1e-3, is_near=True) == (
+        None if found is None else pytest.approx(found, abs=2e-3)
+    )
+    if found is not None:
+        assert len(near.chosen_boxes()) <= printers
+
+
 def shares_by_recursion(
     classes: list[BoxTables], needed: np.ndarray, limit_s: float, most: int
 ) -> set[Parts]:
