@@ -1,5 +1,6 @@
-"""Metrics and alert rules, as Prometheus' own checker sees them."""
+"""Metrics, alert rules and the expressions of the Grafana board, as Prometheus' own checker sees them."""
 
+import json
 import re
 import shutil
 import subprocess
@@ -10,7 +11,8 @@ import pytest
 from farm.model import PrintState
 from scraped_farm import ScrapedFarm
 
-RULES = Path(__file__).parents[2] / "deploy/prometheus/farm.rules.yml"
+DEPLOY = Path(__file__).parents[2] / "deploy"
+RULES, BOARD = DEPLOY / "prometheus/farm.rules.yml", DEPLOY / "grafana/farm.json"
 pytestmark = pytest.mark.skipif(shutil.which("promtool") is None, reason="promtool is missing: `make peers`")
 
 
@@ -36,3 +38,16 @@ def test_alert_rules_are_valid_and_use_only_metrics_that_there_are(tmp_path):
     assert len(used) > 4
     for name in used:
         assert f"# TYPE {name} " in text, name
+
+
+def test_expressions_of_the_grafana_board_are_valid(tmp_path):
+    panels = json.loads(BOARD.read_text())["panels"]
+    expressions = [
+        target["expr"].replace("$printer", ".*") for panel in panels for target in panel["targets"]
+    ]
+    rules = [{"record": f"panel:{number}", "expr": expr} for number, expr in enumerate(expressions)]
+    path = tmp_path / "rules.json"  # JSON is YAML
+    path.write_text(json.dumps({"groups": [{"name": "board", "rules": rules}]}))
+    checked = run("check", "rules", str(path))
+    assert checked.returncode == 0, checked.stdout + checked.stderr
+    assert f"{len(rules)} rules found" in checked.stdout

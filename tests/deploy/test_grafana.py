@@ -1,0 +1,62 @@
+"""Grafana board: every panel asks for metrics that the farm serves, on a place of its own."""
+
+import itertools
+import json
+import re
+from pathlib import Path
+
+import pytest
+from prometheus_client.parser import text_string_to_metric_families
+
+from farm.model import PrintState
+from scraped_farm import ScrapedFarm
+
+BOARD = json.loads((Path(__file__).parents[2] / "deploy/grafana/farm.json").read_text())
+PANELS = BOARD["panels"]
+LABEL = re.compile(r"\b(\w+)\s*(?:=~|!~|!=|=)\s*\"")
+
+
+@pytest.fixture
+def labels(tmp_path):
+    """Labels of each sample of a farm with an ended and an open print."""
+    farm = ScrapedFarm(tmp_path)
+    farm.print_plate(PrintState.DONE)
+    farm.print_plate(PrintState.PRINTING)
+    found = {}
+    for family in text_string_to_metric_families(farm.scrape()):
+        found.setdefault(family.name, set())
+        found.setdefault(f"{family.name}_total", set())
+        for sample in family.samples:
+            found.setdefault(sample.name, set()).update(sample.labels)
+    return found
+
+
+def test_every_expression_asks_for_metrics_and_labels_that_there_are(labels):
+    expressions = [target for panel in PANELS for target in panel["targets"]]
+    assert len(expressions) > 10
+    for target in expressions:
+        (name,) = set(re.findall(r"\bfarm_[a-z_]+", target["expr"]))
+        assert name in labels, name
+        used = {*LABEL.findall(target["expr"]), *re.findall(r"\{\{(\w+)\}\}", target["legendFormat"])}
+        assert not labels[name] or used <= labels[name], (name, used - labels[name])
+    assert "printer" in labels["farm_printer_info"]
+
+
+def test_panels_have_ids_of_their_own_and_do_not_overlap():
+    assert len({panel["id"] for panel in PANELS}) == len(PANELS)
+    cells = [
+        (x, y)
+        for place in (panel["gridPos"] for panel in PANELS)
+        for x, y in itertools.product(
+            range(place["x"], place["x"] + place["w"]), range(place["y"], place["y"] + place["h"])
+        )
+    ]
+    assert len(cells) == len(set(cells))
+    assert max(x for x, _ in cells) < 24
+
+
+def test_data_source_is_chosen_by_its_user():
+    names = {variable["name"] for variable in BOARD["templating"]["list"]}
+    assert names == {"datasource", "printer"}
+    assert all(one["datasource"]["uid"] == "${datasource}" for panel in PANELS for one in panel["targets"])
+    assert BOARD["id"] is None  # Grafana gives it one
