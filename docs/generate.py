@@ -141,7 +141,7 @@ def _network_commands() -> list[str]:
     return [
         name
         for name, command in load_commands(app).items()
-        if any(NETWORK_OPTIONS[0] in param.opts for param in command.params)
+        if any(NETWORK_OPTIONS[0] in param.opts and not param.hidden for param in command.params)
     ]
 
 

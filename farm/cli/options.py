@@ -12,6 +12,7 @@ from typing import Annotated, Any, Concatenate, ParamSpec
 import typer
 
 from farm.cli import completion
+from farm.errors import Refused
 from farm.paths import Places, find_places
 
 P = ParamSpec("P")
@@ -31,6 +32,22 @@ KeyFile = Annotated[
         "--key-file", envvar="FARM_KEY_FILE", show_envvar=False, help="The key for --url (FARM_KEY_FILE)."
     ),
 ]
+_LOCAL = {
+    "up": "it starts processes",
+    "down": "everybody else would lose the farm with it",
+    "key": "a key must not make others",
+    "web": "the link is for the user that the kernel names",
+    "prune": "what it deletes cannot be fetched again",
+}
+_LOCAL_TOO_IN_NEED = {
+    "daemon": "it is the process that answers",
+    "doctor": "it checks this host",
+    "discover": "it lists the ports of this host",
+    "estop": "it resets the boards by their cables, even if the daemon hangs",
+}
+"""Commands that ignore `FARM_URL`: it must never lead to a refused emergency stop."""
+LOCAL_COMMANDS = {**_LOCAL, **_LOCAL_TOO_IN_NEED}
+"""Commands for the farm's own host alone, each with the reason."""
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout, and nothing else.")]
 Why = Annotated[str, typer.Option(help="The reason; it goes into the history.")]
 LongestSide = Annotated[float | None, typer.Option(help="Scale the model to this longest side, mm.")]
@@ -43,7 +60,7 @@ Job = Annotated[int, typer.Argument(help="The job.", autocompletion=completion.j
 
 
 def with_places(command: Callable[Concatenate[Places, P], None]) -> Callable[P, None]:
-    """Add to a command the options `--state`, `--socket` and `--fleet`.
+    """Add to a command the options `--state`, `--socket` and `--fleet`; `--url` is refused with the reason.
 
     Parameters
     ----------
@@ -55,7 +72,11 @@ def with_places(command: Callable[Concatenate[Places, P], None]) -> Callable[P, 
     callable
         The command for typer, with the three options after its own.
     """
-    return _add_options(command, (("state", State), ("socket", Socket), ("fleet", FleetFile)))
+    variable = "FARM_URL" if command.__name__ in _LOCAL else None
+    url = Annotated[str | None, typer.Option("--url", envvar=variable, show_envvar=False, hidden=True)]
+    key_file = Annotated[Path | None, typer.Option("--key-file", hidden=True)]
+    places = (("state", State), ("socket", Socket), ("fleet", FleetFile))
+    return _add_options(command, (*places, ("url", url), ("key_file", key_file)))
 
 
 def with_farm(command: Callable[Concatenate[Places, P], None]) -> Callable[P, None]:
@@ -85,6 +106,12 @@ def _add_options(
         key_file: Path | None = None,
         **given: Any,
     ) -> None:
+        name = command.__name__
+        if url is not None and name in LOCAL_COMMANDS:
+            raise Refused(
+                f"farm {name} works on the farm's own host alone, as {LOCAL_COMMANDS[name]}: run it there, "
+                f"without --url{' and FARM_URL' if name in _LOCAL else ''}"
+            )
         places = find_places(state, socket, fleet)
         command(replace(places, url=url, key_file=key_file), **given)  # type: ignore[call-arg]
 
