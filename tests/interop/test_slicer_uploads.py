@@ -1,6 +1,7 @@
 """Clients that others wrote send G-code to a real daemon with a simulated printer, which prints it.
 
-PrusaSlicer's G-code goes by curl as PrusaSlicer drives libcurl; Qt sends as Cura's plugin for OctoPrint does.
+PrusaSlicer's G-code goes by curl as PrusaSlicer drives libcurl; Qt sends as Cura's plugin for OctoPrint does;
+OctoRest is a client of OctoPrint in Python.
 """
 
 import json
@@ -127,3 +128,14 @@ def test_refusal_to_qt_is_exactly_plain_text(farm, tmp_path):
     answer = send_by_qt(farm, path, "print=true")
     assert (answer["status"], answer["headers"]["content-type"]) == (400, "text/plain")
     assert answer["body"].startswith("line 5: M109 sets 999 C")
+
+
+def test_octorest_uploads_selects_and_follows_a_print(farm, tower):
+    words = [PYTHON, HERE / "octorest_peer.py", farm.url, farm.key, tower]
+    answer = json.loads(subprocess.run(words, check=True, capture_output=True, text=True, timeout=120).stdout)
+    assert answer["version"]["text"].startswith("OctoPrint")
+    number = int(answer["upload"]["files"]["local"]["path"].partition("/")[0])
+    assert answer["held"]["name"] == "tower.gcode"
+    assert answer["printer"]["state"]["flags"]["operational"] is True
+    assert "404" in answer["refusal"]
+    farm.wait_printed(number)

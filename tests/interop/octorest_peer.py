@@ -1,0 +1,33 @@
+"""Calls of OctoRest, a client of OctoPrint from PyPI; runs in the environment of `make interop`.
+
+``octorest_peer.py URL KEY FILE``: uploads the file, selects it for printing, and asks for the job,
+the printer, the connection and the files. Prints a line of JSON with the answers.
+"""
+
+import json
+import sys
+
+from octorest import OctoRest
+
+
+def main():
+    url, key, file = sys.argv[1:]
+    client = OctoRest(url=url, apikey=key)
+    uploaded = client.upload(file)  # its options `select` and `print` never reach a server
+    path = uploaded["files"]["local"]["path"]
+    answers = {"version": client.version, "upload": uploaded, "held": client.files_info("local", path)}
+    client.select(path, print=True)
+    answers["job"] = client.job_info()
+    answers["printer"] = client.printer()
+    answers["state"] = client.state()
+    answers["files"] = client.files()
+    answers["settings"] = client.settings()
+    answers["profiles"] = client.printer_profiles()
+    try:
+        client.select("nothing.gcode")
+    except RuntimeError as error:
+        answers["refusal"] = str(error)
+    print(json.dumps(answers))
+
+
+main()
