@@ -45,7 +45,8 @@ COMMANDS = {
         CommandEntry(
             "key",
             "keys.key",
-            "Add, list and revoke the keys by which other hosts reach the farm (`web` in fleet.yaml).",
+            "Add, list, revoke, grant and deny the keys by which other hosts reach the farm (`web` in "
+            "fleet.yaml).",
         ),
         CommandEntry(
             "web",
