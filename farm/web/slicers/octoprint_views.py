@@ -95,7 +95,7 @@ def describe_current_job(job: Job | None, progress: api.PrintProgress | None) ->
     progress
         Progress of its open print; None if it does not print.
     """
-    file = dict.fromkeys(("name", "path", "display", "origin", "size", "date"))
+    file = dict.fromkeys(("name", "path", "origin", "size", "date"))
     if job is not None:
         file = {**file, **_name_file(job), "date": int(job.submitted_s)}
     elapsed_s = left_s = completion = None
@@ -107,7 +107,6 @@ def describe_current_job(job: Job | None, progress: api.PrintProgress | None) ->
         "job": {
             "file": file,
             "estimatedPrintTime": None if job is None else job.expected_s,
-            "averagePrintTime": None,
             "lastPrintTime": None,
             "filament": None,
             "user": None if job is None else job.submitted_by,
