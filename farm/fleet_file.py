@@ -93,18 +93,20 @@ def load_fleet(
         fleet = Fleet.model_validate(values)
     except ValidationError as error:
         raise document.describe(error.errors()[0]) from error
-    house = fleet.fleet
-    if house.materials is not None:
-        house = house.model_copy(update={"materials": path.absolute().parent / house.materials})
+    fleet_section = fleet.fleet
+    if fleet_section.materials is not None:
+        fleet_section = fleet_section.model_copy(
+            update={"materials": path.absolute().parent / fleet_section.materials}
+        )
     sections = []
     for index, section in enumerate(fleet.printers):
         try:
-            sections.append(complete(section, house))
+            sections.append(complete(section, fleet_section))
         except FieldError as error:
             of_fleet = error.place[0] == "fleet"
             place = error.place if of_fleet else ("printers", index, *error.place)
             raise document.error_at(place, str(error)) from error
-    return fleet.model_copy(update={"fleet": house, "printers": tuple(sections)})
+    return fleet.model_copy(update={"fleet": fleet_section, "printers": tuple(sections)})
 
 
 @dataclass(frozen=True, slots=True)

@@ -119,9 +119,11 @@ class PrinterCommands:
             nozzle_mm=request.nozzle_mm or section.nozzle_mm,
             uncertain=present_reel is not None and present_reel.uncertain and request.grams is None,
         )
-        house = self._controller.fleet.fleet
+        fleet_section = self._controller.fleet.fleet
         try:
-            loaded = await asyncio.to_thread(complete_section, section_with_reel(section, reel), house)
+            loaded = await asyncio.to_thread(
+                complete_section, section_with_reel(section, reel), fleet_section
+            )
         except FieldError as error:
             raise Refused(f"{printer}: {error}") from error
         filament = {"material": loaded.material, "kind": loaded.material_kind, "colour": loaded.colour}

@@ -33,8 +33,8 @@ Ends = Callable[[Options], float]
 @pytest.fixture(scope="module")
 def result(cost: CostModel) -> Decomposition:
     """Of any engine: the parts do not matter here."""
-    found = decompose_model(BLOCK, ROOMS[:2], Options(Engine.GUILLOTINE, 3, prove=False), cost)
-    return replace(found, sum_s=0.0)
+    result = decompose_model(BLOCK, ROOMS[:2], Options(Engine.GUILLOTINE, 3, prove=False), cost)
+    return replace(result, sum_s=0.0)
 
 
 class Engines:
@@ -42,10 +42,10 @@ class Engines:
 
     def __init__(self, result: Decomposition, ends_s: Ends, faulty: tuple[Engine, ...] = ()) -> None:
         self.result, self.ends_s, self.faulty = result, ends_s, faulty
-        self.asked: list[Problem] = []
+        self.posed_problem: list[Problem] = []
 
     def __call__(self, problem: Problem) -> Decomposition:
-        self.asked.append(problem)
+        self.posed_problem.append(problem)
         problem.effort.record(Work.SUM, round(1e9 / WORK_NS[Work.SUM]))  # a second
         if math.isinf(makespan_s := self.ends_s(problem.options)):
             raise NoFit(f"nothing at {problem.options.granularity}")
@@ -57,7 +57,7 @@ class Engines:
 
     @property
     def tried(self) -> list[tuple[Engine, str | int]]:
-        return [(item.options.engine, item.options.granularity) for item in self.asked]
+        return [(item.options.engine, item.options.granularity) for item in self.posed_problem]
 
 
 def problem(cost: CostModel, printers: int = 20, **options: object) -> Problem:
@@ -104,8 +104,8 @@ def test_spent_share_of_the_budget_is_reported(cost: CostModel, result: Decompos
 def test_no_bound_is_proven_for_a_worse_result(cost: CostModel, result: Decomposition) -> None:
     engines = Engines(result, far)
     find_best(problem(cost), engines)
-    ends = [far(item.options) for item in engines.asked]
-    assert [item.best_known_s for item in engines.asked] == [
+    ends = [far(item.options) for item in engines.posed_problem]
+    assert [item.best_known_s for item in engines.posed_problem] == [
         min(ends[:i], default=math.inf) for i in range(len(ends))
     ]
 
@@ -131,7 +131,7 @@ def test_requested_grid_is_the_only_one(
 
 def test_other_grids_are_tried_at_the_best_angle(cost: CostModel, result: Decomposition) -> None:
     def ends_s(options: Options) -> float:
-        return BOUND_S * (1.2 if len(engines.asked) == 2 + len(first) + 2 else 1.3)  # the second yaw
+        return BOUND_S * (1.2 if len(engines.posed_problem) == 2 + len(first) + 2 else 1.3)  # the second yaw
 
     first: list[object] = []
     engines = Engines(result, lambda options: 1.3 * BOUND_S)
@@ -144,7 +144,7 @@ def test_other_grids_are_tried_at_the_best_angle(cost: CostModel, result: Decomp
     assert best.makespan_s == 1.2 * BOUND_S
     assert later
     assert {attempt.yaw_deg for attempt in later} == {yaw_deg}
-    lengths = [item.model.extents_mm[0] for item in engines.asked]
+    lengths = [item.model.extents_mm[0] for item in engines.posed_problem]
     assert lengths[-1] == pytest.approx(lengths[2 + len(first) + 1])
     assert lengths[-1] == pytest.approx(300 * math.cos(math.radians(15)) + 90 * math.sin(math.radians(15)))
 
@@ -154,7 +154,7 @@ def test_turned_cuts_need_a_minimum_gain(
     share: float, taken: bool, cost: CostModel, result: Decomposition
 ) -> None:
     busy = replace(result, sum_s=20.0 * 0.98 * BOUND_S)  # other grids are not tried
-    engines = Engines(busy, lambda _: BOUND_S * (share if len(engines.asked) > 2 else 1.0))
+    engines = Engines(busy, lambda _: BOUND_S * (share if len(engines.posed_problem) > 2 else 1.0))
     best = find_best(problem(cost), engines)
     assert best.makespan_s == BOUND_S * (share if taken else 1.0)
     assert [a.makespan_s for a in best.attempts[2:]] == [share * BOUND_S] * len(OTHER_YAWS_DEG)
@@ -165,13 +165,13 @@ def test_parts_of_a_turned_model_lie_in_the_model_as_it_was(cost: CostModel) -> 
     turn = Rotation.from_euler("z", 45.0, degrees=True).as_matrix()
     bar = replace(BLOCK, solid=BLOCK.solid.rotate(turn))
     options = Options(Engine.BEST, prove=False, best=BestOptions(1000.0))
-    found = decompose_model(bar, ROOMS[:2], options, cost)
-    straight = next(a for a in found.attempts if a.yaw_deg == 45.0)
-    assert straight.makespan_s == found.makespan_s
-    assert found.yaw_deg == 45.0
-    whole = np.concatenate([part.solid.bounds_mm for part in found.parts])
+    result = decompose_model(bar, ROOMS[:2], options, cost)
+    straight = next(a for a in result.attempts if a.yaw_deg == 45.0)
+    assert straight.makespan_s == result.makespan_s
+    assert result.yaw_deg == 45.0
+    whole = np.concatenate([part.solid.bounds_mm for part in result.parts])
     np.testing.assert_allclose([whole.min(axis=0), whole.max(axis=0)], bar.solid.bounds_mm, atol=1e-6)
-    for part in found.parts:
+    for part in result.parts:
         points, _ = part.printing_mesh()
         back = points @ part.to_model[:3, :3].T + part.to_model[:3, 3]
         own, _ = part.solid.arrays()
@@ -208,7 +208,7 @@ def test_result_with_faults_is_the_last_choice(cost: CostModel, result: Decompos
     engines = Engines(result, ends_s, faulty=(Engine.GUILLOTINE,))
     best = find_best(problem(cost, granularity=8), engines)
     assert best.engine is Engine.PARALLELOBOX
-    assert [item.best_known_s for item in engines.asked] == [math.inf, math.inf]
+    assert [item.best_known_s for item in engines.posed_problem] == [math.inf, math.inf]
 
 
 @pytest.mark.parametrize(

@@ -149,7 +149,7 @@ def test_written_parts_go_back_into_the_model(
     book = json.loads((tmp_path / "out" / "decomposition.json").read_text())
     assert book["schema"] == 1
     assert book["engine"] in ("guillotine", "parallelobox")
-    assert [each["engine"] for each in book["attempts"]] == ["guillotine", "parallelobox"]
+    assert [item["engine"] for item in book["attempts"]] == ["guillotine", "parallelobox"]
     assert {
         "serial_s",
         "serial_as_is_s",

@@ -120,8 +120,8 @@ def test_slow_part_ends_sooner_on_unequal_printers(faster: float, cost: CostMode
         return max(s * factors[part.printer] for part, s in zip(parts, seconds, strict=True))
 
     assert ends_s(after.parts, after_s) < 0.97 * ends_s(cut.parts, before_s)
-    each = [s * factors[part.printer] for part, s in zip(after.parts, after_s, strict=True)]
-    assert min(each) > 0.97 * max(each)
+    times_s = [s * factors[part.printer] for part, s in zip(after.parts, after_s, strict=True)]
+    assert min(times_s) > 0.97 * max(times_s)
     assert len({part.printer for part in after.parts}) == len(after.parts)
 
 
@@ -141,9 +141,9 @@ def test_each_piece_of_a_box_keeps_its_time_ratio(cost: CostModel) -> None:
     parts = sort_pieces(piece for box in boxes_mm for piece in cut_box(u, *box))
     prices_s = [pose.price_s for pose in problem.find_poses(parts) if pose is not None]
     cutting = Cutting(4, np.eye(3), boxes_mm[[0, 1, 1]], (None,) * 3, ROOMS[:3])
-    found = _cut_previous_boxes(problem, cutting, [prices_s[0], 1.2 * prices_s[1], 1.1 * prices_s[2]])
-    assert found is not None
-    moved = shift_box_planes(problem, problem.build_grid(problem.model), boxes_mm, found)
+    result = _cut_previous_boxes(problem, cutting, [prices_s[0], 1.2 * prices_s[1], 1.1 * prices_s[2]])
+    assert result is not None
+    moved = shift_box_planes(problem, problem.build_grid(problem.model), boxes_mm, result)
     slower = {bool(piece.solid.bounds_mm[0, 0] < 100.0): piece.time_ratio for piece in moved[1:]}
     assert slower == pytest.approx({False: 1.2, True: 1.1})
 

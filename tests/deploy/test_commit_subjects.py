@@ -41,10 +41,10 @@ class Repository:
 def repository(tmp_path: Path) -> Repository:
     folder = tmp_path / "work"
     folder.mkdir()
-    made = Repository(folder)
-    made.git("init", "--quiet")
-    made.begin_rule_at(made.commit("before the rule: " + LONG))
-    return made
+    created = Repository(folder)
+    created.git("init", "--quiet")
+    created.begin_rule_at(created.commit("before the rule: " + LONG))
+    return created
 
 
 def test_subject_of_72_characters_passes(repository: Repository):

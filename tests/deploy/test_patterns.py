@@ -47,10 +47,10 @@ def test_check_accepts_valid_patterns(text: str) -> None:
 def test_no_source_has_a_possessive_quantifier_or_an_atomic_group() -> None:
     files = [path for folder in FOLDERS for path in (ROOT / folder).rglob("*.py") if path != Path(__file__)]
     assert len(files) > 100
-    found = [
+    results = [
         f"{path.relative_to(ROOT)}: {text!r}"
         for path in files
         for text in literals(ast.parse(path.read_text()))
         if is_wrong(text)
     ]
-    assert not found, "match wrongly before Python 3.11.5: " + "; ".join(found)
+    assert not results, "match wrongly before Python 3.11.5: " + "; ".join(results)

@@ -74,10 +74,10 @@ def test_setup_installs_what_the_doctor_misses(environment: Path, tmp_path: Path
     missing = [line for line in before.splitlines() if line.startswith("problem  cura")]
     assert len(missing) == 2 and all(line.endswith("`farm setup` installs both") for line in missing)
 
-    code, said = run(environment, host, "setup")
-    assert code == 0, said
+    code, output = run(environment, host, "setup")
+    assert code == 0, output
     settings = environment / "share" / "farm" / "cura"
-    assert f"its settings are in {settings}" in said
+    assert f"its settings are in {settings}" in output
     assert "install -y -qq --no-install-recommends cura-engine" in host.calls
 
     _, after = run(environment, host, "doctor")
@@ -88,13 +88,13 @@ def test_setup_installs_what_the_doctor_misses(environment: Path, tmp_path: Path
 
 def test_setup_says_what_is_missing_where_there_is_no_apt(environment: Path, tmp_path: Path):
     shutil.rmtree(environment / "share", ignore_errors=True)
-    code, said = run(environment, Host(tmp_path), "setup")
+    code, output = run(environment, Host(tmp_path), "setup")
     assert code == 1
-    assert "There is no apt here" in said and "FARM_CURA_RESOURCES" in said
-    assert said.splitlines()[-1].startswith("farm: CuraEngine and its settings in")
+    assert "There is no apt here" in output and "FARM_CURA_RESOURCES" in output
+    assert output.splitlines()[-1].startswith("farm: CuraEngine and its settings in")
 
 
 def test_version_is_that_of_the_wheel(environment: Path, wheel: Path, tmp_path: Path):
-    code, said = run(environment, Host(tmp_path), "--version")
-    assert (code, said) == (0, f"farm {wheel.name.split('-')[1]}\n")
+    code, output = run(environment, Host(tmp_path), "--version")
+    assert (code, output) == (0, f"farm {wheel.name.split('-')[1]}\n")
     assert os.access(environment / "bin" / "farm", os.X_OK)

@@ -23,14 +23,14 @@ TYPED = re.compile(r"(?:^\s*(?:\$ )?|`|\$ )farm (?!is down)([a-z][a-z-]*)((?: [^
 
 def mistakes_in(text: str) -> list[str]:
     """Commands and options in a page that the program does not have."""
-    found = []
+    results = []
     for name, rest in TYPED.findall(text):
         if name not in COMMANDS:
-            found.append(f"farm {name}")
+            results.append(f"farm {name}")
             continue
         options = re.findall(r"(?<![\w-])--[a-z][a-z-]*", re.split(r";|&&|#|\|", rest)[0])
-        found += [f"farm {name} {option}" for option in options if option not in COMMANDS[name]]
-    return found
+        results += [f"farm {name} {option}" for option in options if option not in COMMANDS[name]]
+    return results
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
@@ -46,14 +46,14 @@ def test_wrong_command_and_a_wrong_option_are_found():
 def test_readme_submits_a_file_that_is_there_or_was_made_before():
     text = (ROOT / "README.md").read_text(encoding="utf-8")
     lines = [line for block in re.findall(r"```\n(.*?)```", text, re.DOTALL) for line in block.splitlines()]
-    made = set[str]()
+    created = set[str]()
     submitted = 0
     for line in lines:
         words = line.partition("#")[0].split()
         if words[:1] == ["python"]:
             assert (ROOT / words[1]).exists()
-            made.update(words[2:])
+            created.update(words[2:])
         elif words[:2] == ["farm", "submit"]:
             submitted += 1
-            assert words[2] in made or (ROOT / words[2]).exists(), line
+            assert words[2] in created or (ROOT / words[2]).exists(), line
     assert submitted

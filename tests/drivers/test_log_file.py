@@ -37,8 +37,8 @@ def test_only_the_newest_logs_are_kept(tmp_path: Path):
     for number in range(9):
         path.write_text(f"{number}" * 100)
         assert rotate_log(path, 100, kept=3)
-    found = {log.name: log.read_text()[:1] for log in tmp_path.iterdir()}
-    assert found == {"daemon.log": "", "daemon.log.1": "8", "daemon.log.2": "7", "daemon.log.3": "6"}
+    results = {log.name: log.read_text()[:1] for log in tmp_path.iterdir()}
+    assert results == {"daemon.log": "", "daemon.log.1": "8", "daemon.log.2": "7", "daemon.log.3": "6"}
 
 
 def test_log_below_the_limit_or_missing_stays_as_it_is(tmp_path: Path):

@@ -48,9 +48,9 @@ def test_reel_has_a_price_if_given(tmp_path):
 
 def test_hours_are_one_window_or_a_list(tmp_path):
     hours = "attended: [mon-fri 08:00-18:00, sat 10:00-14:00], quiet: 22:00-06:00, timezone"
-    house = load(tmp_path, GOOD.replace("timezone", hours)).fleet
-    assert [len(window.days) for window in house.attended] == [5, 1]
-    assert [len(window.days) for window in house.quiet] == [7]
+    fleet_section = load(tmp_path, GOOD.replace("timezone", hours)).fleet
+    assert [len(window.days) for window in fleet_section.attended] == [5, 1]
+    assert [len(window.days) for window in fleet_section.quiet] == [7]
 
 
 def test_fleet_file_of_the_repository_is_valid():

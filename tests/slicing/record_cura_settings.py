@@ -163,12 +163,12 @@ class Cura:
         self.Global = of("cura.Settings.GlobalStack", "GlobalStack")
         self.Extruder = of("cura.Settings.ExtruderStack", "ExtruderStack")
         resources = of("UM.Resources", "Resources")
-        found = {
+        result = {
             path.name: str(path)
             for kind in ("definitions", "extruders")
             for path in (self.folder / kind).glob("*.json")
         }
-        resources.getPath = classmethod(lambda cls, kind, *name: found[Path(*name).name])
+        resources.getPath = classmethod(lambda cls, kind, *name: result[Path(*name).name])
         of("UM.Settings.ContainerRegistry", "ContainerRegistry").getInstance = staticmethod(
             lambda: self.registry
         )

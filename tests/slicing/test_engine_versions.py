@@ -37,8 +37,8 @@ def cura5(record, request_for, settings_of, tmp_path):
             + (body or f"cat {log} >&{stream}\ncp {gcode} part.gcode\n")
         )
         engine.chmod(0o755)
-        known = {field.name for field in dataclasses.fields(EngineSettings)}
-        recorded = {key: value for key, value in record["settings"].items() if key in known}
+        expected = {field.name for field in dataclasses.fields(EngineSettings)}
+        recorded = {key: value for key, value in record["settings"].items() if key in expected}
         settings = dataclasses.replace(settings_of(), **recorded)
         request = request_for(base64.b64decode(record["stl"]), settings=settings)
         return dataclasses.replace(request, engine=engine)

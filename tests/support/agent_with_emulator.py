@@ -121,18 +121,18 @@ class Printer:
 
 @asynccontextmanager
 async def printer(folder: Path, faults: str = "") -> AsyncIterator[Printer]:
-    item = Printer(folder / "agent", f"sim://{MODEL}{faults}")
-    item.spawn()
+    printer = Printer(folder / "agent", f"sim://{MODEL}{faults}")
+    printer.spawn()
     try:
-        await item.connect()
-        await item.ready()
-        yield item
+        await printer.connect()
+        await printer.ready()
+        yield printer
     finally:
-        await item.close()
+        await printer.close()
 
 
-def run(story: Coroutine[Any, Any, None]) -> None:
-    asyncio.run(story)
+def run(scenario: Coroutine[Any, Any, None]) -> None:
+    asyncio.run(scenario)
 
 
 def settled(folder: Path, seen: Callable[[EmulatorStatus], bool]) -> bool:
@@ -146,8 +146,8 @@ def settled(folder: Path, seen: Callable[[EmulatorStatus], bool]) -> bool:
 def everything(master: int) -> bytes:
     """Read all bytes that wait for a board."""
     os.set_blocking(master, False)
-    found = b""
+    result = b""
     with suppress(BlockingIOError):
         while data := os.read(master, 4096):
-            found += data
-    return found
+            result += data
+    return result

@@ -41,8 +41,8 @@ def slice_tasks(work, cut):
 def join_slices(work, cut, tasks, slices):
     """A sliced job of these slices."""
     sections = {section.name: section for section in work.printers}
-    each = zip(cut.parts, tasks, slices, strict=True)
-    parts = (SlicedPart(part, sections[part.printer], item, result) for part, item, result in each)
+    triples = zip(cut.parts, tasks, slices, strict=True)
+    parts = (SlicedPart(part, sections[part.printer], item, result) for part, item, result in triples)
     return SlicedJob(work, cut, tuple(parts))
 
 

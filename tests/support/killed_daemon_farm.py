@@ -45,7 +45,7 @@ class KilledFarm(RealFarm):
         self.fed_mm = sum(move[3] for layer in tower for move in layer)
         self.keeper = None
         self.submitted = 0
-        self.disk, self.told = disk, self.state
+        self.disk, self.state_option = disk, self.state
         self.socket, self.log_file = folder / "farm.sock", folder / "daemon.log"
         if disk is not None:
             self.state = disk.seen
@@ -64,7 +64,7 @@ class KilledFarm(RealFarm):
 
     def daemon(self):
         """The words of `farm` for its daemon."""
-        return ["daemon", "--state", self.told, "--socket", self.socket, "--fleet", self.fleet]
+        return ["daemon", "--state", self.state_option, "--socket", self.socket, "--fleet", self.fleet]
 
     def stop_keeping(self):
         """Kill the daemon, for good."""
@@ -154,13 +154,13 @@ class KilledFarm(RealFarm):
 
     def journals(self):
         """By print id: its printer, and the last that its agent wrote down of it."""
-        found = {}
+        results = {}
         for name in self.printers:
             for line in (self.state / "agents" / name / JOURNAL).read_text().splitlines():
                 message = json.loads(line).get("print")
                 if message is not None:
-                    found[message["print_id"]] = (name, message)
-        return found
+                    results[message["print_id"]] = (name, message)
+        return results
 
     def books(self):
         """As a killed daemon left them; copied, as SQLite looks for them outside of a disk of its own."""

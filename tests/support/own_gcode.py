@@ -62,6 +62,6 @@ def safe(accepted):
     return program
 
 
-def refused(lines, said):
-    with pytest.raises(GcodeRefused, match=said):
+def refused(lines, expected_text):
+    with pytest.raises(GcodeRefused, match=expected_text):
         take(lines)

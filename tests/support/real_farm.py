@@ -44,8 +44,8 @@ class RealFarm:
 
     def write_fleet(self, printers):
         rows = "".join(f"  - {{name: {n}, model: {m}, port: {p!r}}}\n" for n, (m, p) in printers.items())
-        house = f"name: test, time_scale: {TIME_SCALE}, compute: {{budget_s: {BUDGET_S}}}"
-        self.fleet.write_text(f"fleet: {{{house}}}\nprinters:\n{rows}")
+        fleet_options = f"name: test, time_scale: {TIME_SCALE}, compute: {{budget_s: {BUDGET_S}}}"
+        self.fleet.write_text(f"fleet: {{{fleet_options}}}\nprinters:\n{rows}")
 
     def run(self, *arguments, **env):
         """Run a farm command to its end; a result with code, out and err."""

@@ -37,11 +37,11 @@ class RecordedEffects:
 PLUS = "ultimaker2_plus"
 
 
-def fleet(models=(PLUS, PLUS), **house):
+def fleet(models=(PLUS, PLUS), **fleet_options):
     """Printers a, b, ... of these models."""
     names = zip("abcdefgh", models, strict=False)
     printers = [{"name": name, "model": model, "port": f"sim://{model}"} for name, model in names]
-    return Fleet.model_validate({"fleet": house, "printers": printers})
+    return Fleet.model_validate({"fleet": fleet_options, "printers": printers})
 
 
 class Commands:
@@ -62,11 +62,11 @@ class Commands:
 class Farm(Commands):
     """A controller on a store in a folder; made again, it is a daemon that was killed and started again."""
 
-    def __init__(self, folder, models=(PLUS, PLUS), clock=None, **house):
+    def __init__(self, folder, models=(PLUS, PLUS), clock=None, **fleet_options):
         self.effects = RecordedEffects()
         folder.mkdir(exist_ok=True)
         self.store = Store(folder / "farm.db")
-        self.controller = Controller(fleet(models, **house), self.store, clock or Clock(), bed_boxes)
+        self.controller = Controller(fleet(models, **fleet_options), self.store, clock or Clock(), bed_boxes)
         super().__init__(self.controller)
         self.controller.start(self.effects)
 

@@ -51,6 +51,6 @@ def plate(name, planned, **changes):
     return WaitingPlate(id=name, planned=planned, **{**facts, **changes})
 
 
-def situation(waiting, fleet, house=None, now_s=0.0, spares=0, **changes):
+def situation(waiting, fleet, start_rules=None, now_s=0.0, spares=0, **changes):
     kept = {0: spares} if spares else {}
-    return Situation(tuple(waiting), tuple(fleet), house or rules(), now_s, spares=kept, **changes)
+    return Situation(tuple(waiting), tuple(fleet), start_rules or rules(), now_s, spares=kept, **changes)

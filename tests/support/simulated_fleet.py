@@ -81,7 +81,7 @@ class Agent:
     sha256: str = ""
     journal: list = field(default_factory=list)  # its word on each print that ended
 
-    def said(self):
+    def make_report(self):
         return AgentPrint(
             print_id=self.print_id, state=self.state, fault=None, reason=None, progress_s=1.0,
             print_time_s=90.0, extruded=self.extruded, started_s=self.started_s, ended_s=self.ended_s,
@@ -90,16 +90,16 @@ class Agent:
 
     def prints(self, since_s):
         """List the prints that had not ended at a time."""
-        late = [said for said in self.journal if said.ended_s >= since_s]
-        return late if self.print_id is None or self.state.ended else [*late, self.said()]
+        ended = [report for report in self.journal if report.ended_s >= since_s]
+        return ended if self.print_id is None or self.state.ended else [*ended, self.make_report()]
 
     def snapshot(self):
-        said = None if self.print_id is None else self.said()
-        busy = said is not None and not self.state.ended
+        report = None if self.print_id is None else self.make_report()
+        busy = report is not None and not self.state.ended
         link = Link.BUSY if busy else Link.READY
         clear = self.on_bed is None
         return AgentSnapshot(
-            printer=self.name, link=link, filament=FilamentState.PARKED, bed_clear=clear, print=said
+            printer=self.name, link=link, filament=FilamentState.PARKED, bed_clear=clear, print=report
         )
 
     @property
@@ -203,7 +203,7 @@ class World:
             if agent.state.ended:
                 agent.ended_s = self.clock.now_s
                 self.prints[agent.print_id] = (agent.name, agent.started_s, agent.ended_s)
-                agent.journal.append(agent.said())
+                agent.journal.append(agent.make_report())
                 if agent.state is PrintState.DONE:
                     self.made.append([agent.plate, agent.name, None])
 

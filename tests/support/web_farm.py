@@ -20,10 +20,10 @@ HOST = "farm.lab.example"
 class WebFarm(Farm):
     """A farm whose printers `a` and `b` are idle and clear, with both applications of its daemon."""
 
-    def __init__(self, folder, workers=None, **house):
+    def __init__(self, folder, workers=None, **fleet_options):
         state = StateFolder(folder / "state")
         state.make()
-        super().__init__(state.root, clock=Clock(), **house)
+        super().__init__(state.root, clock=Clock(), **fleet_options)
         self.ready("a", "b")
         self.state = state
         self.services = Services(

@@ -60,7 +60,7 @@ def cannot_start(farm, read_only=False):
     )
     assert attempted.returncode == 1, attempted.stderr
     (line,) = (line for line in attempted.stderr.splitlines() if line.startswith("farm: "))
-    assert str(farm.told) in line
+    assert str(farm.state_option) in line
     assert "Traceback" not in attempted.stderr, attempted.stderr
     return line
 

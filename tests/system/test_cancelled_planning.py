@@ -29,15 +29,15 @@ def hanging_engine(tmp_path):
 
 def children(pid):
     """List the running child processes of a process."""
-    found = set()
+    results = set()
     for stat in Path("/proc").glob("[0-9]*/stat"):
         try:
             state, parent = stat.read_text().rpartition(")")[2].split()[:2]
         except OSError:
             continue
         if int(parent) == pid and state != "Z":
-            found.add(int(stat.parent.name))
-    return found
+            results.add(int(stat.parent.name))
+    return results
 
 
 def workers(daemon):
@@ -52,8 +52,8 @@ def test_planning_processes_end_with_their_job_and_with_the_daemon(make_farm, ba
     farm.ok("submit", bar)
     with (tmp_path / "fifo").open() as fifo:
         assert fifo.readline() == "slicing\n"
-        far = {"step": "slicing", "done": 0, "of": 2, "cached": 0, "share": None, "remaining_s": None}
-        assert farm.job()["progress"] == far
+        progress = {"step": "slicing", "done": 0, "of": 2, "cached": 0, "share": None, "remaining_s": None}
+        assert farm.job()["progress"] == progress
         assert "slicing 0 of 2" in farm.ok("status")
         busy = workers(daemon)
         farm.ok("cancel", 1)

@@ -56,7 +56,7 @@ def test_jobs_are_planned_while_all_beds_are_taken_and_a_dry_run_while_a_large_m
     wait_for("the search for parts", lambda: (farm.job(4)["progress"] or {}).get("share"))
     timeline = json.loads(farm.ok("submit", models["box"], "--dry-run", "--json"))
     assert len(timeline["slots"]) == 1 and timeline["grams"] > 0
-    far = farm.job(4)["progress"]
-    assert far["step"] == "decomposing" and far["remaining_s"] > 0
+    progress = farm.job(4)["progress"]
+    assert progress["step"] == "decomposing" and progress["remaining_s"] > 0
     assert "decomposing" in farm.ok("status")
     farm.ok("cancel", 4)

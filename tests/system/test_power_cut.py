@@ -58,9 +58,9 @@ def test_stored_file_is_complete(tmp_path, monkeypatch, suffix):
     (folder / "files").mkdir(parents=True)
     (folder / "work").mkdir()
     disk = PowerCut(monkeypatch, folder)
-    made = folder / "work" / f"made{suffix}"
-    made.write_bytes(os.urandom(100_000))
-    name = store_file(folder / "files", made)
+    created = folder / "work" / f"made{suffix}"
+    created.write_bytes(os.urandom(100_000))
+    name = store_file(folder / "files", created)
     left = disk.left(tmp_path / "left") / "files" / name
     assert sha256_of(left) + suffix == name
 

@@ -55,9 +55,9 @@ def test_failed_part_is_cut_for_the_free_printers_and_printed(make_farm, tmp_pat
     assert all(farm.emulator_status(name).bed_clear is False for name in ("left", "right"))
 
     folder = Path(job["folder"])
-    found = {path.name for path in folder.iterdir()}
-    assert {"p01a.stl", "p01b.stl", "plate-01a.gcode", "plate-01b.gcode"} < found
-    assert found.isdisjoint({"p01.stl", "plate-01.gcode"})
+    results = {path.name for path in folder.iterdir()}
+    assert {"p01a.stl", "p01b.stl", "plate-01a.gcode", "plate-01b.gcode"} < results
+    assert results.isdisjoint({"p01.stl", "plate-01.gcode"})
     report = json.loads((folder / "decomposition-p01.json").read_text())
     assert [f"1/{part['id']}" for part in report["parts"]] == names
     assert sum(part["volume_mm3"] for part in report["parts"]) == pytest.approx(150 * 20 * 3, rel=1e-4)

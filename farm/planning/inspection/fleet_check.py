@@ -10,14 +10,14 @@ from slicing.errors import BadSetting, SlicingError
 from slicing.settings import Resources, SettingsRequest, find_resources, resolve_settings
 
 
-def complete_section(section: PrinterSection, house: FleetSection) -> PrinterSection:
+def complete_section(section: PrinterSection, fleet_section: FleetSection) -> PrinterSection:
     """Check a printer's section against Cura's files, and name its material by its file.
 
     Parameters
     ----------
     section
         The section, with the material as a person named it, like PLA.
-    house
+    fleet_section
         The keys under `fleet`, for the folder of own materials.
 
     Returns
@@ -32,7 +32,7 @@ def complete_section(section: PrinterSection, house: FleetSection) -> PrinterSec
         With the key whose value Cura's files do not know, and the known values.
     """
     try:
-        resources = find_resources(own=house.materials)
+        resources = find_resources(own=fleet_section.materials)
     except SlicingError:
         return section
     _check_own_materials(resources)

@@ -122,18 +122,18 @@ def test_body_that_would_fall_over_is_held():
 def partitions(draw: st.DrawFn) -> list[Piece]:
     """Partitions of a block into boxes, by cuts of boxes of 2 to 4 cells a side."""
     cells = draw(st.tuples(*[st.integers(2, 4)] * 3))
-    found = [(np.zeros(3), np.array(cells, dtype=np.float64) * 10.0)]
+    results = [(np.zeros(3), np.array(cells, dtype=np.float64) * 10.0)]
     for _ in range(draw(st.integers(1, 9))):
-        i = draw(st.integers(0, len(found) - 1))
+        i = draw(st.integers(0, len(results) - 1))
         axis = draw(st.integers(0, 2))
-        lo, hi = found[i]
+        lo, hi = results[i]
         planes = np.arange(lo[axis] + 10.0, hi[axis] - 5.0, 10.0)
         if len(planes):
             at_mm = float(draw(st.sampled_from(list(planes))))
             low, high = hi.copy(), lo.copy()
             low[axis] = high[axis] = at_mm
-            found[i : i + 1] = [(lo, low), (high, hi)]
-    return boxes(*((tuple(lo), tuple(hi)) for lo, hi in found))
+            results[i : i + 1] = [(lo, low), (high, hi)]
+    return boxes(*((tuple(lo), tuple(hi)) for lo, hi in results))
 
 
 @settings(max_examples=40, deadline=None)

@@ -19,19 +19,19 @@ def test_shares_cover_and_weights_overrun_no_box(shape: Shape, seed: int, limit_
     boxes, needed = tables(shape, seed)
     needed[0, 0, 0] = True
     boxes.trimmed[box_index((0, 0, 0, 1, 1, 1), shape)] = box_index((0, 0, 0, 1, 1, 1), shape)
-    found = cover_cells(boxes, needed, limit_s, 3, needed / needed.sum())
-    assert not found.weights[~needed].any()
-    assert (found.weights >= 0.0).all()
+    result = cover_cells(boxes, needed, limit_s, 3, needed / needed.sum())
+    assert not result.weights[~needed].any()
+    assert (result.weights >= 0.0).all()
     covered = np.zeros(shape)
     pieces = 0.0
-    for (x0, y0, z0, x1, y1, z1), share in zip(found.boxes.tolist(), found.shares.tolist(), strict=True):
+    for (x0, y0, z0, x1, y1, z1), share in zip(result.boxes.tolist(), result.shares.tolist(), strict=True):
         at = box_index((x0, y0, z0, x1, y1, z1), shape)
         assert boxes.seconds[at] <= limit_s
-        assert found.weights[x0:x1, y0:y1, z0:z1].sum() <= boxes.pieces[at] * (1.0 + 1e-9)
+        assert result.weights[x0:x1, y0:y1, z0:z1].sum() <= boxes.pieces[at] * (1.0 + 1e-9)
         covered[x0:x1, y0:y1, z0:z1] += share
         pieces += share * int(boxes.pieces[at])
-    if found.shares.any():
+    if result.shares.any():
         assert (covered[needed] >= 1.0 - 1e-9).all()
-        assert found.weights.sum() <= pieces * (1.0 + 1e-9)
+        assert result.weights.sum() <= pieces * (1.0 + 1e-9)
     else:
-        assert np.count_nonzero(found.weights) == 1
+        assert np.count_nonzero(result.weights) == 1

@@ -23,12 +23,12 @@ shapes = st.tuples(st.integers(1, 4), st.integers(1, 3), st.integers(1, 3))
 
 def printable(boxes: BoxTables) -> list[tuple[Box, float, int]]:
     """All boxes that may be parts, with time and pieces."""
-    found = []
+    results = []
     for box in every_box(boxes.shape):
         at = box_index(box, boxes.shape)
         if boxes.trimmed[at] == at and np.isfinite(boxes.seconds[at]):
-            found.append((box, float(boxes.seconds[at]), int(boxes.pieces[at])))
-    return found
+            results.append((box, float(boxes.seconds[at]), int(boxes.pieces[at])))
+    return results
 
 
 def solved(boxes: BoxTables, needed: np.ndarray, printers: int) -> tuple[Bound, float]:

@@ -69,7 +69,7 @@ def test_bodies_that_overlap_and_share_an_edge_are_their_union() -> None:
     """Closed, though solid and air do not alternate around the shared edge."""
     triangles = overlapping_at_an_edge()
     solid, repairs = close_surface("hair", triangles)
-    first, second = (Solid.from_arrays(*soup(each)) for each in np.split(triangles, 2))
+    first, second = (Solid.from_arrays(*soup(item)) for item in np.split(triangles, 2))
     assert solid.volume_mm3 == pytest.approx(Solid.union([first, second]).volume_mm3, rel=1e-9)
     sentence = "Separated bodies that touch or overlap (1 edges shared by more than two triangles)."
     assert repairs[0] == sentence
@@ -138,9 +138,9 @@ def test_rims_of_holes_that_meet_in_a_vertex_come_apart() -> None:
     """Two opposite triangles of an octahedron's top are gone: both holes have its tip."""
     corners = np.array([[0, 0, 1], [1, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0], [0, 0, -1]], dtype=float)
     whole = np.array([[0, 1, 2], [0, 2, 3], [0, 3, 4], [0, 4, 1], [5, 2, 1], [5, 3, 2], [5, 4, 3], [5, 1, 4]])
-    found = shells.split_shells(corners, np.delete(whole, [0, 2], axis=0))
-    assert found is not None
-    ((vertices, faces),) = found
+    result = shells.split_shells(corners, np.delete(whole, [0, 2], axis=0))
+    assert result is not None
+    ((vertices, faces),) = result
     assert len(vertices) == 7
     assert sorted(len(rim) for rim in shells.find_rims(faces)) == [6]
     filled = trimesh.Trimesh(

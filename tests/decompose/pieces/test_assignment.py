@@ -25,21 +25,21 @@ def test_last_part_ends_as_soon_as_it_can(parts: int, spare: int, fits: float, s
     seconds[rng.random(seconds.shape) > fits] = np.inf
     every = [seconds[range(parts), list(p)] for p in permutations(range(printers), parts)]
     best = min(((t.max(), t.sum()) for t in every), default=(np.inf, np.inf))
-    found = assign_bottleneck(seconds)
-    if found is None:
+    result = assign_bottleneck(seconds)
+    if result is None:
         assert np.isinf(best[0])
         return
-    assert len(set(found)) == parts
-    times = seconds[range(parts), found]
+    assert len(set(result)) == parts
+    times = seconds[range(parts), result]
     assert times.max() == best[0]
     assert abs(times.sum() - best[1]) < 1e-3
 
 
 def test_assignment_succeeds_where_a_greedy_choice_fails() -> None:
     fits = np.array([[1.0, 1.0, 0.0], [1.0, 0.0, 1.0], [1.0, 0.0, 1.0]])
-    found = assign_bottleneck(np.where(fits > 0.0, 60.0, np.inf))
-    assert found is not None
-    assert found[0] == 1
+    result = assign_bottleneck(np.where(fits > 0.0, 60.0, np.inf))
+    assert result is not None
+    assert result[0] == 1
 
 
 def test_first_of_equal_printers_are_used() -> None:

@@ -75,9 +75,9 @@ def test_each_cut_face_is_glued_on_both_sides(
         vertices, faces = piece.solid.arrays()
         t = vertices[faces[find_cut_faces(vertices, faces, piece.planes)]]
         cut_mm2 += float(np.linalg.norm(np.cross(t[:, 1] - t[:, 0], t[:, 2] - t[:, 0]), axis=1).sum() / 2.0)
-    found = find_joints(pieces)
-    assert 2.0 * sum(j.area_mm2 for j in found) == pytest.approx(cut_mm2, rel=1e-6, abs=1e-3)
-    assert all(0.0 < j.width_mm <= 2.0 * np.sqrt(j.area_mm2 / np.pi) + 1e-6 for j in found)
+    results = find_joints(pieces)
+    assert 2.0 * sum(j.area_mm2 for j in results) == pytest.approx(cut_mm2, rel=1e-6, abs=1e-3)
+    assert all(0.0 < j.width_mm <= 2.0 * np.sqrt(j.area_mm2 / np.pi) + 1e-6 for j in results)
 
 
 def test_joints_on_oblique_planes_are_found() -> None:

@@ -14,7 +14,7 @@ from decompose.print_time.columns import Columns
 OVERHANG_COS = np.sin(np.radians(45.0))
 
 
-def seen(solid: Solid, marked_up: float | None = None) -> Columns:
+def measure(solid: Solid, marked_up: float | None = None) -> Columns:
     """The columns of a solid; marked are faces whose upward normal is `marked_up`."""
     vertices, faces = solid.arrays()
     triangles = vertices[faces]
@@ -38,39 +38,41 @@ def bench() -> Solid:
 
 def test_supports_end_on_the_part(bench: Solid) -> None:
     """10 mm of the seat stand 20 mm above the foot, 20 mm stand 25 mm above the bed."""
-    found = seen(bench)
-    assert found.support_mm3 == pytest.approx(10 * 20 * 20 + 20 * 20 * 25, rel=0.03)
-    assert found.support_side_mm2 == pytest.approx((10 + 20) * 2 * 20 + (20 + 20) * 2 * 25, rel=0.05)
-    assert found.propped_mm2 == pytest.approx(20 * 20, rel=0.05)
-    assert found.props_mm[:, 0].min() == pytest.approx(20.0, abs=0.5)
-    assert found.touched_mm2 == 0.0
+    result = measure(bench)
+    assert result.support_mm3 == pytest.approx(10 * 20 * 20 + 20 * 20 * 25, rel=0.03)
+    assert result.support_side_mm2 == pytest.approx((10 + 20) * 2 * 20 + (20 + 20) * 2 * 25, rel=0.05)
+    assert result.propped_mm2 == pytest.approx(20 * 20, rel=0.05)
+    assert result.props_mm[:, 0].min() == pytest.approx(20.0, abs=0.5)
+    assert result.touched_mm2 == 0.0
 
 
 def test_marked_faces_are_touched_from_below_and_from_above(bench: Solid) -> None:
-    assert seen(bench, -1.0).touched_mm2 == pytest.approx(30 * 20, rel=0.05)  # the seat, not the foot's base
-    assert seen(bench, 1.0).touched_mm2 == pytest.approx(10 * 20, rel=0.05)  # the foot, not the seat's top
-    assert seen(bench, 0.5).touched_mm2 == 0.0
+    assert measure(bench, -1.0).touched_mm2 == pytest.approx(
+        30 * 20, rel=0.05
+    )  # the seat, not the foot's base
+    assert measure(bench, 1.0).touched_mm2 == pytest.approx(10 * 20, rel=0.05)  # the foot, not the seat's top
+    assert measure(bench, 0.5).touched_mm2 == 0.0
 
 
 def test_mass_grows_with_height(bench: Solid) -> None:
-    found = seen(bench)
-    assert found.volumes_mm3[-1] == pytest.approx(bench.volume_mm3, rel=0.02)
-    assert (np.diff(found.volumes_mm3) > 0.0).all()
+    result = measure(bench)
+    assert result.volumes_mm3[-1] == pytest.approx(bench.volume_mm3, rel=0.02)
+    assert (np.diff(result.volumes_mm3) > 0.0).all()
     whole = (
         np.array([10, 10, 2.5]) * 2000 + np.array([15, 10, 15]) * 4000 + np.array([20, 10, 27.5]) * 4000
     ) / 1e4
-    assert found.centres_mm[-1] == pytest.approx(whole, abs=0.3)
-    assert found.centres_mm[0] == pytest.approx([10.0, 10.0, 30.0 / LEVELS / 2.0], abs=0.3)
+    assert result.centres_mm[-1] == pytest.approx(whole, abs=0.3)
+    assert result.centres_mm[0] == pytest.approx([10.0, 10.0, 30.0 / LEVELS / 2.0], abs=0.3)
 
 
 def test_ball_needs_a_cone_of_support() -> None:
     """Compute the volume under a sphere's cap of 45 degrees, less the sphere, by integration."""
     mesh = trimesh.creation.icosphere(4, 20.0)
     mesh.apply_translation([0, 0, 20])
-    found = seen(Solid.from_arrays(mesh.vertices, mesh.faces))
+    result = measure(Solid.from_arrays(mesh.vertices, mesh.faces))
     radii = np.linspace(0.0, 20.0 / np.sqrt(2.0), 1000)
     heights = 20.0 - np.sqrt(400.0 - radii**2)
-    assert found.support_mm3 == pytest.approx(np.trapezoid(2 * np.pi * radii * heights, radii), rel=0.05)
+    assert result.support_mm3 == pytest.approx(np.trapezoid(2 * np.pi * radii * heights, radii), rel=0.05)
 
 
 def test_tip_in_mid_air_needs_a_tower() -> None:
@@ -79,19 +81,19 @@ def test_tip_in_mid_air_needs_a_tower() -> None:
     hull = trimesh.convex.convex_hull(np.array(corners, float))
     tip = Solid.from_arrays(hull.vertices, hull.faces)
     post = [Solid.box((20, -4, 0), (30, 4, 50)), Solid.box((-4, -4, 40), (30, 4, 50))]
-    assert seen(Solid.union([tip, *post])).towers_mm == pytest.approx(20.0, abs=3.0)
-    assert seen(tip.union([tip, post[0]])).towers_mm == pytest.approx(20.0, abs=3.0)
-    assert seen(Solid.union(post)).towers_mm == 0.0  # all of it is carried by support
+    assert measure(Solid.union([tip, *post])).towers_mm == pytest.approx(20.0, abs=3.0)
+    assert measure(tip.union([tip, post[0]])).towers_mm == pytest.approx(20.0, abs=3.0)
+    assert measure(Solid.union(post)).towers_mm == 0.0  # all of it is carried by support
     cup = Solid.box((-10, -10, 0), (10, 10, 60)).subtract(tip)
-    assert seen(cup).towers_mm == 0.0  # what looks up is no tip
+    assert measure(cup).towers_mm == 0.0  # what looks up is no tip
 
 
 def test_islands_are_separate_areas_of_a_layer() -> None:
     legs = [Solid.box((x, y, 0), (x + 8, y + 8, 30)) for x in (0, 32) for y in (0, 32)]
     table = Solid.union([*legs, Solid.box((0, 0, 30), (40, 40, 40))])
-    assert seen(legs[0]).islands_mm == 0.0
-    assert seen(Solid.union(legs)).islands_mm == pytest.approx(3 * 30.0)
-    assert seen(table).islands_mm == pytest.approx(
+    assert measure(legs[0]).islands_mm == 0.0
+    assert measure(Solid.union(legs)).islands_mm == pytest.approx(3 * 30.0)
+    assert measure(table).islands_mm == pytest.approx(
         4 * 30.0, abs=4 * 40.0 / 16
     )  # and the support between them
 
@@ -100,7 +102,7 @@ def test_slope_from_its_wall_needs_no_tower() -> None:
     """It leans out by 40 degrees all the way, and has a level edge below: it hangs on its wall."""
     corners = np.array([(0, y, z) for y in (0, 20) for z in (0, 40)] + [(24, y, 40) for y in (0, 20)], float)
     hull = trimesh.convex.convex_hull(np.vstack([corners, corners - [5.0, 0.0, 0.0]]))
-    assert seen(Solid.from_arrays(hull.vertices, hull.faces)).towers_mm == 0.0
+    assert measure(Solid.from_arrays(hull.vertices, hull.faces)).towers_mm == 0.0
 
 
 @pytest.mark.parametrize("yaw", [0.0, 0.3, 0.8])
@@ -110,9 +112,9 @@ def test_thin_wall_that_leans_needs_no_tower(yaw: float) -> None:
     wall.apply_transform(trimesh.transformations.rotation_matrix(np.radians(35.0), (1.0, 0.0, 0.0)))
     wall.apply_transform(trimesh.transformations.rotation_matrix(yaw, (0.0, 0.0, 1.0)))
     wall.apply_translation((0.0, 0.0, -wall.bounds[0, 2]))
-    found = seen(Solid.from_arrays(wall.vertices, wall.faces))
-    assert found.towers_mm < 10.0
-    assert found.support_side_mm2 < 1000.0
+    result = measure(Solid.from_arrays(wall.vertices, wall.faces))
+    assert result.towers_mm < 10.0
+    assert result.support_side_mm2 < 1000.0
 
 
 def test_edge_in_mid_air_needs_a_strip() -> None:
@@ -120,6 +122,6 @@ def test_edge_in_mid_air_needs_a_strip() -> None:
     corners = [(x, y, z) for y in (-1, 60) for x, z in ((0, 30), (-6, 40), (0, 40))]
     hull = trimesh.convex.convex_hull(np.array(corners, float))
     wall = Solid.box((-20, -20, 0), (0, 0, 40))
-    found = seen(Solid.union([Solid.from_arrays(hull.vertices, hull.faces), wall]))
-    assert found.support_side_mm2 == pytest.approx(2 * 60 * 30, rel=0.1)
-    assert found.towers_mm == 0.0
+    result = measure(Solid.union([Solid.from_arrays(hull.vertices, hull.faces), wall]))
+    assert result.support_side_mm2 == pytest.approx(2 * 60 * 30, rel=0.1)
+    assert result.towers_mm == 0.0

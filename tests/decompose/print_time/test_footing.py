@@ -26,46 +26,46 @@ def upright(width: float, depth: float, height: float) -> Footing:
 
 
 def test_footing_of_a_block_is_its_base() -> None:
-    found = upright(30, 20, 10)
-    assert found.contact_mm2 == pytest.approx(600.0)
-    assert found.wall_mm == pytest.approx(4 * 600 / 100)
-    assert (found.width_mm, found.length_mm) == pytest.approx((20.0, math.hypot(30, 20)))
-    assert found.sharp_corners == 4
-    assert found.inside_mm(np.array([[15.0, 10.0], [3.0, 10.0]])) == pytest.approx(3.0)
-    assert found.inside_mm(np.array([[-2.0, 10.0]])) == pytest.approx(-2.0)
+    result = upright(30, 20, 10)
+    assert result.contact_mm2 == pytest.approx(600.0)
+    assert result.wall_mm == pytest.approx(4 * 600 / 100)
+    assert (result.width_mm, result.length_mm) == pytest.approx((20.0, math.hypot(30, 20)))
+    assert result.sharp_corners == 4
+    assert result.inside_mm(np.array([[15.0, 10.0], [3.0, 10.0]])) == pytest.approx(3.0)
+    assert result.inside_mm(np.array([[-2.0, 10.0]])) == pytest.approx(-2.0)
 
 
 def test_ball_touches_where_its_first_layer_is_cut() -> None:
     mesh = trimesh.creation.icosphere(5, 20.0)
     mesh.apply_translation([0, 0, 20])
-    found = footing(Solid.from_arrays(mesh.vertices, mesh.faces))
-    assert found.contact_mm2 == pytest.approx(math.pi * (400 - (20 - FIRST_LAYER_MM) ** 2), rel=0.1)
-    assert found.sharp_corners == 0
+    result = footing(Solid.from_arrays(mesh.vertices, mesh.faces))
+    assert result.contact_mm2 == pytest.approx(math.pi * (400 - (20 - FIRST_LAYER_MM) ** 2), rel=0.1)
+    assert result.sharp_corners == 0
 
 
 def test_legs_stand_on_thin_walls_but_on_a_wide_base() -> None:
     legs = [Solid.box((x, y, 0), (x + 5, y + 5, 40)) for x in (0, 55) for y in (0, 35)]
-    found = footing(Solid.union([*legs, Solid.box((0, 0, 40), (60, 40, 45))]))
-    assert found.contact_mm2 == pytest.approx(100.0)
-    assert found.wall_mm == pytest.approx(5.0)
-    assert found.width_mm == pytest.approx(40.0)
-    assert found.brim_width_mm(45.0, 5.0, 8.0) == pytest.approx(6.0)
+    result = footing(Solid.union([*legs, Solid.box((0, 0, 40), (60, 40, 45))]))
+    assert result.contact_mm2 == pytest.approx(100.0)
+    assert result.wall_mm == pytest.approx(5.0)
+    assert result.width_mm == pytest.approx(40.0)
+    assert result.brim_width_mm(45.0, 5.0, 8.0) == pytest.approx(6.0)
 
 
 def test_supports_widen_the_base() -> None:
     vertices, faces = Solid.box((0, 0, 0), (10, 10, 50)).arrays()
-    found = Footing.from_mesh(vertices[faces], np.array([[40.0, 5.0]]))
-    assert found.contact_mm2 == pytest.approx(100.0)
-    assert found.length_mm == pytest.approx(math.hypot(10, 10))  # a support does not curl up
-    assert found.inside_mm(np.array([[20.0, 5.0]])) > 0.0
+    result = Footing.from_mesh(vertices[faces], np.array([[40.0, 5.0]]))
+    assert result.contact_mm2 == pytest.approx(100.0)
+    assert result.length_mm == pytest.approx(math.hypot(10, 10))  # a support does not curl up
+    assert result.inside_mm(np.array([[20.0, 5.0]])) > 0.0
 
 
 def test_footing_of_an_edge_is_empty() -> None:
     mesh = trimesh.creation.box((10, 10, 10))
     mesh.apply_transform(trimesh.transformations.rotation_matrix(math.pi / 4, [1, 0, 0]))
     mesh.apply_translation([0, 0, math.sqrt(50.0)])
-    found = footing(Solid.from_arrays(mesh.vertices, mesh.faces))
-    assert found.contact_mm2 == pytest.approx(2 * FIRST_LAYER_MM * 10.0)
+    result = footing(Solid.from_arrays(mesh.vertices, mesh.faces))
+    assert result.contact_mm2 == pytest.approx(2 * FIRST_LAYER_MM * 10.0)
     assert Footing.from_mesh(np.zeros((0, 3, 3)), NO_PROPS).inside_mm(np.zeros((1, 2))) == -math.inf
 
 
@@ -111,7 +111,7 @@ sizes = st.floats(1.0, 150.0)
 def test_brim_is_never_wider_than_the_widest_and_grows_with_height(
     width: float, depth: float, height: float, widest: float
 ) -> None:
-    found = upright(width, depth, height)
-    brims = [found.brim_width_mm(h, 5.0, widest) for h in (height, 2 * height, 4 * height)]
+    result = upright(width, depth, height)
+    brims = [result.brim_width_mm(h, 5.0, widest) for h in (height, 2 * height, 4 * height)]
     assert brims == sorted(brims)
     assert all(0.0 <= b <= widest for b in brims)

@@ -78,21 +78,21 @@ def whole(within: Within) -> Decomposition:
 
 
 def effort_s(result: Decomposition) -> float:
-    return sum(each.effort_s for each in result.attempts)
+    return sum(item.effort_s for item in result.attempts)
 
 
 @pytest.mark.parametrize("share", [0.1, 0.6, 0.9])
 def test_result_is_independent_of_clock_and_threads(
     share: float, within: Within, whole: Decomposition, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    found = []
+    results = []
     for step_s, executor in ((1e-9, None), (1e6, LastFirst()), (1.0, ThreadPoolExecutor(4))):
         ticks = count(0.0, step_s)
         for module in (best, decompose_module):
             monkeypatch.setattr(module, "perf_counter", lambda ticks=ticks: next(ticks))
-        found.append(everything(within(share * effort_s(whole), executor)))
-    assert same(found[0], found[1])
-    assert same(found[0], found[2])
+        results.append(everything(within(share * effort_s(whole), executor)))
+    assert same(results[0], results[1])
+    assert same(results[0], results[2])
 
 
 def test_engines_skipped_by_the_budget_are_reported(within: Within, whole: Decomposition) -> None:
@@ -102,7 +102,7 @@ def test_engines_skipped_by_the_budget_are_reported(within: Within, whole: Decom
     assert not first.finished
     assert (second.finished, second.makespan_s, second.effort_s) == (False, None, 0.0)
     assert "not begun" in second.reason
-    assert all(each.finished and each.makespan_s and each.effort_s > 0.0 for each in whole.attempts)
+    assert all(item.finished and item.makespan_s and item.effort_s > 0.0 for item in whole.attempts)
     assert same(everything(within(1.001 * effort_s(whole))), everything(whole))
     assert whole.makespan_s <= none.makespan_s
 

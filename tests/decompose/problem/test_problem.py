@@ -35,29 +35,29 @@ def block(size_mm: float, printer: PrinterRoom | None = None) -> Piece:
     return Piece(Solid.box((0, 0, 0), (size_mm,) * 3), np.zeros((0, 4)), np.zeros((0, 2, 3)), printer)
 
 
-def asked(cost: CostModel, printers: Sequence[PrinterRoom], **options: object) -> Problem:
+def task(cost: CostModel, printers: Sequence[PrinterRoom], **options: object) -> Problem:
     model = Model(Solid.box((0, 0, 0), (90, 90, 90)), (), 1.0)
     return Problem(model, tuple(printers), cost, replace(OPTIONS, **options))  # type: ignore[arg-type]
 
 
 def seconds(cost: CostModel, size_mm: float) -> float:
-    (pose,) = asked(cost, fleet(1.0)).find_poses([block(size_mm)])
+    (pose,) = task(cost, fleet(1.0)).find_poses([block(size_mm)])
     assert pose is not None
     return pose.price_s
 
 
 def test_longest_piece_is_for_the_quickest_printer(cost: CostModel) -> None:
-    problem = asked(cost, fleet(1.5, 0.5))
+    problem = task(cost, fleet(1.5, 0.5))
     short_s, long_s = seconds(cost, 30.0), seconds(cost, 60.0)
     expected_s = max(1.5 * short_s, 0.5 * long_s)
     slow, quick = problem.printers
     assert problem.makespan_s([block(30.0), block(60.0)]) == pytest.approx(expected_s)
     assert problem.makespan_s([block(30.0, quick), block(60.0, slow)]) == pytest.approx(expected_s)
-    assert asked(cost, fleet(1.5)).makespan_s([block(30.0)]) == pytest.approx(1.5 * short_s)
+    assert task(cost, fleet(1.5)).makespan_s([block(30.0)]) == pytest.approx(1.5 * short_s)
 
 
 def test_time_of_a_part_that_does_not_fit_is_infinite(cost: CostModel) -> None:
-    problem = asked(cost, fleet(1.0), prove=True)
+    problem = task(cost, fleet(1.0), prove=True)
     for pieces in ([block(130.0)], [block(30.0), block(30.0)]):
         assert problem.makespan_s(pieces) == math.inf
         assert not problem.needs_proof(pieces)
@@ -66,7 +66,7 @@ def test_time_of_a_part_that_does_not_fit_is_infinite(cost: CostModel) -> None:
 @pytest.mark.parametrize("factor", [0.5, 1.0, 2.0])
 def test_bound_is_proven_for_candidates_only(factor: float, cost: CostModel) -> None:
     """Of two that end together the one with fewer parts is: it must not be the one without a proof."""
-    problem = asked(cost, fleet(factor, factor), prove=True)
+    problem = task(cost, fleet(factor, factor), prove=True)
     pieces = [block(30.0), block(60.0)]
     ends_s = factor * seconds(cost, 60.0)
     assert problem.needs_proof(pieces)
@@ -100,4 +100,4 @@ def test_reported_time_includes_every_attempt(lump: Solid, cost: CostModel) -> N
     options = replace(OPTIONS, engine=Engine.BEST)
     result = decompose_model(Model(lump, (), 1.0), fleet(*[1.0] * 4), options, cost)
     assert len(result.attempts) == 2
-    assert result.compute_s["total"] >= sum(each.compute_s for each in result.attempts)
+    assert result.compute_s["total"] >= sum(item.compute_s for item in result.attempts)

@@ -77,11 +77,11 @@ def grown(parts: list[Part], model: Model, grid: Grid) -> list[Part]:
     return [parts[0], replace(parts[1], solid=Solid.box((lo[0] - 1.0, lo[1], lo[2]), hi))]
 
 
-def twice(parts: list[Part], model: Model, grid: Grid) -> list[Part]:
+def repeat_part(parts: list[Part], model: Model, grid: Grid) -> list[Part]:
     return [*parts, replace(parts[0], id="p03", printer="p2")]
 
 
-def lost(parts: list[Part], model: Model, grid: Grid) -> list[Part]:
+def drop_part(parts: list[Part], model: Model, grid: Grid) -> list[Part]:
     return parts[:1]
 
 
@@ -122,8 +122,8 @@ def nibbled(parts: list[Part], model: Model, grid: Grid) -> list[Part]:
     ("spoil", "rule", "name"),
     [
         (grown, Rule.NO_OVERLAP, "p02"),
-        (twice, Rule.NO_OVERLAP, "p03"),
-        (lost, Rule.SURFACE, None),
+        (repeat_part, Rule.NO_OVERLAP, "p03"),
+        (drop_part, Rule.SURFACE, None),
         (nibbled, Rule.SURFACE, None),
         (hollowed, Rule.SURFACE, None),
         (same_printer, Rule.OWN_PRINTER, "p02"),

@@ -29,7 +29,7 @@ def test_shorted_nozzle_cuts_the_mains_once(tmp_path: Path, killed: bool):
     rig = Printer(tmp_path / "agent", f"sim://{MODEL}")
     rig.clock, rig.power_off_cmd = Clock(SCALE, time.time()), f"{script} {{printer}}"
 
-    async def story() -> None:
+    async def scenario() -> None:
         try:
             rig.spawn()
             await rig.connect()
@@ -38,8 +38,8 @@ def test_shorted_nozzle_cuts_the_mains_once(tmp_path: Path, killed: bool):
             assert (await rig.start(text)).error is None
             await rig.phase(m.PrintPhase.PRINTING)
             control(rig.folder / "emulator", "break", fault="nozzle_burns_after")
-            found = await rig.until(lambda s: s.alarm is not None)
-            assert "went up to" in str(found.alarm) and found.nozzle is not None
+            result = await rig.until(lambda s: s.alarm is not None)
+            assert "went up to" in str(result.alarm) and result.nozzle is not None
             if killed:
                 assert rig.process is not None
                 rig.process.send_signal(signal.SIGKILL)
@@ -59,13 +59,13 @@ def test_shorted_nozzle_cuts_the_mains_once(tmp_path: Path, killed: bool):
         finally:
             await rig.close()
 
-    run(story())
+    run(scenario())
 
 
 def test_only_faults_that_count_lines_can_be_triggered(tmp_path: Path):
-    async def story() -> None:
+    async def scenario() -> None:
         async with printer(tmp_path) as rig:
             with pytest.raises(PortError, match="no fault 'fire'; use one of reset_after"):
                 await asyncio.to_thread(control, rig.folder / "emulator", "break", fault="fire")
 
-    run(story())
+    run(scenario())

@@ -26,7 +26,7 @@ from drivers.session import Session, SessionContext
 
 @pytest.mark.system
 def test_missing_port_is_reported_as_absent_and_the_agent_continues(tmp_path: Path):
-    async def story() -> None:
+    async def scenario() -> None:
         rig = Printer(tmp_path / "agent", str(tmp_path / "no-such-tty"))
         rig.spawn()
         try:
@@ -37,7 +37,7 @@ def test_missing_port_is_reported_as_absent_and_the_agent_continues(tmp_path: Pa
         finally:
             await rig.close()
 
-    run(story())
+    run(scenario())
 
 
 @pytest.mark.system
@@ -50,7 +50,7 @@ def test_port_is_opened_after_a_person_confirms_the_printer_idle(
     def link_open() -> bool:
         return read_status(tmp_path / "emulator").link_open
 
-    async def story() -> None:
+    async def scenario() -> None:
         try:
             launch(f"sim://{MODEL}", tmp_path / "emulator", rig.clock)
             rig.spawn()
@@ -82,7 +82,7 @@ def test_port_is_opened_after_a_person_confirms_the_printer_idle(
             if emulator_alive(tmp_path / "emulator"):
                 control(tmp_path / "emulator", "power_off")
 
-    run(story())
+    run(scenario())
 
 
 @pytest.mark.system
@@ -90,7 +90,7 @@ def test_board_without_reset_is_reported_and_cooled_by_command(tmp_path: Path):
     emulator = tmp_path / "emulator"
     rig = Printer(tmp_path / "agent", str(emulator / "tty"))
 
-    async def story() -> None:
+    async def scenario() -> None:
         launch(f"sim://{MODEL}?no_reset=1", emulator, rig.clock)
         rig.spawn()
         try:
@@ -118,7 +118,7 @@ def test_board_without_reset_is_reported_and_cooled_by_command(tmp_path: Path):
             await rig.close()
             control(emulator, "power_off")
 
-    run(story())
+    run(scenario())
 
 
 @pytest.mark.system
@@ -128,7 +128,7 @@ def test_heat_left_by_a_print_is_ended_by_command_without_a_reset(tmp_path: Path
     (tmp_path / "agent").mkdir()
     (tmp_path / "agent" / JOURNAL).write_text(json.dumps({"hot": True, "reset_refuted": url}) + "\n")
 
-    async def story() -> None:
+    async def scenario() -> None:
         launch(f"sim://{MODEL}?no_reset=1", emulator, rig.clock)
         control(emulator, "set_nozzle", target_c=180.0)
         rig.spawn()
@@ -140,7 +140,7 @@ def test_heat_left_by_a_print_is_ended_by_command_without_a_reset(tmp_path: Path
             await rig.close()
             control(emulator, "power_off")
 
-    run(story())
+    run(scenario())
 
 
 @pytest.mark.system
@@ -156,7 +156,7 @@ def test_heat_left_by_a_print_is_ended_by_command_without_a_reset(tmp_path: Path
 def test_manual_use_of_an_idle_printer_makes_its_bed_unknown(
     tmp_path: Path, deed: dict[str, Any], observed: str
 ):
-    async def story() -> None:
+    async def scenario() -> None:
         async with printer(tmp_path) as rig:
             idle = await rig.until(lambda s: s.link is m.LinkState.READY and s.heaters_off)
             assert idle.bed_unknown_reason is None
@@ -171,7 +171,7 @@ def test_manual_use_of_an_idle_printer_makes_its_bed_unknown(
                 assert "SD card" in str(refused.error)
                 assert read_status(rig.folder / "emulator").nozzle_target_c > 0  # nobody has reset it
 
-    run(story())
+    run(scenario())
 
 
 @pytest.mark.system
@@ -182,7 +182,7 @@ def test_hot_printer_that_disconnects_has_its_mains_cut_and_is_reported(tmp_path
     relay.chmod(0o700)
     rig.power_off_cmd = f"{relay} {{printer}}"
 
-    async def story() -> None:
+    async def scenario() -> None:
         try:
             launch(f"sim://{MODEL}", tmp_path / "emulator", rig.clock)
             rig.spawn()
@@ -205,7 +205,7 @@ def test_hot_printer_that_disconnects_has_its_mains_cut_and_is_reported(tmp_path
             if emulator_alive(tmp_path / "emulator"):
                 control(tmp_path / "emulator", "power_off")
 
-    run(story())
+    run(scenario())
 
 
 def test_last_command_to_a_board_without_reset_is_sent_over_a_full_wire(tmp_path: Path):

@@ -70,17 +70,17 @@ async def _start_again(printer: Printer) -> m.Snapshot:
 
 @pytest.mark.system
 def test_filament_is_parked_after_a_restart_of_the_agent(tmp_path: Path) -> None:
-    async def story() -> None:
+    async def scenario() -> None:
         async with printed(tmp_path) as printer:
             for _ in range(2):
                 first = await _start_again(printer)
                 assert first.bed_unknown_reason is not None
-                known = await printer.until(lambda s: s.filament is not m.Filament.UNKNOWN)
-                assert known.filament is m.Filament.PARKED
-                assert known.bed_unknown_reason is not None  # a person looks at the bed all the same
+                expected = await printer.until(lambda s: s.filament is not m.Filament.UNKNOWN)
+                assert expected.filament is m.Filament.PARKED
+                assert expected.bed_unknown_reason is not None  # a person looks at the bed all the same
                 await _end(printer)
 
-    run(story())
+    run(scenario())
 
 
 @pytest.mark.system
@@ -88,7 +88,7 @@ def test_filament_is_parked_after_a_restart_of_the_agent(tmp_path: Path) -> None
 def test_filament_is_unknown_if_the_printer_was_used_while_no_agent_watched(
     tmp_path: Path, deed: dict[str, object]
 ) -> None:
-    async def story() -> None:
+    async def scenario() -> None:
         async with printed(tmp_path) as printer:
             await asyncio.to_thread(control, tmp_path / "emulator", **deed)
             await _start_again(printer)
@@ -98,7 +98,7 @@ def test_filament_is_unknown_if_the_printer_was_used_while_no_agent_watched(
             assert (await printer.client.request(cleared)).error is None
             await printer.until(lambda s: s.filament is m.Filament.AT_NOZZLE)
 
-    run(story())
+    run(scenario())
 
 
 def test_position_counts_only_after_a_print_and_until_a_reset() -> None:

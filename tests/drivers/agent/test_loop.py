@@ -15,7 +15,7 @@ from drivers.remote import is_alive, spawn_agent
 
 @pytest.mark.system
 def test_print_runs_once_and_leaves_the_bed_not_clear(tmp_path: Path):
-    async def story() -> None:
+    async def scenario() -> None:
         async with printer(tmp_path) as rig:
             assert rig.last is not None
             assert (rig.last.bed_clear, rig.last.filament) == (True, m.Filament.PARKED)
@@ -44,12 +44,12 @@ def test_print_runs_once_and_leaves_the_bed_not_clear(tmp_path: Path):
             assert await asyncio.to_thread(rig.process.wait, 10.0) == 0
             assert not is_alive(rig.folder)
 
-    run(story())
+    run(scenario())
 
 
 @pytest.mark.system
 def test_next_agent_confirms_heaters_off_and_fails_the_open_print(tmp_path: Path):
-    async def story() -> None:
+    async def scenario() -> None:
         async with printer(tmp_path) as rig:
             await rig.start(gcode(50_000))
             await rig.phase(m.PrintPhase.PRINTING)
@@ -67,12 +67,12 @@ def test_next_agent_confirms_heaters_off_and_fails_the_open_print(tmp_path: Path
             assert last.heaters_off
             assert rig.targets() == (0.0, 0.0)
 
-    run(story())
+    run(scenario())
 
 
 @pytest.mark.system
 def test_print_continues_without_a_daemon_and_sigterm_ends_the_agent_afterwards(tmp_path: Path):
-    async def story() -> None:
+    async def scenario() -> None:
         async with printer(tmp_path) as rig:
             await rig.start(gcode(3000))
             first = await rig.phase(m.PrintPhase.PRINTING)
@@ -99,12 +99,12 @@ def test_print_continues_without_a_daemon_and_sigterm_ends_the_agent_afterwards(
             rig.process.send_signal(signal.SIGTERM)  # idle now
             assert await asyncio.to_thread(rig.process.wait, 10.0) == 0
 
-    run(story())
+    run(scenario())
 
 
 @pytest.mark.system
 def test_sigint_ends_the_print_safely_and_then_the_agent(tmp_path: Path):
-    async def story() -> None:
+    async def scenario() -> None:
         async with printer(tmp_path) as rig:
             await rig.start(gcode(50_000))
             await rig.phase(m.PrintPhase.PRINTING)
@@ -114,7 +114,7 @@ def test_sigint_ends_the_print_safely_and_then_the_agent(tmp_path: Path):
             assert await asyncio.to_thread(rig.process.wait, 10.0) == 0
             assert rig.targets() == (0.0, 0.0)
 
-    run(story())
+    run(scenario())
 
 
 @pytest.mark.system
@@ -126,7 +126,7 @@ def test_cancel_parks_the_filament_after_any_retraction(tmp_path: Path, lines: i
         for i in range(2000)
     )
 
-    async def story() -> None:
+    async def scenario() -> None:
         async with printer(tmp_path) as rig:
             await rig.start(HEAD.replace("S180", "S210") + "".join(strokes) + TAIL)
             await rig.until(lambda s: s.print is not None and s.print.line >= lines)
@@ -136,12 +136,12 @@ def test_cancel_parks_the_filament_after_any_retraction(tmp_path: Path, lines: i
             assert last.heaters_off and last.filament is m.Filament.PARKED
             assert settled(rig.folder / "emulator", lambda s: abs(s.filament_end_mm + 20.0) <= 0.5)
 
-    run(story())
+    run(scenario())
 
 
 @pytest.mark.system
 def test_print_is_paused_and_resumed(tmp_path: Path):
-    async def story() -> None:
+    async def scenario() -> None:
         async with printer(tmp_path) as rig:
             await rig.start(gcode(1500))
             await rig.until(lambda s: s.print is not None and s.print.line >= 100)
@@ -157,14 +157,14 @@ def test_print_is_paused_and_resumed(tmp_path: Path):
             assert done.pause_ends_s is None
             assert rig.targets() == (0.0, 0.0)
 
-    run(story())
+    run(scenario())
 
 
 @pytest.mark.system
 def test_pulled_cable_fails_the_print_and_heaters_are_confirmed_off_later(
     tmp_path: Path,
 ):
-    async def story() -> None:
+    async def scenario() -> None:
         async with printer(tmp_path) as rig:
             await rig.start(gcode(50_000))
             await rig.phase(m.PrintPhase.PRINTING)
@@ -180,12 +180,12 @@ def test_pulled_cable_fails_the_print_and_heaters_are_confirmed_off_later(
             assert rig.targets() == (0.0, 0.0)
             assert read_status(rig.folder / "emulator").tty != before
 
-    run(story())
+    run(scenario())
 
 
 @pytest.mark.system
 def test_swapped_cables_are_reported_until_a_person_confirms(tmp_path: Path):
-    async def story() -> None:
+    async def scenario() -> None:
         rig = Printer(tmp_path / "agent", f"sim://{MODEL}?levelled=100")
         for print_id, levelled, phase in (("p-1", 100, "done"), ("p-2", 250, "failed"), ("p-3", 250, "done")):
             rig.url = f"sim://{MODEL}?levelled={levelled}"
@@ -205,12 +205,12 @@ def test_swapped_cables_are_reported_until_a_person_confirms(tmp_path: Path):
             finally:
                 await rig.close()
 
-    run(story())
+    run(scenario())
 
 
 @pytest.mark.system
 def test_file_with_another_hash_heats_nothing(tmp_path: Path):
-    async def story() -> None:
+    async def scenario() -> None:
         async with printer(tmp_path) as rig:
             await rig.start(gcode(10), sha256="0" * 64)
             failed = await rig.phase(m.PrintPhase.FAILED)
@@ -222,24 +222,24 @@ def test_file_with_another_hash_heats_nothing(tmp_path: Path):
             assert reply.error is not None
             assert rig.targets() == (0.0, 0.0)
 
-    run(story())
+    run(scenario())
 
 
 @pytest.mark.system
 def test_checksum_errors_and_lost_oks_are_recovered(tmp_path: Path):
-    async def story() -> None:
+    async def scenario() -> None:
         async with printer(tmp_path, "?checksum=0.004&drop_ok=0.0005&seed=5") as rig:
             await rig.start(gcode(1000))
             done = await rig.phase(m.PrintPhase.DONE)
             assert done.line == done.lines
             assert read_status(rig.folder / "emulator").errors > 0
 
-    run(story())
+    run(scenario())
 
 
 @pytest.mark.system
 def test_printer_switched_off_is_absent_and_reconnects(tmp_path: Path):
-    async def story() -> None:
+    async def scenario() -> None:
         async with printer(tmp_path) as rig:
             control(rig.folder / "emulator", "power_off")
             removed = await rig.until(lambda s: s.link is m.LinkState.ABSENT)
@@ -248,12 +248,12 @@ def test_printer_switched_off_is_absent_and_reconnects(tmp_path: Path):
             assert refused.error is not None and "absent" in refused.error
             await rig.ready()  # a simulated printer is switched on again by opening its port
 
-    run(story())
+    run(scenario())
 
 
 @pytest.mark.system
 def test_second_agent_of_a_printer_is_refused_and_the_socket_is_private(tmp_path: Path):
-    async def story() -> None:
+    async def scenario() -> None:
         deep = tmp_path / ("x" * 60) / ("y" * 60)
         async with printer(deep) as rig:
             assert len(str(rig.folder / "agent.sock")) > 107
@@ -263,4 +263,4 @@ def test_second_agent_of_a_printer_is_refused_and_the_socket_is_private(tmp_path
             assert await asyncio.to_thread(second.wait, 20.0) == 1
             assert (await rig.client.request(m.Hello(id=0))).snapshot is not None
 
-    run(story())
+    run(scenario())

@@ -27,7 +27,7 @@ def fill_journal(path: Path) -> None:
 
 @pytest.mark.system
 def test_full_log_and_a_long_journal_are_continued_without_losing_a_line(tmp_path: Path):
-    async def story() -> None:
+    async def scenario() -> None:
         async with printer(tmp_path) as one:
             assert one.process is not None
             one.process.send_signal(signal.SIGTERM)
@@ -45,11 +45,11 @@ def test_full_log_and_a_long_journal_are_continued_without_losing_a_line(tmp_pat
             assert old.startswith(before + "x" * 100) and len(new) < 10_000
             records = (json.loads(line) for line in (one.folder / JOURNAL).read_text().splitlines())
             prints = (record["print"] for record in records if record.get("print"))
-            phases = [known["phase"] for known in prints if known["print_id"] == "p-1"]
+            phases = [expected["phase"] for expected in prints if expected["print_id"] == "p-1"]
             logged = [line.rpartition("print p-1: ")[2] for line in new.splitlines() if "print p-1: " in line]
             assert phases[0] == "spooled" and logged == phases[1:] and logged[-1] == "done"
             assert (one.folder / JOURNAL).stat().st_size < MOST_BYTES
             state = Journal(one.folder / JOURNAL).state
             assert len(state.recent) == 1000 and state.recent[-1].print_id == "p-1"
 
-    run(story())
+    run(scenario())

@@ -45,7 +45,7 @@ class Driven(Agent):
         return self._answer(request)
 
     @property
-    def told(self) -> m.Snapshot:
+    def snapshot(self) -> m.Snapshot:
         return self._snapshot()
 
 
@@ -66,10 +66,10 @@ def driven(tmp_path: Path) -> Iterator[Driven]:
 @pytest.mark.system
 def test_agent_with_an_internal_error_switches_the_heaters_off(driven: Driven, tmp_path: Path):
     def do(agent: Driven) -> None:
-        told = agent.told
-        if told.link is m.LinkState.READY:
+        snapshot = agent.snapshot
+        if snapshot.link is m.LinkState.READY:
             assert agent.start(tmp_path / "a.gcode", gcode(50_000)).error is None
-        elif told.print is not None and told.print.phase is m.PrintPhase.PRINTING:
+        elif snapshot.print is not None and snapshot.print.phase is m.PrintPhase.PRINTING:
             status = read_status(tmp_path / "emulator")
             assert status.nozzle_target_c > 0
             raise ZeroDivisionError("a fault of ours")
@@ -82,7 +82,7 @@ def test_agent_with_an_internal_error_switches_the_heaters_off(driven: Driven, t
 
 @pytest.mark.system
 def test_agent_without_a_writable_journal_ends_the_heat_of_the_previous_one(tmp_path: Path):
-    async def story() -> None:
+    async def scenario() -> None:
         async with printer(tmp_path) as rig:
             await rig.start(gcode(20_000))
             await rig.phase(m.PrintPhase.PRINTING)
@@ -98,7 +98,7 @@ def test_agent_without_a_writable_journal_ends_the_heat_of_the_previous_one(tmp_
             assert "cannot be written" in done.stdout and "seen off" in done.stdout
             assert rig.targets() == (0.0, 0.0)
 
-    run(story())
+    run(scenario())
 
 
 @pytest.mark.system
@@ -118,21 +118,21 @@ def test_full_disk_stops_no_print_and_starts_none(
 
     def do(agent: Driven) -> None:
         nonlocal full
-        told = agent.told
-        if told.link is m.LinkState.READY and told.print is None:
+        snapshot = agent.snapshot
+        if snapshot.link is m.LinkState.READY and snapshot.print is None:
             full = True
             assert "full" in str(agent.start(tmp_path / "a.gcode", gcode(300)).error)
-            assert agent.told.print is None
+            assert agent.snapshot.print is None
             full = False
             assert agent.start(tmp_path / "a.gcode", gcode(300)).error is None
             full = True
-        elif told.print is not None:
-            observed.append(told.print.phase)
-            if told.print.phase is m.PrintPhase.DONE:
+        elif snapshot.print is not None:
+            observed.append(snapshot.print.phase)
+            if snapshot.print.phase is m.PrintPhase.DONE:
                 if full:
-                    assert told.link is m.LinkState.BUSY  # it is not over before it is written down
+                    assert snapshot.link is m.LinkState.BUSY  # it is not over before it is written down
                     full = False
-                elif told.link is m.LinkState.READY:
+                elif snapshot.link is m.LinkState.READY:
                     assert agent._answer(m.Shutdown(id=2)).error is None
 
     driven.do = do
@@ -151,19 +151,19 @@ def test_agent_lists_its_prints_including_forgotten_ones(driven: Driven, tmp_pat
         return driven._answer(m.ListPrints(id=3, since_s=since_s)).prints
 
     def do(agent: Driven) -> None:
-        told = agent.told
-        if told.link is m.LinkState.READY and told.print is None:
+        snapshot = agent.snapshot
+        if snapshot.link is m.LinkState.READY and snapshot.print is None:
             assert listed(0.0) == ()
             assert agent.start(tmp_path / "a.gcode", text).error is None
-        elif told.print is not None and told.link is m.LinkState.BUSY:
-            (rig,) = listed(told.now_s)
+        elif snapshot.print is not None and snapshot.link is m.LinkState.BUSY:
+            (rig,) = listed(snapshot.now_s)
             assert rig.sha256 == hashlib.sha256(text.encode()).hexdigest()
             observed.append(rig.phase)
-        elif told.print is not None:
+        elif snapshot.print is not None:
             assert agent._answer(m.ForgetPrint(id=2, print_id="p-1")).error is None
             (rig,) = listed(0.0)
-            assert (rig.phase, rig.ended_s) == (m.PrintPhase.DONE, told.print.ended_s)
-            assert listed(told.now_s + 1.0) == ()
+            assert (rig.phase, rig.ended_s) == (m.PrintPhase.DONE, snapshot.print.ended_s)
+            assert listed(snapshot.now_s + 1.0) == ()
             assert agent._answer(m.Shutdown(id=4)).error is None
 
     driven.do = do
@@ -176,7 +176,7 @@ def test_agent_stays_while_heat_may_be_on(driven: Driven) -> None:
     refused = []
 
     def do(agent: Driven) -> None:
-        if agent.told.link is m.LinkState.READY:
+        if agent.snapshot.link is m.LinkState.READY:
             agent._board.state.hot = True
             refused.append(agent._answer(m.Shutdown(id=1)).error)
             assert agent._answer(m.Shutdown(id=2, now=True)).error is None
@@ -200,7 +200,7 @@ def test_ending_agent_switches_off_heat_left_by_an_ended_print(
     def do(agent: Driven) -> None:
         nonlocal heated
         board = agent._board
-        if agent.told.link is m.LinkState.READY and not heated:
+        if agent.snapshot.link is m.LinkState.READY and not heated:
             heated = True
             assert board._port is not None
             board._port.write_now(b"\nM104 S200\nM140 S60\n")
@@ -224,19 +224,19 @@ def test_late_start_is_refused_and_a_print_ends_by_its_time_limit_without_a_daem
     failed: list[m.PrintSnapshot] = []
 
     def do(agent: Driven) -> None:
-        told, now_s = agent.told, agent._clock.now()
-        if told.link is m.LinkState.READY and told.print is None:
+        snapshot, now_s = agent.snapshot, agent._clock.now()
+        if snapshot.link is m.LinkState.READY and snapshot.print is None:
             late.append(agent.start(tmp_path / "a.gcode", gcode(20_000), not_after_s=now_s - 1.0))
-            assert agent.told.print is None
+            assert agent.snapshot.print is None
             hours = {"not_after_s": now_s + 600.0, "ends_by_s": now_s + 10_000.0}
             assert agent.start(tmp_path / "a.gcode", gcode(20_000), **hours).error is None
-        elif told.print is not None and told.print.phase is m.PrintPhase.PRINTING:
-            if told.print.ends_by_s is not None and told.print.ends_by_s > now_s:
+        elif snapshot.print is not None and snapshot.print.phase is m.PrintPhase.PRINTING:
+            if snapshot.print.ends_by_s is not None and snapshot.print.ends_by_s > now_s:
                 agent._answer(m.EndPrintBy(id=3, print_id="another", ends_by_s=now_s))
-                assert agent.told.print == told.print
+                assert agent.snapshot.print == snapshot.print
                 agent._answer(m.EndPrintBy(id=4, print_id="p-1", ends_by_s=now_s))
-        elif told.link is m.LinkState.READY and told.print is not None and told.print.phase.ended:
-            failed.append(told.print)
+        elif snapshot.link is m.LinkState.READY and snapshot.print is not None and snapshot.print.phase.ended:
+            failed.append(snapshot.print)
             agent._answer(m.Shutdown(id=2))
 
     driven.do = do

@@ -30,13 +30,13 @@ class ServerBench:
         self.path = str(folder / AGENT_SOCKET)
         self.clients: list[socket.socket] = []
 
-    def client(self, said: bytes = b"") -> socket.socket:
+    def client(self, content: bytes = b"") -> socket.socket:
         printer = socket.socket(socket.AF_UNIX)
         self.clients.append(printer)
         printer.connect(self.path)
         printer.settimeout(5.0)
         self.run_once()
-        printer.sendall(said)
+        printer.sendall(content)
         self.run_once()
         return printer
 

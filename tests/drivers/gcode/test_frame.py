@@ -43,8 +43,8 @@ EAR = Ear()
 
 def meaning(line: bytes) -> dict[bytes, float]:
     """Values of a line's letters; a J without a number, made of a newline, is the default of an arc."""
-    found = {letter: value(line, letter) for letter in LETTERS}
-    return {letter: v for letter, v in found.items() if v is not None and (letter, v) != (b"J", 0.0)}
+    results = {letter: value(line, letter) for letter in LETTERS}
+    return {letter: v for letter, v in results.items() if v is not None and (letter, v) != (b"J", 0.0)}
 
 
 def flips(data: bytes) -> list[bytes]:

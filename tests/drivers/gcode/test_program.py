@@ -261,8 +261,8 @@ def test_accepted_lines_can_be_followed_and_never_crash_an_agent(lines: list[str
     p = program("\n".join(taken))
     done = data.draw(st.integers(0, p.count))
     moves = Moves(p, done)
-    known = [mm for mm in (*moves.at, moves.retracted_mm, moves.feed_mm_min) if not math.isnan(mm)]
-    assert all(abs(mm) < 1e9 for mm in known)
+    expected = [mm for mm in (*moves.at, moves.retracted_mm, moves.feed_mm_min) if not math.isnan(mm)]
+    assert all(abs(mm) < 1e9 for mm in expected)
     assert 0.0 <= measure_retraction(p, done, (10.0, 10.0, 1.0, 1.0)) < 1e9
     mark = p.progress_at(done)
     assert all(abs(number) < 1e9 for number in (mark.seconds, mark.z_mm, p.highest_mm(done), p.time_s))
@@ -282,9 +282,9 @@ def test_any_bytes_are_read_or_refused(data: bytes):
 
 def test_heating_lines_are_found_in_every_notation():
     p = program("M104S200\nM0109 T0 S210\nM190S60\nG1 E1\n")
-    found = [(h.heater, h.target_c, h.waits) for h in p.heats]
+    results = [(h.heater, h.target_c, h.waits) for h in p.heats]
     nozzle, bed = HeaterName.NOZZLE, HeaterName.BED
-    assert found == [(nozzle, 200.0, False), (nozzle, 210.0, True), (bed, 60.0, True)]
+    assert results == [(nozzle, 200.0, False), (nozzle, 210.0, True), (bed, 60.0, True)]
 
 
 def test_g92_is_not_counted_as_extrusion():

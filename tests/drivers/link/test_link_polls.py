@@ -33,15 +33,15 @@ class Board:
         line = self.link.take()
         if not line:
             return False
-        found = re.fullmatch(rb"N(\d+) (.*)\*\d+\n", line)
-        assert found is not None, line
+        result = re.fullmatch(rb"N(\d+) (.*)\*\d+\n", line)
+        assert result is not None, line
         self.last += 1
-        assert int(found[1]) == self.last
+        assert int(result[1]) == self.last
         self.now_s += 0.25
-        if found[2] == b"M105":
+        if result[2] == b"M105":
             self.hear(REPORT)
         else:
-            self.done.append(found[2])
+            self.done.append(result[2])
             self.hear(b"ok\n")
         return True
 

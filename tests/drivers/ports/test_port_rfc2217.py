@@ -106,7 +106,7 @@ def test_agent_opens_the_port_after_a_person_confirms_it_idle(tmp_path: Path, ur
     folder = tmp_path / "agent"
     process = spawn_agent("a", MODEL, url, folder, Clock(60.0, time.time()))
 
-    async def story() -> None:
+    async def scenario() -> None:
         client = AgentClient(folder)
         requested = False
         await client.connect()
@@ -124,7 +124,7 @@ def test_agent_opens_the_port_after_a_person_confirms_it_idle(tmp_path: Path, ur
             await client.close()
 
     try:
-        asyncio.run(story())
+        asyncio.run(scenario())
     finally:
         process.kill()
         process.wait()

@@ -13,7 +13,7 @@ from drivers.remote import AgentClient, is_alive
 
 
 def test_connection_and_request_fail_without_an_agent(tmp_path: Path):
-    async def story() -> None:
+    async def scenario() -> None:
         client = AgentClient(tmp_path)
         with pytest.raises(AgentError):
             await client.connect(timeout_s=0.1)
@@ -21,7 +21,7 @@ def test_connection_and_request_fail_without_an_agent(tmp_path: Path):
             await client.request(m.Hello(id=0))
 
     assert not is_alive(tmp_path)
-    run(story())
+    run(scenario())
 
 
 def test_unknown_fields_are_ignored_in_snapshots_and_refused_in_requests():
@@ -48,7 +48,7 @@ def test_message_that_cannot_be_read_still_counts_as_a_sign_of_life(tmp_path: Pa
         await writer.drain()
         writer.close()
 
-    async def story() -> None:
+    async def scenario() -> None:
         server = await asyncio.start_unix_server(speak, tmp_path / "agent.sock")
         client = AgentClient(tmp_path, on_message=lambda: received.append(True))
         await client.connect()
@@ -56,5 +56,5 @@ def test_message_that_cannot_be_read_still_counts_as_a_sign_of_life(tmp_path: Pa
         await client.close()
         server.close()
 
-    run(story())
+    run(scenario())
     assert received  # the agent is alive: its print must not be ended for silence

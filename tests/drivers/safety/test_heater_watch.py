@@ -64,9 +64,9 @@ def test_heater_that_stops_getting_warmer_is_found(name: HeaterName, fails_at_c:
         if math.isnan(failed_s):
             curve.step(True, 1.0)
             failed_s = now_s if curve.now_c >= fails_at_c else math.nan
-        found = look(watch, name, curve.now_c, set_c, now_s)
-        if found is not None:
-            assert found.fault is Fault.HEATER_TIMEOUT
+        result = look(watch, name, curve.now_c, set_c, now_s)
+        if result is not None:
+            assert result.fault is Fault.HEATER_TIMEOUT
             assert now_s - failed_s <= within_s
             return
     raise AssertionError("never found")
@@ -81,10 +81,10 @@ def test_heater_that_leaves_its_target_is_found(name: HeaterName, on: bool):
         now_s += 3.0
         assert look(watch, name, set_c, set_c, now_s) is None
     left_s = now_s
-    while (found := look(watch, name, curve.step(on, 3.0), set_c, now_s)) is None:
+    while (result := look(watch, name, curve.step(on, 3.0), set_c, now_s)) is None:
         now_s += 3.0
         assert now_s < left_s + 400.0
-    assert found.fault is (Fault.HEATER_STUCK_ON if on else Fault.THERMAL_RUNAWAY)
+    assert result.fault is (Fault.HEATER_STUCK_ON if on else Fault.THERMAL_RUNAWAY)
     assert abs(curve.now_c - set_c) > RULES[name].hold_c
 
 
@@ -93,16 +93,16 @@ def test_off_is_confirmed_by_falling_temperatures_only(name: HeaterName):
     warm_c = 200.0 if name is NOZZLE else 60.0
     falls, stays, late = HeaterWatch(4.0), HeaterWatch(4.0), HeaterWatch(4.0)
     curve, repeated = Curve(name, warm_c), Curve(name, warm_c)
-    found = None
+    result = None
     for second in range(1, 200):
         now_s = float(second)
         assert look(falls, name, curve.step(False, 1.0), 0.0, now_s) is None
-        found = found or look(stays, name, warm_c, 0.0, now_s)
+        result = result or look(stays, name, warm_c, 0.0, now_s)
         look(late, name, repeated.step(second > 60, 1.0), 0.0, now_s)
         if second == 40:
             assert falls.cools and not stays.cools and late.cools
     assert falls.cools and not stays.cools and not late.cools
-    assert found is not None and found.fault is Fault.HEATER_STUCK_ON
+    assert result is not None and result.fault is Fault.HEATER_STUCK_ON
 
 
 @pytest.mark.parametrize("seconds", [70.0, 200.0, 4000.0, -4000.0])
@@ -119,8 +119,8 @@ def test_gap_without_reports_is_not_a_heater_fault(name: HeaterName, seconds: fl
 
 def test_sensor_that_reads_below_freezing_is_broken_and_not_cold():
     watch = HeaterWatch(4.0)
-    found = [look(watch, BED, -14.0, 0.0, float(second)) for second in range(5)]
-    assert found[-1] is not None and found[-1].fault is Fault.MINTEMP
+    results = [look(watch, BED, -14.0, 0.0, float(second)) for second in range(5)]
+    assert results[-1] is not None and results[-1].fault is Fault.MINTEMP
     assert not watch.cools
 
 

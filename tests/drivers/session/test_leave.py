@@ -23,7 +23,7 @@ MADE_MM = Rig(text=gcode(150)).run().firmware.board.filament_mm
 Way = Callable[[Rig], None]
 
 
-def done(rig: Rig) -> None:
+def finish_print(rig: Rig) -> None:
     pass
 
 
@@ -104,7 +104,8 @@ def nobody_resumes(rig: Rig) -> None:
 
 
 EVERYDAY: list[Way] = [
-    done, cancelled, nobody_resumes, cancelled_after_a_pause_of(30.0), cancelled_after_a_pause_of(60.0),
+    finish_print, cancelled, nobody_resumes,
+    cancelled_after_a_pause_of(30.0), cancelled_after_a_pause_of(60.0),
 ]  # fmt: skip
 WAYS: list[Way] = [
     *EVERYDAY,

@@ -25,14 +25,14 @@ def burning(heater: HeaterName) -> Rig:
     return rig
 
 
-def found(rig: Rig) -> float:
+def finding_time_s(rig: Rig) -> float:
     """Go on to the finding; when that was."""
     rig.run(until=lambda: rig.session.context.phase is PrintPhase.ENDING)
     assert rig.session.context.fault is Fault.HEATER_STUCK_ON
     return rig.now_s
 
 
-def asked(rig: Rig) -> float:
+def request_time_s(rig: Rig) -> float:
     rig.run(until=lambda: rig.session.context.wants_power_off)
     assert rig.session.context.wants_power_off
     return rig.now_s
@@ -41,8 +41,8 @@ def asked(rig: Rig) -> float:
 @pytest.mark.parametrize("heater", [NOZZLE, BED])
 def test_power_off_is_requested_soon_after_a_stuck_heater(heater: HeaterName):
     rig = burning(heater)
-    found_s = found(rig)
-    assert asked(rig) - found_s <= LIMIT_S
+    found_s = finding_time_s(rig)
+    assert request_time_s(rig) - found_s <= LIMIT_S
     rig.run()
     assert rig.now_s - found_s <= 150.0  # and it is not 'ending' for long
     assert not rig.session.context.heaters_off
@@ -53,19 +53,19 @@ def test_power_off_is_requested_soon_after_a_stuck_heater(heater: HeaterName):
 @pytest.mark.parametrize("heater", [NOZZLE, BED])
 def test_activity_of_the_board_does_not_delay_the_power_off(heater: HeaterName, what: str, after_s: float):
     rig = burning(heater)
-    found_s = found(rig)
+    found_s = finding_time_s(rig)
     rig.run(until=lambda: rig.now_s >= found_s + after_s)
     rig.firmware.trigger_fault(what, rig.now_s)
-    assert asked(rig) - found_s <= LIMIT_S
+    assert request_time_s(rig) - found_s <= LIMIT_S
 
 
 def test_lost_port_does_not_delay_the_power_off():
     rig = burning(NOZZLE)
-    found_s = found(rig)
+    found_s = finding_time_s(rig)
     rig.plugged = False
     rig.link.on_closed()
     rig.session.fail(Fault.PORT_LOST, "unplugged", rig.now_s)
-    assert asked(rig) - found_s <= LIMIT_S
+    assert request_time_s(rig) - found_s <= LIMIT_S
 
 
 def test_stuck_nozzle_heater_is_found_after_a_cancel_or_in_a_pause():
@@ -77,7 +77,7 @@ def test_stuck_nozzle_heater_is_found_after_a_cancel_or_in_a_pause():
         rig = burning(NOZZLE)
         started_s = rig.now_s
         stop(rig)
-        assert asked(rig) - started_s <= 45.0  # a pause first draws the filament back, hot
+        assert request_time_s(rig) - started_s <= 45.0  # a pause first draws the filament back, hot
         rig.run()
         assert (
             rig.session.context.suspicion is not None
@@ -92,7 +92,7 @@ def test_stuck_nozzle_heater_is_found_at_the_end_of_the_file(lines_before_the_en
     rig.firmware.trigger_fault("nozzle_burns_after", rig.now_s)
     rig.run(until=lambda: rig.session.context.phase is PrintPhase.ENDING)
     started_s = rig.now_s
-    assert asked(rig) - started_s <= LIMIT_S
+    assert request_time_s(rig) - started_s <= LIMIT_S
     rig.run()
     assert rig.session.context.phase is PrintPhase.FAILED
     assert rig.session.context.fault in (Fault.HEATER_STUCK_ON, Fault.MAXTEMP)
@@ -102,7 +102,7 @@ def test_stuck_nozzle_heater_is_found_while_the_bed_heats():
     rig = Rig()
     rig.run(until=lambda: rig.session.context.phase is PrintPhase.HEATING)
     rig.firmware.trigger_fault("nozzle_burns_after", rig.now_s)
-    asked(rig)
+    request_time_s(rig)
     assert rig.firmware.board.nozzle.temperature_c(rig.now_s) < 80.0
 
 
@@ -118,7 +118,7 @@ def test_sensor_that_breaks_is_a_suspicion_that_a_cooling_heater_lifts():
 @pytest.mark.parametrize("burns", [False, True])
 def test_session_after_a_dead_agent_keeps_the_finding(burns: bool):
     rig = burning(NOZZLE)
-    found_s = found(rig)
+    found_s = finding_time_s(rig)
     suspicion = rig.session.context.suspicion
     assert suspicion is not None
     if not burns:
@@ -129,7 +129,7 @@ def test_session_after_a_dead_agent_keeps_the_finding(burns: bool):
         SessionContext(rig.link, None, PLUS, Filament.UNKNOWN, Pace(), rig.now_s, suspicion=suspicion)
     )
     if burns:
-        assert asked(rig) - found_s <= LIMIT_S
+        assert request_time_s(rig) - found_s <= LIMIT_S
     rig.run()
     assert rig.session.context.wants_power_off is burns
     assert rig.session.context.heaters_off is not burns
@@ -146,7 +146,7 @@ def test_old_finding_requests_power_off_after_the_time_to_cool(burns: bool):
     )
     if burns:
         rig.firmware.board.nozzle._temperature_c = 200.0
-        assert asked(rig) - started_s <= LIMIT_S / 2
+        assert request_time_s(rig) - started_s <= LIMIT_S / 2
     rig.run()
     assert rig.session.context.wants_power_off is burns and rig.session.context.heaters_off is not burns
 

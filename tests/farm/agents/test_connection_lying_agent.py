@@ -55,7 +55,7 @@ prints = st.fixed_dictionaries(
         "sha256": st.sampled_from([None, "0" * 64]),
     },
 )
-alike = prints.map(
+similar_prints = prints.map(
     lambda item: {"started_s": NOW_S + 9.0, **item, "sha256": "0" * 64}
 )  # of a file that waits
 snapshots = st.fixed_dictionaries(
@@ -76,9 +76,9 @@ snapshots = st.fixed_dictionaries(
 )
 
 
-def lines(said):
+def lines(snapshot_values):
     """Snapshots of an agent that can be read at all."""
-    for item in said:
+    for item in snapshot_values:
         try:
             received = read_line(json.dumps({"kind": "snapshot", **item}).encode())
         except MessageError:
@@ -115,12 +115,12 @@ def busy(folder):
 
 
 @settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(said=st.lists(snapshots, max_size=4))
-def test_any_snapshot_can_be_recorded_shown_and_read(said, tmp_path_factory):
+@given(snapshot_values=st.lists(snapshots, max_size=4))
+def test_any_snapshot_can_be_recorded_shown_and_read(snapshot_values, tmp_path_factory):
     folder = tmp_path_factory.mktemp("lies")
     farm = busy(folder)
     other = farm.controller.books.prints["theirs"]
-    for received in lines(said):
+    for received in lines(snapshot_values):
         farm.controller.on_snapshot(to_farm_snapshot(received, Clock()))
         look(farm.controller, folder)
     assert farm.controller.books.prints["theirs"] == other
@@ -130,14 +130,14 @@ def test_any_snapshot_can_be_recorded_shown_and_read(said, tmp_path_factory):
 
 
 @settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(last=snapshots, told=st.lists(alike, max_size=4))
-def test_any_journal_since_the_backup_can_be_recorded(last, told, tmp_path_factory):
+@given(last=snapshots, reported_prints=st.lists(similar_prints, max_size=4))
+def test_any_journal_since_the_backup_can_be_recorded(last, reported_prints, tmp_path_factory):
     folder = tmp_path_factory.mktemp("lies")
     farm = busy(folder)
     farm.controller.start(farm.effects, restored_s=NOW_S + 1.0)
     other = farm.controller.books.prints["theirs"]
     for received in lines([last]):
-        shown = [item.print for item in lines({**last, "print": shot} for shot in told)]
+        shown = [item.print for item in lines({**last, "print": shot} for shot in reported_prints)]
         shot = [to_farm_print(item, clock_offset_s(received, Clock())) for item in shown]
         farm.controller.on_journal(to_farm_snapshot(received, Clock()), shot)
         assert farm.controller.unreported_since_s("a") is None

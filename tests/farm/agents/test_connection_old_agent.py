@@ -42,9 +42,9 @@ class OldAgent:
 
     def __init__(self, folder: Path, prints: bool = False) -> None:
         self.folder = folder
-        self.heard: list[dict[str, object]] = []
+        self.requests: list[dict[str, object]] = []
         self.connections = self.dropped = 0
-        self.said: dict[str, object] = {
+        self.hello: dict[str, object] = {
             "kind": "snapshot",
             "printer": "a",
             "agent_pid": 1,
@@ -59,15 +59,15 @@ class OldAgent:
 
     async def serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         self.connections += 1
-        writer.write(json.dumps(self.said).encode() + b"\n")
+        writer.write(json.dumps(self.hello).encode() + b"\n")
         while line := await reader.readline():
             request = json.loads(line)
-            known = KNOWN.get(request["do"])
-            if known is None or not request.keys() <= known:
+            expected = KNOWN.get(request["do"])
+            if expected is None or not request.keys() <= expected:
                 self.dropped += 1
                 break
-            self.heard.append(request)
-            reply = {"kind": "reply", "id": request["id"], "error": None, "snapshot": self.said}
+            self.requests.append(request)
+            reply = {"kind": "reply", "id": request["id"], "error": None, "snapshot": self.hello}
             writer.write(json.dumps(reply).encode() + b"\n")
         writer.close()
 
@@ -96,7 +96,9 @@ def start(**more: object) -> m.StartPrint:
 
 
 def with_agent(
-    folder: Path, prints: bool, story: Callable[[AgentManager, OldAgent, RecordingListener], Awaitable[None]]
+    folder: Path,
+    prints: bool,
+    scenario: Callable[[AgentManager, OldAgent, RecordingListener], Awaitable[None]],
 ) -> OldAgent:
     """Run a daemon's links beside a living agent of the first protocol."""
     state = StateFolder(folder)
@@ -114,7 +116,7 @@ def with_agent(
             async with asyncio.timeout(DEADLINE_S):
                 while listener.last is None or listener.last.link in (Link.STARTING, Link.ABSENT):
                     await asyncio.sleep(0.01)
-                await story(links, agent, listener)
+                await scenario(links, agent, listener)
         finally:
             await links.close()
             server.close()
@@ -129,7 +131,7 @@ def with_agent(
 
 
 def test_idle_agent_of_an_earlier_protocol_gets_no_print_and_is_to_be_replaced(tmp_path: Path):
-    async def story(links: AgentManager, agent: OldAgent, listener: RecordingListener) -> None:
+    async def scenario(links: AgentManager, agent: OldAgent, listener: RecordingListener) -> None:
         assert listener.last is not None and listener.last.link is Link.FAULT and listener.last.outdated
         assert "farm up --replace a" in (listener.last.reason or "")
         link = links._connections["a"]
@@ -143,13 +145,13 @@ def test_idle_agent_of_an_earlier_protocol_gets_no_print_and_is_to_be_replaced(t
         with pytest.raises(NoSuchThing):
             await links.replace("b")
 
-    agent = with_agent(tmp_path, False, story)
-    assert [request["do"] for request in agent.heard] == ["shutdown"]
+    agent = with_agent(tmp_path, False, scenario)
+    assert [request["do"] for request in agent.requests] == ["shutdown"]
     assert (agent.dropped, agent.connections) == (0, 1)
 
 
 def test_print_of_an_older_agent_continues_and_can_be_cancelled(tmp_path: Path):
-    async def story(links: AgentManager, agent: OldAgent, listener: RecordingListener) -> None:
+    async def scenario(links: AgentManager, agent: OldAgent, listener: RecordingListener) -> None:
         assert listener.last is not None and listener.last.link is Link.BUSY and not listener.last.outdated
         link = links._connections["a"]
         link.send(m.EndPrintBy(id=0, print_id="p", ends_by_s=900.0))
@@ -157,13 +159,13 @@ def test_print_of_an_older_agent_continues_and_can_be_cancelled(tmp_path: Path):
         while link._pending:
             await asyncio.sleep(0.01)
 
-    agent = with_agent(tmp_path, True, story)
-    assert [request["do"] for request in agent.heard] == ["cancel"]
+    agent = with_agent(tmp_path, True, scenario)
+    assert [request["do"] for request in agent.requests] == ["cancel"]
     assert (agent.dropped, agent.connections) == (0, 1)
 
 
 def test_refused_replacement_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    async def story(links: AgentManager, agent: OldAgent, listener: RecordingListener) -> None:
+    async def scenario(links: AgentManager, agent: OldAgent, listener: RecordingListener) -> None:
         async def refuse(self: AgentClient, request: m.Request, timeout_s: float = 30.0) -> m.Reply:
             return m.Reply(id=1, error="it prints")
 
@@ -171,13 +173,13 @@ def test_refused_replacement_is_reported(tmp_path: Path, monkeypatch: pytest.Mon
         with pytest.raises(Refused, match="it prints"):
             await links.replace("a")
 
-    with_agent(tmp_path, False, story)
+    with_agent(tmp_path, False, scenario)
 
 
 def test_client_sends_an_older_agent_known_requests_only(tmp_path: Path):
     agent = OldAgent(tmp_path)
 
-    async def story() -> None:
+    async def scenario() -> None:
         server = await asyncio.start_unix_server(agent.serve, tmp_path / "agent.sock")
         client = AgentClient(tmp_path)
         await client.connect()
@@ -190,8 +192,8 @@ def test_client_sends_an_older_agent_known_requests_only(tmp_path: Path):
         await client.close()
         server.close()
 
-    asyncio.run(story())
-    assert [request["do"] for request in agent.heard] == ["start"]
+    asyncio.run(scenario())
+    assert [request["do"] for request in agent.requests] == ["start"]
     assert agent.dropped == 0
 
 

@@ -73,7 +73,7 @@ def test_wedged_agent_is_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr(heartbeat, "WEDGED_S", 8.0)
     state, fleet, listener = simulated_farm(tmp_path)
 
-    async def story() -> None:
+    async def scenario() -> None:
         links = AgentManager(fleet, state, Clock(60.0, time.time()), listener)
         links.start(())
         try:
@@ -87,7 +87,7 @@ def test_wedged_agent_is_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
             await links.close()
 
     try:
-        asyncio.run(story())
+        asyncio.run(scenario())
     finally:
         number = agent_pid(state.agent("a"))
         if number is not None:
@@ -146,12 +146,12 @@ def test_start_is_sent_with_its_limits_and_changed_limits_later(tmp_path: Path):
     links = AgentManager(
         Fleet.model_validate({"printers": []}), StateFolder(tmp_path), Clock(), RecordingListener()
     )
-    told = RecordingConnection()
-    links._connections["a"] = told  # type: ignore[assignment]
+    run_connection = RecordingConnection()
+    links._connections["a"] = run_connection  # type: ignore[assignment]
     begin = ev.SendStart(print_id="p", printer="a", not_after_s=500.0, ends_by_s=900.0)
     links.perform(begin, books, tmp_path)
     links.perform(ev.SendEndBy(print_id="p", printer="a", ends_by_s=800.0), books, tmp_path)
-    start, end = told.requests
+    start, end = run_connection.requests
     assert isinstance(start, m.StartPrint) and (start.not_after_s, start.ends_by_s) == (500.0, 900.0)
     assert end == m.EndPrintBy(id=0, print_id="p", ends_by_s=800.0)
 
@@ -192,7 +192,7 @@ def test_renamed_printer_opens_the_port_of_its_former_agent(
                 links.watch()
                 await asyncio.sleep(0.05)
 
-    async def story() -> None:
+    async def scenario() -> None:
         old = AgentManager(fleet("old"), state, clock, listener)
         old.start(())
         await until(old, Link.FAULT)  # nobody has said that it may be opened
@@ -214,7 +214,7 @@ def test_renamed_printer_opens_the_port_of_its_former_agent(
             await new.close()
 
     try:
-        asyncio.run(story())
+        asyncio.run(scenario())
     finally:
         kill_agent(state.agent("old"))
         control(tmp_path / "emulator", "power_off")
@@ -235,7 +235,7 @@ class FakeClient:
         return m.Reply(id=request.id, snapshot=self.says)
 
 
-def told(tmp_path: Path, story, port: str = "/dev/null") -> tuple[FakeClient, RecordingListener]:  # type: ignore[no-untyped-def]
+def run_connection(tmp_path: Path, scenario, port: str = "/dev/null") -> tuple[FakeClient, RecordingListener]:  # type: ignore[no-untyped-def]
     """Run a story on a connection; return its client and the listener."""
     listener = RecordingListener()
     section = PrinterSection(name="a", model=MODEL, port=port)
@@ -244,7 +244,7 @@ def told(tmp_path: Path, story, port: str = "/dev/null") -> tuple[FakeClient, Re
         link = AgentConnection("a", section, StateFolder(tmp_path), Clock(), listener)
         client = FakeClient()
         link._client = client  # type: ignore[assignment]
-        await story(link, client)
+        await scenario(link, client)
         await asyncio.gather(*link._tasks)
         return client
 
@@ -252,10 +252,10 @@ def told(tmp_path: Path, story, port: str = "/dev/null") -> tuple[FakeClient, Re
 
 
 def test_reply_to_a_cancel_confirms_it(tmp_path: Path):
-    async def story(link, client):  # type: ignore[no-untyped-def]
+    async def scenario(link, client):  # type: ignore[no-untyped-def]
         link.send(m.CancelPrint(id=0, print_id="x"))
 
-    _, listener = told(tmp_path, story)
+    _, listener = run_connection(tmp_path, scenario)
     assert listener.last is not None
     assert (listener.last.link, listener.last.agent_pid, listener.last.acknowledged_cancel) == (
         Link.ABSENT,
@@ -313,11 +313,11 @@ def test_snapshot_of_another_printer_is_ignored_and_only_an_emulator_reports_its
 ):
     lie = m.Snapshot(protocol=m.PROTOCOL, printer="b", agent_pid=7, link=m.LinkState.READY, bed_clear=True)
 
-    async def story(link, client):  # type: ignore[no-untyped-def]
+    async def scenario(link, client):  # type: ignore[no-untyped-def]
         client.says = lie
         link.send(m.CancelPrint(id=0, print_id="x"))
 
-    _, listener = told(tmp_path, story, port)
+    _, listener = run_connection(tmp_path, scenario, port)
     assert listener.last is not None
     assert (listener.last.printer, listener.last.link, listener.last.bed_clear) == (
         "a",
@@ -333,7 +333,7 @@ def test_print_cancelled_during_its_upload_does_not_start(tmp_path: Path):
         id=0, print_id="x", gcode=str(gcode), sha256="0", print_time_s=1.0, filament=m.Filament.PARKED
     )
 
-    async def story(link, client):  # type: ignore[no-untyped-def]
+    async def scenario(link, client):  # type: ignore[no-untyped-def]
         link._remote = True
         link.send(start)
         while not client.sent:
@@ -342,7 +342,7 @@ def test_print_cancelled_during_its_upload_does_not_start(tmp_path: Path):
         await asyncio.sleep(0)
         client.let.set()
 
-    client, _ = told(tmp_path, story)
+    client, _ = run_connection(tmp_path, scenario)
     assert {type(item) for item in client.sent} == {m.Upload, m.CancelPrint}
 
 
@@ -350,7 +350,7 @@ def test_print_cancelled_during_its_upload_does_not_start(tmp_path: Path):
 def test_idle_agent_is_replaced_without_a_change_to_its_printer(tmp_path: Path):
     state, fleet, listener = simulated_farm(tmp_path)
 
-    async def story() -> None:
+    async def scenario() -> None:
         links = AgentManager(fleet, state, Clock(60.0, time.time()), listener)
         links.start(())
         try:
@@ -362,4 +362,4 @@ def test_idle_agent_is_replaced_without_a_change_to_its_printer(tmp_path: Path):
             await links.shut_down_agents()
             await links.close()
 
-    asyncio.run(story())
+    asyncio.run(scenario())

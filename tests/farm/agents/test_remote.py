@@ -140,14 +140,14 @@ class Sshd:
 
 def _children(number: int) -> list[int]:
     """The processes of the server for its connections; what they have started is not among them."""
-    found = []
+    results = []
     for path in Path("/proc").glob("[0-9]*/stat"):
         with suppress(OSError):
             before, _, after = path.read_text().rpartition(")")
             if after.split()[1] == str(number) and before.endswith("(sshd"):
                 child = int(path.parent.name)
-                found += [child, *_children(child)]
-    return found
+                results += [child, *_children(child)]
+    return results
 
 
 class Silence(SilentWay):
@@ -167,12 +167,12 @@ def way(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.Monk
         pytest.skip("needs openssh-server")
     folder = tmp_path / "way"
     folder.mkdir()
-    made = request.param(folder)
-    monkeypatch.setenv("FARM_SSH", made.ssh)
+    created = request.param(folder)
+    monkeypatch.setenv("FARM_SSH", created.ssh)
     try:
-        yield made
+        yield created
     finally:
-        made.close()
+        created.close()
         agent = tmp_path / "there" / "farm-agents" / "test" / "a"
         number = agent_pid(agent)
         if number is not None:
@@ -213,7 +213,7 @@ def test_print_survives_a_network_failure_of_ten_minutes(
                 await asyncio.sleep(0.05)
             return listener.last
 
-    async def story() -> None:
+    async def scenario() -> None:
         link = AgentConnection("a", section, state, clock, listener, "test")
         link.start()
         try:
@@ -260,7 +260,7 @@ def test_print_survives_a_network_failure_of_ten_minutes(
         finally:
             await link.close()
 
-    asyncio.run(story())
+    asyncio.run(scenario())
 
 
 @pytest.mark.system
@@ -302,7 +302,7 @@ def test_idle_agent_of_a_removed_printer_is_ended_on_its_host(tmp_path: Path, wa
             while not observed():
                 await asyncio.sleep(0.05)
 
-    async def story() -> None:
+    async def scenario() -> None:
         before = farm("a")
         before.start(())
         await until(lambda: is_alive(there))
@@ -316,7 +316,7 @@ def test_idle_agent_of_a_removed_printer_is_ended_on_its_host(tmp_path: Path, wa
             await after.close()
             kept.write_text(load_route)
 
-    asyncio.run(story())
+    asyncio.run(scenario())
 
 
 @pytest.mark.parametrize("text", ["", "null", "[1, 2]", '["a"]', "{}", "[[], 5]"])

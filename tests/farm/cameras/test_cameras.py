@@ -47,11 +47,11 @@ class Rig:
         fleet = Fleet.model_validate({"printers": rows})
         self.controller = Controller(fleet, self.store, self.clock, bed_boxes)
         self.controller.start(RecordedEffects())
-        self.now_s, self.asked, self.answer = 1000.0, [], IMAGE
+        self.now_s, self.requests, self.answer = 1000.0, [], IMAGE
         self.cameras = Cameras(self.controller, self.state, self.fetch, lambda: self.now_s)
 
     async def fetch(self, url):
-        self.asked.append(url)
+        self.requests.append(url)
         await asyncio.sleep(0)
         if isinstance(self.answer, Exception):
             raise self.answer
@@ -86,12 +86,12 @@ def test_camera_is_polled_once_for_all_viewers_and_at_most_every_two_seconds(rig
         assert await asyncio.gather(*(rig.cameras.look("a") for _ in range(20))) == [IMAGE] * 20
         rig.now_s += 1.9
         assert await rig.cameras.look("a") == IMAGE
-        assert len(rig.asked) == 1
+        assert len(rig.requests) == 1
         rig.now_s += 0.1
         await rig.cameras.look("a")
 
     asyncio.run(look())
-    assert rig.asked == [URL.replace("{printer}", "a")] * 2
+    assert rig.requests == [URL.replace("{printer}", "a")] * 2
 
 
 def test_camera_without_viewers_is_not_polled_and_its_still_is_dropped(rig):
@@ -102,7 +102,7 @@ def test_camera_without_viewers_is_not_polled_and_its_still_is_dropped(rig):
             await rig.tick()
 
     asyncio.run(wait())
-    assert len(rig.asked) == 1
+    assert len(rig.requests) == 1
     assert rig.cameras._cameras["a"].latest is None
 
 
@@ -123,7 +123,7 @@ def test_dead_camera_is_logged_once_and_is_asked_less_often(rig, caplog, answer)
                 await rig.cameras.look("a")
             assert error.value.code is ErrorCode.UNREACHABLE
             rig.now_s += 1.0
-        assert len(rig.asked) == 8  # after 4, 8, 16, 32 s, then each minute
+        assert len(rig.requests) == 8  # after 4, 8, 16, 32 s, then each minute
         rig.answer = IMAGE
         rig.now_s += 60.0
         assert await rig.cameras.look("a") == IMAGE
@@ -143,7 +143,7 @@ def test_still_is_kept_with_the_print_when_it_ends(rig, state, moment):
     asyncio.run(rig.tick())
     rig.now_s += 10.0
     asyncio.run(rig.tick())
-    assert len(rig.asked) == 1
+    assert len(rig.requests) == 1
     (still,) = rig.controller.books.prints[print_id].stills
     assert (still.moment, still.at_s) == (moment, 200.0)
     assert (rig.state.files / still.file).read_bytes() == make_jpeg()
@@ -158,7 +158,7 @@ def test_camera_that_answers_late_gives_a_still_within_a_minute(rig):
     rig.answer = IMAGE
     for _ in range(3):
         asyncio.run(rig.tick())  # not again at once
-    assert len(rig.asked) == 1
+    assert len(rig.requests) == 1
     rig.now_s += 4.0
     asyncio.run(rig.tick())
     assert len(rig.controller.books.prints[print_id].stills) == 1

@@ -330,17 +330,17 @@ def test_start_writes_little_with_many_waiting_plates(farm, monkeypatch):
 
 def test_failed_report_is_handled_when_repeated(farm):
     farm.ready("a", "b")
-    found = AgentSnapshot(printer="a", link=Link.READY, agent_pid=9, alarm="it gets hotter", nozzle_c=90.0)
+    result = AgentSnapshot(printer="a", link=Link.READY, agent_pid=9, alarm="it gets hotter", nozzle_c=90.0)
     farm.store._db.execute("PRAGMA query_only = 1")
     for _ in range(2):
         with pytest.raises(StoreError):
-            farm.controller.on_snapshot(found)
+            farm.controller.on_snapshot(result)
     farm.ready("b")  # it has nothing to book
     context = farm.view_context(STATE)
     assert "nothing is recorded until there is space" in context.warnings[0]
     assert context.snapshots["a"].nozzle_c == 90.0
     farm.store._db.execute("PRAGMA query_only = 0")
-    farm.controller.on_snapshot(found)
+    farm.controller.on_snapshot(result)
     assert farm.controller.books.printers["a"].alarm == "it gets hotter"
     assert farm.view_context(STATE).warnings == ()
 
@@ -360,12 +360,12 @@ def test_effects_before_an_error_are_performed(farm, plan):
 def test_stuck_heater_is_recorded_for_idle_and_printing_printers(farm):
     farm.ready("a", "b")
     for link in (Link.BUSY, Link.FAULT):
-        found = f"the nozzle is off, and gets hotter ({link})"
-        farm.controller.on_snapshot(AgentSnapshot(printer="a", link=link, agent_pid=7, alarm=found))
+        result = f"the nozzle is off, and gets hotter ({link})"
+        farm.controller.on_snapshot(AgentSnapshot(printer="a", link=link, agent_pid=7, alarm=result))
         assert (
             farm.controller.books.printers["a"].attention_reason,
             farm.controller.books.printers["a"].alarm,
         ) == (
-            found,
-            found,
+            result,
+            result,
         )

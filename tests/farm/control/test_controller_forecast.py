@@ -35,9 +35,11 @@ class Clock:
 class Night:
     """A farm whose printers and people do what is foreseen, each at its moment."""
 
-    def __init__(self, folder, printers, now_s, house):
+    def __init__(self, folder, printers, now_s, start_rules):
         self.clock = Clock(now_s)
-        self.farm = Farm(folder, ["ultimaker2_plus"] * printers, clock=self.clock, timezone="UTC", **house)
+        self.farm = Farm(
+            folder, ["ultimaker2_plus"] * printers, clock=self.clock, timezone="UTC", **start_rules
+        )
         self.controller = self.farm.controller
         self.controller.started_s = now_s - HOUR
         self.farm.ready(*self.controller.fleet.names)
@@ -53,14 +55,14 @@ class Night:
         plates = tuple(
             plate.model_copy(
                 update={
-                    "sliced_s": each * HOUR,
-                    "expected_s": each * HOUR + HEATING_S,
-                    "grams": 100.0 * each,
+                    "sliced_s": item * HOUR,
+                    "expected_s": item * HOUR + HEATING_S,
+                    "grams": 100.0 * item,
                     "printer": names[at % min(len(names), options.printers or len(names))],
                     "family": "ultimaker2_plus",
                 }
             )
-            for at, (plate, each) in enumerate(zip(event.plates, hours, strict=True))
+            for at, (plate, item) in enumerate(zip(event.plates, hours, strict=True))
         )
         self.planned = len(self.farm.effects.plans)
         self.controller.on_plan(number, Plan(event.parts, plates, (), 1.0, 500.0, 100.0))
@@ -166,9 +168,9 @@ houses = st.fixed_dictionaries(
     [1013, 1084, 861, 640],
 )
 @given(jobs, houses, st.integers(1, 4), st.integers(0, 23), st.lists(st.integers(200, 2000), max_size=4))
-def test_forecast_is_exact_without_failures(work, house, printers, hour, reels):
+def test_forecast_is_exact_without_failures(work, start_rules, printers, hour, reels):
     with tempfile.TemporaryDirectory() as folder:
-        night = Night(Path(folder) / "farm", printers, MONDAY_S + hour * HOUR, house)
+        night = Night(Path(folder) / "farm", printers, MONDAY_S + hour * HOUR, start_rules)
         for name, grams in zip(night.controller.fleet.names, reels, strict=False):
             reel = {"material": "generic_pla", "grams": grams, "nozzle_mm": 0.4}
             night.controller.handle(ev.ReelLoaded(at_s=1.0, printer=name, reel=reel, by="ann"))

@@ -60,7 +60,7 @@ def word(farm, state=PrintState.PRINTING, **changes):
     return attempt
 
 
-def asked(farm):
+def list_deadline_texts(farm):
     return [item for item in list_tasks(farm.view_context(STATE)) if item.code in ("hours", "resume")]
 
 
@@ -110,21 +110,21 @@ def test_late_start_is_refused_and_its_plate_waits(farm):
 
 def test_print_beyond_the_hours_is_a_task_before_its_end(farm):
     word(farm)
-    assert asked(farm) == []
+    assert list_deadline_texts(farm) == []
     word(farm, progress_s=10.0, print_time_s=90.0)
     farm.controller.clock.now_s = STOP - 20.0
-    (item,) = asked(farm)
+    (item,) = list_deadline_texts(farm)
     assert item.code == "hours" and item.printers == ["a"]
     assert "ends at Fri 17:45" in item.text and "attended" in item.text
     word(farm, PrintState.ENDING)
-    assert asked(farm) == []
+    assert list_deadline_texts(farm) == []
 
 
 def test_pause_is_resumed_in_attended_hours_only(farm):
     word(farm)
     farm.printers.pause("a", True, "ann")
     word(farm, PrintState.PAUSED, pause_ends_s=STOP + 3600.0)
-    assert [item.text for item in asked(farm)] == [
+    assert [item.text for item in list_deadline_texts(farm)] == [
         "resume a by Fri 17:45, or its print will be ended: `farm resume a`"
     ]
     farm.controller.clock.now_s = at("2026-11-20 19:00")

@@ -102,7 +102,7 @@ def copied(folder, plates=1, printing=None):
     return farm
 
 
-def said(print_id="x", started_s=PLANNED_S + 100.0, sha256="0" * 64, **changes):
+def reports(print_id="x", started_s=PLANNED_S + 100.0, sha256="0" * 64, **changes):
     facts = {"state": PrintState.DONE, "fault": None, "reason": None, "progress_s": 90.0}
     facts |= {"print_time_s": 90.0, "extruded": True, "ended_s": started_s + 100.0}
     return AgentPrint(print_id=print_id, started_s=started_s, sha256=sha256, **{**facts, **changes})
@@ -120,8 +120,8 @@ def test_print_after_the_backup_is_imported_and_judged_at_the_bed(tmp_path):
         "the database was restored from a backup: check which parts of job 1 were printed"
     )
     assert "`farm approve 1`" in items["approve"]
-    farm.report("a", said("x"), said("y", PLANNED_S + 300.0))
-    farm.report("b", said("z", state=PrintState.PRINTING, ended_s=None))
+    farm.report("a", reports("x"), reports("y", PLANNED_S + 300.0))
+    farm.report("b", reports("z", state=PrintState.PRINTING, ended_s=None))
     approved(farm)
     books = farm.controller.books
     assert {name: p.state for name, p in books.prints.items()} == {
@@ -132,7 +132,7 @@ def test_print_after_the_backup_is_imported_and_judged_at_the_bed(tmp_path):
     assert len({p.plate for p in books.prints.values()}) == 3
     farm.clear_bed("a", FilamentState.PARKED)
     assert {farm.controller.books.prints[name].verdict for name in "xy"} == {Verdict.GOOD}
-    farm.report("b", said("z"))
+    farm.report("b", reports("z"))
     assert farm.controller.books.jobs[1].state is JobState.PRINTED
 
 
@@ -142,7 +142,7 @@ def test_open_print_of_a_backup_waits_for_its_agent(tmp_path):
         AgentSnapshot(printer="a", link=Link.ABSENT, reason="its agent does not start")
     )
     assert not farm.controller.books.prints["p"].state.ended
-    farm.report("a", said("p"))
+    farm.report("a", reports("p"))
     farm.report("b")
     assert approved(farm).controller.books.jobs[1].state is JobState.PRINTED
     # Nobody waits for it where a person wants no more of it.
@@ -157,10 +157,10 @@ def test_open_print_of_a_backup_waits_for_its_agent(tmp_path):
 @pytest.mark.parametrize(
     "stranger",
     [
-        said(sha256="1" * 64),
-        said(sha256=None),  # an older agent began it
-        said(started_s=PLANNED_S - 100.0),
-        said(state=PrintState.PRINTING, ended_s=None, sha256="1" * 64),
+        reports(sha256="1" * 64),
+        reports(sha256=None),  # an older agent began it
+        reports(started_s=PLANNED_S - 100.0),
+        reports(state=PrintState.PRINTING, ended_s=None, sha256="1" * 64),
     ],
     ids=["another file", "no file", "before it was planned", "still printing"],
 )
@@ -192,7 +192,7 @@ def test_restored_job_waits_for_every_printer_in_use(tmp_path):
 
 
 def test_interrupted_import_of_a_journal_is_repeated(tmp_path):
-    farm, prints = copied(tmp_path / "whole", 2), [said("x"), said("y", PLANNED_S + 300.0)]
+    farm, prints = copied(tmp_path / "whole", 2), [reports("x"), reports("y", PLANNED_S + 300.0)]
     ready = AgentSnapshot(printer="a", link=Link.READY, agent_pid=9, filament=FilamentState.PARKED)
     events = list(import_agent_journal(farm.controller.books, ready, prints, PLANNED_S + 1e3))
     farm.controller.handle(*events)

@@ -31,15 +31,15 @@ class Clock:
 @pytest.fixture
 def calls(monkeypatch):
     """Count the calls of the scheduler."""
-    found = []
+    results = []
 
     def counted(situation):
-        found.append(situation.now_s)
+        results.append(situation.now_s)
         return assign_plates(situation)
 
     assign_plates = module.assign_plates
     monkeypatch.setattr(module, "assign_plates", counted)
-    return found
+    return results
 
 
 @pytest.fixture

@@ -86,15 +86,15 @@ def test_all_copies_print_side_by_side(farm):
         "1/02.1",
         "1/02.2",
     }
-    seen = view(farm)
-    assert [(part.id, part.copy_number) for part in seen.parts] == [
+    job_view = view(farm)
+    assert [(part.id, part.copy_number) for part in job_view.parts] == [
         ("1/p01.1", 1),
         ("1/p02.1", 1),
         ("1/p01.2", 2),
         ("1/p02.2", 2),
     ]
-    assert (seen.name, seen.serial_s, seen.printed_copies) == ("vase", 360.0, 0)
-    assert seen.speedup == pytest.approx(3.6)  # of two copies, one after the other on a single printer
+    assert (job_view.name, job_view.serial_s, job_view.printed_copies) == ("vase", 360.0, 0)
+    assert job_view.speedup == pytest.approx(3.6)  # of two copies, one after the other on a single printer
 
 
 def test_failed_part_of_a_copy_is_printed_again_alone(farm):
@@ -103,10 +103,10 @@ def test_failed_part_of_a_copy_is_printed_again_alone(farm):
     printer = end(farm, "1/02.2")
     farm.clear_bed(printer, verdict=Verdict.BAD, why="fell over")
     assert [p.plate for p in farm.controller.books.open_prints()] == ["1/02.2"]
-    seen = view(farm)
-    assert (seen.printed, seen.good, seen.printed_copies) == (3, 3, 1)
+    job_view = view(farm)
+    assert (job_view.printed, job_view.good, job_view.printed_copies) == (3, 3, 1)
     screen = Console(file=io.StringIO(), width=100)
-    screen.print(render_job(seen, 100))
+    screen.print(render_job(job_view, 100))
     page = screen.file.getvalue()
     for text in ("vase", "for Ada", "1 of 2", "1/p02.2", "attempt 2"):
         assert text in page

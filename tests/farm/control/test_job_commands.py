@@ -58,8 +58,8 @@ def plan_for(number, state, plates=2):
     gcode = b"G28\n"
     (state.files / "g.gcode").write_bytes(gcode)
     facts = {"sha256": hashlib.sha256(gcode).hexdigest()}
-    made = tuple(plate.model_copy(update=facts) for plate in event.plates)
-    return Plan(event.parts, made, (), 1.0, 500.0, 100.0, None)
+    created = tuple(plate.model_copy(update=facts) for plate in event.plates)
+    return Plan(event.parts, created, (), 1.0, 500.0, 100.0, None)
 
 
 def night_of(farm, state, number):
@@ -88,7 +88,7 @@ def test_changes_during_an_approval_are_noticed(farm, state, monkeypatch):
     other = submit(farm, "s", hold=True)
     farm.controller.on_plan(other, plan_for(other, state))
 
-    def start(section, house):
+    def start(section, fleet_options):
         farm.controller.handle(ev.JobApproved(at_s=1.0, job=other, by="ann"))
         return section
 
@@ -154,7 +154,7 @@ def test_fleet_option_requires_approval_of_every_job(tmp_path, state):
 
 
 def test_reel_survives_a_restart_and_short_reels_start_nothing(farm, state, tmp_path, monkeypatch):
-    monkeypatch.setattr(printer_commands, "complete_section", lambda section, house: section)
+    monkeypatch.setattr(printer_commands, "complete_section", lambda section, fleet_options: section)
     asyncio.run(farm.printers.load_reel("a", LoadRequest(grams=4.0, colour="white"), "ann"))
     reel = asyncio.run(
         farm.printers.load_reel("b", LoadRequest(material="generic_abs", grams=700.0, nozzle_mm=0.8), "ann")
@@ -177,7 +177,7 @@ def test_reel_survives_a_restart_and_short_reels_start_nothing(farm, state, tmp_
 
 
 def test_reel_of_an_unknown_material_is_refused(farm, state, monkeypatch):
-    def refuse(section, house):
+    def refuse(section, fleet_options):
         raise FieldError("there is no generic_gold", "material")
 
     monkeypatch.setattr(printer_commands, "complete_section", refuse)
@@ -248,9 +248,9 @@ def test_plan_of_several_materials_is_reported(farm, state):
         first, second = plan.plates
         plates = (first, second.model_copy(update={"material": other}))
         farm.controller.on_plan(number, replace(plan, plates=plates))
-        found = farm.controller.books.job(number).repairs
-        assert len(found) == notices
-        assert all("generic_abs and generic_pla" in notice for notice in found)
+        result = farm.controller.books.job(number).repairs
+        assert len(result) == notices
+        assert all("generic_abs and generic_pla" in notice for notice in result)
 
 
 def test_deadline_before_the_start_is_refused(farm):
@@ -321,7 +321,7 @@ def test_timeline_of_a_job_waits_for_the_plates_of_jobs_before_it(farm, state):
 
 
 def test_tasks_name_the_approval_and_the_short_reel(farm, state, monkeypatch):
-    monkeypatch.setattr(printer_commands, "complete_section", lambda section, house: section)
+    monkeypatch.setattr(printer_commands, "complete_section", lambda section, fleet_options: section)
     first = submit(farm, hold=True)
     farm.controller.on_plan(first, plan_for(first, state))
     for name in "ab":

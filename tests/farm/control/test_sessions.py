@@ -113,8 +113,8 @@ def test_session_in_constant_use_is_extended_once_an_hour(farm):
 def test_excess_session_ends_the_oldest_of_its_user(farm):
     other = farm.open_session("bob")
     texts = [farm.open_session() for _ in range(MOST_SESSIONS + 3) if farm.wait(1.0) is None]
-    found = [farm.find(text) is not None for text in texts]
-    assert found == [False] * 3 + [True] * MOST_SESSIONS
+    results = [farm.find(text) is not None for text in texts]
+    assert results == [False] * 3 + [True] * MOST_SESSIONS
     assert farm.find(other) is not None
     assert len(farm.controller.books.keys) <= MOST_SESSIONS + 2
 

@@ -108,12 +108,12 @@ def test_books_are_backed_up_once_a_night(begin, tmp_path, first, asleep):
 
     time.run(nights())
     days = [datetime.fromisoformat(first) + timedelta(days=n) for n in range(5)]
-    made = [
+    created = [
         datetime.fromtimestamp(backup_time_s(copy), BERLIN).replace(tzinfo=None)
         for copy in list_backups(state)
     ]
     due = [days[0].replace(hour=12), *(day.replace(hour=4) for day in days[1:])]
     if asleep:
         due[1] = days[1].replace(hour=6, minute=30)
-    assert made[::-1] == due
+    assert created[::-1] == due
     assert not any(reported)

@@ -178,9 +178,9 @@ def test_sound_installation_has_no_problem():
 @pytest.mark.parametrize(("changes", "level", "check", "text"), CASES.values(), ids=CASES)
 def test_problem_is_named_with_an_action(changes, level, check, text):
     wrong = [item for item in check_installation(replace(SOUND, **changes)) if item.level is not Level.OK]
-    found = [item for item in wrong if item.check == check and text in item.text]
-    assert [item.level for item in found] == [level]
-    assert found[0].action
+    results = [item for item in wrong if item.check == check and text in item.text]
+    assert [item.level for item in results] == [level]
+    assert results[0].action
 
 
 def test_stopped_farm_without_books_is_no_problem():
@@ -199,9 +199,9 @@ def test_action_adds_the_user_to_the_group_of_the_port():
 
 def test_many_contradictions_are_counted():
     names = tuple(f"job 1: {number}" for number in range(9))
-    found = [
+    results = [
         item
         for item in check_installation(replace(SOUND, files=FileFacts(9, names)))
         if item.check == "files"
     ]
-    assert len(found) == 6 and "and 4 more" in found[-1].text
+    assert len(results) == 6 and "and 4 more" in results[-1].text

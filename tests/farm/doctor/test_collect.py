@@ -21,8 +21,8 @@ def places(tmp_path):
 
 
 def findings(places, check):
-    found = check_installation(collect_facts(places, None, "it is down"))
-    return [one for one in found if one.check == check]
+    result = check_installation(collect_facts(places, None, "it is down"))
+    return [one for one in result if one.check == check]
 
 
 def test_books_are_read_and_not_changed(places):

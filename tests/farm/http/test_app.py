@@ -133,8 +133,8 @@ def test_endless_body_is_refused_without_further_reading(daemon, path):
 
 
 def test_body_of_the_largest_size_is_read(daemon):
-    said = b'{"why": "w"}'
-    body = said + b" " * (LARGEST_BODY_BYTES - len(said))
+    body_bytes = b'{"why": "w"}'
+    body = body_bytes + b" " * (LARGEST_BODY_BYTES - len(body_bytes))
     path, json = "/printers/a/maintenance", {"Content-Type": "application/json"}
     assert ask(daemon, "POST", path, content=body, headers=json).status_code == 200
     assert ask(daemon, "POST", path, content=body + b" ", headers=json).status_code == 413
@@ -163,18 +163,18 @@ def test_upload_beyond_the_quota_is_refused_before_it_is_sent(daemon, monkeypatc
 def test_abandoned_upload_is_refused_and_leaves_no_file(daemon):
     """Ctrl-C at `farm submit`: the connection ends in the middle of the body."""
     words = [{"type": "http.request", "body": b"solid", "more_body": True}, {"type": "http.disconnect"}]
-    said = []
+    body_bytes = []
 
     async def receive():
         return words.pop(0)
 
     async def send(message):
-        said.append(message)
+        body_bytes.append(message)
 
     query = b"request_id=rrrrrrrr&name=box.stl&size=100"
     scope = {"type": "http", "http_version": "1.1", "method": "POST", "path": "/jobs", "query_string": query}
     asyncio.run(daemon({**scope, "headers": [], "state": {}}, receive, send))
-    assert said[0]["status"] == 409
+    assert body_bytes[0]["status"] == 409
     assert not daemon.state.controller.books.jobs
     assert not list(daemon.state.folder.work.iterdir())
 
@@ -305,11 +305,11 @@ def test_shutdown_request_ends_the_daemon(daemon):
 
 
 def test_routes_reach_the_commands(daemon):
-    said = {"why": "a\x1b[2J\nnew belt"}
-    assert ask(daemon, "POST", "/printers/a/maintenance", json=said).status_code == 200
+    body_bytes = {"why": "a\x1b[2J\nnew belt"}
+    assert ask(daemon, "POST", "/printers/a/maintenance", json=body_bytes).status_code == 200
     printer = ask(daemon, "GET", "/status").json()["printers"][0]
     assert (printer["state"], printer["maintenance"]) == ("maintenance", "a [2J new belt")
-    assert ask(daemon, "POST", "/printers/a/maintained", json=said).status_code == 200
+    assert ask(daemon, "POST", "/printers/a/maintained", json=body_bytes).status_code == 200
     submit(daemon, stl())
     assert ask(daemon, "POST", "/jobs/1/pause").status_code == 200
     assert ask(daemon, "GET", "/jobs/1").json()["job"]["paused"]
@@ -318,11 +318,15 @@ def test_routes_reach_the_commands(daemon):
         *("/printers/a/fail", "/printers/a/cancel", "/printers/a/maintained", "/outage/confirm"),
         *("/jobs/1/resume", "/printers/a/cleared"),
     ):
-        body = None if path.startswith("/jobs") else {**said, **({"bad": True} if "cleared" in path else {})}
+        body = (
+            None
+            if path.startswith("/jobs")
+            else {**body_bytes, **({"bad": True} if "cleared" in path else {})}
+        )
         answer = ask(daemon, "POST", path, json=body)
         assert (answer.status_code, answer.json()["exit_code"]) == (409, 5), path
     for path in ("/jobs/1/parts/p9/reprint", "/jobs/1/parts/p9/cancel", "/jobs/7/pause", "/printers/z/fail"):
-        assert ask(daemon, "POST", path, json=said).status_code == 404, path
+        assert ask(daemon, "POST", path, json=body_bytes).status_code == 404, path
     assert ask(daemon, "POST", "/jobs/1/parts/p9/pause").status_code == 404
     assert ask(daemon, "GET", "/history").json()["prints"] == []
     assert ask(daemon, "GET", "/history?job=7").status_code == 404

@@ -70,7 +70,7 @@ async def hello(scope, receive, send):
     await send({"type": "http.response.body", "body": b""})
 
 
-def serve(tmp_path, most, story):
+def serve(tmp_path, most, scenario):
     """Have a story told to a server that takes so many connections."""
 
     async def run():
@@ -83,7 +83,7 @@ def serve(tmp_path, most, story):
             serving = asyncio.create_task(server._serve([listening]))
             try:
                 async with asyncio.timeout(30.0):
-                    await story(server, str(tmp_path / "s"))
+                    await scenario(server, str(tmp_path / "s"))
             finally:
                 server.should_exit = True
                 await serving
@@ -102,7 +102,7 @@ async def ask(path, *pieces):
 
 
 def test_idle_connections_are_closed_for_a_request(tmp_path):
-    async def story(server, path):
+    async def scenario(server, path):
         idle = [await asyncio.open_unix_connection(path) for _ in range(40)]
         for _, writer in idle[::2]:
             writer.write(HALF)
@@ -111,7 +111,7 @@ def test_idle_connections_are_closed_for_a_request(tmp_path):
         for _, writer in idle:
             writer.close()
 
-    serve(tmp_path, 4, story)
+    serve(tmp_path, 4, scenario)
 
 
 def test_connection_whose_client_does_not_read_is_closed_for_a_request(tmp_path):
@@ -142,14 +142,14 @@ def test_connection_with_an_incomplete_request_is_ended(tmp_path, monkeypatch, s
     monkeypatch.setattr(connections, "REQUEST_S", -1.0)
     monkeypatch.setattr(connections, "_SWEEP_S", 0.01)
 
-    async def story(server, path):
+    async def scenario(server, path):
         await ask(path, sent)  # until the other end closes
 
-    serve(tmp_path, 4, story)
+    serve(tmp_path, 4, scenario)
 
 
 def test_time_limit_applies_to_the_head_and_to_each_chunk(tmp_path):
-    async def story(server, path):
+    async def scenario(server, path):
         async def since():
             await asyncio.sleep(0.01)
             [item] = server.server_state.connections
@@ -168,13 +168,13 @@ def test_time_limit_applies_to_the_head_and_to_each_chunk(tmp_path):
         assert await since() > body_s
         writer.close()
 
-    serve(tmp_path, 4, story)
+    serve(tmp_path, 4, scenario)
 
 
 def test_missing_descriptors_are_logged_once_and_retried(tmp_path, monkeypatch, caplog):
     monkeypatch.setattr(connections, "_SWEEP_S", 0.01)
 
-    async def story(server, path):
+    async def scenario(server, path):
         loop, tries = asyncio.get_running_loop(), []
         accept = loop.sock_accept
 
@@ -190,7 +190,7 @@ def test_missing_descriptors_are_logged_once_and_retried(tmp_path, monkeypatch, 
         assert len(tries) >= 20
 
     with caplog.at_level(logging.WARNING, logger="farm"):
-        serve(tmp_path, 4, story)
+        serve(tmp_path, 4, scenario)
     assert len([record for record in caplog.records if "accepted" in record.getMessage()]) == 1
 
 
@@ -198,7 +198,7 @@ def test_errors_of_accept_are_logged_and_accepting_continues(tmp_path, monkeypat
     monkeypatch.setattr(connections, "_SWEEP_S", 0.01)
     monkeypatch.setattr(connections, "_LOG_EVERY_S", 0.0)
 
-    async def story(server, path):
+    async def scenario(server, path):
         loop, make = asyncio.get_running_loop(), server._protocol
         accept, faults = loop.sock_accept, [MemoryError("no room"), ValueError("no socket")]
 
@@ -218,7 +218,7 @@ def test_errors_of_accept_are_logged_and_accepting_continues(tmp_path, monkeypat
         assert not faults
 
     with caplog.at_level(logging.WARNING, logger="farm"):
-        serve(tmp_path, 4, story)
+        serve(tmp_path, 4, scenario)
     message = " ".join(record.getMessage() for record in caplog.records)
     for words in ("no socket", "no room", "no protocol"):
         assert words in message

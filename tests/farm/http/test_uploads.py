@@ -54,7 +54,7 @@ def test_open_uploads_count_until_inspected(tmp_path, monkeypatch):
     usage = shutil.disk_usage(tmp_path)
     monkeypatch.setattr("shutil.disk_usage", lambda _: usage._replace(free=100 * GB))
 
-    async def story():
+    async def scenario():
         checked, checking = asyncio.Event(), asyncio.Event()
 
         async def run(*_):
@@ -93,7 +93,7 @@ def test_open_uploads_count_until_inspected(tmp_path, monkeypatch):
         assert list(state.work.iterdir()) == []
         assert inspections == {}
 
-    asyncio.run(story())
+    asyncio.run(scenario())
 
 
 def test_stl_with_too_many_triangles_is_refused_before_the_rest_of_it_arrives(tmp_path, monkeypatch):
@@ -111,8 +111,10 @@ def test_stl_with_too_many_triangles_is_refused_before_the_rest_of_it_arrives(tm
         yield b"\0" * HEAD_BYTES
         raise AssertionError("nothing more is read")
 
-    said = r"big.STL: has 4.0 million triangles.*simplify its mesh, or raise `fleet.compute.memory_gb`"
-    with pytest.raises(FarmError, match=said) as error:
+    expected_text = (
+        r"big.STL: has 4.0 million triangles.*simplify its mesh, or raise `fleet.compute.memory_gb`"
+    )
+    with pytest.raises(FarmError, match=expected_text) as error:
         asyncio.run(uploads.receive_model(content(), "a", "big.STL", size, JobOptions()))
     assert error.value.code is ErrorCode.LIMIT
     assert list(state.work.iterdir()) == []

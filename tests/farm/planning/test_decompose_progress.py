@@ -22,9 +22,9 @@ def test_remaining_time_follows_from_the_rate_so_far(tmp_path):
     progress.report(0.1, 110.2)  # too soon after the last one
     assert read_progress(tmp_path) == DecomposeProgress(share=0.1)
     progress.report(0.25, 120.0)
-    found = read_progress(tmp_path)
-    assert found is not None
-    assert (found.share, found.remaining_s) == (0.25, pytest.approx(50.0))
+    result = read_progress(tmp_path)
+    assert result is not None
+    assert (result.share, result.remaining_s) == (0.25, pytest.approx(50.0))
 
 
 def test_unreadable_and_unwritable_files_are_no_error(tmp_path):
@@ -34,11 +34,11 @@ def test_unreadable_and_unwritable_files_are_no_error(tmp_path):
 
 
 def test_progress_is_reported_to_the_listener_of_its_context_only():
-    heard = []
-    with listen_to_progress(heard.append):
+    reports = []
+    with listen_to_progress(reports.append):
         report_progress(0.5)
     report_progress(0.6)
-    assert heard == [0.5]
+    assert reports == [0.5]
 
 
 def test_planner_shows_what_the_worker_of_a_decomposition_reports(tmp_path, monkeypatch):

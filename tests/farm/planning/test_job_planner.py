@@ -41,7 +41,7 @@ def plan(state, job, factor=1.0):
     """Return the planner's events of a job, and its plan for two printers with that factor."""
     printers = [{"name": n, "model": MODEL, "port": f"sim://{MODEL}"} for n in "ab"]
     fleet = Fleet.model_validate({"printers": printers})
-    told = []
+    reports = []
 
     async def main():
         done = asyncio.get_running_loop().create_future()
@@ -50,12 +50,12 @@ def plan(state, job, factor=1.0):
             SameProcess(),
             20.0,
             lambda _, result: done.set_result(result),
-            lambda _, far: told.append(far),
+            lambda _, step_progress: reports.append(step_progress),
         )
         planner.start(PlanRequest(job, fleet.printers, time_factors=dict.fromkeys("ab", factor)))
         return await done
 
-    return told, asyncio.run(main())
+    return reports, asyncio.run(main())
 
 
 def test_plan_reports_progress_and_slices_nothing_twice(state, bar):
@@ -63,12 +63,12 @@ def test_plan_reports_progress_and_slices_nothing_twice(state, bar):
         return PlanProgress(step=PlanStep.SLICING, done=done, of=2, cached=cached)
 
     waiting = PlanProgress(step=PlanStep.WAITING)
-    told, first = plan(state, bar)
+    reports, first = plan(state, bar)
     assert isinstance(first, Plan), first
-    assert told == [waiting, slicing(0), slicing(1), slicing(2)]
+    assert reports == [waiting, slicing(0), slicing(1), slicing(2)]
     assert [plate.cached for plate in first.plates] == [False, False]
-    told, again = plan(state, bar.model_copy(update={"id": 2}), factor=1.1)
-    assert told == [waiting, slicing(0), slicing(1, 1), slicing(2, 2)]
+    reports, again = plan(state, bar.model_copy(update={"id": 2}), factor=1.1)
+    assert reports == [waiting, slicing(0), slicing(1, 1), slicing(2, 2)]
     assert [plate.cached for plate in again.plates] == [True, True]
     assert [plate.sha256 for plate in again.plates] == [plate.sha256 for plate in first.plates]
     # What was learned of the printers is in the expected time, without slicing anew.
@@ -89,10 +89,10 @@ def bar(state, tmp_path):
 
 def slowed(monkeypatch, late_s, fail=None):
     """CuraEngine says that parts take so many seconds more than they do; what was cut again it may refuse."""
-    slice_part, asked = slice_batch.slice_part, []
+    slice_part, requests = slice_batch.slice_part, []
 
     def slow(task):
-        asked.append(task.stl)
+        requests.append(task.stl)
         if fail and "levelled" in str(task.stl):
             raise fail
         sliced = slice_part(task)
@@ -100,15 +100,15 @@ def slowed(monkeypatch, late_s, fail=None):
         return replace(sliced, sliced_s=sliced.sliced_s + late_s(task.stl, mesh.extents.max()))
 
     monkeypatch.setattr(slice_batch, "slice_part", slow)
-    return asked
+    return requests
 
 
 def test_part_with_a_slow_slice_is_cut_again(state, bar, monkeypatch):
     """One end of the bar takes ten seconds a mm more than it does: both ends end together after it."""
     slowed(monkeypatch, lambda stl, length_mm: 10.0 * length_mm * (stl.stem == "p02"))
-    told, result = plan(state, bar)
+    reports, result = plan(state, bar)
     assert isinstance(result, Plan), result
-    steps = [far.step for far in told]
+    steps = [step_progress.step for step_progress in reports]
     assert steps.count(PlanStep.LEVELLING) >= 1
     assert steps.index(PlanStep.LEVELLING) > steps.index(PlanStep.SLICING)
     a, b = (plate.sliced_s for plate in result.plates)
@@ -134,11 +134,11 @@ def test_part_with_a_slow_slice_is_cut_again(state, bar, monkeypatch):
 def test_useless_relevel_is_discarded(state, bar, fail, monkeypatch):
     """Sliced again, the part is slower still; or something fails."""
     times = iter([600.0, 9000.0])
-    asked = slowed(monkeypatch, lambda stl, _: next(times) if stl.stem == "p02" else 0.0, fail)
-    told, result = plan(state, bar)
+    requests = slowed(monkeypatch, lambda stl, _: next(times) if stl.stem == "p02" else 0.0, fail)
+    reports, result = plan(state, bar)
     assert isinstance(result, Plan), result
-    assert PlanStep.LEVELLING in [far.step for far in told]
-    assert any("levelled" in str(stl) for stl in asked)
+    assert PlanStep.LEVELLING in [step_progress.step for step_progress in reports]
+    assert any("levelled" in str(stl) for stl in requests)
     first, second = result.parts
     assert first.geometry.volume_mm3 == pytest.approx(second.geometry.volume_mm3, rel=0.05)
     assert result.plates[1].sliced_s - result.plates[0].sliced_s == pytest.approx(600.0, rel=0.1)
@@ -158,10 +158,10 @@ def test_plan_is_retried_after_a_full_disk(state, tmp_path, monkeypatch):
         async def run(self, work, *args, limit=None):
             raise next(answers)
 
-    told, scenes = [], []
+    reports, scenes = [], []
 
     def tell(number, progress):
-        told.append(progress.step)
+        reports.append(progress.step)
         farm = Farm(tmp_path / "farm")
         farm.controller.on_plan_progress(number, progress)
         scenes.append([item.text for item in list_tasks(farm.view_context(state)) if item.code == "farm"])
@@ -174,7 +174,7 @@ def test_plan_is_retried_after_a_full_disk(state, tmp_path, monkeypatch):
         return await done
 
     result = asyncio.run(main())
-    assert told == [PlanStep.WAITING, PlanStep.NO_ROOM, PlanStep.WAITING]
+    assert reports == [PlanStep.WAITING, PlanStep.NO_ROOM, PlanStep.WAITING]
     assert "No space left" in str(result)  # the second time there was room: it is the job's own
     assert [len(texts) for texts in scenes] == [0, 1, 0]
     assert "free space" in scenes[1][0] and "job 7" in scenes[1][0]
@@ -183,10 +183,10 @@ def test_plan_is_retried_after_a_full_disk(state, tmp_path, monkeypatch):
 def test_plan_that_cannot_be_recorded_fails_its_job(state, monkeypatch):
     """It was left planning until the next daemon, with nothing but a line in the log."""
     monkeypatch.setattr(PlanBuilder, "plan_model", lambda _: asyncio.sleep(0, object.__new__(Plan)))
-    told = []
+    reports = []
 
     def done(number, result):
-        told.append(result)
+        reports.append(result)
         if isinstance(result, Plan):
             raise KeyError("p07")
 
@@ -198,6 +198,6 @@ def test_plan_that_cannot_be_recorded_fails_its_job(state, monkeypatch):
             await asyncio.sleep(0)
 
     asyncio.run(main())
-    assert isinstance(told[0], Plan)
-    assert str(told[1]).startswith("its plan was refused: KeyError: 'p07'")
-    assert len(told) == 2
+    assert isinstance(reports[0], Plan)
+    assert str(reports[1]).startswith("its plan was refused: KeyError: 'p07'")
+    assert len(reports) == 2

@@ -93,9 +93,9 @@ def decide(jobs, fleet):
     """Decide on the jobs of a queue; return the orders and the holds."""
     moment = situation([], fleet)
     desk = JobAdmission()
-    found = list(desk.decide(Books.from_entities(jobs), moment, Availability(moment.printers)))
-    orders = [(each.job, each.printers) for each in found if isinstance(each, StartPlanning)]
-    return orders, {each.job: each.hold for each in found if isinstance(each, HoldJob)}
+    results = list(desk.decide(Books.from_entities(jobs), moment, Availability(moment.printers)))
+    orders = [(item.job, item.printers) for item in results if isinstance(item, StartPlanning)]
+    return orders, {item.job: item.hold for item in results if isinstance(item, HoldJob)}
 
 
 def test_held_job_is_planned_for_attended_printers_too():

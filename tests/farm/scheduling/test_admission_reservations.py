@@ -16,20 +16,20 @@ from farm.scheduling.matching import Requirements
 from scheduling_examples import plate, printer, rules, situation
 
 ANY = JobRequest(Requirements(None, None, None))
-HOUSE = rules(max_heating=1)
+START_RULES = rules(max_heating=1)
 FLEET = (printer("a", booked=True, heating=True), printer("b", grams=50.0), printer("c"))
 
 
 @pytest.mark.parametrize(
     "reason", [{"places": 0}, {"not_before_s": 16 * 3600.0}, {"grams": 900.0, "failed_on": frozenset("c")}]
 )
-@pytest.mark.parametrize("house", [rules(), HOUSE])
-def test_no_printer_is_reserved_for_a_plate_that_may_not_start(reason, house):
-    assert list_reservations(situation([plate("1/02", "b", **reason)], FLEET[:2], house), {}) == {}
+@pytest.mark.parametrize("start_rules", [rules(), START_RULES])
+def test_no_printer_is_reserved_for_a_plate_that_may_not_start(reason, start_rules):
+    assert list_reservations(situation([plate("1/02", "b", **reason)], FLEET[:2], start_rules), {}) == {}
 
 
 def test_printer_is_reserved_for_a_plate_waiting_for_the_heating_limit():
-    assert list_reservations(situation([plate("6/03", "b")], FLEET, HOUSE), {}) == {"b": "6/03"}
+    assert list_reservations(situation([plate("6/03", "b")], FLEET, START_RULES), {}) == {"b": "6/03"}
 
 
 def test_printers_are_reserved_for_replans_and_as_spares():

@@ -13,8 +13,8 @@ from scheduling_examples import LOW, TALL, box, plate, printer, situation
 NOW_S = 1_000_000.0
 
 
-def assign(waiting, fleet, house=None, **changes):
-    moment = situation(waiting, fleet, house, NOW_S, **changes)
+def assign(waiting, fleet, start_rules=None, **changes):
+    moment = situation(waiting, fleet, start_rules, NOW_S, **changes)
     given_ = assignment.assign_plates(moment)
     return given_, assignment.find_holds(moment, given_)
 

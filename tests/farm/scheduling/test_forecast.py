@@ -15,8 +15,8 @@ MONDAY_S = 1_000_000.0 // 604800 * 604800 + 4 * 86400  # 00:00 UTC
 HOUR = 3600.0
 
 
-def forecast(waiting, fleet, house, now_s):
-    return forecast_prints(situation(waiting, fleet, house, now_s))
+def forecast(waiting, fleet, start_rules, now_s):
+    return forecast_prints(situation(waiting, fleet, start_rules, now_s))
 
 
 fleets = st.lists(
@@ -61,9 +61,9 @@ houses = st.builds(
 
 
 @given(waiting, fleets, houses, st.floats(0, 7 * 24 * HOUR), st.randoms())
-def test_forecast_keeps_its_invariants(plates, fleet, house, after_s, random):
+def test_forecast_keeps_its_invariants(plates, fleet, start_rules, after_s, random):
     now_s = MONDAY_S + after_s
-    observed = forecast(plates, fleet, house, now_s)
+    observed = forecast(plates, fleet, start_rules, now_s)
     by_id, by_name = {p.id: p for p in plates}, {p.name: p for p in fleet}
     assert sorted([slot.plate for slot in observed.slots] + list(observed.left)) == sorted(by_id)
     for name, slots in itertools.groupby(
@@ -79,13 +79,13 @@ def test_forecast_keeps_its_invariants(plates, fleet, house, after_s, random):
         assert what.requirements.matches(where.capabilities)
         assert slot.starts_s >= now_s
         assert slot.ends_s - slot.starts_s == pytest.approx(seconds_on(what, where))
-        assert house.find_start(what, where, slot.starts_s).at_s == slot.starts_s
+        assert start_rules.find_start(what, where, slot.starts_s).at_s == slot.starts_s
         heats = [s for s in observed.slots if s.starts_s <= slot.starts_s < s.starts_s + 300.0]
-        assert house.max_heating is None or len(heats) <= house.max_heating
+        assert start_rules.max_heating is None or len(heats) <= start_rules.max_heating
     assert now_s <= observed.lower_bound_s <= observed.ends_s
     for mixed in (plates, fleet):
         random.shuffle(mixed)
-    assert forecast(plates, fleet, house, now_s) == observed
+    assert forecast(plates, fleet, start_rules, now_s) == observed
 
 
 @given(st.lists(st.floats(600, 9 * HOUR), min_size=1, max_size=6), st.integers(1, 3))
@@ -104,9 +104,9 @@ def test_bound_is_below_the_end_of_every_order(times, count):
 
 
 def test_second_round_waits_for_a_cleared_bed():
-    house = rules(attended=("mon-fri 08:00-18:00",))
+    start_rules = rules(attended=("mon-fri 08:00-18:00",))
     plates = [plate("1/01", "a", expected_s=4 * HOUR), plate("1/02", "a", expected_s=2 * HOUR)]
-    observed = forecast(plates, [printer("a")], house, MONDAY_S + 17 * HOUR)
+    observed = forecast(plates, [printer("a")], start_rules, MONDAY_S + 17 * HOUR)
     assert [slot.starts_s - MONDAY_S for slot in observed.slots] == [17 * HOUR, 32 * HOUR + CLEARING_S]
 
 

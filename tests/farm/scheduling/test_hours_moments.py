@@ -60,11 +60,11 @@ def test_time_in_a_skipped_or_repeated_hour(now, then):
 def test_length_of_a_night_follows_daylight_saving(day, night_h):
     """From the end of attended hours, and from 22:00, to the same hour of the morning."""
     attended = Hours((parse_window("08:00-21:00"),), BERLIN)
-    house = StartRules(attended, Hours((), BERLIN))
+    start_rules = StartRules(attended, Hours((), BERLIN))
     now_s = datetime.fromisoformat(f"{day} 18:00").replace(tzinfo=BERLIN).timestamp()
-    begins_s, ends_s = start_and_deadline_s(JobOptions(overnight=True, done_by="07:00"), house, now_s)
+    begins_s, ends_s = start_and_deadline_s(JobOptions(overnight=True, done_by="07:00"), start_rules, now_s)
     assert (begins_s - now_s, ends_s - begins_s) == (3 * 3600.0, night_h * 3600.0)
-    begins_s, ends_s = start_and_deadline_s(JobOptions(at="22:00", done_by="08:00"), house, now_s)
+    begins_s, ends_s = start_and_deadline_s(JobOptions(at="22:00", done_by="08:00"), start_rules, now_s)
     assert (begins_s - now_s, ends_s - begins_s) == (4 * 3600.0, night_h * 3600.0)
 
 
@@ -74,25 +74,25 @@ def test_length_of_a_night_follows_daylight_saving(day, night_h):
 )
 def test_overnight_is_refused_if_first_layers_need_attendance(now, then):
     attended = Hours((parse_window("08:00-21:00"),), BERLIN)
-    house = StartRules(attended, Hours((), BERLIN), first_layers_attended=True)
+    start_rules = StartRules(attended, Hours((), BERLIN), first_layers_attended=True)
     now_s = datetime.fromisoformat(now).replace(tzinfo=BERLIN).timestamp()
     with pytest.raises(
         FarmError, match=rf"attended first layers .*give --at .*, like --at '{then}'"
     ) as error:
-        start_and_deadline_s(JobOptions(overnight=True), house, now_s)
+        start_and_deadline_s(JobOptions(overnight=True), start_rules, now_s)
     assert error.value.code is ErrorCode.SETTINGS
-    begins_s, _ = start_and_deadline_s(JobOptions(at=then), house, now_s)
+    begins_s, _ = start_and_deadline_s(JobOptions(at=then), start_rules, now_s)
     assert begins_s is not None
-    assert house.attended.span(begins_s) is not None
+    assert start_rules.attended.span(begins_s) is not None
 
 
 @pytest.mark.parametrize("first_layers_attended", [False, True])
 def test_overnight_is_refused_if_attended_hours_never_end(first_layers_attended):
     """Its start would be at infinity, which no calendar can show: nothing could be scheduled any more."""
-    house = StartRules(
+    start_rules = StartRules(
         Hours((parse_window("00:00-24:00"),), BERLIN), Hours((), BERLIN), first_layers_attended
     )
     now_s = datetime.fromisoformat("2026-11-20 18:00").replace(tzinfo=BERLIN).timestamp()
     with pytest.raises(FarmError, match=r"`attended` hours of fleet\.yaml never end") as error:
-        start_and_deadline_s(JobOptions(overnight=True), house, now_s)
+        start_and_deadline_s(JobOptions(overnight=True), start_rules, now_s)
     assert error.value.code is ErrorCode.SETTINGS

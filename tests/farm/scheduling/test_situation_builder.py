@@ -63,10 +63,10 @@ def test_firmware_with_an_unverified_dead_man_prints_only_attended():
     plus = real.model_copy(update={"model": "ultimaker2_plus"})
     books, builder = printing(plates=1), SituationBuilder(bed_boxes)
     fleets = [Fleet(printers=(item,)) for item in (real, simulated, plus)]
-    found = [builder.printers(fleet, books, {})[0] for fleet in fleets]
-    assert [item.unattended for item in found] == [False, True, True]
+    results = [builder.printers(fleet, books, {})[0] for fleet in fleets]
+    assert [item.unattended for item in results] == [False, True, True]
     reason = "it is not verified that Marlin 2 switches the heaters off when its host dies"
-    assert found[0].why_attended == reason
+    assert results[0].why_attended == reason
 
 
 def test_one_printer_is_described_as_among_all_unless_it_is_disabled():

@@ -64,8 +64,8 @@ def start_plates(moment):
 
 @given(plates, fleets, houses)
 @settings(max_examples=60, deadline=None)
-def test_no_start_changes_before_the_next_change(waiting, fleet, house):
-    eager = lazy = situation(waiting, fleet, house, FRIDAY)
+def test_no_start_changes_before_the_next_change(waiting, fleet, start_rules):
+    eager = lazy = situation(waiting, fleet, start_rules, FRIDAY)
     due_s = -math.inf
     for tick in range(TICKS):
         now_s = FRIDAY + tick * TICK_S
@@ -78,7 +78,7 @@ def test_no_start_changes_before_the_next_change(waiting, fleet, house):
 
 
 @pytest.mark.parametrize(
-    ("house", "changes", "after_s"),
+    ("start_rules", "changes", "after_s"),
     [
         (rules(), {}, math.inf),  # nothing but an event changes anything
         (rules(attended=["mon-fri 08:00-18:00"]), {"expected_s": 20 * HOUR}, HOUR),  # the hours end
@@ -86,6 +86,6 @@ def test_no_start_changes_before_the_next_change(waiting, fleet, house):
         (rules(), {"not_before_s": FRIDAY + 60.0}, 60.0),
     ],
 )
-def test_next_change_is_computed(house, changes, after_s):
-    moment = situation([plate("x", "a", **changes)], [printer("a")], house, FRIDAY)
+def test_next_change_is_computed(start_rules, changes, after_s):
+    moment = situation([plate("x", "a", **changes)], [printer("a")], start_rules, FRIDAY)
     assert moment.next_change_s() - FRIDAY == pytest.approx(after_s, abs=0.01)

@@ -27,8 +27,8 @@ def at(text):
 FRIDAY = at("2026-11-20 17:00")
 
 
-def assign(waiting, fleet, house, now_s, spares=0):
-    moment = situation(waiting, fleet, house, now_s, spares=spares)
+def assign(waiting, fleet, start_rules, now_s, spares=0):
+    moment = situation(waiting, fleet, start_rules, now_s, spares=spares)
     given_ = assignment.assign_plates(moment)
     return given_, assignment.find_holds(moment, given_)
 
@@ -75,75 +75,75 @@ moments = st.floats(FRIDAY, FRIDAY + 7 * 24 * HOUR)
 
 
 @given(plates, fleets, houses, moments, st.integers(0, 2))
-def test_forbidden_starts_are_refused(waiting, fleet, house, now_s, spares):
-    given_, holds = assign(waiting, fleet, house, now_s, spares)
+def test_forbidden_starts_are_refused(waiting, fleet, start_rules, now_s, spares):
+    given_, holds = assign(waiting, fleet, start_rules, now_s, spares)
     by_name, by_id = {p.name: p for p in fleet}, {p.id: p for p in waiting}
     assert len({a.printer for a in given_}) == len(given_)
     assert {a.plate for a in given_} | set(holds) == set(by_id)
-    if house.max_heating is not None:
+    if start_rules.max_heating is not None:
         heating = sum(p.heating for p in fleet)
-        assert not given_ or heating + len(given_) <= house.max_heating
+        assert not given_ or heating + len(given_) <= start_rules.max_heating
     for what, where in ((by_id[a.plate], by_name[a.printer]) for a in given_):
         assert where.bed is Bed.CLEAR
         assert where.grams is None or what.grams <= where.grams
         assert what.not_before_s is None or what.not_before_s <= now_s
-        quiet = house.quiet.span(now_s) or house.quiet.following(now_s)
+        quiet = start_rules.quiet.span(now_s) or start_rules.quiet.following(now_s)
         assert quiet is None or now_s + what.expected_s <= quiet[0]
-        watched = house.attended.span(now_s)
+        watched = start_rules.attended.span(now_s)
         if not where.unattended:
             assert watched is not None and now_s + what.expected_s + ENDED_BEFORE_S <= watched[1]
-        elif house.first_layers_attended:
+        elif start_rules.first_layers_attended:
             assert watched is not None and now_s + what.first_layer_s <= watched[1]
 
 
 @given(plates, fleets, houses, moments)
 @settings(deadline=None)
-def test_start_is_allowed_until_the_latest_start(waiting, fleet, house, now_s):
+def test_start_is_allowed_until_the_latest_start(waiting, fleet, start_rules, now_s):
     for what, where in ((w, p) for w in waiting for p in fleet):
-        at_s = house.find_start(what, where, now_s).at_s
+        at_s = start_rules.find_start(what, where, now_s).at_s
         if at_s is None:
             continue
-        latest_s = house.latest_start_s(what, where, at_s)
+        latest_s = start_rules.latest_start_s(what, where, at_s)
         for within_s in (at_s, (at_s + min(latest_s, at_s + HOUR)) / 2, min(latest_s, at_s + HOUR) - 1e-3):
-            assert within_s < at_s or house.find_start(what, where, within_s).at_s == within_s
+            assert within_s < at_s or start_rules.find_start(what, where, within_s).at_s == within_s
         if latest_s < math.inf:
-            assert house.find_start(what, where, latest_s + 1.0).at_s != latest_s + 1.0
-        ends_by_s = house.ends_by_s(where, at_s)
-        assert (ends_by_s is None) == (where.unattended or math.isinf(house.attended.span(at_s)[1]))
+            assert start_rules.find_start(what, where, latest_s + 1.0).at_s != latest_s + 1.0
+        ends_by_s = start_rules.ends_by_s(where, at_s)
+        assert (ends_by_s is None) == (where.unattended or math.isinf(start_rules.attended.span(at_s)[1]))
         assert ends_by_s is None or at_s + what.expected_s < ends_by_s
 
 
 def test_attended_printer_ends_before_the_hours_and_names_the_next_start():
-    house, alone = rules(attended=WEEK[0]), printer("a", unattended=False, why_attended="so")
-    assert house.ends_by_s(alone, FRIDAY) == at("2026-11-20 17:45")
-    assert house.unattended_reason(alone, at("2026-11-20 17:44")) is None
+    start_rules, alone = rules(attended=WEEK[0]), printer("a", unattended=False, why_attended="so")
+    assert start_rules.ends_by_s(alone, FRIDAY) == at("2026-11-20 17:45")
+    assert start_rules.unattended_reason(alone, at("2026-11-20 17:44")) is None
     message = "a prints only in attended hours (so): from Mon 08:00"
-    assert house.unattended_reason(alone, at("2026-11-20 17:45")) == message
-    assert house.unattended_reason(alone, at("2026-11-21 03:00")) == message
-    assert house.ends_by_s(alone, at("2026-11-21 03:00")) == at("2026-11-21 03:00")
+    assert start_rules.unattended_reason(alone, at("2026-11-20 17:45")) == message
+    assert start_rules.unattended_reason(alone, at("2026-11-21 03:00")) == message
+    assert start_rules.ends_by_s(alone, at("2026-11-21 03:00")) == at("2026-11-21 03:00")
     assert rules().unattended_reason(alone, FRIDAY) == "a prints only in attended hours (so)"
-    assert house.unattended_reason(printer("a"), at("2026-11-21 03:00")) is None
+    assert start_rules.unattended_reason(printer("a"), at("2026-11-21 03:00")) is None
     assert rules(attended=["00:00-24:00"]).ends_by_s(alone, FRIDAY) is None
 
 
 @given(plates, fleets, houses, moments)
 @settings(deadline=None)
-def test_window_allows_exactly_the_possible_starts(waiting, fleet, house, now_s):
+def test_window_allows_exactly_the_possible_starts(waiting, fleet, start_rules, now_s):
     for what, where in ((w, p) for w in waiting for p in fleet):
-        window = house.start_window(where.unattended, now_s)
-        assert window.allows(what) == (house.find_start(what, where, now_s).at_s == now_s)
+        window = start_rules.start_window(where.unattended, now_s)
+        assert window.allows(what) == (start_rules.find_start(what, where, now_s).at_s == now_s)
 
 
 @given(plates, fleets, houses, moments)
 @settings(deadline=None)
-def test_every_possible_start_is_made_in_any_order(waiting, fleet, house, now_s):
+def test_every_possible_start_is_made_in_any_order(waiting, fleet, start_rules, now_s):
     """Against brute force: as many plates start as can, and the first of the queue among them."""
     waiting = [replace(p, failed_on=frozenset()) for p in waiting[:5]]
-    house = replace(house, max_heating=None)
-    given_, _ = assign(waiting, fleet, house, now_s)
+    start_rules = replace(start_rules, max_heating=None)
+    given_, _ = assign(waiting, fleet, start_rules, now_s)
 
     def can(what, where):
-        return bool(assign([what], [where], house, now_s)[0])
+        return bool(assign([what], [where], start_rules, now_s)[0])
 
     def most(rest, free):
         if not rest:
@@ -183,13 +183,13 @@ def test_every_plate_is_served_eventually(waiting, fleet, spares):
             assert holds[plate_.id].code in stuck
 
 
-def only(what, where, house=None, now_s=FRIDAY, **changes):
-    given_, holds = assign([what], [where], house or rules(), now_s, **changes)
+def only(what, where, start_rules=None, now_s=FRIDAY, **changes):
+    given_, holds = assign([what], [where], start_rules or rules(), now_s, **changes)
     return holds[what.id] if holds else given_[0].printer
 
 
 @pytest.mark.parametrize(
-    ("what", "where", "house", "code", "message"),
+    ("what", "where", "start_rules", "code", "message"),
     [
         ({"expected_s": 6 * HOUR}, {}, {"quiet": ["22:00-06:00"]}, "quiet_hours", "to Sat 06:00"),
         ({"expected_s": 17 * HOUR}, {}, {"quiet": ["22:00-06:00"]}, "too_long", "takes 17h00"),
@@ -207,8 +207,8 @@ def only(what, where, house=None, now_s=FRIDAY, **changes):
         ({}, {"heating": True}, {"max_heating": 1}, "heating_limit", "1 printers are heating up"),
     ],
 )
-def test_hold_has_a_code_and_a_reason(what, where, house, code, message):
-    hold = only(plate("1/01", "a", **what), printer("a", **where), rules(**house))
+def test_hold_has_a_code_and_a_reason(what, where, start_rules, code, message):
+    hold = only(plate("1/01", "a", **what), printer("a", **where), rules(**start_rules))
     assert hold.code == code
     assert message in hold.text
     assert only(plate("1/01", "a"), printer("a")) == "a"
@@ -227,9 +227,9 @@ def test_short_reel_is_named_besides_another_hold():
 
 
 def test_margin_is_kept_to_quiet_hours():
-    house = rules(quiet=["22:00-06:00"])
-    assert only(plate("1/01", "a", expected_s=5 * HOUR / 1.05 - 1), printer("a"), house) == "a"
-    assert only(plate("1/01", "a", expected_s=5 * HOUR), printer("a"), house).code == "quiet_hours"
+    start_rules = rules(quiet=["22:00-06:00"])
+    assert only(plate("1/01", "a", expected_s=5 * HOUR / 1.05 - 1), printer("a"), start_rules) == "a"
+    assert only(plate("1/01", "a", expected_s=5 * HOUR), printer("a"), start_rules).code == "quiet_hours"
 
 
 def test_hold_of_a_large_plate_names_when_its_printers_are_free():

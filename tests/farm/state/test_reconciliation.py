@@ -44,14 +44,14 @@ def test_agent_that_was_started_again_knows_the_filament_but_not_the_bed():
         filament=FilamentState.UNKNOWN,
         bed_unknown_reason="it was not watched before its agent was started",
     )
-    known = message.model_copy(update={"filament": FilamentState.PARKED})
+    expected = message.model_copy(update={"filament": FilamentState.PARKED})
     books = printing()
-    for at_s, snapshot in enumerate((message, known, known, known)):
+    for at_s, snapshot in enumerate((message, expected, expected, expected)):
         books, _ = run(books, *observe_idle_printer(books.printers["a"], snapshot, float(at_s)))
     printer = books.printers["a"]
     assert (printer.bed, printer.filament) == (Bed.UNKNOWN, FilamentState.PARKED)
     assert "not watched" in printer.attention_reason
-    assert list(observe_idle_printer(printer, known, 9.0)) == []
+    assert list(observe_idle_printer(printer, expected, 9.0)) == []
     cleared, _ = run(books, ev.BedCleared(at_s=10.0, printer="a", by="ann"))
     printer = cleared.printers["a"]  # nobody had to say where the filament is
     assert (printer.bed, printer.filament) == (Bed.CLEAR, FilamentState.PARKED)
@@ -152,8 +152,8 @@ def test_unstartable_print_is_reassigned_after_its_agent_confirms(link):
     books, _ = run(books, *reconcile_print(books.prints["x"], empty(link, acknowledged_cancel="x"), 5.0))
     assert books.prints["x"].state is PrintState.CANCELLED
     assert books.printers["a"].bed is Bed.CLEAR
-    for each in (books, began):
-        assert [plate.id for plate in each.waiting_plates()] == ["1/01", "1/02"]
+    for entry in (books, began):
+        assert [plate.id for plate in entry.waiting_plates()] == ["1/01", "1/02"]
 
 
 def test_print_without_an_agent_cannot_start():

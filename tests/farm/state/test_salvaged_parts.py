@@ -45,9 +45,9 @@ def test_complete_part_is_good_and_not_reprinted():
     assert books.plate_state(books.plates["1/01"]) is PlateState.GOOD
     assert books.jobs[1].state is JobState.DONE
     assert list(books.waiting_plates()) == []
-    found = books.prints["x"]
-    assert (found.state, found.verdict) == (PrintState.DONE, Verdict.GOOD)
-    assert "confirmed good by ann" in found.verdict_why and DIED["reason"] in found.verdict_why
+    result = books.prints["x"]
+    assert (result.state, result.verdict) == (PrintState.DONE, Verdict.GOOD)
+    assert "confirmed good by ann" in result.verdict_why and DIED["reason"] in result.verdict_why
     printer = books.printer("a")
     assert (printer.bed, printer.attention_reason) == (Bed.CLEAR, None)
     assert reported == [ev.SendCleared(printer="a", filament=None)]

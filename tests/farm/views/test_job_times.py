@@ -47,7 +47,7 @@ def test_time_between_the_end_of_a_job_and_a_reprint_is_not_counted(done):
     repeated = ev.ReprintRequested(at_s=DAY_S, plate="1/01", why="lost", by="ann")
     books, _ = run(done, repeated, *attempt("z", "1/01", "c", DAY_S + 50.0, DAY_S + 150.0))
     second = times(books, 3 * DAY_S)
-    assert [(each.started_s, each.ended_s) for each in second.runs] == [
+    assert [(item.started_s, item.ended_s) for item in second.runs] == [
         (0.0, 100.0),
         (DAY_S + 50.0, DAY_S + 150.0),
     ]
@@ -83,7 +83,7 @@ def test_part_judged_bad_later_begins_another_run():
     bad = ev.BedCleared(at_s=9000.0, printer="a", by="ann", verdict=Verdict.BAD, why="warped")
     books, _ = run(printing(1), *attempt("x", "1/01", "a", 0.0, 100.0)[:2], bad)
     books, _ = run(books, *attempt("y", "1/01", "a", 9100.0, 9200.0))
-    assert [each.length_s for each in times(books, DAY_S).runs] == [100.0, 100.0]
+    assert [item.length_s for item in times(books, DAY_S).runs] == [100.0, 100.0]
 
 
 SPANS = st.lists(st.tuples(st.floats(0.0, 1e5), st.floats(1.0, 1e5)), min_size=1, max_size=6)

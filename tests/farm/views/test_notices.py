@@ -11,7 +11,7 @@ from make_books import ended, fleet, job, printing, run
 LATER_S = 1000.0
 
 
-def told(books, now_s=LATER_S, since_s=0.0, before=()):
+def list_texts(books, now_s=LATER_S, since_s=0.0, before=()):
     return [notice.text for notice in list_due_notices(books, now_s, since_s, before)]
 
 
@@ -25,21 +25,23 @@ def begun(plates=2):
 
 
 def test_no_notice_without_a_problem():
-    assert told(begun()) == []
+    assert list_texts(begun()) == []
 
 
 def test_printed_job_and_empty_queue_are_notified_once():
     books, _ = run(begun(), ended("x"), ended("y", at_s=300.0))
     texts = ["job 1 (bracket.stl) is printed: 2 parts in 5 min", "all jobs have ended"]
-    assert told(books) == texts
-    assert told(books, before={notice.key for notice in list_due_notices(books, LATER_S, 0.0, ())}) == []
-    assert told(books, since_s=301.0) == []
-    assert told(books, now_s=300.0 + WINDOW_S / 2) == []
+    assert list_texts(books) == texts
+    assert (
+        list_texts(books, before={notice.key for notice in list_due_notices(books, LATER_S, 0.0, ())}) == []
+    )
+    assert list_texts(books, since_s=301.0) == []
+    assert list_texts(books, now_s=300.0 + WINDOW_S / 2) == []
     judged, _ = run(books, *(ev.BedCleared(at_s=400.0, printer=name, by="ann") for name in "ab"))
     keys = [{notice.key for notice in list_due_notices(some, LATER_S, 0.0, ())} for some in (books, judged)]
     assert keys[0] == keys[1]  # a verdict is no news
     more, _ = run(books, ev.JobSubmitted(at_s=400.0, job=job(2)))
-    assert told(more) == texts[:1]
+    assert list_texts(more) == texts[:1]
 
 
 def test_failure_is_notified_but_not_a_cancel():
@@ -48,7 +50,7 @@ def test_failure_is_notified_but_not_a_cancel():
         begun(), failed, ev.PrintFailRequested(at_s=5.0, print_id="y", why="it came off", by="ann")
     )
     books, _ = run(books, ended("y", PrintState.CANCELLED))
-    assert told(books) == ["1/p01 failed on a: it does not get warm"]
+    assert list_texts(books) == ["1/p01 failed on a: it does not get warm"]
 
 
 def test_failed_job_is_notified():
@@ -59,13 +61,13 @@ def test_failed_job_is_notified():
         ev.PlanningStarted(at_s=0.0, job=1),
         ev.JobFailed(at_s=9.0, job=1, error=ErrorCode.NO_FIT, reason="too large"),
     )
-    assert told(books) == ["job 1 (bracket.stl) failed: too large", "all jobs have ended"]
+    assert list_texts(books) == ["job 1 (bracket.stl) failed: too large", "all jobs have ended"]
 
 
 def test_lost_printer_is_notified_with_its_part():
     lost = ended("x", PrintState.FAILED, fault="port_lost", reason="its port is gone")
     books, _ = run(begun(), lost, ev.PrinterLost(at_s=500.0, printer="c"))
-    assert told(books) == [
+    assert list_texts(books) == [
         "1/p01 failed on a: its port is gone",
         "c is lost: the connection to its board is gone",
     ]
@@ -76,19 +78,21 @@ def test_outage_is_notified_once_for_all_printers():
     books, _ = run(
         begun(3), *(ended(name, PrintState.FAILED, 200.0 + i, **removed) for i, name in enumerate("xyz"))
     )
-    assert told(books) == ["a b c were lost at the same time; nothing starts before `farm resume`"]
+    assert list_texts(books) == ["a b c were lost at the same time; nothing starts before `farm resume`"]
     books, _ = run(books, ev.OutageConfirmed(at_s=400.0, by="ann"), ev.PrinterLost(at_s=600.0, printer="a"))
-    assert told(books)[1:] == ["a is lost: the connection to its board is gone"]
+    assert list_texts(books)[1:] == ["a is lost: the connection to its board is gone"]
 
 
 def test_ended_dry_run_is_not_notified():
     attempted = job(2).model_copy(update={"options": job().options.model_copy(update={"dry_run": True})})
     books, _ = run(printing(), ev.JobSubmitted(at_s=3.0, job=attempted), ev.JobCancelled(at_s=4.0, job=2))
-    assert told(books) == []
+    assert list_texts(books) == []
 
 
 def test_restored_database_is_notified_once():
     books, _ = run(begun(), ev.BooksRestored(at_s=500.0, copied_s=1.0))
-    (text,) = told(books)
+    (text,) = list_texts(books)
     assert text.startswith("the database was damaged and restored")
-    assert told(books, before={notice.key for notice in list_due_notices(books, LATER_S, 0.0, ())}) == []
+    assert (
+        list_texts(books, before={notice.key for notice in list_due_notices(books, LATER_S, 0.0, ())}) == []
+    )

@@ -66,7 +66,7 @@ def test_file_cut_at_any_byte_is_refused(slicer, share):
 @settings(max_examples=40, deadline=None)
 def test_file_cut_at_the_end_of_any_line_is_refused(slicer, data):
     file = whole(slicer)
-    ends = [found.end() for found in re.finditer(rb"\n", file)]
+    ends = [result.end() for result in re.finditer(rb"\n", file)]
     cut_is_refused(file, data.draw(st.sampled_from(ends[:-1])))
 
 
@@ -76,7 +76,7 @@ def test_file_of_a_slicer_without_a_closing_mark_is_refused_before_its_end_code(
     """Slic3r closes with its settings; a file of no slicer known here has its end code alone."""
     slic3r, unknown = whole("slic3r"), "\n".join(marlin(square(layers=20))).encode() + b"\n"
     for file, end in ((slic3r, b"; filament used"), (unknown, b"M104 S0")):
-        ends = [found.end() for found in re.finditer(rb"\n", file[: file.index(end)])]
+        ends = [result.end() for result in re.finditer(rb"\n", file[: file.index(end)])]
         cut_is_refused(file, data.draw(st.sampled_from(ends)))
         cut_is_refused(file, data.draw(st.sampled_from(ends)) - data.draw(st.integers(1, 2)))
 

@@ -33,10 +33,10 @@ def fitted(height_mm, nozzle_mm, heights):
 @given(st.floats(0.2, HIGHEST_MM), cases)
 def test_layers_change_by_4_percent_at_most_and_the_first_stays_printable(height_mm, case):
     nozzle_mm, heights = case
-    found = fitted(height_mm, nozzle_mm, heights)
-    assert abs(found.other_mm / heights.other_mm - 1) <= 0.04 + 1e-9
-    assert 0.75 * heights.first_mm - 1e-3 <= found.first_mm <= 0.8 * nozzle_mm + 1e-9
-    assert found.first_mm <= 1.25 * heights.first_mm + 1e-3
+    result = fitted(height_mm, nozzle_mm, heights)
+    assert abs(result.other_mm / heights.other_mm - 1) <= 0.04 + 1e-9
+    assert 0.75 * heights.first_mm - 1e-3 <= result.first_mm <= 0.8 * nozzle_mm + 1e-9
+    assert result.first_mm <= 1.25 * heights.first_mm + 1e-3
 
 
 @given(st.floats(0.0, 1.0), cases)
@@ -51,12 +51,12 @@ def test_every_part_of_some_layers_is_printed_to_its_height(share, case):
 @example(156.94921875, (0.4, LayerHeights(0.3, 0.2)))  # the first layer changes by 4 % exactly
 def test_first_layer_changes_only_where_the_others_cannot_reach_the_height(height_mm, case):
     nozzle_mm, heights = case
-    found = fitted(height_mm, nozzle_mm, heights)
+    result = fitted(height_mm, nozzle_mm, heights)
     alone = fit_heights(height_mm, heights, most_first_mm=0.0)
     assert alone.first_mm == heights.first_mm
     if abs(printed_height_mm(height_mm, alone) - height_mm) <= EXACT_MM - 0.002:
-        assert found == alone
-    elif abs(found.first_mm / heights.first_mm - 1) > 0.04 + 1e-9:
+        assert result == alone
+    elif abs(result.first_mm / heights.first_mm - 1) > 0.04 + 1e-9:
         first = round(1000 * heights.first_mm)
         low, high = int(np.ceil(0.96 * first)), int(1.04 * first)
         assert missed_um(height_mm, heights, range(low, high + 1)) > 17

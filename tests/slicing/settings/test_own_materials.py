@@ -32,11 +32,11 @@ def write(tmp_path, monkeypatch):
         data = text if isinstance(text, bytes) else text.encode()
         (tmp_path / f"{name}.xml.fdm_material").write_bytes(data)
         try:
-            found = find_resources()
+            results = find_resources()
         except SlicingError as error:
             pytest.skip(str(error))
         _forget()
-        return found
+        return results
 
     yield write_file
     _forget()
@@ -51,10 +51,10 @@ def _forget():
 
 
 def test_settings_of_an_own_material_are_used(write):
-    found = resolve_settings(REQUEST, write(FILE))
-    assert (found.nozzle_c, found.bed_c) == (233.0, 77.0)
-    assert float(found.extruder["retraction_speed"]) == 31.0
-    assert found.density_g_cm3 == 1.27
+    result = resolve_settings(REQUEST, write(FILE))
+    assert (result.nozzle_c, result.bed_c) == (233.0, 77.0)
+    assert float(result.extruder["retraction_speed"]) == 31.0
+    assert result.density_g_cm3 == 1.27
 
 
 def test_kind_without_a_profile_uses_that_of_a_related_kind(write):
@@ -95,10 +95,10 @@ REFUSED = {
 
 @pytest.mark.parametrize("case", REFUSED)
 def test_file_that_is_no_good_material_is_refused_with_the_reason(write, case):
-    text, said = REFUSED[case]
+    text, expected_text = REFUSED[case]
     with pytest.raises(BadSetting) as error:
         resolve_settings(REQUEST, write(text))
-    assert said in str(error.value)
+    assert expected_text in str(error.value)
     assert len(str(error.value).splitlines()) == 1
 
 

@@ -26,13 +26,13 @@ def resources_of(version):
     """Cura's files of a version; the installed ones, or those of `FARM_CURA_RESOURCES_<version>`."""
     named = os.environ.get(f"FARM_CURA_RESOURCES_{version.replace('.', '_')}")
     try:
-        found = Resources(Path(named)) if named else find_resources()
+        result = Resources(Path(named)) if named else find_resources()
     except EngineMissing as missing:
         pytest.skip(str(missing))
-    root = json.loads((found.root / "definitions" / "fdmprinter.def.json").read_text())
+    root = json.loads((result.root / "definitions" / "fdmprinter.def.json").read_text())
     if root["metadata"]["setting_version"] != SETTING_VERSIONS[version]:
-        pytest.skip(f"the settings in {found.root} are not Cura {version}'s")
-    return found
+        pytest.skip(f"the settings in {result.root} are not Cura {version}'s")
+    return result
 
 
 def same(ours, cura):

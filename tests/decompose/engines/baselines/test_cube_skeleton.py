@@ -62,18 +62,18 @@ def test_blocks_cover_the_cells_once(shape: tuple[int, int, int], seed: int, sha
 @given(shape=shapes, seed=st.integers(0, 10**6), share=st.floats(0.3, 1.0))
 def test_largest_cube_is_found(shape: tuple[int, int, int], seed: int, share: float) -> None:
     cells = np.random.default_rng(seed).random(shape) < share
-    found = largest_cube(cells)
+    result = largest_cube(cells)
     sizes = [
         n
         for n in range(1, min(shape) + 1)
         for x, y, z in np.ndindex(*(s - n + 1 for s in shape))
         if cells[x : x + n, y : y + n, z : z + n].all()
     ]
-    if found is None:
+    if result is None:
         assert not sizes
         return
-    assert found[3] - found[0] == found[4] - found[1] == found[5] - found[2] == max(sizes)
-    for x0, y0, z0, x1, y1, z1 in [found, *cubes_about(found, cells)]:
+    assert result[3] - result[0] == result[4] - result[1] == result[5] - result[2] == max(sizes)
+    for x0, y0, z0, x1, y1, z1 in [result, *cubes_about(result, cells)]:
         assert cells[x0:x1, y0:y1, z0:z1].all()
         assert x1 - x0 == y1 - y0 == z1 - z0 <= max(sizes)
 
@@ -189,8 +189,8 @@ def test_cubes_are_compared_by_the_times_of_their_pieces(
 
     equal, unequal = cubes(55.0, 55.0), cubes(60.0, 30.0)
     slow, quick = replace(ROOM, name="slow", time_factor=1.5), replace(ROOM, name="quick", time_factor=0.5)
-    for found in ([equal, unequal], [unequal, equal]):
-        cuts = iter(found)
+    for result in ([equal, unequal], [unequal, equal]):
+        cuts = iter(result)
         monkeypatch.setattr(cube_skeleton, "_cut", lambda *_, cuts=cuts: next(cuts))
         problem = Problem(ball(95.0), (slow, quick), cost, MENDED)
         assert cube_skeleton.cut_by_cube_skeleton(problem).pieces is unequal

@@ -78,8 +78,8 @@ def test_parts_required_by_the_room() -> None:
 
 def test_films_on_a_cut_are_ignored() -> None:
     two = [Solid.box((0, 0, 0), (10, 10, 10)), Solid.box((20, 0, 0), (20 + 1e-9, 10, 10))]
-    found = connected_pieces(Piece(Solid.union(two), np.zeros((0, 4)), np.zeros((0, 2, 3))))
-    assert [piece.solid.volume_mm3 for piece in found] == pytest.approx([1000.0])
+    result = connected_pieces(Piece(Solid.union(two), np.zeros((0, 4)), np.zeros((0, 2, 3))))
+    assert [piece.solid.volume_mm3 for piece in result] == pytest.approx([1000.0])
 
 
 def test_plane_keeps_clear_of_faces() -> None:
@@ -91,15 +91,15 @@ def test_plane_keeps_clear_of_faces() -> None:
 
 def test_planes_of_symmetry_differ_and_the_best_is_first() -> None:
     block = Solid.box((0, 0, 0), (50, 60, 70)).arrays()[0]
-    for found in (
+    for result in (
         draw_mirrors(block, np.random.default_rng(0), 5),
         find_good_mirrors(block, np.random.default_rng(0), 3, 25),
     ):
-        assert len(found) >= 3
-        errors = [mirror.error_mm for mirror in found]
+        assert len(result) >= 3
+        errors = [mirror.error_mm for mirror in result]
         assert errors == sorted(errors)
-        for i, a in enumerate(found):
-            assert all(abs(a.normal @ b.normal) <= np.cos(APART_RAD) for b in found[:i])
+        for i, a in enumerate(result):
+            assert all(abs(a.normal @ b.normal) <= np.cos(APART_RAD) for b in result[:i])
     assert find_good_mirrors(block, np.random.default_rng(0), 3, 25)[0].error_mm == pytest.approx(
         0.0, abs=1e-9
     )

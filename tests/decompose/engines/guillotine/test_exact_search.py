@@ -23,15 +23,15 @@ ROOMS = tuple(PrinterRoom(str(i), ((220.0, 220.0, 200.0),)) for i in range(7))
 
 
 @pytest.fixture
-def asked(ball: Model, cost: CostModel) -> Problem:
+def task(ball: Model, cost: CostModel) -> Problem:
     options = Options(Engine.GUILLOTINE, 7, fit_first_layer=False, prove=False)
     return Problem(ball, ROOMS, cost, options, thorough=True)
 
 
 @pytest.fixture
-def searched(asked: Problem) -> tuple[ExactSearch, list[Box]]:
-    grid = asked.build_grid(asked.model)
-    search = ExactSearch(asked, grid, asked.price_boxes(grid), 0.0)
+def searched(task: Problem) -> tuple[ExactSearch, list[Box]]:
+    grid = task.build_grid(task.model)
+    search = ExactSearch(task, grid, task.price_boxes(grid), 0.0)
     return search, list(search.run())
 
 
@@ -41,37 +41,37 @@ def work_s(search: ExactSearch, boxes: list[Box]) -> float:
 
 def test_looser_partitions_are_complete_with_no_more_work(searched: tuple[ExactSearch, list[Box]]) -> None:
     search, best = searched
-    found = [list(cut) for cut in search.looser_partitions(best)]
-    assert 0 < len(found) <= len(LOOSER)
-    assert len({frozenset(chosen) for chosen in [best, *found]}) == len(found) + 1
-    limits_s = [max(search.posed_s[box] for box in chosen) for chosen in found]
+    results = [list(cut) for cut in search.looser_partitions(best)]
+    assert 0 < len(results) <= len(LOOSER)
+    assert len({frozenset(chosen) for chosen in [best, *results]}) == len(results) + 1
+    limits_s = [max(search.posed_s[box] for box in chosen) for chosen in results]
     assert min(limits_s) >= max(search.posed_s[box] for box in best)
-    for chosen in found:
+    for chosen in results:
         covered = np.zeros(search.grid.shape, dtype=np.int64)
         for a, b, c, d, e, f in chosen:
             covered[a:d, b:e, c:f] += 1
         assert covered.max() == 1
         assert covered[search.grid.needed].all()
         assert sum(len(search.cut[box]) for box in chosen) <= len(ROOMS)
-    assert min(work_s(search, chosen) for chosen in found) <= work_s(search, best)
+    assert min(work_s(search, chosen) for chosen in results) <= work_s(search, best)
 
 
-def test_earliest_end_after_plane_shifts_is_chosen(asked: Problem, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_earliest_end_after_plane_shifts_is_chosen(task: Problem, monkeypatch: pytest.MonkeyPatch) -> None:
     """The second of the looser ones."""
     ends: dict[int, float] = {}
-    made: list[tuple[Piece, ...]] = []
+    created: list[tuple[Piece, ...]] = []
 
     def evened(problem: Problem, grid: object, cut: dict[Box, list[Piece]]) -> list[Piece]:
         pieces = tuple(piece for inside in cut.values() for piece in inside)
-        made.append(pieces)
-        ends[id(pieces[0])] = (9.0, 8.0, 5.0, 7.0)[len(made) - 1]
+        created.append(pieces)
+        ends[id(pieces[0])] = (9.0, 8.0, 5.0, 7.0)[len(created) - 1]
         return list(pieces)
 
     monkeypatch.setattr(exact_search, "shift_planes", evened)
     monkeypatch.setattr(Problem, "makespan_s", lambda _, pieces: ends[id(pieces[0])])
-    found = exact_search.cut_for_uniform_printers(asked)
-    assert len(made) > 2
-    assert found.pieces == made[2]
+    result = exact_search.cut_for_uniform_printers(task)
+    assert len(created) > 2
+    assert result.pieces == created[2]
 
 
 @pytest.mark.parametrize(
@@ -79,14 +79,14 @@ def test_earliest_end_after_plane_shifts_is_chosen(asked: Problem, monkeypatch: 
     [(1.0, np.inf, True), (np.inf, 0.0, True), (np.inf, np.inf, False)],
 )
 def test_hopeless_partitions_are_not_searched(
-    best_known_s: float, budget_s: float, thorough: bool, asked: Problem, monkeypatch: pytest.MonkeyPatch
+    best_known_s: float, budget_s: float, thorough: bool, task: Problem, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def looser(self: ExactSearch, best: list[Box]) -> Iterator[dict[Box, list[Piece]]]:
         raise AssertionError
 
     monkeypatch.setattr(ExactSearch, "looser_partitions", looser)
     exact_search.cut_for_uniform_printers(
-        replace(asked, best_known_s=best_known_s, effort=Effort(budget_s), thorough=thorough)
+        replace(task, best_known_s=best_known_s, effort=Effort(budget_s), thorough=thorough)
     )
 
 

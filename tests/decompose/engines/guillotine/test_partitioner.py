@@ -33,16 +33,16 @@ def best_by_recursion(boxes: BoxTables, needed: np.ndarray, limit_s: float) -> W
         lo, hi = inside.min(axis=0) + box[:3], inside.max(axis=0) + box[:3] + 1
         box = (*map(int, lo), *map(int, hi))  # type: ignore[assignment]
         at = box_index(box, boxes.shape)
-        found = [(UNREACHABLE, 0, 0)]
+        results = [(UNREACHABLE, 0, 0)]
         if boxes.seconds[at] <= limit_s:
-            found = [(int(boxes.pieces[at]), round(boxes.seconds[at]), round(boxes.cut_mm2[at] / AREA_MM2))]
+            results = [(int(boxes.pieces[at]), round(boxes.seconds[at]), round(boxes.cut_mm2[at] / AREA_MM2))]
         for axis in range(3):
             for plane in range(box[axis] + 1, box[axis + 3]):
                 near, far = list(box), list(box)
                 near[axis + 3] = far[axis] = plane
                 a, b = best(tuple(near)), best(tuple(far))  # type: ignore[arg-type]
-                found.append((a[0] + b[0], a[1] + b[1], a[2] + b[2]))
-        return min(found)
+                results.append((a[0] + b[0], a[1] + b[1], a[2] + b[2]))
+        return min(results)
 
     return best((0, 0, 0, *boxes.shape))
 
@@ -62,12 +62,12 @@ def test_fewest_parts_at_a_limit(shape: Shape, seed: int, share: float) -> None:
     solver = Partitioner(boxes)
     expected = fewest_by_recursion(boxes, needed, limit)
     for ties in (False, True):
-        found = solver.solve(limit, ties)
-        assert found == expected
-    if found >= UNREACHABLE:
+        result = solver.solve(limit, ties)
+        assert result == expected
+    if result >= UNREACHABLE:
         return
     chosen = solver.chosen_boxes()
-    assert sum(int(boxes.pieces[box_index(b, shape)]) for b in chosen) == found
+    assert sum(int(boxes.pieces[box_index(b, shape)]) for b in chosen) == result
     cover = np.zeros(shape, int)
     for x0, y0, z0, x1, y1, z1 in chosen:
         cover[x0:x1, y0:y1, z0:z1] += 1
@@ -101,11 +101,11 @@ def test_least_makespan_is_least(shape: Shape, seed: int, printers: int) -> None
     boxes, needed = tables(shape, seed)
     limits = np.unique(boxes.seconds[np.isfinite(boxes.seconds)])
     reachable = [t for t in limits if fewest_by_recursion(boxes, needed, float(t)) <= printers]
-    found = Partitioner(boxes).find_least_makespan(printers, 0.0, tolerance_s=1e-3)
+    result = Partitioner(boxes).find_least_makespan(printers, 0.0, tolerance_s=1e-3)
     if not needed.any() or not reachable:
-        assert found is None
+        assert result is None
     else:
-        assert found == pytest.approx(float(reachable[0]), abs=2e-3)
+        assert result == pytest.approx(float(reachable[0]), abs=2e-3)
 
 
 @settings(max_examples=25, deadline=None)
@@ -139,14 +139,14 @@ def shares_by_recursion(
         at = box_index(box, classes[0].shape)
         able = [i for i, boxes in enumerate(classes) if boxes.seconds[at] <= limit_s]
         takers = combinations_with_replacement(able, int(classes[0].pieces[at]))
-        found = {tuple(each.count(i) for i in range(len(classes))) for each in takers}
+        results = {tuple(item.count(i) for i in range(len(classes))) for item in takers}
         for axis in range(3):
             for plane in range(box[axis] + 1, box[axis + 3]):
                 near, far = list(box), list(box)
                 near[axis + 3] = far[axis] = plane
                 sides = ways(tuple(near)), ways(tuple(far))  # type: ignore[arg-type]
-                found |= {tuple(np.add(a, b).tolist()) for a in sides[0] for b in sides[1]}
-        return frozenset(share for share in found if max(share) <= most)
+                results |= {tuple(np.add(a, b).tolist()) for a in sides[0] for b in sides[1]}
+        return frozenset(share for share in results if max(share) <= most)
 
     return set(ways((0, 0, 0, *classes[0].shape)))
 
@@ -155,12 +155,12 @@ def of_classes(shape: Shape, seed: int, number: int) -> tuple[list[BoxTables], n
     """The same boxes on printers that are quicker or slower, and do not have room for all of them."""
     boxes, needed = tables(shape, seed)
     rng = np.random.default_rng(seed)
-    found = []
+    results = []
     for _ in range(number):
         seconds = boxes.seconds * np.float32(rng.uniform(0.5, 1.5))
         seconds[rng.random(len(seconds)) < 0.2] = np.inf
-        found.append(replace(boxes, seconds=seconds))
-    return found, needed
+        results.append(replace(boxes, seconds=seconds))
+    return results, needed
 
 
 @settings(max_examples=60, deadline=None)
@@ -175,7 +175,7 @@ def test_unequal_printers_match_an_exhaustive_distribution(
 ) -> None:
     classes, needed = of_classes(shape, seed, 1 + len(counts))
     limit = share * 130.0 * float(np.prod(shape))
-    solver = Partitioner(classes[0], [OtherClass(*each) for each in zip(classes[1:], counts, strict=True)])
+    solver = Partitioner(classes[0], [OtherClass(*item) for item in zip(classes[1:], counts, strict=True)])
     ways = shares_by_recursion(classes, needed, limit, most=12)
     within = [way[0] for way in ways if all(n <= m for n, m in zip(way[1:], counts, strict=True))]
     expected = min(within, default=UNREACHABLE)
@@ -240,14 +240,14 @@ def random_partition(
 def test_no_partition_by_random_cuts_is_better(shape: Shape, seed: int, share: float) -> None:
     boxes, needed = tables(shape, seed)
     rng = np.random.default_rng(seed)
-    found = random_partition(boxes, (0, 0, 0, *shape), share * 130.0 * float(np.prod(shape)), rng)
-    if found is None or not needed.any():
+    result = random_partition(boxes, (0, 0, 0, *shape), share * 130.0 * float(np.prod(shape)), rng)
+    if result is None or not needed.any():
         reject()
     solver = Partitioner(boxes)
-    least = solver.find_least_makespan(len(found), 0.0, tolerance_s=1e-3)
+    least = solver.find_least_makespan(len(result), 0.0, tolerance_s=1e-3)
     assert least is not None
-    assert solver.longest_s() <= boxes.longest_s(found)
-    assert solver.solve(boxes.longest_s(found)) <= len(found)
+    assert solver.longest_s() <= boxes.longest_s(result)
+    assert solver.solve(boxes.longest_s(result)) <= len(result)
 
 
 def greedy_partition(boxes: BoxTables, printers: int) -> list[Box]:
@@ -261,13 +261,13 @@ def greedy_partition(boxes: BoxTables, printers: int) -> list[Box]:
         return float(boxes.seconds[box_index(box, boxes.shape)])
 
     def halves(box: Box) -> list[list[Box]]:
-        found = []
+        results = []
         for axis in range(3):
             for plane in range(box[axis] + 1, box[axis + 3]):
                 near, far = list(box), list(box)
                 near[axis + 3] = far[axis] = plane
-                found.append([side for side in (tight(near), tight(far)) if side is not None])
-        return found
+                results.append([side for side in (tight(near), tight(far)) if side is not None])
+        return results
 
     whole = tight([0, 0, 0, *boxes.shape])
     parts = [] if whole is None else [whole]
@@ -285,12 +285,12 @@ def greedy_partition(boxes: BoxTables, printers: int) -> list[Box]:
 @given(shape=st.tuples(*[st.integers(1, 6)] * 3), seed=st.integers(0, 10**6), printers=st.integers(1, 12))
 def test_no_greedy_partition_is_better(shape: Shape, seed: int, printers: int) -> None:
     boxes, _ = tables(shape, seed)
-    found = greedy_partition(boxes, printers)
-    assume(found and np.isfinite(boxes.longest_s(found)))
-    count = sum(int(boxes.pieces[box_index(box, shape)]) for box in found)
+    result = greedy_partition(boxes, printers)
+    assume(result and np.isfinite(boxes.longest_s(result)))
+    count = sum(int(boxes.pieces[box_index(box, shape)]) for box in result)
     solver = Partitioner(boxes)
     assert solver.find_least_makespan(count, 0.0, tolerance_s=1e-3) is not None
-    assert solver.longest_s() <= boxes.longest_s(found) + 1e-3
+    assert solver.longest_s() <= boxes.longest_s(result) + 1e-3
 
 
 def turned(boxes: BoxTables, axes: tuple[int, int, int], mirrored: tuple[bool, bool, bool]) -> BoxTables:
@@ -326,7 +326,7 @@ def test_turned_or_mirrored_model_takes_the_same_time(
     boxes, _ = tables(shape, seed)
     other = turned(boxes, (axes[0], axes[1], axes[2]), mirrored)
     times = [
-        Partitioner(each).find_least_makespan(printers, 0.0, tolerance_s=1e-3) for each in (boxes, other)
+        Partitioner(item).find_least_makespan(printers, 0.0, tolerance_s=1e-3) for item in (boxes, other)
     ]
     assert (times[0] is None) == (times[1] is None)
     assert times[0] is None or times[0] == pytest.approx(times[1], abs=2e-3)

@@ -17,9 +17,9 @@ PRINTERS = 12
 def makespan_s(triangles: np.ndarray, cost: CostModel) -> float:
     grid = build_grid(triangles, 6, GridRules(0.0, True, cost.overhang_cos, cost.skin_cos))
     solver = Partitioner(price_boxes(grid, [ROOM], cost))
-    found = solver.find_least_makespan(PRINTERS, 0.0, tolerance_s=0.01)
-    assert found is not None
-    return found
+    result = solver.find_least_makespan(PRINTERS, 0.0, tolerance_s=0.01)
+    assert result is not None
+    return result
 
 
 @pytest.mark.parametrize("axes", [(1, 2, 0), (1, 0, 2)])

@@ -113,11 +113,11 @@ def test_invalid_partition() -> None:
 
 @given(flats=st.lists(st.floats(0.0, 50.0), max_size=6), old=st.floats(0.0, 50.0), new=st.floats(0.0, 50.0))
 def test_plane_stops_before_flat_faces(flats: list[float], old: float, new: float) -> None:
-    known = np.array(sorted(flats))
-    place = keep_clear(known, old, new, 2.0)
+    expected = np.array(sorted(flats))
+    place = keep_clear(expected, old, new, 2.0)
     assert min(old, new) <= place <= max(old, new)
-    assert place == old or np.abs(known - place).min(initial=np.inf) >= 2.0 - 1e-6
-    if np.abs(known - new).min(initial=np.inf) >= 2.0:
+    assert place == old or np.abs(expected - place).min(initial=np.inf) >= 2.0 - 1e-6
+    if np.abs(expected - new).min(initial=np.inf) >= 2.0:
         assert place == new
 
 

@@ -80,9 +80,9 @@ def test_other_parts_are_balanced_if_one_pose_would_get_worse(
     pose = Problem.find_pose
 
     def worse(self: Problem, piece: Piece) -> Pose | None:
-        found = pose(self, piece)
+        result = pose(self, piece)
         longer = bool(piece.solid.bounds_mm[1, 0] > 239.0 and piece.solid.bounds_mm[0, 0] < end_mm - 0.1)
-        return replace(found, price_s=10.0 * found.price_s) if found and longer else found
+        return replace(result, price_s=10.0 * result.price_s) if result and longer else result
 
     monkeypatch.setattr(Problem, "find_pose", worse)
     before, after = run(task, boxes)
@@ -114,10 +114,10 @@ def evening(task: Problem) -> tuple[_PlaneShift, list[BoxPart]]:
     grid = task.build_grid(task.model)
     cut = {box: cut_cells(task.model.solid, grid, box) for box in halves(task)}
     boxes_mm = np.array([grid.bounds_mm(box) for box in cut])
-    cell_mm = np.array([np.diff(each).min() for each in grid.planes])
+    cell_mm = np.array([np.diff(item).min() for item in grid.planes])
     cells = NeededCells(grid.planes, grid.needed)
-    found = _PlaneShift(task, cells, cell_mm, boxes_mm, list(cut.values()))
-    return found, found.pose_start()
+    result = _PlaneShift(task, cells, cell_mm, boxes_mm, list(cut.values()))
+    return result, result.pose_start()
 
 
 def test_planes_move_once_after_the_budget_is_spent(
@@ -149,8 +149,8 @@ def test_useless_round_is_not_repeated_after_the_budget(
     pose = Problem.find_pose
 
     def worse(self: Problem, piece: Piece) -> Pose | None:
-        found = pose(self, piece)
-        return found and replace(found, price_s=10.0 * found.price_s)
+        result = pose(self, piece)
+        return result and replace(result, price_s=10.0 * result.price_s)
 
     cut = {box: cut_cells(cone, grid, box) for box in halves(task)}
     task.find_poses([piece for pieces in cut.values() for piece in pieces])

@@ -26,17 +26,17 @@ def test_equal_printers_are_one_class() -> None:
 
 def test_rooms_are_classes_and_small_differences_of_speed_are_none() -> None:
     fleet = printers(*[(PLUS, 1.0 + 0.002 * i) for i in range(8)], *[(EXTENDED, 1.0)] * 3)
-    found = classify_printers(fleet, 100.0)
-    assert [(each.boxes, each.count) for each in found] == [(PLUS, 8), (EXTENDED, 3)]
-    assert found[0].time_factor == 1.014
+    result = classify_printers(fleet, 100.0)
+    assert [(item.boxes, item.count) for item in result] == [(PLUS, 8), (EXTENDED, 3)]
+    assert result[0].time_factor == 1.014
 
 
 def test_wide_nozzle_is_a_separate_class_before_a_room() -> None:
     fleet = printers(*[(PLUS, 1.0)] * 12, *[(PLUS, 0.4)] * 3, *[(EXTENDED, 1.0)] * 4)
     three = classify_printers(fleet, 1000.0)
-    assert [each.count for each in three] == [12, 4, 3]
+    assert [item.count for item in three] == [12, 4, 3]
     two = classify_printers(fleet, 20.0)
-    assert [(each.count, each.time_factor) for each in two] == [(16, 1.0), (3, 0.4)]
+    assert [(item.count, item.time_factor) for item in two] == [(16, 1.0), (3, 0.4)]
     assert two[0].boxes == PLUS
 
 
@@ -48,14 +48,14 @@ rooms = st.sampled_from([PLUS, EXTENDED, FLAT])
 def test_each_printer_of_a_class_can_print_its_parts(
     fleet: list[tuple[tuple[tuple[float, float, float], ...], float]], most: int
 ) -> None:
-    found = classify_printers(printers(*fleet), most)
-    members = [printer.name for each in found for printer in each.printers]
+    result = classify_printers(printers(*fleet), most)
+    members = [printer.name for item in result for printer in item.printers]
     assert sorted(members) == sorted(str(i) for i in range(len(fleet)))
-    assert len(found) == 1 or count_sums([each.count for each in found]) <= most
-    for each in found:
-        for printer in each.printers:
-            assert printer.time_factor <= each.time_factor
-            assert all(printer.fits(*box) for box in each.boxes)
+    assert len(result) == 1 or count_sums([item.count for item in result]) <= most
+    for item in result:
+        for printer in item.printers:
+            assert printer.time_factor <= item.time_factor
+            assert all(printer.fits(*box) for box in item.boxes)
 
 
 @given(counts=st.lists(st.integers(1, 4), min_size=1, max_size=3))

@@ -147,20 +147,20 @@ def ball_boxes(ball_grid: Grid, printers: list[PrinterRoom], cost: CostModel) ->
 
 @pytest.mark.parametrize("count", [1, 7, 40, 10_000])
 def test_seeds_are_distinct_boundary_cells(ball_grid: Grid, ball_points: np.ndarray, count: int) -> None:
-    found = draw_seeds(
+    result = draw_seeds(
         SeedSource(ball_points, ball_grid, nothing(ball_grid)), count, np.random.default_rng(3)
     )
     boundary = int((ball_grid.cells == Cell.BOUNDARY).sum())
-    assert len(set(found)) == len(found) == min(count, boundary)
-    assert all(ball_grid.cells[x, y, z] == Cell.BOUNDARY for x, y, z, *_ in found)
-    assert found == draw_seeds(
+    assert len(set(result)) == len(result) == min(count, boundary)
+    assert all(ball_grid.cells[x, y, z] == Cell.BOUNDARY for x, y, z, *_ in result)
+    assert result == draw_seeds(
         SeedSource(ball_points, ball_grid, nothing(ball_grid)), count, np.random.default_rng(3)
     )
     # Fewer vertices than seeds:
     few = draw_seeds(
         SeedSource(ball_points[:3], ball_grid, nothing(ball_grid)), count, np.random.default_rng(3)
     )
-    assert len(set(few)) == len(found)
+    assert len(set(few)) == len(result)
 
 
 def test_seeds_spread_over_the_surface(ball_grid: Grid, ball_points: np.ndarray) -> None:
@@ -177,23 +177,23 @@ def test_attempts_cover_the_model_and_are_the_same_each_time(
 ) -> None:
     terrain = time_terrain(ball_grid, ball_boxes)
     drawn = draw_seed_sets(SeedSource(ball_points, ball_grid, terrain.barred), 14, 2, 5)
-    found = run_attempts(drawn, terrain, 14, score)
-    assert found
-    for each in found:
-        count = cover(np.array(each.blocks), ball_grid.shape)
+    result = run_attempts(drawn, terrain, 14, score)
+    assert result
+    for item in result:
+        count = cover(np.array(item.blocks), ball_grid.shape)
         assert count.max() == 1
         assert (count[ball_grid.needed] == 1).all()
-        indices = [box_index(block, ball_grid.shape) for block in each.blocks]
+        indices = [box_index(block, ball_grid.shape) for block in item.blocks]
         assert (ball_boxes.trimmed[indices] == indices).all()  # no block ends in a layer of nothing
-        assert each.parts == ball_boxes.pieces[indices].sum() <= 14
-        assert each.longest == ball_boxes.seconds[indices].max() < np.inf
-    assert [a.longest for a in found] == sorted(a.longest for a in found)
+        assert item.parts == ball_boxes.pieces[indices].sum() <= 14
+        assert item.longest == ball_boxes.seconds[indices].max() < np.inf
+    assert [a.longest for a in result] == sorted(a.longest for a in result)
     with ThreadPoolExecutor(2) as pool:
         threaded = draw_seed_sets(SeedSource(ball_points, ball_grid, terrain.barred), 14, 2, 5, pool.map)
         assert threaded == drawn
-        assert run_attempts(threaded, terrain, 14, score, pool.map) == found
+        assert run_attempts(threaded, terrain, 14, score, pool.map) == result
     others = draw_seed_sets(SeedSource(ball_points, ball_grid, terrain.barred), 14, 2, 6)
-    assert found != run_attempts(others, terrain, 14, score)
+    assert result != run_attempts(others, terrain, 14, score)
 
 
 def test_prices_of_the_paper_equal_those_of_the_solid_in_a_box(
@@ -311,7 +311,7 @@ def test_option_faithful_has_the_settings_of_the_paper(
     assert result.options.granularity == "vfine" and result.options.parallelobox.tries == 3
     assert {size for what, size, _ in observed if what == "grid"} == {15}
     assert math.sin(math.radians(1.0)) in {steep for what, _, steep in observed if what == "grid"}
-    assert sorted(each[1:] for each in observed if each[0] == "draws") == [
+    assert sorted(item[1:] for item in observed if item[0] == "draws") == [
         (4, 3),
         (5, 3),
     ]  # of the two halves

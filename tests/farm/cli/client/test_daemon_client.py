@@ -34,7 +34,7 @@ class Daemon(BaseHTTPRequestHandler):
             self.rfile.readline()
         else:
             body = self.rfile.read(int(length))
-        self.server.heard.append((self.path, body))
+        self.server.requests.append((self.path, body))
         self.do_GET()
 
     def do_GET(self):
@@ -51,7 +51,7 @@ class Daemon(BaseHTTPRequestHandler):
 @pytest.fixture
 def daemon(tmp_path):
     with UnixStreamServer(str(tmp_path / "farm.sock"), Daemon) as server:
-        server.heard, server.answer, server.deaf = [], (200, b"{}"), False
+        server.requests, server.answer, server.deaf = [], (200, b"{}"), False
         thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.01})
         thread.start()
         yield server
@@ -123,7 +123,7 @@ def test_daemon_of_another_version_is_reported(daemon, client):
 def test_requests_arrive_unchanged(daemon, client, tmp_path, monkeypatch):
     daemon.answer = (200, b'{"again": null}')
     client.cleared("um2-01", ClearedRequest(bad=True, why="warped: 3 mm & more"))
-    ((path, body),) = daemon.heard
+    ((path, body),) = daemon.requests
     assert path == "/printers/um2-01/cleared"
     assert json.loads(body)["why"] == "warped: 3 mm & more"
     model = tmp_path / "a part & more.stl"
@@ -131,7 +131,7 @@ def test_requests_arrive_unchanged(daemon, client, tmp_path, monkeypatch):
     daemon.answer = (200, b'{"job": 3, "again": false}')
     monkeypatch.setattr(Client, "status", lambda self: None)
     assert client.submit(model, JobOptions(scale=2.0)).job == 3
-    path, body = daemon.heard[-1]
+    path, body = daemon.requests[-1]
     assert "name=a+part+%26+more.stl" in path and "size=2560000" in path
     assert body == model.read_bytes()
 
@@ -151,17 +151,17 @@ class SlowDaemon(Client):
 
     def __init__(self, path, answers):
         super().__init__(path, answer_s=10.0)
-        self.answers, self.asked = list(answers), threading.Event()
+        self.answers, self.polled = list(answers), threading.Event()
 
     def _call(self, method, path, **more):
         if path == "/jobs":
-            assert self.asked.wait(60.0)
+            assert self.polled.wait(60.0)
             return {"job": 7, "again": False}
         if not path.startswith("/uploads/"):
             return STATUS
         answer = self.answers.pop(0)
         if not self.answers:
-            self.asked.set()
+            self.polled.set()
         if isinstance(answer, Exception):
             raise answer
         return answer
@@ -205,4 +205,4 @@ def test_client_gives_up_when_the_daemon_is_silent(tmp_path, minute):
     daemon = SlowDaemon(tmp_path, [REPAIRING, *[AWAY] * 9])
     with pytest.raises(DaemonUnreachable, match="may hang"):
         daemon.submit(model, JobOptions(), retry_s=0.0)
-    daemon.asked.set()
+    daemon.polled.set()

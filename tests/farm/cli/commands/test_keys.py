@@ -19,7 +19,7 @@ class Daemon:
     network = api.NetworkView(address=None, problem=None)
 
     def __init__(self, _):
-        self.asked = []
+        self.requests = []
 
     def add_key(self, request):
         Daemon.request = request
@@ -82,15 +82,15 @@ def test_invalid_request_is_refused_without_a_call_to_the_daemon(words):
 
 
 @pytest.mark.parametrize(
-    ("url", "said"),
+    ("url", "expected_text"),
     [
         ("farm.lab:8467", "is no address"),
         ("ftp://farm", "is no address"),
         ("https://user:word@farm", "is no address"),
     ],
 )
-def test_wrong_url_is_named(tmp_path, url, said):
-    with pytest.raises(FarmError, match=said):
+def test_wrong_url_is_named(tmp_path, url, expected_text):
+    with pytest.raises(FarmError, match=expected_text):
         read_address(url, tmp_path / "key")
 
 

@@ -35,7 +35,7 @@ def test_option_all_selects_the_beds_to_clear():
 
 
 @pytest.mark.parametrize(
-    ("printers", "said"),
+    ("printers", "expected_text"),
     [
         ([], "job 3 is cancelled"),
         (
@@ -48,7 +48,7 @@ def test_option_all_selects_the_beds_to_clear():
         ),
     ],
 )
-def test_cancel_names_the_beds_to_clear(printers, said, monkeypatch):
+def test_cancel_names_the_beds_to_clear(printers, expected_text, monkeypatch):
     class Daemon:
         def __init__(self, _):
             pass
@@ -58,7 +58,7 @@ def test_cancel_names_the_beds_to_clear(printers, said, monkeypatch):
             return JobStatus.model_construct(job=JobView.model_construct(plates=plates))
 
     monkeypatch.setattr(operate, "connect", Daemon)
-    assert CliRunner().invoke(app, ["cancel", "3"]).stdout == f"{said}\n"
+    assert CliRunner().invoke(app, ["cancel", "3"]).stdout == f"{expected_text}\n"
 
 
 def test_interrupted_upload_may_have_been_submitted(tmp_path, monkeypatch):

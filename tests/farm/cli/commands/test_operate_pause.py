@@ -12,7 +12,7 @@ class Daemon:
     """A farm in which one print goes on longer than anybody is there."""
 
     def __init__(self, _: object) -> None:
-        self.told: list[str] = []
+        self.targets: list[str] = []
 
     def send_command(self, path: str) -> str:
         return {"/jobs/3/parts/p01/pause": "um2-01"}.get(path, "")
@@ -25,12 +25,12 @@ class Daemon:
 
 def test_print_resumed_too_late_is_a_warning(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(operate, "connect", Daemon)
-    said = CliRunner().invoke(app, ["resume", "a"]).stdout.splitlines()
-    assert said == ["a: resumed", "a needs until Fri 19:00"]
+    output = CliRunner().invoke(app, ["resume", "a"]).stdout.splitlines()
+    assert output == ["a: resumed", "a needs until Fri 19:00"]
 
 
 @pytest.mark.parametrize(
-    ("target", "said"),
+    ("target", "output"),
     [
         ("3", "job 3: pausing; none of its waiting parts starts; continue with `farm resume 3`"),
         ("3/p01", "3/p01: pausing on um2-01; continue with `farm resume 3/p01`"),
@@ -38,6 +38,6 @@ def test_print_resumed_too_late_is_a_warning(monkeypatch: pytest.MonkeyPatch):
         ("um2-01", "um2-01: pausing; continue with `farm resume um2-01`"),
     ],
 )
-def test_pause_is_reported(target: str, said: str, monkeypatch: pytest.MonkeyPatch):
+def test_pause_is_reported(target: str, output: str, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(operate, "connect", Daemon)
-    assert CliRunner().invoke(app, ["pause", target]).stdout == f"{said}\n"
+    assert CliRunner().invoke(app, ["pause", target]).stdout == f"{output}\n"

@@ -23,10 +23,10 @@ ANSWER = api.Pruned(
 @pytest.fixture
 def prune(monkeypatch, capsys, tmp_path):
     """Run `farm prune` with a daemon that answers; return what it asked for and what was printed."""
-    asked = []
+    requests = []
 
     def answer(self, dry_run):
-        asked.append(dry_run)
+        requests.append(dry_run)
         return ANSWER.model_copy(update={"dry_run": dry_run})
 
     monkeypatch.setattr(Client, "prune", answer)
@@ -36,14 +36,14 @@ def prune(monkeypatch, capsys, tmp_path):
         with pytest.raises(SystemExit) as ended:
             main()
         assert ended.value.code == 0
-        return asked, capsys.readouterr().out
+        return requests, capsys.readouterr().out
 
     return run
 
 
 def test_dry_run_describes_what_would_be_deleted(prune):
-    asked, text = prune("--dry-run")
-    assert asked == [True]
+    requests, text = prune("--dry-run")
+    assert requests == [True]
     assert text.splitlines() == [
         "job 3  0.48 GB  bunny.stl",
         "job 4  0.02 GB  gear.3mf",
@@ -52,8 +52,8 @@ def test_dry_run_describes_what_would_be_deleted(prune):
 
 
 def test_prune_describes_what_was_deleted(prune):
-    asked, text = prune()
-    assert asked == [False]
+    requests, text = prune()
+    assert requests == [False]
     assert text.splitlines()[-1].startswith("2 jobs pruned: 0.49 GB freed")
 
 

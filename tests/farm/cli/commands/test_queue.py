@@ -13,7 +13,7 @@ ENTRY = {"state": "printing", "waiting": 2, "eta": None, "submitted_by": "ann"}
 @pytest.fixture
 def moves(monkeypatch):
     """The moves that were asked for."""
-    asked = []
+    requests = []
 
     class Daemon:
         def __init__(self, _):
@@ -24,11 +24,11 @@ def moves(monkeypatch):
             return api.Queue(now="2026-01-01T00:00:00+00:00", jobs=jobs)
 
         def move(self, number, request):
-            asked.append((number, request.to, request.before))
+            requests.append((number, request.to, request.before))
             return self.queue()
 
     monkeypatch.setattr(queue, "connect", Daemon)
-    return asked
+    return requests
 
 
 def test_jobs_are_listed_in_their_order(moves):

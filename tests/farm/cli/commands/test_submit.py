@@ -89,11 +89,11 @@ def run(tmp_path, monkeypatch):
 
 
 def test_each_model_is_one_job_and_the_first_failure_sets_the_exit_code(run):
-    done = run("a.stl", "broken.stl", "tall.stl", "b.stl", "missing.stl")
-    assert done.exit_code == 5
+    outcome = run("a.stl", "broken.stl", "tall.stl", "b.stl", "missing.stl")
+    assert outcome.exit_code == 5
     assert [job.name for job in Daemon.last.jobs.values()] == ["a.stl", "tall.stl", "b.stl"]
-    assert done.stdout.count("submitted") == 3
-    lines = done.stderr.splitlines()
+    assert outcome.stdout.count("submitted") == 3
+    lines = outcome.stderr.splitlines()
     assert lines[0].endswith(REFUSED)
     assert "missing.stl: no such file" in lines[1]
     assert "job 2: does not fit" in lines[2]
@@ -116,19 +116,19 @@ def test_existing_file_named_like_a_pattern_is_not_expanded(run, tmp_path):
 
 
 def test_several_dry_runs_are_shown_one_after_the_other_and_cancelled(run):
-    done = run("--dry-run", "a.stl", "broken.stl", "tall.stl", "b.stl")
-    assert done.stdout.splitlines() == ["plan 1", "plan 3"]
+    outcome = run("--dry-run", "a.stl", "broken.stl", "tall.stl", "b.stl")
+    assert outcome.stdout.splitlines() == ["plan 1", "plan 3"]
     assert Daemon.last.cancelled == [1, 3]
-    assert done.exit_code == 5
-    assert "tall.stl: job 2: does not fit" in done.stderr
+    assert outcome.exit_code == 5
+    assert "tall.stl: job 2: does not fit" in outcome.stderr
     alone = run("--dry-run", "tall.stl")
     assert isinstance(alone.exception, FarmError)  # the entry point prints it, and exits with its code
     assert (str(alone.exception), alone.exception.exit_code) == ("job 1: does not fit", 5)
 
 
 def test_json_of_several_models_is_one_object_with_all_outcomes(run):
-    done = run("--json", "--dry-run", "a.stl", "broken.stl")
-    answer = json.loads(done.stdout)
+    outcome = run("--json", "--dry-run", "a.stl", "broken.stl")
+    answer = json.loads(outcome.stdout)
     assert answer["schema"] == 1
     first, second = answer["submissions"]
     assert (first["model"], first["timeline"]["job"], first["exit_code"]) == ("a.stl", 1, 0)
@@ -137,20 +137,20 @@ def test_json_of_several_models_is_one_object_with_all_outcomes(run):
 
 
 def test_wait_covers_every_submitted_model(run):
-    done = run("--wait", "a.stl", "b.stl")
-    results = [line for line in done.stdout.splitlines() if line.startswith("result")]
+    outcome = run("--wait", "a.stl", "b.stl")
+    results = [line for line in outcome.stdout.splitlines() if line.startswith("result")]
     assert results == ["result 1", "result 2"]
 
 
 def test_name_note_and_copies_are_sent_with_the_job(run):
-    done = run("a.stl", "--name", "  left\tbracket ", "--note", "for\nAda", "--copies", "3")
-    assert done.exit_code == 0
+    outcome = run("a.stl", "--name", "  left\tbracket ", "--note", "for\nAda", "--copies", "3")
+    assert outcome.exit_code == 0
     assert Daemon.last.jobs[1].options == JobOptions(name="left bracket", note="for Ada", copies=3)
-    assert "left bracket submitted" in done.stdout
+    assert "left bracket submitted" in outcome.stdout
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "expected_text"),
     [
         (("a.stl", "b.stl", "--name", "x"), "--name"),
         (("a.stl", "--copies", "0"), "--copies 0: Input should be greater than or equal to 1"),
@@ -159,7 +159,7 @@ def test_name_note_and_copies_are_sent_with_the_job(run):
         (("a.stl", "--note", "x" * 201), "--note"),
     ],
 )
-def test_invalid_option_values_are_refused(run, words, said):
-    done = run(*words)
-    assert done.exit_code
-    assert said in done.stderr + str(done.exception)
+def test_invalid_option_values_are_refused(run, words, expected_text):
+    outcome = run(*words)
+    assert outcome.exit_code
+    assert expected_text in outcome.stderr + str(outcome.exception)

@@ -67,8 +67,8 @@ FLEETS = st.lists(printers(), min_size=1, max_size=12, unique_by=lambda printer:
 
 
 def view_of(fleet, **values):
-    house = VIEW.fleet.model_copy(update={"now": NOW.isoformat()})
-    return VIEW.model_copy(update={"printers": fleet, "fleet": house, **values})
+    fleet_options = VIEW.fleet.model_copy(update={"now": NOW.isoformat()})
+    return VIEW.model_copy(update={"printers": fleet, "fleet": fleet_options, **values})
 
 
 def lines_of(view, width=None, height=None):

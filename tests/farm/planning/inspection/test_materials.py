@@ -63,8 +63,8 @@ def test_material_is_found_by_kind_or_file_with_its_colour(text, meant):
 
 @given(st.text(max_size=30))
 def test_any_text_is_a_known_material_or_none(text):
-    found = parse_material(text, KINDS)
-    assert found is None or found.kind in KINDS.values()
+    result = parse_material(text, KINDS)
+    assert result is None or result.kind in KINDS.values()
 
 
 def test_kind_selects_the_generic_material_for_the_printer(resources):
@@ -88,8 +88,8 @@ def section(**values):
 
 
 def test_section_of_a_printer_has_file_kind_and_colour(resources):
-    found = complete_section(section(material="black PLA"), FleetSection())
-    assert (found.material, found.material_kind, found.colour) == ("generic_pla", "PLA", "black")
+    result = complete_section(section(material="black PLA"), FleetSection())
+    assert (result.material, result.material_kind, result.colour) == ("generic_pla", "PLA", "black")
     kept = complete_section(section(material="black PLA", colour="white"), FleetSection())
     assert kept.colour == "white"
 
@@ -109,12 +109,12 @@ def test_material_of_a_job_matches_every_printer_of_its_kind(resources):
         section(name="a").with_filament("generic_pla", "PLA", "white"),
         section(name="b", port="/dev/b").with_filament("ultimaker_pla_black", "PLA", "black"),
     ]
-    asked = name_filament(JobOptions(material="pla"), printers, None)
-    assert [p.has_material(asked.material) for p in printers] == [True, True]
-    wanted = Requirements(material=asked.material, colour=None, nozzle_mm=None)
-    assert all(wanted.matches(describe_capabilities(p, lambda _: ())) for p in printers)
-    asked = name_filament(JobOptions(material="black PLA"), printers, None)
-    assert (asked.material, asked.colour) == ("PLA", "black")
+    requested = name_filament(JobOptions(material="pla"), printers, None)
+    assert [p.has_material(requested.material) for p in printers] == [True, True]
+    requirements = Requirements(material=requested.material, colour=None, nozzle_mm=None)
+    assert all(requirements.matches(describe_capabilities(p, lambda _: ())) for p in printers)
+    requested = name_filament(JobOptions(material="black PLA"), printers, None)
+    assert (requested.material, requested.colour) == ("PLA", "black")
     with pytest.raises(Refused, match="no printer of the fleet has ABS; there is black PLA, white PLA"):
         name_filament(JobOptions(material="abs"), printers, None)
     with pytest.raises(Refused, match="no printer of the fleet has gold; there is black PLA"):

@@ -152,10 +152,10 @@ def test_refusal_names_the_line(inspect):
 
 
 def test_plan_is_one_plate_on_the_lowest_printer_that_fits(plan, files):
-    made = plan(marlin(), [printer("b", TALL), printer("c", price_per_kg=30.0), printer("d")])
-    (plate,), (part,) = made.plates, made.parts
+    created = plan(marlin(), [printer("b", TALL), printer("c", price_per_kg=30.0), printer("d")])
+    (plate,), (part,) = created.plates, created.parts
     assert (plate.printer, plate.parts, part.plate) == ("c", (part.id,), plate.id)
-    assert made.serial_s == made.expected_s == plate.expected_s > plate.sliced_s > 0
+    assert created.serial_s == created.expected_s == plate.expected_s > plate.sliced_s > 0
     assert plate.filament_mm == pytest.approx(240 * 0.08 / (math.pi * 2.85**2 / 4), abs=1e-3)
     assert plate.grams == pytest.approx(240 * 0.08 / 1000 * 1.24, rel=0.01)
     assert plate.price == pytest.approx(plate.grams * 0.03)
@@ -169,8 +169,8 @@ def test_tall_print_is_assigned_to_a_tall_printer(plan):
 
 
 def test_temperatures_of_ultigcode_are_those_of_the_printers_material(plan, files):
-    made = plan(ultigcode(), [printer("a", material="generic_abs")])
-    text = (files / made.plates[0].gcode).read_text()
+    created = plan(ultigcode(), [printer("a", material="generic_abs")])
+    text = (files / created.plates[0].gcode).read_text()
     abs_c = {line for line in text.splitlines() if line.startswith(("M109", "M190"))}
     assert {line.split()[0] for line in abs_c} == {"M109", "M190"}
     assert not abs_c & {"M109 S200", "M190 S60"}

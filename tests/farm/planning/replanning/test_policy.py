@@ -89,8 +89,10 @@ def test_printer_to_be_inspected_counts_only_with_attended_hours():
         printer_of("b", PLAIN, time_factor=2.0),
     )  # 20 h
 
-    def wish(house):
-        return policy.choose_reslice(part(), situation([part()], [broken, other], house, NOW_S), [other])
+    def wish(start_rules):
+        return policy.choose_reslice(
+            part(), situation([part()], [broken, other], start_rules, NOW_S), [other]
+        )
 
     assert wish(NIGHT) is None  # by 18:15 on the next day
     assert wish(rules()) == policy.Reslice("1/01", "b")
@@ -124,10 +126,10 @@ def test_part_of_a_removed_model_is_cut_only_if_reslicing_is_worse():
 
 
 def test_pieces_may_end_before_quiet_hours_unlike_the_whole_part():
-    house = rules(quiet=["06:00-22:00"])
+    start_rules = rules(quiet=["06:00-22:00"])
     now_s = NOW_S + 3 * HOUR  # 23:00
     fleet = [printer_of(name, PLUS) for name in "abc"]
-    assert policy.choose_recut(part(), situation([part()], fleet, house, now_s)) is not None
+    assert policy.choose_recut(part(), situation([part()], fleet, start_rules, now_s)) is not None
 
 
 fleets = st.lists(

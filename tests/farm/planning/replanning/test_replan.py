@@ -50,8 +50,8 @@ def task_of(state, size=(160.0, 90.0, 70.0), models=(PLUS, PLUS, PLAIN)):
     fleet = Fleet.model_validate(
         {"printers": [{"name": n, "model": model, "port": f"sim://{model}"} for n, model in names]}
     )
-    known = plan(1, 2)
-    planned: Part = known.parts[0]
+    expected = plan(1, 2)
+    planned: Part = expected.parts[0]
     part = planned.model_copy(
         update={
             "file": store_file(state.files, stl),
@@ -59,10 +59,10 @@ def task_of(state, size=(160.0, 90.0, 70.0), models=(PLUS, PLUS, PLAIN)):
             "print_options": PartPrintOptions(brim_width_mm=3.0),
         }
     )
-    plate: Plate = known.plates[0]
+    plate: Plate = expected.plates[0]
     folder = state.work / "replan"
     folder.mkdir(exist_ok=True)
-    other = known.parts[1].model_copy(update={"file": part.file})
+    other = expected.parts[1].model_copy(update={"file": part.file})
     options = JobOptions(engine="guillotine")
     return ReplanTask(plate, part, options, fleet.printers, state.files, folder, others=(other,))
 

@@ -19,15 +19,15 @@ ANY = Requirements(None, None, None)
 def planned(hours, names, **changes):
     """Return a planned job with a plate of each of these lengths, for these printers in turn."""
     plates = tuple(
-        plate(f"1/{at:02d}", names[at % len(names)], expected_s=each * HOUR + 300.0, heating_s=300.0)
-        for at, each in enumerate(hours, 1)
+        plate(f"1/{at:02d}", names[at % len(names)], expected_s=item * HOUR + 300.0, heating_s=300.0)
+        for at, item in enumerate(hours, 1)
     )
     facts = {"planned_for": tuple(names), "requirements": ANY, "planning_s": 300.0}
     return PlannedJob(1, plates, **{**facts, **changes})
 
 
-def choose(job, fleet, *candidates, house=None, others=()):
-    return choose_revision(job, situation([*others, *job.plates], fleet, house), candidates)
+def choose(job, fleet, *candidates, start_rules=None, others=()):
+    return choose_revision(job, situation([*others, *job.plates], fleet, start_rules), candidates)
 
 
 def test_plan_is_revised_for_more_free_printers():
@@ -93,8 +93,8 @@ def test_revision_saves_the_margin_with_its_planning_time_and_is_the_last(
     names = tuple(p.name for p in fleet)
     free = tuple(p.name for p in fleet if p.obstacle() is None)
     job = planned(hours, "abcdefgh"[:used], planning_s=float(planning_s))
-    house = rules(attended=["08:00-18:00"]) if night else rules()
-    moment = replace(situation(job.plates, fleet, house), now_s=20 * HOUR)
+    start_rules = rules(attended=["08:00-18:00"]) if night else rules()
+    moment = replace(situation(job.plates, fleet, start_rules), now_s=20 * HOUR)
     chosen = choose_revision(job, moment, (free, names))
     if chosen is None:
         return

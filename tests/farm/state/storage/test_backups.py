@@ -64,11 +64,11 @@ def test_backup_of_books_in_use_succeeds_and_old_ones_are_deleted(state):
     with Store(state.books):
         for night in range(KEPT + 2):
             back_up(state, NIGHT_S + night * DAY_S)
-    made = [backup_time_s(copy) for copy in list_backups(state)]
-    assert made == [NIGHT_S + night * DAY_S for night in range(KEPT + 1, 1, -1)]
-    assert not is_due(state, made[0] + DAY_S - 1)
+    created = [backup_time_s(copy) for copy in list_backups(state)]
+    assert created == [NIGHT_S + night * DAY_S for night in range(KEPT + 1, 1, -1)]
+    assert not is_due(state, created[0] + DAY_S - 1)
     (state.backups / "books-before-upgrade.db").touch()  # a person's own: neither used nor dropped
-    assert [backup_time_s(copy) for copy in list_backups(state)] == made
+    assert [backup_time_s(copy) for copy in list_backups(state)] == created
     with Store(list_backups(state)[0]) as copy:
         assert copy.load() == books
 
@@ -190,7 +190,7 @@ def test_restored_database_starts_nothing_before_an_inspection(tmp_path):
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
     farm.controller.on_plan(1, Plan(event.parts, event.plates, (), 1.0, 500.0, 100.0, None))
     farm.jobs.submit("s" * 8, "n.stl", MODEL, JobOptions())
-    told = len(farm.effects.instructions)
+    reported = len(farm.effects.instructions)
     farm.controller.start(farm.effects, restored_s=NIGHT_S)
     books = farm.controller.books
     assert {printer.bed for printer in books.printers.values()} == {Bed.NOT_CLEAR}
@@ -205,12 +205,12 @@ def test_restored_database_starts_nothing_before_an_inspection(tmp_path):
     for name in "ab":
         farm.report(name)  # its agent knows nothing of the print that was only assigned
     assert {p.state for p in farm.controller.books.prints.values()} == {PrintState.CANCELLED}
-    assert not [i for i in farm.effects.instructions[told:] if isinstance(i, ev.SendStart)]
+    assert not [i for i in farm.effects.instructions[reported:] if isinstance(i, ev.SendStart)]
     for name in "ab":
         farm.clear_bed(name, FilamentState.PARKED)
-    assert not [i for i in farm.effects.instructions[told:] if isinstance(i, ev.SendStart)]
+    assert not [i for i in farm.effects.instructions[reported:] if isinstance(i, ev.SendStart)]
     farm.controller.handle(ev.JobApproved(at_s=farm.controller.clock.now(), job=1, by="ann"))
-    assert len([i for i in farm.effects.instructions[told:] if isinstance(i, ev.SendStart)]) == 2
+    assert len([i for i in farm.effects.instructions[reported:] if isinstance(i, ev.SendStart)]) == 2
 
 
 def test_full_disk_empties_the_slice_cache_for_the_backup(state, monkeypatch):
@@ -237,4 +237,4 @@ def test_unreadable_backup_is_discarded(state, monkeypatch):
     monkeypatch.setattr(backups, "copy_books", garble)
     with pytest.raises(StoreError):
         back_up(state, NIGHT_S + DAY_S)
-    assert [backup_time_s(found) for found in list_backups(state)] == [NIGHT_S]
+    assert [backup_time_s(result) for result in list_backups(state)] == [NIGHT_S]

@@ -25,11 +25,11 @@ def word(alarm: str | None = FOUND, **more: object) -> AgentSnapshot:
         print_id="x", state=PrintState.ENDING, fault=None, reason=None, progress_s=1.0, print_time_s=9.0,
         extruded=True, started_s=2.0, ended_s=None,
     )  # fmt: skip
-    known = {
+    expected = {
         "printer": "a", "link": Link.BUSY, "agent_pid": 7, "nozzle_c": 271.4, "bed_c": 60.2,
         "nozzle_target_c": 0.0, "bed_target_c": 0.0, "alarm": alarm, "print": message,
     }  # fmt: skip
-    return AgentSnapshot.model_validate(known | more)
+    return AgentSnapshot.model_validate(expected | more)
 
 
 def begun():
@@ -42,12 +42,12 @@ def context(books, message):
     return ViewContext(FLEET, books, {"a": message}, StateFolder(Path("/state")), now_s=60.0)
 
 
-def heard(books, message, at_s=50.0):
+def apply_report(books, message, at_s=50.0):
     return run(books, *detect_alarm(books.printers["a"], message, at_s))[0]
 
 
 def test_alarm_is_the_first_task_with_state_and_temperatures():
-    books = heard(begun(), word())
+    books = apply_report(begun(), word())
     first = list_tasks(context(books, word()))[0]
     assert (first.code, first.printers) == ("alarm", ["a"])
     assert first.text == f"go to a now: {FOUND} (ending, nozzle 271 C, target 0, bed 60 C, target 0)"
@@ -60,7 +60,7 @@ def test_alarm_is_the_first_task_with_state_and_temperatures():
 
 @pytest.mark.parametrize("hand", ["maintenance", "outage"])
 def test_alarm_precedes_other_states_of_the_printer(hand: str):
-    books = heard(begun(), word())
+    books = apply_report(begun(), word())
     if hand == "maintenance":
         books, _ = run(books, ev.MaintenanceStarted(at_s=51.0, printer="a", why="a nozzle", by="ann"))
     else:
@@ -71,19 +71,19 @@ def test_alarm_precedes_other_states_of_the_printer(hand: str):
 
 
 def test_alarm_is_notified_once_and_its_outcome_later():
-    books = heard(begun(), word())
+    books = apply_report(begun(), word())
     reported = list_due_notices(books, 50.0, 0.0, ())
     assert [notice.text for notice in reported] == [f"go to a now: {FOUND}"]
-    books = heard(books, word(), 51.0)
+    books = apply_report(books, word(), 51.0)
     assert list_due_notices(books, 51.0, 0.0, {notice.key for notice in reported}) == []
-    books = heard(books, word(CUT), 52.0)
+    books = apply_report(books, word(CUT), 52.0)
     assert [n.text for n in list_due_notices(books, 52.0, 0.0, {n.key for n in reported})] == [
         f"go to a now: {CUT}"
     ]
 
 
 def test_alarm_after_a_cleared_one_is_notified():
-    books = heard(begun(), word())
+    books = apply_report(begun(), word())
     failed = ev.PrintEnded(
         at_s=60.0, print_id="x", state=PrintState.FAILED, fault="heater_stuck_on", reason=CUT, started_s=2.0,
         ended_s=60.0, extruded=True, filament="unknown",
@@ -95,5 +95,5 @@ def test_alarm_after_a_cleared_one_is_notified():
     assert (entry.attention_reason, entry.alarm) == (None, None) and list_due_notices(
         books, 70.0, 70.0, ()
     ) == []
-    books = heard(books, word(), 80.0)
+    books = apply_report(books, word(), 80.0)
     assert books.printers["a"].attention_reason == FOUND

@@ -135,11 +135,11 @@ def read_answer(answer):
 def test_recorded_upload_becomes_a_job_however_it_is_split(name, farm):
     model, held, note = UPLOADS[name]
 
-    async def story():
+    async def scenario():
         async with serve(farm) as connections:
             return [await connections.send(*split(read_recording(name, farm), size)) for size in CHUNKS]
 
-    for answer in asyncio.run(story()):
+    for answer in asyncio.run(scenario()):
         status, headers, _ = read_answer(answer)
         assert status == 201, answer
         assert "api/" in headers["location"] or name == "libcurl-moonraker"
@@ -154,12 +154,12 @@ def test_libcurl_that_expects_it_is_told_to_continue_but_not_with_a_wrong_key(fa
     recorded = read_recording("libcurl-print", farm)
     head = recorded[: recorded.index(b"\r\n\r\n") + 4]
 
-    async def story():
+    async def scenario():
         async with serve(farm) as connections:
             refused = await connections.send(head.replace(farm.text, RECORDED_KEY))
             return await connections.wait(head), refused
 
-    allowed, refused = asyncio.run(story())
+    allowed, refused = asyncio.run(scenario())
     assert allowed.startswith(CONTINUE)
     assert read_answer(refused)[0] == 401
 
@@ -172,7 +172,7 @@ def test_upload_cut_at_any_byte_leaves_nothing(name, reset, farm):
     recorded, events = read_recording(name, farm), len(farm.controller._store.events())
     state = {path for path in farm.state.root.rglob("*") if path.is_file()}
 
-    async def story():
+    async def scenario():
         async with serve(farm) as connections:
             for end in range(len(recorded)):
                 answer = await connections.cut(recorded[:end], reset)
@@ -183,7 +183,7 @@ def test_upload_cut_at_any_byte_leaves_nothing(name, reset, farm):
             assert (len(farm.controller._store.events()), list(farm.temporary.iterdir())) == (events, [])
             return await connections.send(recorded)
 
-    assert read_answer(asyncio.run(story()))[0] == 201
+    assert read_answer(asyncio.run(scenario()))[0] == 201
     assert len(farm.booked) == 1
 
 
@@ -191,11 +191,11 @@ def test_refused_gcode_is_one_line_of_text_with_line_and_reason_in_front(farm):
     farm.services.uploads._workers = SameProcess()
     recorded = read_recording("qt-print", farm).replace(b"M109 S205", b"M109 S999")
 
-    async def story():
+    async def scenario():
         async with serve(farm) as connections:
             return await connections.send(recorded)
 
-    status, headers, text = read_answer(asyncio.run(story()))
+    status, headers, text = read_answer(asyncio.run(scenario()))
     assert (status, headers["content-type"]) == (400, "text/plain")
     assert text.startswith("line 5: M109 sets 999 C, and the nozzle may have at most 260")
     assert (farm.booked, farm.left_files) == ({}, [])
