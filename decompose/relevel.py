@@ -136,8 +136,8 @@ def _makespan_s(problem: Problem, pieces: Sequence[Piece]) -> float:
     poses = [pose for pose in problem.find_poses(pieces) if pose is not None]
     if len(poses) != len(pieces):
         return math.inf
-    posed = apply_time_ratios(pieces, poses)
-    takers = assign_printers(posed, problem.printers)
+    scaled_poses = apply_time_ratios(pieces, poses)
+    takers = assign_printers(scaled_poses, problem.printers)
     if takers is None:
         return math.inf
-    return max(pose.price_s * taker.time_factor for pose, taker in zip(posed, takers, strict=True))
+    return max(pose.price_s * taker.time_factor for pose, taker in zip(scaled_poses, takers, strict=True))

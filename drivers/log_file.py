@@ -11,7 +11,7 @@ KEPT = 3
 """Number of renamed logs that are kept."""
 
 
-def rotate_log(path: Path, most_bytes: int = MOST_BYTES, kept: int = KEPT) -> bool:
+def rotate_log(path: Path, most_bytes: int = MOST_BYTES, file_count: int = KEPT) -> bool:
     """Rename a log that is full, and let stdout and stderr of this process continue in a new one.
 
     Files are renamed, not copied, and descriptors are replaced in one step, so every line is in the old
@@ -24,7 +24,7 @@ def rotate_log(path: Path, most_bytes: int = MOST_BYTES, kept: int = KEPT) -> bo
         The log. Renamed ones are `path.1`, the newest, to `path.KEPT`.
     most_bytes
         Size at which it is renamed.
-    kept
+    file_count
         Number of renamed logs that are kept; at least 1.
 
     Returns
@@ -36,17 +36,17 @@ def rotate_log(path: Path, most_bytes: int = MOST_BYTES, kept: int = KEPT) -> bo
         status = path.stat()
         if status.st_size < most_bytes:
             return False
-        fresh = path.with_name(f".{path.name}.new")
+        new_file = path.with_name(f".{path.name}.new")
         flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_APPEND | os.O_CLOEXEC
-        descriptor = os.open(fresh, flags, status.st_mode & 0o777)
+        descriptor = os.open(new_file, flags, status.st_mode & 0o777)
     except OSError:
         return False
     try:
-        for number in range(kept, 0, -1):
+        for number in range(file_count, 0, -1):
             older = _numbered(path, number - 1)
             if older.exists():
                 older.replace(_numbered(path, number))
-        fresh.replace(path)
+        new_file.replace(path)
         for stream in (1, 2):
             if _is_open_as(stream, status):
                 os.dup2(descriptor, stream)

@@ -12,9 +12,9 @@ def format_duration(seconds: float | None) -> str:
     """Format a duration in hours and minutes, a short one in seconds; an unknown one is a dash."""
     if seconds is None:
         return "-"
-    whole = round(seconds)
-    if whole < 120:
-        return f"{whole} s"
+    total = round(seconds)
+    if total < 120:
+        return f"{total} s"
     hours, minutes = divmod(round(seconds / 60), 60)
     return f"{hours}h{minutes:02d}" if hours else f"{minutes} min"
 

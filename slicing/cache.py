@@ -39,13 +39,13 @@ def find_least_used(entries: Iterable[CacheEntry], most_bytes: int) -> list[str]
         Names of the entries to remove.
     """
     by_use = sorted(entries, key=lambda entry: (entry.used_s, entry.name))
-    over = sum(entry.size_bytes for entry in by_use) - most_bytes
+    excess = sum(entry.size_bytes for entry in by_use) - most_bytes
     names = []
     for entry in by_use:
-        if over <= 0:
+        if excess <= 0:
             break
         names.append(entry.name)
-        over -= entry.size_bytes
+        excess -= entry.size_bytes
     return names
 
 

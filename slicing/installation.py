@@ -28,8 +28,8 @@ def install_cura(folder: Path = INSTALLED) -> None:
         If they cannot be had.
     """
     try:
-        done = subprocess.run(["bash", str(_SCRIPT), str(folder.absolute())], check=False)
+        process = subprocess.run(["bash", str(_SCRIPT), str(folder.absolute())], check=False)
     except OSError as error:
         raise EngineMissing(f"{_SCRIPT} cannot be run: {error}") from error
-    if done.returncode != 0:
+    if process.returncode != 0:
         raise EngineMissing(f"CuraEngine and its settings in {folder} could not be installed: see above")

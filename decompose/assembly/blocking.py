@@ -28,14 +28,14 @@ def find_axes(pieces: Sequence[CutSolid], joints: Sequence[Joint]) -> Floats:
     Those of the largest joints come first; three orthogonal axes are always among them.
     """
     faces = sorted((face for joint in joints for face in joint.faces), key=lambda face: -face.area_mm2)
-    found: list[Floats] = []
+    axes: list[Floats] = []
     normals = [face.normal for face in faces] + [plane[:3] for piece in pieces for plane in piece.planes]
     for normal in normals:
-        if len(found) < MOST_AXES and _is_new(normal, found):
-            found.append(normal)
-    first = found[0] if found else np.array([0.0, 0.0, 1.0])
-    square = [first, *_complete_frame(first, found)]
-    return np.array([*square, *(axis for axis in found if _is_new(axis, square))])
+        if len(axes) < MOST_AXES and _is_new(normal, axes):
+            axes.append(normal)
+    first = axes[0] if axes else np.array([0.0, 0.0, 1.0])
+    square = [first, *_complete_frame(first, axes)]
+    return np.array([*square, *(axis for axis in axes if _is_new(axis, square))])
 
 
 def find_blocking(solids: Sequence[Solid], axes: Floats) -> Bools:
@@ -84,13 +84,13 @@ def collide(moved: Solid, other: Solid, direction: Floats) -> bool:
 
 
 def _distances_mm(moved: Solid, other: Solid, direction: Floats) -> Iterator[float]:
-    own, others = (solid.arrays()[0] @ direction for solid in (moved, other))
-    way_mm = float(others.max() - own.min())
+    positions, other_positions = (solid.arrays()[0] @ direction for solid in (moved, other))
+    way_mm = float(other_positions.max() - positions.min())
     if way_mm <= TOUCH_MM:
         return
-    doubled = NEAREST_MM * 2.0 ** np.arange(max(1, int(np.ceil(np.log2(way_mm / NEAREST_MM)))))
-    even = np.arange(1, EVEN_STEPS) * way_mm / EVEN_STEPS
-    for distance_mm in np.unique(np.concatenate([doubled, even])):
+    growing_mm = NEAREST_MM * 2.0 ** np.arange(max(1, int(np.ceil(np.log2(way_mm / NEAREST_MM)))))
+    even_mm = np.arange(1, EVEN_STEPS) * way_mm / EVEN_STEPS
+    for distance_mm in np.unique(np.concatenate([growing_mm, even_mm])):
         if distance_mm < way_mm:
             yield float(distance_mm)
 

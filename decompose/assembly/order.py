@@ -210,9 +210,9 @@ class _Plan:
                 break
         assert best is not None
         direction, moved = best[1]
-        chosen = np.zeros(len(parts), dtype=np.bool_)
-        chosen[numbers[moved]] = True
-        return _Split(chosen, parts & ~chosen, self._directions[direction])
+        selected = np.zeros(len(parts), dtype=np.bool_)
+        selected[numbers[moved]] = True
+        return _Split(selected, parts & ~selected, self._directions[direction])
 
     def _candidates(self, direction: int, numbers: Ints) -> list[tuple[int, Bools]]:
         """Find sets of parts that can be moved along a direction, as masks over `numbers`.

@@ -79,6 +79,6 @@ def _count_corners(data: bytes) -> int:
         data = _CONTINUED.sub(b" ", data)
     ends = np.flatnonzero(np.frombuffer(data, np.uint8) == ord("\n"))
     begins, ends = np.append(0, ends + 1), np.append(ends, len(data))
-    long = ends - begins > 2 * MOST_CORNERS  # a digit and a blank
-    lines = (data[begin:end].split() for begin, end in zip(begins[long], ends[long], strict=True))
+    is_long = ends - begins > 2 * MOST_CORNERS  # a digit and a blank
+    lines = (data[begin:end].split() for begin, end in zip(begins[is_long], ends[is_long], strict=True))
     return max((len(words) - 1 for words in lines if words and not words[0].startswith(_COMMENTS)), default=0)

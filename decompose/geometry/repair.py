@@ -70,10 +70,10 @@ def close_surface(name: str, triangles: Floats, report: Report = lambda _: None)
         report("comparing the repaired surface")
         is_open = single_edges > 0
         defect = "not closed" if is_open else f"no solid ({shared} edges whose triangles do not pair up)"
-        new = _refuse_if_changed(name, mesh, solid, defect)
+        new_share = _refuse_if_changed(name, mesh, solid, defect)
         repairs.append(
             f"{'Closed an open' if is_open else 'Repaired an entangled'} mesh ({single_edges} open edges, "
-            f"{shared} shared by more than two triangles): {100.0 * new:.2g} % of the surface is new."
+            f"{shared} shared by more than two triangles): {100.0 * new_share:.2g} % of the surface is new."
         )
     elif shared:
         apart = "bodies" if len(after) > len(before) else "surfaces"
@@ -118,8 +118,8 @@ def _select_distinct(faces: Any) -> Any:
     """Select faces (m, 3) with three different corners, each once; a reversed face counts as another."""
     f = faces[(faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])]
     least = f.argmin(axis=1)[:, None]
-    turned = np.take_along_axis(f, (least + np.arange(3)) % 3, axis=1)
-    return f[np.sort(np.unique(turned, axis=0, return_index=True)[1])]
+    rotated = np.take_along_axis(f, (least + np.arange(3)) % 3, axis=1)
+    return f[np.sort(np.unique(rotated, axis=0, return_index=True)[1])]
 
 
 def _open_edges(faces: Any) -> int:
@@ -153,7 +153,7 @@ def _close_bodies(bodies: list[Any], report: Report) -> tuple[list[Any], bool]:
     but the largest), unless it takes away some of the surface: then they are capped too.
     """
     closed_bodies: list[Any] = []
-    rimmed: list[Any] = []
+    open_bodies: list[Any] = []
     is_changed = False
     for number, body in enumerate(bodies, 1):
         if body.is_watertight and body.is_winding_consistent:
@@ -171,15 +171,15 @@ def _close_bodies(bodies: list[Any], report: Report) -> tuple[list[Any], bool]:
                 continue
             is_changed = is_changed or parts is None  # it cannot be closed, and is left out
         for part in parts or []:
-            (closed_bodies if part.is_watertight else rimmed).append(part)
-    if rimmed:
-        joined: Any = trimesh.util.concatenate(rimmed)
-        faces = np.concatenate([joined.faces, cap_holes(joined.vertices, joined.faces)])
+            (closed_bodies if part.is_watertight else open_bodies).append(part)
+    if open_bodies:
+        merged: Any = trimesh.util.concatenate(open_bodies)
+        faces = np.concatenate([merged.faces, cap_holes(merged.vertices, merged.faces)])
         closed_bodies += [
-            trimesh.Trimesh(*shell, process=False) for shell in split_shells(joined.vertices, faces) or []
+            trimesh.Trimesh(*shell, process=False) for shell in split_shells(merged.vertices, faces) or []
         ]
     thick = [b for b in closed_bodies if abs(_volume_mm3(b)) > THIN_SHARE * b.area**1.5]
-    return thick, is_changed or bool(rimmed) or len(thick) < len(closed_bodies)
+    return thick, is_changed or bool(open_bodies) or len(thick) < len(closed_bodies)
 
 
 def _volume_mm3(body: Any) -> float:
@@ -217,10 +217,10 @@ def _refuse_if_changed(name: str, before: Any, solid: Solid, defect: str) -> flo
     lost_share = 0.0
     if len(far_probes):
         lost_share = float((~_is_inside(far_probes, np.asarray(after.triangles))).sum()) / len(probes)
-    new = float(_is_far(after, before).mean())
-    if new > NEW_SHARE:
+    new_share = float(_is_far(after, before).mean())
+    if new_share > NEW_SHARE:
         raise ModelNotSolid(
-            f"{name}: {defect}, and repairing it would invent {100 * new:.0f} % of its surface (limit "
+            f"{name}: {defect}, and repairing it would invent {100 * new_share:.0f} % of its surface (limit "
             f"{100 * NEW_SHARE:.0f} %): half a model or loose triangles; mend it by hand"
         )
     shrink = float(np.abs(after.bounds - before.bounds).max() / np.ptp(before.bounds, axis=0).max())
@@ -229,7 +229,7 @@ def _refuse_if_changed(name: str, before: Any, solid: Solid, defect: str) -> flo
             f"{name}: {defect}, and repairing it would lose {100 * lost_share:.0f} % of its surface and "
             f"change its size by {100 * shrink:.0f} %; mend it by hand"
         )
-    return new
+    return new_share
 
 
 def _probes(mesh: Any, count: int) -> Floats:
@@ -286,15 +286,17 @@ def _join(name: str, bodies: list[Any], repairs: list[str]) -> Solid:
             body.invert()
         repairs.append("Turned the model inside out: its triangles faced inwards.")
     bodies = sorted(bodies, key=lambda b: -abs(b.volume))
-    turned = 0
+    inverted = 0
     lo, hi = (np.array([b.bounds[end] for b in bodies]) for end in (0, 1))
     for i, body in enumerate(bodies):
         inside = ((lo[:i] <= lo[i]) & (hi[:i] >= hi[i])).all(axis=1).any()
         if body.volume < 0.0 and not inside:  # no cavity: there is nothing around it
             body.invert()
-            turned += 1
-    if turned:
-        repairs.append(f"Turned {turned} of {len(bodies)} bodies inside out: their triangles faced inwards.")
+            inverted += 1
+    if inverted:
+        repairs.append(
+            f"Turned {inverted} of {len(bodies)} bodies inside out: their triangles faced inwards."
+        )
     cavity = [b.volume < 0.0 for b in bodies]
     for body, is_cavity in zip(bodies, cavity, strict=True):
         if is_cavity:

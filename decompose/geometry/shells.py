@@ -38,9 +38,9 @@ def orient_faces(faces: Ints) -> Ints | None:
     keep_count = np.bincount(label[:m], minlength=label.max() + 1)
     flip = keep_count[label[:m]] < keep_count[label[m:]]
     tie = (keep_count[label[:m]] == keep_count[label[m:]]) & (label[:m] > label[m:])
-    turned = faces.copy()
-    turned[flip | tie] = turned[flip | tie][:, ::-1]
-    return turned
+    reversed_faces = faces.copy()
+    reversed_faces[flip | tie] = reversed_faces[flip | tie][:, ::-1]
+    return reversed_faces
 
 
 def split_shells(vertices: Floats, faces: Ints) -> list[tuple[Floats, Ints]] | None:
@@ -64,16 +64,18 @@ def split_shells(vertices: Floats, faces: Ints) -> list[tuple[Floats, Ints]] | N
         return None
     matched = []
     for start, count in zip(starts[counts > 2], counts[counts > 2], strict=True):
-        around = order[start : start + count]
-        begins_ends = _around_edge(vertices, faces, tail, head, face, around)
+        edge_order = order[start : start + count]
+        begins_ends = _around_edge(vertices, faces, tail, head, face, edge_order)
         if begins_ends is None:
             return None
         matched.append(begins_ends)
-    found = []
+    splits = []
     for pair in (_pair_crossing, _pair_nested):
-        pairs = np.concatenate([np.stack([a, b], axis=1), *(pair(each) for each in matched)])
-        found.append(_separate(vertices, faces, pairs))
-    return max(found, key=len)
+        pairs = np.concatenate(
+            [np.stack([a, b], axis=1), *(pair(pairs_of_edge) for pairs_of_edge in matched)]
+        )
+        splits.append(_separate(vertices, faces, pairs))
+    return max(splits, key=len)
 
 
 def _separate(vertices: Floats, faces: Ints, pairs: Ints) -> list[tuple[Floats, Ints]]:

@@ -14,14 +14,14 @@ from decompose.print_time import Pose
 from decompose.printers import PrinterRoom
 
 
-def assign_printers(posed: Sequence[Pose], printers: Sequence[PrinterRoom]) -> list[PrinterRoom] | None:
+def assign_printers(poses: Sequence[Pose], printers: Sequence[PrinterRoom]) -> list[PrinterRoom] | None:
     """Assign a printer to each part so that the last one ends soonest; None where they do not all fit.
 
     A part fits by its pose; the price of a pose does not include the speed of a printer.
 
     Parameters
     ----------
-    posed
+    poses
         Poses of the parts.
     printers
         Free printers, at most one part each.
@@ -33,7 +33,7 @@ def assign_printers(posed: Sequence[Pose], printers: Sequence[PrinterRoom]) -> l
     """
     seconds = [
         [pose.price_s * p.time_factor if p.fits(*pose.size_mm) else np.inf for p in printers]
-        for pose in posed
+        for pose in poses
     ]
     assignment = assign_bottleneck(np.array(seconds))
     return None if assignment is None else [printers[i] for i in assignment]

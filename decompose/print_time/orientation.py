@@ -59,8 +59,8 @@ def find_best_pose(
         None where no pose fits.
     """
     hull = _hull_points(vertices)
-    turned = [_orient(up, hull, printers) for up in candidate_directions(vertices, faces)]
-    rotations = np.array([r for r in turned if r is not None]).reshape(-1, 3, 3)
+    oriented = [_orient(up, hull, printers) for up in candidate_directions(vertices, faces)]
+    rotations = np.array([r for r in oriented if r is not None]).reshape(-1, 3, 3)
     if not len(rotations):
         return None
     features, extents = pose_features(vertices, faces, rotations, cost, hull)

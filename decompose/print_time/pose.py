@@ -137,11 +137,11 @@ def measure_from_features(
         brim = footing.brim_width_mm(height, leans[-1], cost.brim_mm, cost.shrinkage)
         joined = bool((triangles[mesh.cut][:, :, 2].min(axis=1, initial=math.inf) < FIRST_LAYER_MM).any())
         expansion = footing.expansion_mm(joined)
-    priced = cost if brim is None else replace(cost, brim_mm=brim)
+    pose_cost = cost if brim is None else replace(cost, brim_mm=brim)
     return Pose(
         to_model=to_model,
         size_mm=(width, depth, height),
-        price_s=priced.price_s([*features[:COLUMN], 0.0], hi - lo)
+        price_s=pose_cost.price_s([*features[:COLUMN], 0.0], hi - lo)
         + cost.support_price_s(
             inside.support_mm3, inside.support_side_mm2, inside.towers_mm, inside.islands_mm
         )
@@ -151,7 +151,7 @@ def measure_from_features(
         lean_mm=leans[-1],
         support_mm3=inside.support_mm3,
         touched_mm2=inside.touched_mm2,
-        brim_share_mm=BRIM_FOOTING_SHARE * priced.brim_mm,
+        brim_share_mm=BRIM_FOOTING_SHARE * pose_cost.brim_mm,
         brim_width_mm=brim,
         layer_0_expansion_mm=expansion,
     )

@@ -27,8 +27,10 @@ def count_blocks(size_mm: Floats, printers: Sequence[PrinterRoom]) -> tuple[int,
     """
     axis_counts = []
     for printer in printers:
-        turned = [np.ceil((size_mm - FIT_MM) / box) for b in printer.boxes for box in permutations(b)]
-        axis_counts.append(min(turned, key=lambda counts: (math.prod(counts.tolist()), counts.tolist())))
+        block_counts = [np.ceil((size_mm - FIT_MM) / box) for b in printer.boxes for box in permutations(b)]
+        axis_counts.append(
+            min(block_counts, key=lambda counts: (math.prod(counts.tolist()), counts.tolist()))
+        )
     x, y, z = np.maximum(1.0, np.max(axis_counts, axis=0)).astype(int).tolist()
     return x, y, z
 

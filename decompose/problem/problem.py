@@ -164,8 +164,8 @@ class Problem:
         """Assign printers to pieces so that the last one ends soonest; None where they do not all fit."""
         if len(pieces) > len(self.printers):
             return None
-        posed = [pose for pose in self.find_poses(pieces) if pose is not None]
-        return assign_printers(posed, self.printers) if len(posed) == len(pieces) else None
+        poses = [pose for pose in self.find_poses(pieces) if pose is not None]
+        return assign_printers(poses, self.printers) if len(poses) == len(pieces) else None
 
     def rooms_for(self, piece: Piece) -> tuple[PrinterRoom, ...]:
         """List the rooms that a piece has to fit: its printer's, or those of all."""
@@ -181,10 +181,10 @@ class Problem:
     def find_poses(self, pieces: Sequence[Piece]) -> list[Pose | None]:
         """Find the pose of each piece, once for a solid and its rooms, in parallel with an executor."""
         run = map if self.executor is None else self.executor.map
-        new = {self._posing(piece): piece for piece in pieces if self._posing(piece) not in self._posed}
-        self.effort.record(Work.PIECE_POSED, len(new))
-        self.effort.record(Work.FACE_POSED, sum(piece.solid.faces for piece in new.values()))
-        self._posed.update(zip(new, run(self.find_pose, new.values()), strict=True))
+        unposed = {self._posing(piece): piece for piece in pieces if self._posing(piece) not in self._posed}
+        self.effort.record(Work.PIECE_POSED, len(unposed))
+        self.effort.record(Work.FACE_POSED, sum(piece.solid.faces for piece in unposed.values()))
+        self._posed.update(zip(unposed, run(self.find_pose, unposed.values()), strict=True))
         return [self._posed[self._posing(piece)] for piece in pieces]
 
     def _posing(self, piece: Piece) -> Posing:

@@ -93,10 +93,10 @@ def _build_decomposition(
 
 def _build_parts(pieces: Sequence[Piece], problem: Problem) -> list[Part]:
     """Pose and number pieces, and give each a printer."""
-    posed = [_require_pose(pose) for pose in problem.find_poses(pieces)]
-    takers = assign_printers(apply_time_ratios(pieces, posed), problem.printers)
+    poses = [_require_pose(pose) for pose in problem.find_poses(pieces)]
+    takers = assign_printers(apply_time_ratios(pieces, poses), problem.printers)
     if takers is None:
-        raise NoFit(f"{len(posed)} parts do not fit these printers, each on one of its own", len(posed))
+        raise NoFit(f"{len(poses)} parts do not fit these printers, each on one of its own", len(poses))
     digits = max(2, len(str(len(pieces))))
     return [
         Part(
@@ -110,7 +110,7 @@ def _build_parts(pieces: Sequence[Piece], problem: Problem) -> list[Part]:
             planes=piece.planes,
             stands=pose.stands,
         )
-        for i, (piece, pose) in enumerate(zip(pieces, posed, strict=True))
+        for i, (piece, pose) in enumerate(zip(pieces, poses, strict=True))
     ]
 
 

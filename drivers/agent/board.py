@@ -202,9 +202,9 @@ class Board:
             raise AgentError(CARD)
         self.state.bed_unknown_reason = self.stuck_heater = None
         self.state.hot = False
-        well = self.state.attention_reason is None and self.link.phase is not Phase.DEAD
+        was_ready = self.state.attention_reason is None and self.link.phase is not Phase.DEAD
         self.state.attention_reason = None
-        if not (well and (self.reset_verified or self.reset_failed) and self._port is not None):
+        if not (was_ready and (self.reset_verified or self.reset_failed) and self._port is not None):
             self.verify_reset()
 
     @property

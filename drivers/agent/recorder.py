@@ -89,7 +89,7 @@ class Recorder:
 
         A full disk does not stop a print: every step tries again, and no print counts as ended before that.
         """
-        self._readingsalarm()
+        self._update_alarm()
         try:
             self._write()
         except JournalError as error:
@@ -100,7 +100,7 @@ class Recorder:
             self.journal_error = None
         self.alarms.run_command()
 
-    def _readingsalarm(self) -> None:
+    def _update_alarm(self) -> None:
         session, board, alarms, now_s = self.board.session, self.board, self.alarms, self._clock.now()
         if board.returned:
             board.returned = False

@@ -48,8 +48,8 @@ class Port:
         while os.ttyname(masters[-1][1]) == self.name:  # the old name, just released
             masters.append(pty.openpty())
         self.master, slave = masters.pop()
-        for spare in (end for ends in masters for end in ends):
-            os.close(spare)
+        for end_fd in (end for ends in masters for end in ends):
+            os.close(end_fd)
         tty.setraw(slave, termios.TCSANOW)
         self.name = os.ttyname(slave)
         os.close(slave)  # else an open port would look like a closed one

@@ -72,9 +72,9 @@ class EmulatorStatus:
 
 def write_status(folder: Path, status: EmulatorStatus) -> None:
     """Replace the status file in one step."""
-    spare = folder / f".{FILE}.new"
-    spare.write_text(json.dumps(asdict(status)))
-    spare.replace(folder / FILE)
+    temporary = folder / f".{FILE}.new"
+    temporary.write_text(json.dumps(asdict(status)))
+    temporary.replace(folder / FILE)
 
 
 def read_status(folder: Path) -> EmulatorStatus:

@@ -71,22 +71,22 @@ def add_frames(number: int, commands: Iterable[bytes]) -> list[bytes]:
     lines = [b"N%d %b*" % numbered for numbered in enumerate(commands, number)]
     text = b"".join(lines)
     totals = running_checksums(text)
-    doubtful = _SMALL_DECIMALS.finditer(text)
-    decimals = next(doubtful, None)
+    candidates = _SMALL_DECIMALS.finditer(text)
+    decimals = next(candidates, None)
     frames: list[bytes] = []
-    end = before = 0  # of the line, and the checksum of all lines before it
+    end = start_checksum = 0  # of the line, and the checksum of all lines before it
     for line in lines:
         end += len(line)
         collides = False
         while decimals is not None and (dot := decimals.start()) < end:
-            collides |= totals[dot - 1] ^ before == _CHECKSUMS.get(decimals[1])
-            decimals = next(doubtful, None)
+            collides |= totals[dot - 1] ^ start_checksum == _CHECKSUMS.get(decimals[1])
+            decimals = next(candidates, None)
         if collides:
             at = number + len(frames)
             frames.append(add_frame(at, line[:-1].partition(b" ")[2]))
         else:
-            frames.append(b"%b%d\n" % (line, totals[end - 2] ^ before))
-        before = totals[end - 1]
+            frames.append(b"%b%d\n" % (line, totals[end - 2] ^ start_checksum))
+        start_checksum = totals[end - 1]
     return frames
 
 

@@ -179,11 +179,11 @@ class Outbox:
 
     def _encode_ahead(self) -> None:
         """Encode a block of lines; called once all encoded lines are sent."""
-        spare = len(self._frames) - HISTORY_LINES
-        if spare > 0:
-            del self._frames[:spare]
-            self._base += spare
-            self._cursor -= spare
+        excess = len(self._frames) - HISTORY_LINES
+        if excess > 0:
+            del self._frames[:excess]
+            self._base += excess
+            self._cursor -= excess
             self._patience = {n: s for n, s in self._patience.items() if n >= self._base}
         first = self._base + len(self._frames)
         commands: list[bytes] = []

@@ -79,8 +79,8 @@ def place(extents_mm: tuple[float, float, float], room: tuple[RoomBox, ...]) -> 
     """Place a part of these extents (x, y, z) near the bed's centre; None where it does not fit."""
     best: tuple[float, bool, float, float] | None = None
     for box in room:
-        for turned in (False, True):
-            dx, dy = (extents_mm[1], extents_mm[0]) if turned else (extents_mm[0], extents_mm[1])
+        for rotated in (False, True):
+            dx, dy = (extents_mm[1], extents_mm[0]) if rotated else (extents_mm[0], extents_mm[1])
             slack = FIT_TOLERANCE_MM
             if dx > box.rect.width_mm + slack or dy > box.rect.depth_mm + slack:
                 continue
@@ -88,7 +88,7 @@ def place(extents_mm: tuple[float, float, float], room: tuple[RoomBox, ...]) -> 
                 continue
             x = min(max(0.0, box.rect.min_x_mm + dx / 2), box.rect.max_x_mm - dx / 2)
             y = min(max(0.0, box.rect.min_y_mm + dy / 2), box.rect.max_y_mm - dy / 2)
-            key = (math.hypot(x, y), turned, x, y)
+            key = (math.hypot(x, y), rotated, x, y)
             if best is None or key < best:
                 best = key
     return None if best is None else Placement(best[2], best[3], best[1])

@@ -54,9 +54,9 @@ class StartFile:
             if StartFile.read(folder) == self:
                 return
         folder.mkdir(parents=True, exist_ok=True)
-        spare = folder / f".{NAME}.new"
-        spare.write_text(self.text())
-        spare.replace(folder / NAME)
+        temporary = folder / f".{NAME}.new"
+        temporary.write_text(self.text())
+        temporary.replace(folder / NAME)
 
     @classmethod
     def read(cls, folder: Path) -> StartFile:

@@ -192,8 +192,8 @@ class _Heater:
         elif now_s - self._progress_s > max(self._rule.stall_s, self._patience_s):
             if now_c > self._set_c:
                 return self._finding(Fault.HEATER_STUCK_ON, f"stays at {now_c:g} C, above {self._set_c:g}")
-            reached = f"got to {now_c:g} of {self._set_c:g} C and no further"
-            return self._finding(Fault.HEATER_TIMEOUT, reached)
+            progress_text = f"got to {now_c:g} of {self._set_c:g} C and no further"
+            return self._finding(Fault.HEATER_TIMEOUT, progress_text)
         return None
 
     def _check_hold(self, now_c: float, now_s: float) -> Finding | None:

@@ -141,7 +141,7 @@ class Cameras:
 
     async def _run(self, camera: _Camera) -> Image:
         """Fetch a still, and record the outcome. Raises CameraError."""
-        before = camera.state.problem
+        previous_problem = camera.state.problem
         try:
             image = await self._fetch(camera.url)
         except CameraError as error:
@@ -156,10 +156,10 @@ class Cameras:
             return image
         finally:
             camera.running = None
-            after = camera.state.problem
-            if after is not None and before is None:
-                log.warning("%s: its camera sends no still: %s", camera.printer, after)
-            elif after is None and before is not None:
+            problem = camera.state.problem
+            if problem is not None and previous_problem is None:
+                log.warning("%s: its camera sends no still: %s", camera.printer, problem)
+            elif problem is None and previous_problem is not None:
                 log.info("%s: its camera sends stills again", camera.printer)
 
     async def _keep(self, due: DueStill, fetching: asyncio.Task[Image]) -> None:

@@ -166,7 +166,7 @@ async def _look_up(url: httpx.URL) -> list[str]:
         If the name is unknown.
     """
     loop = asyncio.get_running_loop()
-    found: asyncio.Future[list[str] | OSError | UnicodeError] = loop.create_future()
+    addresses: asyncio.Future[list[str] | OSError | UnicodeError] = loop.create_future()
     port = url.port or (443 if url.scheme == "https" else 80)
 
     def look_up() -> None:
@@ -180,13 +180,13 @@ async def _look_up(url: httpx.URL) -> list[str]:
             loop.call_soon_threadsafe(finish, answer)
 
     def finish(answer: list[str] | OSError | UnicodeError) -> None:
-        if not found.done():
-            found.set_result(answer)
+        if not addresses.done():
+            addresses.set_result(answer)
 
     if _is_address(url.host):
         return [url.host]
     Thread(target=look_up, name="camera look-up", daemon=True).start()
-    answer = await found
+    answer = await addresses
     if isinstance(answer, list):
         return answer
     raise CameraError(f"its name {url.host} is unknown") from answer

@@ -122,9 +122,9 @@ class JobCommands:
         order = [job.id for job in list_queue(books)]
         if number not in order:
             raise Refused(f"nothing of job {number} waits: all of its plates have started")
-        before = find_successor(order, number, move)
+        successor = find_successor(order, number, move)
         at_s = self._controller.clock.now()
-        self._controller.handle(ev.JobMoved(at_s=at_s, job=number, before=before, by=by))
+        self._controller.handle(ev.JobMoved(at_s=at_s, job=number, before=successor, by=by))
 
     async def approve(self, number: int, plan: str, state: StateFolder, by: str) -> None:
         """Release a held job to print, with exactly the plan and files that the user has reviewed.

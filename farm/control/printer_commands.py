@@ -67,7 +67,7 @@ class PrinterCommands:
         judged = books.print_to_judge(printer)
         if request.bad and judged is None:
             raise Refused(f"no part printed on {printer} waits for a verdict: leave out --bad")
-        whole = None if request.good is None else self._failed_print_of(printer, request.good)
+        good_print = None if request.good is None else self._failed_print_of(printer, request.good)
         self._controller.handle(
             ev.BedCleared(
                 at_s=self._controller.clock.now(),
@@ -76,12 +76,14 @@ class PrinterCommands:
                 filament=request.filament,
                 verdict=Verdict.BAD if request.bad else Verdict.GOOD,
                 why=request.why,
-                whole=None if whole is None else whole.id,
+                whole=None if good_print is None else good_print.id,
             )
         )
         books = self._controller.books
-        if whole is not None:
-            return api.Cleared(good=part_name(books, whole), printed_on=reprinting_printers(books, whole))
+        if good_print is not None:
+            return api.Cleared(
+                good=part_name(books, good_print), printed_on=reprinting_printers(books, good_print)
+            )
         plate = None if judged is None else books.plates[judged.plate]
         is_reprinted = plate is not None and books.plate_state(plate) in (
             PlateState.WAITING,

@@ -83,8 +83,8 @@ class SessionCommands:
         clock = self._controller.clock
         now_s = clock.now()
         waiting = {digest: link for digest, link in self._links.items() if now_s < link.end_s}
-        own = [digest for digest, link in waiting.items() if link.user == user]
-        for digest in own[: max(0, len(own) - _MOST_LINKS + 1)]:
+        user_links = [digest for digest, link in waiting.items() if link.user == user]
+        for digest in user_links[: max(0, len(user_links) - _MOST_LINKS + 1)]:
             del waiting[digest]
         if len(waiting) >= _MOST_LINKS_OF_ALL:
             del waiting[next(iter(waiting))]
@@ -130,12 +130,12 @@ class SessionCommands:
             by=link.user,
             expires_s=find_session_end(now_s, now_s, clock.scale),
         )
-        earlier = list_open_sessions(self._controller.books.keys.values(), now_s, link.user)
+        open_sessions = list_open_sessions(self._controller.books.keys.values(), now_s, link.user)
         del self._links[digest_key(token)]
         self._controller.handle(
             *(
-                ev.KeyRevoked(at_s=now_s, key=old.id, by=link.user)
-                for old in earlier[: max(0, len(earlier) - MOST_SESSIONS + 1)]
+                ev.KeyRevoked(at_s=now_s, key=session_to_end.id, by=link.user)
+                for session_to_end in open_sessions[: max(0, len(open_sessions) - MOST_SESSIONS + 1)]
             ),
             ev.SessionOpened(at_s=now_s, session=session),
         )

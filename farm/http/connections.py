@@ -53,8 +53,8 @@ def connection_limit(descriptors: int, printers: int, workers: int) -> int:
     printers, workers
         Number of printers, and of workers.
     """
-    kept = _RESERVED_DESCRIPTORS + _EACH_PRINTER * printers + _EACH_WORKER * workers
-    return max(_LEAST_CONNECTIONS, min(MOST_CONNECTIONS, (descriptors - kept) // _EACH_CONNECTION))
+    reserved = _RESERVED_DESCRIPTORS + _EACH_PRINTER * printers + _EACH_WORKER * workers
+    return max(_LEAST_CONNECTIONS, min(MOST_CONNECTIONS, (descriptors - reserved) // _EACH_CONNECTION))
 
 
 def descriptor_limit() -> int:

@@ -265,15 +265,15 @@ class JobAdmission:
             The fleet and its free printers that are kept, as available to any job.
         """
         promises = self.list_promises(books)
-        long: list[int] = []
+        long_jobs: list[int] = []
         for job in books.queue():
             quick = is_quick(job, situation.printers)
             if job.state is JobState.PLANNING:
-                long += [] if quick else [job.id]
+                long_jobs += [] if quick else [job.id]
                 continue
             decision: Begin | Hold | None = find_mismatch(job_requirements(job), situation.printers)
-            if decision is None and not quick and len(long) >= MOST_LONG:
-                first = join_names(f"job {number}" for number in long)
+            if decision is None and not quick and len(long_jobs) >= MOST_LONG:
+                first = join_names(f"job {number}" for number in long_jobs)
                 decision = Hold(code=HoldCode.NOT_FIRST, text=f"{first} are planned first")
             if decision is None:
                 availability = limit_availability(fleet, situation, job)
@@ -283,7 +283,7 @@ class JobAdmission:
                 yield HoldJob(job.id, decision)
                 continue
             promises.append(Promise(job.id, job.priority, frozenset(decision.printers)))
-            long += [] if quick else [job.id]
+            long_jobs += [] if quick else [job.id]
             yield StartPlanning(job.id, decision.printers, decision.rounds, quick)
 
     def _request(self, job: Job, now_s: float) -> JobRequest:

@@ -56,8 +56,8 @@ def find_holds(situation: Situation, assignments: Iterable[Assignment]) -> dict[
     """
     given = {assignment.plate: assignment.printer for assignment in assignments}
     starts, limit = _allowed_starts(situation), situation.rules.max_heating
-    full = limit if len(given) >= starts else None
-    reasons = HoldReasons(situation, frozenset(given.values()), situation.spare_printers, full)
+    limit_reached = limit if len(given) >= starts else None
+    reasons = HoldReasons(situation, frozenset(given.values()), situation.spare_printers, limit_reached)
     places = {plate.job: plate.places for plate in situation.waiting if plate.places is not None}
     for plate in situation.by_priority:
         if plate.id in given and plate.job in places:

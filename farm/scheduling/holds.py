@@ -163,13 +163,17 @@ class HoldReasons:
     """
 
     def __init__(
-        self, situation: Situation, given: frozenset[str], spare_printers: frozenset[str], full: int | None
+        self,
+        situation: Situation,
+        given: frozenset[str],
+        spare_printers: frozenset[str],
+        heating_limit: int | None,
     ) -> None:
-        self._situation, self._given, self._spare_printers, self._full = (
+        self._situation, self._given, self._spare_printers, self._heating_limit = (
             situation,
             given,
             spare_printers,
-            full,
+            heating_limit,
         )
         fleet = situation.fleet
         self._obstacles = {name: printer.obstacle() for name, printer in fleet.items()}
@@ -209,18 +213,22 @@ class HoldReasons:
         if plate.not_before_s is not None and plate.not_before_s > now_s:
             text = f"its job starts {rules.format_moment(plate.not_before_s, now_s)}"
             return Hold(code=HoldCode.START_TIME, text=text)  # no printer would start it now
-        short: Hold | None = None
+        reel_hold: Hold | None = None
         for name in self._idle_among(names):
             hold = self._find_printer_hold(plate, name)
             if hold is not None and hold.code is not HoldCode.REEL_TOO_SHORT:
                 return hold  # ends by itself
-            short = short or hold
+            reel_hold = reel_hold or hold
         busy = self._printing(names)
         if busy is not None:
-            return Hold(code=busy.code, text=f"{busy.text}; {short.text}", reel=short.reel) if short else busy
+            return (
+                Hold(code=busy.code, text=f"{busy.text}; {reel_hold.text}", reel=reel_hold.reel)
+                if reel_hold
+                else busy
+            )
         planned = self._obstacles.get(plate.planned) if plate.planned in names else None
         first = next((hold for n in names if (hold := self._obstacles[n]) is not None), None)
-        return planned or short or first or _all_taken_hold()
+        return planned or reel_hold or first or _all_taken_hold()
 
     def _idle_among(self, names: tuple[str, ...]) -> tuple[str, ...]:
         if names not in self._idle_of:
@@ -230,9 +238,9 @@ class HoldReasons:
     def _find_printer_hold(self, plate: WaitingPlate, name: str) -> Hold | None:
         """Return why a plate does not go to an idle and clear printer; None if another plate got it."""
         printer = self._situation.fleet[name]
-        short = short_of_filament(plate, printer, printer.grams)
-        if short is not None:
-            return short
+        reel_hold = short_of_filament(plate, printer, printer.grams)
+        if reel_hold is not None:
+            return reel_hold
         start = self._situation.rules.find_start(plate, printer, self._situation.now_s)
         if start.at_s != self._situation.now_s:
             return start.reason
@@ -240,10 +248,10 @@ class HoldReasons:
             return Hold(
                 code=HoldCode.KEPT_AS_SPARE, text=f"{name} is kept in reserve for a failed part (--spares)"
             )
-        if self._full is not None:
+        if self._heating_limit is not None:
             return Hold(
                 code=HoldCode.HEATING_LIMIT,
-                text=f"{self._full} printers are heating up, the limit (max_heating)",
+                text=f"{self._heating_limit} printers are heating up, the limit (max_heating)",
             )
         return None
 
@@ -267,9 +275,9 @@ class HoldReasons:
             f" until {self._situation.rules.format_moment(min(ends), self._situation.now_s)}" if ends else ""
         )
         text = f"{join_names(busy)} {'is' if len(busy) == 1 else 'are'} printing{until}"
-        full = [n for n, hold in obstacles.items() if hold.code is HoldCode.BED_NOT_CLEAR]
-        if full:
-            text += f"; `farm cleared {full[0]}` would let it start now, if that bed is clear"
+        uncleared = [n for n, hold in obstacles.items() if hold.code is HoldCode.BED_NOT_CLEAR]
+        if uncleared:
+            text += f"; `farm cleared {uncleared[0]}` would let it start now, if that bed is clear"
         return Hold(code=HoldCode.PRINTER_BUSY, text=text)
 
 

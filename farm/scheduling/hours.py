@@ -55,9 +55,9 @@ def _spans(windows: tuple[Window, ...], zone: tzinfo, day: int) -> tuple[Span, .
         date = datetime.fromordinal(ordinal).replace(tzinfo=zone)
         for window in windows:
             if date.weekday() in window.days:
-                over = timedelta(days=window.ends <= window.begins)
+                next_day = timedelta(days=window.ends <= window.begins)
                 begins = datetime.combine(date, window.begins, zone)
-                ends = datetime.combine(date + over, window.ends, zone)
+                ends = datetime.combine(date + next_day, window.ends, zone)
                 spans.append((begins.timestamp(), max(ends.timestamp(), ends.replace(fold=1).timestamp())))
     return tuple((begin, math.inf if end - begin > _ALWAYS_S else end) for begin, end in _merge_spans(spans))
 

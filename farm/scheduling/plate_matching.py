@@ -184,8 +184,8 @@ class _Matching:
             planned, rank = self._inputs.planned, self._rank
             names = self._list_capable(plate)
             if plate.failed_on:
-                fresh = [name for name in names if name not in plate.failed_on]
-                names = fresh if fresh or not self._failed_everywhere(plate) else names
+                unfailed = [name for name in names if name not in plate.failed_on]
+                names = unfailed if unfailed or not self._failed_everywhere(plate) else names
             names.sort(key=lambda name: (name != plate.planned, name in planned, rank[name]))
             self._choices_by_plate[plate.id] = names
         return self._choices_by_plate[plate.id]

@@ -133,14 +133,14 @@ class SituationBuilder:
         entry, attempt = books.printer(section.name), books.open_print_on(section.name)
         available = None if report is None else availability(report)
         named = section.name in self._find_named(books)
-        before, described = self._printers.get(section.name, ((), None))
+        cached_inputs, described = self._printers.get(section.name, ((), None))
         if (
             described is not None
-            and before[0] is section
-            and before[1] is entry
-            and before[2] is attempt
-            and before[3] == available
-            and before[4] == named
+            and cached_inputs[0] is section
+            and cached_inputs[1] is entry
+            and cached_inputs[2] is attempt
+            and cached_inputs[3] == available
+            and cached_inputs[4] == named
         ):
             return described
         described = _describe_printer(section, books, report, attempt, self._build_volumes)
@@ -171,8 +171,8 @@ class SituationBuilder:
 
     def _plates(self, books: Books, job: Job) -> _JobPlates:
         revision = books.revision(job.id)
-        before, described = self._jobs.get(job.id, (None, None))
-        if described is None or before is not revision:
+        cached_inputs, described = self._jobs.get(job.id, (None, None))
+        if described is None or cached_inputs is not revision:
             states = ((plate, books.plate_state(plate)) for plate in books.plates_of(job))
             waiting = describe_plates((p for p, state in states if state is PlateState.WAITING), books)
             described = _JobPlates(

@@ -248,8 +248,8 @@ class StartRules:
             while span is not None and span[1] - FIRST_LAYER_S <= now_s:
                 span = self.attended.following(span[1])
             span = span or self.attended.following(now_s)
-            before = None if span is None else datetime.fromtimestamp(span[1] - FIRST_LAYER_S, self.zone)
-            example = "" if before is None else f", like --at '{before:%a %H:%M}'"
+            latest = None if span is None else datetime.fromtimestamp(span[1] - FIRST_LAYER_S, self.zone)
+            example = "" if latest is None else f", like --at '{latest:%a %H:%M}'"
             raise ValueError(
                 "--overnight starts when nobody is there, but fleet.yaml requires attended first layers "
                 f"(`first_layers_attended`): give --at a time before attended hours end{example}"

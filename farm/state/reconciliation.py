@@ -58,10 +58,10 @@ def _reconcile_unknown(attempt: Print, snapshot: AgentSnapshot, now_s: float) ->
     """Derive the events of an open print that its agent does not report."""
     if snapshot.link is Link.STARTING:
         return
-    begun = attempt.state is not PrintState.ASSIGNED
+    has_started = attempt.state is not PrintState.ASSIGNED
     reason = attempt.cancel_reason or snapshot.reason or f"its printer is {snapshot.link}"
     # The start request may still be on its way: wait until the agent has the cancel request too.
-    if not begun and not (
+    if not has_started and not (
         _has_no_agent(snapshot) or attempt.restored or snapshot.acknowledged_cancel == attempt.id
     ):
         if attempt.cancel_reason is None and snapshot.link in (Link.FAULT, Link.ABSENT):
@@ -73,9 +73,9 @@ def _reconcile_unknown(attempt: Print, snapshot: AgentSnapshot, now_s: float) ->
     yield ev.PrintEnded(
         at_s=now_s,
         print_id=attempt.id,
-        state=PrintState.FAILED if begun else PrintState.CANCELLED,
-        fault=OwnFault.PRINT_LOST if begun else None,
-        reason=unknown if begun or attempt.restored else f"never begun: {reason}",
+        state=PrintState.FAILED if has_started else PrintState.CANCELLED,
+        fault=OwnFault.PRINT_LOST if has_started else None,
+        reason=unknown if has_started or attempt.restored else f"never begun: {reason}",
         started_s=None,
         ended_s=now_s,
         extruded=False,
@@ -230,8 +230,8 @@ def import_agent_journal(
     for report in prints:
         attempt = books.prints.get(report.print_id)
         if attempt is None or attempt.printer != name:
-            free = attempt is None and books.open_print_on(name) is None
-            plate = find_plate(books, name, report) if free else None
+            is_free = attempt is None and books.open_print_on(name) is None
+            plate = find_plate(books, name, report) if is_free else None
             if plate is None:
                 unknown += report.state is PrintState.DONE or not report.state.ended
                 continue

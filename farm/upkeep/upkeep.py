@@ -137,10 +137,10 @@ class Upkeep:
             try:
                 backup = await asyncio.to_thread(back_up, self._state, now_s)
             except StoreError as error:  # the disk may be full: what had ended before the last one can go
-                earlier = list_backups(self._state)
-                if not earlier:
+                backups = list_backups(self._state)
+                if not backups:
                     raise
-                backup = earlier[0]
+                backup = backups[0]
                 log.error("%s; jobs that ended before %s are pruned", error, backup)
             return await self._run(backup, by)
 
@@ -159,13 +159,13 @@ class Upkeep:
             for name in names
             if wall_s - files[name].stored_s >= least_age_s
         }
-        old = self._store.find_last_old_event(now_s - self._rules.days * _DAY_S, MOST_EVENTS)
+        last_old_event = self._store.find_last_old_event(now_s - self._rules.days * _DAY_S, MOST_EVENTS)
         return api.Pruned(
             dry_run=True,
             jobs=[self._describe(books.jobs[number], files, books) for number in numbers],
             freed_bytes=sum(files[name].size_bytes for name in released),
             stored_bytes=sum(file.size_bytes for name, file in files.items() if name not in released),
-            events=self._store.count_events(old),
+            events=self._store.count_events(last_old_event),
         )
 
     # -- steps ------------------------------------------------------------------------------------------

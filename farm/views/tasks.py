@@ -132,8 +132,8 @@ def _is_absent(context: ViewContext, snapshot: AgentSnapshot) -> bool:
 
 def _needs_clearing(context: ViewContext, printer: str) -> bool:
     entry = context.books.printer(printer)
-    free = context.books.open_print_on(printer) is None and entry.maintenance is None
-    return free and entry.bed is not Bed.CLEAR
+    is_available = context.books.open_print_on(printer) is None and entry.maintenance is None
+    return is_available and entry.bed is not Bed.CLEAR
 
 
 def _ask_whole(context: ViewContext, printer: str) -> str:

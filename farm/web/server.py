@@ -141,9 +141,9 @@ class NetworkServer:
 def find_host_names(section: WebSection) -> frozenset[str]:
     """Return the names of this host in lower case: its own, with `.local`, and those in fleet.yaml."""
     name = socket.gethostname().lower()
-    own = {name, name.partition(".")[0], f"{name.partition('.')[0]}.local"}
+    names = {name, name.partition(".")[0], f"{name.partition('.')[0]}.local"}
     proxy = urlsplit(section.url or "").hostname
-    return frozenset({*own, *section.names, *([proxy] if proxy else [])})
+    return frozenset({*names, *section.names, *([proxy] if proxy else [])})
 
 
 def has_valid_key(books: Books, clock: Clock) -> bool:

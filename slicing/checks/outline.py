@@ -192,8 +192,8 @@ class _Sections:
             return shapely.Polygon()
         start = np.concatenate([piece[1] for piece in pieces])
         end = np.concatenate([piece[2] for piece in pieces])
-        long = (start != end).any(axis=1)
-        start, end = start[long], end[long]
+        has_length = (start != end).any(axis=1)
+        start, end = start[has_length], end[has_length]
         net = shapely.union_all(shapely.linestrings(np.stack((start, end), axis=1)))
         faces = shapely.get_parts(shapely.polygonize(shapely.get_parts(net)))
         points = shapely.get_coordinates(shapely.point_on_surface(faces))
@@ -215,22 +215,22 @@ def _compare(
     layer: int, z_mm: Floats, walls: Walls, sections: _Sections, layout: WallLayout
 ) -> list[tuple[int, Geometry]]:
     """Find thin pieces that are missing in a layer, each with the layer; refuse anything else."""
-    near = [sections.at(float(z_mm[layer]) + side, layer) for side in (-_PLANE_MM, _PLANE_MM)]
-    printed = walls.printed(layer, shapely.union_all(near))
+    sections_beside = [sections.at(float(z_mm[layer]) + side, layer) for side in (-_PLANE_MM, _PLANE_MM)]
+    printed = walls.printed(layer, shapely.union_all(sections_beside))
     tolerance_mm = TOLERANCE_MM + layout.slack_mm
-    extra = _find_worst(printed.difference(shapely.union_all(near).buffer(tolerance_mm)))
+    extra = _find_worst(printed.difference(shapely.union_all(sections_beside).buffer(tolerance_mm)))
     at = f"layer {layer} (Z {layout.top_mm(layer):.2f} mm)"
     if extra is not None:
         raise SliceRejected(
             Rule.OUTLINE,
             f"{at} prints {extra.area:.1f} mm2 outside of the model at {_locate(extra)}; repair the mesh",
         )
-    certain = near[0].intersection(near[1])
-    missing = certain.difference(printed.buffer(tolerance_mm))
+    common = sections_beside[0].intersection(sections_beside[1])
+    missing = common.difference(printed.buffer(tolerance_mm))
     if missing.area > _SPECK_MM2:
         missing = missing.difference(walls.filling(layer, missing.bounds).buffer(tolerance_mm))
     two_lines_mm = float(layout.reach_mm(np.array([layer], np.int32))[0]) + 0.03
-    thick = certain.buffer(-two_lines_mm).buffer(two_lines_mm)
+    thick = common.buffer(-two_lines_mm).buffer(two_lines_mm)
     lost_area = _find_worst(missing.intersection(thick))
     if lost_area is not None:
         raise SliceRejected(

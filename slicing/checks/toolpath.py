@@ -166,10 +166,10 @@ def _columns(text: bytes, moves: int) -> dict[int, Floats]:
 
 def _numbers(text: bytes) -> Floats:
     """Parse all numbers of plain moves in their order, without the code after each G."""
-    bare = text.replace(b"G0", b"").replace(b"G1", b"").translate(_SPACED)
-    if not bare.strip():
+    number_text = text.replace(b"G0", b"").replace(b"G1", b"").translate(_SPACED)
+    if not number_text.strip():
         return np.empty(0)
-    return np.fromstring(bare, sep=" ")
+    return np.fromstring(number_text, sep=" ")
 
 
 def _positions(columns: dict[int, Floats], commands: Iterable[Command]) -> tuple[Floats, Floats]:

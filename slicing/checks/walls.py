@@ -226,8 +226,8 @@ class Walls:
             np.minimum(rows[:, :2], rows[:, 2:4]) - _NEAR_MM,
             np.maximum(rows[:, :2], rows[:, 2:4]) + _NEAR_MM,
         )
-        near = (low[:, 0] < bounds[2]) & (low[:, 1] < bounds[3])
-        rows = rows[near & (high[:, 0] > bounds[0]) & (high[:, 1] > bounds[1])]
+        is_near = (low[:, 0] < bounds[2]) & (low[:, 1] < bounds[3])
+        rows = rows[is_near & (high[:, 0] > bounds[0]) & (high[:, 1] > bounds[1])]
         return _strokes(rows[:, :2], rows[:, 2:4], rows[:, 5])
 
 
@@ -250,24 +250,24 @@ def _runs(
     first[1:] = (start[1:] != end[:-1]).any(axis=1) | (layer[1:] != layer[:-1])
     begins = np.flatnonzero(first)
     ends = np.append(begins[1:], len(start)) - 1
-    near = np.hypot(*(start[begins] - end[ends]).T) < TOLERANCE_MM
+    is_near = np.hypot(*(start[begins] - end[ends]).T) < TOLERANCE_MM
     bridges: list[int] = []
     at = 0
     while at < len(begins):
         stop = at + 1
-        if not near[at]:
+        if not is_near[at]:
             for last in range(at + 1, min(at + _GAPS, len(begins))):
-                if near[last] or layer[begins[last]] != layer[begins[at]]:
+                if is_near[last] or layer[begins[last]] != layer[begins[at]]:
                     break
                 if np.hypot(*(start[begins[at]] - end[ends[last]])) < TOLERANCE_MM:
                     bridges += [int(move) for move in ends[at:last]]
                     stop = last + 1
                     break
         at = stop
-    joined = first.copy()
-    joined[np.array(bridges, np.intp) + 1] = False
-    run = np.cumsum(joined) - 1
-    heads = np.flatnonzero(joined)
+    run_starts = first.copy()
+    run_starts[np.array(bridges, np.intp) + 1] = False
+    run = np.cumsum(run_starts) - 1
+    heads = np.flatnonzero(run_starts)
     tails = np.append(heads[1:], len(start)) - 1
     closed = np.hypot(*(start[heads] - end[tails]).T) < TOLERANCE_MM
     return np.array(bridges, np.intp), run, closed

@@ -94,8 +94,8 @@ def check_machine(
     name, reason, title = machine.name, None, target.printer.title
     if name is not None and re.search(target.printer.slicer_names, name.lower()):
         name = None
-    usual = _USUAL[0] < section_ratio < _USUAL[1]
-    if name is None and (usual or nozzle_mm is not None):
+    is_usual = _USUAL[0] < section_ratio < _USUAL[1]
+    if name is None and (is_usual or nozzle_mm is not None):
         return ()
     if name is None:
         return (
@@ -107,7 +107,7 @@ def check_machine(
         reason = f"line {number}: {code} {FOREIGN_START[code]}"
     elif machine.bed_corner not in (None, "0x0"):
         reason = f"its bed begins at {quote_text(machine.bed_corner or '')}"
-    elif machine.filament_mm is None and not usual:
+    elif machine.filament_mm is None and not is_usual:
         filament = f"filament of {target.filament_mm:.4g} mm"
         reason = f"its lines have {section_ratio:.1f} times the usual section, with {filament}"
     if reason is not None:

@@ -128,10 +128,10 @@ def parse_value(setting: Setting, raw: Any) -> Any:
                 return {"true": True, "false": False}[text.lower()]
             case SettingType.INT | SettingType.FLOAT:
                 number = float(text)
-                whole = setting.type is SettingType.INT
-                if not math.isfinite(number) or (whole and not number.is_integer()):
+                is_whole = setting.type is SettingType.INT
+                if not math.isfinite(number) or (is_whole and not number.is_integer()):
                     raise ValueError
-                return int(number) if whole else number
+                return int(number) if is_whole else number
             case SettingType.ENUM if text not in setting.options:
                 hint = suggest_names(text, setting.options) or f"; one of {', '.join(setting.options)}"
                 raise BadSetting(f"{setting.key}={_shorten(text)}: not one of the options{hint}")

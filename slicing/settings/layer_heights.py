@@ -78,9 +78,9 @@ def fit_heights(height_mm: float, nominal: LayerHeights, *, most_first_mm: float
                 exact = height - count * layer  # height of the first layer without an error
                 near = round(min(max(first, exact - tolerance), exact + tolerance))
                 first_um = min(max(near, low), high)
-                missed = max(0.0, abs(first_um - exact) - tolerance - 0.5)
+                error_um = max(0.0, abs(first_um - exact) - tolerance - 0.5)
                 change = abs(layer - other) / other + _WEIGHT_0 * abs(first_um - first) / first
-                yield missed, change, first_um, layer
+                yield error_um, change, first_um, layer
 
     for spread in SPREADS_0 if most_first_mm > 0 else SPREADS_0[:1]:
         low = math.ceil(first * (1 - spread))

@@ -156,12 +156,13 @@ def _resolve(
 
 def _is_cura_value(violation: Violation, resources: Resources, lookup: _RequestKey) -> bool:
     """Check whether a value beyond Cura's limits is from Cura's own profiles: Cura prints those anyway."""
-    bare = replace(lookup, overrides=())
+    default_lookup = replace(lookup, overrides=())
     stacks = find_stacks(resources, lookup.printer.name, lookup.nozzle_mm, lookup.material, lookup.quality)
     if lookup.material in resources.own_material_names() and violation.key in stacks.material.values:
         return False
     return bool(
-        _resolver(stacks, bare, ANY_PART, None).value(violation.scope, violation.key) == violation.value
+        _resolver(stacks, default_lookup, ANY_PART, None).value(violation.scope, violation.key)
+        == violation.value
     )
 
 

@@ -1,4 +1,4 @@
-"""Solids and printers that the tests of this room share."""
+"""Solids and printers shared by the tests of decompose."""
 
 from __future__ import annotations
 

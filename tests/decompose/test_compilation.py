@@ -1,4 +1,4 @@
-"""All machine code is made ahead: a decomposition compiles nothing more."""
+"""Compilation ahead of time: a decomposition compiles nothing more."""
 
 from __future__ import annotations
 

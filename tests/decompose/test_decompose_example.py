@@ -1,4 +1,4 @@
-"""The demo's model is what the demo needs: too large for a printer, light, closed, the same on every run."""
+"""Model of the demo: too large for one printer, light, closed, and deterministic."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Laws of every result, checked without the project's own checks: random models, each engine."""
+"""Invariants of every result, on random models and with each engine, without the project's own checks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Models as people have them: cut without a fault, or refused with the reason."""
+"""Complete models: cut without a fault, or refused with the reason."""
 
 from __future__ import annotations
 

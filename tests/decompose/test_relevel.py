@@ -1,4 +1,4 @@
-"""Levelled again by what a slicer tells: the part that is slow ends sooner, and all that held before does."""
+"""Relevel by sliced times: the slow part ends sooner, and the partition stays valid."""
 
 from __future__ import annotations
 

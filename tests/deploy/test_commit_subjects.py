@@ -1,4 +1,4 @@
-"""The check of commit subjects: `.ci/commit-subjects`, in small repositories."""
+"""Check of commit subjects (`.ci/commit-subjects`), in small repositories."""
 
 import re
 import subprocess

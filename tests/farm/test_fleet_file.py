@@ -1,4 +1,4 @@
-"""fleet.yaml: every mistake gets a line, a field and a way out."""
+"""fleet.yaml: every error has a line, a field and advice."""
 
 import re
 from pathlib import Path

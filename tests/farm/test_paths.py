@@ -1,4 +1,4 @@
-"""Where a farm keeps its things: flags, then environment, then XDG folders."""
+"""Paths of a farm: options, then environment, then XDG folders."""
 
 import os
 import stat

@@ -1,4 +1,4 @@
-"""Real Cura files and the real engine; models made on the spot."""
+"""Real Cura files, the real engine, and generated models."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Small programs in the engine's place: each way in which it fails is ended, named, and leaves nothing."""
+"""Small programs in place of the engine: each failure is reported and leaves nothing behind."""
 
 import os
 import select

@@ -1,4 +1,4 @@
-"""Disk of some megabytes that a test fills: a tmpfs that only its own processes see."""
+"""Disk of some megabytes that a test fills: a private tmpfs."""
 
 import contextlib
 import subprocess

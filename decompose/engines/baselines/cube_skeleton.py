@@ -198,10 +198,10 @@ class _Merging:
     def join_islands(self, islands: list[int]) -> None:
         """Join each of these pieces, the smallest first, to its smallest neighbour with which it fits."""
         for island in sorted(islands, key=lambda i: self.groups[i].volume_mm3):
-            joined = False
-            while not joined:
+            is_settled = False
+            while not is_settled:
                 neighbour = self.smallest({i for i in self.touching[island] if self.fits(i, island)})
-                joined = neighbour is None or self.merge(neighbour, island)
+                is_settled = neighbour is None or self.merge(neighbour, island)
 
     def pair_once(self) -> None:
         """Pair each piece, the largest first, with its smallest single neighbour with which it fits."""

@@ -62,7 +62,7 @@ def remove_diagonals(cells: Bools, kept: Bools | None = None) -> Bools:
     cells = cells.copy()
     kept = np.zeros_like(cells) if kept is None else kept
     while True:
-        before = int(cells.sum())
+        count = int(cells.sum())
         for a, b in ((0, 1), (0, 2), (1, 2)):
             view = np.moveaxis(cells, (a, b), (0, 1))
             kept_view = np.moveaxis(kept, (a, b), (0, 1))
@@ -74,7 +74,7 @@ def remove_diagonals(cells: Bools, kept: Bools | None = None) -> Bools:
             meets = left & right & ~near & ~far
             left &= ~meets | kept_view[1:, :-1]
             right &= ~meets | ~kept_view[1:, :-1]
-        if int(cells.sum()) == before:
+        if int(cells.sum()) == count:
             return cells
 
 
@@ -189,10 +189,10 @@ def cubes_about(cube: Block, cells: Bools) -> list[Block]:
     cubes: list[Block] = []
     for axis in range(3):
         for outward in (False, True):
-            for less in range(min(edges)):
-                lo = [cube[a] + less // 2 for a in range(3)]
-                lo[axis] = cube[axis + 3] if outward else cube[axis] - edges[axis] + less
-                hi = [v + edge - less for v, edge in zip(lo, edges, strict=True)]
+            for margin in range(min(edges)):
+                lo = [cube[a] + margin // 2 for a in range(3)]
+                lo[axis] = cube[axis + 3] if outward else cube[axis] - edges[axis] + margin
+                hi = [v + edge - margin for v, edge in zip(lo, edges, strict=True)]
                 inside = min(lo) >= 0 and all(h <= n for h, n in zip(hi, cells.shape, strict=True))
                 if inside and cells[lo[0] : hi[0], lo[1] : hi[1], lo[2] : hi[2]].all():
                     cubes.append((lo[0], lo[1], lo[2], hi[0], hi[1], hi[2]))

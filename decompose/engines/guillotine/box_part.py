@@ -68,7 +68,7 @@ def spare_length_mm(size_mm: Floats, rooms: Sequence[PrinterRoom]) -> Floats:
     """
     most = np.full(3, math.inf)
     for room in rooms:
-        spare = np.array([turned for box in room.boxes for turned in permutations(box)]) - size_mm
+        spare = np.array([extents for box in room.boxes for extents in permutations(box)]) - size_mm
         spare = spare[(spare >= 0.0).all(axis=1)]
         if len(spare):
             most = np.minimum(most, spare.max(axis=0))

@@ -224,8 +224,8 @@ def _too_few_error(problem: Problem, grid: Grid, shared: BoxTables) -> NoFit | N
     tables = class_tables(problem, grid, shared, classes)
     counts_available = [printer_class.count for printer_class in classes]
     shortages: list[tuple[int, list[int]]] = []
-    for grown in range(1, len(classes)):
-        counts = _grow_counts(counts_available, grown, most_sums)
+    for grown_class in range(1, len(classes)):
+        counts = _grow_counts(counts_available, grown_class, most_sums)
         other_classes = [OtherClass(table, count) for table, count in zip(tables[1:], counts, strict=True)]
         solver = Partitioner(tables[0], other_classes)
         solver.solve(float(np.finfo(np.float32).max))  # below inf, which means no fit

@@ -68,9 +68,11 @@ class _Narrowing:
 
     def next_limits(self) -> list[float]:
         """Choose the next limits to solve for, in the widest gaps; none where all are narrow."""
-        reached = np.isfinite(self.reached_s)
+        is_reached = np.isfinite(self.reached_s)
         gaps: dict[tuple[float, float], float] = {}
-        for low, high in zip(self.refuted_s[reached].tolist(), self.reached_s[reached].tolist(), strict=True):
+        for low, high in zip(
+            self.refuted_s[is_reached].tolist(), self.reached_s[is_reached].tolist(), strict=True
+        ):
             if high - low > TOLERANCE * high:
                 gaps[low, high] = (high - low) / high
         widest = sorted(gaps, key=lambda gap: (-gaps[gap], gap))[:PARALLEL_SOLVES]

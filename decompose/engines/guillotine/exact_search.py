@@ -46,8 +46,8 @@ def cut_for_uniform_printers(problem: Problem) -> Partition:
     partition = engine.run()
     problem.on_stage("search")
     pieces = tuple(shift_planes(problem, grid, partition))
-    near = problem.thorough and problem.makespan_s(pieces) < CLOSE_RATIO * problem.best_known_s
-    if near and not problem.effort.is_spent():
+    is_promising = problem.thorough and problem.makespan_s(pieces) < CLOSE_RATIO * problem.best_known_s
+    if is_promising and not problem.effort.is_spent():
         for looser in engine.looser_partitions(list(partition)):
             pieces = min(pieces, tuple(shift_planes(problem, grid, looser)), key=problem.makespan_s)
             if problem.effort.is_spent():
@@ -188,15 +188,15 @@ class ExactSearch:
 
     def _correct_piece_counts(self, boxes: list[Box]) -> bool:
         """Put true counts of pieces into the table; return whether a box has more than before."""
-        improved = False
+        has_more = False
         for box in boxes:
             if box not in self.cut:
                 self.problem.effort.record(Work.FACE_CUT, self.problem.model.solid.faces)
                 self.cut[box] = cut_cells(self.problem.model.solid, self.grid, box)
             at = box_index(box, self.boxes.shape)
-            improved = improved or len(self.cut[box]) > int(self.boxes.pieces[at])
+            has_more = has_more or len(self.cut[box]) > int(self.boxes.pieces[at])
             self.boxes.pieces[at] = len(self.cut[box])
-        return improved
+        return has_more
 
     def _forbid_faulty(self, boxes: list[Box]) -> bool:
         """Exclude boxes with a piece that is bad to glue from the table; return whether there was one."""

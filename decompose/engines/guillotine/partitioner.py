@@ -95,10 +95,10 @@ class Partitioner:
     def _fill(self, state: int, at: slice, value: npt.NDArray[Any]) -> None:
         """Fill in the values of the boxes at these indices, uncut, in a state."""
         seconds, pieces = self.boxes.seconds[at], self.boxes.pieces[at]
-        for other, free in zip(self.others, self._states[state].tolist(), strict=True):
-            if free:
+        for other, count in zip(self.others, self._states[state].tolist(), strict=True):
+            if count:
                 own_s = other.boxes.seconds[at]
-                pieces = np.where(own_s <= self._limit_s, np.maximum(pieces - free, 0), pieces)
+                pieces = np.where(own_s <= self._limit_s, np.maximum(pieces - count, 0), pieces)
                 seconds = np.minimum(seconds, own_s)
         if self.others:  # the rest of a box has to be fast enough on the first class
             fast_enough = (self.boxes.seconds[at] <= self._limit_s) | (pieces == 0)

@@ -55,12 +55,12 @@ def fill_out_boxes(partition: Sequence[Box], empty: Bools) -> list[Box]:
             for box, other in ((i, j), (j, i)):
                 for side in (*across, *(a + 3 for a in across)):
                     extend = min if side < 3 else max
-                    grown = boxes[box].copy()
-                    grown[side] = extend(boxes[box, side], boxes[other, side])
-                    gained_cells = np.prod(grown[3:] - grown[:3]) - np.prod(boxes[box, 3:] - boxes[box, :3])
-                    if gained_cells > 0 and free[_cells(grown)].sum() == gained_cells:
-                        boxes[box] = grown
-                        free[_cells(grown)] = False
+                    larger = boxes[box].copy()
+                    larger[side] = extend(boxes[box, side], boxes[other, side])
+                    gained_cells = np.prod(larger[3:] - larger[:3]) - np.prod(boxes[box, 3:] - boxes[box, :3])
+                    if gained_cells > 0 and free[_cells(larger)].sum() == gained_cells:
+                        boxes[box] = larger
+                        free[_cells(larger)] = False
     return [(a, b, c, d, e, f) for a, b, c, d, e, f in boxes.tolist()]
 
 
@@ -261,13 +261,13 @@ def solve_plane_shifts(
     lengths_mm = limits.longer_mm.ravel(), limits.shorter_mm.ravel()
     rights = np.concatenate([-seconds, *lengths_mm, np.zeros(2 * count)])
     is_limited = np.isfinite(rights)
-    solved = linprog(
+    solution = linprog(
         np.array([*np.zeros(count), *np.full(count, MOVE_S_MM), 1.0]),
         rows[is_limited],
         rights[is_limited],
         bounds=[*zip(limits.low_mm, limits.high_mm, strict=True), *[(0.0, None)] * count, (None, None)],
         method="highs-ds",
     )
-    if solved.status != 0:
+    if solution.status != 0:
         return np.zeros(count), math.inf
-    return np.asarray(solved.x[:count]), float(solved.x[-1])
+    return np.asarray(solution.x[:count]), float(solution.x[-1])

@@ -66,7 +66,7 @@ def solve_recursion(value: Table, sums: Ints, nx: int, ny: int, nz: int) -> None
     layer = ty * tz
     size = nx * (nx + 1) // 2 * layer
     states = len(value) // size
-    turned = np.empty(states * ny * tz, value.dtype)
+    transposed = np.empty(states * ny * tz, value.dtype)
     for dx in range(1, nx + 1):
         for x0 in range(nx - dx + 1):
             first = interval(x0, x0 + dx, nx) * layer
@@ -83,18 +83,24 @@ def solve_recursion(value: Table, sums: Ints, nx: int, ny: int, nz: int) -> None
                 for state in range(states):
                     offset = state * size + at
                     _rotate(
-                        value[offset : offset + block], turned[state * block : (state + 1) * block], rows, tz
+                        value[offset : offset + block],
+                        transposed[state * block : (state + 1) * block],
+                        rows,
+                        tz,
                     )
                 for dz in range(2, nz + 1):
                     places = (nz - dz + 1) * rows
                     up = interval(0, dz, nz) * rows
                     for cut in range(1, dz):
                         a, b = interval(0, cut, nz) * rows, interval(cut, dz, nz) * rows
-                        _update_least(turned, block, (up, a, b), places, sums)
+                        _update_least(transposed, block, (up, a, b), places, sums)
                 for state in range(states):
                     offset = state * size + at
                     _rotate(
-                        turned[state * block : (state + 1) * block], value[offset : offset + block], tz, rows
+                        transposed[state * block : (state + 1) * block],
+                        value[offset : offset + block],
+                        tz,
+                        rows,
                     )
 
 

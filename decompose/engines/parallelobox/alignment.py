@@ -76,8 +76,8 @@ def overhang_mm2(triangles: Floats, overhang_cos: float) -> float:
     areas = []
     for up in POSE_ROTATIONS[:, 2]:
         height = (triangles @ up).max(axis=1)
-        over = (-(cross @ up) > overhang_cos * area) & (height > (triangles @ up).min() + ON_BED_MM)
-        areas.append(float(area[over].sum()) / 2.0)
+        is_overhang = (-(cross @ up) > overhang_cos * area) & (height > (triangles @ up).min() + ON_BED_MM)
+        areas.append(float(area[is_overhang].sum()) / 2.0)
     return min(areas)
 
 

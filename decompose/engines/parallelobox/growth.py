@@ -157,8 +157,8 @@ def _grow(
             if box < 0:
                 continue
             score = abs(printing[box] + overhang[box])
-            near = _proximity(blocks, cheapest, direction, nx + ny + nz)
-            score = score * near if high else -score / near
+            proximity = _proximity(blocks, cheapest, direction, nx + ny + nz)
+            score = score * proximity if high else -score / proximity
             if best_side < 0 or score > best:
                 best_side, best, price = direction, score, float(printing[box])
         if best_side < 0:  # the block can never grow again: no cell loses its owner

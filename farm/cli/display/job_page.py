@@ -153,10 +153,10 @@ def _list_times(view: api.JobView) -> list[tuple[str, str]]:
     if view.estimated_s is not None:
         rows.append(("parallel printing time, expected", format_duration(view.estimated_s)))
     if view.elapsed_s is not None:
-        reached = view.state in (JobState.PRINTED, JobState.DONE)
-        ended = "parallel printing time, actual" if reached else "printed for"
+        is_printed = view.state in (JobState.PRINTED, JobState.DONE)
+        ended = "parallel printing time, actual" if is_printed else "printed for"
         deviation = ""
-        if reached and view.estimated_s:
+        if is_printed and view.estimated_s:
             deviation = f"  ({format_deviation(view.elapsed_s / view.estimated_s - 1)} vs expected)"
         rows.append(
             (ended if view.state.ended else "printing for", format_duration(view.elapsed_s) + deviation)

@@ -115,7 +115,7 @@ def describe_farm(services: Services) -> api.Status:
     controller = services.controller
     context = controller.build_view_context(services.state)
     fleet = controller.fleet
-    kept = controller.list_reservations()
+    reservations = controller.list_reservations()
     obstacles = {printer.name: printer.obstacle() for printer in controller.fleet_printers()}
     return api.Status(
         daemon=services.daemon_view(context),
@@ -129,7 +129,8 @@ def describe_farm(services: Services) -> api.Status:
             file=str(services.fleet_file),
         ),
         printers=[
-            describe_printer(context, p, obstacles.get(p.name), kept.get(p.name)) for p in fleet.printers
+            describe_printer(context, p, obstacles.get(p.name), reservations.get(p.name))
+            for p in fleet.printers
         ],
         jobs=[describe_job(context, job) for job in select_shown_jobs(controller.books)],
     )

@@ -270,13 +270,13 @@ def _describe_obstacle(section: PrinterSection, accepted: AcceptedGcode) -> str 
 
 def _check_options(options: JobOptions) -> None:
     """Refuse options that apply only to models."""
-    usual = JobOptions()
+    defaults = JobOptions()
     given = {
         "--longest-side": options.longest_side_mm is not None,
         "--scale": options.scale is not None,
         "--printers": options.printers not in (None, 1) and options.copies == 1,
-        "--quality": options.quality != usual.quality,
-        "--engine": options.engine != usual.engine,
+        "--quality": options.quality != defaults.quality,
+        "--engine": options.engine != defaults.engine,
     }
     flags = [flag for flag, is_given in given.items() if is_given]
     if flags:

@@ -56,12 +56,12 @@ def slice_part(task: SliceTask, progress: Callable[[float], None] | None = None)
 
 def settings_of(task: SliceTask, height_mm: float) -> EngineSettings:
     """Resolve the settings of a part with this printed height. Raises the errors of `resolve_settings`."""
-    chosen = PartSettings(
+    part_settings = PartSettings(
         height_mm=height_mm,
         brim_width_mm=task.print_options.brim_width_mm,
         layer_0_expansion_mm=task.print_options.layer_0_expansion_mm,
     )
-    return resolve_settings(task.request, task.resources, chosen)
+    return resolve_settings(task.request, task.resources, part_settings)
 
 
 def _transform(

@@ -195,9 +195,9 @@ class ReplanCoordinator:
         history = {"prints": plate.prints, "counted_from": plate.counted_from}
         new = tuple(describe_plates([p.model_copy(update=history) for p in result.plates], books))
         unchanged_plates = tuple(other for other in situation.waiting if other.id != plate.id)
-        after = situation.with_waiting((*unchanged_plates, *new))
+        replanned = situation.with_waiting((*unchanged_plates, *new))
         ends_s = policy.end_in_one_piece_s if cut else policy.expected_end_s
-        after_s = max(policy.expected_end_s(piece_plate, after) for piece_plate in new)
+        after_s = max(policy.expected_end_s(piece_plate, replanned) for piece_plate in new)
         after_s += policy.JOIN_S * len(new) if cut else 0.0
         return policy.saves_enough(ends_s(view, situation), after_s, situation.now_s)
 

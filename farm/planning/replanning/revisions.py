@@ -208,13 +208,13 @@ def _may_change(books: Books, job: Job) -> bool:
 
 
 def _list_candidates(
-    job: Job, situation: Situation, taken: Collection[str]
+    job: Job, situation: Situation, reserved: Collection[str]
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """List the printers that a job could use now, and all that it could use without a repair."""
     request = JobRequest(job_requirements(job), job.options.printers, spares=job.options.spares)
     matching = [p for p in situation.printers if request.requirements.matches(p.capabilities)]
     coming = list_coming(matching, limit_availability(Availability(situation.printers), situation, job))
-    idle = [p for p in coming if p.obstacle() is None and p.name not in taken]
+    idle = [p for p in coming if p.obstacle() is None and p.name not in reserved]
     return _take_largest(idle, request), _take_largest(coming, request)
 
 

@@ -15,7 +15,7 @@ def named_files(books: Books) -> frozenset[str]:
 
 def list_deletable_files(books: Books) -> frozenset[str]:
     """List the files of pruned jobs that no other job needs; they may be deleted."""
-    whole = Books.from_entities(
+    all_books = Books.from_entities(
         [
             *(replace_fields(job, pruned_s=None) for job in books.jobs.values() if job.pruned_s is not None),
             *books.parts.values(),
@@ -23,7 +23,7 @@ def list_deletable_files(books: Books) -> frozenset[str]:
             *books.prints.values(),
         ]
     )
-    return named_files(whole) - named_files(books)
+    return named_files(all_books) - named_files(books)
 
 
 def file_names_of_job(books: Books, job: Job) -> frozenset[str]:

@@ -52,8 +52,8 @@ def back_up(state: StateFolder, now_s: float) -> Path:
     except StoreError:
         target.unlink(missing_ok=True)
         raise
-    for old in list_backups(state)[KEPT:]:
-        old.unlink(missing_ok=True)
+    for expired in list_backups(state)[KEPT:]:
+        expired.unlink(missing_ok=True)
     return target
 
 
@@ -102,8 +102,8 @@ class NightlyBackup:
             self._report(
                 f"the nightly backup of the database failed ({error}): check the folder {self._state.backups}"
             )
-            for earlier in list_backups(self._state)[:1]:
-                self._tidy(earlier)  # the disk may be full: older files can be deleted
+            for backup in list_backups(self._state)[:1]:
+                self._tidy(backup)  # the disk may be full: older files can be deleted
         finally:
             least_s = self._clock.now() + _LEAST_S * self._clock.scale
             self._at(max(next_backup_s(now_s, self._zone), least_s), "copy the books", self.run)

@@ -107,9 +107,11 @@ def read_books(path: Path) -> tuple[Books, int]:
                 raise StoreError(f"the database {path} is of a newer version of farm ({version})")
             kinds = _list_kinds(version) if version >= CHECKSUMS_VERSION else ()
             for table in (TABLES[kind] for kind in kinds):
-                bad = db.execute(FIND_CHANGED_ROW.format(table)).fetchone()
-                if bad is not None:
-                    raise DamagedBooks(f"the database {path} is damaged: {table} {bad[0]} was changed")
+                changed_row = db.execute(FIND_CHANGED_ROW.format(table)).fetchone()
+                if changed_row is not None:
+                    raise DamagedBooks(
+                        f"the database {path} is damaged: {table} {changed_row[0]} was changed"
+                    )
             return _load(db, version), version
     except sqlite3.Error as error:
         raise StoreError(f"the database {path} cannot be read: {error}") from error
@@ -151,7 +153,7 @@ class Store:
     def __init__(self, path: Path) -> None:
         self._path = path
         self._count: int | None = None  # file descriptor of the count
-        new = not path.exists() or not path.stat().st_size
+        is_new = not path.exists() or not path.stat().st_size
         _make_private(path)
         try:
             self._db = sqlite3.connect(path, isolation_level=None)
@@ -159,12 +161,12 @@ class Store:
         except sqlite3.Error as error:
             raise StoreError(f"the database {path} cannot be opened: {error}") from error
         try:
-            self._open(new)
+            self._open(is_new)
         except BaseException:
             self._db.close()
             raise
 
-    def _open(self, new: bool) -> None:
+    def _open(self, is_new: bool) -> None:
         path = self._path
         try:
             self._db.execute("PRAGMA journal_mode = WAL")
@@ -174,7 +176,7 @@ class Store:
                 raise DamagedBooks(f"the database {path} is damaged: {' '.join(result.split())}")
             self._create()
             self._check_rows()
-            if new:  # the old ones were moved away
+            if is_new:  # the old ones were moved away
                 path.with_name(path.name + _COUNT).unlink(missing_ok=True)
             self._lost = self.find_last_event() < self._read_count()
         except (sqlite3.Error, UnicodeDecodeError) as error:  # the error message may not be text
@@ -206,9 +208,11 @@ class Store:
         if {sql for (sql,) in tables} != EXPECTED_TABLES:
             raise DamagedBooks(f"the database {self._path} is damaged: it has other tables")
         for table in TABLES.values():
-            bad = self._db.execute(FIND_CHANGED_ROW.format(table)).fetchone()
-            if bad is not None:
-                raise DamagedBooks(f"the database {self._path} is damaged: {table} {bad[0]} was changed")
+            changed_row = self._db.execute(FIND_CHANGED_ROW.format(table)).fetchone()
+            if changed_row is not None:
+                raise DamagedBooks(
+                    f"the database {self._path} is damaged: {table} {changed_row[0]} was changed"
+                )
 
     def find_last_event(self) -> int:
         """Return the number of the last event; 0 if there is none."""

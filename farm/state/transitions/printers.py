@@ -29,9 +29,9 @@ def _(event: ev.BedCleared, books: Books) -> Result:
         books = put(books, replace_fields(judged, verdict=event.verdict, verdict_why=event.why))
         books = update_job_state(books, judged.job, event.at_s)
     if event.verdict is Verdict.GOOD:
-        for earlier in list(books.unjudged_restored_prints(printer.name)):
-            books = put(books, replace_fields(earlier, verdict=Verdict.GOOD))
-            books = update_job_state(books, earlier.job, event.at_s)
+        for attempt in list(books.unjudged_restored_prints(printer.name)):
+            books = put(books, replace_fields(attempt, verdict=Verdict.GOOD))
+            books = update_job_state(books, attempt.job, event.at_s)
     stops: tuple[ev.AnyInstruction, ...] = ()
     if event.whole is not None:
         books, stops = book_part_whole(books, event.whole, event.by, event.at_s)

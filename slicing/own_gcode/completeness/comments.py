@@ -114,13 +114,13 @@ class Completeness:
         if self.closed(last_print) is False:
             slicer = self._mark.decode("ascii", "replace")
             return f"{slicer!r} closes its files with a comment, and there is none"
-        if (short := self._short or self._layers_missing(self._max_empty_layers())) is not None:
-            return short
+        if (missing_layers := self._short or self._layers_missing(self._max_empty_layers())) is not None:
+            return missing_layers
         if (lost_time := self._figures.find_lost_time()) is not None:
             return lost_time
         if self._open:
-            name, begun = next(iter(self._open.items()))
-            return f"{name.decode()} begins in line {begun} and does not end"
+            name, begin_line = next(iter(self._open.items()))
+            return f"{name.decode()} begins in line {begin_line} and does not end"
         if self._settings and not _is_json(b"".join(self._settings)):
             return "Cura's settings at its end are cut"
         return None
@@ -148,8 +148,8 @@ class Completeness:
             return 0
         return self._count if self.figures.filament is not None else max(1, int(EMPTY_SHARE * self._count))
 
-    def _layers_missing(self, spare: int) -> str | None:
-        if self._count_layers >= self._count - spare:
+    def _layers_missing(self, allowed: int) -> str | None:
+        if self._count_layers >= self._count - allowed:
             return None
         return f"line {self._count_at} names {self._count} layers, and {self._count_layers} of them are in it"
 

@@ -1,4 +1,4 @@
-"""The fewest boxes that cover cells, against the rules of the programme and of its dual."""
+"""Covering of cells by the fewest boxes, checked by the constraints of the programme and its dual."""
 
 from __future__ import annotations
 

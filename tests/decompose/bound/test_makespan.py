@@ -1,4 +1,4 @@
-"""The bound against brute force and the whole linear programme, on tables of invented costs."""
+"""Bound on the makespan, compared with brute force and the complete linear programme on random tables."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Files that would cost a parser memory or time without end: refused on their bytes, each with a sentence."""
+"""Limits on files that would take too much memory or time: refused before they are parsed."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Files from the wild: repaired and said so, or refused in one line."""
+"""Reading of real model files: repaired with a report, or refused in one line."""
 
 from __future__ import annotations
 

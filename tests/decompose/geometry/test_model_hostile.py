@@ -1,4 +1,4 @@
-"""Files that no honest program writes, and sizes that no person means: refused in one line."""
+"""Hostile files and invalid sizes: refused in one line."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Open and entangled triangles: closed without moving what was there, or refused."""
+"""Repair of open and intersecting surfaces: closed without moving vertices, or refused."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""3MF: units, build items, components, other parts, and files that no honest program writes."""
+"""3MF: units, build items, components, other parts, and hostile files."""
 
 from __future__ import annotations
 

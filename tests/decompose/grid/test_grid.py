@@ -1,4 +1,4 @@
-"""The tables against direct booleans."""
+"""Tables of a grid, compared with booleans of solids."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where parts touch: the glue's area and width, and the pieces that are bad to glue."""
+"""Joints: area and width of the glue, and pieces that are bad to glue."""
 
 from __future__ import annotations
 

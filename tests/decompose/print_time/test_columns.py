@@ -1,4 +1,4 @@
-"""Supports and mass, seen as columns."""
+"""Supports and mass, measured in columns."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The price of a part: by hand, by laws, and against CuraEngine."""
+"""Price of a part: manual calculations, invariants, and comparisons with CuraEngine."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The same result for the same input, seed and effort, however quick the machine and whatever its threads."""
+"""Effort: results depend on input, seed and effort only, not on the speed of the machine or its threads."""
 
 from __future__ import annotations
 

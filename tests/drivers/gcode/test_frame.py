@@ -1,4 +1,4 @@
-"""Lines on the wire: what the firmware takes of them, and of those with one flipped bit."""
+"""Frames of lines, and the lines that the firmware accepts with one flipped bit."""
 
 import random
 from functools import reduce

@@ -1,4 +1,4 @@
-"""The link over a wire without faults, where it also asks for temperatures: nothing is sent twice."""
+"""Link over a wire without faults while it polls temperatures: nothing is sent twice."""
 
 import re
 

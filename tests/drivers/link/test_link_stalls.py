@@ -1,4 +1,4 @@
-"""One fault on the wire: how long the head stands still for it, and that every line is carried out once."""
+"""One fault on the wire: the head stops briefly, and every line is executed once."""
 
 import random
 

@@ -1,4 +1,4 @@
-"""Lines of a link by themselves: how long each is waited for, and what of them can be sent again."""
+"""Outbox: time limit of each line, and lines that can be sent again."""
 
 import pytest
 

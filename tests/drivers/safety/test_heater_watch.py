@@ -1,4 +1,4 @@
-"""The watch over both heaters, on curves that are known."""
+"""Watch over both heaters, on given temperature curves."""
 
 import math
 import random

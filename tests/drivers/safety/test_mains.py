@@ -1,4 +1,4 @@
-"""The command that takes a printer's cut its mains, with whatever a person may have written there."""
+"""Command that cuts the mains of a printer, with any text a person may have configured."""
 
 import os
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""However a print ends, the next one's first line finds the filament at the nozzle, or a person is asked."""
+"""End of prints: the next one finds the filament at the nozzle, or a person is asked."""
 
 import math
 import random

@@ -1,4 +1,4 @@
-"""A print that waits for a person, and how the head and the filament leave it and come back."""
+"""Pause of a print: parking of head and filament, and the return."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""A print that may not go on when nobody is there any more."""
+"""End of a print at its time limit."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Agents that say what cannot be: nothing of other printers is booked, and the books can be read again."""
+"""Invalid reports of agents: other printers are unaffected, and the books stay readable."""
 
 import json
 from datetime import datetime

@@ -1,4 +1,4 @@
-"""An agent of an earlier protocol: what it does not know is not asked, and somebody is told to replace it."""
+"""Agent of an earlier protocol: it gets only requests that it supports, and its replacement is a task."""
 
 import asyncio
 import json
@@ -38,7 +38,7 @@ PRINTING = {"print_id": "p", "phase": "printing", "line": 10, "lines": 100, "pri
 
 
 class OldAgent:
-    """Speaks as agents did before they said their protocol; a request that it does not know ends the link."""
+    """Agent from before protocol versions; an unknown request ends the connection."""
 
     def __init__(self, folder: Path, prints: bool = False) -> None:
         self.folder = folder

@@ -1,4 +1,4 @@
-"""An agent on another host: this one, by a way that can be cut."""
+"""Agent on another host, over a connection that can be cut."""
 
 import asyncio
 import hashlib

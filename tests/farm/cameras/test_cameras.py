@@ -1,4 +1,4 @@
-"""Cameras of a farm: who looks, what is kept, and what a dead camera costs."""
+"""Cameras of a farm: polling for viewers, stored stills, and dead cameras."""
 
 import asyncio
 import json

@@ -1,4 +1,4 @@
-"""What is taken for an image: by its first bytes and its header, never decoded."""
+"""Recognition of images by their first bytes and their header, without decoding."""
 
 import contextlib
 import struct

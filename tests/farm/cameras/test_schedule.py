@@ -1,4 +1,4 @@
-"""When cameras are asked: decisions on data alone."""
+"""Schedule of camera requests: decisions on data alone."""
 
 import itertools
 

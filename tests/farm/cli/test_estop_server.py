@@ -1,4 +1,4 @@
-"""Who connects to `estop.sock` and asks for nothing keeps nobody from stopping a printer."""
+"""Server of `estop.sock`: idle or excessive connections do not block others."""
 
 import json
 import socket

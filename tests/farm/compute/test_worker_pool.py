@@ -1,4 +1,4 @@
-"""Worker processes: what dies in them, takes too long, eats memory or is not wanted any more."""
+"""Worker processes: crashes, time limits, memory limits and cancelled tasks."""
 
 import asyncio
 import os

@@ -1,4 +1,4 @@
-"""The controller with effects that are only written down."""
+"""Controller with recorded effects."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Forecasts come true where nothing unforeseen happens: on a fleet that takes just what was expected."""
+"""Forecasts are exact on a simulated fleet whose prints take the expected times."""
 
 import heapq
 import tempfile

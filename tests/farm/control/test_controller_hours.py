@@ -1,4 +1,4 @@
-"""Printers that print only while somebody is there, from the evening's end to the next morning."""
+"""Printers that print only in attended hours, from the evening to the next morning."""
 
 from datetime import UTC, datetime
 from pathlib import Path

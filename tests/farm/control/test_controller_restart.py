@@ -1,4 +1,4 @@
-"""The daemon dies anywhere, or cannot write: no plate is lost, none printed twice, all times are right."""
+"""Restarts after a death at any commit, or failed writes: no plate is lost or printed twice."""
 
 import itertools
 

@@ -1,4 +1,4 @@
-"""Books that are a copy: what was printed since is taken over from the agents, not printed unseen again."""
+"""Restored books: prints since the backup are imported from the agents."""
 
 import itertools
 

@@ -1,4 +1,4 @@
-"""The daemon's tick: it schedules where time has changed a decision, and reminds agents otherwise."""
+"""Tick of the controller: it schedules when time has changed a decision, else repeats instructions."""
 
 from datetime import UTC, datetime
 

@@ -1,4 +1,4 @@
-"""Words of an agent that do not fit the books: logged with the story, and everything else goes on."""
+"""Snapshot that does not fit the books: logged with the history, without effect on others."""
 
 import logging
 

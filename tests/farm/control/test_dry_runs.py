@@ -1,4 +1,4 @@
-"""A dry run lives as long as somebody waits for its plan."""
+"""Dry runs end when no client requests their plan."""
 
 from farm.control.dry_runs import PATIENCE_S, DryRuns
 from farm.model import JobOptions, JobState

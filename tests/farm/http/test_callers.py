@@ -1,4 +1,4 @@
-"""Who asks is the kernel's word; what lets printers go on can be kept for a group."""
+"""Identification of callers by the kernel, and commands reserved for operators."""
 
 import asyncio
 import grp

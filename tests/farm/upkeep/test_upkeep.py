@@ -1,4 +1,4 @@
-"""The run after a backup: what is no longer kept goes, also when the daemon is killed at any moment."""
+"""Upkeep after a backup: expired files are deleted, also if the daemon is killed at any moment."""
 
 import asyncio
 import os

@@ -1,4 +1,4 @@
-"""The walk through a G-code file, and each rule that refuses one."""
+"""Facts of a G-code file, and each rule that refuses one."""
 
 import pickle
 

@@ -1,4 +1,4 @@
-"""A person's own G-code: what is printed of it."""
+"""Acceptance of own G-code: the lines that are printed."""
 
 import gzip
 import itertools

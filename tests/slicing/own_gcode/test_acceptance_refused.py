@@ -1,4 +1,4 @@
-"""A person's own G-code: what is refused, and that whatever is not refused is safe."""
+"""Refusal of own G-code: every accepted file is safe."""
 
 import pytest
 from hypothesis import example, given, settings

@@ -1,4 +1,4 @@
-"""Ways of the head through and over what is printed."""
+"""Clearance of the head over printed lines."""
 
 import json
 import subprocess

@@ -1,4 +1,4 @@
-"""A person's own G-code that is not whole: cut, or with layers that would be lost."""
+"""Completeness of own G-code: truncated files, and missing layers."""
 
 import gzip
 import json

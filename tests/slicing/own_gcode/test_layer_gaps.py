@@ -1,4 +1,4 @@
-"""Layers lost from files of Cura, of which little filament is missing, or none by its sum."""
+"""Gaps between layers in files of Cura with little missing filament."""
 
 import pytest
 from hypothesis import assume, given

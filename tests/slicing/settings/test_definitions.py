@@ -1,4 +1,4 @@
-"""The two stacks, on definitions small enough to see through."""
+"""Both stacks of settings, on small definitions."""
 
 import pytest
 

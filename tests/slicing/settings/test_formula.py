@@ -1,4 +1,4 @@
-"""Cura's formulas: what they may say, and that nothing else is ever run."""
+"""Formulas of Cura: allowed expressions, and refusal of all others."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Parts come out as high as they are: the law over all heights, and real slices."""
+"""Fitted layer heights: parts are printed to their height, for all heights and in real slices."""
 
 import numpy as np
 import pytest

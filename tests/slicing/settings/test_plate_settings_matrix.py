@@ -1,4 +1,4 @@
-"""Every printer model, nozzle, material and quality: it resolves, or it is refused with what there is."""
+"""Every printer model, nozzle, material and quality: resolved, or refused with the alternatives."""
 
 from collections import Counter
 

@@ -1,4 +1,4 @@
-"""Printers of unequal rooms and speeds: each part is cut for the one that prints it."""
+"""Search for printers of unequal rooms and speeds."""
 
 from __future__ import annotations
 

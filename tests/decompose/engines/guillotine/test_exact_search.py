@@ -1,4 +1,4 @@
-"""Partitions with less work that the exact search levels besides the best one."""
+"""Exact search, and the partitions with less work that it also shifts."""
 
 from __future__ import annotations
 

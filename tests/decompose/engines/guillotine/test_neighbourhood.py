@@ -1,4 +1,4 @@
-"""Windows of a partition solved again: always a partition, never slower, and free of guillotine cuts."""
+"""Neighbourhood search: the result is a valid partition, never slower, not bound to guillotine cuts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The search against a plain recursion, on tables of invented costs."""
+"""Partitioner, compared with a plain recursion on random tables."""
 
 from __future__ import annotations
 

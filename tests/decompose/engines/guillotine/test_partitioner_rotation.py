@@ -1,4 +1,4 @@
-"""A model that is mirrored, or whose axes change places, takes as long: grid, prices and search together."""
+"""Grid, prices and search give equal times for mirrored models and exchanged axes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Faces that move together: a partition stays one, and the shifts have the least makespan."""
+"""Groups of faces that move together: partitions stay valid, and shifts have the least makespan."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Planes off the grid: the slowest part ends sooner, and nothing that held before is lost."""
+"""Shift of planes off the grid: the slowest part ends sooner, and the partition stays valid."""
 
 from __future__ import annotations
 

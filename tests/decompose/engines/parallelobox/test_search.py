@@ -1,4 +1,4 @@
-"""The paper's engine: blocks on invented tables and on a real grid."""
+"""Engine `parallelobox` on random tables and on a real grid."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The firmware's rules, one by one, against what was observed of it.
+"""Rules of the firmware, each compared with observations.
 
 Source: docs/explanation/ultimaker2-serial.md.
 """

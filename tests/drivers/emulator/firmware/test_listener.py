@@ -1,4 +1,4 @@
-"""Lines as the firmware reads them: numbers, checksums, traps, and faults of the wire."""
+"""Reading of lines by the firmware: numbers, checksums, special cases, and faults of the wire."""
 
 from __future__ import annotations
 

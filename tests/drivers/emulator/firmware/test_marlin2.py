@@ -1,4 +1,4 @@
-"""Marlin 2's words and rules, as gcode/queue.cpp, gcode/gcode.cpp and MarlinCore.cpp have them."""
+"""Messages and rules of Marlin 2, by gcode/queue.cpp, gcode/gcode.cpp and MarlinCore.cpp."""
 
 import pytest
 

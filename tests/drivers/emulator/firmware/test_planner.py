@@ -1,4 +1,4 @@
-"""Laws of the planner: what a move takes, and what look-ahead may and may not do."""
+"""Motion planner: durations of moves, and limits of look-ahead."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Laws of the heaters."""
+"""Temperatures of the heaters."""
 
 from __future__ import annotations
 

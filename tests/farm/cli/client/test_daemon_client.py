@@ -1,4 +1,4 @@
-"""Messages if the daemon does not answer, or not in a way that can be read."""
+"""Messages if the daemon does not answer, or its answer cannot be read."""
 
 import itertools
 import json

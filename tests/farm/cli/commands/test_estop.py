@@ -1,4 +1,4 @@
-"""`farm estop` of somebody who may not touch the agents: a button with two ends."""
+"""`farm estop` for users without access to the agents: client and server of the socket."""
 
 import io
 import socket

@@ -1,4 +1,4 @@
-"""`farm prune`: what goes, in lines, or as JSON."""
+"""`farm prune`: deleted files in lines, or as JSON."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""Commands that only show."""
+"""Commands that change nothing."""
 
 import pytest
 from typer.testing import CliRunner

@@ -1,4 +1,4 @@
-"""Spans and moments for people."""
+"""Formatting of durations and times."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""The operator's morning: what to do now, the night, the jobs, the printers."""
+"""Status page: tasks, last night, jobs, printers."""
 
 import io
 

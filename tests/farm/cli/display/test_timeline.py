@@ -1,4 +1,4 @@
-"""The night as text."""
+"""Timeline of a job as text."""
 
 import io
 

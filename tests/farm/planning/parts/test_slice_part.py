@@ -1,4 +1,4 @@
-"""From a part to a plate: placed, larger by what it shrinks, as high as it is. Real slices."""
+"""Slicing of a part: placement, shrinkage and height, with real slices."""
 
 import numpy as np
 import pytest
