@@ -158,7 +158,7 @@ class HoldReasons:
         Printers that are assigned a plate now.
     spare_printers
         Free printers that are kept as spares for failed plates.
-    full
+    heating_limit
         Limit on printers that heat at once, if it is reached; else None.
     """
 

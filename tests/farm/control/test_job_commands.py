@@ -1,4 +1,4 @@
-"""Reels, held plans, start times, spares, G-code beside a decomposition: through the daemon's own rules."""
+"""Commands on jobs: held plans, start times, spares, and own G-code beside a decomposition."""
 
 import asyncio
 import hashlib

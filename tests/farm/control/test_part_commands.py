@@ -1,4 +1,4 @@
-"""Commands on prints, parts and printers, through the daemon's own rules."""
+"""Commands on prints, parts and printers, through the controller."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""`farm pause`, `resume` and `cancel`: each for a job, a part and a printer, by what a person writes."""
+"""`farm pause`, `resume` and `cancel` of jobs, parts and printers."""
 
 import asyncio
 

@@ -1,4 +1,4 @@
-"""Plans that are made again before their job starts: through the controller, with recorded effects."""
+"""Revisions of plans before their job starts, through the controller."""
 
 from types import SimpleNamespace
 

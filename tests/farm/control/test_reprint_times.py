@@ -1,4 +1,4 @@
-"""Figures of a job whose part is printed again a day after it was done: through the daemon's own rules."""
+"""Figures of a job whose part is printed again a day later, through the controller."""
 
 import pytest
 

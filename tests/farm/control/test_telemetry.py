@@ -1,4 +1,4 @@
-"""Snapshots in memory: only what the books or the scheduler read of one is news."""
+"""Snapshots in memory: only changes that the books or the scheduler read are reported."""
 
 from hypothesis import given
 from hypothesis import strategies as st

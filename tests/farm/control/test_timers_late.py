@@ -1,4 +1,4 @@
-"""Timers in a loop that stands still, and nights on which the clock changes; on a fake clock."""
+"""Timers in a stalled loop, and on nights with a clock change; on a fake clock."""
 
 import asyncio
 import itertools

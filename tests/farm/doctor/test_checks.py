@@ -1,4 +1,4 @@
-"""Checks of facts about an installation: what is wrong is named, with what to do."""
+"""Checks of facts about an installation: each problem has an action."""
 
 from dataclasses import replace
 

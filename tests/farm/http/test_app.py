@@ -1,4 +1,4 @@
-"""The HTTP interface, without a network: what a broken or hostile client gets."""
+"""HTTP interface without a network: answers to broken and hostile clients."""
 
 import asyncio
 import io

@@ -1,4 +1,4 @@
-"""Clients that connect and ask for nothing cost nobody else anything."""
+"""Limits on connections: idle clients do not affect others."""
 
 import asyncio
 import errno

@@ -1,4 +1,4 @@
-"""The planner with workers that work at once: what it tells while it plans, and what it does not do twice."""
+"""Planner with workers in one process: progress reports, and reuse of slices."""
 
 import asyncio
 import shutil

@@ -1,4 +1,4 @@
-"""Printers that no job gets: what a plate takes in a moment, and nothing for plates that may not start."""
+"""Reservations of printers for plates that start soon, for replans and for spares."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Assignment: no printer twice, no bed that is not clear, the same answer in any order."""
+"""Assignment: each printer once, clear beds only, independent of the order."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""The night foreseen: plates do not overlap, hours are kept, and the bound is one."""
+"""Forecast: plates do not overlap, hours are kept, and the bound is valid."""
 
 import itertools
 

@@ -1,4 +1,4 @@
-"""Situations described again and again: the same as if each were the first."""
+"""Cached descriptions of situations equal new ones."""
 
 from hypothesis import given, settings
 from hypothesis import strategies as st

@@ -1,4 +1,4 @@
-"""Scheduling only at the moments of `next_change_s` decides what scheduling at every tick decides."""
+"""Scheduling at `next_change_s` only gives the same decisions as at every tick."""
 
 import math
 from dataclasses import replace

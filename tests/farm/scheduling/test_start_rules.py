@@ -1,4 +1,4 @@
-"""Hours, reels, the breaker, priorities and spares: nothing starts that must not, and all that can does."""
+"""Start rules: hours, reels, the heating limit, priorities and spares."""
 
 import math
 import re

@@ -1,4 +1,4 @@
-"""The books: laws that hold after any run of events, and the store that keeps them."""
+"""Books: invariants after any sequence of events, and their store."""
 
 import itertools
 

@@ -1,4 +1,4 @@
-"""Several printers lost at once are one event, which costs no plate an attempt."""
+"""Outages: several printers lost at once, without a charged attempt."""
 
 import itertools
 from dataclasses import replace

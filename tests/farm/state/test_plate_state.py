@@ -1,4 +1,4 @@
-"""Printed is not yet good: what becomes of plates and jobs by people's words and by failures."""
+"""States of plates and jobs after verdicts, commands and failures."""
 
 import pytest
 

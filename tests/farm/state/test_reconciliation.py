@@ -1,4 +1,4 @@
-"""Bringing the books in line with the agents' words."""
+"""Reconciliation of the books with reports of agents."""
 
 import pytest
 

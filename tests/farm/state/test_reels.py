@@ -1,4 +1,4 @@
-"""The ledger of reels: what a print takes off, and nothing else."""
+"""Filament on reels: the amount that prints use."""
 
 import pytest
 from hypothesis import given

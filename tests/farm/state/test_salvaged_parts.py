@@ -1,4 +1,4 @@
-"""A part that is whole though its print failed: who clears its bed says so, and it is not printed again."""
+"""Complete parts of failed prints: confirmed by a person, and not printed again."""
 
 from datetime import UTC
 

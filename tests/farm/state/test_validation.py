@@ -1,4 +1,4 @@
-"""Validation of the books: each contradiction is found and named, and sound books have none."""
+"""Validation of the books: each contradiction is described, and consistent books have none."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""A person's own G-code: taken, refused, and planned as one plate. Needs Cura's files, no engine."""
+"""Own G-code: accepted, refused, and planned as one plate. Needs Cura's files, no engine."""
 
 import math
 import tracemalloc

@@ -1,4 +1,4 @@
-"""`farm slice` without its command: what it refuses before it slices, and what it leaves."""
+"""Slicing of one file: refusals before the slice, and the files written."""
 
 import re
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The file from which cuts are moved."""
+"""Cut record of a job."""
 
 from dataclasses import fields, replace
 

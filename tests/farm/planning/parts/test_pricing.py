@@ -1,4 +1,4 @@
-"""The slicer's settings as the decomposition's cost has them, and its price beside CuraEngine's."""
+"""Slicer settings in the cost of the decomposition, and its prices compared with CuraEngine."""
 
 import json
 import subprocess

@@ -1,4 +1,4 @@
-"""Waiting or failed plates are planned again if that is sooner, by a daemon that may die meanwhile."""
+"""Coordination of replanning, also if the daemon dies meanwhile."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Policy of plan revisions: they pay, and they end."""
+"""Policy of plan revisions: they save time, and they end."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""The tables of the lifecycles: whole, and what the rules do is what they have."""
+"""Tables of the lifecycles: complete, and consistent with the rules."""
 
 from typing import get_args
 

@@ -1,4 +1,4 @@
-"""The nights until the disk is full."""
+"""Forecast of the nights until the disk is full."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Copies of the books: made every night, kept for a week, and used where the books are damaged."""
+"""Backups of the books: made every night, kept for a week, and restored if the books are damaged."""
 
 import asyncio
 from datetime import UTC, datetime

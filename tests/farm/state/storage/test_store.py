@@ -1,4 +1,4 @@
-"""The store: what was committed is there, what could not be committed is not."""
+"""Store of the books: commits, migrations and errors."""
 
 import os
 import stat

@@ -1,4 +1,4 @@
-"""Books with a wrong bit or a torn end: they are right, or put back and said so, or refused; never else."""
+"""Damaged books: intact, restored with a report, or refused."""
 
 import shutil
 

@@ -1,4 +1,4 @@
-"""Old events are deleted, and the last one never: its number shows that no commit is lost."""
+"""Deletion of old events, never of the last one, whose number shows that no commit is lost."""
 
 import sqlite3
 

@@ -1,4 +1,4 @@
-"""Events that do not fit: an error with the entity's state and story, and no trace in the books."""
+"""Invalid events: an error with the entity's state and history, and unchanged books."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Plates made otherwise than planned: the new ones take the old one's place, its prints and attempts."""
+"""Replaced plates: the new ones keep the prints and attempts of the old one."""
 
 import pytest
 from hypothesis import given

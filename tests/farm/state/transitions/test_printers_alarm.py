@@ -1,4 +1,4 @@
-"""A heater that cannot be switched off: what people are told of it, and when."""
+"""Alarm of a heater that cannot be switched off: task and notices."""
 
 from pathlib import Path
 

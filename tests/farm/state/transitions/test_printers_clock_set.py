@@ -1,4 +1,4 @@
-"""The books where the host's clock is set: spans stay what they were, and the last print is the last one."""
+"""Steps of the host's clock: durations and the order of prints stay."""
 
 from farm.model import HoldCode, PrintState, Verdict
 from farm.scheduling.holds import find_plate_holds

@@ -1,4 +1,4 @@
-"""A printer's factor: laws of what is learned from its prints."""
+"""Time factor of a printer: updates by its prints."""
 
 import itertools
 
