@@ -34,8 +34,8 @@ def find_axes(pieces: Sequence[CutSolid], joints: Sequence[Joint]) -> Floats:
         if len(axes) < MOST_AXES and _is_new(normal, axes):
             axes.append(normal)
     first = axes[0] if axes else np.array([0.0, 0.0, 1.0])
-    square = [first, *_complete_frame(first, axes)]
-    return np.array([*square, *(axis for axis in axes if _is_new(axis, square))])
+    frame_axes = [first, *_complete_frame(first, axes)]
+    return np.array([*frame_axes, *(axis for axis in axes if _is_new(axis, frame_axes))])
 
 
 def find_blocking(solids: Sequence[Solid], axes: Floats) -> Bools:

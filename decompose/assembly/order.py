@@ -240,10 +240,10 @@ class _Plan:
     def _beyond_planes(self, direction: int, numbers: Ints) -> list[Bools]:
         low, high = self._low_mm[direction, numbers], self._high_mm[direction, numbers]
         planes = np.unique(np.round(low, 3))
-        beyond = [low >= at_mm - TOUCH_MM for at_mm in planes]
+        sides = [low >= at_mm - TOUCH_MM for at_mm in planes]
         return [
             side
-            for at_mm, side in zip(planes, beyond, strict=True)
+            for at_mm, side in zip(planes, sides, strict=True)
             if not side.all() and (high[~side] <= at_mm + TOUCH_MM).all()
         ]
 

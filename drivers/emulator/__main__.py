@@ -62,7 +62,7 @@ class Emulator:
 
     def run(self) -> None:
         """Serve until switched off."""
-        firmware, port, door = self._firmware, self._port, self._control.fileno()
+        firmware, port, control_fd = self._firmware, self._port, self._control.fileno()
         clock, board = self._clock, self._firmware.board
         scale, wires = clock.scale, self._wires
         slack_s = SLACK_S * scale if scale > 1.0 else 0.0
@@ -75,7 +75,7 @@ class Emulator:
             if self._pieces:
                 wait_s = 0.0
             sources = [
-                door,
+                control_fd,
                 *([port.watch] if port.plugged else ()),
                 *([port.master] if port.is_open else ()),
             ]
@@ -87,7 +87,7 @@ class Emulator:
                     self._notice(now_s)
                 elif port.is_open and port.master in ready:
                     data = port.read()
-                if door in ready:
+                if control_fd in ready:
                     self._serve_control(now_s)
             if wires is not None:
                 wires[0].put(data, now_s)

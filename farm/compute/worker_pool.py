@@ -200,9 +200,9 @@ class Workers:
         for worker in self._alive:
             worker.end()
         self._alive.clear()
-        for turn in self._waiting:
-            if not turn.slot.done():
-                turn.slot.set_exception(FarmError(_CLOSED))
+        for task in self._waiting:
+            if not task.slot.done():
+                task.slot.set_exception(FarmError(_CLOSED))
         self._threads.shutdown(wait=False, cancel_futures=True)
         shutil.rmtree(self._scratch, ignore_errors=True)
 
@@ -230,17 +230,17 @@ class Workers:
             worker = max(free, key=lambda worker: worker.starting is None)
             self._idle.remove(worker)
             return worker
-        turn = _WaitingTask(group, urgent, asyncio.get_running_loop().create_future())
-        self._waiting.append(turn)
+        task = _WaitingTask(group, urgent, asyncio.get_running_loop().create_future())
+        self._waiting.append(task)
         if urgent:
             self._start_urgent_worker()
         try:
-            return await turn.slot
+            return await task.slot
         except asyncio.CancelledError:
-            if turn in self._waiting:
-                self._waiting.remove(turn)
-            elif turn.slot.exception() is None:  # cancelled just when a worker became free
-                self._assign_worker(turn.slot.result())
+            if task in self._waiting:
+                self._waiting.remove(task)
+            elif task.slot.exception() is None:  # cancelled just when a worker became free
+                self._assign_worker(task.slot.result())
             raise
 
     def _start_urgent_worker(self) -> None:
@@ -257,12 +257,12 @@ class Workers:
 
     def _assign_worker(self, worker: Worker) -> None:
         """Give a free worker to the waiting task that is served first, if there is one."""
-        open_turns = [turn for turn in self._waiting if not turn.slot.done()]
-        turns = [turn for turn in open_turns if turn.urgent or worker is not self._urgent_worker]
-        if not turns:
+        open_tasks = [task for task in self._waiting if not task.slot.done()]
+        tasks = [task for task in open_tasks if task.urgent or worker is not self._urgent_worker]
+        if not tasks:
             self._idle.append(worker)
             return
-        first = min(turns, key=lambda turn: (not turn.urgent, self._running[turn.group]))
+        first = min(tasks, key=lambda task: (not task.urgent, self._running[task.group]))
         self._waiting.remove(first)
         first.slot.set_result(worker)
 
@@ -277,7 +277,7 @@ class Workers:
         self._alive.discard(worker)
         if worker is self._urgent_worker:
             self._urgent_worker = None
-            if any(turn.urgent for turn in self._waiting):
+            if any(task.urgent for task in self._waiting):
                 self._start_urgent_worker()
         else:
             self._replace()

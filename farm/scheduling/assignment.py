@@ -63,7 +63,7 @@ def find_holds(situation: Situation, assignments: Iterable[Assignment]) -> dict[
         if plate.id in given and plate.job in places:
             places[plate.job] -= 1
     return {
-        plate.id: reasons.no_place() if places.get(plate.job) == 0 else reasons.find(plate)
+        plate.id: reasons.make_job_limit_hold() if places.get(plate.job) == 0 else reasons.find(plate)
         for plate in situation.by_priority
         if plate.id not in given
     }

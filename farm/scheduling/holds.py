@@ -183,7 +183,7 @@ class HoldReasons:
         self._idle_of: dict[tuple[str, ...], tuple[str, ...]] = {}
         self._idle = frozenset(n for n, hold in self._obstacles.items() if hold is None) - given
 
-    def no_place(self) -> Hold:
+    def make_job_limit_hold(self) -> Hold:
         return Hold(
             code=HoldCode.JOB_PRINTER_LIMIT,
             text="its job already uses as many printers as it may (--printers)",

@@ -51,7 +51,7 @@ print(sorted(set(signatures()) - before))
 
 
 def test_decomposition_compiles_nothing_that_was_not_compiled_ahead(tmp_path: Path) -> None:
-    done = subprocess.run(
+    process = subprocess.run(
         [sys.executable, "-c", CHECK, tmp_path], capture_output=True, text=True, check=False
     )
-    assert (done.stdout, done.returncode) == ("[]\n", 0), done.stderr
+    assert (process.stdout, process.returncode) == ("[]\n", 0), process.stderr

@@ -30,9 +30,9 @@ def make(*args: str) -> subprocess.CompletedProcess[str]:
 
 def test_aqueduct_of_the_paper_is_cut(tmp_path: Path, fleet: list[PrinterRoom], cost: CostModel) -> None:
     first, second = tmp_path / "a.stl", tmp_path / "b.stl"
-    done = make(str(first))
-    assert done.returncode == 0, done.stderr
-    assert "330 x" in done.stdout
+    process = make(str(first))
+    assert process.returncode == 0, process.stderr
+    assert "330 x" in process.stdout
     make(str(second))
     assert first.read_bytes() == second.read_bytes()
     model = load_model(first)
@@ -49,6 +49,6 @@ def test_unwritable_output_folder_is_refused(tmp_path: Path) -> None:
     assert make().returncode == 2
     assert "usage" in make("--help").stdout
     assert not (ROOT / "--help").exists()
-    done = make(str(tmp_path / "no" / "such" / "folder.stl"))
-    assert done.returncode == 1
-    assert len(done.stderr.splitlines()) == 1
+    process = make(str(tmp_path / "no" / "such" / "folder.stl"))
+    assert process.returncode == 1
+    assert len(process.stderr.splitlines()) == 1

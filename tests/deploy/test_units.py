@@ -30,9 +30,9 @@ def test_systemd_accepts_the_units_without_a_warning(tmp_path: Path):
         path.write_text(without_this_host(unit.read_text()))
         paths.append(path)
     words = ["systemd-analyze", "verify", "--man=no", *map(str, paths)]
-    done = subprocess.run(words, check=False, capture_output=True, text=True)
-    ours = [line for line in done.stderr.splitlines() if "farm-" in line]
-    assert (done.returncode, ours) == (0, []), done.stderr
+    process = subprocess.run(words, check=False, capture_output=True, text=True)
+    ours = [line for line in process.stderr.splitlines() if "farm-" in line]
+    assert (process.returncode, ours) == (0, []), process.stderr
 
 
 @pytest.mark.parametrize("unit", UNITS, ids=lambda unit: unit.name)
@@ -82,8 +82,8 @@ def test_needrestart_leaves_agents_alone_and_nothing_else():
     )
     words = ["perl", "-e", perl, str(DEPLOY / "needrestart" / "farm.conf")]
     words += ["farm-agent@um2-01.service", "farm-daemon.service"]
-    done = subprocess.run(words, check=False, capture_output=True, text=True)
-    assert done.stdout == "10", done.stderr
+    process = subprocess.run(words, check=False, capture_output=True, text=True)
+    assert process.stdout == "10", process.stderr
 
 
 def test_under_systemd_an_agent_is_started_as_its_unit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
@@ -94,8 +94,8 @@ def test_under_systemd_an_agent_is_started_as_its_unit(tmp_path: Path, monkeypat
     [unit] = re.findall(r"FARM_AGENT_UNIT=(\S+)", (DEPLOY / "systemd" / "farm-daemon.service").read_text())
     monkeypatch.setenv("FARM_AGENT_UNIT", unit.replace("%%", "%"))
     folder = tmp_path / "agents" / "um2-01"
-    done = spawn_agent("um2-01", "ultimaker2_plus", "/dev/null", folder, Clock(2.0, 5.0), "relay")
-    assert done.wait(10.0) == 0
+    process = spawn_agent("um2-01", "ultimaker2_plus", "/dev/null", folder, Clock(2.0, 5.0), "relay")
+    assert process.wait(10.0) == 0
     assert (tmp_path / "asked").read_text() == "start farm-agent@um2-01.service\n"
     assert StartFile.read(folder) == StartFile("um2-01", "ultimaker2_plus", "/dev/null", 2.0, 5.0, "relay")
 

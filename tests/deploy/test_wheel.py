@@ -48,7 +48,7 @@ def environment(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 def run(environment: Path, host: Host, *words: str) -> tuple[int, str]:
     """Run `farm` of the environment on a computer, far from the checkout."""
     home = {"HOME": str(host.folder), "FARM_STATE": str(host.folder / "farm-state")}
-    done = subprocess.run(
+    process = subprocess.run(
         [environment / "bin" / "farm", *words],
         env=host.environ | home,
         cwd=host.folder,
@@ -57,7 +57,7 @@ def run(environment: Path, host: Host, *words: str) -> tuple[int, str]:
         text=True,
         check=False,
     )
-    return done.returncode, done.stdout
+    return process.returncode, process.stdout
 
 
 def test_wheel_has_all_files_of_the_packages_that_git_has(wheel: Path):

@@ -23,8 +23,8 @@ def test_every_folder_has_its_row() -> None:
         for package in PACKAGES
         for init in (ROOT / package).rglob("__init__.py")
     }
-    named = [cells[0].strip("`") for cells in rows("Folders")]
-    assert sorted(named) == sorted(folders)
+    folder_names = [cells[0].strip("`") for cells in rows("Folders")]
+    assert sorted(folder_names) == sorted(folders)
 
 
 def test_no_cell_is_longer_than_thirty_words() -> None:

@@ -128,8 +128,10 @@ def test_farm_commissions_a_printer_with_and_without_its_agent(tmp_path: Path, p
             select.select([], [], [], 0.02)
         command = [FARM, "discover", "--commission", "b", "--yes"]
         command += ["--state", tmp_path / "state", "--fleet", fleet]
-        done = subprocess.run(command, check=False, capture_output=True, text=True, timeout=90)
-        assert done.returncode == 0 and "can be stopped" in done.stdout, done.stderr
+        finished_process = subprocess.run(command, check=False, capture_output=True, text=True, timeout=90)
+        assert finished_process.returncode == 0 and "can be stopped" in finished_process.stdout, (
+            finished_process.stderr
+        )
     finally:
         process.kill()
         process.wait(10.0)

@@ -225,8 +225,8 @@ class _CorrectedForm(_Form):
             others = [part for part in parts if part is not worst]
             free = len(self.problem.printers) - _sum_needs(others)
             for children in self.list_cuts(worst):
-                dearer = worst.needs == 1 and max(child.price for child in children) >= worst.price
-                if _sum_needs(children) <= free and not dearer:
+                is_costlier = worst.needs == 1 and max(child.price for child in children) >= worst.price
+                if _sum_needs(children) <= free and not is_costlier:
                     parts = others + children
                     break
             else:

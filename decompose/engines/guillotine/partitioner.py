@@ -135,8 +135,8 @@ class Partitioner:
         chosen: list[Box] = []
         stack = [(within or self._root, len(self._states) - 1)]
         while stack:
-            whole, state = stack.pop()
-            box = self._trim(whole)
+            outer, state = stack.pop()
+            box = self._trim(outer)
             if box is None:
                 continue
             if self._value_of(box, state) == self._value_uncut(box, state):

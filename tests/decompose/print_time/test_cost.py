@@ -155,7 +155,7 @@ def test_every_term_has_a_factor() -> None:
 def test_additive_features_add_up_over_a_cut(
     turn: tuple[float, float, float], cut_mm: float, lump: Solid, cost: CostModel
 ) -> None:
-    """Two halves are the whole and twice the cut, which is wall or skin as it lies."""
+    """Two halves have the features of the whole, and twice those of the cut: wall or skin by its slope."""
     rotations = Rotation.from_euler("xyz", [turn]).as_matrix()
     halves = lump.split(0, cut_mm)
     whole, _ = pose_features(*lump.arrays(), rotations, cost)

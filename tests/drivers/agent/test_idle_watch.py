@@ -57,8 +57,8 @@ def test_rising_heater_is_stuck_on_and_cooling_heater_is_not():
     falling = [Report(float(t), 0.0, 60.0, 0.0) for t in range(210, 40, -5)]
     assert all(watch.judge_report(report) == (None, None) for report in falling)
     rising = [watch.judge_report(Report(float(t), 0.0, 60.0, 0.0))[1] for t in range(45, 100, 5)]
-    results = [trouble for trouble in rising if trouble is not None]
-    assert results and all(trouble.fault is Fault.HEATER_STUCK_ON for trouble in results)
+    results = [finding for finding in rising if finding is not None]
+    assert results and all(finding.fault is Fault.HEATER_STUCK_ON for finding in results)
     assert rising.index(results[0]) == 6  # three reports above 60 C
     assert "nozzle" in results[0].text
     watch.judge_report(Report(120.0, 200.0, 60.0, 0.0))  # a person heats: that is no fault

@@ -250,15 +250,15 @@ HARD = st.builds(
 @settings(deadline=None)
 def test_accepted_lines_can_be_followed_and_never_crash_an_agent(lines: list[str], data: st.DataObject):
     """A pause, a cancel or a snapshot reads numbers of the file in the middle of a print."""
-    taken = []
+    accepted = []
     for line in ["M109 S210", *lines]:
         try:
-            p = program("\n".join(["M109 S210", *taken, line]))
+            p = program("\n".join(["M109 S210", *accepted, line]))
         except BadGcode as refused:
             assert str(refused).startswith("line ") and "\n" not in str(refused)
         else:
-            taken.append(line)
-    p = program("\n".join(taken))
+            accepted.append(line)
+    p = program("\n".join(accepted))
     done = data.draw(st.integers(0, p.count))
     moves = Moves(p, done)
     expected = [mm for mm in (*moves.at, moves.retracted_mm, moves.feed_mm_min) if not math.isnan(mm)]

@@ -91,9 +91,9 @@ def test_printer_with_a_hung_agent_is_stopped_and_needs_attention_afterwards(
         assert read_status(folder / "emulator").nozzle_target_c == 210.0
         farm = [Path(sys.executable).with_name("farm"), "estop", "--json"]
         farm += ["--state", tmp_path / "state", "--fleet", tmp_path / "none.yaml"]
-        done = subprocess.run(farm, check=False, capture_output=True, timeout=60)
-        assert done.returncode == 0, done.stderr
-        [row] = json.loads(done.stdout)["printers"]
+        finished_process = subprocess.run(farm, check=False, capture_output=True, timeout=60)
+        assert finished_process.returncode == 0, finished_process.stderr
+        [row] = json.loads(finished_process.stdout)["printers"]
         assert (row["printer"], row["seen_off"]) == ("um2-01", True)
         assert 0.0 < row["reset_after_s"] < 10.0
         status = read_status(folder / "emulator")
@@ -240,11 +240,14 @@ def test_farm_estop_names_printers_that_it_could_not_stop(tmp_path: Path):
     fleet = tmp_path / "fleet.yaml"
     fleet.write_text(f"printers:\n  - {{name: a, model: {MODEL}, port: {tmp_path}/no-such-tty}}\n")
     farm = [Path(sys.executable).with_name("farm"), "estop", "--state", tmp_path, "--fleet", fleet]
-    done = subprocess.run(farm, check=False, capture_output=True, text=True, timeout=60)
-    assert done.returncode == 1
-    assert "a: cannot be stopped" in done.stdout and "not confirmed off: a" in done.stderr
-    done = subprocess.run([*farm, "b"], check=False, capture_output=True, text=True, timeout=60)
-    assert done.returncode == 4 and "no printer b" in done.stderr
+    finished_process = subprocess.run(farm, check=False, capture_output=True, text=True, timeout=60)
+    assert finished_process.returncode == 1
+    assert (
+        "a: cannot be stopped" in finished_process.stdout
+        and "not confirmed off: a" in finished_process.stderr
+    )
+    finished_process = subprocess.run([*farm, "b"], check=False, capture_output=True, text=True, timeout=60)
+    assert finished_process.returncode == 4 and "no printer b" in finished_process.stderr
 
 
 def test_lock_names_its_holder(tmp_path: Path):

@@ -151,7 +151,7 @@ def _children(number: int) -> list[int]:
 
 
 class Silence(SilentWay):
-    """Not a word, and nothing that hangs up."""
+    """Connection without an answer, which stays open."""
 
     def __init__(self, folder: Path) -> None:
         super().__init__()

@@ -41,13 +41,13 @@ class Bench:
 
     def connect(self, uid, message=b""):
         self.uid = uid
-        item = socket.socket(socket.AF_UNIX)
-        self.ends.append(item)
-        item.connect(self.path)
-        item.sendall(message)
+        client = socket.socket(socket.AF_UNIX)
+        self.ends.append(client)
+        client.connect(self.path)
+        client.sendall(message)
         self.serve_once()
         self.serve_once()
-        return item
+        return client
 
     def serve_once(self, later_s=0.0):
         self.now_s += later_s
@@ -58,39 +58,39 @@ class Bench:
 def bench(tmp_path):
     bench = Bench(tmp_path)
     yield bench
-    for item in (bench.listening, *bench.ends, *bench.server._pending):
-        item.close()
+    for client in (bench.listening, *bench.ends, *bench.server._pending):
+        client.close()
 
 
-def refused(item):
-    item.settimeout(0.0)
+def refused(client):
+    client.settimeout(0.0)
     try:
-        message = item.recv(4096)
+        message = client.recv(4096)
     except BlockingIOError:
         return False
     return not message or "too many" in json.loads(message)["error"]
 
 
 def test_request_is_passed_on_once_complete(bench):
-    item = bench.connect(1000, REQUEST[:5])
+    client = bench.connect(1000, REQUEST[:5])
     assert bench.begun == []
-    item.sendall(REQUEST[5:])
+    client.sendall(REQUEST[5:])
     bench.serve_once()
     assert [message for message, _ in bench.begun] == [REQUEST]
 
 
 @pytest.mark.parametrize("message", [b"", REQUEST[:5]], ids=["nothing", "half a request"])
 def test_connection_without_a_request_is_ended_after_two_seconds(bench, message):
-    item = bench.connect(1000, message)
+    client = bench.connect(1000, message)
     bench.serve_once(REQUEST_S)
-    assert not refused(item)
+    assert not refused(client)
     bench.serve_once(0.1)
-    assert refused(item) and bench.begun == []
+    assert refused(client) and bench.begun == []
 
 
 def test_requests_are_limited_per_user(bench):
     clients = [bench.connect(1000) for _ in range(CROWD)]
-    assert sum(not refused(item) for item in clients) == MAX_PER_USER
+    assert sum(not refused(client) for client in clients) == MAX_PER_USER
     bench.connect(2000, REQUEST)
     assert len(bench.begun) == 1
 

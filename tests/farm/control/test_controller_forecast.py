@@ -33,7 +33,7 @@ class Clock:
 
 
 class Night:
-    """A farm whose printers and people do what is foreseen, each at its moment."""
+    """Farm whose printers and people act as forecast, each at its time."""
 
     def __init__(self, folder, printers, now_s, start_rules):
         self.clock = Clock(now_s)

@@ -11,7 +11,7 @@ from slicing.settings import FARM_QUALITIES, find_resources, resolve_settings
 
 @pytest.mark.parametrize("quality", ["glue", "paper", "fast", "normal", "high"])
 def test_parts_get_their_supports_in_every_quality(quality):
-    """Their poses are chosen with them; Cura's own qualities have none by themselves."""
+    """Poses are chosen for supports; Cura's own qualities have none by default."""
     section = fleet(1).printers[0]
     settings = printer_settings(section, quality, find_resources())
     assert settings.support_enabled

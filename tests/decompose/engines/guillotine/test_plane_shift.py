@@ -250,7 +250,7 @@ def test_lid_moves_into_the_hollow_behind_it(cost: CostModel) -> None:
 def test_another_search_begins_where_one_has_ended(
     cone: Solid, cost: CostModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A plane that can move by little from each start gets where it has to be, where that is asked for."""
+    """A plane with a short reach gets to its best place in several searches, if requested."""
     task = replace(problem(cone, cost, 2, cells=2), thorough=True)
     _, far = run(task, halves(task))
     monkeypatch.setattr(plane_shift, "REACH", 0.05)

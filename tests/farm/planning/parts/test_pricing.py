@@ -127,14 +127,14 @@ def test_prices_are_those_of_the_engine(how, settings_of, tmp_path):
 def test_measured_table_agrees_with_the_factors(settings_of):
     """Held out by model, every setting stays below 5 %; the fit is made again, not the slices."""
     root = Path(__file__).parents[4]
-    done = subprocess.run(
+    process = subprocess.run(
         [sys.executable, "-m", "bench.print_time_model", "--dataset", "bench/print_time.csv", "--json"],
         cwd=root,
         capture_output=True,
         text=True,
         check=True,
     )
-    figures = json.loads(done.stdout)
+    figures = json.loads(process.stdout)
     for level in ("held_out", "as_in_code"):
         for name in ("glue", "paper", "fine", "wide", "other"):
             assert figures[level][name]["mean_absolute_error"] < 0.05, (level, name)

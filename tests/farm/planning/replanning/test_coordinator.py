@@ -25,7 +25,7 @@ class Clock:
         return self.now_s
 
 
-def begun(tmp_path, models, plates=1, **options):
+def make_farm(tmp_path, models, plates=1, **options):
     """A farm that prints a job of plates of ten hours each."""
     farm = Farm(tmp_path, models, Clock(), attended=["08:00-18:00"])
     farm.names = "abcdefgh"[: len(models)]
@@ -71,7 +71,7 @@ def printing(farm):
 
 
 def test_failed_part_is_cut_for_the_free_printers_and_held(tmp_path):
-    farm = begun(tmp_path, [PLUS] * 4, plates=1)
+    farm = make_farm(tmp_path, [PLUS] * 4, plates=1)
     fails(farm, "a", "1/01")
     ((plate, printers, cut),) = farm.effects.replans
     assert (plate, printers, cut) == ("1/01", ["b", "c", "d"], True)
@@ -86,7 +86,7 @@ def test_failed_part_is_cut_for_the_free_printers_and_held(tmp_path):
 
 
 def test_pieces_that_cannot_be_booked_are_made_again(tmp_path):
-    farm = begun(tmp_path, [PLUS] * 4, plates=1)
+    farm = make_farm(tmp_path, [PLUS] * 4, plates=1)
     fails(farm, "a", "1/01")
     farm.store._db.execute("PRAGMA query_only = 1")
     with pytest.raises(StoreError):
@@ -103,16 +103,16 @@ def test_part_that_is_not_sooner_in_pieces_stays_whole(tmp_path):
         "slow": lambda farm: pieces(farm, "1/01", 9.0, "bcd"),
         "failed": lambda farm: FarmError("too thin"),
     }.items():
-        farm = begun(tmp_path / name, [PLUS] * 4, plates=1)
+        farm = make_farm(tmp_path / name, [PLUS] * 4, plates=1)
         fails(farm, "a", "1/01")
         farm.controller.on_replan("1/01", result(farm))
         assert printing(farm) == {"b": "1/01"}
-        fails(farm, "b", "1/01")  # the next failure is looked at again: two are free now
+        fails(farm, "b", "1/01")  # the next failure is examined again: two printers are free now
         assert [cut for _, _, cut in farm.effects.replans] == [True, True]
 
 
 def test_job_with_a_later_start_gets_no_reserved_printers(tmp_path):
-    farm = begun(tmp_path, [PLUS] * 5, plates=1)
+    farm = make_farm(tmp_path, [PLUS] * 5, plates=1)
     fails(farm, "a", "1/01")
     ((_, promised, _),) = farm.effects.replans
     farm.jobs.submit("s" * 8, "n.stl", MODEL, JobOptions(material="generic_pla"))
@@ -124,7 +124,7 @@ def test_job_with_a_later_start_gets_no_reserved_printers(tmp_path):
 
 
 def test_replan_is_repeated_after_a_restart(tmp_path):
-    farm = begun(tmp_path, [PLUS] * 4, plates=1)
+    farm = make_farm(tmp_path, [PLUS] * 4, plates=1)
     fails(farm, "a", "1/01")
     farm.store.close()
     repeated = Farm(tmp_path, [PLUS] * 4, farm.controller.clock, attended=["08:00-18:00"])
@@ -137,7 +137,7 @@ def test_replan_is_repeated_after_a_restart(tmp_path):
 
 
 def test_part_that_is_cancelled_while_it_is_cut_is_not_replaced(tmp_path):
-    farm = begun(tmp_path, [PLUS] * 4, plates=1)
+    farm = make_farm(tmp_path, [PLUS] * 4, plates=1)
     fails(farm, "a", "1/01")
     farm.parts.cancel(1, "p01", "ann")
     farm.controller.on_replan("1/01", pieces(farm, "1/01", 4.0, "bcd"))
@@ -146,7 +146,7 @@ def test_part_that_is_cancelled_while_it_is_cut_is_not_replaced(tmp_path):
 
 
 def test_approved_plan_is_not_replanned(tmp_path):
-    farm = begun(tmp_path, [PLUS] * 4, plates=1, hold=True)
+    farm = make_farm(tmp_path, [PLUS] * 4, plates=1, hold=True)
     fails(farm, "a", "1/01")
     assert farm.effects.replans == []
     assert printing(farm) == {"b": "1/01"}
@@ -162,7 +162,7 @@ def sliced(farm, plate, printer, hours):
 
 
 def test_plate_of_a_full_bed_is_resliced_overnight(tmp_path):
-    farm = begun(tmp_path, [PLUS, PLAIN], plates=1)
+    farm = make_farm(tmp_path, [PLUS, PLAIN], plates=1)
     fails(farm, "a", "1/01")  # its bed is looked at in the morning
     assert farm.effects.replans == [("1/01", ["b"], False)]
     assert farm.controller.plate_holds().get("1/01") is not None
@@ -173,7 +173,7 @@ def test_plate_of_a_full_bed_is_resliced_overnight(tmp_path):
 
 
 def test_backward_clock_step_does_not_delay_the_next_search(tmp_path):
-    farm = begun(tmp_path, [PLUS, PLUS, PLAIN], plates=2)
+    farm = make_farm(tmp_path, [PLUS, PLUS, PLAIN], plates=2)
     fails(farm, "a", "1/01")
     farm.controller.on_replan("1/01", FarmError("too thin"))
     farm.controller.clock.now_s -= HOUR
@@ -184,7 +184,7 @@ def test_backward_clock_step_does_not_delay_the_next_search(tmp_path):
 
 
 def test_useless_reslice_is_not_repeated(tmp_path):
-    farm = begun(tmp_path, [PLUS, PLAIN], plates=1)
+    farm = make_farm(tmp_path, [PLUS, PLAIN], plates=1)
     fails(farm, "a", "1/01")
     farm.controller.on_replan("1/01", sliced(farm, "1/01", "b", 30.0))
     farm.controller.clock.now_s += HOUR
@@ -196,7 +196,7 @@ def test_useless_reslice_is_not_repeated(tmp_path):
 
 
 def test_planned_printer_may_take_the_plate_before_the_reslice(tmp_path):
-    farm = begun(tmp_path, [PLUS, PLAIN], plates=1)
+    farm = make_farm(tmp_path, [PLUS, PLAIN], plates=1)
     fails(farm, "a", "1/01")
     farm.clear_bed("a", FilamentState.PARKED)
     assert printing(farm) == {"a": "1/01"}
@@ -206,7 +206,7 @@ def test_planned_printer_may_take_the_plate_before_the_reslice(tmp_path):
 
 
 def test_search_is_not_delayed_by_a_backward_clock_step(tmp_path):
-    farm = begun(tmp_path, [PLUS, PLAIN], plates=1)
+    farm = make_farm(tmp_path, [PLUS, PLAIN], plates=1)
     farm.printers.begin_maintenance("b", "a new belt", "ann")
     fails(farm, "a", "1/01")
     assert farm.effects.replans == []

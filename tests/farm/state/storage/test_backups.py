@@ -140,13 +140,13 @@ def test_failed_backup_keeps_earlier_ones(state):
     assert len(list(state.backups.iterdir())) == 1
 
 
-@pytest.mark.parametrize("trouble", ["no folder", "the disk", "a fault of our own"])
-def test_failed_backup_is_reported_and_retried(state, trouble, tmp_path, monkeypatch):
+@pytest.mark.parametrize("problem", ["no folder", "the disk", "a fault of our own"])
+def test_failed_backup_is_reported_and_retried(state, problem, tmp_path, monkeypatch):
     fill(state)
-    if trouble == "no folder":
+    if problem == "no folder":
         state.backups.write_text("a file in its place")
     else:
-        error = OSError(28, "No space left on device") if trouble == "the disk" else ValueError("oh")
+        error = OSError(28, "No space left on device") if problem == "the disk" else ValueError("oh")
         monkeypatch.setattr(backups, "back_up", Mock(side_effect=error))
     farm, timers, tidied = Farm(tmp_path / "farm"), [], []
     nightly = backups.NightlyBackup(
@@ -159,10 +159,10 @@ def test_failed_backup_is_reported_and_retried(state, trouble, tmp_path, monkeyp
     )
     asyncio.run(nightly.begin())
     ((_, _, again),) = timers
-    scene = farm.view_context(state)
-    assert [item.code for item in list_tasks(scene)][:1] == ["farm"]
-    assert "the nightly backup of the database failed" in list_tasks(scene)[0].text
-    if trouble == "no folder":
+    context = farm.view_context(state)
+    assert [item.code for item in list_tasks(context)][:1] == ["farm"]
+    assert "the nightly backup of the database failed" in list_tasks(context)[0].text
+    if problem == "no folder":
         state.backups.unlink()
     monkeypatch.undo()
     asyncio.run(again())
