@@ -18,7 +18,7 @@ path = Path(sys.argv[1])
 for number in range(2000):
     print(f"out {number}", flush=True)
     os.write(2, f"err {number}\\n".encode())
-    rotate_log(path, 4000, kept=50)
+    rotate_log(path, 4000, file_count=50)
 """
 
 
@@ -36,7 +36,7 @@ def test_only_the_newest_logs_are_kept(tmp_path: Path):
     path = tmp_path / "daemon.log"
     for number in range(9):
         path.write_text(f"{number}" * 100)
-        assert rotate_log(path, 100, kept=3)
+        assert rotate_log(path, 100, file_count=3)
     results = {log.name: log.read_text()[:1] for log in tmp_path.iterdir()}
     assert results == {"daemon.log": "", "daemon.log.1": "8", "daemon.log.2": "7", "daemon.log.3": "6"}
 
