@@ -14,7 +14,7 @@ os.environ["QT_QPA_PLATFORM"] = "offscreen"
 from PySide6.QtCore import QCoreApplication, QTimer, QUrl
 from PySide6.QtNetwork import QHttpMultiPart, QHttpPart, QNetworkAccessManager, QNetworkRequest
 
-PATIENCE_MS = 60_000
+PATIENCE_MS = 200_000
 
 
 def make_part(disposition, body, content_type):

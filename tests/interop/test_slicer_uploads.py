@@ -14,7 +14,7 @@ import pytest
 import trimesh
 
 from make_gcode import marlin, square
-from real_farm import RealFarm, wait_for
+from real_farm import PATIENCE_S, RealFarm, wait_for
 
 HERE = Path(__file__).parent
 PYTHON = Path(os.environ.get("FARM_INTEROP", "none"))
@@ -71,7 +71,7 @@ def send_by_curl(farm, path, to="", **fields):
         check=True,
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=PATIENCE_S,
     ).stdout
     body, _, last = answer.rpartition("\n")
     status, _, kind = last.partition(" ")
@@ -81,7 +81,9 @@ def send_by_curl(farm, path, to="", **fields):
 def send_by_qt(farm, path, *fields, to=""):
     url = f"{farm.url}{to}/api/files/local"
     words = [PYTHON, HERE / "qt_peer.py", url, farm.key, path, path.name, *fields]
-    return json.loads(subprocess.run(words, check=True, capture_output=True, text=True, timeout=120).stdout)
+    return json.loads(
+        subprocess.run(words, check=True, capture_output=True, text=True, timeout=PATIENCE_S).stdout
+    )
 
 
 def test_gcode_of_prusaslicer_is_printed_by_the_printer_of_its_address(farm, slice_box):
@@ -132,7 +134,9 @@ def test_refusal_to_qt_is_exactly_plain_text(farm, tmp_path):
 
 def test_octorest_uploads_selects_and_follows_a_print(farm, tower):
     words = [PYTHON, HERE / "octorest_peer.py", farm.url, farm.key, tower]
-    answer = json.loads(subprocess.run(words, check=True, capture_output=True, text=True, timeout=120).stdout)
+    answer = json.loads(
+        subprocess.run(words, check=True, capture_output=True, text=True, timeout=PATIENCE_S).stdout
+    )
     assert answer["version"]["text"].startswith("OctoPrint")
     number = int(answer["upload"]["files"]["local"]["path"].partition("/")[0])
     assert answer["held"]["name"] == "tower.gcode"
