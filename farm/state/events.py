@@ -17,8 +17,7 @@ from farm.model.instruction import SendPause as SendPause
 from farm.model.instruction import SendStart as SendStart
 from farm.model.instruction import StopPlanning as StopPlanning
 
-A_PERSON = "a person"
-"""Name for an unknown caller of a command."""
+A_PERSON = "a person"  # name for an unknown caller of a command
 
 
 class Event(BaseModel):
