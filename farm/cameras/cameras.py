@@ -10,13 +10,12 @@ import asyncio
 import logging
 import time
 import uuid
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
-from farm.cameras.fetch import CameraError, Fetch, fetch_still
-from farm.cameras.image import Image
+from farm.cameras.image import CameraError, Image
 from farm.cameras.schedule import SHOWN_S, CameraState, DueStill, find_due_stills
 from farm.config import Fleet
 from farm.control import Controller
@@ -29,6 +28,15 @@ from farm.state.storage import store_file
 log = logging.getLogger(__name__)
 
 _FORGET_S = 10.0  # wall seconds without a look after which the last still is dropped from memory
+
+Fetch = Callable[[str], Awaitable[Image]]
+
+
+async def _fetch_still(url: str) -> Image:
+    """Fetch a still; the HTTP client is loaded for the first one, as few farms have cameras."""
+    from farm.cameras.fetch import fetch_still
+
+    return await fetch_still(url)
 
 
 @dataclass(slots=True)
@@ -63,7 +71,7 @@ class Cameras:
         self,
         controller: Controller,
         state: StateFolder,
-        fetch: Fetch = fetch_still,
+        fetch: Fetch = _fetch_still,
         monotonic: Callable[[], float] = time.monotonic,
     ) -> None:
         self._controller, self._state = controller, state

@@ -10,7 +10,6 @@ import ipaddress
 import logging
 import socket
 import ssl
-from collections.abc import Awaitable, Callable
 from contextlib import suppress
 from functools import cache
 from threading import Thread
@@ -18,19 +17,15 @@ from threading import Thread
 import httpx
 
 from farm.cameras.image import LARGEST_IMAGE_BYTES, Image, NoImage, check_beginning, read_image
+from farm.cameras.image import CameraError as CameraError
 
 FETCH_S = 5.0
 """Wall seconds for a still, redirects included."""
 _MOST_REDIRECTS = 3
 _MAGIC_BYTES = 8
-Fetch = Callable[[str], Awaitable[Image]]
 
 for _name in ("httpx", "httpcore"):  # they log addresses
     logging.getLogger(_name).setLevel(logging.CRITICAL)
-
-
-class CameraError(Exception):
-    """A camera has sent no still; the message says why, without the camera's address."""
 
 
 async def fetch_still(url: str) -> Image:

@@ -22,6 +22,10 @@ _SCAN, _PADDING = 0xDA, 0xFF
 _MOST_SEGMENTS = 500  # before the frame; a long list would keep the daemon busy
 
 
+class CameraError(Exception):
+    """A camera has sent no still; the message says why, without the camera's address."""
+
+
 class NoImage(Exception):
     """The bytes are no image that is taken; the message says why."""
 
