@@ -1,14 +1,13 @@
 """Control of the farm: the controller, commands of people, effects, timers and notices."""
 
+from farm.control.access import LINK_S, LONGEST_S, KeyCommands, SessionCommands, find_key
 from farm.control.controller import Controller
 from farm.control.dry_runs import DryRuns
 from farm.control.effects import FarmEffects
 from farm.control.job_commands import JobCommands, abort_prints
-from farm.control.keys import KeyCommands, find_key
 from farm.control.notifier import Notifier, delete_record
 from farm.control.part_commands import PartCommands
 from farm.control.printer_commands import PrinterCommands
-from farm.control.sessions import LINK_S, LONGEST_S, SessionCommands
 from farm.control.timers import Timers
 
 __all__ = [

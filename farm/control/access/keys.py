@@ -1,6 +1,6 @@
 """Keys of callers on the network: added and revoked. Their text is kept only as SHA-256.
 
-A session is the key of a browser (`farm.control.sessions`); its text begins with another word, so that
+A session is the key of a browser (`farm.control.access.sessions`); its text begins with another word, so that
 neither is accepted in the place of the other.
 """
 

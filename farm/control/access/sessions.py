@@ -11,8 +11,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from farm import api
+from farm.control.access.keys import digest_key, make_key_text
 from farm.control.controller import Controller
-from farm.control.keys import digest_key, make_key_text
 from farm.errors import NoSuchThing
 from farm.model import Key, KeyKind, Role
 from farm.state import events as ev

@@ -6,7 +6,7 @@ from itertools import permutations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from farm.control.keys import digest_key, find_key, make_key_text
+from farm.control.access.keys import digest_key, find_key, make_key_text
 from farm.model import KeyKind
 from make_books import key
 

@@ -5,7 +5,7 @@ import json
 import pytest
 
 from farm.control import SessionCommands, find_key
-from farm.control.sessions import IDLE_S, LINK_S, LONGEST_S, MOST_SESSIONS, list_open_sessions
+from farm.control.access.sessions import IDLE_S, LINK_S, LONGEST_S, MOST_SESSIONS, list_open_sessions
 from farm.errors import NoSuchThing
 from farm.model import KeyKind, Role
 from recording_controller import Farm

@@ -1,0 +1,8 @@
+"""Access from the network: keys of programs, and sessions of browsers."""
+
+from __future__ import annotations
+
+from farm.control.access.keys import KeyCommands, find_key
+from farm.control.access.sessions import LINK_S, LONGEST_S, SessionCommands
+
+__all__ = ["LINK_S", "LONGEST_S", "KeyCommands", "SessionCommands", "find_key"]
