@@ -21,6 +21,7 @@ from pydantic import (
     model_validator,
 )
 
+from farm.log_format import LogFormat
 from farm.week_windows import Window, parse_window
 
 SIMULATED = "sim://"
@@ -195,6 +196,7 @@ class FleetSection(_Section):
     compute: ComputeSection = ComputeSection()
     uploads: UploadsSection = UploadsSection()
     keep: KeepSection = KeepSection()
+    log: LogFormat = LogFormat.TEXT  # of the daemon; json: a line of JSON for each record
     currency: Annotated[str, Field(min_length=1, max_length=8)] | None = None
     attended: Windows = ()  # hours when somebody is present; empty: unknown
     quiet: Windows = ()  # hours when nothing may print

@@ -47,6 +47,7 @@ from farm.http import (
     listen,
     make_app,
 )
+from farm.log_format import start_log
 from farm.paths import Places, StateFolder, read_anchor, write_anchor
 from farm.planning import JobPlanner, bed_boxes
 from farm.planning.replanning import ReplanWorker
@@ -273,7 +274,7 @@ def run(fleet: Fleet, places: Places) -> None:
     FarmError
         If the state folder cannot be read or written.
     """
-    logging.basicConfig(level=logging.INFO, force=True, format="%(asctime)s %(name)s %(message)s")
+    start_log(fleet.fleet.log)
     logging.getLogger("apscheduler").setLevel(logging.WARNING)
     check_operators(fleet.fleet.operators)
     if fleet.fleet.materials is not None:

@@ -32,6 +32,7 @@ from farm.agents.protocol_adapter import clock_offset_s, to_agent_clock, to_farm
 from farm.agents.remote import load_route
 from farm.config import PrinterSection
 from farm.errors import FarmError
+from farm.log_format import PrinterLog
 from farm.model import AgentPrint, AgentSnapshot, Link
 from farm.paths import StateFolder
 
@@ -91,6 +92,7 @@ class AgentConnection:
         farm: str = "",
     ) -> None:
         self._name = name
+        self._log = PrinterLog(log, name)
         self._section = section
         self._folder = state.agent(name)
         self._clock = clock
@@ -121,7 +123,7 @@ class AgentConnection:
         """Start the agent if none runs; end one that hangs."""
         if self._process is not None and self._process.poll() is not None:
             if self._process.returncode or not agents_are_units():  # else systemd has started it
-                log.warning("%s: its agent ended with %s", self._name, self._process.returncode)
+                self._log.warning("its agent ended with %s", self._process.returncode)
             self._process = None
         if self._stopping or self._remote:
             return  # the bridge on the other host starts and watches it
@@ -147,7 +149,7 @@ class AgentConnection:
                 self._clock,
                 section.power_off_cmd,
             )
-            log.info("%s: agent started, pid %d", section.name, self._process.pid)
+            self._log.info("agent started, pid %d", self._process.pid)
         except DriverError as error:
             self._report(AgentSnapshot(printer=self._name, link=Link.ABSENT, reason=str(error)))
 
@@ -155,12 +157,12 @@ class AgentConnection:
         """Kill an agent that hangs; the next check starts another, which resets the board."""
         pid = agent_pid(self._folder)
         if pid is not None and self._heartbeat.is_wedged(time.monotonic(), lambda: sample_process(pid)):
-            log.error("%s: its agent (pid %d) hangs: replacing it", self._name, pid)
+            self._log.error("its agent (pid %d) hangs: replacing it", pid)
             self._spawn_task(self._kill())
 
     async def _kill(self) -> None:
         if not await asyncio.to_thread(kill_agent, self._folder):
-            log.error("%s: its agent cannot be killed; switch the printer off", self._name)
+            self._log.error("its agent cannot be killed; switch the printer off")
 
     async def _listen(self) -> None:
         wait_s = 0.0
@@ -182,13 +184,13 @@ class AgentConnection:
                         self._report(self._convert_snapshot(report))
                 if time.monotonic() - connected_s > _STEADY_S:
                     wait_s = 0.0
-                log.info("%s: the connection to its agent was lost", self._name)
+                self._log.info("the connection to its agent was lost")
             except TimeoutError:
-                log.warning("%s: its agent has not reported for %g s", self._name, _SILENCE_S)
+                self._log.warning("its agent has not reported for %g s", _SILENCE_S)
             except (DriverError, FarmError) as error:
-                log.warning("%s: %s", self._name, error)
+                self._log.warning("%s", error)
             except Exception:
-                log.exception("%s: listening to its agent", self._name)
+                self._log.exception("listening to its agent")
             self._report(AgentSnapshot(printer=self._name, link=Link.STARTING))
 
     async def _import_journal(self, report: m.Snapshot) -> m.Snapshot:
@@ -213,9 +215,9 @@ class AgentConnection:
             self._listener.on_snapshot(snapshot)
         except FarmError as error:
             # The books could not be written: nothing has changed, and the next snapshot is handled in full.
-            log.error("%s: %s", self._name, error)
+            self._log.error("%s", error)
         except Exception:  # a bug here must not end the listening to this printer
-            log.exception("%s: handling the snapshot of its agent", self._name)
+            self._log.exception("handling the snapshot of its agent")
 
     def _convert_snapshot(self, report: m.Snapshot) -> AgentSnapshot:
         """Return a snapshot without fields that the agent cannot measure."""
@@ -230,7 +232,7 @@ class AgentConnection:
             return True
         if report.print is not None:
             return True  # its print is in the books and must end first
-        log.warning("%s: its agent has %s at %s: replacing it", self._name, report.model, report.port)
+        self._log.warning("its agent has %s at %s: replacing it", report.model, report.port)
         self._spawn_task(self._end_agent())
         return False
 
@@ -253,7 +255,7 @@ class AgentConnection:
             latest_s = self._clock.now() + _START_S * self._clock.scale
             reply = await self._client.request(to_agent_clock(request, self._ahead_s, latest_s))
             if reply.error:
-                log.warning("%s: %s refused: %s", self._name, request.do, reply.error)
+                self._log.warning("%s refused: %s", request.do, reply.error)
                 if isinstance(request, m.StartPrint):
                     self._listener.on_refusal(request.print_id, reply.error, reply.late)
             elif isinstance(request, m.CancelPrint) and reply.snapshot is not None:
@@ -261,12 +263,12 @@ class AgentConnection:
                 self._report(report.model_copy(update={"acknowledged_cancel": request.print_id}))
         except AgentTooOld as error:
             if key not in self._unsupported:
-                log.warning("%s: %s", self._name, error)
+                self._log.warning("%s", error)
             self._unsupported.add(key)
             if isinstance(request, m.StartPrint):
                 self._listener.on_refusal(request.print_id, str(error), True)
         except (DriverError, FarmError) as error:
-            log.warning("%s: %s", self._name, error)
+            self._log.warning("%s", error)
         finally:
             self._pending.discard(key)
 
@@ -306,15 +308,15 @@ class AgentConnection:
         try:
             reply = await self._client.request(m.Shutdown(id=0, now=True))
             if reply.error:
-                log.warning("%s: %s", self._name, reply.error)
+                self._log.warning("%s", reply.error)
         except DriverError as error:
-            log.info("%s: %s", self._name, error)
+            self._log.info("%s", error)
         try:
             async with asyncio.timeout(_END_S):
                 while is_alive(self._folder):
                     await asyncio.sleep(0.05)
         except TimeoutError:
-            log.warning("%s: its agent does not end", self._name)
+            self._log.warning("its agent does not end")
         else:
             if self._process is not None:
                 await asyncio.to_thread(self._process.wait)
@@ -322,7 +324,7 @@ class AgentConnection:
             try:
                 await asyncio.to_thread(control, self._folder / _EMULATOR, Command.POWER_OFF)
             except DriverError as error:
-                log.warning("%s: %s", self._name, error)
+                self._log.warning("%s", error)
 
     async def close(self) -> None:
         self._stopping = True

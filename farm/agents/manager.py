@@ -64,12 +64,22 @@ class AgentManager:
         try:
             await client.connect()
             reply = await client.request(m.Shutdown(id=0))
-            log.info("%s is not in the fleet: its agent %s", folder.name, reply.error or "ends")
+            log.info(
+                "%s is not in the fleet: its agent %s",
+                folder.name,
+                reply.error or "ends",
+                extra={"printer": folder.name},
+            )
             ended = reply.error is None
         except DriverError as error:
             ended = NO_AGENT in str(error)
             if not ended:
-                log.warning("%s is not in the fleet, and its agent does not answer: %s", folder.name, error)
+                log.warning(
+                    "%s is not in the fleet, and its agent does not answer: %s",
+                    folder.name,
+                    error,
+                    extra={"printer": folder.name},
+                )
         finally:
             await client.close()
         if ended:

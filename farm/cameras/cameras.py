@@ -166,9 +166,16 @@ class Cameras:
             camera.running = None
             problem = camera.state.problem
             if problem is not None and previous_problem is None:
-                log.warning("%s: its camera sends no still: %s", camera.printer, problem)
+                log.warning(
+                    "%s: its camera sends no still: %s",
+                    camera.printer,
+                    problem,
+                    extra={"printer": camera.printer},
+                )
             elif problem is None and previous_problem is not None:
-                log.info("%s: its camera sends stills again", camera.printer)
+                log.info(
+                    "%s: its camera sends stills again", camera.printer, extra={"printer": camera.printer}
+                )
 
     async def _keep(self, due: DueStill, fetching: asyncio.Task[Image]) -> None:
         """Store a still, then record it with its print."""
@@ -182,7 +189,7 @@ class Cameras:
         except CameraError:
             pass  # it is logged, and asked again later
         except (OSError, FarmError) as error:
-            log.warning("%s: a still cannot be kept: %s", due.printer, error)
+            log.warning("%s: a still cannot be kept: %s", due.printer, error, extra={"printer": due.printer})
 
 
 def _list_cameras(fleet: Fleet) -> dict[str, _Camera]:

@@ -19,9 +19,11 @@ from drivers.clock import Clock
 from farm.config import Fleet
 from farm.control.effects import Effect, Effects
 from farm.control.job_planning import JobPlanning
+from farm.control.log_subjects import find_subjects
 from farm.control.startup import list_startup_events
 from farm.control.telemetry import Telemetry, list_unconfirmed_instructions, read_snapshot
 from farm.errors import FarmError
+from farm.log_format import PrinterLog
 from farm.model import (
     AgentPrint,
     AgentSnapshot,
@@ -165,9 +167,8 @@ class Controller:
             self.books = changed_books
             if isinstance(event, ev.ReelLoaded):
                 self.fleet = fleet_with_reels(self._configured_fleet, changed_books.printers)
-            log.info(
-                "%s %s", type(event).__name__, event.model_dump_json(exclude={"at_s"}, exclude_none=True)
-            )
+            fields = event.model_dump_json(exclude={"at_s"}, exclude_none=True)
+            log.info("%s %s", type(event).__name__, fields, extra=find_subjects(event, changed_books))
             for instruction in instructions:
                 if isinstance(instruction, ev.StopPlanning):
                     self.planning.end(instruction.job)
@@ -286,7 +287,7 @@ class Controller:
         reading = read_snapshot(self.books, snapshot, previous, in_use, self.clock.now())
         if reading.misfit is not None:  # one faulty agent must not stop the others
             story = self._store.add_history(reading.misfit)
-            log.error("%s: its agent's snapshot does not fit the books: %s", name, story)
+            PrinterLog(log, name).error("its agent's snapshot does not fit the books: %s", story)
         changed = self.telemetry.store(snapshot)
         try:
             if reading.events or changed:

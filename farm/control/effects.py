@@ -95,4 +95,4 @@ class FarmEffects:
         try:
             name_files(self._state.job(job.id), self._state.files, names)
         except OSError as error:  # the links are optional: the job continues
-            log.warning("job %d: its files could not be linked: %s", job.id, error)
+            log.warning("job %d: its files could not be linked: %s", job.id, error, extra={"job": job.id})

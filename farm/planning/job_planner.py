@@ -83,7 +83,13 @@ class JobPlanner:
     async def _run(self, job: Job, builder: PlanBuilder) -> None:
         """Plan a job; after any error on a full disk, retry when there is space."""
         while isinstance(result := await self._build_plan(job, builder), FarmError) and self._is_disk_full():
-            log.error("job %d: %s; it is planned when %s has space", job.id, result, self._state.root)
+            log.error(
+                "job %d: %s; it is planned when %s has space",
+                job.id,
+                result,
+                self._state.root,
+                extra={"job": job.id},
+            )
             self._on_progress(job.id, PlanProgress(step=PlanStep.NO_ROOM))
             while self._is_disk_full():
                 await asyncio.sleep(_RETRY_S)
@@ -99,7 +105,7 @@ class JobPlanner:
             return error
         except Exception as error:
             # An error in one job must not stop the farm: the log has the traceback.
-            log.exception("planning job %d", job.id)
+            log.exception("planning job %d", job.id, extra={"job": job.id})
             return FarmError(f"planning failed: {type(error).__name__}: {error}; see the daemon's log")
         finally:
             shutil.rmtree(folder, ignore_errors=True)
@@ -117,10 +123,10 @@ class JobPlanner:
                 self._on_plan(job, result)
                 return
             except FarmError as error:
-                log.error("job %d: %s; its plan is kept", job, error)
+                log.error("job %d: %s; its plan is kept", job, error, extra={"job": job})
                 await asyncio.sleep(_RETRY_S)
             except Exception as error:
-                log.exception("job %d", job)
+                log.exception("job %d", job, extra={"job": job})
                 if isinstance(result, FarmError):
                     return
                 result = FarmError(

@@ -126,10 +126,10 @@ class PlanBuilder:
                     break
                 relevelled = await self._slice(replace(sliced.task, folder=folder), decomposed)
             except FarmError as error:
-                log.warning("job %d: its cuts are not moved: %s", job, error)
+                log.warning("job %d: its cuts are not moved: %s", job, error, extra={"job": job})
                 break
             except Exception:  # the plan is valid without moved cuts
-                log.exception("job %d: its cuts are not moved", job)
+                log.exception("job %d: its cuts are not moved", job, extra={"job": job})
                 break
             if relevelled.makespan_s() >= sliced.makespan_s():
                 break

@@ -225,7 +225,7 @@ class Upkeep:
             )
             return dict(await work)
         except FarmError as error:
-            log.warning("job %d: its parts are not drawn: %s", job.id, error)
+            log.warning("job %d: its parts are not drawn: %s", job.id, error, extra={"job": job.id})
             return {}
 
     async def _finish(self) -> int:
@@ -237,7 +237,7 @@ class Upkeep:
         controller, folder = self._controller, self._state.files
         files = await asyncio.to_thread(list_files, folder)
         for number in list_lost_jobs(controller.books, files):
-            log.warning("job %d: its files are gone; it counts as pruned", number)
+            log.warning("job %d: its files are gone; it counts as pruned", number, extra={"job": number})
             controller.handle(ev.JobPruned(at_s=controller.clock.now(), job=number, by=THE_FARM))
         freed = 0
         for names, least_age_s in self._list_deletions(files, controller.books):

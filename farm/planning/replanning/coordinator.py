@@ -169,10 +169,12 @@ class ReplanCoordinator:
             if printer in situation.fleet:
                 self._attempted.add(_attempt_key(plate, situation.fleet[printer].capabilities))
         if isinstance(result, FarmError):
-            log.warning("plate %s is unchanged: %s", name, result)
+            log.warning("plate %s is unchanged: %s", name, result, extra={"plate": name})
             return None
         if not self._saves_time(view, result, replan.cut, books, situation):
-            log.info("plate %s is unchanged: replanning would not finish it sooner", name)
+            log.info(
+                "plate %s is unchanged: replanning would not finish it sooner", name, extra={"plate": name}
+            )
             return None
         # If the event cannot be written (a full disk), the plate is examined again at the next decision.
         self._examined.discard((plate.id, len(plate.prints)))
@@ -202,7 +204,13 @@ class ReplanCoordinator:
         return policy.saves_enough(ends_s(view, situation), after_s, situation.now_s)
 
     def _start(self, plate: Plate, printers: tuple[str, ...], cut: bool) -> StartReplan:
-        log.info("plate %s is %s for %s", plate.id, "recut" if cut else "resliced", " ".join(printers))
+        log.info(
+            "plate %s is %s for %s",
+            plate.id,
+            "recut" if cut else "resliced",
+            " ".join(printers),
+            extra={"plate": plate.id},
+        )
         self._running[plate.id] = StartReplan(plate.id, printers, cut)
         return self._running[plate.id]
 

@@ -125,7 +125,7 @@ class PlanRevisions:
             described = _describe(job, plates, situation)
             names = choose_revision(described, situation, (idle, coming))
             if names is not None:
-                log.info("job %d is planned again for %s", number, " ".join(names))
+                log.info("job %d is planned again for %s", number, " ".join(names), extra={"job": number})
                 self._running[number] = StartPlanning(number, names, rounds=1)
                 self._began_s[number] = situation.now_s
                 self._held_until_s[number] = situation.now_s + PATIENCE * described.planning_s
@@ -163,7 +163,7 @@ class PlanRevisions:
         if plates is None:  # cancelled or changed by a person meanwhile
             return None
         if isinstance(result, FarmError):
-            log.warning("job %d keeps its plan: %s", number, result)
+            log.warning("job %d keeps its plan: %s", number, result, extra={"job": number})
             return None
         planned = build_planned_event(
             job, result, situation.printers, books, situation.rules, situation.now_s
@@ -173,7 +173,7 @@ class PlanRevisions:
         )
         event = ev.PlanRevised(**dict(planned))
         if not _ends_sooner(event, books, situation):
-            log.info("job %d keeps its plan: the new one does not end sooner", number)
+            log.info("job %d keeps its plan: the new one does not end sooner", number, extra={"job": number})
             return None
         return event
 

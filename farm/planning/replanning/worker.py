@@ -66,14 +66,14 @@ class ReplanWorker:
         except asyncio.CancelledError:
             return
         except Exception as error:  # the part is printed as planned
-            log.exception("plate %s", task.plate.id)
+            log.exception("plate %s", task.plate.id, extra={"plate": task.plate.id})
             result = FarmError(f"{type(error).__name__}: {error}")
         finally:
             shutil.rmtree(task.folder, ignore_errors=True)
         try:
             self._on_replan(task.plate.id, result)
         except FarmError as error:  # the books cannot be written: the plate is examined again later
-            log.error("plate %s: %s", task.plate.id, error)
+            log.error("plate %s: %s", task.plate.id, error, extra={"plate": task.plate.id})
 
     async def _reslice(self, task: ReplanTask) -> ReplannedPlate:
         part = await asyncio.to_thread(copy_part, task)

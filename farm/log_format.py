@@ -1,0 +1,58 @@
+"""Format of the daemon's log: lines of text, or one line of JSON for each record."""
+
+from __future__ import annotations
+
+import json
+import logging
+from collections.abc import MutableMapping
+from datetime import UTC, datetime
+from enum import StrEnum
+from typing import Any
+
+SUBJECTS = ("job", "plate", "printer", "who")
+"""Attributes of a record, by `extra`, that JSON lines carry besides its text."""
+
+
+class LogFormat(StrEnum):
+    """Format of the daemon's log."""
+
+    TEXT = "text"
+    JSON = "json"
+
+
+class JsonFormatter(logging.Formatter):
+    """Formats a record as one line of JSON: at, level, logger, message, its subjects, and an exception."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        """Return the line, without its end."""
+        at = datetime.fromtimestamp(record.created, UTC).isoformat(timespec="milliseconds")
+        fields = {
+            "at": at,
+            "level": record.levelname.lower(),
+            "logger": record.name,
+            "message": record.getMessage(),
+        }
+        fields |= {name: value for name in SUBJECTS if (value := getattr(record, name, None)) is not None}
+        if record.exc_info:
+            fields["exception"] = self.formatException(record.exc_info)
+        return json.dumps(fields, default=str)
+
+
+class PrinterLog(logging.LoggerAdapter[logging.Logger]):
+    """Log of one printer: begins each text with its name, and gives it to JSON lines."""
+
+    def __init__(self, logger: logging.Logger, printer: str) -> None:
+        super().__init__(logger, {"printer": printer})
+        self._prefix = printer.replace("%", "%%")
+
+    def process(self, msg: str, kwargs: MutableMapping[str, Any]) -> tuple[str, MutableMapping[str, Any]]:
+        """Return the text with the name before it, and the record's attributes."""
+        return f"{self._prefix}: {msg}", {**kwargs, "extra": self.extra}
+
+
+def start_log(log_format: LogFormat) -> None:
+    """Send records of this process to its standard error stream, from the level INFO."""
+    handler = logging.StreamHandler()
+    text = logging.Formatter("%(asctime)s %(name)s %(message)s")
+    handler.setFormatter(JsonFormatter() if log_format is LogFormat.JSON else text)
+    logging.basicConfig(level=logging.INFO, force=True, handlers=[handler])
