@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -116,6 +117,18 @@ def test_two_ears_above_a_plane_are_joined_one_by_one():
 def test_body_that_would_fall_over_is_held():
     [step] = plan(boxes(((0, 0, 0), (3, 3, 25)), ((0, 0, 25), (3, 3, 50)))).steps
     assert step.rests_on == ()
+
+
+def test_replay_reports_a_step_in_a_wrong_direction_and_one_that_breaks_glue():
+    pieces = pinwheel()
+    assembly = plan(pieces)
+    solids = [piece.solid for piece in pieces]
+    last = assembly.steps[-1]
+    wrong = replace(last, direction=-last.direction)
+    assert find_collisions(solids, replace(assembly, steps=(*assembly.steps[:-1], wrong)))
+    torn = replace(last, moved=last.moved[:1], fixed=last.fixed[:1])
+    steps = (*assembly.steps, torn)
+    assert any("glued" in fault for fault in find_collisions(solids, replace(assembly, steps=steps)))
 
 
 @st.composite

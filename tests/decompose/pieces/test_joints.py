@@ -10,11 +10,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from decompose.arrays import Floats
 from decompose.decompose import decompose_model
 from decompose.errors import NoFit
 from decompose.geometry import Model, Solid
 from decompose.options import Engine, Options
-from decompose.pieces import Piece, cut_box, find_cut_faces, find_faults, find_joints
+from decompose.pieces import JointFace, Piece, cut_box, find_cut_faces, find_faults, find_joints
 from decompose.print_time import CostModel
 from decompose.printers import PrinterRoom
 
@@ -214,3 +215,20 @@ def test_piece_on_a_thin_joint_is_refused(engine: Engine, cost: CostModel) -> No
     with pytest.raises(NoFit, match=r"is held by 16.0 mm2 of glue.*--min-glue"):
         decompose_model(rod, printers, Options(engine, prove=False), cost)
     assert len(decompose_model(rod, printers, Options(Engine.GUILLOTINE, min_glue_mm2=15.0), cost).parts) == 4
+
+
+def corners(face: JointFace) -> Floats:
+    """Corners (n, 3) of a face's outline, in mm."""
+    return np.array(face.outline.exterior.coords) @ face.axes + face.offset_mm * face.normal
+
+
+@given(st.floats(0.0, 6.3), st.tuples(*[st.floats(-300.0, 300.0)] * 3))
+def test_moved_joint_has_its_corners_moved(angle: float, offset: tuple[float, float, float]) -> None:
+    (joint,) = find_joints(cut(block((0, 0, 0), (60, 40, 30)), x=(25.0,)))
+    transform = np.eye(4)
+    transform[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
+    transform[:3, :3] = transform[:3, :3] @ np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])
+    transform[:3, 3] = offset
+    [before], [after] = joint.faces, joint.move(transform).faces
+    assert corners(after) == pytest.approx(corners(before) @ transform[:3, :3].T + transform[:3, 3], abs=1e-9)
+    assert after.area_mm2 == pytest.approx(1200.0)

@@ -40,15 +40,16 @@ def test_plan_has_every_part_and_plate(bar, files, tmp_path):
         picture=plan.picture,
         assembly=plan.assembly,
         decomposition=plan.decomposition,
+        instructions=plan.instructions,
     )
     names = list_job_files(job, plan.parts, plan.plates)
     assert set(names) == {
         *("p01.stl", "p02.stl", "plate-01.gcode", "plate-02.gcode"),
-        *("assembly.png", "assembly.glb", "decomposition.json"),
+        *("assembly.png", "assembly.glb", "decomposition.json", "instructions.html"),
     }
     assert all((files / stored).is_file() for stored in names.values())
     report = json.loads((files / names["decomposition.json"]).read_text())
     assert {part["file"] for part in report["parts"]} <= set(names)
     assert (files / names["assembly.glb"]).read_bytes()[:4] == b"glTF"
     none = list_job_files(job.model_copy(update={"assembly": None}), (), ())
-    assert set(none) == {"assembly.png", "decomposition.json"}
+    assert set(none) == {"assembly.png", "decomposition.json", "instructions.html"}

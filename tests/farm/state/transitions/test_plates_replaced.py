@@ -31,7 +31,9 @@ def replaced(books, plate, names=("a", "b")):
         own = {"id": f"{plate}{name}", "parts": (f"{part.id}{name}",), "prints": ()}
         plates.append(old.model_copy(update=own))
     new = {"parts": tuple(parts), "plates": tuple(plates)}
-    return ev.PlateReplaced(at_s=9.0, plate=plate, **new, picture="n.png", decomposition="c.json")
+    return ev.PlateReplaced(
+        at_s=9.0, plate=plate, **new, picture="n.png", decomposition="c.json", instructions="i.html"
+    )
 
 
 def begun(plate, printer, print_id):
@@ -54,6 +56,7 @@ def test_pieces_replace_their_part_and_continue_its_attempts():
     assert job.parts == ("1/p01", "1/p02a", "1/p02b", "1/p03")
     assert (job.picture, reported) == ("n.png", [ev.NameFiles(job=1)])
     assert list_job_files(job, (), ())["decomposition-p02.json"] == "c.json"
+    assert list_job_files(job, (), ())["instructions-p02.html"] == "i.html"
     assert books.plates["1/02"].replaced_by == ("1/02a", "1/02b")
     assert books.parts["1/p02a"].cut_from == "1/p02"
     assert {plate.id for plate in books.waiting_plates()} == set(job.plates)
