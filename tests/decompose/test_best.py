@@ -32,7 +32,7 @@ Ends = Callable[[Options], float]
 
 @pytest.fixture(scope="module")
 def result(cost: CostModel) -> Decomposition:
-    """Of any engine: the parts do not matter here."""
+    """A result of any engine; its parts do not matter here."""
     result = decompose_model(BLOCK, ROOMS[:2], Options(Engine.GUILLOTINE, 3, prove=False), cost)
     return replace(result, sum_s=0.0)
 

@@ -29,7 +29,7 @@ class Chromium:
         self._numbers = itertools.count(1)
         self._answers = {}
         self.messages = []
-        """What the browser logged, such as violations of a page's policy."""
+        """Lines that the browser logged, such as violations of a page's policy."""
         self._loaded = asyncio.Event()
 
     async def __aenter__(self):

@@ -160,7 +160,7 @@ def test_planes_of_the_grid_go_to_the_sides_of_the_refined_cube(cost: CostModel)
 def test_cube_with_the_earlier_end_is_used(
     share: float, taken: int, cost: CostModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Of a ball a cube that is refined to be smaller; not one that is larger."""
+    """A ball takes a cube that is refined to be smaller; not one that is larger."""
     cuts, cut = [], cube_skeleton._cut
 
     def scaled(_: Solid, cube_mm: np.ndarray, *__: object) -> np.ndarray:

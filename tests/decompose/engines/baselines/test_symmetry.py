@@ -110,7 +110,7 @@ def test_planes_of_symmetry_differ_and_the_best_is_first() -> None:
 
 @pytest.mark.parametrize("options", [MENDED, FAITHFUL])
 def test_parts_add_up_and_are_the_same_each_time(options: Options, cost: CostModel) -> None:
-    """Of an egg, whose halves are in one piece wherever it is cut."""
+    """An egg, whose halves are in one piece wherever it is cut."""
     egg = trimesh.creation.icosphere(2, 50.0)
     model = Model(Solid.from_arrays(egg.vertices * (1.0, 1.3, 1.7), egg.faces), (), 1.0)
     result = decompose_model(model, printers(6), options, cost)
