@@ -220,7 +220,9 @@ class World:
                 for i, plate in enumerate(event.plates)
             )
             plan = Plan(event.parts, plates, event.repairs, 1.0, 500.0, 100.0, None)
-            self.surviving(lambda: self.controller.on_plan(job, plan))
+            restarts = self.restarts
+            if not self.surviving(lambda: self.controller.on_plan(job, plan)) and self.restarts == restarts:
+                self.to_plan = job  # as `JobPlanner` does, where the disk is full
 
     def hear(self, agent):
         since_s = self.controller.unreported_since_s(agent.name)

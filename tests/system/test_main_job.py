@@ -44,7 +44,7 @@ def test_model_is_printed_to_its_last_part(farm, bar):
         assert Path(part["file"]).is_file()
     assert {path.name for path in Path(job["folder"]).iterdir()} == {
         *("p01.stl", "p02.stl", "plate-01.gcode", "plate-02.gcode"),
-        *("assembly.png", "assembly.glb", "decomposition.json"),
+        *("assembly.png", "assembly.glb", "decomposition.json", "instructions.html"),
     }
     for name in ("one", "two"):
         printer = farm.printer(name)

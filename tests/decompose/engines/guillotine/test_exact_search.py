@@ -92,7 +92,7 @@ def test_hopeless_partitions_are_not_searched(
 
 @pytest.mark.parametrize("budget_s", [np.inf, 0.0])
 def test_corrected_counts_cost_few_solves(
-    budget_s: float, asked: Problem, monkeypatch: pytest.MonkeyPatch
+    budget_s: float, task: Problem, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Each correction begins at the makespan before, not at all prices, whether or not there is a budget."""
     corrections, solves = iter(range(10)), 2
@@ -102,17 +102,17 @@ def test_corrected_counts_cost_few_solves(
     monkeypatch.setattr(ExactSearch, "_forbid_faulty", lambda self, _: False)
     monkeypatch.setattr(ExactSearch, "_true_makespan_s", lambda self, _: self.least_s)
     monkeypatch.setattr(ExactSearch, "_improve", lambda self, _: [])
-    asked = replace(asked, effort=Effort(budget_s))
-    grid = asked.build_grid(asked.model)
-    boxes = asked.price_boxes(grid)
+    task = replace(task, effort=Effort(budget_s))
+    grid = task.build_grid(task.model)
+    boxes = task.price_boxes(grid)
     once = Partitioner(boxes)
     assert once.find_least_makespan(len(ROOMS), 1.0) is not None
-    search = ExactSearch(asked, grid, boxes, 1.0)
+    search = ExactSearch(task, grid, boxes, 1.0)
     search.run()
     assert search.solver.sums <= once.sums + 10 * solves * count_cuts(boxes.shape)
 
 
-def test_search_ends_with_its_share_of_the_budget(asked: Problem, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_search_ends_with_its_share_of_the_budget(task: Problem, monkeypatch: pytest.MonkeyPatch) -> None:
     """A partition is known, and the next ones would be corrected for ever."""
     corrections = 0
 
@@ -127,8 +127,8 @@ def test_search_ends_with_its_share_of_the_budget(asked: Problem, monkeypatch: p
     monkeypatch.setattr(ExactSearch, "_true_makespan_s", lambda self, _: 1e9)
     monkeypatch.setattr(ExactSearch, "_improve", lambda self, _: [])
     effort = Effort(0.1)
-    asked = replace(asked, effort=effort)
-    grid = asked.build_grid(asked.model)
-    ExactSearch(asked, grid, asked.price_boxes(grid), 1.0).run()
+    task = replace(task, effort=effort)
+    grid = task.build_grid(task.model)
+    ExactSearch(task, grid, task.price_boxes(grid), 1.0).run()
     assert effort.cut_short
     assert effort.spent_s < effort.budget_s
