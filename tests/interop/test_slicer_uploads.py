@@ -6,6 +6,7 @@ OctoRest is a client of OctoPrint in Python.
 
 import json
 import os
+import shutil
 import socket
 import subprocess
 from pathlib import Path
@@ -23,6 +24,19 @@ pytestmark = [
     pytest.mark.system,
     pytest.mark.skipif(not PYTHON.exists(), reason="make interop"),
 ]
+
+
+needs_curl = pytest.mark.skipif(shutil.which("curl") is None, reason="curl is missing: apt install curl")
+
+
+@pytest.fixture(scope="module")
+def qt():
+    """Skip where Qt lacks libraries of the system, as on a server without a desktop."""
+    imported = subprocess.run(
+        [PYTHON, "-c", "import PySide6.QtNetwork"], capture_output=True, text=True, check=False
+    )
+    if imported.returncode != 0:
+        pytest.skip(f"Qt cannot be loaded: {imported.stderr.strip().rpartition(chr(10))[2]}")
 
 
 class ServedFarm(RealFarm):
@@ -86,6 +100,7 @@ def send_by_qt(farm, path, *fields, to=""):
     )
 
 
+@needs_curl
 def test_gcode_of_prusaslicer_is_printed_by_the_printer_of_its_address(farm, slice_box):
     sliced = slice_box("sent")
     status, _, body = send_by_curl(farm, sliced, "/to/b", print="true")
@@ -95,6 +110,7 @@ def test_gcode_of_prusaslicer_is_printed_by_the_printer_of_its_address(farm, sli
     assert farm.wait_printed(job["id"]) == "b"
 
 
+@needs_curl
 def test_refusal_is_shown_by_prusaslicer_with_its_line(farm, slice_box):
     sliced = slice_box("hot", "--temperature", "290")
     status, kind, body = send_by_curl(farm, sliced, print="true")
@@ -102,6 +118,7 @@ def test_refusal_is_shown_by_prusaslicer_with_its_line(farm, slice_box):
     assert body.startswith("line ") and "M104 sets 290 C, and the nozzle may have at most 260" in body[:100]
 
 
+@needs_curl
 def test_large_model_is_sent_by_curl_that_expects_to_continue(farm, tmp_path):
     model = tmp_path / "ball.stl"
     trimesh.creation.icosphere(subdivisions=6, radius=10.0).export(model)
@@ -112,7 +129,7 @@ def test_large_model_is_sent_by_curl_that_expects_to_continue(farm, tmp_path):
 
 
 @pytest.mark.parametrize("fields", [(), ("select=true", "print=true")], ids=["upload", "print"])
-def test_upload_of_qt_is_a_job_with_the_location_that_cura_s_plugin_reads(farm, tower, fields):
+def test_upload_of_qt_is_a_job_with_the_location_that_cura_s_plugin_reads(farm, qt, tower, fields):
     answer = send_by_qt(farm, tower, *fields)
     assert answer["status"] == 201, answer
     location = answer["headers"]["location"]
@@ -124,7 +141,7 @@ def test_upload_of_qt_is_a_job_with_the_location_that_cura_s_plugin_reads(farm, 
         assert farm.job(number)["options"]["hold"]
 
 
-def test_refusal_to_qt_is_exactly_plain_text(farm, tmp_path):
+def test_refusal_to_qt_is_exactly_plain_text(farm, qt, tmp_path):
     path = tmp_path / "hot.gcode"
     path.write_text("\n".join(marlin()).replace("M109 S205", "M109 S999") + "\n")
     answer = send_by_qt(farm, path, "print=true")
