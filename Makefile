@@ -45,18 +45,19 @@ demo: install
 	$(BIN)/python examples/demo.py
 
 # Most of the time tests wait for real processes: those run beside the others, and each lot is told when it is over.
+SYSTEM := tests/system tests/farm/web
 WAITING := tests/interop tests/farm/agents tests/farm/control tests/farm/http tests/drivers
 test: install $(VENV)/.installed-dev peers
 	@$(MAKE) --no-print-directory --jobs=3 --output-sync=target test-system test-waiting test-rest
 
 test-system:
-	$(BIN)/python -m pytest tests/system
+	$(BIN)/python -m pytest $(SYSTEM)
 
 test-waiting:
 	$(WITH_PEERS) $(BIN)/python -m pytest $(WAITING)
 
 test-rest:
-	$(BIN)/python -m pytest tests $(addprefix --ignore=,tests/system $(WAITING))
+	$(BIN)/python -m pytest tests $(addprefix --ignore=,$(SYSTEM) $(WAITING))
 
 # What starts no processes, with the newest Python here.
 test-newest: install
