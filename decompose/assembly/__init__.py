@@ -3,6 +3,6 @@
 from __future__ import annotations
 
 from decompose.assembly.order import Assembly, AssemblyStep, plan_assembly
-from decompose.assembly.replay import find_collisions
+from decompose.assembly.replay import find_order_faults
 
-__all__ = ["Assembly", "AssemblyStep", "find_collisions", "plan_assembly"]
+__all__ = ["Assembly", "AssemblyStep", "find_order_faults", "plan_assembly"]

@@ -6,20 +6,17 @@ Artificial Intelligence 71, 1994): part i blocks part j along d if j, moved alon
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from decompose.arrays import Bools, Floats
+from decompose.assembly.shadow import TOUCH_MM, cast_shadow
 from decompose.geometry import Solid
 from decompose.pieces import CutSolid, Joint
 
-TOUCH_MM = 0.01  # parts that overlap by less touch
-TOUCH_MM3 = 0.05  # volume that two touching parts may share by rounding
 SAME_AXIS = 1e-4  # sine of the angle between two directions that count as one
 MOST_AXES = 9
-NEAREST_MM = 0.2  # the first of the distances at which a moved part is compared
-EVEN_STEPS = 8  # distances besides, evenly spread over the way
 
 
 def find_axes(pieces: Sequence[CutSolid], joints: Sequence[Joint]) -> Floats:
@@ -52,47 +49,29 @@ def find_blocking(solids: Sequence[Solid], axes: Floats) -> Bools:
     -------
     Bools
         (2 k, n, n): ``[d, i, j]`` is true if part i blocks part j along ``[axes, -axes][d]``. Parts whose
-        boxes are disjoint are judged by these boxes, in a frame of the axis; others by their solids.
+        boxes are disjoint are judged by these boxes, in a frame of the axis; others by their shadows.
     """
     count = len(solids)
     blocking = np.zeros((2 * len(axes), count, count), dtype=np.bool_)
     corners = [solid.arrays()[0] for solid in solids]
     for k, axis in enumerate(axes):
-        frame = np.stack([axis, *_complete_frame(axis, axes)])
+        frame = make_frame(axis, axes)
         spans = [points @ frame.T for points in corners]
         lo = np.array([span.min(axis=0) for span in spans])
         hi = np.array([span.max(axis=0) for span in spans])
-        shadow = (_overlap_mm(lo[:, 1:], hi[:, 1:]) > TOUCH_MM).all(axis=2)
-        shadow &= ~np.eye(count, dtype=np.bool_)
+        beside = (_overlap_mm(lo[:, 1:], hi[:, 1:]) > TOUCH_MM).all(axis=2) & ~np.eye(count, dtype=np.bool_)
         beyond = lo[:, None, 0] >= hi[None, :, 0] - TOUCH_MM  # [i, j]: i lies wholly beyond j
-        blocking[k], blocking[k + len(axes)] = shadow & beyond, shadow & beyond.T
-        for i, j in np.argwhere(shadow & ~beyond & ~beyond.T):
-            for row, direction in ((k, axis), (k + len(axes), -axis)):
-                blocking[row, i, j] = collide(solids[j], solids[i], direction)
+        blocking[k], blocking[k + len(axes)] = beside & beyond, beside & beyond.T
+        unclear = beside & ~beyond & ~beyond.T
+        shadows = {i: cast_shadow(solids[i], frame) for i in np.flatnonzero(unclear.any(axis=0)).tolist()}
+        for i, j in np.argwhere(unclear).tolist():
+            blocking[[k, k + len(axes)], i, j] = shadows[i].blocks(shadows[j])
     return blocking
 
 
-def collide(moved: Solid, other: Solid, direction: Floats) -> bool:
-    """Check whether a solid overlaps another at some distance when it is moved along a direction (3,).
-
-    Distances are compared one by one: closely at the start, where joined faces leave each other, then evenly.
-    """
-    return any(
-        moved.translate(distance_mm * direction).intersect(other).volume_mm3 > TOUCH_MM3
-        for distance_mm in _distances_mm(moved, other, direction)
-    )
-
-
-def _distances_mm(moved: Solid, other: Solid, direction: Floats) -> Iterator[float]:
-    positions, other_positions = (solid.arrays()[0] @ direction for solid in (moved, other))
-    way_mm = float(other_positions.max() - positions.min())
-    if way_mm <= TOUCH_MM:
-        return
-    growing_mm = NEAREST_MM * 2.0 ** np.arange(max(1, int(np.ceil(np.log2(way_mm / NEAREST_MM)))))
-    even_mm = np.arange(1, EVEN_STEPS) * way_mm / EVEN_STEPS
-    for distance_mm in np.unique(np.concatenate([growing_mm, even_mm])):
-        if distance_mm < way_mm:
-            yield float(distance_mm)
+def make_frame(axis: Floats, axes: Sequence[Floats] | Floats = ()) -> Floats:
+    """Make a frame (3, 3) of unit vectors as rows: an axis, and two across, one of `axes` if it can be."""
+    return np.stack([axis, *_complete_frame(axis, axes)])
 
 
 def _overlap_mm(lo: Floats, hi: Floats) -> Floats:

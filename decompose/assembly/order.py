@@ -8,15 +8,16 @@ A partition into boxes of one frame can always be split so; for others, a set th
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import chain
 
 import numpy as np
 from scipy.sparse.csgraph import connected_components
 
 from decompose.arrays import Bools, Floats, Ints
-from decompose.assembly.blocking import TOUCH_MM, find_axes, find_blocking
+from decompose.assembly.blocking import find_axes, find_blocking
 from decompose.assembly.resting import Weight, find_rest
+from decompose.assembly.shadow import TOUCH_MM
 from decompose.options import MIN_GLUE_MM2
 from decompose.pieces import CutSolid, Joint
 
@@ -69,11 +70,6 @@ class Assembly:
     steps: tuple[AssemblyStep, ...] = ()
     locked: tuple[tuple[int, ...], ...] = ()
 
-    def rotate(self, rotation: Floats) -> Assembly:
-        """Return the same steps with directions turned by a matrix (3, 3)."""
-        steps = tuple(replace(step, direction=rotation @ step.direction) for step in self.steps)
-        return replace(self, steps=steps)
-
     @property
     def levels(self) -> int:
         """Number of steps on the longest chain of steps that wait for each other's glue."""
@@ -102,6 +98,11 @@ def plan_assembly(
         Joints of `pieces.find_joints`, in the same frame.
     min_glue_mm2
         Least area of a joint that counts as holding.
+
+    Returns
+    -------
+    Assembly
+        Without steps for a single part.
     """
     if len(pieces) < 2:
         return Assembly()

@@ -1,41 +1,74 @@
-"""Replay of an assembly backwards: a check that does not trust the search."""
+"""Replay of an assembly: a check of each step by the parts' solids, apart from the search for the order."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
-from decompose.assembly.blocking import collide
-from decompose.assembly.order import Assembly
+import numpy as np
+
+from decompose.assembly.blocking import make_frame
+from decompose.assembly.order import Assembly, AssemblyStep
+from decompose.assembly.shadow import cast_shadow
 from decompose.geometry import Solid
+from decompose.pieces import Joint
+
+SAME_AXIS = 1.0 - 1e-9
 
 
-def find_collisions(solids: Sequence[Solid], assembly: Assembly) -> list[str]:
-    """Replay all steps backwards, and find those in which the moved body would run into the fixed one.
+def find_order_faults(solids: Sequence[Solid], joints: Sequence[Joint], assembly: Assembly) -> list[str]:
+    """Replay all steps, and find those that cannot be carried out, and joints that none of them closes.
 
     Parameters
     ----------
     solids
-        All parts, in the frame of the steps.
+        All parts, in the frame of the steps, mm.
+    joints
+        Their joints.
+    assembly
+        Steps; a set of locked parts counts as one body.
 
     Returns
     -------
     list of str
-        A sentence for each fault; also for parts that occur in no step, or are joined before they are there.
+        A sentence for each fault, with the parts' numbers from 1.
     """
-    faults = []
-    bodies = {number: {number} for number in range(len(solids))}
+    return [*_replay_bodies(len(solids), joints, assembly), *_find_collisions(solids, assembly.steps)]
+
+
+def _replay_bodies(count: int, joints: Sequence[Joint], assembly: Assembly) -> Iterator[str]:
+    """Join the bodies step by step; each side of a step has to be one whole body."""
+    bodies = {number: frozenset({number}) for number in range(count)}
+    for group in assembly.locked:
+        bodies |= dict.fromkeys(group, frozenset(group))
     for n, step in enumerate(assembly.steps, 1):
         for side in (step.moved, step.fixed):
-            loose = {frozenset(bodies[number]) for number in side}
-            if set().union(*loose) != set(side):
-                faults.append(f"step {n} takes a part out of a body that is glued")
-        faults += [
-            f"step {n}: part {moved + 1} runs into part {fixed + 1}"
-            for moved in step.moved
-            for fixed in step.fixed
-            if collide(solids[moved], solids[fixed], step.direction)
-        ]
-        together = {*step.moved, *step.fixed}
-        for number in together:
-            bodies[number] = together
-    return faults
+            if bodies[side[0]] != set(side):
+                yield f"step {n} takes {_name(side)} for one body"
+        together = frozenset((*step.moved, *step.fixed))
+        bodies |= dict.fromkeys(together, together)
+    for joint in joints:
+        if joint.b not in bodies[joint.a]:
+            yield f"no step joins {_name((joint.a, joint.b))}"
+
+
+def _find_collisions(solids: Sequence[Solid], steps: Sequence[AssemblyStep]) -> Iterator[str]:
+    """Move the bodies of each step apart, one axis after the other, as shadows take much memory."""
+    axes: list[np.ndarray] = []
+    for step in steps:
+        if not any(abs(float(axis @ step.direction)) > SAME_AXIS for axis in axes):
+            axes.append(step.direction)
+    for axis in axes:
+        frame = make_frame(axis)
+        shadows = [cast_shadow(solid, frame) for solid in solids]
+        for n, step in enumerate(steps, 1):
+            along = float(axis @ step.direction)
+            if abs(along) <= SAME_AXIS:
+                continue
+            for moved in step.moved:
+                for fixed in step.fixed:
+                    if shadows[fixed].blocks(shadows[moved])[0 if along > 0.0 else 1]:
+                        yield f"step {n}: part {moved + 1} runs into part {fixed + 1}"
+
+
+def _name(parts: Sequence[int]) -> str:
+    return "parts " + ", ".join(str(number + 1) for number in parts)

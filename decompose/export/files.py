@@ -27,7 +27,7 @@ def write_decomposition(decomposition: Decomposition, folder: Path) -> Decomposi
     Returns
     -------
     Decomposition
-        The same, with the parts' file names.
+        The same, with the parts' file names and the assembly.
 
     Raises
     ------
@@ -41,7 +41,7 @@ def write_decomposition(decomposition: Decomposition, folder: Path) -> Decomposi
         write_stl(folder / stored_part.file, stored_part.stl_triangles())
         check_stl(folder / stored_part.file, stored_part)
         parts.append(stored_part)
-    stored = replace(decomposition, parts=tuple(parts))
+    stored = replace(decomposition, parts=tuple(parts)).with_assembly()
     text = json.dumps(stored.as_dict(), indent=1) + "\n"
     (folder / REPORT).write_text(text, encoding="utf-8")
     draw_assembly(stored.parts, folder / PICTURE)

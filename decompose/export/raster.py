@@ -23,8 +23,8 @@ def _rasterise(
 ) -> None:
     """Draw triangles (m, 3, 3) in pixels, z towards the eye, each in one colour (m, 3).
 
-    image (height, width, 3), depth (height, width) and seen (height, width) are filled in: colour, z, and the
-    owner (m,) of the triangle in front.
+    image (height, width, 3), depth (height, width) and visible (height, width) are filled in: colour, z, and
+    the owner (m,) of the triangle in front.
     """
     height, width = depth.shape
     for t in range(len(triangles)):

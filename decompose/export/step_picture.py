@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from io import BytesIO
 from itertools import product
 from typing import Any
@@ -14,7 +16,7 @@ from decompose.assembly import AssemblyStep
 from decompose.export.picture import AZIMUTH_DEG, make_figure, part_colours, short_label, write_labels
 from decompose.export.raster import Drawing, Shape, draw, make_camera
 from decompose.geometry import triangulate
-from decompose.pieces import JointFace
+from decompose.pieces import JointFace, find_cut_faces
 from decompose.results import Decomposition
 
 APART_MM, APART_SHARE = 25.0, 0.3  # least move of the body, also as a share of its extent
@@ -27,24 +29,49 @@ TURN_COST = 0.2  # for each 45 degrees that the eye turns from the step before
 LONGEST_PX = 620
 
 
-def choose_camera(step: AssemblyStep, decomposition: Decomposition, before: Floats | None) -> Floats:
+@dataclass(frozen=True, slots=True, eq=False)
+class GluedFace:
+    """Face of a step's joint, and its unit normal (3,) away from the fixed body."""
+
+    face: JointFace
+    outward: Floats
+
+
+def find_glued_faces(step: AssemblyStep, decomposition: Decomposition) -> list[GluedFace]:
+    """Find the faces that a step glues; the fixed part's own triangles on the plane tell its outside."""
+    found = []
+    for joint in (decomposition.joints[number] for number in step.joints):
+        fixed = decomposition.parts[joint.a if joint.a in step.fixed else joint.b]
+        vertices, faces = fixed.solid.arrays()
+        for face in joint.faces:
+            plane = np.append(face.normal, face.offset_mm)[None]
+            a, b, c = np.moveaxis(vertices[faces[find_cut_faces(vertices, faces, plane)]], 1, 0)
+            outside = float((np.cross(b - a, c - a) @ face.normal).sum())
+            found.append(GluedFace(face, face.normal if outside >= 0.0 else -face.normal))
+    return found
+
+
+def choose_camera(glued: Sequence[GluedFace], before: Floats | None) -> Floats:
     """Choose the view that shows the glued faces of the fixed body best; rather that of the step before.
 
     Parameters
     ----------
+    glued
+        Faces of the step.
     before
-        Camera of the step before, (3, 3).
+        Camera of the step before, (3, 3) as of `raster.make_camera`.
+
+    Returns
+    -------
+    ndarray
+        (3, 3).
     """
-    faces = [face for joint in step.joints for face in decomposition.joints[joint].faces]
-    whole_mm2 = sum(face.area_mm2 for face in faces) or 1.0
+    whole_mm2 = sum(entry.face.area_mm2 for entry in glued) or 1.0
 
     def merit(camera: Floats) -> float:
         eye = camera[2]
-        shown = sum(
-            face.area_mm2 * (1.0 - abs(_outward(face, step) @ eye - BEST_TILT))
-            for face in faces
-            if _outward(face, step) @ eye > 0.0
-        )
+        tilts = ((entry.face.area_mm2, float(entry.outward @ eye)) for entry in glued)
+        shown = sum(area_mm2 * (1.0 - abs(tilt - BEST_TILT)) for area_mm2, tilt in tilts if tilt > 0.0)
         turn = 0.0 if before is None else np.arccos(np.clip(eye @ before[2], -1.0, 1.0)) / (np.pi / 4.0)
         return float(shown / whole_mm2 - TURN_COST * turn)
 
@@ -52,8 +79,25 @@ def choose_camera(step: AssemblyStep, decomposition: Decomposition, before: Floa
     return max(cameras, key=merit)
 
 
-def draw_step(step: AssemblyStep, decomposition: Decomposition, camera: Floats) -> bytes:
-    """Draw a step as PNG."""
+def draw_step(
+    step: AssemblyStep, glued: Sequence[GluedFace], decomposition: Decomposition, camera: Floats
+) -> bytes:
+    """Draw a step.
+
+    Parameters
+    ----------
+    step, glued
+        The step, and its faces.
+    decomposition
+        Has the parts, in mm.
+    camera
+        (3, 3) as of `raster.make_camera`.
+
+    Returns
+    -------
+    bytes
+        PNG.
+    """
     parts, colours = decomposition.parts, part_colours(len(decomposition.parts))
     apart_mm = _apart_mm(step, decomposition) * step.direction
     shapes, labels = [], []
@@ -62,11 +106,9 @@ def draw_step(step: AssemblyStep, decomposition: Decomposition, camera: Floats) 
         offset_mm = apart_mm if number in step.moved else np.zeros(3)
         shapes.append(Shape((vertices + offset_mm)[faces], colours[number]))
         labels.append(short_label(parts[number].id))
-    joint_faces = [face for joint in step.joints for face in decomposition.joints[joint].faces]
-    for face in joint_faces:
-        outward = _outward(face, step)
-        shapes.append(Shape(_fill(face, outward), GLUE_COLOUR))
-        shapes.append(Shape(_fill(face, -outward) + apart_mm, GLUE_COLOUR))
+    for entry in glued:
+        shapes.append(Shape(_fill(entry.face, entry.outward), GLUE_COLOUR))
+        shapes.append(Shape(_fill(entry.face, -entry.outward) + apart_mm, GLUE_COLOUR))
     drawing = draw(shapes, camera, LONGEST_PX, oversample=2)
     figure, axes = make_figure(drawing)
     write_labels(axes, drawing, labels)
@@ -78,11 +120,6 @@ def _apart_mm(step: AssemblyStep, decomposition: Decomposition) -> float:
     heights = [decomposition.parts[number].solid.arrays()[0] @ step.direction for number in step.moved]
     extent_mm = max(h.max() for h in heights) - min(h.min() for h in heights)
     return max(APART_MM, APART_SHARE * float(extent_mm))
-
-
-def _outward(face: JointFace, step: AssemblyStep) -> Floats:
-    """Return the normal of a face away from the fixed body; a face that slides has either."""
-    return face.normal if float(face.normal @ step.direction) >= 0.0 else -face.normal
 
 
 def _fill(face: JointFace, outward: Floats) -> Floats:
@@ -128,10 +165,11 @@ def _write_png(figure: Any) -> bytes:
 
 
 def draw_steps(decomposition: Decomposition) -> list[bytes]:
-    """Draw all steps, each from a view near to that of the step before."""
+    """Draw all steps of the assembly as PNG, each from a view near to that of the step before."""
     pictures: list[bytes] = []
     camera: Floats | None = None
     for step in decomposition.assembly.steps:
-        camera = choose_camera(step, decomposition, camera)
-        pictures.append(draw_step(step, decomposition, camera))
+        glued = find_glued_faces(step, decomposition)
+        camera = choose_camera(glued, camera)
+        pictures.append(draw_step(step, glued, decomposition, camera))
     return pictures

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from decompose.arrays import Floats, Ints
-from decompose.assembly import Assembly, AssemblyStep
+from decompose.assembly import Assembly, AssemblyStep, find_order_faults, plan_assembly
 from decompose.engines.guillotine import CurvePoint
 from decompose.errors import GeometryError, Rule
 from decompose.geometry import Solid, round_triangles
@@ -176,7 +176,8 @@ class Decomposition:
     joints
         Contacts of two parts, by their indices in `parts`.
     assembly
-        Steps in which the parts are glued, by their indices in `parts` and `joints`.
+        Steps in which the parts are glued, by their indices in `parts` and `joints`; planned when the parts
+        are written (`with_assembly`), as most results are only compared.
     faults
         Slivers, and parts that joints of enough glue do not hold. A result with any is rejected, except
         from the baselines and with `--faithful`, which report them.
@@ -224,6 +225,14 @@ class Decomposition:
     def without_parts(self) -> Decomposition:
         """Return the figures of the result alone, for another process."""
         return replace(self, parts=(), joints=(), assembly=Assembly(), faults=())
+
+    def with_assembly(self) -> Decomposition:
+        """Return the result with its assembly planned; an order that its replay refutes is none."""
+        solids = [part.solid for part in self.parts]
+        assembly = plan_assembly(self.parts, self.joints, self.options.min_glue_mm2)
+        if find_order_faults(solids, self.joints, assembly):
+            assembly = Assembly(locked=(tuple(range(len(solids))),))
+        return replace(self, assembly=assembly)
 
     def as_dict(self) -> dict[str, Any]:
         """Build the object for decomposition.json."""

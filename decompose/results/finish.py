@@ -8,12 +8,10 @@ from dataclasses import replace
 import numpy as np
 
 from decompose.arrays import Floats
-from decompose.assembly import Assembly, find_collisions, plan_assembly
 from decompose.bound import surface_bound_s
 from decompose.errors import NoFit
 from decompose.options import Engine
 from decompose.pieces import (
-    Joint,
     Piece,
     assign_printers,
     find_faults,
@@ -93,17 +91,9 @@ def _build_decomposition(
         coverage=coverage,
         cells=grid.cells,
         joints=joints,
-        assembly=_plan_assembly(restored, joints, problem.options.min_glue_mm2),
         cutting=cutting,
         faults=tuple(find_faults(parts, problem.options.min_glue_mm2, touching)),
     )
-
-
-def _plan_assembly(parts: Sequence[Part], joints: Sequence[Joint], min_glue_mm2: float) -> Assembly:
-    """Plan the assembly; an order that its replay refutes is none."""
-    assembly = plan_assembly(parts, joints, min_glue_mm2)
-    collisions = find_collisions([part.solid for part in parts], assembly)
-    return Assembly(locked=(tuple(range(len(parts))),)) if collisions else assembly
 
 
 def _build_parts(pieces: Sequence[Piece], problem: Problem) -> list[Part]:

@@ -77,7 +77,6 @@ def _rename_pieces(decomposition: Decomposition, whole: Part) -> Decomposition:
         decomposition,
         parts=tuple(pieces),
         joints=tuple(joint.move(to_model) for joint in decomposition.joints),
-        assembly=decomposition.assembly.rotate(to_model[:3, :3]),
     )
 
 

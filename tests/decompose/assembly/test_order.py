@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from decompose.assembly import Assembly, find_collisions, plan_assembly
+from decompose.assembly import Assembly, find_order_faults, plan_assembly
 from decompose.geometry import Solid
 from decompose.pieces import Piece, box_planes, cut_box, find_joints, rotate_planes
 
@@ -30,7 +29,7 @@ def plan(pieces: Sequence[Piece]) -> Assembly:
     """Plan an assembly, and check by a replay that its steps can be carried out."""
     joints = find_joints(pieces)
     assembly = plan_assembly(pieces, joints)
-    assert find_collisions([piece.solid for piece in pieces], assembly) == []
+    assert find_order_faults([piece.solid for piece in pieces], joints, assembly) == []
     glued = [joint for step in assembly.steps for joint in step.joints]
     if not assembly.locked:
         assert sorted(glued) == list(range(len(joints)))
@@ -119,16 +118,34 @@ def test_body_that_would_fall_over_is_held():
     assert step.rests_on == ()
 
 
-def test_replay_reports_a_step_in_a_wrong_direction_and_one_that_breaks_glue():
+def test_thin_plate_in_a_thin_box_is_laid_in_before_the_box_is_closed():
+    """The plate passes the floor within the last millimetres of a long way."""
+    outside = Solid.box((0, 0, 0), (60, 60, 120)).subtract(Solid.box((2, 2, 2), (58, 58, 118)))
+    halves = [
+        piece
+        for lo, hi in ((-9.0, 110.0), (110.0, 999.0))
+        for piece in cut_box(outside, (-9, -9, lo), (99, 99, hi))
+    ]
+    laid, closed = plan([*halves, *boxes(((5, 5, 100), (55, 55, 102)))]).steps
+    assert laid.joints == () and 2 in (*laid.moved, *laid.fixed)
+    assert len(closed.joints) == 1
+
+
+def test_replay_reports_a_step_in_a_wrong_direction():
     pieces = pinwheel()
-    assembly = plan(pieces)
-    solids = [piece.solid for piece in pieces]
+    assembly, joints, solids = plan(pieces), find_joints(pieces), [piece.solid for piece in pieces]
     last = assembly.steps[-1]
     wrong = replace(last, direction=-last.direction)
-    assert find_collisions(solids, replace(assembly, steps=(*assembly.steps[:-1], wrong)))
-    torn = replace(last, moved=last.moved[:1], fixed=last.fixed[:1])
-    steps = (*assembly.steps, torn)
-    assert any("glued" in fault for fault in find_collisions(solids, replace(assembly, steps=steps)))
+    steps = (*assembly.steps[:-1], wrong)
+    assert any("runs into" in fault for fault in find_order_faults(solids, joints, Assembly(steps)))
+
+
+@pytest.mark.parametrize("missing", range(4))
+def test_replay_reports_a_step_that_is_missing(missing: int):
+    pieces = pinwheel()
+    steps = list(plan(pieces).steps)
+    del steps[missing]
+    assert find_order_faults([piece.solid for piece in pieces], find_joints(pieces), Assembly(tuple(steps)))
 
 
 @st.composite
@@ -162,7 +179,9 @@ def test_every_partition_into_boxes_of_one_frame_can_be_assembled(pieces: list[P
     ]
     assembly = plan_assembly(turned, joints)
     assert not assembly.locked
-    assert find_collisions([piece.solid for piece in turned], assembly) == []
+    assert find_order_faults([piece.solid for piece in turned], joints, assembly) == []
     assert len(assembly.steps) == len(pieces) - 1
-    for earlier, later in pairwise(assembly.steps):
-        assert earlier.level <= assembly.levels >= later.level
+    levels: dict[frozenset[int], int] = {}
+    for step in assembly.steps:
+        assert step.level == 1 + max(levels.get(frozenset(side), 0) for side in (step.moved, step.fixed))
+        levels[frozenset((*step.moved, *step.fixed))] = step.level
