@@ -43,6 +43,7 @@ build_environment() {
     local install=("${pip[@]}" --python "$root$VENV/bin/python" install --quiet --no-compile)
     "${install[@]}" --require-hashes -r requirements.lock
     "${install[@]}" --no-deps "$scratch"/farm-*.whl
+    rm -f "$root$VENV"/lib/python3*/site-packages/farm-*.dist-info/direct_url.json # names the place of the build
     "${pip[@]}" --python "$root$VENV/bin/python" uninstall --quiet --yes setuptools # only builds need it
     find "$root$VENV/bin" -type f ! -name farm -delete
     find "$root$VENV" -name tests -type d -path '*/site-packages/*' -prune -exec rm -rf {} +
@@ -82,7 +83,7 @@ install_files() {
 write_control() {
     local control=$root/DEBIAN
     mkdir "$control"
-    install -m755 -t "$control" deploy/debian/{postinst,prerm,postrm}
+    install -m755 -t "$control" deploy/debian/{preinst,postinst,prerm,postrm}
     (cd "$root" && find etc -type f -printf '/%p\n' | sort) > "$control/conffiles"
     sed -e "s/@VERSION@/$version/" -e "s/@ARCHITECTURE@/$architecture/" -e "s/@LIBRARIES@/$(list_libraries)/" \
         -e "s/@SIZE@/$(du -sk --apparent-size "$root" | cut -f1)/" deploy/debian/control > "$control/control"

@@ -85,7 +85,7 @@ def test_bash_completes_commands_by_the_script_of_the_package(share: Path):
     assert (share / "zsh" / "vendor-completions" / "_farm").read_text().startswith("#compdef farm")
 
 
-@pytest.mark.parametrize("name", ["postinst", "prerm", "postrm"])
+@pytest.mark.parametrize("name", ["preinst", "postinst", "prerm", "postrm"])
 def test_maintainer_scripts_stop_at_an_error_and_touch_no_agent(name: str):
     path = DEBIAN / name
     subprocess.run(["sh", "-n", path], check=True)
@@ -100,3 +100,22 @@ def test_apt_refuses_another_python_and_another_cura():
     [depends] = re.findall(r"^Depends: (.*)$", (DEBIAN / "control").read_text(), re.MULTILINE)
     for wanted in ("python3 (<< 3.12)", "cura-engine (>= 1:4.13)", "cura-engine (<< 1:4.14)"):
         assert wanted in depends
+
+
+def test_agents_are_found_whoever_started_them():
+    """A daemon on another host starts agents in a folder of a user; a removal must not take their program away."""
+    text = (DEBIAN / "prerm").read_text()
+    [function] = re.findall(r"(?ms)^agents_run\(\) \{$.*?^\}$", text)
+    python = "/opt/farm/.venv/bin/python"
+    words = [python, "-c", "cat", "-m", "drivers.agent", "--folder", "/home/ann/agents/um2-09"]
+    script = ["sh", "-c", f"set -e\n{function}\nagents_run"]
+    with subprocess.Popen(words, executable="/bin/sh", stdin=subprocess.PIPE) as agent:
+        while_it_runs = subprocess.run(script, capture_output=True, text=True, check=True).stdout
+        agent.communicate()
+    assert "--folder /home/ann/agents/um2-09" in while_it_runs
+    assert "um2-09" not in subprocess.run(script, capture_output=True, text=True, check=True).stdout
+
+
+def test_purge_leaves_a_checkout_in_its_place_alone():
+    text = (DEBIAN / "postrm").read_text()
+    assert text.index("/opt/farm/.git") < text.index("rm -rf")
