@@ -10,6 +10,7 @@ from farm.http.callers import (
     Person,
     check_operators,
     identify_caller,
+    is_operator,
     listen,
 )
 from farm.http.connections import (
@@ -47,6 +48,7 @@ __all__ = [
     "end_at_signals",
     "find_longest_waiting",
     "identify_caller",
+    "is_operator",
     "listen",
     "make_app",
     "make_problem",

@@ -125,13 +125,23 @@ def caller_name(request: Request) -> str:
     return identify_caller(request).name
 
 
+def is_operator(request: Request) -> bool:
+    """Return whether the caller may let printers go on. Raises Refused if nobody is known."""
+    return identify_caller(request).is_operator(_operators(request))
+
+
 def operator_name(request: Request) -> str:
     """Return the name of a caller who is an operator. Raises Refused for others."""
+    name = identify_caller(request).name
+    if is_operator(request):
+        return name
+    group = _operators(request)
+    raise Refused(f"{name} is not an operator: only members of the group {group} may do this")
+
+
+def _operators(request: Request) -> str | None:
     group: str | None = request.app.state.controller.fleet.fleet.operators
-    caller = identify_caller(request)
-    if caller.is_operator(group):
-        return caller.name
-    raise Refused(f"{caller.name} is not an operator: only members of the group {group} may do this")
+    return group
 
 
 def check_operators(group: str | None) -> None:

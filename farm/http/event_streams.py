@@ -20,10 +20,10 @@ class EventLog(Protocol):
     """Log of all events, numbered from 1."""
 
     def find_last_event(self) -> int:
-        """Return the number of the last event."""
+        """Return the number of the last event. Raises StoreError."""
 
     def read_events(self, after: int, most: int) -> Sequence[EventRow]:
-        """Read events after a number, oldest first."""
+        """Read events after a number, oldest first. Raises StoreError."""
 
 
 class NoEvents:
@@ -96,6 +96,7 @@ class EventStreams:
             if rows:
                 after, quiet = rows[-1].number, 0
                 yield rows
+                await asyncio.sleep(0.0)  # a client that reads at once must not keep the loop
                 continue
             if not wait:
                 return

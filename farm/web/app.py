@@ -6,7 +6,8 @@ Only what the table of roles lists is served. Every request passes the guard bef
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from functools import partial
+from functools import cache, partial
+from typing import Any
 
 from fastapi import Depends, FastAPI, Response
 from fastapi.responses import HTMLResponse, JSONResponse, PlainTextResponse
@@ -77,13 +78,17 @@ def make_web_app(services: Services, dry_runs: DryRuns, names: Collection[str]) 
         context = services.controller.build_view_context(services.state)
         return Response(write_metrics(context, describe_farm(services)), media_type=CONTENT_TYPE)
 
+    @cache
+    def describe() -> dict[str, Any]:
+        return describe_routes(app.routes)  # complete once the first request is served
+
     @app.get(SCHEMA, include_in_schema=False)
     async def schema() -> Response:
-        return JSONResponse(describe_routes(app.routes))
+        return JSONResponse(describe())
 
     @app.get(SCHEMA_PAGE, include_in_schema=False)
     async def schema_page() -> Response:
-        page = render_api_page(describe_routes(app.routes), SCHEMA)
+        page = render_api_page(describe(), SCHEMA)
         return HTMLResponse(page, headers={"content-security-policy": POLICY})
 
     cookie = SessionCookie.for_section(services.controller.fleet.web)
@@ -126,7 +131,7 @@ class Guard:
 
         judged = self._judge(scope)
         if not isinstance(judged, Refusal):
-            is_allowed = partial(self._is_allowed, scope)
+            is_allowed = partial(self._is_valid, judged)
             state = {**scope.get("state", {}), "person": judged, "is_allowed": is_allowed}
             await self._app({**scope, "state": state}, receive, send_with_headers)
             return
@@ -150,9 +155,12 @@ class Guard:
             self._cookie.clear(response)
         return response
 
-    def _is_allowed(self, scope: Scope) -> bool:
-        """Return whether a request would still pass: a stream ends when its key is revoked."""
-        return not isinstance(self._judge(scope), Refusal)
+    def _is_valid(self, caller: KeyHolder | Visitor) -> bool:
+        """Return whether a caller's key or session is still valid: its streams end with it."""
+        if isinstance(caller, Visitor):
+            return True
+        key = self._controller.books.keys.get(caller.key.id)
+        return key is not None and key.is_valid(self._controller.clock.now())
 
     def _judge(self, scope: Scope) -> KeyHolder | Visitor | Refusal:
         """Return the caller, or a refusal."""

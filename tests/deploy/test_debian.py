@@ -103,7 +103,7 @@ def test_apt_refuses_another_python_and_another_cura():
 
 
 def test_agents_are_found_whoever_started_them():
-    """A daemon on another host starts agents in a folder of a user; a removal must not take their program away."""
+    """A daemon on another host starts agents in a user's folder; a removal must not take their program."""
     text = (DEBIAN / "prerm").read_text()
     [function] = re.findall(r"(?ms)^agents_run\(\) \{$.*?^\}$", text)
     python = "/opt/farm/.venv/bin/python"

@@ -178,7 +178,7 @@ class Store:
             self._check_rows()
             if is_new:  # the old ones were moved away
                 path.with_name(path.name + _COUNT).unlink(missing_ok=True)
-            self._lost = self.find_last_event() < self._read_count()
+            self._lost = self._find_last_event() < self._read_count()
         except (sqlite3.Error, UnicodeDecodeError) as error:  # the error message may not be text
             environment = getattr(error, "sqlite_errorcode", 0) & 0xFF in _ENVIRONMENT_ERRORS
             message = f"the database {path} cannot be opened: {error}"
@@ -215,7 +215,19 @@ class Store:
                 )
 
     def find_last_event(self) -> int:
-        """Return the number of the last event; 0 if there is none."""
+        """Return the number of the last event; 0 if there is none.
+
+        Raises
+        ------
+        StoreError
+            The database cannot be read.
+        """
+        try:
+            return self._find_last_event()
+        except sqlite3.Error as error:
+            raise StoreError(f"the event log cannot be read: {error}") from error
+
+    def _find_last_event(self) -> int:
         (number,) = self._db.execute("SELECT coalesce(max(seq), 0) FROM event").fetchone()
         return int(number)
 
@@ -287,7 +299,7 @@ class Store:
         return self._db.execute("SELECT at_s, kind, body FROM event ORDER BY seq").fetchall()
 
     def read_events(self, after: int, most: int) -> list[EventRow]:
-        """Read events after a number, oldest first, with the fields that all users may see."""
+        """Read events after a number, oldest first, as all users may see them. Raises StoreError."""
         try:
             return [make_row(row) for row in self._db.execute(READ_EVENTS, (after, most))]
         except sqlite3.Error as error:

@@ -7,12 +7,13 @@ from __future__ import annotations
 
 import time
 from typing import Annotated
+from urllib.parse import quote
 
 from fastapi import APIRouter, Request, Response
 from fastapi.responses import JSONResponse
 from pydantic import BaseModel, Field
 
-from farm.http import Services, identify_caller
+from farm.http import Services
 from farm.web.slicers.paths import APP_KEY_PROBE, APP_KEY_REQUEST, APP_KEY_REQUESTS
 from farm.web.slicers.text_errors import TextErrorRoute
 
@@ -36,9 +37,8 @@ def app_key_routes(services: Services) -> APIRouter:
 
     @router.post(APP_KEY_REQUESTS)
     async def ask(request: Request, body: AppRequest) -> Response:
-        client = request.client.host if request.client else identify_caller(request).name
-        token = requests.add(body.app, client, time.monotonic())
-        asked = str(request.url.replace(query="", fragment=""))
+        asked = str(request.url.replace(path=quote(request.url.path), query="", fragment=""))
+        token = requests.add(body.app, request.state.person.address, time.monotonic())
         answer = {"app_token": token, "auth_dialog": asked.removesuffix(APP_KEY_REQUESTS) + "/"}
         return JSONResponse(answer, _CREATED, {"location": f"{asked}/{token}"})
 

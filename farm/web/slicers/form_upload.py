@@ -54,7 +54,7 @@ async def submit_form(
         If the length of the body is not announced.
     """
     size = request.headers.get("content-length", "")
-    if not size.isdecimal():
+    if not size.isdecimal() or "transfer-encoding" in request.headers:  # chunks have no length before
         raise HTTPException(_LENGTH_REQUIRED, "the request has no Content-Length: the farm needs it first")
     content = request.stream()
     request_id = uuid.uuid4().hex
@@ -65,7 +65,7 @@ async def submit_form(
             name = await _receive_file(content, reader, upload)
             wanted = _read_options(reader, options)
             model = await _inspect(uploads, upload, name, wanted)
-    except FarmError:
+    except (FarmError, OSError):
         if int(size) <= _MOST_DISCARDED_BYTES and "expect" not in request.headers:
             await _discard(content)
         raise
@@ -103,6 +103,8 @@ async def _receive_file(content: AsyncIterator[bytes], reader: FormReader, uploa
         try:
             async for chunk in content:
                 upload.missing_bytes -= len(chunk)
+                if upload.missing_bytes < 0:
+                    raise BadForm("the upload is longer than its Content-Length: send it again")
                 for piece in reader.feed(chunk):
                     if append is None:
                         name = clean_name(reader.file_name or "")

@@ -9,10 +9,9 @@ from pydantic import BaseModel
 
 from farm.control import JobCommands, PartCommands, PrinterCommands
 from farm.errors import Refused
-from farm.http import CallerName, Services
+from farm.http import CallerName, Services, is_operator
 from farm.model import PrintState
 from farm.web.slicers.address import Addressed
-from farm.web.slicers.octoprint_routes import is_operator
 from farm.web.slicers.octoprint_views import find_job
 from farm.web.slicers.paths import FILE, FILE_OF_JOB
 from farm.web.slicers.selection import Selection

@@ -9,7 +9,7 @@ from fastapi import APIRouter, Request, Response
 
 from farm import api
 from farm.control import JobCommands
-from farm.http import CallerName, Services, identify_caller
+from farm.http import CallerName, Services, identify_caller, is_operator
 from farm.model import Job
 from farm.views import describe_printer
 from farm.web.slicers import octoprint_views as views
@@ -113,12 +113,6 @@ def _add_descriptions(router: APIRouter, services: Services) -> None:
     async def log_in(request: Request, _: Addressed) -> dict[str, Any]:
         caller = identify_caller(request)
         return views.describe_login(caller.name, is_operator(request))
-
-
-def is_operator(request: Request) -> bool:
-    """Return whether the caller may let printers go on."""
-    group: str | None = request.app.state.controller.fleet.fleet.operators
-    return identify_caller(request).is_operator(group)
 
 
 def _describe_printer(services: Services, name: str) -> api.PrinterView:

@@ -55,6 +55,7 @@ def describe_error(error: Exception) -> Response:
     if isinstance(error, HTTPException):
         return make_text(str(error.detail), error.status_code)
     if isinstance(error, OSError):
+        log.warning("a request of a slicer failed", exc_info=error)
         text = f"the farm cannot store it ({error.strerror or error}): check its disk space"
         return make_text(text, 500)
     log.error("a request of a slicer failed", exc_info=error)

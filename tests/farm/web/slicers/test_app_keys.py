@@ -31,6 +31,12 @@ def test_program_gets_granted_key_once(tmp_path, prefix):
     assert farm.ask_socket("GET", "/keys").json()["requests"] == []
 
 
+def test_any_path_of_a_request_has_a_location(tmp_path):
+    asked = SlicerFarm(tmp_path).ask("POST", "/to/%E2%82%AC" + ASK, json={"app": "Cura"})
+    assert asked.status_code == 201
+    assert asked.headers["location"].startswith(f"http://{HOST}/to/%E2%82%AC{ASK}/")
+
+
 def test_denied_program_gets_no_key(tmp_path):
     farm = SlicerFarm(tmp_path)
     location = farm.ask("POST", ASK, json={"app": "Cura"}).headers["location"]

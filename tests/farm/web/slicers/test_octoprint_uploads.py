@@ -86,9 +86,10 @@ def test_refusal_is_plain_text_with_line_and_reason_in_front(make):
 def test_folder_is_shown_and_not_interpreted(make):
     farm = make()
     fields = {"path": "/../etc/", "print": "true"}
-    assert farm.ask(
+    answer = farm.ask(
         "POST", UPLOAD, farm.add_key(Role.PRINT), files={"file": ("a.gcode", b"G28")}, data=fields
     )
+    assert answer.status_code == 201
     assert farm.booked[1].options.note == "../etc"
 
 
@@ -138,6 +139,14 @@ def test_length_of_an_upload_must_be_announced(make):
 
 def make_answer(farm, headers):
     return farm.send(UPLOAD, farm.add_key(Role.PRINT), [FORM], headers)
+
+
+@pytest.mark.parametrize("headers", [{}, {"transfer-encoding": "chunked"}])
+def test_upload_longer_than_announced_leaves_nothing(make, headers):
+    """With both headers h11 reads chunks, of any length, beyond what was announced and admitted."""
+    farm = make()
+    farm.send(UPLOAD, farm.add_key(Role.PRINT), [FORM, FORM], {**announce(10), **headers})
+    assert not farm.booked and not list(farm.services.state.work.iterdir())
 
 
 def test_empty_file_is_refused(make):
