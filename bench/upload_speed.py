@@ -202,12 +202,14 @@ def main() -> None:
     result = measure(args.mb, args.times, args.form)
     if args.json:
         print(json.dumps({**result, "goals": GOALS}, indent=2))
-        return
-    print(
-        f"{result['mb']} MB: {result['mb_per_s']:.0f} MB/s; the status meanwhile within "
-        f"{result['status_median_ms']:.0f} ms, at worst {result['status_worst_ms']:.0f} ms; "
-        f"a cut upload leaves {len(result['cut_upload_leaves'])} files"
-    )
+    else:
+        print(
+            f"{result['mb']} MB: {result['mb_per_s']:.0f} MB/s; the status meanwhile within "
+            f"{result['status_median_ms']:.0f} ms, at worst {result['status_worst_ms']:.0f} ms; "
+            f"a cut upload leaves {len(result['cut_upload_leaves'])} files"
+        )
+    slow = result["mb_per_s"] < GOALS["mb_per_s"] or result["status_worst_ms"] > GOALS["status_worst_ms"]
+    sys.exit(slow or bool(result["cut_upload_leaves"]))
 
 
 if __name__ == "__main__":

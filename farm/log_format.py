@@ -43,11 +43,11 @@ class PrinterLog(logging.LoggerAdapter[logging.Logger]):
 
     def __init__(self, logger: logging.Logger, printer: str) -> None:
         super().__init__(logger, {"printer": printer})
-        self._prefix = printer.replace("%", "%%")
+        self._printer = printer  # without `%`: see `config.Name`
 
     def process(self, msg: str, kwargs: MutableMapping[str, Any]) -> tuple[str, MutableMapping[str, Any]]:
         """Return the text with the name before it, and the record's attributes."""
-        return f"{self._prefix}: {msg}", {**kwargs, "extra": self.extra}
+        return f"{self._printer}: {msg}", {**kwargs, "extra": self.extra}
 
 
 def start_log(log_format: LogFormat) -> None:

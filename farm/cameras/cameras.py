@@ -16,10 +16,11 @@ from functools import partial
 from pathlib import Path
 
 from farm.cameras.image import CameraError, Image
-from farm.cameras.schedule import SHOWN_S, CameraState, DueStill, find_due_stills
+from farm.cameras.schedule import LARGEST_INTERVAL_S, SHOWN_S, CameraState, DueStill, find_due_stills
 from farm.config import Fleet
 from farm.control import Controller
 from farm.errors import ErrorCode, FarmError, NoSuchThing
+from farm.log_format import PrinterLog
 from farm.model import Still
 from farm.paths import StateFolder
 from farm.state import events as ev
@@ -50,6 +51,7 @@ class _Camera:
     latest_s: float = 0.0
     looked_s: float = 0.0
     running: asyncio.Task[Image] | None = None
+    keep_after_s: float = 0.0  # no still is kept before, as the last one could not be stored
 
 
 class Cameras:
@@ -118,7 +120,7 @@ class Cameras:
         scale, printers = controller.clock.scale, frozenset(self._cameras)
         for due in find_due_stills(controller.books, snapshots, printers, farm_s, scale):
             camera = self._cameras[due.printer]
-            if due.printer in self._keeping or camera.running is not None:
+            if due.printer in self._keeping or camera.running is not None or now_s < camera.keep_after_s:
                 continue
             task = self._begin(camera)
             if task is not None:
@@ -166,16 +168,9 @@ class Cameras:
             camera.running = None
             problem = camera.state.problem
             if problem is not None and previous_problem is None:
-                log.warning(
-                    "%s: its camera sends no still: %s",
-                    camera.printer,
-                    problem,
-                    extra={"printer": camera.printer},
-                )
+                PrinterLog(log, camera.printer).warning("its camera sends no still: %s", problem)
             elif problem is None and previous_problem is not None:
-                log.info(
-                    "%s: its camera sends stills again", camera.printer, extra={"printer": camera.printer}
-                )
+                PrinterLog(log, camera.printer).info("its camera sends stills again")
 
     async def _keep(self, due: DueStill, fetching: asyncio.Task[Image]) -> None:
         """Store a still, then record it with its print."""
@@ -189,7 +184,8 @@ class Cameras:
         except CameraError:
             pass  # it is logged, and asked again later
         except (OSError, FarmError) as error:
-            log.warning("%s: a still cannot be kept: %s", due.printer, error, extra={"printer": due.printer})
+            self._cameras[due.printer].keep_after_s = self._monotonic() + LARGEST_INTERVAL_S
+            PrinterLog(log, due.printer).warning("a still cannot be kept: %s", error)
 
 
 def _list_cameras(fleet: Fleet) -> dict[str, _Camera]:

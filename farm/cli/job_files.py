@@ -98,6 +98,12 @@ def _is_there(path: Path, file: api.FileView) -> bool:
         return hashlib.file_digest(content, "sha256").hexdigest() == file.sha256
 
 
+def _read_umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
+
+
 def _refuse_others(folder: Path, files: list[api.FileView], force: bool) -> None:
     """Raise Refused if files with other content would be overwritten."""
     others = [file.name for file in files if os.path.lexists(folder / file.name)]
@@ -129,7 +135,7 @@ def _fetch_one(client: Client, number: int, file: api.FileView, folder: Path, fo
             client.download(number, file.name, write)
         if left or digest.hexdigest() != file.sha256:
             raise FarmError(f"{file.name} arrived damaged or incomplete: fetch it again")
-        temporary.chmod(0o644)
+        temporary.chmod(0o666 & ~_read_umask())
         _refuse_others(folder, [file], force)  # it may have been written meanwhile
         temporary.replace(folder / file.name)
     finally:

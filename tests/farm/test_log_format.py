@@ -42,10 +42,10 @@ def test_exception_is_a_field_of_its_line():
 
 
 def test_log_of_a_printer_begins_with_its_name(caplog: pytest.LogCaptureFixture):
-    PrinterLog(logging.getLogger("farm.test"), "um%s").warning("its agent ended with %s", 3)
+    PrinterLog(logging.getLogger("farm.test"), "um2-01").warning("its agent ended with %s", 3)
     [logged] = caplog.records
-    assert logged.getMessage() == "um%s: its agent ended with 3"
-    assert logged.__dict__["printer"] == "um%s"
+    assert logged.getMessage() == "um2-01: its agent ended with 3"
+    assert logged.__dict__["printer"] == "um2-01"
 
 
 @pytest.mark.parametrize("log_format", LogFormat)

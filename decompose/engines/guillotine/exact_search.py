@@ -94,17 +94,17 @@ class ExactSearch:
         until_s = effort.spent_s + SEARCH_SHARE * (effort.budget_s - effort.spent_s)
         while True:
             is_late = effort.spent_s >= until_s
-            if best and is_late:
-                effort.cut_short = True
-                break
+            if is_late:
+                effort.cut_short = True  # from here on any partition will do
+                if best:
+                    break
             close_s = max(TOLERANCE_S, LATE_STEP * self.least_s) if is_late else TOLERANCE_S
             makespan_s = self._solve(len(self.problem.printers), close_s)
             if makespan_s is None or len(self.rejections) > MAX_REJECTIONS:
                 if best:
                     break  # prices only grow: no other partition fits
                 raise self._no_fit_error()
-            # Late, any partition will do: each limit is higher than the one before.
-            self.least_s = makespan_s if is_late else max(self.least_s, makespan_s - close_s)
+            self.least_s = max(self.least_s, makespan_s if is_late else makespan_s - close_s)
             if makespan_s >= best_s:
                 break
             boxes = self.solver.chosen_boxes()

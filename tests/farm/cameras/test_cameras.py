@@ -171,6 +171,14 @@ def test_still_that_cannot_be_stored_is_logged_and_changes_nothing(rig, caplog):
     assert rig.controller.books.prints[print_id].stills == ()
     assert "a: a still cannot be kept" in caplog.text
     assert not list(rig.state.work.iterdir())
+    for _ in range(14):  # a full disk: not every two seconds for hours
+        rig.now_s += 4.0
+        asyncio.run(rig.tick())
+    assert len(rig.requests) == 1
+    rig.state.files.mkdir()
+    rig.now_s += 4.0
+    asyncio.run(rig.tick())
+    assert len(rig.controller.books.prints[print_id].stills) == 1
 
 
 def test_stills_are_deleted_with_the_files_of_their_job(rig):

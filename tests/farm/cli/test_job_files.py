@@ -1,6 +1,7 @@
 """Files of a job that are fetched: whole, under their own names, and never over others."""
 
 import hashlib
+import os
 
 import pytest
 
@@ -44,6 +45,17 @@ def test_files_are_written_with_their_content_and_found_by_name_and_by_hash(tmp_
     assert fetched.find(f"/var/lib/farm/files/{stored}.stl").read_bytes() == PARTS["p01.stl"]
     assert fetched.find("/var/lib/farm/jobs/3/assembly.png").name == "assembly.png"
     assert fetched.find("/etc/passwd") is None
+
+
+@pytest.mark.parametrize(("mask", "mode"), [(0o077, 0o600), (0o022, 0o644), (0o002, 0o664)])
+def test_files_are_readable_as_the_user_wants_it(tmp_path, mask, mode):
+    before = os.umask(mask)
+    try:
+        fetch_files(FakeClient(), 3, tmp_path)
+        assert os.umask(mask) == mask
+    finally:
+        os.umask(before)
+    assert {path.stat().st_mode & 0o777 for path in tmp_path.iterdir()} == {mode}
 
 
 def test_second_fetch_brings_only_what_is_missing(tmp_path):

@@ -110,6 +110,7 @@ def test_corrected_counts_cost_few_solves(
     search = ExactSearch(task, grid, boxes, 1.0)
     search.run()
     assert search.solver.sums <= once.sums + 10 * solves * count_cuts(boxes.shape)
+    assert task.effort.cut_short == (budget_s == 0.0)
 
 
 def test_search_ends_with_its_share_of_the_budget(task: Problem, monkeypatch: pytest.MonkeyPatch) -> None:
