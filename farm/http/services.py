@@ -11,9 +11,8 @@ import farm
 from farm import api
 from farm.cameras import Image
 from farm.compute import Workers
-from farm.control import Controller, SessionCommands
+from farm.control import AppKeyRequests, Controller, SessionCommands
 from farm.errors import NoSuchThing, Refused
-from farm.http.app_key_requests import AppKeyRequests
 from farm.http.event_streams import EventStreams, NoEvents
 from farm.http.uploads import Uploads
 from farm.paths import StateFolder

@@ -29,13 +29,12 @@ from farm.http import (
 )
 from farm.web.access import LIVENESS, METRICS, SCHEMA, SCHEMA_PAGE, find_role, is_open
 from farm.web.address_limit import group_address
-from farm.web.api_page import POLICY, render_api_page
 from farm.web.callers import CallerFinder, KeyHolder, Visitor
 from farm.web.cookies import SessionCookie
 from farm.web.guard import Refusal, check_head, check_host, check_origin, check_page
 from farm.web.metrics import CONTENT_TYPE, write_metrics
 from farm.web.openapi import describe_routes
-from farm.web.pages import page_routes, render_message
+from farm.web.pages import POLICY, page_routes, render_api_page, render_message
 from farm.web.slicers import add_slicer_routes, is_slicer_path, is_slicer_upload, make_text
 
 _HEADERS = {

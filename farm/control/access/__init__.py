@@ -1,8 +1,9 @@
-"""Access from the network: keys of programs, and sessions of browsers."""
+"""Access from the network: keys of programs and their requests for them, and sessions of browsers."""
 
 from __future__ import annotations
 
+from farm.control.access.app_key_requests import AppKeyRequests
 from farm.control.access.keys import KeyCommands, find_key
 from farm.control.access.sessions import LINK_S, LONGEST_S, SessionCommands
 
-__all__ = ["LINK_S", "LONGEST_S", "KeyCommands", "SessionCommands", "find_key"]
+__all__ = ["LINK_S", "LONGEST_S", "AppKeyRequests", "KeyCommands", "SessionCommands", "find_key"]

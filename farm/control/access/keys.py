@@ -18,7 +18,7 @@ from farm.errors import Refused
 from farm.model import Key, KeyKind
 from farm.state import events as ev
 
-_ID_LETTERS = "abcdefghijkmnpqrstuvwxyz23456789"  # without l, o, 0 and 1, which look alike
+CODE_LETTERS = "abcdefghijkmnpqrstuvwxyz23456789"  # without l, o, 0 and 1, which look alike
 _SECRET = r"_([a-z0-9]{8})_[A-Za-z0-9_-]{43}"
 _WORDS = {KeyKind.KEY: "farm", KeyKind.SESSION: "session"}
 _PATTERNS = {kind: re.compile(word + _SECRET) for kind, word in _WORDS.items()}
@@ -40,7 +40,7 @@ def make_key_text(kind: KeyKind = KeyKind.KEY) -> tuple[str, str]:
     id, text
         The public part, by which people name the key, and the whole text, which is shown once.
     """
-    name = "".join(secrets.choice(_ID_LETTERS) for _ in range(_ID_LENGTH))
+    name = "".join(secrets.choice(CODE_LETTERS) for _ in range(_ID_LENGTH))
     return name, f"{_WORDS[kind]}_{name}_{secrets.token_urlsafe(_SECRET_BYTES)}"
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from datetime import datetime
 from functools import cache
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
+from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 
 from farm import api
 from farm.model import Role
@@ -51,7 +51,12 @@ def render_message(title: str, text: str, has_login_hint: bool = False) -> str:
 
 
 def _render(template: str, title: str, **values: object) -> str:
-    return _templates().get_template(template).render(title=title, **values)
+    return load_template(template).render(title=title, **values)
+
+
+def load_template(name: str) -> Template:
+    """Load a template of this folder; it escapes all text."""
+    return _templates().get_template(name)
 
 
 @cache

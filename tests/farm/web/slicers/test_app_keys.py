@@ -2,8 +2,8 @@
 
 import pytest
 
+from farm.control.access.app_key_requests import MOST_OF_ADDRESS, MOST_REQUESTS, REQUEST_S, AppKeyRequests
 from farm.errors import NoSuchThing, Refused
-from farm.http.app_key_requests import MOST_OF_ADDRESS, MOST_REQUESTS, REQUEST_S, AppKeyRequests
 from slicer_farm import SlicerFarm
 from web_farm import HOST
 

@@ -6,9 +6,9 @@ import re
 import secrets
 from dataclasses import dataclass
 
+from farm.control.access.keys import CODE_LETTERS
 from farm.errors import NoSuchThing, Refused
 
-_LETTERS = "abcdefghijkmnpqrstuvwxyz23456789"  # without l, o, 0 and 1, which look alike
 _CODE_LENGTH = 4
 _TOKEN_BYTES = 24
 _LONGEST_APP = 30  # characters
@@ -56,7 +56,7 @@ class AppKeyRequests:
         if len(waiting) >= MOST_REQUESTS or sum(one.address == address for one in waiting) >= MOST_OF_ADDRESS:
             raise Refused("too many programs ask for a key: wait for five minutes, or paste one")
         name = _OTHER.sub(" ", app).strip(" ._-")[:_LONGEST_APP].strip() or "app"
-        code = "".join(secrets.choice(_LETTERS) for _ in range(_CODE_LENGTH))
+        code = "".join(secrets.choice(CODE_LETTERS) for _ in range(_CODE_LENGTH))
         token = secrets.token_urlsafe(_TOKEN_BYTES)
         self._requests[token] = AppKeyRequest(code, name, address, now_s + REQUEST_S)
         return token

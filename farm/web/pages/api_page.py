@@ -6,10 +6,9 @@ import base64
 import hashlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
 from typing import Any
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
+from farm.web.pages.rendering import load_template
 
 Text = tuple[tuple[str, str], ...]
 """Words, and names of objects to link: in each pair, one is empty."""
@@ -47,11 +46,6 @@ class _Operation:
     answers: Sequence[tuple[str, Text]]
 
 
-@cache
-def _templates() -> Environment:
-    return Environment(loader=PackageLoader("farm.web"), autoescape=True, undefined=StrictUndefined)
-
-
 def render_api_page(document: Mapping[str, Any], address: str) -> str:
     """Render the page.
 
@@ -63,18 +57,14 @@ def render_api_page(document: Mapping[str, Any], address: str) -> str:
         Where it is served, for a link.
     """
     info = document["info"]
-    return (
-        _templates()
-        .get_template("api.html")
-        .render(
-            title=info["title"],
-            version=info["version"],
-            description=info["description"],
-            document=address,
-            style=_STYLE,
-            operations=list(_list_operations(document)),
-            objects=list(_list_objects(document)),
-        )
+    return load_template("api.html").render(
+        title=info["title"],
+        version=info["version"],
+        description=info["description"],
+        document=address,
+        style=_STYLE,
+        operations=list(_list_operations(document)),
+        objects=list(_list_objects(document)),
     )
 
 
