@@ -10,11 +10,12 @@ import typer
 
 from farm import api
 from farm.cli.client import Client
-from farm.cli.display import Column, format_time, lay_out_table, open_console, print_json, terminal_width
+from farm.cli.display import Column, lay_out_table, open_console, print_json, terminal_width
 from farm.cli.notices import print_notice
 from farm.cli.options import Json, with_places
 from farm.model import KeyKind, Role
 from farm.paths import Places
+from farm.wording import format_time
 
 _COLUMNS = (
     Column("ID"),

@@ -14,10 +14,11 @@ import typer
 from rich.markup import escape
 from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
-from farm.cli.display import format_filament, open_console, print_json
+from farm.cli.display import open_console, print_json
 from farm.cli.options import Json, LongestSide, Quality, Scale, parse_printer_count
 from farm.errors import ErrorCode, FarmError
 from farm.text import format_count, format_duration
+from farm.wording import format_filament
 
 
 def decompose(

@@ -9,10 +9,11 @@ import typer
 from farm import api
 from farm.cli import completion
 from farm.cli.client import connect
-from farm.cli.display import format_time, open_console, print_json, terminal_width
+from farm.cli.display import open_console, print_json, terminal_width
 from farm.cli.display.table import Column, lay_out_table
 from farm.cli.options import Json, with_farm
 from farm.paths import Places
+from farm.wording import format_time
 
 _COLUMNS = (
     Column("PLACE"),

@@ -15,8 +15,6 @@ from farm.cli import completion
 from farm.cli.client import Client, connect
 from farm.cli.display import (
     Column,
-    format_deviation,
-    format_time,
     lay_out_table,
     open_console,
     print_json,
@@ -31,6 +29,7 @@ from farm.cli.options import Job, Json, with_farm
 from farm.errors import FarmError
 from farm.paths import Places
 from farm.text import format_count, format_duration, format_mass
+from farm.wording import format_deviation, format_time
 
 _REFRESH_S = 1.0
 _ALL = 100_000

@@ -3,15 +3,6 @@
 from __future__ import annotations
 
 from farm.cli.display.console import open_console, print_json, terminal_width
-from farm.cli.display.format import (
-    format_copies,
-    format_deviation,
-    format_filament,
-    format_runs,
-    format_share,
-    format_time,
-    parse_time,
-)
 from farm.cli.display.job_page import render_job, show_job, show_result, show_submitted
 from farm.cli.display.progress import follow_job, retry_over_restart, show_progress, show_upload
 from farm.cli.display.status_page import render_status
@@ -21,15 +12,8 @@ from farm.cli.display.timeline import show_timeline
 __all__ = [
     "Column",
     "follow_job",
-    "format_copies",
-    "format_deviation",
-    "format_filament",
-    "format_runs",
-    "format_share",
-    "format_time",
     "lay_out_table",
     "open_console",
-    "parse_time",
     "print_json",
     "render_job",
     "render_status",

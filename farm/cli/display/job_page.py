@@ -8,7 +8,10 @@ from rich.text import Text
 
 from farm import api
 from farm.cli.display.console import ERROR, HEADING, WARNING, open_console, terminal_width
-from farm.cli.display.format import (
+from farm.cli.display.table import Column, lay_out_table
+from farm.model import JobState, PrintState
+from farm.text import format_duration, format_mass
+from farm.wording import (
     format_cached,
     format_copies,
     format_deviation,
@@ -20,9 +23,6 @@ from farm.cli.display.format import (
     group_names,
     shorten_names,
 )
-from farm.cli.display.table import Column, lay_out_table
-from farm.model import JobState, PrintState
-from farm.text import format_duration, format_mass
 
 _LEAST_STARVED_SHARE = 0.01
 """Share of waiting above which the times of simulated printers are not realistic."""

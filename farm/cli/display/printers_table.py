@@ -7,10 +7,10 @@ from collections.abc import Sequence
 from rich.text import Text
 
 from farm import api
-from farm.cli.display.format import format_deviation, format_share, parse_time
 from farm.cli.display.table import Column, lay_out_table
 from farm.model import Bed, HoldCode, Link, PrintState
 from farm.text import format_duration, format_recent
+from farm.wording import format_deviation, format_share, parse_time
 
 _COLUMNS = (
     Column("PRINTER"),

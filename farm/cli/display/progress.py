@@ -15,10 +15,10 @@ from rich.progress import BarColumn, Progress, TextColumn
 from farm import api
 from farm.cli.client import Client
 from farm.cli.display.console import open_console
-from farm.cli.display.format import format_cached, format_filament, format_planning, format_time
 from farm.errors import DaemonUnreachable
 from farm.model import JobState, PlanProgress, PlanStep, PrintState
 from farm.text import format_count, format_duration
+from farm.wording import format_cached, format_filament, format_planning, format_time
 
 T = TypeVar("T")
 _RESTART_S = 60.0  # a restarted daemon answers again within this time

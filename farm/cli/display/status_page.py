@@ -9,7 +9,11 @@ from rich.text import Text
 from farm import api
 from farm.cli.display.blocks import Block, fit_blocks
 from farm.cli.display.console import ERROR, HEADING, NOTE, URGENT
-from farm.cli.display.format import (
+from farm.cli.display.printers_table import lay_out_printers, rank_urgency
+from farm.cli.display.table import wrap_text
+from farm.model import JobState
+from farm.text import format_count, format_duration, format_mass
+from farm.wording import (
     count_names,
     format_planning,
     format_share,
@@ -18,10 +22,6 @@ from farm.cli.display.format import (
     parse_time,
     shorten_names,
 )
-from farm.cli.display.printers_table import lay_out_printers, rank_urgency
-from farm.cli.display.table import wrap_text
-from farm.model import JobState
-from farm.text import format_count, format_duration, format_mass
 
 _INDENT = 9  # columns of DO NOW, NIGHT and JOB
 _TASK_GAP = "     "  # between two tasks on one line

@@ -7,9 +7,9 @@ from rich.text import Text
 
 from farm import api
 from farm.cli.display.console import ERROR, open_console, terminal_width
-from farm.cli.display.format import format_time, parse_time
 from farm.cli.display.table import Column, lay_out_table
 from farm.text import format_count, format_duration
+from farm.wording import format_time, parse_time
 
 _WIDTH = 79  # of the chart
 _LEAST_WIDTH = 20  # of its bars

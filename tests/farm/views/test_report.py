@@ -12,12 +12,11 @@ from rich.console import Console
 from example_night import night_books, view_context_of
 from farm import api
 from farm.cli.display import render_job
-from farm.cli.job_report import list_figures
 from farm.model import Still, Verdict
 from farm.state import events as ev
 from farm.upkeep.part_pictures import draw_part
 from farm.views import describe_job, list_history
-from farm.views.report import COLOURS, draw_gantt, list_bars, render_page
+from farm.views.report import COLOURS, draw_gantt, list_bars, list_figures, render_page
 from farm.views.report.gantt import Bar, lay_out_gantt
 from make_books import run
 from make_stl import stl_bytes

@@ -1,4 +1,4 @@
-"""Times and amounts as text."""
+"""Times, amounts and steps of the farm's views as text. Pure."""
 
 from __future__ import annotations
 

@@ -2,9 +2,9 @@
 
 import pytest
 
-from farm.cli.display.format import format_filament, format_planning, format_time
 from farm.model import PlanProgress, PlanStep
 from farm.text import format_duration
+from farm.wording import format_filament, format_planning, format_time
 
 
 @pytest.mark.parametrize(
