@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from farm.web.slicers.multipart import MOST_FIELD_BYTES, MOST_PARTS, BadForm, FormReader
+from farm.web.forms.multipart import MOST_FIELD_BYTES, MOST_PARTS, BadForm, FormReader
 
 CONTENT = b"G28\r\n--boundary!\r\n--bound\r\n-\r\n" * 3
 CURL = "multipart/form-data; boundary=boundary"

@@ -1,7 +1,7 @@
 """Reader of multipart forms with one file, chunk by chunk, without I/O. The only import of python_multipart.
 
-Slicers write them in several ways: options before the file or after it, boundaries quoted or not, header
-names in any case, file names in raw UTF-8.
+Browsers and slicers write them in several ways: options before the file or after it, boundaries quoted or
+not, header names in any case, file names in raw UTF-8.
 """
 
 from __future__ import annotations

@@ -1,0 +1,9 @@
+"""Forms of browsers and slicers: fields, and uploads of models as they arrive."""
+
+from __future__ import annotations
+
+from farm.web.forms.fields import read_fields
+from farm.web.forms.multipart import BadForm, FormReader
+from farm.web.forms.upload import FormUploads
+
+__all__ = ["BadForm", "FormReader", "FormUploads", "read_fields"]

@@ -1,0 +1,126 @@
+"""Uploads as forms: received into the state folder as they arrive, inspected, and submitted as jobs."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import AsyncExitStack, suppress
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from starlette.exceptions import HTTPException
+from starlette.requests import ClientDisconnect, Request
+
+from farm.control import JobCommands
+from farm.errors import FarmError
+from farm.http import Upload, Uploads, clean_name
+from farm.model import JobOptions
+from farm.planning import InspectedSubmission
+from farm.web.forms.multipart import BadForm, FormReader
+
+_LENGTH_REQUIRED = 411
+_MOST_DISCARDED_BYTES = 2**30
+_ANY_NAME = "the upload"  # until its name is known
+ReadOptions = Callable[[FormReader], Awaitable[JobOptions]]
+"""Reads the options of a job from the form, once it has arrived. Raises FarmError."""
+
+
+class SubmittedForm(NamedTuple):
+    """Number of an upload's job, and the form."""
+
+    job: int
+    form: FormReader
+
+
+@dataclass(frozen=True, slots=True)
+class FormUploads:
+    """Receives forms with a model or G-code, and submits them.
+
+    Attributes
+    ----------
+    uploads, jobs
+        Components of the daemon.
+    """
+
+    uploads: Uploads
+    jobs: JobCommands
+
+    async def submit(
+        self, request: Request, request_id: str, read_options: ReadOptions, by: str
+    ) -> SubmittedForm:
+        """Receive a form, and submit its file.
+
+        Parameters
+        ----------
+        request
+            The request, whose body has not been read.
+        request_id
+            Identifies the upload, and its job.
+        read_options
+            Reads the options of the job from the fields.
+        by
+            Name of the caller.
+
+        Raises
+        ------
+        FarmError
+            If the form is malformed or cut, exceeds a limit, or cannot be printed.
+        HTTPException
+            If the length of the body is not announced.
+        """
+        size = request.headers.get("content-length", "")
+        if not size.isdecimal() or "transfer-encoding" in request.headers:  # chunks have no length before
+            raise HTTPException(
+                _LENGTH_REQUIRED, "the request has no Content-Length: the farm needs it first"
+            )
+        content = request.stream()
+        try:
+            self.jobs.check_submission(JobOptions())
+            reader = FormReader(request.headers.get("content-type", ""))
+            async with self.uploads.admit(request_id, _ANY_NAME, int(size)) as upload:
+                name = await _receive_file(content, reader, upload)
+                options = await read_options(reader)
+                self.jobs.check_submission(options)
+                model = await self._inspect(upload, name, options)
+        except (FarmError, OSError):
+            if int(size) <= _MOST_DISCARDED_BYTES and "expect" not in request.headers:
+                await _discard(content)
+            raise
+        number, _ = self.jobs.submit(request_id, name, model, options, by)
+        return SubmittedForm(number, reader)
+
+    async def _inspect(self, upload: Upload, name: str, options: JobOptions) -> InspectedSubmission:
+        """Inspect an upload. Its errors lack its name: a slicer shows it, and few letters after it."""
+        try:
+            return await self.uploads.inspect(upload, name, options)
+        except FarmError as error:
+            raise FarmError(str(error).removeprefix(f"{name}: "), error.code) from error
+
+
+async def _discard(content: AsyncIterator[bytes]) -> None:
+    """Read the rest of a refused upload: who is still sending does not read the answer."""
+    with suppress(ClientDisconnect):
+        async for _ in content:
+            pass
+
+
+async def _receive_file(content: AsyncIterator[bytes], reader: FormReader, upload: Upload) -> str:
+    """Write the file of a form to the upload's file, and return its name. Raises FarmError."""
+    name = _ANY_NAME
+    append: Callable[[bytes], Awaitable[None]] | None = None
+    async with AsyncExitStack() as files:
+        try:
+            async for chunk in content:
+                upload.missing_bytes -= len(chunk)
+                if upload.missing_bytes < 0:
+                    raise BadForm("the upload is longer than its Content-Length: send it again")
+                for piece in reader.feed(chunk):
+                    if append is None:
+                        name = clean_name(reader.file_name or "")
+                        append = await files.enter_async_context(upload.open_file(name))
+                    await append(piece)
+        except ClientDisconnect as error:
+            raise BadForm("the upload stopped before its end: send it again") from error
+        reader.finish()
+    if append is None:
+        raise BadForm("the file is empty")
+    return name
