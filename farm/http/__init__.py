@@ -6,6 +6,7 @@ from farm.http.app import UPLOAD_PATH, add_routes, make_app, make_problem
 from farm.http.body_limit import BodyLimit
 from farm.http.callers import (
     CallerName,
+    OperatorName,
     PeerProtocol,
     Person,
     check_operators,
@@ -33,6 +34,7 @@ __all__ = [
     "CallerName",
     "EventStreams",
     "NetworkState",
+    "OperatorName",
     "PeerProtocol",
     "Person",
     "Services",

@@ -58,7 +58,7 @@ OPEN = frozenset(
         ("GET", LIVENESS),
         ("GET", "/login/{token}"),
         ("POST", "/login/{token}"),
-        ("GET", "/static/farm.css"),
+        ("GET", "/static/{name}"),
         *SLICER_OPEN,
     }
 )
@@ -70,6 +70,8 @@ ROLES: dict[tuple[str, str], Role] = {
     **{("GET", NETWORK_PREFIX + path): Role.LOOK for path in _LOOK},
     **{("POST", NETWORK_PREFIX + path): Role.PRINT for path in _PRINT},
     **{("POST", NETWORK_PREFIX + path): Role.OPERATE for path in _OPERATE},
+    **{("POST", path): Role.PRINT for path in _PRINT if path != "/jobs"},  # forms of the pages
+    **{("POST", path): Role.OPERATE for path in _OPERATE},
     **SLICER_ROLES,
 }
 """Role by method and path."""

@@ -16,7 +16,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 import farm
 from farm.api import NETWORK_PREFIX
-from farm.control import DryRuns
+from farm.control import DryRuns, JobCommands, PartCommands, PrinterCommands
 from farm.errors import ErrorCode, ExitCode
 from farm.http import (
     UPLOAD_PATH,
@@ -28,18 +28,20 @@ from farm.http import (
     make_problem,
 )
 from farm.web.access import LIVENESS, METRICS, SCHEMA, SCHEMA_PAGE, find_role, is_open
+from farm.web.actions import job_forms, printer_forms
 from farm.web.address_limit import group_address
 from farm.web.callers import CallerFinder, KeyHolder, Visitor
 from farm.web.cookies import SessionCookie
 from farm.web.guard import Refusal, check_head, check_host, check_origin, check_page
 from farm.web.metrics import CONTENT_TYPE, write_metrics
+from farm.web.notes import Notes
 from farm.web.openapi import describe_routes
 from farm.web.pages import POLICY, page_routes, render_api_page, render_message
 from farm.web.slicers import add_slicer_routes, is_slicer_path, is_slicer_upload, make_text
 
 _HEADERS = {
-    "content-security-policy": "default-src 'none'; style-src 'self'; form-action 'self'; "
-    "frame-ancestors 'none'; base-uri 'none'",
+    "content-security-policy": "default-src 'none'; style-src 'self'; script-src 'self'; "
+    "img-src 'self'; connect-src 'self'; form-action 'self'; frame-ancestors 'none'; base-uri 'none'",
     "x-content-type-options": "nosniff",
     "cross-origin-resource-policy": "same-origin",
     "referrer-policy": "same-origin",  # with no-referrer, browsers send `Origin: null` with a form
@@ -91,8 +93,18 @@ def make_web_app(services: Services, dry_runs: DryRuns, names: Collection[str]) 
         return HTMLResponse(page, headers={"content-security-policy": POLICY})
 
     cookie = SessionCookie.for_section(services.controller.fleet.web)
-    app.include_router(page_routes(services, cookie))
+    _add_pages(app, services, cookie)
     return Guard(app, services, names, cookie)
+
+
+def _add_pages(app: FastAPI, services: Services, cookie: SessionCookie) -> None:
+    """Add the pages and their forms."""
+    app.state.notes = notes = Notes()
+    printers = PrinterCommands(services.controller)
+    parts = PartCommands(services.controller, printers)
+    app.include_router(page_routes(services, cookie, notes))
+    app.include_router(printer_forms(printers, parts))
+    app.include_router(job_forms(services, JobCommands(services.controller, printers), parts))
 
 
 class Guard:

@@ -6,8 +6,10 @@ import logging
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from fastapi import Request
+
 from farm.control import Controller, SessionCommands, find_key
-from farm.errors import FarmError
+from farm.errors import FarmError, Refused
 from farm.model import Key, KeyKind, Role
 from farm.web.cookies import SessionCookie
 from farm.web.guard import Refusal, WrongKeys
@@ -52,6 +54,14 @@ class Visitor:
     def is_operator(self, group: str | None) -> bool:
         """Return False: a visitor may do nothing."""
         return False
+
+
+def find_holder(request: Request) -> KeyHolder:
+    """Return the caller, whom the guard has identified. Raises Refused for a visitor."""
+    person = request.state.person
+    if isinstance(person, KeyHolder):
+        return person
+    raise Refused("this needs a session: `farm web` on the farm's host opens one")
 
 
 class CallerFinder:

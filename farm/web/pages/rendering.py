@@ -6,35 +6,67 @@ from datetime import datetime
 from functools import cache
 
 from jinja2 import Environment, PackageLoader, StrictUndefined, Template
+from markupsafe import Markup
 
-from farm import api
 from farm.model import Role
 from farm.text import format_duration, format_mass, format_moment
+from farm.web.notes import Note, Reader
+from farm.web.pages.static_files import find_address
 
-_STATES = {"look": "inspect"}
-"""States that the page words differently from `--json`."""
+NAVIGATION: tuple[tuple[str, str, Role], ...] = (("/", "Home", Role.LOOK),)
+"""Pages that each page links: path, words, and the role that they need."""
+_WORDS = {
+    "look": "inspect",
+    "ready": "idle",
+    "absent": "not connected",
+    "at_nozzle": "at the nozzle",
+    "not_clear": "not clear",
+}
+"""Values that the pages word differently from `--json`."""
+_GLYPHS = {
+    "printing": "▶",
+    "heating": "▲",
+    "paused": "‖",
+    "idle": "○",
+    "done": "✓",
+    "printed": "✓",
+    "look": "!",
+    "fault": "!",
+    "failed": "✕",
+    "absent": "✕",
+}
+_OTHER_GLYPH = "•"
 
 
-def render_status(status: api.Status, user: str, role: Role, has_session: bool) -> str:
-    """Render the farm's status: tasks, printers and jobs.
+def render_page(
+    template: str, farm: str, path: str, reader: Reader, note: Note | None = None, **values: object
+) -> str:
+    """Render a page with its navigation.
 
     Parameters
     ----------
-    status
-        The farm.
-    user, role
-        The caller's name and role.
-    has_session
-        Whether the caller can log out.
+    template
+        File in `templates`, which extends `page.html`.
+    farm
+        The fleet's name.
+    path
+        Path of the page, marked in the navigation.
+    reader
+        Person who reads it.
+    note
+        Message about the reader's last action.
+    values
+        Variables of the template.
     """
-    return _render(
-        "status.html", status.fleet.name, status=status, user=user, role=role, has_session=has_session
+    links = [(at, words) for at, words, role in NAVIGATION if reader.role.allows(role)]
+    return load_template(template).render(
+        farm=farm, path=path, links=links, reader=reader, note=note, **values
     )
 
 
 def render_login(farm: str, user: str, role: Role) -> str:
     """Render the page of a link: one button, as a preview of the link must not use it up."""
-    return _render("login.html", farm, user=user, role=role)
+    return load_template("login.html").render(title=farm, user=user, role=role)
 
 
 def render_message(title: str, text: str, has_login_hint: bool = False) -> str:
@@ -47,11 +79,7 @@ def render_message(title: str, text: str, has_login_hint: bool = False) -> str:
     has_login_hint
         Whether the page says how to log in.
     """
-    return _render("message.html", title, text=text, has_login_hint=has_login_hint)
-
-
-def _render(template: str, title: str, **values: object) -> str:
-    return load_template(template).render(title=title, **values)
+    return load_template("message.html").render(title=title, text=text, has_login_hint=has_login_hint)
 
 
 def load_template(name: str) -> Template:
@@ -62,18 +90,47 @@ def load_template(name: str) -> Template:
 @cache
 def _templates() -> Environment:
     environment = Environment(
-        loader=PackageLoader("farm.web.pages"), autoescape=True, undefined=StrictUndefined
+        loader=PackageLoader("farm.web.pages"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
     )
+    environment.globals["asset"] = find_address
     environment.filters["duration"] = format_duration
     environment.filters["mass"] = format_mass
-    environment.filters["moment"] = _format_moment
+    environment.filters["moment"] = format_time_element
     environment.filters["degrees"] = _format_degrees
-    environment.filters["state"] = lambda state: _STATES.get(state, state)
+    environment.filters["words"] = describe_value
+    environment.filters["state"] = format_state
     return environment
 
 
-def _format_moment(at: str | None, now: str) -> str:
-    return "" if at is None else format_moment(datetime.fromisoformat(at), datetime.fromisoformat(now))
+def format_time_element(at: str | None, now: str) -> Markup:
+    """Format a time in the fleet's zone; a script shows it in the reader's zone.
+
+    Parameters
+    ----------
+    at, now
+        The time, and that of the view, as ISO 8601.
+    """
+    if at is None:
+        return Markup("")
+    text = format_moment(datetime.fromisoformat(at), datetime.fromisoformat(now))
+    return Markup('<time datetime="{}">{}</time>').format(at, text)
+
+
+def format_state(state: str) -> Markup:
+    """Format a state as a label with a sign and words: its colour alone says nothing."""
+    glyph = _GLYPHS.get(state, _OTHER_GLYPH)
+    return Markup('<span class="state {}"><span aria-hidden="true">{}</span> {}</span>').format(
+        state, glyph, describe_value(state)
+    )
+
+
+def describe_value(value: str) -> str:
+    """Return the words for a value of an enumeration."""
+    return _WORDS.get(value, value.replace("_", " "))
 
 
 def _format_degrees(now_c: float | None, target_c: float | None) -> str:

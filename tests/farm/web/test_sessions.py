@@ -12,6 +12,7 @@ from farm.http import Person
 from farm.model import Role
 from farm.state.storage import StoreError
 from farm.web.cookies import SessionCookie
+from farm.web.pages.static_files import find_address
 from http_caller import DAEMON_USER, called_by
 from network_farm import OWN_PAGE, NetworkFarm
 
@@ -117,22 +118,40 @@ def test_page_shows_tasks_printers_jobs_and_user(tmp_path, role):
     farm.ask("POST", "/api/v1/jobs", key, params=params, content=b"x" * 100)
     page = farm.browse("GET", "/", farm.open_session(role))
     assert page.headers["content-type"] == "text/html; charset=utf-8"
-    for text in ("<h1>lab</h1>", f"ann ({role})", '<th scope="row">a</th>', "key laptop", "Log out"):
+    for text in (
+        "<title>Home – lab</title>",
+        f"ann ({role})",
+        '<th scope="row">a</th>',
+        "key laptop",
+        "Log out",
+    ):
         assert text in page.text
     assert "&lt;i&gt;box.stl" in page.text
     assert "<i>box" not in page.text
-    assert "<script" not in page.text
+    assert "<script>" not in page.text
     assert "style=" not in page.text
     policy = page.headers["content-security-policy"]
-    for rule in ("default-src 'none'", "style-src 'self'", "form-action 'self'", "frame-ancestors 'none'"):
+    for rule in (
+        "default-src 'none'",
+        "style-src 'self'",
+        "script-src 'self'",
+        "form-action 'self'",
+        "frame-ancestors 'none'",
+    ):
         assert rule in policy
     farm.store.close()
 
 
-def test_style_sheet_needs_no_session(farm):
+def test_static_files_need_no_session_and_are_kept_by_their_version(farm):
     style = farm.ask("GET", "/static/farm.css")
     assert style.headers["content-type"].startswith("text/css")
+    assert style.headers["content-encoding"] == "gzip"
     assert "table" in style.text
+    assert style.headers["cache-control"] == "no-store"
+    assert "immutable" in farm.ask("GET", find_address("farm.css")).headers["cache-control"]
+    assert farm.ask("GET", "/static/farm.css", headers={"accept-encoding": "br"}).text == style.text
+    for name in ("nothing.css", "..", "%2e%2e%2frouting.py"):
+        assert farm.ask("GET", f"/static/{name}").status_code in (401, 404)
 
 
 def test_browser_without_a_session_gets_a_page_and_a_program_gets_json(farm):

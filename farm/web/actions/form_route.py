@@ -1,0 +1,74 @@
+"""Routes of forms: their fields are read by the models of the API, and their errors become notes.
+
+Every form is answered by a redirect to the page that it came from, so that a reload repeats nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Coroutine
+from typing import Any, TypeVar
+from urllib.parse import urlsplit
+
+from fastapi import Request, Response
+from fastapi.exceptions import RequestValidationError
+from fastapi.responses import RedirectResponse
+from fastapi.routing import APIRoute
+from pydantic import BaseModel, ValidationError
+
+from farm.errors import FarmError
+from farm.text import describe_first_error
+from farm.web.callers import find_holder
+from farm.web.forms import read_fields
+from farm.web.notes import Note
+
+_SEE_OTHER = 303
+_Model = TypeVar("_Model", bound=BaseModel)
+
+
+class FormRoute(APIRoute):
+    """Route of a form, whose errors are shown as a note on the page that it came from."""
+
+    def get_route_handler(self) -> Callable[[Request], Coroutine[Any, Any, Response]]:
+        handle = super().get_route_handler()
+
+        async def answer(request: Request) -> Response:
+            try:
+                return await handle(request)
+            except FarmError as error:
+                text = str(error)
+            except (RequestValidationError, ValidationError) as error:
+                text = describe_first_error(error.errors())
+            return answer_form(request, Note(text, is_problem=True))
+
+        return answer
+
+
+async def read_form(request: Request, model: type[_Model]) -> _Model:
+    """Read the fields of a form; those left empty are missing. Raises ValidationError or BadForm."""
+    fields = await read_fields(request)
+    return model.model_validate({name: value for name, value in fields.items() if value})
+
+
+def answer_form(request: Request, note: Note, path: str | None = None) -> Response:
+    """Return a redirect to a page, which will show the note.
+
+    Parameters
+    ----------
+    request
+        Request with the form.
+    note
+        What came of it.
+    path
+        Path of the page; by default the one that the form came from.
+    """
+    request.app.state.notes.put(find_holder(request).key.id, note)
+    return RedirectResponse(path or find_form_page(request), _SEE_OTHER)
+
+
+def find_form_page(request: Request) -> str:
+    """Return the path of the farm's page that a form came from; that of Home if it is not known."""
+    page = urlsplit(request.headers.get("referer", ""))
+    if page.netloc != request.headers.get("host") or not page.path.startswith("/"):
+        return "/"
+    path = "/" + page.path.lstrip("/")  # `//name` would be another host
+    return f"{path}?{page.query}" if page.query else path

@@ -1,0 +1,63 @@
+"""Forms about jobs and their parts, with the paths and the commands of the API."""
+
+from __future__ import annotations
+
+from fastapi import APIRouter, Request, Response
+
+from farm import api
+from farm.control import JobCommands, PartCommands
+from farm.http import CallerName, OperatorName, Services
+from farm.web.actions.form_route import FormRoute, answer_form, read_form
+from farm.web.notes import Note
+
+
+def job_forms(services: Services, jobs: JobCommands, parts: PartCommands) -> APIRouter:
+    """Return the routes of forms about jobs and parts."""
+    router = APIRouter(route_class=FormRoute, include_in_schema=False)
+
+    @router.post("/jobs/{number}/approve")
+    async def approve(number: int, request: Request, by: OperatorName) -> Response:
+        plan = (await read_form(request, api.ApproveRequest)).plan
+        await jobs.approve(number, plan, services.state, by)
+        return answer_form(request, Note(f"Job {number} is approved."))
+
+    @router.post("/jobs/{number}/move")
+    async def move(number: int, request: Request, by: OperatorName) -> Response:
+        jobs.move(number, await read_form(request, api.QueueMove), by)
+        return answer_form(request, Note(f"Job {number} has moved in the queue."))
+
+    @router.post("/jobs/{number}/cancel")
+    async def cancel(number: int, request: Request, by: CallerName) -> Response:
+        jobs.cancel(number, by)
+        return answer_form(request, Note(f"Job {number} is cancelled."))
+
+    @router.post("/jobs/{number}/pause")
+    async def pause(number: int, request: Request, by: CallerName) -> Response:
+        jobs.pause(number, True, by)
+        return answer_form(request, Note(f"Job {number} is paused."))
+
+    @router.post("/jobs/{number}/resume")
+    async def resume(number: int, request: Request, by: CallerName) -> Response:
+        jobs.pause(number, False, by)
+        return answer_form(request, Note(f"Job {number} goes on."))
+
+    @router.post("/jobs/{number}/parts/{part}/reprint")
+    async def reprint_part(number: int, part: str, request: Request, by: CallerName) -> Response:
+        why = (await read_form(request, api.Reason)).why or "reprint requested"
+        return answer_form(request, Note(f"Part {parts.reprint(number, part, why, by)} is printed again."))
+
+    @router.post("/jobs/{number}/parts/{part}/cancel")
+    async def cancel_part(number: int, part: str, request: Request, by: CallerName) -> Response:
+        return answer_form(request, Note(f"Part {parts.cancel(number, part, by)} is cancelled."))
+
+    @router.post("/jobs/{number}/parts/{part}/pause")
+    async def pause_part(number: int, part: str, request: Request, by: CallerName) -> Response:
+        parts.pause(number, part, True, by)
+        return answer_form(request, Note(f"Part {part} is paused."))
+
+    @router.post("/jobs/{number}/parts/{part}/resume")
+    async def resume_part(number: int, part: str, request: Request, by: CallerName) -> Response:
+        parts.pause(number, part, False, by)
+        return answer_form(request, Note(f"Part {part} goes on."))
+
+    return router

@@ -1,0 +1,73 @@
+"""Forms about printers, with the paths and the commands of the API."""
+
+from __future__ import annotations
+
+from fastapi import APIRouter, Request, Response
+
+from farm import api
+from farm.control import PartCommands, PrinterCommands
+from farm.http import CallerName, OperatorName
+from farm.web.actions.form_route import FormRoute, answer_form, read_form
+from farm.web.notes import Note
+
+
+def printer_forms(printers: PrinterCommands, parts: PartCommands) -> APIRouter:
+    """Return the routes of forms about printers."""
+    router = APIRouter(route_class=FormRoute, include_in_schema=False)
+
+    @router.post("/printers/{name}/cleared")
+    async def clear_bed(name: str, request: Request, by: OperatorName) -> Response:
+        cleared = printers.clear_bed(name, await read_form(request, api.ClearedRequest), by)
+        return answer_form(request, Note(describe_cleared(name, cleared)))
+
+    @router.post("/printers/{name}/load")
+    async def load_reel(name: str, request: Request, by: OperatorName) -> Response:
+        reel = await printers.load_reel(name, await read_form(request, api.LoadRequest), by)
+        grams = "" if reel.grams is None else f", {reel.grams:.0f} g"
+        colour = f" {reel.colour}" if reel.colour else ""
+        return answer_form(request, Note(f"{name} has {reel.material}{colour}{grams}."))
+
+    @router.post("/printers/{name}/pause")
+    async def pause(name: str, request: Request, by: CallerName) -> Response:
+        printers.pause(name, True, by)
+        return answer_form(request, Note(f"{name} pauses."))
+
+    @router.post("/printers/{name}/resume")
+    async def resume(name: str, request: Request, by: CallerName) -> Response:
+        printers.pause(name, False, by)
+        return answer_form(request, Note(f"{name} resumes."))
+
+    @router.post("/printers/{name}/fail")
+    async def fail_print(name: str, request: Request, by: CallerName) -> Response:
+        reason = await read_form(request, api.Reason)
+        printers.fail_print(name, reason.why or "failed by a user", by)
+        return answer_form(request, Note(f"The print on {name} is stopped, and its part is printed again."))
+
+    @router.post("/printers/{name}/cancel")
+    async def cancel_print(name: str, request: Request, by: CallerName) -> Response:
+        part = parts.cancel_on(name, by)
+        return answer_form(request, Note(f"Part {part} on {name} is cancelled."))
+
+    @router.post("/printers/{name}/maintenance")
+    async def begin_maintenance(name: str, request: Request, by: CallerName) -> Response:
+        printers.begin_maintenance(name, (await read_form(request, api.Reason)).why, by)
+        return answer_form(request, Note(f"{name} takes no further plates."))
+
+    @router.post("/printers/{name}/maintained")
+    async def end_maintenance(name: str, request: Request, by: OperatorName) -> Response:
+        printers.end_maintenance(name, by)
+        return answer_form(request, Note(f"{name} is back in use."))
+
+    @router.post("/outage/confirm")
+    async def confirm_outage(request: Request, by: OperatorName) -> Response:
+        return answer_form(request, Note(f"{printers.confirm_outage(by)} may print again."))
+
+    return router
+
+
+def describe_cleared(printer: str, cleared: api.Cleared) -> str:
+    """Describe in a sentence what followed from a cleared bed."""
+    if cleared.good is not None:
+        others = f"; {' '.join(cleared.printed_on)} already print it again" if cleared.printed_on else ""
+        return f"{printer} is clear, part {cleared.good} is good{others}."
+    return f"{printer} is clear" + (f"; part {cleared.again} is printed again." if cleared.again else ".")

@@ -1,0 +1,62 @@
+"""Readers of pages, and notes about their last actions, each shown once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from farm.model import Role
+from farm.web.callers import KeyHolder
+
+_MOST_READERS = 1000
+
+
+@dataclass(frozen=True, slots=True)
+class Reader:
+    """Person who reads a page.
+
+    Attributes
+    ----------
+    name, role
+        The name of a user or a key, and what it may do.
+    has_session
+        Whether the reader can log out.
+    """
+
+    name: str
+    role: Role
+    has_session: bool = True
+
+    @classmethod
+    def for_holder(cls, holder: KeyHolder) -> Reader:
+        """Return the reader with a key or a session."""
+        return cls(holder.name, holder.key.role, holder.has_session)
+
+    def may(self, role: str) -> bool:
+        """Return whether the reader may do what needs a role."""
+        return self.role.allows(Role(role))
+
+
+@dataclass(frozen=True, slots=True)
+class Note:
+    """Message about a reader's last action, shown once above the page."""
+
+    text: str
+    is_problem: bool = False
+
+
+class Notes:
+    """The last note of each reader, until a page shows it."""
+
+    def __init__(self) -> None:
+        self._notes: dict[str, Note] = {}
+
+    def put(self, reader: str, note: Note) -> None:
+        """Keep a note for a reader, by the id of a key or session."""
+        self._notes.pop(reader, None)
+        self._notes[reader] = note
+        if len(self._notes) > _MOST_READERS:
+            del self._notes[next(iter(self._notes))]
+
+    def take(self, reader: str) -> Note | None:
+        """Return the note of a reader and forget it; None if there is none."""
+        return self._notes.pop(reader, None)

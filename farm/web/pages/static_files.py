@@ -1,0 +1,52 @@
+"""Files that pages load, such as scripts, each under an address that changes with its contents."""
+
+from __future__ import annotations
+
+import gzip
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+
+_TYPES = {
+    ".css": "text/css; charset=utf-8",
+    ".js": "text/javascript; charset=utf-8",
+    ".svg": "image/svg+xml",
+    ".txt": "text/plain; charset=utf-8",
+}
+_FOLDERS = ("static", "built")
+"""Folders of our own files, and of those that `make install` builds, which may be missing."""
+_VERSION_DIGITS = 12
+
+
+@dataclass(frozen=True, slots=True)
+class StaticFile:
+    """Content of a file, as it is and compressed."""
+
+    content: bytes
+    compressed: bytes
+    media_type: str
+    version: str
+
+
+@cache
+def load_static_files() -> Mapping[str, StaticFile]:
+    """Load the files by name."""
+    found: dict[str, StaticFile] = {}
+    for folder in _FOLDERS:
+        place = files("farm.web.pages").joinpath(folder)
+        for entry in sorted(place.iterdir(), key=lambda one: one.name) if place.is_dir() else ():
+            media_type = _TYPES.get(entry.name[entry.name.rfind(".") :])
+            if media_type is None:
+                continue
+            content = entry.read_bytes()
+            version = hashlib.sha256(content).hexdigest()[:_VERSION_DIGITS]
+            found[entry.name] = StaticFile(content, gzip.compress(content, mtime=0), media_type, version)
+    return found
+
+
+def find_address(name: str) -> str:
+    """Return the address of a file with its version, so that browsers may keep it; empty if it is missing."""
+    found = load_static_files().get(name)
+    return "" if found is None else f"/static/{name}?v={found.version}"

@@ -1,0 +1,91 @@
+"""Forms of the pages: what they do, where they lead, and the note that follows."""
+
+import json
+
+import pytest
+
+from farm.model import Role
+from farm.web.notes import Note, Notes
+from network_farm import HOST, NetworkFarm
+
+PAGE = f"http://{HOST}"
+
+
+@pytest.fixture
+def farm(tmp_path):
+    farm = NetworkFarm(tmp_path)
+    yield farm
+    farm.store.close()
+
+
+def send(farm, session, path, fields=None, page="/"):
+    """Send a form from a page; return where it leads."""
+    answer = farm.browse("POST", path, session, {"referer": PAGE + page}, data=fields or {})
+    assert answer.status_code == 303, answer.text
+    return answer.headers["location"]
+
+
+def test_form_does_what_the_api_does_and_says_so_once(farm):
+    session = farm.open_session()
+    assert send(farm, session, "/printers/a/cleared", {"why": "", "good": ""}) == "/"
+    kind, body = farm.read_last_event()
+    assert (kind, json.loads(body)["by"], json.loads(body)["why"]) == ("BedCleared", "ann", None)
+    assert '<p class="done">a is clear.</p>' in farm.browse("GET", "/", session).text
+    assert "a is clear." not in farm.browse("GET", "/", session).text
+    send(farm, session, "/printers/a/load", {"grams": "432.5", "material": ""})
+    assert "432 g" in farm.browse("GET", "/", session).text
+
+
+@pytest.mark.parametrize(
+    ("path", "fields", "words"),
+    [
+        ("/printers/a/pause", {}, "a is not printing"),
+        ("/printers/<i>/cleared", {}, "&lt;i&gt;"),
+        ("/printers/a/load", {"grams": "much"}, "grams: Input should be a valid number"),
+        ("/printers/a/load", {"grams": "1", "nonsense": "1"}, "nonsense"),
+        ("/printers/a/cleared", {"bad": "true"}, "waits for a verdict"),
+        ("/jobs/1/pause", {}, "job 1"),
+        ("/jobs/one/pause", {}, "valid integer"),
+        ("/jobs/1/approve", {}, "plan: Field required"),
+        ("/outage/confirm", {}, "there is no outage"),
+    ],
+)
+def test_refusal_is_a_note_on_the_page_and_changes_nothing(farm, path, fields, words):
+    session = farm.open_session()
+    before = len(farm.store.events())
+    assert send(farm, session, path, fields) == "/"
+    page = farm.browse("GET", "/", session).text
+    assert words in page[page.index('<p class="problem">') : page.index("</p>", page.index("problem"))]
+    assert "<i>" not in page
+    assert len(farm.store.events()) == before
+
+
+@pytest.mark.parametrize(
+    ("referer", "page"),
+    [
+        (f"{PAGE}/printers/a?x=1", "/printers/a?x=1"),
+        (f"{PAGE}//evil.example/x", "/evil.example/x"),
+        ("http://evil.example/x", "/"),
+        ("nonsense", "/"),
+        (PAGE, "/"),
+    ],
+)
+def test_form_leads_back_to_its_page_and_to_no_other_site(farm, referer, page):
+    answer = farm.browse("POST", "/printers/a/cleared", farm.open_session(), {"referer": referer}, data={})
+    assert answer.headers["location"] == page
+
+
+def test_note_is_of_one_reader(farm):
+    ann, bob = farm.open_session(user="ann"), farm.open_session(Role.LOOK, user="bob")
+    send(farm, ann, "/printers/a/cleared")
+    assert "a is clear" not in farm.browse("GET", "/", bob).text
+    assert "a is clear" in farm.browse("GET", "/", ann).text
+
+
+def test_notes_of_a_thousand_readers_are_kept_at_most():
+    notes = Notes()
+    for number in range(1001):
+        notes.put(str(number), Note("done"))
+    assert notes.take("0") is None
+    assert notes.take("1000") == Note("done")
+    assert notes.take("1000") is None
