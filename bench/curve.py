@@ -66,7 +66,7 @@ def main() -> None:
     with ThreadPoolExecutor(os.cpu_count()) as executor:
         points = timed("curve", lambda: makespan_curve([boxes], fleets, executor))
     report: dict[str, Any] = {"cells": grid.shape, "boxes": len(boxes.seconds), "stages": took}
-    if timed("search", lambda: solver.find_least_makespan(asked.printers, 0.0)) is not None:
+    if timed("search", lambda: solver.find_min_makespan(asked.printers, 0.0)) is not None:
         makespan_s = solver.longest_s()
         proven = timed("bound", lambda: makespan_bound(boxes, grid.needed, asked.printers, makespan_s))
         report |= {"makespan_s": makespan_s, "bound_s": proven.seconds}

@@ -26,7 +26,7 @@ def compute_shares(wanted: LayerHeights, nozzle_mm: float, hundredths: range) ->
     counts = [0] * len(CASES)
     for hundredth in hundredths:
         height_mm = hundredth / 100.0
-        found = fit_heights(height_mm, wanted, most_first_mm=LAYER_SHARE * nozzle_mm)
+        found = fit_heights(height_mm, wanted, max_first_mm=LAYER_SHARE * nozzle_mm)
         changed = abs(found.first_mm / wanted.first_mm - 1.0)
         exact = abs(printed_height_mm(height_mm, found) - height_mm) <= EXACT_MM
         case = next((i for i, spread in enumerate(SPREADS_0) if changed <= spread + 1e-9), -1)

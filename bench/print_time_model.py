@@ -61,7 +61,7 @@ class Table:
         self.terms = {term: np.array([s[term].sum() for s in seconds]) for term in FACTORS}
         self.bodies = {term: np.array([s[term][:2].sum() for s in seconds]) for term in FACTORS}
         costs = {name: CostModel.from_recipe(recipe) for name, recipe in recipes.items()}
-        self.least_s = np.array([costs[row.settings].least_s_mm * row.height_mm for row in rows])
+        self.min_s = np.array([costs[row.settings].min_s_mm * row.height_mm for row in rows])
 
     def fit(self, rows: npt.NDArray[np.bool_]) -> dict[str, float]:
         """Fit the factors to some rows, by the mean absolute relative error."""
@@ -85,7 +85,7 @@ class Table:
             if name not in left_out:
                 total += factor * self.terms[name]
                 body += factor * self.bodies[name]
-        return (total + np.maximum(0.0, self.least_s - body)) / self.sliced_s - 1.0
+        return (total + np.maximum(0.0, self.min_s - body)) / self.sliced_s - 1.0
 
     def held_out(self, fitted_on: npt.NDArray[np.bool_], tables: bool = False) -> Floats:
         """Compute the errors (rows,), each with factors fitted without its model."""

@@ -5,13 +5,13 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-MOST_BYTES = 2 * 2**20
+MAX_BYTES = 2 * 2**20
 """Size at which a log is renamed; an agent writes about 1 KB for a print."""
 KEPT = 3
 """Number of renamed logs that are kept."""
 
 
-def rotate_log(path: Path, most_bytes: int = MOST_BYTES, file_count: int = KEPT) -> bool:
+def rotate_log(path: Path, max_bytes: int = MAX_BYTES, file_count: int = KEPT) -> bool:
     """Rename a log that is full, and let stdout and stderr of this process continue in a new one.
 
     Files are renamed, not copied, and descriptors are replaced in one step, so every line is in the old
@@ -22,7 +22,7 @@ def rotate_log(path: Path, most_bytes: int = MOST_BYTES, file_count: int = KEPT)
     ----------
     path
         The log. Renamed ones are `path.1`, the newest, to `path.KEPT`.
-    most_bytes
+    max_bytes
         Size at which it is renamed.
     file_count
         Number of renamed logs that are kept; at least 1.
@@ -34,7 +34,7 @@ def rotate_log(path: Path, most_bytes: int = MOST_BYTES, file_count: int = KEPT)
     """
     try:
         status = path.stat()
-        if status.st_size < most_bytes:
+        if status.st_size < max_bytes:
             return False
         new_file = path.with_name(f".{path.name}.new")
         flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_APPEND | os.O_CLOEXEC

@@ -28,7 +28,7 @@ from farm.config import (
 from farm.errors import FleetFileError
 
 LARGEST_FILE_BYTES = 512 * 1024  # enough for a thousand printers
-MOST_VALUES = 100_000
+MAX_VALUES = 100_000
 """Keys and values, with aliases (`*name`) expanded: a few lines can expand to billions."""
 
 _MUST_BE = {
@@ -221,8 +221,8 @@ def _parse(path: Path, text: str) -> tuple[_Document, Any]:
     try:
         loader = _Loader(text)
         document = _Document(path, loader.get_single_node())
-        if document.count_values() > MOST_VALUES:
-            raise FleetFileError(f"{path}: expands to more than {MOST_VALUES} values: use fewer aliases")
+        if document.count_values() > MAX_VALUES:
+            raise FleetFileError(f"{path}: expands to more than {MAX_VALUES} values: use fewer aliases")
         duplicate = document.find_duplicate()
         raw = None if document.node is None else loader.construct_document(document.node)
     except yaml.YAMLError as error:

@@ -23,14 +23,14 @@ class CacheEntry:
     used_s: float
 
 
-def find_least_used(entries: Iterable[CacheEntry], most_bytes: int) -> list[str]:
+def find_least_recently_used(entries: Iterable[CacheEntry], max_bytes: int) -> list[str]:
     """Choose the entries to remove, the least recently used first.
 
     Parameters
     ----------
     entries
         All entries of a cache.
-    most_bytes
+    max_bytes
         Greatest total size of the entries that are kept.
 
     Returns
@@ -39,7 +39,7 @@ def find_least_used(entries: Iterable[CacheEntry], most_bytes: int) -> list[str]
         Names of the entries to remove.
     """
     by_use = sorted(entries, key=lambda entry: (entry.used_s, entry.name))
-    excess = sum(entry.size_bytes for entry in by_use) - most_bytes
+    excess = sum(entry.size_bytes for entry in by_use) - max_bytes
     names = []
     for entry in by_use:
         if excess <= 0:
@@ -49,14 +49,14 @@ def find_least_used(entries: Iterable[CacheEntry], most_bytes: int) -> list[str]
     return names
 
 
-def trim_cache(folder: Path, most_bytes: int = CACHE_BYTES) -> None:
+def trim_cache(folder: Path, max_bytes: int = CACHE_BYTES) -> None:
     """Remove the least recently used slices until the rest fits; files that cannot be removed are kept.
 
     Parameters
     ----------
     folder
         Folder of the cache; other files in it are not touched.
-    most_bytes
+    max_bytes
         Greatest total size of its entries.
 
     A process that is about to read a removed entry slices the part again.
@@ -74,7 +74,7 @@ def trim_cache(folder: Path, most_bytes: int = CACHE_BYTES) -> None:
             entry = entries.get(name, CacheEntry(name, 0, 0.0))
             used_s = max(entry.used_s, facts.st_mtime)
             entries[name] = CacheEntry(name, entry.size_bytes + facts.st_size, used_s)
-    for name in find_least_used(entries.values(), most_bytes):
+    for name in find_least_recently_used(entries.values(), max_bytes):
         for path in files[name]:
             with contextlib.suppress(OSError):
                 path.unlink()

@@ -16,7 +16,7 @@ from decompose.geometry import Solid
 from decompose.pieces import CutSolid, Joint
 
 SAME_AXIS = 1e-4  # sine of the angle between two directions that count as one
-MOST_AXES = 9
+MAX_AXES = 9
 
 
 def find_axes(pieces: Sequence[CutSolid], joints: Sequence[Joint]) -> Floats:
@@ -28,7 +28,7 @@ def find_axes(pieces: Sequence[CutSolid], joints: Sequence[Joint]) -> Floats:
     axes: list[Floats] = []
     normals = [face.normal for face in faces] + [plane[:3] for piece in pieces for plane in piece.planes]
     for normal in normals:
-        if len(axes) < MOST_AXES and _is_new(normal, axes):
+        if len(axes) < MAX_AXES and _is_new(normal, axes):
             axes.append(normal)
     first = axes[0] if axes else np.array([0.0, 0.0, 1.0])
     frame_axes = [first, *_complete_frame(first, axes)]

@@ -89,7 +89,7 @@ def _describe_step(
     number: int, step: AssemblyStep, decomposition: Decomposition, picture: bytes
 ) -> dict[str, Any]:
     joints = [decomposition.joints[joint] for joint in step.joints]
-    least_mm2 = decomposition.options.min_glue_mm2
+    min_mm2 = decomposition.options.min_glue_mm2
     rest = ", ".join(_name_parts(decomposition, step.rests_on))
     return {
         "number": number,
@@ -107,7 +107,7 @@ def _describe_step(
             {
                 "name": "-".join(short_label(decomposition.parts[part].id) for part in (joint.a, joint.b)),
                 "area": f"{joint.area_mm2:,.0f}",
-                "weak": "" if joint.holds(least_mm2) else "holds nothing by itself",
+                "weak": "" if joint.holds(min_mm2) else "holds nothing by itself",
             }
             for joint in joints
         ],

@@ -16,7 +16,7 @@ from decompose.files.triangle_limit import (
     is_binary_stl,
 )
 
-MOST_CORNERS = 10_000  # greatest number in one face: more triangles about one corner take hours to repair
+MAX_CORNERS = 10_000  # greatest number in one face: more triangles about one corner take hours to repair
 LONGEST_PLY_HEADER_BYTES = HEAD_BYTES
 
 _COMMENTS = (b"#", b"comment")
@@ -52,14 +52,14 @@ def check_limits(name: str, data: bytes, suffix: str, memory_bytes: int | None) 
     if memory_bytes is not None:
         check_triangles(name, triangles, memory_bytes)
     if suffix == ".ply" and _PLY_BINARY.search(data, 0, LONGEST_PLY_HEADER_BYTES):
-        if triangles and len(data) > triangles * MOST_CORNERS * _CORNER_BYTES:
+        if triangles and len(data) > triangles * MAX_CORNERS * _CORNER_BYTES:
             raise ModelUnreadable(
                 f"{name}: has {triangles} faces in {len(data) / 1e6:.0f} MB: faces of too many corners, or a "
                 "cloud of points; export it with triangles"
             )
-    elif suffix != ".stl" and (corners := _count_corners(data)) > MOST_CORNERS:
+    elif suffix != ".stl" and (corners := _count_corners(data)) > MAX_CORNERS:
         raise ModelUnreadable(
-            f"{name}: has a face of {corners} corners (limit {MOST_CORNERS}); export it with triangles"
+            f"{name}: has a face of {corners} corners (limit {MAX_CORNERS}); export it with triangles"
         )
 
 
@@ -74,11 +74,11 @@ def count_triangles(data: bytes, suffix: str) -> int:
 
 
 def _count_corners(data: bytes) -> int:
-    """Count the corners of the largest face of a text file; 0 where each has at most `MOST_CORNERS`."""
+    """Count the corners of the largest face of a text file; 0 where each has at most `MAX_CORNERS`."""
     if b"\\" in data:
         data = _CONTINUED.sub(b" ", data)
     ends = np.flatnonzero(np.frombuffer(data, np.uint8) == ord("\n"))
     begins, ends = np.append(0, ends + 1), np.append(ends, len(data))
-    is_long = ends - begins > 2 * MOST_CORNERS  # a digit and a blank
+    is_long = ends - begins > 2 * MAX_CORNERS  # a digit and a blank
     lines = (data[begin:end].split() for begin, end in zip(begins[is_long], ends[is_long], strict=True))
     return max((len(words) - 1 for words in lines if words and not words[0].startswith(_COMMENTS)), default=0)

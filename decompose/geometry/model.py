@@ -28,7 +28,7 @@ from decompose.files.triangle_limit import (
     STL_HEADER_BYTES,
     header_face_count,
     is_binary_stl,
-    most_triangles,
+    max_triangles,
 )
 from decompose.geometry.file_limits import check_limits
 from decompose.geometry.repair import Report, close_surface
@@ -171,7 +171,7 @@ def _read(
         raise ModelUnreadable(f"{name}: not a known kind of model; export it as one of {formats}")
     if not data:
         raise ModelEmpty(f"{name}: the file is empty; export the model again")
-    most = None if memory_bytes is None else most_triangles(memory_bytes)
+    most = None if memory_bytes is None else max_triangles(memory_bytes)
     match suffix:
         case ".3mf":
             return read_3mf(name, data, most)

@@ -21,7 +21,7 @@ from decompose.errors import ModelEmpty, ModelTooDetailed, ModelUnreadable
 CHORD_MM = 0.01  # greatest distance between a curved face and its triangles
 CHORD_RAD = 0.2  # greatest angle between neighbouring triangles of a curved face
 LONGEST_S = 300.0
-MOST_GLB_BYTES = 2**31
+MAX_GLB_BYTES = 2**31
 
 _BEGIN, _END = b"ISO-10303-21;", b"END-ISO-10303-21;"
 _EDGE_BYTES = 1024  # within which these stand
@@ -38,7 +38,7 @@ sys.exit(cascadio.step_to_glb(sys.argv[1], sys.argv[2], float(sys.argv[3]), floa
 """
 
 
-def read_step(name: str, data: bytes, most_triangles: int | None = None) -> Floats:
+def read_step(name: str, data: bytes, max_triangles: int | None = None) -> Floats:
     """Read the solids of a STEP file, in the unit that it gives.
 
     Parameters
@@ -47,7 +47,7 @@ def read_step(name: str, data: bytes, most_triangles: int | None = None) -> Floa
         Name of the file, for messages.
     data
         Content of the file.
-    most_triangles
+    max_triangles
         Number of triangles that fit the memory; None for any.
 
     Returns
@@ -67,18 +67,18 @@ def read_step(name: str, data: bytes, most_triangles: int | None = None) -> Floa
         )
     with tempfile.TemporaryDirectory(prefix="farm-step-") as folder:
         glb = _convert(name, data, Path(folder))
-        most_bytes = _GLB_HEAD_BYTES + _FACE_BYTES * (most_triangles or MOST_GLB_BYTES)
-        if glb.stat().st_size > most_bytes:
+        max_bytes = _GLB_HEAD_BYTES + _FACE_BYTES * (max_triangles or MAX_GLB_BYTES)
+        if glb.stat().st_size > max_bytes:
             raise ModelTooDetailed(f"{name}: has more triangles than the memory suffices for: simplify it")
         with np.errstate(all="ignore"):  # coordinates are checked by the caller
             loaded: Any = trimesh.load(glb, process=False, force="mesh")
             triangles = np.array(loaded.triangles, dtype=np.float64) * _MM
     if triangles.size == 0:
         raise ModelEmpty(f"{name}: holds no surface; export the solid again")
-    if most_triangles is not None and len(triangles) > most_triangles:
+    if max_triangles is not None and len(triangles) > max_triangles:
         raise ModelTooDetailed(
             f"{name}: has {len(triangles) / 1e6:.1f} million triangles, and the memory suffices for "
-            f"{most_triangles / 1e6:.1f} million: simplify it"
+            f"{max_triangles / 1e6:.1f} million: simplify it"
         )
     return triangles
 
@@ -87,7 +87,7 @@ def _convert(name: str, data: bytes, folder: Path) -> Path:
     """Convert a STEP file to a GLB in a folder. Raises ModelUnreadable if that fails."""
     step, glb = folder / "model.step", folder / "model.glb"
     step.write_bytes(data)
-    values = (str(step), str(glb), str(CHORD_MM), str(CHORD_RAD), str(MOST_GLB_BYTES))
+    values = (str(step), str(glb), str(CHORD_MM), str(CHORD_RAD), str(MAX_GLB_BYTES))
     try:
         process = subprocess.run(
             [sys.executable, "-c", _CONVERT, *values],

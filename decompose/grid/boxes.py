@@ -119,7 +119,7 @@ def _cut_areas(cuts: tuple[Floats, Floats, Floats], box: Box, areas: Floats) -> 
 
 
 @jit
-def _least_price(prices: Prices, rooms: Floats, sums: Floats, ends_mm: Floats, areas: Floats) -> float:
+def _min_price(prices: Prices, rooms: Floats, sums: Floats, ends_mm: Floats, areas: Floats) -> float:
     """Price a box in the best axis pose that fits all rooms, in seconds; +inf where none does.
 
     rooms: (rooms, boxes, 3) in mm. sums: (SUMS,) over its cells, see `grid.clipping`. ends_mm: (12,); 0-5 are
@@ -249,7 +249,7 @@ def _price_column(
             priced.trimmed[box] = index_of(least, shape)
             if priced.trimmed[box] == box:
                 priced.cut_mm2[box] = _cut_areas(pricing.cuts, sides, areas)
-                priced.seconds[box] = _least_price(pricing.prices, pricing.rooms, s, e, areas)
+                priced.seconds[box] = _min_price(pricing.prices, pricing.rooms, s, e, areas)
 
 
 def room_array(printers: Sequence[PrinterRoom]) -> Floats:

@@ -18,7 +18,7 @@ MAX_FINER = 4
 
 
 def refine_cells(
-    grid: Grid, triangles: Floats, min_wall_mm: float, keep_interior: bool, most_cells: int
+    grid: Grid, triangles: Floats, min_wall_mm: float, keep_interior: bool, max_cells: int
 ) -> NeededCells:
     """Find the needed part of a grid's needed cells, each of them divided.
 
@@ -32,10 +32,10 @@ def refine_cells(
         Cells nearer than this to the surface are needed.
     keep_interior
         Every internal cell is needed.
-    most_cells
+    max_cells
         Greatest number of cells in total, unless the grid itself has more.
     """
-    times = max(1, min(MAX_FINER, int((most_cells / grid.needed.size) ** (1.0 / 3.0))))
+    times = max(1, min(MAX_FINER, int((max_cells / grid.needed.size) ** (1.0 / 3.0))))
     px, py, pz = (divide_planes(planes, times) for planes in grid.planes)
     fine = fill_grid(triangles, (px, py, pz), GridRules(min_wall_mm, True, 1.0, 1.0))
     needed = fine.cells != Cell.EXTERNAL

@@ -49,7 +49,7 @@ class CostModel:
     slope_s_mm2: float
     overhang_s_mm3: float
     brim_s_mm2: float
-    least_s_mm: float  # the least time of the layers in a mm of height
+    min_s_mm: float  # the least time of the layers in a mm of height
     brim_mm: float
     supported_deg: float = 45.0  # faces that lean out further from the vertical get support
     skin_cos: float = 0.7  # faces with a larger |n| get skin
@@ -81,7 +81,7 @@ class CostModel:
             slope_s_mm2=seconds["slope_mm2"],
             overhang_s_mm3=seconds["column_mm3"],
             brim_s_mm2=seconds["brim_mm2"],
-            least_s_mm=recipe.least_layer_s / recipe.layer_height_mm,
+            min_s_mm=recipe.min_layer_s / recipe.layer_height_mm,
             brim_mm=recipe.brim_mm,
             supported_deg=recipe.supported_deg,
             shrinkage=recipe.shrinkage,
@@ -139,7 +139,7 @@ def price(prices: Prices, additive: Additive, extents_mm: Extents) -> float:
     ring = prices["brim_mm"] * (2.0 * (width + depth) + np.pi * prices["brim_mm"])
     inset = min(prices["inset_s_mm"] * height, MAX_INSET_SHARE * prices["lateral_s_mm2"] * lateral)
     lines = prices["volume_s_mm3"] * volume + prices["lateral_s_mm2"] * lateral - inset
-    body = max(lines, prices["least_s_mm"] * height)
+    body = max(lines, prices["min_s_mm"] * height)
     flat = max(0.0, prices["skin_s_mm2"] * skin - prices["skin_rim_s_mm"] * np.sqrt(skin))
     seconds: float = (
         prices["fixed_s"]

@@ -65,17 +65,17 @@ def find_best_pose(
         return None
     features, extents = pose_features(vertices, faces, rotations, cost, hull)
     thinnest = replace(cost, brim_mm=0.0) if fit_first_layer else cost
-    least_s = [thinnest.price_s([*f[:COLUMN], 0.0], e) for f, e in zip(features, extents, strict=True)]
-    most_s = [cost.price_s(f, e) for f, e in zip(features, extents, strict=True)]
+    min_s = [thinnest.price_s([*f[:COLUMN], 0.0], e) for f, e in zip(features, extents, strict=True)]
+    max_s = [cost.price_s(f, e) for f, e in zip(features, extents, strict=True)]
     mesh = PartMesh(vertices, faces, cut)
     best: Pose | None = None
     measured = 0
-    for i in np.argsort(most_s, kind="stable"):
+    for i in np.argsort(max_s, kind="stable"):
         if best is not None and best.rank[:3] == (0, 0.0, 0.0):
-            if least_s[i] >= best.price_s or measured >= MAX_MEASURED:
+            if min_s[i] >= best.price_s or measured >= MAX_MEASURED:
                 continue
             support_s = _support_s(vertices, faces, hull, rotations[i], cost)
-            if least_s[i] + CERTAIN_SHARE * support_s >= best.price_s:
+            if min_s[i] + CERTAIN_SHARE * support_s >= best.price_s:
                 continue
         pose = measure_from_features(mesh, rotations[i], features[i], cost, fit_first_layer)
         measured += 1

@@ -17,7 +17,7 @@ from decompose.print_time.recipe import ADDITIVE
 POSES = 6
 
 SLABS = 32  # equal slabs of the height; all layers in one are taken as equal
-SLOWED_AT_MOST = 4.0  # times: walls of 40 to 50 mm/s are not printed at less than 10
+MAX_SLOWDOWN = 4.0  # times: walls of 40 to 50 mm/s are not printed at less than 10
 
 
 def pose_axes(pose: int) -> tuple[int, int, int]:
@@ -142,9 +142,9 @@ def short_layers_s(triangles: Floats, cost: CostModel) -> float:
     walls_s = cost.lateral_s_mm2 * lateral_mm2
     inset_s = np.minimum(cost.inset_s_mm * slab_mm, MAX_INSET_SHARE * walls_s)
     lines_s = cost.volume_s_mm3 * slab_mm * section_mm2 + walls_s - inset_s
-    least_s = np.minimum(cost.least_s_mm * slab_mm, SLOWED_AT_MOST * lines_s)
-    known_s = max(0.0, cost.least_s_mm * height_mm - float(lines_s.sum()))
-    return max(0.0, float(np.maximum(0.0, least_s - lines_s).sum()) - known_s)
+    min_s = np.minimum(cost.min_s_mm * slab_mm, MAX_SLOWDOWN * lines_s)
+    known_s = max(0.0, cost.min_s_mm * height_mm - float(lines_s.sum()))
+    return max(0.0, float(np.maximum(0.0, min_s - lines_s).sum()) - known_s)
 
 
 @jit

@@ -100,7 +100,7 @@ class Recipe:
     speeding_layers: int = 2  # number of layers over which the speed rises to that of the others
     travel_mm_s: float = 150.0
     acceleration_mm_s2: float = 3000.0
-    least_layer_s: float = 5.0  # the slicer slows down shorter layers to this time
+    min_layer_s: float = 5.0  # the slicer slows down shorter layers to this time
     shrinkage: float = 0.007  # of the material, a share of its length, which makes parts warp
     prelude_s: float = 0.0  # heating, homing, start and end code, once for each part
 

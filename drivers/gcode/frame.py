@@ -12,7 +12,7 @@ from collections.abc import Iterable
 
 LINE_BYTES = 94
 """The longest line, without its newline (docs/explanation/ultimaker2-serial.md, section 1.5)."""
-_MOST = LINE_BYTES - len(b"255")
+_MAX_BYTES = LINE_BYTES - len(b"255")
 
 _CHECKSUMS = {b"%0*d" % (width, total): total for total in range(128) for width in range(7)} | {b"": 0}
 """Maps up to 6 decimals, in ASCII, to the checksum that the firmware would read."""
@@ -54,7 +54,7 @@ def add_frame(number: int, command: bytes) -> bytes:
     dot = line.find(b".")
     while dot >= 0:
         end = line.find(b" ", dot)  # of the last word -1, at the star
-        if _CHECKSUMS.get(line[dot + 1 : end]) == totals[dot - 1] and len(line) < _MOST:
+        if _CHECKSUMS.get(line[dot + 1 : end]) == totals[dot - 1] and len(line) < _MAX_BYTES:
             word = line.rindex(b" ", 0, dot)
             line = line[:word] + b" " + line[word:]
             totals = running_checksums(line)

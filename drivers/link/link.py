@@ -9,7 +9,7 @@ from drivers.firmware import Firmware
 from drivers.link import replies
 from drivers.link.opening import Opening, OpeningLine, Phase
 from drivers.link.outbox import Outbox, Source
-from drivers.link.recovery import MOST_QUERIES, NOISE_LINES, NOISE_REPAIRS, Action, Place, Recovery
+from drivers.link.recovery import MAX_QUERIES, NOISE_LINES, NOISE_REPAIRS, Action, Place, Recovery
 from drivers.link.replies import Connected, Event, Events, LinkFault, OtherLine
 
 SILENT = "the board does not answer"
@@ -328,7 +328,7 @@ class Link:
 
     def _query_again(self, now_s: float, events: list[Event]) -> None:
         """Query again, or give up, after too long without a readable answer."""
-        if self._recovery.queries >= MOST_QUERIES:
+        if self._recovery.queries >= MAX_QUERIES:
             self._give_up(Fault.NO_ANSWER, SILENT, events)
         elif self._recovery.wanted >= 0 and self._recovery.queries >= 2:
             # It answers no queries: believe its Resend.
@@ -342,13 +342,13 @@ class Link:
         self._recovery.note_query(self._make_place, now_s)
         self._out += self._firmware.last_line_query
         wait_s = self._silence_s * 2**self._recovery.queries
-        if self._recovery.queries == MOST_QUERIES:
+        if self._recovery.queries == MAX_QUERIES:
             wait_s = max(self._outbox.patience_s, 5 * self._floor_s) - (wait_s - self._silence_s)
         self._due_s = now_s + wait_s
 
     def _schedule_query(self, now_s: float) -> None:
         """Schedule a query soon, if a line is in flight and the board has room for a query."""
-        if self._waiting and self._recovery.queries < MOST_QUERIES:
+        if self._waiting and self._recovery.queries < MAX_QUERIES:
             self._due_s = min(self._due_s, now_s + self._hint_s)
 
     @property

@@ -15,7 +15,7 @@ from drivers.firmware import Firmware
 CONFIRMATIONS = 3  # the board executes a line between two answers, and buffers two at most
 NOISE_REPAIRS, NOISE_LINES = 10, 200  # 5 %
 TRIES = 4
-MOST_QUERIES = 4  # more may not fit into the board's receive buffer behind a line
+MAX_QUERIES = 4  # more may not fit into the board's receive buffer behind a line
 
 
 class Place(NamedTuple):
@@ -80,7 +80,7 @@ class Recovery:
         self.queries = self.confirmations = 0
         self.wanted = -1
         self.sent_s = self.busy_s = self._queried_s = -math.inf
-        self._unanswered: deque[Place] = deque(maxlen=2 * MOST_QUERIES)  # not answered yet
+        self._unanswered: deque[Place] = deque(maxlen=2 * MAX_QUERIES)  # not answered yet
         self._unconfirmed_line = -1  # a last line that was reported once,
         self._contradictions = 0  # and how often that number changed
         self._repairs: deque[int] = deque(maxlen=NOISE_REPAIRS)

@@ -16,7 +16,7 @@ from drivers.records.journal_state import JournalState
 log = logging.getLogger(__name__)
 
 JOURNAL = "journal.jsonl"  # in an agent's folder
-MOST_BYTES = 2 * 2**20
+MAX_BYTES = 2 * 2**20
 """Size above which a journal is shortened; its recent prints take up to 0.8 MB."""
 ESTOPPED = "stopped by `farm estop`"  # reason for attention after an emergency stop
 
@@ -87,7 +87,7 @@ class Journal:
         self._length += len(line)
         self.state.apply(record)
 
-    def shorten(self, most_bytes: int = MOST_BYTES) -> bool:
+    def shorten(self, max_bytes: int = MAX_BYTES) -> bool:
         """Replace a long journal by the fewest records that restore its state; keep the old one once.
 
         Called while nothing prints. After an error the old journal continues to be used.
@@ -97,7 +97,7 @@ class Journal:
         bool
             True if it was replaced.
         """
-        if self._length <= most_bytes:
+        if self._length <= max_bytes:
             return False
         short, old = (self._path.with_name(self._path.name + suffix) for suffix in (".new", ".1"))
         data = b"".join(json.dumps(record).encode() + b"\n" for record in self.state.records())

@@ -153,7 +153,7 @@ class _Heater:
         self._set_c = set_c
         self._reached = False
         self._since_s = math.nan  # time of the first report since then
-        self._least_distance_c, self._progress_s = math.inf, math.nan
+        self._min_distance_c, self._progress_s = math.inf, math.nan
         self._off_target_since_s = math.inf  # time since which it is away from the target
         self._hottest_c = -math.inf  # since it was switched off
         self._coolest_c = math.inf  # since it was seen to cool
@@ -187,8 +187,8 @@ class _Heater:
 
     def _check_approach(self, now_c: float, now_s: float) -> Finding | None:
         distance_c = abs(now_c - self._set_c)
-        if distance_c < self._least_distance_c - PROGRESS_C:
-            self._least_distance_c, self._progress_s = distance_c, now_s
+        if distance_c < self._min_distance_c - PROGRESS_C:
+            self._min_distance_c, self._progress_s = distance_c, now_s
         elif now_s - self._progress_s > max(self._rule.stall_s, self._patience_s):
             if now_c > self._set_c:
                 return self._finding(Fault.HEATER_STUCK_ON, f"stays at {now_c:g} C, above {self._set_c:g}")

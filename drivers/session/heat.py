@@ -18,7 +18,7 @@ from drivers.session.context import Answer, PrintEnded, Script, SessionContext
 
 OFF_S = 120.0  # longer than the heater watch waits for a heater to cool
 OFF_WITHOUT_MAINS_S = 60.0  # after the request to cut the mains: a reset does not help then
-OFF_LEAST_S = 10.0  # for a heater to cool after a reset, even after such a request
+MIN_OFF_S = 10.0  # for a heater to cool after a reset, even after such a request
 BED_BAND_C = 0.5
 NOZZLE_BAND_C, NOZZLE_HOLD_S = 2.0, 3.0  # as M109: time near the target
 HEAT_LIMIT_S = {HeaterName.NOZZLE: 900.0, HeaterName.BED: 2400.0}
@@ -79,9 +79,9 @@ def confirm_off(context: SessionContext) -> Answer:
     context.watch.restart()
     context.link.poll_every_s = context.pace.heating_s
     context.link.poll(context.now_s)
-    least_s = context.by_s(OFF_LEAST_S)
+    min_s = context.by_s(MIN_OFF_S)
     while context.now_s < limit_s:
-        limit_s = min(limit_s, max(least_s, context.power_off_requested_s + OFF_WITHOUT_MAINS_S))
+        limit_s = min(limit_s, max(min_s, context.power_off_requested_s + OFF_WITHOUT_MAINS_S))
         received = yield from await_report(context, limit_s)
         if not received or context.report is None or not context.report.off:
             continue

@@ -21,7 +21,7 @@ from farm.cameras.image import CameraError as CameraError
 
 FETCH_S = 5.0
 """Wall seconds for a still, redirects included."""
-_MOST_REDIRECTS = 3
+_MAX_REDIRECTS = 3
 _MAGIC_BYTES = 8
 
 for _name in ("httpx", "httpcore"):  # they log addresses
@@ -62,7 +62,7 @@ async def _fetch(url: httpx.URL) -> Image:
     url = url.copy_with(username=None, password=None)
     addresses = await _look_up(url)
     async with httpx.AsyncClient(trust_env=False, timeout=None, verify=_load_authorities()) as client:
-        for _ in range(_MOST_REDIRECTS + 2):
+        for _ in range(_MAX_REDIRECTS + 2):
             response = await _send(client, url, addresses, authentication)
             try:
                 if response.status_code == 401 and user and authentication is None:

@@ -9,7 +9,7 @@ import struct
 from dataclasses import dataclass
 
 LARGEST_IMAGE_BYTES = 5_000_000
-MOST_PIXELS = 50_000_000
+MAX_PIXELS = 50_000_000
 """Limit on width times height: a viewer needs memory for all of them, whatever the file's size."""
 _PNG, _JPEG = b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff"
 _PNG_SIZE = struct.Struct(">II")  # in the first chunk, IHDR
@@ -19,7 +19,7 @@ _FRAME_SIZE = struct.Struct(">HH")  # JPEG: height, width
 _FRAME_SIZE_AT = 5  # after marker, length, and bits of a sample
 _FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}  # markers that begin a frame
 _SCAN, _PADDING = 0xDA, 0xFF
-_MOST_SEGMENTS = 500  # before the frame; a long list would keep the daemon busy
+_MAX_SEGMENTS = 500  # before the frame; a long list would keep the daemon busy
 
 
 class CameraError(Exception):
@@ -63,9 +63,9 @@ def read_image(content: bytes) -> Image:
         size = _PNG_SIZE.unpack_from(content, _PNG_SIZE_AT) if png else _read_jpeg_size(content)
     except struct.error:
         raise NoImage("its still is cut off") from None
-    if not 0 < size[0] * size[1] <= MOST_PIXELS:
+    if not 0 < size[0] * size[1] <= MAX_PIXELS:
         raise NoImage(
-            f"its still has {size[0]} x {size[1]} pixels; {MOST_PIXELS / 1e6:g} million at most: "
+            f"its still has {size[0]} x {size[1]} pixels; {MAX_PIXELS / 1e6:g} million at most: "
             "lower its resolution"
         )
     return Image(content, "image/png", ".png") if png else Image(content, "image/jpeg", ".jpg")
@@ -74,7 +74,7 @@ def read_image(content: bytes) -> Image:
 def _read_jpeg_size(content: bytes) -> tuple[int, int]:
     """Read width and height of a JPEG. Raises struct.error if it ends before them, NoImage."""
     at = 2
-    for _ in range(_MOST_SEGMENTS):
+    for _ in range(_MAX_SEGMENTS):
         start, marker, length = _SEGMENT.unpack_from(content, at)
         if start != _PADDING or marker == _SCAN:
             raise NoImage("its still is no valid JPEG")

@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 from farm.model import AgentSnapshot, Moment, PrintState
 from farm.state import Books
 
-LEAST_INTERVAL_S = 2.0
+MIN_INTERVAL_S = 2.0
 LARGEST_INTERVAL_S = 60.0
-SHOWN_S = LEAST_INTERVAL_S
+SHOWN_S = MIN_INTERVAL_S
 """Age up to which a still is shown again instead of a new one."""
 END_S = 60.0
 """Wall seconds after the end of a print in which its last still can be taken: a person may clear the bed."""
@@ -58,7 +58,7 @@ class CameraState:
         if self.begun_s is None:
             return 0.0
         doublings = min(self.failures, 10)
-        return self.begun_s + min(LARGEST_INTERVAL_S, LEAST_INTERVAL_S * 2.0**doublings)
+        return self.begun_s + min(LARGEST_INTERVAL_S, MIN_INTERVAL_S * 2.0**doublings)
 
 
 @dataclass(frozen=True, slots=True)

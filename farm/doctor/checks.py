@@ -13,13 +13,13 @@ from farm.state.retention import describe_shortage
 from farm.state.storage import SCHEMA_VERSION
 from farm.text import format_count
 
-LEAST_BYTES = 64 * 1024**2
+MIN_BYTES = 64 * 1024**2
 """Free bytes that the daemon needs to plan (`farm.planning.job_planner.ROOM_BYTES`)."""
 COMFORT_BYTES = 2 * 1024**3
 """Free bytes that suffice for the plans, slices and backups of a large job."""
 SHARED_MEMORY_BYTES = 16 * 1024**2
 _FIRST_YEAR = 2024  # a host without a real-time clock starts in 1970
-_MOST_SHOWN = 5
+_MAX_SHOWN = 5
 
 
 def check_installation(facts: Facts) -> list[Finding]:
@@ -94,9 +94,9 @@ def check_books(facts: Facts) -> Iterator[Finding]:
         return
     problems = validate_books(books.books)
     action = "report this with the database; `farm history` shows what was printed"
-    yield from (problem("database", text, action) for text in problems[:_MOST_SHOWN])
-    if len(problems) > _MOST_SHOWN:
-        yield problem("database", f"and {len(problems) - _MOST_SHOWN} more contradictions", action)
+    yield from (problem("database", text, action) for text in problems[:_MAX_SHOWN])
+    if len(problems) > _MAX_SHOWN:
+        yield problem("database", f"and {len(problems) - _MAX_SHOWN} more contradictions", action)
     if not problems:
         jobs, prints = (
             format_count(len(books.books.jobs), "job"),
@@ -116,9 +116,9 @@ def check_files(facts: Facts) -> Iterator[Finding]:
         ("is missing", files.missing),
         ("has changed since it was planned", files.changed),
     ):
-        yield from (problem("files", f"{name} {condition}", action) for name in names[:_MOST_SHOWN])
-        if len(names) > _MOST_SHOWN:
-            yield problem("files", f"and {len(names) - _MOST_SHOWN} more: each {condition}", action)
+        yield from (problem("files", f"{name} {condition}", action) for name in names[:_MAX_SHOWN])
+        if len(names) > _MAX_SHOWN:
+            yield problem("files", f"and {len(names) - _MAX_SHOWN} more: each {condition}", action)
     if not files.missing and not files.changed:
         yield passed("files", f"{format_count(files.checked, 'file')} of open jobs, as planned")
 
@@ -215,7 +215,7 @@ def check_room(facts: Facts) -> Iterator[Finding]:
             yield problem("room", f"{room.folder} cannot be written", "check its owner and its disk")
             continue
         text = f"{room.folder} has {room.free_bytes / 1024**2:.0f} MB free"
-        if room.free_bytes < LEAST_BYTES:
+        if room.free_bytes < MIN_BYTES:
             yield problem("room", f"{text}: too little to plan, or to write the database", "free some space")
         elif room.free_bytes < COMFORT_BYTES:
             yield warning("room", f"{text}: a large job may not fit", "free some space")

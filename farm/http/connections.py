@@ -22,10 +22,10 @@ import uvicorn
 log = logging.getLogger(__name__)
 
 REQUEST_S = 10.0  # wall seconds for the head of a request, between two chunks of its body, and for reading
-MOST_CONNECTIONS = 64
-_LEAST_CONNECTIONS = 4
+MAX_CONNECTIONS = 64
+_MIN_CONNECTIONS = 4
 _RESERVED_DESCRIPTORS = 32  # for database, socket, timers, log, and starting an agent
-_MOST_HANDSHAKES = 64
+_MAX_HANDSHAKES = 64
 _EACH_PRINTER, _EACH_WORKER, _EACH_CONNECTION = 3, 3, 2  # descriptors; an upload has a file too
 _SWEEP_S = 1.0
 _WAIT_S = 0.1
@@ -54,7 +54,7 @@ def connection_limit(descriptors: int, printers: int, workers: int) -> int:
         Number of printers, and of workers.
     """
     reserved = _RESERVED_DESCRIPTORS + _EACH_PRINTER * printers + _EACH_WORKER * workers
-    return max(_LEAST_CONNECTIONS, min(MOST_CONNECTIONS, (descriptors - reserved) // _EACH_CONNECTION))
+    return max(_MIN_CONNECTIONS, min(MAX_CONNECTIONS, (descriptors - reserved) // _EACH_CONNECTION))
 
 
 def descriptor_limit() -> int:
@@ -203,7 +203,7 @@ class BoundedServer(uvicorn.Server):
         connection
             The new connection.
         """
-        return next(iter(handshakes)) if len(handshakes) >= _MOST_HANDSHAKES else None
+        return next(iter(handshakes)) if len(handshakes) >= _MAX_HANDSHAKES else None
 
     async def _connect(self, connection: socket.socket) -> None:
         loop, tls = asyncio.get_running_loop(), self.config.ssl

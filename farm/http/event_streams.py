@@ -11,7 +11,7 @@ from typing import Protocol
 from farm.errors import Refused
 from farm.state.event_rows import EventRow
 
-_MOST_OF_ONE = 4
+_MAX_STREAMS_PER_CALLER = 4
 _BATCH = 20  # events read at once: each may have megabytes
 _HEARTBEATS = 30  # polls without an event, after which a client is shown that the stream is alive
 
@@ -64,7 +64,7 @@ class EventStreams:
         """Raise Refused if a caller may not open another stream."""
         if self._closing.is_set():
             raise Refused("the daemon is ending")
-        if self._callers.total() >= self._most or self._callers[caller] >= _MOST_OF_ONE:
+        if self._callers.total() >= self._most or self._callers[caller] >= _MAX_STREAMS_PER_CALLER:
             raise Refused(f"too many event streams are open ({self._callers[caller]} of {caller}): end one")
 
     @contextmanager

@@ -14,7 +14,7 @@ from farm.planning.plan import Plan, SlicedJob
 from farm.planning.plate_times import prelude_seconds
 from farm.state.storage import store_file
 
-MOST_WARNINGS = 3
+MAX_WARNINGS = 3
 """Largest number of warnings of a plate about walls too thin to print, the largest walls first."""
 MAY_FALL = "stands on too little in every pose that fits: watch it while it prints, or give it a wider brim"
 
@@ -74,7 +74,7 @@ def book_plate(names: PlateNames, sliced: SlicedPart, time_factor: float, files:
         printer=section.name,
         time_factor=time_factor,
         cached=result.cached,
-        warnings=(*falls, *map(str, result.unprinted[:MOST_WARNINGS])),
+        warnings=(*falls, *map(str, result.unprinted[:MAX_WARNINGS])),
     )
 
 

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 
-_MOST_RELEVELS = 2  # after the first, the times of the parts are accurate
+_MAX_RELEVELS = 2  # after the first, the times of the parts are accurate
 _POLL_S = 0.5  # wall seconds between two readings of the progress of a decomposition
 
 
@@ -115,7 +115,7 @@ class PlanBuilder:
     async def _relevel(self, sliced: SlicedJob) -> SlicedJob:
         """Move the cuts as long as this shortens the slowest part, by its slice."""
         job = sliced.task.job
-        for _ in range(_MOST_RELEVELS):
+        for _ in range(_MAX_RELEVELS):
             if not sliced.should_relevel():
                 break
             self._on_progress(PlanProgress(step=PlanStep.LEVELLING))

@@ -17,7 +17,7 @@ from farm.scheduling.situation import Situation
 from farm.scheduling.situation_builder import job_requirements
 from farm.state import Books
 
-MOST_LONG = 2
+MAX_LONG_JOBS = 2
 """Largest number of jobs that are planned at the same time, without quick ones."""
 QUICK_FACES = 200_000
 """Largest number of triangles of a model that is planned in seconds, if one printer can hold it."""
@@ -50,7 +50,7 @@ class JobRequest:
         Requirements on each printer.
     printers
         Number of printers that the user requested; None for all.
-    least_parts
+    min_parts
         Number of parts needed according to an earlier attempt; 0 if unknown.
     spares
         Number of free printers to leave idle, while it has at least one.
@@ -61,7 +61,7 @@ class JobRequest:
 
     requirements: Requirements
     printers: int | None = None
-    least_parts: int = 0
+    min_parts: int = 0
     spares: int = 0
     starts_later: bool = False
 
@@ -141,7 +141,7 @@ def choose_printers(request: JobRequest, availability: Availability) -> Begin | 
     reserved = availability.reserved | availability.reservations.keys()
     idle = [p for p in coming if p.obstacle() is None and p.name not in reserved]
     candidates = idle if idle and not request.starts_later else coming
-    number, least = request.limit(len(candidates)), request.least_parts
+    number, least = request.limit(len(candidates)), request.min_parts
     if least > number:
         most = request.limit(len(coming))
         if least > most:
@@ -231,12 +231,12 @@ class JobAdmission:
     """
 
     def __init__(self) -> None:
-        self._least_parts: dict[int, int] = {}
+        self._min_parts: dict[int, int] = {}
         self._planned: dict[int, frozenset[str]] = {}  # printers for which a job is being planned
 
     def require_parts(self, number: int, parts: int) -> None:
         """Store the number of parts that a job needs according to an attempt to plan it."""
-        self._least_parts[number] = parts
+        self._min_parts[number] = parts
 
     def begin(self, order: StartPlanning) -> None:
         """Store the printers for which a job is being planned."""
@@ -272,7 +272,7 @@ class JobAdmission:
                 long_jobs += [] if quick else [job.id]
                 continue
             decision: Begin | Hold | None = find_mismatch(job_requirements(job), situation.printers)
-            if decision is None and not quick and len(long_jobs) >= MOST_LONG:
+            if decision is None and not quick and len(long_jobs) >= MAX_LONG_JOBS:
                 first = join_names(f"job {number}" for number in long_jobs)
                 decision = Hold(code=HoldCode.NOT_FIRST, text=f"{first} are planned first")
             if decision is None:
@@ -290,7 +290,7 @@ class JobAdmission:
         return JobRequest(
             requirements=job_requirements(job),
             printers=job.options.printers if job.own_gcode is None else None,  # planning chooses one
-            least_parts=self._least_parts.get(job.id, 0),
+            min_parts=self._min_parts.get(job.id, 0),
             spares=job.options.spares,
             starts_later=job.options.hold or (job.not_before_s or 0.0) > now_s,
         )

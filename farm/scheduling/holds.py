@@ -144,7 +144,7 @@ def _find_hold(books: Books, job: Job, plate: Plate, unreported: str, now_s: flo
     return None
 
 
-_MOST_NAMES = 4  # most printers that a sentence names; further ones are counted
+_MAX_NAMES = 4  # most printers that a sentence names; further ones are counted
 
 
 class HoldReasons:
@@ -288,6 +288,6 @@ def _all_taken_hold() -> Hold:
 def join_names(names: Iterable[str]) -> str:
     """Join names for a sentence: a, b and c; of many, the rest are counted."""
     *rest, last = names
-    if len(rest) >= _MOST_NAMES:
-        rest, last = rest[: _MOST_NAMES - 1], f"{len(rest) - _MOST_NAMES + 2} more"
+    if len(rest) >= _MAX_NAMES:
+        rest, last = rest[: _MAX_NAMES - 1], f"{len(rest) - _MAX_NAMES + 2} more"
     return f"{', '.join(rest)} and {last}" if rest else last

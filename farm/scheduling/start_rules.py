@@ -16,7 +16,7 @@ from farm.text import format_duration, format_moment
 
 LATE = 1.05
 """Factor by which a print may take longer than expected."""
-GRAMS_SHARE, GRAMS_LEAST = 1.05, 5.0
+GRAMS_SHARE, MIN_GRAMS = 1.05, 5.0
 """Filament that a reel must have for a plate: a factor on its grams, and a minimum of additional grams."""
 FIRST_LAYER_S = 3600.0
 """Seconds of the attended hours reserved for first layers, which need supervision."""
@@ -270,7 +270,7 @@ class StartRules:
 
 def needed_grams(plate: WaitingPlate) -> float:
     """Return the grams that a reel must have for a plate, with the reserve."""
-    return max(plate.grams * GRAMS_SHARE, plate.grams + GRAMS_LEAST)
+    return max(plate.grams * GRAMS_SHARE, plate.grams + MIN_GRAMS)
 
 
 def short_of_filament(plate: WaitingPlate, printer: FleetPrinter, grams: float | None) -> Hold | None:

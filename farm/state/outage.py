@@ -8,7 +8,7 @@ from farm.model import Printer
 
 WINDOW_S = 10.0
 """Largest time between two losses with a common cause, in seconds."""
-_LEAST_WALL_S = 1.0
+_MIN_WALL_S = 1.0
 
 
 def outage_window_s(scale: float) -> float:
@@ -16,7 +16,7 @@ def outage_window_s(scale: float) -> float:
 
     It is at least the time that the host takes to report several losses one after another.
     """
-    return max(WINDOW_S, _LEAST_WALL_S * scale)
+    return max(WINDOW_S, _MIN_WALL_S * scale)
 
 
 def find_common_losses(name: str, printers: Iterable[Printer], window_s: float = WINDOW_S) -> tuple[str, ...]:

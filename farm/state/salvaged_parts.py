@@ -10,7 +10,7 @@ from farm.state.consequences import Result, request_cancel, update_job_state
 from farm.state.plate_state import PlateState
 from farm.state.reels import subtract_grams
 
-_LEAST_TIME_SHARE = 0.8  # least share of the expected time in which a plate can be printed
+_MIN_TIME_SHARE = 0.8  # least share of the expected time in which a plate can be printed
 _UNPRINTED = (PlateState.WAITING, PlateState.PRINTING, PlateState.OUT_OF_ATTEMPTS)
 
 
@@ -39,7 +39,7 @@ def possibly_whole_print(books: Books, printer: str) -> Print | None:
     if attempt.started_s is None or attempt.ended_s is None:
         return None
     plate = books.plates[attempt.plate]
-    soonest_s = _LEAST_TIME_SHARE * plate.sliced_s * books.printer(printer).time_factor
+    soonest_s = _MIN_TIME_SHARE * plate.sliced_s * books.printer(printer).time_factor
     if attempt.ended_s - attempt.started_s < soonest_s:
         return None
     is_missing = any(books.plate_state(plate) in _UNPRINTED for plate in attempted_plates(books, attempt))

@@ -46,7 +46,7 @@ from slicing.cache import trim_cache
 
 log = logging.getLogger(__name__)
 
-MOST_EVENTS = 500_000
+MAX_EVENTS = 500_000
 """Events that are kept at most, about 300 MB; a print has about ten."""
 THE_FARM = "the farm"
 _DRAWING = Limit("drawing the parts of an old job", 1800.0)  # a worker may first have to compile its code
@@ -155,11 +155,11 @@ class Upkeep:
         wall_s = time.time()
         released = {
             name
-            for names, least_age_s in self._list_deletions(files, changed_books)
+            for names, min_age_s in self._list_deletions(files, changed_books)
             for name in names
-            if wall_s - files[name].stored_s >= least_age_s
+            if wall_s - files[name].stored_s >= min_age_s
         }
-        last_old_event = self._store.find_last_old_event(now_s - self._rules.days * _DAY_S, MOST_EVENTS)
+        last_old_event = self._store.find_last_old_event(now_s - self._rules.days * _DAY_S, MAX_EVENTS)
         return api.Pruned(
             dry_run=True,
             jobs=[self._describe(books.jobs[number], files, books) for number in numbers],
@@ -189,7 +189,7 @@ class Upkeep:
     async def _compact_events(self, backup: Path) -> int:
         """Delete old events, a few at a time; returns how many. The audit of the kept days stays."""
         now_s = self._controller.clock.now()
-        last = self._store.find_last_old_event(now_s - self._rules.days * _DAY_S, MOST_EVENTS)
+        last = self._store.find_last_old_event(now_s - self._rules.days * _DAY_S, MAX_EVENTS)
         if not last:
             return 0
         self._controller.handle(ev.EventsCompacted(at_s=now_s, last=last, backup=backup.name))
@@ -240,8 +240,8 @@ class Upkeep:
             log.warning("job %d: its files are gone; it counts as pruned", number, extra={"job": number})
             controller.handle(ev.JobPruned(at_s=controller.clock.now(), job=number, by=THE_FARM))
         freed = 0
-        for names, least_age_s in self._list_deletions(files, controller.books):
-            freed += await asyncio.to_thread(delete_files, folder, names, time.time(), least_age_s)
+        for names, min_age_s in self._list_deletions(files, controller.books):
+            freed += await asyncio.to_thread(delete_files, folder, names, time.time(), min_age_s)
         await asyncio.to_thread(unlink_missing_files, self._state.jobs)
         return freed
 

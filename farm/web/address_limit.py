@@ -13,7 +13,7 @@ from farm.errors import Refused
 from farm.http import BoundedServer, WaitingConnection, find_longest_waiting
 
 _SHARE = 4  # of all connections one address may take a quarter
-_LEAST = 4
+_MIN_CONNECTIONS = 4
 _SITE_BITS = 64  # of an IPv6 address: one client may have all addresses that begin alike
 
 
@@ -59,7 +59,7 @@ class AddressLimitedServer(BoundedServer):
 
     def __init__(self, config: uvicorn.Config, limit: int) -> None:
         super().__init__(config, limit)
-        self._address_limit = max(_LEAST, limit // _SHARE)
+        self._address_limit = max(_MIN_CONNECTIONS, limit // _SHARE)
 
     async def make_room(self, connection: socket.socket) -> None:
         """Make room for a connection of its address, then of all. Raises Refused if it is to be closed."""

@@ -20,7 +20,7 @@ LONGEST_HEAD_BYTES = 16 * 1024
 WRONG_KEYS = 10
 """Wrong keys from one address after which it has to wait."""
 WAIT_S = 60.0
-_MOST_ADDRESSES = 1000
+_MAX_ADDRESSES = 1000
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,7 +122,7 @@ class WrongKeys:
         """Count a wrong key."""
         number, end_s = self._counts.pop(address, (0, 0.0))
         self._counts[address] = (number + 1 if now_s < end_s else 1, now_s + WAIT_S)
-        if len(self._counts) > _MOST_ADDRESSES:
+        if len(self._counts) > _MAX_ADDRESSES:
             del self._counts[next(iter(self._counts))]  # the address whose last wrong key is oldest
 
 

@@ -7,7 +7,7 @@ from collections import defaultdict
 
 CLIPS_MM = 10.0
 """[assumed] Height below which the head must keep off the bed's clips also on travels."""
-MOST_PRIMED_MM = 1.0
+MAX_PRIMED_MM = 1.0
 """Most filament that slicers feed at one place, beyond what was drawn back."""
 _NEGLIGIBLE_MM = 0.001
 
@@ -50,7 +50,7 @@ class Extent:
     def record_prime(self, fed_mm: float) -> None:
         """Record that retracted filament is pushed back at standstill, and `fed_mm` more."""
         self._pushes += 1
-        if fed_mm > MOST_PRIMED_MM:
+        if fed_mm > MAX_PRIMED_MM:
             self._jumped_mm += fed_mm
         elif fed_mm > _NEGLIGIBLE_MM:
             self._primes += 1

@@ -6,24 +6,24 @@ import math
 
 from slicing.own_gcode.clearance import Clearance
 from slicing.own_gcode.completeness import LayerGaps
-from slicing.own_gcode.extent import MOST_PRIMED_MM, Extent
+from slicing.own_gcode.extent import MAX_PRIMED_MM, Extent
 from slicing.own_gcode.objections import Objections
 from slicing.own_gcode.writer import Writer
 from slicing.printer import PrintCode
 
 RETRACTED_SLACK_MM = 0.5
 """Distance beyond the parked position at which the filament leaves the hot end."""
-MOST_PUSHED_MM = 200.0
+MAX_PUSHED_MM = 200.0
 """Most filament in one move: more than any slicer feeds, less than what the firmware drops."""
-LEAST_MM_S = 0.1
-MOST_SWALLOWED_MM = 0.3
+MIN_MM_S = 0.1
+MAX_SWALLOWED_MM = 0.3
 """Greatest retraction at which a line may begin: slicers push the filament back before."""
-MOST_SECTION = 4.0
+MAX_SECTION = 4.0
 """Greatest section of a line, over the nozzle's diameter squared: more than any slicer's."""
-MOST_JUMP_MM = MOST_PRIMED_MM
+MAX_JUMP_MM = MAX_PRIMED_MM
 """Filament that a move may feed beyond what was drawn back and what its line takes:
 where lines are missing from a file whose E continues, all of their filament comes in one move."""
-MOST_DROP_MM = 10.0
+MAX_DROP_MM = 10.0
 """Height by which the head is raised before it parks in a pause, or homes when cancelled."""
 TRAVEL_MM_S, LOWER_MM_S = 120.0, 20.0
 
@@ -73,7 +73,7 @@ class Head:
 
     def begin(self, retraction_mm_s: float) -> None:
         """Begin the print, with the head over the bed and primed."""
-        if self._retracted_mm > self._most_retracted_mm:
+        if self._retracted_mm > self._max_retracted_mm:
             self._objections.refuse(
                 f"the print begins here, with the filament drawn {self._retracted_mm:.1f} mm back, out of "
                 "the hot end: take that out of your slicer's start script"
@@ -109,7 +109,7 @@ class Head:
         x, y, z = target
         self._check_above_bed(z)
         self._check_clear(old, target)
-        if self._retracted_mm > MOST_SWALLOWED_MM and pushed_mm > 0 and old[:2] != target[:2]:
+        if self._retracted_mm > MAX_SWALLOWED_MM and pushed_mm > 0 and old[:2] != target[:2]:
             self._objections.add(
                 f"would print, with the filament drawn {self._retracted_mm:.1f} mm back since line "
                 f"{self._retracted_in}: where E starts again from 0, the file needs G92 E0"
@@ -128,26 +128,26 @@ class Head:
         return prints
 
     @property
-    def _most_retracted_mm(self) -> float:
+    def _max_retracted_mm(self) -> float:
         return self._code.parked_mm + RETRACTED_SLACK_MM
 
     def _check_feed(self, pushed_mm: float, speed_mm_s: float) -> None:
-        if pushed_mm > MOST_PUSHED_MM:
+        if pushed_mm > MAX_PUSHED_MM:
             self._objections.add(f"one move pushes {pushed_mm:.0f} mm of filament: is it counted in mm3?")
         if pushed_mm < 0:
             self._retracted_in = self._objections.line
-        if self._retracted_mm > self._most_retracted_mm:  # an end script may unload it
+        if self._retracted_mm > self._max_retracted_mm:  # an end script may unload it
             self._objections.add_end(
                 f"draws the filament {self._retracted_mm:.1f} mm back, out of the hot end"
             )
-        if speed_mm_s < LEAST_MM_S:
+        if speed_mm_s < MIN_MM_S:
             self._objections.add(f"moves at {speed_mm_s * 60:g} mm a minute, which never ends")
 
     def _check_jump(self, old: Point, target: Point, fed_mm: float) -> None:
         """Object to filament for missing lines; a start script may prime any amount."""
-        if fed_mm > MOST_JUMP_MM and self.extent.path_mm:
-            jump_mm = fed_mm - self._gaps.most_flow * math.dist(old, target)
-            if jump_mm > MOST_JUMP_MM:
+        if fed_mm > MAX_JUMP_MM and self.extent.path_mm:
+            jump_mm = fed_mm - self._gaps.max_flow * math.dist(old, target)
+            if jump_mm > MAX_JUMP_MM:
                 self._objections.add(
                     f"one move feeds {jump_mm:.1f} mm of filament more than its line takes: lines are "
                     "missing before it, or E starts again from 0 and the file needs G92 E0"
@@ -194,7 +194,7 @@ class Head:
         z, highest = min(old[2], target[2]), self.extent.high[2]
         if z <= 0:
             self._objections.refuse(f"prints at Z {z:g}: it has to be above the bed")
-        if highest - z > MOST_DROP_MM:
+        if highest - z > MAX_DROP_MM:
             self._objections.refuse(
                 f"prints at Z {z:g} beside what is {highest:g} mm high, which the head would hit in a pause: "
                 "print all objects at once (Cura: Print Sequence; PrusaSlicer: Complete individual objects)"

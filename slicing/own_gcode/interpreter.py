@@ -12,7 +12,7 @@ from slicing.gcode_lines import Words, parse_plain_move, parse_words, split_line
 from slicing.own_gcode import command_rules
 from slicing.own_gcode.clearance import Clearance
 from slicing.own_gcode.completeness import LayerGaps, read_layer_number
-from slicing.own_gcode.head import MOST_SECTION, Head
+from slicing.own_gcode.head import MAX_SECTION, Head
 from slicing.own_gcode.objections import Objections
 from slicing.own_gcode.survey import Survey, is_layer
 from slicing.own_gcode.target import PrintTarget
@@ -20,11 +20,11 @@ from slicing.own_gcode.writer import Writer
 
 Point = tuple[float, float]
 
-MOST_DWELL_S = 60.0
+MAX_DWELL_S = 60.0
 """Longest pause in one place: the nozzle is hot, and a cancelled print has to wait for its end."""
-MOST_PAUSES_S = 3600.0
+MAX_PAUSES_S = 3600.0
 """Longest sum of all pauses."""
-MOST_ARC_MM = 700.0
+MAX_ARC_MM = 700.0
 """Longest arc: once round the whole bed."""
 ARC_TOLERANCE_MM = 0.2
 """Difference of an arc's radius between its start and its end."""
@@ -63,7 +63,7 @@ class Interpreter:
         self.bed_c = target.bed_c if survey.ulticode else 0.0
         self.left_out: dict[str, str] = {}
         self._objections = Objections()
-        self.gaps = LayerGaps(MOST_SECTION * nozzle_mm**2 / target.filament_mm2)
+        self.gaps = LayerGaps(MAX_SECTION * nozzle_mm**2 / target.filament_mm2)
         self.head = Head(
             target.printer.code,
             writer,
@@ -218,7 +218,7 @@ class Interpreter:
             self._objections.add("an arc starts at an unknown place: the file has not set X and Y before")
             return
         arc = Arc((x, y), (end[0], end[1]), (x + i, y + j), clockwise)
-        if arc.length_mm > MOST_ARC_MM or abs(arc.end_radius_mm - arc.radius_mm) > ARC_TOLERANCE_MM:
+        if arc.length_mm > MAX_ARC_MM or abs(arc.end_radius_mm - arc.radius_mm) > ARC_TOLERANCE_MM:
             self._objections.refuse("no printer can make this arc: is the file damaged?")
         for (to_x, to_y), share in arc.points():
             self._move_to([to_x, to_y, z + (end[2] - z) * share], pushed_mm * (share - done_share))
@@ -229,11 +229,11 @@ class Interpreter:
         if self._printing and seconds > 0:
             self._total_dwell_s += seconds
             self._waiting_s += seconds
-            if self._waiting_s > MOST_DWELL_S:
-                self._objections.add(f"G4 waits {self._waiting_s:g} s in one place: at most {MOST_DWELL_S:g}")
-            elif self._total_dwell_s > MOST_PAUSES_S:
+            if self._waiting_s > MAX_DWELL_S:
+                self._objections.add(f"G4 waits {self._waiting_s:g} s in one place: at most {MAX_DWELL_S:g}")
+            elif self._total_dwell_s > MAX_PAUSES_S:
                 self._objections.add(
-                    f"G4 waits {self._total_dwell_s:g} s in all so far: at most {MOST_PAUSES_S:g}"
+                    f"G4 waits {self._total_dwell_s:g} s in all so far: at most {MAX_PAUSES_S:g}"
                 )
             else:
                 self._writer.dwell(seconds)
@@ -259,17 +259,17 @@ class Interpreter:
         target_c = float(round(words["S" if "S" in words else "R"]))
         nozzle = code in ("M104", "M109")
         limits = self._printer.limits
-        most_c = limits.max_nozzle_c if nozzle else limits.max_bed_c
+        max_c = limits.max_nozzle_c if nozzle else limits.max_bed_c
         if words.get("T") and target_c == 0 and self._printing:
             self._objections.add_end(f"{code} is for another extruder, and there is one")
         elif words.get("T"):
             self._objections.reject(
                 f"{code} is for another extruder, and there is one: slice for a single extruder"
             )
-        elif not 0 <= target_c <= most_c:
+        elif not 0 <= target_c <= max_c:
             heater = "nozzle" if nozzle else "bed"
             self._objections.refuse(
-                f"{code} sets {target_c:g} C, and the {heater} may have at most {most_c:g}"
+                f"{code} sets {target_c:g} C, and the {heater} may have at most {max_c:g}"
             )
         elif not self._printing:
             self.nozzle_c, self.bed_c = (target_c, self.bed_c) if nozzle else (self.nozzle_c, target_c)

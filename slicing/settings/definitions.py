@@ -31,7 +31,7 @@ class SettingType(StrEnum):
 _NUMBERS = (SettingType.INT, SettingType.FLOAT)
 _LISTS = (SettingType.INTS, SettingType.POLYGON, SettingType.POLYGONS)
 _EXTRUDERS = (SettingType.EXTRUDER, SettingType.OPTIONAL_EXTRUDER)
-_MOST_SHOWN = 60
+_MAX_SHOWN = 60
 _EXTRUDER_NUMBERS = ("0", "-1")  # the only extruder, or "none in particular"
 
 
@@ -155,7 +155,7 @@ def parse_value(setting: Setting, raw: Any) -> Any:
 def _shorten(text: str) -> str:
     """Shorten a person's text to one line."""
     line = "".join(letter if letter.isprintable() else " " for letter in text)
-    return line if len(line) <= _MOST_SHOWN else f"{line[:_MOST_SHOWN]}..."
+    return line if len(line) <= _MAX_SHOWN else f"{line[:_MAX_SHOWN]}..."
 
 
 def parse_literal(text: str) -> Any:

@@ -53,7 +53,7 @@ def printed_height_mm(height_mm: float, heights: LayerHeights) -> float:
     return (first + above * other) / 1000
 
 
-def fit_heights(height_mm: float, nominal: LayerHeights, *, most_first_mm: float) -> LayerHeights:
+def fit_heights(height_mm: float, nominal: LayerHeights, *, max_first_mm: float) -> LayerHeights:
     """Find the layer heights nearest to the wanted ones with which a part is printed to its height.
 
     Parameters
@@ -63,7 +63,7 @@ def fit_heights(height_mm: float, nominal: LayerHeights, *, most_first_mm: float
     nominal
         Heights of the quality. Layers differ from them by 4 % at most, the first one by the least of
         `SPREADS_0` that is enough.
-    most_first_mm
+    max_first_mm
         Greatest height of the first layer; 0 to leave it as it is.
     """
     first, other = _um(nominal.first_mm), _um(nominal.other_mm)
@@ -82,9 +82,9 @@ def fit_heights(height_mm: float, nominal: LayerHeights, *, most_first_mm: float
                 change = abs(layer - other) / other + _WEIGHT_0 * abs(first_um - first) / first
                 yield error_um, change, first_um, layer
 
-    for spread in SPREADS_0 if most_first_mm > 0 else SPREADS_0[:1]:
+    for spread in SPREADS_0 if max_first_mm > 0 else SPREADS_0[:1]:
         low = math.ceil(first * (1 - spread))
-        high = max(low, min(_floor(first * (1 + spread)), _um(most_first_mm)))
+        high = max(low, min(_floor(first * (1 + spread)), _um(max_first_mm)))
         missed, _, first_um, layer = min(candidates(low, high))
         if missed == 0:
             break

@@ -13,9 +13,9 @@ from slicing.settings.resolver import Resolver, Scope
 
 LAYER_SHARE = 0.8  # of the nozzle, where Cura warns
 _LINE_SHARE = 2.0  # of the nozzle, where Cura warns
-_MOST_HOP_MM = 10.0
-_MOST_FLOW_PERCENT = 150.0  # where Cura warns: a line has no room for more
-_MOST_EXTRA_MM3 = 5.0  # at each retraction, where Cura warns
+_MAX_HOP_MM = 10.0
+_MAX_FLOW_PERCENT = 150.0  # where Cura warns: a line has no room for more
+_MAX_EXTRA_MM3 = 5.0  # at each retraction, where Cura warns
 
 _PRINTER = "it describes the printer; choose another printer model or nozzle"
 _STREAM = "set by this program, for streaming; leave it out"
@@ -153,9 +153,9 @@ def _farm_bounds(resolver: Resolver, printer: PrinterModel, key: str) -> tuple[f
         case "retraction_amount":
             return 0.0, printer.code.parked_mm
         case "retraction_extra_prime_amount" | "wipe_retraction_extra_prime_amount":
-            return -_MOST_EXTRA_MM3, _MOST_EXTRA_MM3
+            return -_MAX_EXTRA_MM3, _MAX_EXTRA_MM3
         case "retraction_hop" | "wipe_hop_amount":
-            return 0.0, _MOST_HOP_MM
+            return 0.0, _MAX_HOP_MM
         case _ if "line_width" in key and not key.endswith("_factor"):
             return None, _LINE_SHARE * nozzle_mm
         case "infill_overlap_mm" | "skin_overlap_mm" | "magic_fuzzy_skin_thickness":
@@ -163,7 +163,7 @@ def _farm_bounds(resolver: Resolver, printer: PrinterModel, key: str) -> tuple[f
         case _ if key.endswith("_line_distance") and resolver.value(Scope.EXTRUDER, key) > 0:
             return nozzle_mm / 2, None  # lines on top of each other
         case _ if "material_flow" in key or key == "ironing_flow":
-            return None, _MOST_FLOW_PERCENT
+            return None, _MAX_FLOW_PERCENT
         case _ if "bed_temperature" in key:
             return 0.0, printer.limits.max_bed_c
         case _ if "print_temperature" in key or key == "material_standby_temperature":

@@ -13,7 +13,7 @@ from slicing.settings.material import CURA_SETTING, SPACE, material_kind
 
 SUFFIX = ".xml.fdm_material"
 LARGEST_BYTES = 256 * 1024  # Cura's own have up to 40 KiB
-MOST_FILES = 500
+MAX_FILES = 500
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._+-]{0,60}")
 _KIND = re.compile(r"[A-Za-z0-9][A-Za-z0-9 ._+-]{0,30}")
 _DENSITY_G_CM3 = (0.1, 20.0)
@@ -54,8 +54,8 @@ def list_own_materials(folder: Path) -> dict[str, Path]:
         paths = sorted(path for path in folder.iterdir() if path.name.endswith(SUFFIX))
     except OSError as error:
         raise BadSetting(f"the folder of materials {folder} cannot be read ({error.strerror})") from error
-    if len(paths) > MOST_FILES:
-        raise BadSetting(f"{folder} has {len(paths)} materials; {MOST_FILES} at most")
+    if len(paths) > MAX_FILES:
+        raise BadSetting(f"{folder} has {len(paths)} materials; {MAX_FILES} at most")
     path_by_name = {path.name.removesuffix(SUFFIX): path for path in paths}
     for name in path_by_name:
         if not _NAME.fullmatch(name):

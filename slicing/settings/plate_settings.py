@@ -93,8 +93,8 @@ def resolve_settings(
     heights = None
     if part.height_mm is not None and quality and quality.exact_height and not _has_own_heights(request):
         layer_heights = LayerHeights(any_part.layer_height_0_mm, any_part.layer_height_mm)
-        most_first_mm = 0.0 if "layer_height_0" in request.overrides else LAYER_SHARE * request.nozzle_mm
-        heights = fit_heights(part.height_mm, layer_heights, most_first_mm=most_first_mm)
+        max_first_mm = 0.0 if "layer_height_0" in request.overrides else LAYER_SHARE * request.nozzle_mm
+        heights = fit_heights(part.height_mm, layer_heights, max_first_mm=max_first_mm)
     part = replace(part, height_mm=None)
     settings = _resolve(resources, lookup, part, heights)
     if settings.brim_width_mm > any_part.brim_width_mm:

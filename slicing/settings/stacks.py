@@ -15,7 +15,7 @@ from slicing.settings.resolver import Layer, Place, Scope
 from slicing.settings.resources import Machine, Profile, Resources
 
 _GENERIC = ("generic_pla", "generic_pla_175")
-_MOST_DEVIATION_MM = 0.5
+_MAX_DEVIATION_MM = 0.5
 """Cura offers a material for a printer where both diameters round to the same millimetre."""
 
 
@@ -123,7 +123,7 @@ def _material(machine: Machine, hotend: str, name: str, resources: Resources) ->
     if name in resources.own_material_names():
         _check_values(machine, material, name)
     diameter_mm = float(material.values.get("material_diameter", machine.diameter_mm))
-    if abs(diameter_mm - machine.diameter_mm) > _MOST_DEVIATION_MM:
+    if abs(diameter_mm - machine.diameter_mm) > _MAX_DEVIATION_MM:
         raise BadSetting(
             f"material {name} has a diameter of {diameter_mm:g} mm; the {machine.name} needs "
             f"{machine.diameter_mm:g} mm"

@@ -5,7 +5,7 @@ import os
 from hypothesis import given
 from hypothesis import strategies as st
 
-from slicing.cache import CacheEntry, find_least_used, trim_cache
+from slicing.cache import CacheEntry, find_least_recently_used, trim_cache
 
 ENTRIES = st.lists(
     st.builds(CacheEntry, st.text(min_size=1), st.integers(0, 1000), st.floats(0, 1e9)),
@@ -14,16 +14,16 @@ ENTRIES = st.lists(
 
 
 @given(ENTRIES, st.integers(0, 5000))
-def test_kept_entries_fit_and_were_used_last(entries, most_bytes):
-    removed = set(find_least_used(entries, most_bytes))
+def test_kept_entries_fit_and_were_used_last(entries, max_bytes):
+    removed = set(find_least_recently_used(entries, max_bytes))
     kept = [entry for entry in entries if entry.name not in removed]
     gone = [entry for entry in entries if entry.name in removed]
-    assert sum(entry.size_bytes for entry in kept) <= most_bytes
+    assert sum(entry.size_bytes for entry in kept) <= max_bytes
     assert max((e.used_s for e in gone), default=0.0) <= min((e.used_s for e in kept), default=1e9)
     # None too many: with the last that went, it would not fit.
     if gone:
         last = max(gone, key=lambda entry: (entry.used_s, entry.name))
-        assert sum(entry.size_bytes for entry in (*kept, last)) > most_bytes
+        assert sum(entry.size_bytes for entry in (*kept, last)) > max_bytes
 
 
 def put(folder, letter, used_s, ends=("json", "gcode")):

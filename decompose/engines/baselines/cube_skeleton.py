@@ -219,12 +219,12 @@ class _Merging:
         Where too many groups remain that way, those with the least common bounding box are merged instead.
         """
         groups, touching = dict(self.groups), {i: set(others) for i, others in self.touching.items()}
-        self._merge_least(printers, lambda a, b: a.seconds + b.seconds)
+        self._merge_min(printers, lambda a, b: a.seconds + b.seconds)
         if len(self.groups) > printers:
             self.groups, self.touching = groups, defaultdict(set, touching)
-            self._merge_least(printers, lambda a, b: float(a.size_mm(b).prod()))
+            self._merge_min(printers, lambda a, b: float(a.size_mm(b).prod()))
 
-    def _merge_least(self, printers: int, key: Callable[[_Group, _Group], float]) -> None:
+    def _merge_min(self, printers: int, key: Callable[[_Group, _Group], float]) -> None:
         while len(self.groups) > printers:
             pairs = [(a, b) for a in self.groups for b in self.touching[a] if a < b and self.fits(a, b)]
             if not pairs:

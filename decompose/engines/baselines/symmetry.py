@@ -204,8 +204,8 @@ class _CorrectedForm(_Form):
         """Yield the connected pieces on both sides of a plane near a place, unless one of them is a crumb."""
         at_mm = place_clear_of_faces(piece.solid, normal, at_mm)
         pieces = [p for half in _halves(piece, normal, at_mm) for p in connected_pieces(half)]
-        least_mm3 = CRUMB_SHARE * min(self.mean_mm3, piece.solid.volume_mm3)
-        if len(pieces) > 1 and all(fragment.solid.volume_mm3 >= least_mm3 for fragment in pieces):
+        min_mm3 = CRUMB_SHARE * min(self.mean_mm3, piece.solid.volume_mm3)
+        if len(pieces) > 1 and all(fragment.solid.volume_mm3 >= min_mm3 for fragment in pieces):
             yield [self.part(fragment) for fragment in pieces]
 
     def find_planes_across(self, solid: Solid) -> tuple[Floats, list[float]]:

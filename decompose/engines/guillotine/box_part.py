@@ -30,7 +30,7 @@ class BoxPart:
         return np.asarray(np.max([np.ptp(piece.solid.bounds_mm, axis=0) for piece in self.pieces], axis=0))
 
     @property
-    def least_mm(self) -> float:
+    def min_mm(self) -> float:
         """Shortest side of any of its pieces."""
         return min(float(np.ptp(piece.solid.bounds_mm, axis=0).min()) for piece in self.pieces)
 
@@ -41,7 +41,7 @@ class BoxPart:
 
     def is_like(self, other: BoxPart) -> bool:
         """Check whether it has as many pieces as another, and none that is a sliver by comparison."""
-        return len(self.pieces) == len(other.pieces) and self.least_mm >= min(SLIVER_MM, other.least_mm)
+        return len(self.pieces) == len(other.pieces) and self.min_mm >= min(SLIVER_MM, other.min_mm)
 
 
 def slowest_s(pieces: Sequence[Piece], poses: Sequence[Pose | None]) -> float:

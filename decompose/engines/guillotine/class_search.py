@@ -47,16 +47,16 @@ def cut_by_guillotine(problem: Problem) -> Partition:
     """
     if problem.is_uniform:
         return cut_for_uniform_printers(problem)
-    grid, boxes, least_s = build_tables(problem)
+    grid, boxes, min_s = build_tables(problem)
     cuts: list[Cut] = []
     failure: NoFit | None = None
     try:
-        cuts.append(_assign_cut(problem, ExactSearch(problem, grid, boxes, least_s).run()))
+        cuts.append(_assign_cut(problem, ExactSearch(problem, grid, boxes, min_s).run()))
     except NoFit as error:
         failure = error
     problem.on_stage("search")
-    least_s *= problem.fastest_factor
-    by_class = _ClassSearch(problem, grid, boxes, least_s)
+    min_s *= problem.fastest_factor
+    by_class = _ClassSearch(problem, grid, boxes, min_s)
     cuts += by_class.run(min((_ends_s(problem, cut) for cut in cuts), default=math.inf))
     if not cuts:
         assert failure is not None
@@ -69,7 +69,7 @@ def cut_by_guillotine(problem: Problem) -> Partition:
             other = tuple(shift_planes(problem, grid, cut))
             pieces = min(pieces, other, key=problem.makespan_s)
     problem.on_stage("planes")
-    figures = by_class.grid_figures(grid, best, least_s, pieces)
+    figures = by_class.grid_figures(grid, best, min_s, pieces)
     problem.on_stage("bound")
     return Partition(pieces, problem.model, np.eye(3), figures)
 
@@ -103,10 +103,10 @@ class _ClassSearch(ExactSearch):
     Prices that were corrected there for boxes on all printers are used here, too.
     """
 
-    def __init__(self, problem: Problem, grid: Grid, shared: BoxTables, least_s: float) -> None:
+    def __init__(self, problem: Problem, grid: Grid, shared: BoxTables, min_s: float) -> None:
         self.classes = classify_printers(problem.printers, MAX_SUMS / len(shared.seconds))
         self.tables = class_tables(problem, grid, shared, self.classes)
-        super().__init__(problem, grid, self.tables[0], least_s)
+        super().__init__(problem, grid, self.tables[0], min_s)
         other_classes = zip(self.tables[1:], self.classes[1:], strict=True)
         self.solver = Partitioner(
             self.tables[0], [OtherClass(table, printer_class.count) for table, printer_class in other_classes]
@@ -115,7 +115,7 @@ class _ClassSearch(ExactSearch):
     def run(self, below_s: float) -> list[Cut]:  # type: ignore[override]
         """Search for partitions that truly end sooner than a time, the soonest last; none for one class."""
         cuts: list[Cut] = []
-        close_s = TOLERANCE * (below_s if math.isfinite(below_s) else self.least_s)
+        close_s = TOLERANCE * (below_s if math.isfinite(below_s) else self.min_s)
         if len(self.classes) == 1 or not self._may_succeed(GAIN * below_s, close_s):
             return cuts
         rounds = 0
@@ -125,7 +125,7 @@ class _ClassSearch(ExactSearch):
             limit_s = self._solve(self.classes[0].count, close_s, GAIN * below_s)
             if limit_s is None:
                 break
-            self.least_s = max(self.least_s, limit_s - close_s)
+            self.min_s = max(self.min_s, limit_s - close_s)
             boxes = self.solver.chosen_boxes()
             if self._correct_piece_counts(boxes) or self._forbid_faulty(boxes):
                 continue
@@ -139,16 +139,16 @@ class _ClassSearch(ExactSearch):
             self._record_prices(cut)
         return cuts
 
-    def _may_succeed(self, at_most_s: float, close_s: float) -> bool:
+    def _may_succeed(self, max_s: float, close_s: float) -> bool:
         """Check whether such a partition might exist if every printer were the best one for each box."""
         best = replace(self.boxes, seconds=np.min([table.seconds for table in self.tables], axis=0))
         count = sum(printer_class.count for printer_class in self.classes)
         solver = Partitioner(best)
-        least_s = solver.find_least_makespan(count, self.least_s, close_s, at_most_s)
+        min_s = solver.find_min_makespan(count, self.min_s, close_s, max_s)
         self.problem.effort.record(Work.SUM, solver.sums)
-        if least_s is not None:
-            self.least_s = max(self.least_s, least_s - close_s)
-        return least_s is not None
+        if min_s is not None:
+            self.min_s = max(self.min_s, min_s - close_s)
+        return min_s is not None
 
     def _forbid(self, at: int) -> None:
         for table in self.tables:
@@ -186,7 +186,7 @@ class _ClassSearch(ExactSearch):
                     if other_class.boxes == printer_class.boxes:
                         table.seconds[at] = max(float(table.seconds[at]), seconds * other_class.time_factor)
 
-    def grid_figures(self, grid: Grid, cut: Cut, least_s: float, pieces: Sequence[Piece]) -> GridFigures:
+    def grid_figures(self, grid: Grid, cut: Cut, min_s: float, pieces: Sequence[Piece]) -> GridFigures:
         """Compute the makespan of boxes by the tables, and a bound that no partition undercuts.
 
         The bound is proven as if all printers had the speed of the fastest and, for each box, the best room.
@@ -208,8 +208,8 @@ class _ClassSearch(ExactSearch):
             )
             problem.effort.record(Work.BOX_PROVEN, len(best.seconds))
             proven = makespan_bound(best, grid.needed, len(problem.printers), makespan_s)
-            least_s = max(least_s, proven.seconds)
-        return GridFigures(makespan_s, least_s, grid.shape)
+            min_s = max(min_s, proven.seconds)
+        return GridFigures(makespan_s, min_s, grid.shape)
 
 
 def _too_few_error(problem: Problem, grid: Grid, shared: BoxTables) -> NoFit | None:
@@ -217,15 +217,13 @@ def _too_few_error(problem: Problem, grid: Grid, shared: BoxTables) -> NoFit | N
 
     Tries more printers of the first class, of one other, or of both.
     """
-    most_sums = MAX_SUMS / len(shared.seconds)
-    classes = classify_printers(
-        [replace(printer, time_factor=1.0) for printer in problem.printers], most_sums
-    )
+    max_sums = MAX_SUMS / len(shared.seconds)
+    classes = classify_printers([replace(printer, time_factor=1.0) for printer in problem.printers], max_sums)
     tables = class_tables(problem, grid, shared, classes)
     counts_available = [printer_class.count for printer_class in classes]
     shortages: list[tuple[int, list[int]]] = []
     for grown_class in range(1, len(classes)):
-        counts = _grow_counts(counts_available, grown_class, most_sums)
+        counts = _grow_counts(counts_available, grown_class, max_sums)
         other_classes = [OtherClass(table, count) for table, count in zip(tables[1:], counts, strict=True)]
         solver = Partitioner(tables[0], other_classes)
         solver.solve(float(np.finfo(np.float32).max))  # below inf, which means no fit
@@ -246,13 +244,13 @@ def _too_few_error(problem: Problem, grid: Grid, shared: BoxTables) -> NoFit | N
     return NoFit.of_too_few(problem.model.extents_mm, printers + total, printers, " and ".join(requests))
 
 
-def _grow_counts(available: Sequence[int], grown_class: int, most_sums: float) -> list[int]:
+def _grow_counts(available: Sequence[int], grown_class: int, max_sums: float) -> list[int]:
     """Raise the count of one class as far as the search allows; return the counts of all but the first."""
     counts = list(available[1:])
     for _ in range(MAX_MORE):
         larger = list(counts)
         larger[grown_class - 1] += 1
-        if count_sums([max(larger), *larger]) > most_sums:
+        if count_sums([max(larger), *larger]) > max_sums:
             break
         counts = larger
     return counts

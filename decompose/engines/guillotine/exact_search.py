@@ -80,7 +80,7 @@ class ExactSearch:
 
     def __init__(self, problem: Problem, grid: Grid, boxes: BoxTables, bound_s: float) -> None:
         self.problem, self.grid, self.boxes = problem, grid, boxes
-        self.least_s, self.is_near = bound_s, False  # near once a makespan is known: prices only grow
+        self.min_s, self.is_near = bound_s, False  # near once a makespan is known: prices only grow
         self.solver = Partitioner(boxes)
         self.cut: dict[Box, list[Piece]] = {}
         self.posed_s: dict[Box, float] = {}
@@ -98,13 +98,13 @@ class ExactSearch:
                 effort.cut_short = True  # from here on any partition will do
                 if best:
                     break
-            close_s = max(TOLERANCE_S, LATE_STEP * self.least_s) if is_late else TOLERANCE_S
+            close_s = max(TOLERANCE_S, LATE_STEP * self.min_s) if is_late else TOLERANCE_S
             makespan_s = self._solve(len(self.problem.printers), close_s)
             if makespan_s is None or len(self.rejections) > MAX_REJECTIONS:
                 if best:
                     break  # prices only grow: no other partition fits
                 raise self._no_fit_error()
-            self.least_s = max(self.least_s, makespan_s if is_late else makespan_s - close_s)
+            self.min_s = max(self.min_s, makespan_s if is_late else makespan_s - close_s)
             if makespan_s >= best_s:
                 break
             boxes = self.solver.chosen_boxes()
@@ -129,16 +129,16 @@ class ExactSearch:
             return
         seconds, pieces = self.boxes.seconds.copy(), self.boxes.pieces.copy()  # the tables stay as they are
         search = ExactSearch(
-            self.problem, self.grid, replace(self.boxes, seconds=seconds, pieces=pieces), self.least_s
+            self.problem, self.grid, replace(self.boxes, seconds=seconds, pieces=pieces), self.min_s
         )
         search.cut, search.posed_s = self.cut, self.posed_s
         printers = len(self.problem.printers)
-        least_s, fewer_s = search._solve(printers), search._solve(printers - 1)
-        if least_s is None:
+        min_s, fewer_s = search._solve(printers), search._solve(printers - 1)
+        if min_s is None:
             return
         known_partitions = {frozenset(best)}
         for share in LOOSER:
-            boxes = search._solve_within(least_s + share * ((fewer_s or LOOSEST * least_s) - least_s))
+            boxes = search._solve_within(min_s + share * ((fewer_s or LOOSEST * min_s) - min_s))
             if boxes and frozenset(boxes) not in known_partitions:
                 known_partitions.add(frozenset(boxes))
                 yield {box: self.cut[box] for box in boxes}
@@ -164,12 +164,12 @@ class ExactSearch:
         return best
 
     def _solve(self, printers: int, *limits_s: float) -> float | None:
-        """Find the least makespan by the tables (`Partitioner.find_least_makespan`), and record the work."""
+        """Find the least makespan by the tables (`Partitioner.find_min_makespan`), and record the work."""
         before = self.solver.sums
-        least_s = self.solver.find_least_makespan(printers, self.least_s, *limits_s, is_near=self.is_near)
-        self.is_near = least_s is not None
+        min_s = self.solver.find_min_makespan(printers, self.min_s, *limits_s, is_near=self.is_near)
+        self.is_near = min_s is not None
         self.problem.effort.record(Work.SUM, self.solver.sums - before)
-        return least_s
+        return min_s
 
     def _improve(self, best: list[Box]) -> list[Box]:
         """Find the best partition near this one, truly priced, not bound to guillotine cuts."""
@@ -234,10 +234,10 @@ class ExactSearch:
             )
         printers_needed = self.solver.solve(sys.float_info.max)  # below inf, which means no fit
         if printers_needed >= UNREACHABLE:
-            least_mm = max(float(np.diff(planes).max()) for planes in self.grid.planes)
+            min_mm = max(float(np.diff(planes).max()) for planes in self.grid.planes)
             return NoFit(
-                f"{size_text(model.extents_mm)} mm is cut into blocks of {least_mm:.0f} mm at least, and a "
+                f"{size_text(model.extents_mm)} mm is cut into blocks of {min_mm:.0f} mm at least, and a "
                 f"part has room for {size_text(problem.room_mm)} mm (clips and brim are off): printers with "
-                f"room for {math.ceil(least_mm)} mm each way would be enough"
+                f"room for {math.ceil(min_mm)} mm each way would be enough"
             )
         return NoFit.of_too_few(model.extents_mm, printers_needed, len(problem.printers))

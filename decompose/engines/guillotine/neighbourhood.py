@@ -273,15 +273,15 @@ class Window:
         x, y, z = self._lo.tolist()
         return [(a + x, b + y, c + z, d + x, e + y, f + z) for a, b, c, d, e, f in boxes]
 
-    def solve(self, parts: int, below_s: float, least_s: float) -> list[Box] | None:
+    def solve(self, parts: int, below_s: float, min_s: float) -> list[Box] | None:
         """Cut the window into at most `parts` parts, all faster than below_s, about as fast as possible.
 
-        The search does not go below least_s.
+        The search does not go below min_s.
         """
         high = float(np.nextafter(np.float32(below_s), np.float32(0.0)))
         if self.fewest_parts(high) > parts:
             return None
-        best, low = self.chosen_boxes(), least_s
+        best, low = self.chosen_boxes(), min_s
         while high - low > TOLERANCE * high:
             middle = (low + high) / 2.0
             if self.fewest_parts(middle) <= parts:
@@ -295,7 +295,7 @@ def improve_locally(
     boxes: BoxTables,
     partition: Sequence[Box],
     printers: int,
-    most_windows: int = MAX_WINDOWS,
+    max_windows: int = MAX_WINDOWS,
     effort: Effort | None = None,
 ) -> list[Box]:
     """Search for a partition whose times, the longest first, are lexicographically less.
@@ -315,7 +315,7 @@ def improve_locally(
     parts = list(partition)
     failed: set[frozenset[Box]] = set()
     groups = _groups(boxes, parts)
-    for _ in range(most_windows):
+    for _ in range(max_windows):
         group = next((g for g in groups if g not in failed), None)
         if group is None or effort.is_spent():
             break

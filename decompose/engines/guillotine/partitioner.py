@@ -173,26 +173,26 @@ class Partitioner:
         at = int(self.boxes.trimmed[box_index(box, self.boxes.shape)])
         return None if at < 0 else box_at(at, self.boxes.shape)
 
-    def find_least_makespan(
+    def find_min_makespan(
         self,
         printers: int,
-        at_least_s: float,
+        min_s: float,
         tolerance_s: float = 1.0,
-        at_most_s: float = math.inf,
+        max_s: float = math.inf,
         *,
         is_near: bool = False,
     ) -> float | None:
         """Find the least limit (to tolerance_s) at which a number of printers of the first class is enough.
 
-        Keeps its solution. None where there is no limit, or none up to at_most_s. Where the least limit is
-        probably near at_least_s (`is_near`), limits above it are tried first, in steps that grow.
+        Keeps its solution. None where there is no limit, or none up to max_s. Where the least limit is
+        probably near min_s (`is_near`), limits above it are tried first, in steps that grow.
         """
         tables = (self.boxes, *(other.boxes for other in self.others))
         finite = [boxes.seconds[np.isfinite(boxes.seconds)] for boxes in tables]
         high = min(
-            at_most_s, max((float(seconds.max()) for seconds in finite if len(seconds)), default=-math.inf)
+            max_s, max((float(seconds.max()) for seconds in finite if len(seconds)), default=-math.inf)
         )
-        low, step_s = max(0.0, at_least_s), tolerance_s
+        low, step_s = max(0.0, min_s), tolerance_s
         reached = False
         while is_near and not reached and low + step_s < high:
             reached = self.solve(low + step_s) <= printers

@@ -263,10 +263,10 @@ class _PlaneShift:
         boxes_mm, promised_s = now, math.inf
         for _ in range(MAX_KEPT):
             limits = ShiftLimits(longer_mm, shorter_mm, low_mm, high_mm)
-            by_mm, least_s = solve_plane_shifts(seconds, slopes, self.groups, limits)
-            if not math.isfinite(least_s):  # no solution with all of these stopped: the one before is taken
+            by_mm, min_s = solve_plane_shifts(seconds, slopes, self.groups, limits)
+            if not math.isfinite(min_s):  # no solution with all of these stopped: the one before is taken
                 break
-            promised_s = least_s
+            promised_s = min_s
             boxes_mm = self._keep_clear(now, move_groups(now, self.groups, by_mm))
             moved_mm = self._measure_places(boxes_mm) - places
             moved_planes = np.abs(moved_mm - by_mm) > UNMOVED_MM

@@ -49,12 +49,12 @@ class PrinterClass:
         return self.count / self.time_factor
 
 
-def classify_printers(printers: Sequence[PrinterRoom], most_sums: float) -> list[PrinterClass]:
+def classify_printers(printers: Sequence[PrinterRoom], max_sums: float) -> list[PrinterClass]:
     """Classify printers, the largest class first; one class where they are about equal.
 
     Parameters
     ----------
-    most_sums
+    max_sums
         Number of sums (`count_sums`) that the search may make for each cut; at least 1.
     """
     by_room: dict[tuple[Room, float], list[PrinterRoom]] = {}
@@ -66,7 +66,7 @@ def classify_printers(printers: Sequence[PrinterRoom], most_sums: float) -> list
         loss, a, b = min(
             (_lost_throughput(a, b), i, k) for (i, a), (k, b) in combinations(enumerate(classes), 2)
         )
-        if loss > limit and count_sums([member.count for member in classes]) <= most_sums:
+        if loss > limit and count_sums([member.count for member in classes]) <= max_sums:
             break
         merged = _merge(classes[a], classes[b])
         classes = [*(member for i, member in enumerate(classes) if i not in (a, b)), merged]

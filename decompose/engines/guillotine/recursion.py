@@ -19,7 +19,7 @@ Table = npt.NDArray[np.int16] | Ints
 
 
 @jit
-def _update_least(value: Table, size: int, at: tuple[int, int, int], count: int, sums: Ints) -> None:
+def _update_min(value: Table, size: int, at: tuple[int, int, int], count: int, sums: Ints) -> None:
     """Lower the values of `count` consecutive boxes to those of a cut into a near and a far side.
 
     Parameters
@@ -72,13 +72,13 @@ def solve_recursion(value: Table, sums: Ints, nx: int, ny: int, nz: int) -> None
             first = interval(x0, x0 + dx, nx) * layer
             for x in range(x0 + 1, x0 + dx):
                 a, b = interval(x0, x, nx) * layer, interval(x, x0 + dx, nx) * layer
-                _update_least(value, size, (first, a, b), layer, sums)
+                _update_min(value, size, (first, a, b), layer, sums)
             for dy in range(1, ny + 1):
                 rows = ny - dy + 1
                 at = first + interval(0, dy, ny) * tz
                 for cut in range(1, dy):
                     a, b = first + interval(0, cut, ny) * tz, first + interval(cut, dy, ny) * tz
-                    _update_least(value, size, (at, a, b), rows * tz, sums)
+                    _update_min(value, size, (at, a, b), rows * tz, sums)
                 block = rows * tz
                 for state in range(states):
                     offset = state * size + at
@@ -93,7 +93,7 @@ def solve_recursion(value: Table, sums: Ints, nx: int, ny: int, nz: int) -> None
                     up = interval(0, dz, nz) * rows
                     for cut in range(1, dz):
                         a, b = interval(0, cut, nz) * rows, interval(cut, dz, nz) * rows
-                        _update_least(transposed, block, (up, a, b), places, sums)
+                        _update_min(transposed, block, (up, a, b), places, sums)
                 for state in range(states):
                     offset = state * size + at
                     _rotate(

@@ -88,7 +88,7 @@ def _box_frame(vertices: Floats, axis: int) -> Floats:
     """
     if axis < 0:
         to_box: Any = oriented_bounds  # its package has no types for it
-        return _least_turn(to_box(vertices, ordered=False)[0][:3, :3])
+        return _min_turn(to_box(vertices, ordered=False)[0][:3, :3])
     x, y = (axis + 1) % 3, (axis + 2) % 3
     angle = smallest_rectangle(convex_outline(np.ascontiguousarray(vertices[:, [x, y]])))
     angle = (angle + math.pi / 4.0) % (math.pi / 2.0) - math.pi / 4.0
@@ -98,7 +98,7 @@ def _box_frame(vertices: Floats, axis: int) -> Floats:
     return turn
 
 
-def _least_turn(rotation: Floats) -> Floats:
+def _min_turn(rotation: Floats) -> Floats:
     """Find the least rotation among the frames with the same axes, in any order and direction."""
     costs = np.abs(rotation)
     rows = [-1, -1, -1]

@@ -19,13 +19,13 @@ from decompose.geometry.threemf.model_part import (
 from decompose.geometry.threemf.package import Package, resolve_path
 
 DEEPEST = 64  # components in components
-MOST_INSTANCES = 10_000
-MOST_TRIANGLES = 20_000_000  # where no memory limit is given
+MAX_INSTANCES = 10_000
+MAX_TRIANGLES = 20_000_000  # where no memory limit is given
 
 _SOLID = "model"  # the only type of object that is printed; others are supports and surfaces
 
 
-def read_3mf(name: str, data: bytes, most_triangles: int | None = None) -> tuple[Floats, tuple[str, ...]]:
+def read_3mf(name: str, data: bytes, max_triangles: int | None = None) -> tuple[Floats, tuple[str, ...]]:
     """Read the objects that the build of a 3MF file places.
 
     Parameters
@@ -34,8 +34,8 @@ def read_3mf(name: str, data: bytes, most_triangles: int | None = None) -> tuple
         Name of the file, for messages.
     data
         Content of the file.
-    most_triangles
-        Number of triangles that fit the memory; None for `MOST_TRIANGLES`.
+    max_triangles
+        Number of triangles that fit the memory; None for `MAX_TRIANGLES`.
 
     Returns
     -------
@@ -47,20 +47,20 @@ def read_3mf(name: str, data: bytes, most_triangles: int | None = None) -> tuple
     ModelUnreadable, ModelEmpty, ModelTooDetailed
     """
     package = Package(name, data)
-    build = _Build(name, package, most_triangles or MOST_TRIANGLES)
+    build = _Build(name, package, max_triangles or MAX_TRIANGLES)
     root = resolve_path(package.find_model())
     part = build.part(root)
     if not part.items:
         raise ModelEmpty(f"{name}: its build places no object; place one and export it again")
     unit = build.unit
     size = build.measure(root, part.items)
-    if size.triangles > build.most_triangles:
+    if size.triangles > build.max_triangles:
         raise ModelTooDetailed(
             f"{name}: has {size.triangles / 1e6:.1f} million triangles, and the memory suffices for "
-            f"{build.most_triangles / 1e6:.1f} million: simplify its mesh"
+            f"{build.max_triangles / 1e6:.1f} million: simplify its mesh"
         )
-    if size.instances > MOST_INSTANCES:
-        raise ModelTooDetailed(f"{name}: places more than {MOST_INSTANCES} objects; export fewer")
+    if size.instances > MAX_INSTANCES:
+        raise ModelTooDetailed(f"{name}: places more than {MAX_INSTANCES} objects; export fewer")
     if not size.triangles:
         raise ModelEmpty(f"{name}: its build places no triangles; export the model again")
     with np.errstate(over="ignore", invalid="ignore"):  # checked by the caller
@@ -102,7 +102,7 @@ class _Build:
 
     name: str
     package: Package
-    most_triangles: int
+    max_triangles: int
     unit: str = ""
     other_kinds: set[str] = field(default_factory=set)
     _parts: dict[str, ModelPart] = field(default_factory=dict)
@@ -111,7 +111,7 @@ class _Build:
     def part(self, path: str) -> ModelPart:
         """Return a model part, with the unit of the first."""
         if path not in self._parts:
-            part = read_model_part(self.name, path, self.package.unpack(path), self.most_triangles)
+            part = read_model_part(self.name, path, self.package.unpack(path), self.max_triangles)
             unit = part.unit or self.unit or "millimeter"
             if unit not in UNITS_MM or (self.unit and unit != self.unit):
                 raise ModelUnreadable(

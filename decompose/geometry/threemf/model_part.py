@@ -16,7 +16,7 @@ from decompose.arrays import Floats, Ints
 from decompose.errors import ModelTooDetailed, ModelUnreadable
 from decompose.geometry.threemf.package import make_parser, parse_chunks
 
-MOST_OTHER_TAGS = 1_000_000  # such as colours
+MAX_OTHER_TAGS = 1_000_000  # such as colours
 UNITS_MM = {
     "micron": 0.001,
     "millimeter": 1.0,
@@ -85,7 +85,7 @@ class ModelPart:
     unprinted_items: int = 0
 
 
-def read_model_part(name: str, part: str, chunks: Iterator[bytes], most_triangles: int) -> ModelPart:
+def read_model_part(name: str, part: str, chunks: Iterator[bytes], max_triangles: int) -> ModelPart:
     """Read a model part.
 
     Parameters
@@ -94,14 +94,14 @@ def read_model_part(name: str, part: str, chunks: Iterator[bytes], most_triangle
         Names of the file and of the part, for messages.
     chunks
         The part's bytes.
-    most_triangles
+    max_triangles
         Number of triangles, and of a third of the corners, above which reading stops.
 
     Raises
     ------
     ModelUnreadable, ModelTooDetailed
     """
-    reader = _Reader(name, most_triangles)
+    reader = _Reader(name, max_triangles)
     parser = make_parser(name)
     parser.StartElementHandler = reader.start
     parser.EndElementHandler = reader.end
@@ -121,10 +121,10 @@ def read_model_part(name: str, part: str, chunks: Iterator[bytes], most_triangle
 class _Reader:
     """Receiver of the tags of a model part."""
 
-    def __init__(self, name: str, most_triangles: int) -> None:
+    def __init__(self, name: str, max_triangles: int) -> None:
         self.part = ModelPart()
         self.is_model = False
-        self._name, self._most_triangles = name, most_triangles
+        self._name, self._max_triangles = name, max_triangles
         self._namespaces: dict[str, str] = {}
         self._object = ObjectRecord("")
         self._in_object = False
@@ -152,9 +152,9 @@ class _Reader:
             handler(attributes)
             return
         self._other_tags += 1
-        if self._other_tags > MOST_OTHER_TAGS:
+        if self._other_tags > MAX_OTHER_TAGS:
             raise ModelUnreadable(
-                f"{self._name}: has over {MOST_OTHER_TAGS} tags beside its mesh; export it without colours"
+                f"{self._name}: has over {MAX_OTHER_TAGS} tags beside its mesh; export it without colours"
             )
 
     def end(self, tag: str) -> None:
@@ -185,7 +185,7 @@ class _Reader:
         vertices.append(float(attributes["x"]))
         vertices.append(float(attributes["y"]))
         vertices.append(float(attributes["z"]))
-        if len(vertices) > 9 * self._most_triangles:
+        if len(vertices) > 9 * self._max_triangles:
             self._refuse_size()
 
     def _add_triangle(self, attributes: Mapping[str, str]) -> None:
@@ -194,12 +194,12 @@ class _Reader:
         faces.append(int(attributes["v2"]))
         faces.append(int(attributes["v3"]))
         self._triangles += 1
-        if self._triangles > self._most_triangles:
+        if self._triangles > self._max_triangles:
             self._refuse_size()
 
     def _refuse_size(self) -> None:
         raise ModelTooDetailed(
-            f"{self._name}: has more than {self._most_triangles / 1e6:.1f} million triangles, for which the "
+            f"{self._name}: has more than {self._max_triangles / 1e6:.1f} million triangles, for which the "
             "memory does not suffice: simplify its mesh"
         )
 

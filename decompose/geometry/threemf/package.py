@@ -15,10 +15,10 @@ from xml.parsers import expat
 
 from decompose.errors import ModelUnreadable
 
-MOST_ENTRIES = 10_000
+MAX_ENTRIES = 10_000
 ANY_RATIO_BYTES = 64 * 2**20  # unpacked, up to which a part may be packed to any ratio
-MOST_RATIO = 100  # unpacked to packed bytes; XML of meshes has 4 to 40
-MOST_BYTES = 2 * 2**30  # unpacked, of all parts that are read
+MAX_RATIO = 100  # unpacked to packed bytes; XML of meshes has 4 to 40
+MAX_BYTES = 2 * 2**30  # unpacked, of all parts that are read
 LONGEST_RELATIONS_BYTES = 2**20
 CHUNK_BYTES = 2**18
 
@@ -51,8 +51,8 @@ class Package:
     def __init__(self, name: str, data: bytes) -> None:
         self._name = name
         self._unpacked_bytes = 0
-        if data.count(_ENTRY) > MOST_ENTRIES:
-            raise ModelUnreadable(f"{name}: has more than {MOST_ENTRIES} entries; export it again")
+        if data.count(_ENTRY) > MAX_ENTRIES:
+            raise ModelUnreadable(f"{name}: has more than {MAX_ENTRIES} entries; export it again")
         try:
             self._zip = zipfile.ZipFile(io.BytesIO(data))
         except (zipfile.BadZipFile, ValueError, NotImplementedError, EOFError) as error:
@@ -76,7 +76,7 @@ class Package:
             raise ModelUnreadable(f"{self._name}: its relations name no 3D model; export it again")
         return targets[0]
 
-    def unpack(self, part: str, most_bytes: int = MOST_BYTES) -> Iterator[bytes]:
+    def unpack(self, part: str, max_bytes: int = MAX_BYTES) -> Iterator[bytes]:
         """Yield the bytes of a part in chunks.
 
         Raises
@@ -90,9 +90,9 @@ class Package:
         size, packed = entry.file_size, max(1, entry.compress_size)
         self._unpacked_bytes += size
         if (
-            size > most_bytes
-            or self._unpacked_bytes > MOST_BYTES
-            or (size > ANY_RATIO_BYTES and size > packed * MOST_RATIO)
+            size > max_bytes
+            or self._unpacked_bytes > MAX_BYTES
+            or (size > ANY_RATIO_BYTES and size > packed * MAX_RATIO)
         ):
             raise ModelUnreadable(
                 f"{self._name}: its part {_quote(part)} unpacks from {packed / 1e6:.1f} MB to "

@@ -23,7 +23,7 @@ HOME_MM_S = (100.0, 100.0, 40.0)
 BUMP_S = (0.75, 0.7)  # second, slow approach to the endstop: XY together, Z; gives 5.3 s from the middle
 RETRACT_MM, RETRACT_MM_S = 6.5, 25.0
 ARC_SEGMENT_MM = 1.0
-ARC_MOST_CHORDS = 4096  # more than the longest arc over this bed needs
+ARC_MAX_CHORDS = 4096  # more than the longest arc over this bed needs
 
 
 Command = Callable[[Machine, bytes, float], Work | None]
@@ -128,7 +128,7 @@ def move_arc(machine: Machine, line: bytes, now_s: float) -> None:
         turn = turn + 2 * math.pi if turn <= 0 else turn
     radius_mm = math.hypot(i, j)
     distance_mm = math.hypot(turn * radius_mm, goal[2] - start[2])
-    chords = max(1, min(ARC_MOST_CHORDS, int(distance_mm / ARC_SEGMENT_MM)))
+    chords = max(1, min(ARC_MAX_CHORDS, int(distance_mm / ARC_SEGMENT_MM)))
     first = math.atan2(-j, -i)
     modes, machine.relative, machine.relative_e = (machine.relative, machine.relative_e), False, False
     for k in range(1, chords):

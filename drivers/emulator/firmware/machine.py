@@ -16,7 +16,7 @@ from drivers.emulator.firmware.wording import FaultMessages
 from drivers.emulator.hardware.board import EmulatedBoard
 
 KEEP_ALIVE_S = 2.0
-EXTRUDE_MOST_MM = 1000.0
+EXTRUDE_MAX_MM = 1000.0
 NOZZLE_MAX_C = 275.0
 DEAD_HEATER_S = 30.0
 SD_BYTES_PER_S = 500.0
@@ -171,7 +171,7 @@ class Machine:
         if nozzle.temperature_c(now_s) < self.extrude_min_c:
             self.say(wording.COLD_EXTRUSION)
             return 0.0
-        if abs(de) > EXTRUDE_MOST_MM:
+        if abs(de) > EXTRUDE_MAX_MM:
             self.say(wording.LONG_EXTRUSION)
             return 0.0
         return de * self.flow_factor

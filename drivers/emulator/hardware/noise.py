@@ -7,7 +7,7 @@ import random
 
 from drivers.emulator.faults import Faults
 
-_MOST_LINES = 64
+_MAX_LINES = 64
 
 
 class Noise:
@@ -57,7 +57,7 @@ class Noise:
         *lines, self._unfinished = (self._unfinished + data).split(b"\n")
         for line in lines:
             self._sent[line[1:].partition(b" ")[0]] = line.partition(b"*")[0]
-        while len(self._sent) > _MOST_LINES:
+        while len(self._sent) > _MAX_LINES:
             del self._sent[next(iter(self._sent))]
         return self.carry(data)
 

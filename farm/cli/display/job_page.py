@@ -24,7 +24,7 @@ from farm.wording import (
     shorten_names,
 )
 
-_LEAST_STARVED_SHARE = 0.01
+_MIN_STARVED_SHARE = 0.01
 """Share of waiting above which the times of simulated printers are not realistic."""
 
 _PART_COLUMNS = (
@@ -141,7 +141,7 @@ def _list_figures(view: api.JobView) -> list[tuple[str, str]]:
     if view.grams is not None and view.filament_mm is not None:
         amount = format_filament(view.grams, view.filament_mm, view.price, view.currency)
         rows.append(("filament", amount))
-    if view.starved_share is not None and view.starved_share > _LEAST_STARVED_SHARE:
+    if view.starved_share is not None and view.starved_share > _MIN_STARVED_SHARE:
         waited = f"simulated printers waited {100 * view.starved_share:.1f} % of the time for this computer"
         rows.append(("times not valid", waited))
     return rows

@@ -64,9 +64,9 @@ def _list_blocks(view: api.Status, width: int | None, height: int | None) -> lis
     if height is not None and len(printers) > height - _OTHER_LINES:
         printers = sorted(printers, key=rank_urgency)
     headings, *table = lay_out_printers(printers, now, width)
-    most_lines = 1 if brief else None  # lines of a job
-    live_lines = [line for lines in _list_live_lines(live, now, width) for line in lines[:most_lines]]
-    over_lines = [line for job in ended for line in _list_job_lines(job, now, width)[:most_lines]]
+    max_lines = 1 if brief else None  # lines of a job
+    live_lines = [line for lines in _list_live_lines(live, now, width) for line in lines[:max_lines]]
+    over_lines = [line for job in ended for line in _list_job_lines(job, now, width)[:max_lines]]
     night = [] if view.night is None else _fold_texts("NIGHT", [format_night(view.night)], "", width)
     return [
         Block(wrap_text(_format_title(view.fleet), width, _INDENT)),

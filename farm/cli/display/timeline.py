@@ -12,7 +12,7 @@ from farm.text import format_count, format_duration
 from farm.wording import format_time, parse_time
 
 _WIDTH = 79  # of the chart
-_LEAST_WIDTH = 20  # of its bars
+_MIN_WIDTH = 20  # of its bars
 _COLUMNS = (
     Column("PARTS"),
     Column("PRINTER"),
@@ -78,7 +78,7 @@ def draw_gantt(slots: list[api.SlotView], now: str, columns: int = _WIDTH) -> li
     begin = min(parse_time(slot.starts) for slot in slots)
     total_s = max((parse_time(slot.ends) - begin).total_seconds() for slot in slots) or 1.0
     name_width = max(len(slot.printer) for slot in slots)
-    width = max(_LEAST_WIDTH, columns - name_width - 2)
+    width = max(_MIN_WIDTH, columns - name_width - 2)
     lines = []
     for printer in sorted({slot.printer for slot in slots}):
         cells = [" "] * width

@@ -13,8 +13,8 @@ _CODE_LENGTH = 4
 _TOKEN_BYTES = 24
 _LONGEST_APP = 30  # characters
 _OTHER = re.compile(r"[^A-Za-z0-9._-]+")
-MOST_REQUESTS = 5
-MOST_OF_ADDRESS = 2
+MAX_REQUESTS = 5
+MAX_REQUESTS_PER_ADDRESS = 2
 REQUEST_S = 300.0
 """Wall seconds until a request is forgotten, whether it was answered or not."""
 
@@ -53,7 +53,10 @@ class AppKeyRequests:
     def add(self, app: str, address: str, now_s: float) -> str:
         """Add a request, and return its token. Raises Refused if there are too many."""
         waiting = self.list_open(now_s)
-        if len(waiting) >= MOST_REQUESTS or sum(one.address == address for one in waiting) >= MOST_OF_ADDRESS:
+        if (
+            len(waiting) >= MAX_REQUESTS
+            or sum(one.address == address for one in waiting) >= MAX_REQUESTS_PER_ADDRESS
+        ):
             raise Refused("too many programs ask for a key: wait for five minutes, or paste one")
         name = _OTHER.sub(" ", app).strip(" ._-")[:_LONGEST_APP].strip() or "app"
         code = "".join(secrets.choice(CODE_LETTERS) for _ in range(_CODE_LENGTH))

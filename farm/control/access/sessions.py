@@ -23,11 +23,11 @@ IDLE_S = 12 * 3600.0
 """Wall seconds after which an unused session ends."""
 LONGEST_S = 30 * 86400.0
 """Wall seconds after which every session ends."""
-MOST_SESSIONS = 10
+MAX_SESSIONS = 10
 """Open sessions of one user; one more ends the oldest."""
 _EXTEND_S = 3600.0  # between two extensions of a session: each is an event
-_MOST_LINKS = 5  # of one user
-_MOST_LINKS_OF_ALL = 100
+_MAX_LINKS = 5  # of one user
+_MAX_LINKS_TOTAL = 100
 _TOKEN_BYTES = 32
 
 
@@ -84,9 +84,9 @@ class SessionCommands:
         now_s = clock.now()
         waiting = {digest: link for digest, link in self._links.items() if now_s < link.end_s}
         user_links = [digest for digest, link in waiting.items() if link.user == user]
-        for digest in user_links[: max(0, len(user_links) - _MOST_LINKS + 1)]:
+        for digest in user_links[: max(0, len(user_links) - _MAX_LINKS + 1)]:
             del waiting[digest]
-        if len(waiting) >= _MOST_LINKS_OF_ALL:
+        if len(waiting) >= _MAX_LINKS_TOTAL:
             del waiting[next(iter(waiting))]
         token = secrets.token_urlsafe(_TOKEN_BYTES)
         waiting[digest_key(token)] = LoginLink(user, role, now_s + LINK_S * clock.scale)
@@ -135,7 +135,7 @@ class SessionCommands:
         self._controller.handle(
             *(
                 ev.KeyRevoked(at_s=now_s, key=session_to_end.id, by=link.user)
-                for session_to_end in open_sessions[: max(0, len(open_sessions) - MOST_SESSIONS + 1)]
+                for session_to_end in open_sessions[: max(0, len(open_sessions) - MAX_SESSIONS + 1)]
             ),
             ev.SessionOpened(at_s=now_s, session=session),
         )

@@ -25,7 +25,7 @@ from farm.planning.parts.pricing import build_recipe
 from farm.planning.printer_settings import model_sizes, slicing_printer
 from slicing.settings import SettingsRequest, find_resources, resolve_settings
 
-MOST_PRINTERS = 100
+MAX_PRINTERS = 100
 """Largest number of printers for `auto`."""
 _ENGINES_OF_PAPERS = (Engine.PARALLELOBOX, Engine.SYMMETRY, Engine.CUBE_SKELETON)
 
@@ -37,7 +37,7 @@ class DecomposeRequest:
     Attributes
     ----------
     printers
-        None: as many as save time, up to `MOST_PRINTERS`.
+        None: as many as save time, up to `MAX_PRINTERS`.
     volume_mm
         Build volume of a printer: x, y, z.
     interior, engine, score
@@ -98,7 +98,7 @@ def decompose_to_folder(path: Path, out: Path, request: DecomposeRequest) -> dic
         )
         rooms = [
             PrinterRoom(str(number), model_sizes(room, settings))
-            for number in range(request.printers or MOST_PRINTERS)
+            for number in range(request.printers or MAX_PRINTERS)
         ]
         cost = CostModel.from_recipe(replace(build_recipe(settings, prelude_s=0.0), brim_mm=request.brim_mm))
         with ThreadPoolExecutor(os.cpu_count()) as executor:

@@ -15,7 +15,7 @@ from farm.planning.printer_settings import bed_boxes
 from farm.scheduling import describe_capabilities, plate_requirements
 
 T = TypeVar("T")
-MOST_PLATES = 2000
+MAX_PLATES = 2000
 """Largest number of plates of a job with copies, for which every decision stays quick."""
 
 
@@ -69,16 +69,16 @@ def multiply_plan(plan: Plan, task: DecomposeTask) -> Plan:
     Raises
     ------
     FarmError
-        `settings` if it would have more than `MOST_PLATES` plates.
+        `settings` if it would have more than `MAX_PLATES` plates.
     """
     copies = task.options.copies
     if copies == 1:
         return plan
     count = copies * len(plan.plates)
-    if count > MOST_PLATES:
+    if count > MAX_PLATES:
         raise FarmError(
             f"{copies} copies of {len(plan.plates)} parts are {count} plates, and a job has at most "
-            f"{MOST_PLATES}: submit fewer copies at once",
+            f"{MAX_PLATES}: submit fewer copies at once",
             ErrorCode.SETTINGS,
         )
     printers = _choose_printers(plan, task)

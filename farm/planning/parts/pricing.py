@@ -88,7 +88,7 @@ def build_recipe(settings: EngineSettings, prelude_s: float) -> Recipe:
         speeding_layers=int(float(shared["speed_slowdown_layers"])),
         travel_mm_s=settings.speed_travel_mm_s,
         acceleration_mm_s2=float(shared["machine_acceleration"]),
-        least_layer_s=float(extruder["cool_min_layer_time"]),
+        min_layer_s=float(extruder["cool_min_layer_time"]),
         shrinkage=settings.scale_xy - 1.0 or REFERENCE_SHRINKAGE,
         prelude_s=prelude_s,
     )

@@ -25,13 +25,13 @@ from farm.scheduling import (
 
 MARGIN = 0.2
 """Least share of the time until the part ends that replanning must save."""
-LEAST_GAIN_S = 1800.0
+MIN_GAIN_S = 1800.0
 """Least time that replanning must save: a new plan costs time itself."""
 JOIN_S = 336.0
 """Manual work for each additional piece: removing it from its bed (2 min) and gluing it (3.6 min)."""
 SLICING_S, CUTTING_S = 120.0, 300.0
 """Typical wall seconds of slicing, and of cutting with slicing."""
-MOST_PIECES = 8
+MAX_PIECES = 8
 _CUT_TIME_RATIO = 1.15  # ratio of the time of all pieces to that of the whole part: cuts add walls and tops
 _REASONS_OF_KIND = (
     HoldCode.PRINTER_BUSY,
@@ -66,7 +66,7 @@ class Recut:
 
 def saves_enough(before_s: float, after_s: float, now_s: float) -> bool:
     """Return whether an end at `after_s` instead of `before_s` saves enough time."""
-    return after_s + max(LEAST_GAIN_S, MARGIN * (before_s - now_s)) <= before_s
+    return after_s + max(MIN_GAIN_S, MARGIN * (before_s - now_s)) <= before_s
 
 
 class ExpectedEnds:
@@ -159,7 +159,7 @@ def choose_recut(plate: WaitingPlate, situation: Situation) -> Recut | None:
         for p in situation.free
         if p.name not in used_printers and _same_filament(plate, p) and _could_start(piece, p, situation)
     ]
-    most = min(len(free), MOST_PIECES, len(free) if plate.places is None else plate.places)
+    most = min(len(free), MAX_PIECES, len(free) if plate.places is None else plate.places)
     if most < 2:
         return None
     free.sort(key=lambda p: (p.name in plate.failed_on, p.time_factor, -p.capabilities.height_mm, p.name))

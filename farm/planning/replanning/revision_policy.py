@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from farm.planning.replanning.policy import JOIN_S, saves_enough
 from farm.scheduling import Requirements, Situation, WaitingPlate, forecast_prints
 
-MOST_REVISIONS = 3
+MAX_REVISIONS = 3
 """Largest number of plans that replace the first one."""
 MORE_SHARE = 0.15
 """Share by which the printing time of all parts grows if a model is cut into more of them, at most."""

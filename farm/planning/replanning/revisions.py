@@ -12,7 +12,7 @@ from farm.planning.plan import Plan
 from farm.planning.planned_event import build_planned_event
 from farm.planning.replanning.policy import CUTTING_S
 from farm.planning.replanning.revision_policy import (
-    MOST_REVISIONS,
+    MAX_REVISIONS,
     PlannedJob,
     choose_revision,
     find_end_s,
@@ -195,7 +195,7 @@ def _find_unstarted(
 
 def _may_change(books: Books, job: Job) -> bool:
     """Return whether a job's plan may change: nothing has started, no person has approved or changed it."""
-    if job.state is not JobState.PRINTING or not job.planned_for or job.revisions >= MOST_REVISIONS:
+    if job.state is not JobState.PRINTING or not job.planned_for or job.revisions >= MAX_REVISIONS:
         return False
     if job.own_gcode is not None or job.options.copies > 1:
         return False

@@ -8,7 +8,7 @@ from farm.state.retention.disk_forecast import (
 )
 from farm.state.retention.file_names import file_names_of_job, list_deletable_files, named_files
 from farm.state.retention.selection import (
-    LEAST_AGE_S,
+    MIN_AGE_S,
     KeepRules,
     find_need,
     list_lost_jobs,
@@ -17,7 +17,7 @@ from farm.state.retention.selection import (
 )
 
 __all__ = [
-    "LEAST_AGE_S",
+    "MIN_AGE_S",
     "DiskUse",
     "KeepRules",
     "average_day_bytes",

@@ -51,14 +51,14 @@ def average_day_bytes(files: Iterable[tuple[float, int]]) -> float:
     return max(averages)
 
 
-def nights_until_full(use: DiskUse, most_bytes: float, reserve_bytes: float) -> float:
+def nights_until_full(use: DiskUse, max_bytes: float, reserve_bytes: float) -> float:
     """Estimate after how many nights the disk is full.
 
     Parameters
     ----------
     use
         Space used and free.
-    most_bytes
+    max_bytes
         Greatest size of the files of jobs: what is above it is pruned every night, as far as it may be.
     reserve_bytes
         Bytes that have to stay free.
@@ -73,7 +73,7 @@ def nights_until_full(use: DiskUse, most_bytes: float, reserve_bytes: float) -> 
         return 0.0
     if use.day_bytes <= 0.0:
         return math.inf
-    until_pruned = max(0.0, (most_bytes - use.stored_bytes) / use.day_bytes)
+    until_pruned = max(0.0, (max_bytes - use.stored_bytes) / use.day_bytes)
     nights = left_bytes / use.day_bytes
     return nights if nights <= until_pruned else nights + use.prunable_bytes / use.day_bytes
 

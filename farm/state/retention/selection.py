@@ -11,7 +11,7 @@ from farm.state.books import Books
 from farm.state.retention.file_names import file_names_by_job
 
 DAY_S = 86400.0
-LEAST_AGE_S = 2 * DAY_S
+MIN_AGE_S = 2 * DAY_S
 """Time after its end for which a job keeps its files in any case: parts are judged in the morning."""
 _PRUNABLE = (JobState.DONE, JobState.FAILED, JobState.CANCELLED)
 
@@ -21,7 +21,7 @@ class KeepRules:
     """Limits on stored files: days since the end of a job, and bytes of all files."""
 
     days: float
-    most_bytes: float
+    max_bytes: float
 
 
 def find_need(books: Books, job: Job) -> str | None:
@@ -84,8 +84,8 @@ def select_jobs(
     users = Counter(name for job_names in names.values() for name in job_names)
     total = sum(sizes.get(name, 0) for name in users)
     selected = []
-    for job, ended_s in _list_candidates(books, min(backup_s, now_s - LEAST_AGE_S)):
-        if ended_s >= now_s - rules.days * DAY_S and total <= rules.most_bytes:
+    for job, ended_s in _list_candidates(books, min(backup_s, now_s - MIN_AGE_S)):
+        if ended_s >= now_s - rules.days * DAY_S and total <= rules.max_bytes:
             break
         selected.append(job.id)
         for name in names[job.id] - _kept_names(job):
@@ -97,7 +97,7 @@ def select_jobs(
 
 def list_prunable_files(books: Books, names: Iterable[str], now_s: float) -> set[str]:
     """List the files that a prune may delete: those that no job needs which is open or ended lately."""
-    prunable = {job.id for job, _ in _list_candidates(books, now_s - LEAST_AGE_S)}
+    prunable = {job.id for job, _ in _list_candidates(books, now_s - MIN_AGE_S)}
     kept_names: set[str] = set()
     for number, job_names in file_names_by_job(books).items():
         kept_names |= _kept_names(books.jobs[number]) if number in prunable else job_names

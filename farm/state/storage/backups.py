@@ -18,7 +18,7 @@ from slicing.cache import trim_cache
 log = logging.getLogger(__name__)
 
 KEPT = 7
-_LEAST_S = 60.0  # least wall seconds between two backups, for fast simulated clocks
+_MIN_S = 60.0  # least wall seconds between two backups, for fast simulated clocks
 _SPARE_BYTES = 64 * 2**20
 _HOUR = 4  # local time, after any change of daylight saving
 _STAMP = "books-%Y%m%dT%H%M%SZ"
@@ -105,8 +105,8 @@ class NightlyBackup:
             for backup in list_backups(self._state)[:1]:
                 self._tidy(backup)  # the disk may be full: older files can be deleted
         finally:
-            least_s = self._clock.now() + _LEAST_S * self._clock.scale
-            self._at(max(next_backup_s(now_s, self._zone), least_s), "copy the books", self.run)
+            min_s = self._clock.now() + _MIN_S * self._clock.scale
+            self._at(max(next_backup_s(now_s, self._zone), min_s), "copy the books", self.run)
 
 
 def list_backups(state: StateFolder) -> list[Path]:

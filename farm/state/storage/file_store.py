@@ -85,7 +85,7 @@ def list_files(folder: Path) -> dict[str, StoredFile]:
     return files
 
 
-def delete_files(folder: Path, names: Iterable[str], now_s: float, least_age_s: float = GRACE_S) -> int:
+def delete_files(folder: Path, names: Iterable[str], now_s: float, min_age_s: float = GRACE_S) -> int:
     """Delete files that the books do not name. Returns the number of bytes.
 
     Files that were stored in the last hour stay: the event that names them may follow.
@@ -98,14 +98,14 @@ def delete_files(folder: Path, names: Iterable[str], now_s: float, least_age_s: 
         The files.
     now_s
         Wall time, in seconds since the epoch.
-    least_age_s
+    min_age_s
         Wall seconds since a file was stored, within which it stays.
     """
     freed = 0
     for name in names:
         with _lock(folder, fcntl.LOCK_EX), suppress(FileNotFoundError):
             facts = (folder / name).stat()
-            if now_s - facts.st_mtime >= least_age_s:
+            if now_s - facts.st_mtime >= min_age_s:
                 (folder / name).unlink()
                 freed += facts.st_size
     return freed

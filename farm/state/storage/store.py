@@ -333,14 +333,14 @@ class Store:
         except sqlite3.Error as error:
             raise StoreError(f"old events cannot be deleted: {error}") from error
 
-    def release_space(self, least_bytes: int = 16 * 2**20) -> bool:
+    def release_space(self, min_bytes: int = 16 * 2**20) -> bool:
         """Make the file smaller if much of it is unused. Returns True if it did so."""
         try:
             (pages,), (unused,), (page_bytes,) = (
                 self._db.execute(f"PRAGMA {name}").fetchone()
                 for name in ("page_count", "freelist_count", "page_size")
             )
-            if unused * page_bytes < least_bytes or unused < pages // 2:
+            if unused * page_bytes < min_bytes or unused < pages // 2:
                 return False
             self._db.execute("VACUUM")
             self._db.execute("PRAGMA wal_checkpoint(TRUNCATE)")

@@ -18,8 +18,8 @@ from farm.errors import ErrorCode, FarmError
 if TYPE_CHECKING:
     from python_multipart.multipart import MultipartCallbacks
 
-MOST_PARTS = 20
-MOST_FIELD_BYTES = 64 * 1024
+MAX_PARTS = 20
+MAX_FIELD_BYTES = 64 * 1024
 """Limit on the values of all fields together."""
 _FORM = b"multipart/form-data"
 
@@ -120,8 +120,8 @@ class FormReader:
 
     def _begin_part(self) -> None:
         self._parts += 1
-        if self._parts > MOST_PARTS:
-            raise BadForm(f"the form has more than {MOST_PARTS} parts")
+        if self._parts > MAX_PARTS:
+            raise BadForm(f"the form has more than {MAX_PARTS} parts")
         self._header_name = self._header_value = self._disposition = self._value = b""
 
     def _add_header_name(self, data: bytes, start: int, end: int) -> None:
@@ -151,8 +151,8 @@ class FormReader:
             self._pieces.append(content)
             return
         self._field_bytes += len(content)
-        if self._field_bytes > MOST_FIELD_BYTES:
-            raise BadForm(f"the fields of the form are longer than {MOST_FIELD_BYTES // 1024} KiB")
+        if self._field_bytes > MAX_FIELD_BYTES:
+            raise BadForm(f"the fields of the form are longer than {MAX_FIELD_BYTES // 1024} KiB")
         self._value += content
 
     def _end_part(self) -> None:

@@ -18,7 +18,7 @@ from farm.planning import InspectedSubmission
 from farm.web.forms.multipart import BadForm, FormReader
 
 _LENGTH_REQUIRED = 411
-_MOST_DISCARDED_BYTES = 2**30
+_MAX_DISCARDED_BYTES = 2**30
 _ANY_NAME = "the upload"  # until its name is known
 ReadOptions = Callable[[FormReader], Awaitable[JobOptions]]
 """Reads the options of a job from the form, once it has arrived. Raises FarmError."""
@@ -82,7 +82,7 @@ class FormUploads:
                 self.jobs.check_submission(options)
                 model = await self._inspect(upload, name, options)
         except (FarmError, OSError):
-            if int(size) <= _MOST_DISCARDED_BYTES and "expect" not in request.headers:
+            if int(size) <= _MAX_DISCARDED_BYTES and "expect" not in request.headers:
                 await _discard(content)
             raise
         number, _ = self.jobs.submit(request_id, name, model, options, by)

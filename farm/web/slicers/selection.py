@@ -6,7 +6,7 @@ from farm.model import Job
 from farm.state import Books
 from farm.web.slicers.address import Address
 
-_MOST = 1000
+_MAX_JOBS = 1000
 
 
 class Selection:
@@ -19,7 +19,7 @@ class Selection:
         """Select a job; of too many selections the oldest is forgotten."""
         self._jobs.pop((by, address.printer), None)
         self._jobs[by, address.printer] = job
-        if len(self._jobs) > _MOST:
+        if len(self._jobs) > _MAX_JOBS:
             del self._jobs[next(iter(self._jobs))]
 
     def find(self, by: str, address: Address, books: Books) -> Job | None:

@@ -33,7 +33,7 @@ PrusaSlicer 2.5, Slic3r 1.3 and CuraEngine 4.13 and 5.0 were seen, the others ar
 EMPTY_SHARE = 0.2
 """CuraEngine counts layers in which nothing is printed, and leaves them out: 15 % at the tip of a spire of
 3 by 40 mm, the gap below and above a support, and one in files of adaptive layers. Damage to such a file
-shows in E (`head.MOST_JUMP_MM`)."""
+shows in E (`head.MAX_JUMP_MM`)."""
 
 
 def read_layer_number(comment: bytes) -> int | None:

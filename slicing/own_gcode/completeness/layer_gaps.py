@@ -10,12 +10,12 @@ from dataclasses import dataclass
 
 from slicing.own_gcode.completeness.figures import E_UNIT_MM
 
-_LEAST_MM = 3e-4
+_MIN_MM = 3e-4
 """Least filament that shows a loss in the first line after a gap. Measured at 18,500 changes of layer of
 CuraEngine 4.13: at most 1e-5 mm where nothing is missing. The smallest layer, a spire's tip, has 4e-4."""
-_LEAST_BEFORE_MM = 0.01
+_MIN_BEFORE_MM = 0.01
 """The same in a layer before a gap, of which a part was lost. Measured in 1.4 million lines: at most 2e-4."""
-_LEAST_ELSEWHERE_MM = 0.2
+_MIN_ELSEWHERE_MM = 0.2
 """The same where no number is missing. [assumed] No line of Cura 5, whose widths vary, takes so much more
 than all others in its layer and the two beside it."""
 _LINE_SHARE = 0.01
@@ -62,12 +62,12 @@ class LayerGaps:
 
     Parameters
     ----------
-    most_flow
+    max_flow
         Filament in mm for each mm of the thickest line, for layers that have no line to compare with.
     """
 
-    def __init__(self, most_flow: float) -> None:
-        self.most_flow = most_flow
+    def __init__(self, max_flow: float) -> None:
+        self.max_flow = max_flow
         self._flow_before = 0.0  # greatest of the layer before the last one
         self._last: _Layer | None = None
         self._layer: _Layer | None = None  # None before the first number: 0, or less in a raft
@@ -117,7 +117,7 @@ class LayerGaps:
             self._close_layer()
             self._layer = None
         for feed, gap in self._primes:
-            self._check(feed, feed.fed_mm - self._primed_mm, _LEAST_MM, gap)
+            self._check(feed, feed.fed_mm - self._primed_mm, _MIN_MM, gap)
         return self._lost
 
     def _close_layer(self) -> None:
@@ -128,16 +128,16 @@ class LayerGaps:
         last_flow = 0.0 if last is None else last.flow
         if layer.after_gap is not None:
             feed, gap = layer.after_gap
-            flow = max(layer.flow, last_flow) or self.most_flow
-            self._check(feed, feed.compute_excess_mm(flow), _LEAST_MM, gap)
+            flow = max(layer.flow, last_flow) or self.max_flow
+            self._check(feed, feed.compute_excess_mm(flow), _MIN_MM, gap)
         if last is not None and last.thickest is not None:
-            flow = max(last.second_flow, self._flow_before, layer.flow) or self.most_flow
-            least_mm = _LEAST_BEFORE_MM if layer.number > last.number + 1 else _LEAST_ELSEWHERE_MM
-            self._check(last.thickest, last.thickest.compute_excess_mm(flow), least_mm, "")
+            flow = max(last.second_flow, self._flow_before, layer.flow) or self.max_flow
+            min_mm = _MIN_BEFORE_MM if layer.number > last.number + 1 else _MIN_ELSEWHERE_MM
+            self._check(last.thickest, last.thickest.compute_excess_mm(flow), min_mm, "")
         self._flow_before, self._last = last_flow, layer
 
-    def _check(self, feed: _Feed, excess_mm: float, least_mm: float, gap: str) -> None:
-        if excess_mm > least_mm and self._lost is None:
+    def _check(self, feed: _Feed, excess_mm: float, min_mm: float, gap: str) -> None:
+        if excess_mm > min_mm and self._lost is None:
             move = f"the first move that feeds{gap}" if gap else "the move"
             self._lost = (
                 f"line {feed.line}: {move} feeds {excess_mm:.4f} mm of filament more than its line takes"

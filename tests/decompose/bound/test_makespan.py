@@ -35,11 +35,11 @@ def solved(boxes: BoxTables, needed: np.ndarray, printers: int) -> tuple[Bound, 
     """The bound, and the makespan of the best guillotine partition that it started from."""
     solver = Partitioner(boxes)
     assume(needed.any())
-    assume(solver.find_least_makespan(printers, 0.0, tolerance_s=1e-3) is not None)
+    assume(solver.find_min_makespan(printers, 0.0, tolerance_s=1e-3) is not None)
     return makespan_bound(boxes, needed, printers, solver.longest_s()), solver.longest_s()
 
 
-def least_makespan_by_recursion(boxes: BoxTables, needed: np.ndarray, printers: int) -> float:
+def min_makespan_by_recursion(boxes: BoxTables, needed: np.ndarray, printers: int) -> float:
     """Over all sets of boxes that cover the needed cells: among them all partitions, guillotine or not."""
     number = {tuple(map(int, cell)): 1 << i for i, cell in enumerate(np.argwhere(needed))}
     choices = []
@@ -72,7 +72,7 @@ def test_no_partition_is_below_the_bound(shape: Shape, seed: int, printers: int)
     boxes, needed = tables(shape, seed)
     assume(needed.sum() <= 14)
     bound, makespan = solved(boxes, needed, printers)
-    assert 0.0 < bound.seconds <= least_makespan_by_recursion(boxes, needed, printers) <= makespan
+    assert 0.0 < bound.seconds <= min_makespan_by_recursion(boxes, needed, printers) <= makespan
 
 
 @settings(max_examples=40, deadline=None)
@@ -129,7 +129,7 @@ def test_bound_exceeds_the_volume_bound_with_many_cells() -> None:
     """On a grid too large for a simplex method: within what fractions of boxes and the method lose."""
     boxes, needed = tables((9, 8, 7), 3)
     solver = Partitioner(boxes)
-    assert solver.find_least_makespan(20, 0.0) is not None
+    assert solver.find_min_makespan(20, 0.0) is not None
     bound = makespan_bound(boxes, needed, 20, solver.longest_s())
     assert 0.8 * solver.longest_s() <= bound.seconds <= solver.longest_s()
 

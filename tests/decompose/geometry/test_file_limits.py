@@ -7,10 +7,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from decompose.errors import ModelTooDetailed, ModelUnreadable
-from decompose.files.triangle_limit import BYTES_PER_TRIANGLE, OTHER_BYTES, check_head, most_triangles
+from decompose.files.triangle_limit import BYTES_PER_TRIANGLE, OTHER_BYTES, check_head, max_triangles
 from decompose.geometry.file_limits import (
     LONGEST_PLY_HEADER_BYTES,
-    MOST_CORNERS,
+    MAX_CORNERS,
     check_limits,
     count_triangles,
 )
@@ -31,7 +31,7 @@ def polygon(corners: int, suffix: str, comment: bytes = b"") -> bytes:
 
 @pytest.mark.parametrize("suffix", [".obj", ".off", ".ply"])
 def test_face_of_a_million_corners_is_refused(suffix: str) -> None:
-    check_limits("a", polygon(MOST_CORNERS - 1, suffix), suffix, None)
+    check_limits("a", polygon(MAX_CORNERS - 1, suffix), suffix, None)
     with pytest.raises(
         ModelUnreadable, match=r"face of 100000.? corners .limit 10000.; export it with triangles"
     ):
@@ -42,12 +42,12 @@ def test_face_over_several_lines_is_one_face_and_a_long_comment_is_none() -> Non
     face = polygon(1_000_000, ".obj").replace(b" 1 2", b" \\\n1 2")
     with pytest.raises(ModelUnreadable, match="1000000 corners"):
         check_limits("a", face, ".obj", None)
-    check_limits("a", polygon(4, ".obj", b"# " + b"words " * MOST_CORNERS + b"\n"), ".obj", None)
+    check_limits("a", polygon(4, ".obj", b"# " + b"words " * MAX_CORNERS + b"\n"), ".obj", None)
 
 
 def test_binary_ply_of_few_faces_and_many_bytes_is_refused() -> None:
     head = b"ply\nformat binary_little_endian 1.0\nelement face 2\nend_header\n"
-    check_limits("a", head + bytes(MOST_CORNERS), ".ply", None)
+    check_limits("a", head + bytes(MAX_CORNERS), ".ply", None)
     with pytest.raises(ModelUnreadable, match="has 2 faces in 8 MB"):
         check_limits("a", head + bytes(8_000_000), ".ply", None)
 
@@ -94,5 +94,5 @@ def test_stl_with_missing_triangles_passes_the_limit_check() -> None:
 
 
 def test_limit_without_memory_allows_no_triangle() -> None:
-    assert most_triangles(0) == 0
-    assert np.isclose(most_triangles(4 * 2**30) / 1e6, 2.7, atol=0.05)
+    assert max_triangles(0) == 0
+    assert np.isclose(max_triangles(4 * 2**30) / 1e6, 2.7, atol=0.05)

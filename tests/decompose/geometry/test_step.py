@@ -46,7 +46,7 @@ def test_invalid_step_is_refused() -> None:
         with pytest.raises((ModelUnreadable, ModelEmpty), match=r"box\.step: "):
             read_step("box.step", data)
     with pytest.raises(ModelTooDetailed):
-        read_step("box.step", whole, most_triangles=11)
+        read_step("box.step", whole, max_triangles=11)
 
 
 def test_message_without_cascadio_names_the_package(monkeypatch: pytest.MonkeyPatch) -> None:

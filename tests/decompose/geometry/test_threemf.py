@@ -218,7 +218,7 @@ def test_tags_without_end_and_tags_without_number_are_refused(monkeypatch: pytes
     model = model_xml([object_xml(1, BOX)], ['objectid="1"'])
     long = model.replace("<build>", f'<metadata name="{"a" * 2**22}"/><build>')
     assert "tag of more than" in refused(package_bytes(long))
-    monkeypatch.setattr(model_part, "MOST_OTHER_TAGS", 1000)
+    monkeypatch.setattr(model_part, "MAX_OTHER_TAGS", 1000)
     assert "tags beside" in refused(package_bytes(model.replace("<build>", "<a/>" * 1001 + "<build>")))
 
 

@@ -49,7 +49,7 @@ def test_cells_near_the_surface_are_needed(turn: Rotation, count: int, wall_mm: 
     cost = CostModel.from_recipe(Recipe())
     triangles = block(turn)
     grid = grid_of(triangles, cost, count, wall_mm)
-    cells = refine_cells(grid, triangles, wall_mm, keep_interior=False, most_cells=200_000)
+    cells = refine_cells(grid, triangles, wall_mm, keep_interior=False, max_cells=200_000)
     assert not (cells.needed & ~coarse(grid, cells)).any()
 
     def depths_mm(which: np.ndarray) -> np.ndarray:

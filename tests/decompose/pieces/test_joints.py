@@ -200,9 +200,9 @@ def test_partition_with_a_weak_joint_is_rejected(
     options = Options(Engine.GUILLOTINE, "vcoarse", min_glue_mm2=min_glue_mm2, prove=False)
     result = decompose_model(Model(solid, (), 1.0), printers, options, cost)
     assert result.faults == ()
-    least_mm2 = min(joint.area_mm2 for joint in result.joints)
-    assert least_mm2 >= held_mm2  # of the bar, or of a block that is cut in its stead
-    assert (least_mm2 < 25.0) == (min_glue_mm2 == 0.0)
+    min_mm2 = min(joint.area_mm2 for joint in result.joints)
+    assert min_mm2 >= held_mm2  # of the bar, or of a block that is cut in its stead
+    assert (min_mm2 < 25.0) == (min_glue_mm2 == 0.0)
     book = result.as_dict()["joints"]
     assert all(j["glued"] == (j["area_mm2"] >= min_glue_mm2) for j in book)
     assert {j["a"] for j in book} <= {p.id for p in result.parts}

@@ -54,9 +54,9 @@ def test_price_of_a_cube_equals_a_manual_calculation() -> None:
 
 
 def test_needle_takes_the_least_time_of_its_layers() -> None:
-    cost = CostModel.from_recipe(Recipe(least_layer_s=5.0))
+    cost = CostModel.from_recipe(Recipe(min_layer_s=5.0))
     needle, block = Solid.box((0, 0, 0), (3, 3, 60)), Solid.box((0, 0, 0), (60, 60, 60))
-    faster = replace(cost, least_s_mm=0.0)
+    faster = replace(cost, min_s_mm=0.0)
     upright = POSE_ROTATIONS[4:5]
     body = cost.volume_s_mm3 * 540.0 + cost.lateral_s_mm2 * 720.0 * (1.0 - MAX_INSET_SHARE)
     slowed = pose_prices_s(*needle.arrays(), upright, cost) - pose_prices_s(*needle.arrays(), upright, faster)

@@ -51,12 +51,12 @@ def test_tip_is_slowed_down() -> None:
         + 4.0 * sides * COST.lateral_s_mm2
         - np.minimum(COST.inset_s_mm, 0.1 * 4.0 * sides * COST.lateral_s_mm2)
     )
-    least_s = np.minimum(Recipe().least_layer_s, 4.0 * lines_s)
-    expected_s = np.maximum(0.0, least_s - lines_s).sum()
+    min_s = np.minimum(Recipe().min_layer_s, 4.0 * lines_s)
+    expected_s = np.maximum(0.0, min_s - lines_s).sum()
     assert expected_s > 100.0
     assert short_layers_s(tip.triangles, COST) == pytest.approx(expected_s, rel=0.03)
     pose = measure_pose(tip.vertices, tip.faces, np.zeros(len(tip.faces), np.bool_), np.eye(3), COST)
-    hasty = CostModel.from_recipe(Recipe(least_layer_s=0.0))
+    hasty = CostModel.from_recipe(Recipe(min_layer_s=0.0))
     hurried = measure_pose(tip.vertices, tip.faces, np.zeros(len(tip.faces), np.bool_), np.eye(3), hasty)
     assert pose.price_s - hurried.price_s == pytest.approx(expected_s, rel=0.03)
 

@@ -10,7 +10,7 @@ import pytest
 from agent_with_emulator import gcode, printer, run
 from drivers import messages as m
 from drivers.records import AGENT_LOG, JOURNAL, Journal
-from drivers.records.journal import MOST_BYTES
+from drivers.records.journal import MAX_BYTES
 
 
 def fill_journal(path: Path) -> None:
@@ -19,7 +19,7 @@ def fill_journal(path: Path) -> None:
     ended = m.PrintSnapshot(print_id="p-0", phase=m.PrintPhase.DONE, ended_s=time.time(), reason="x" * 400)
     line = ended.model_dump_json()
     with path.open("a") as file:
-        for number in range(MOST_BYTES // len(line) + 100):
+        for number in range(MAX_BYTES // len(line) + 100):
             file.write(f'{{"at_s": 1.0, "print": {line.replace("p-0", f"old-{number}")}}}\n')
     journal = Journal(path)
     journal.write(2.0, print=None, filament="parked")
@@ -48,7 +48,7 @@ def test_full_log_and_a_long_journal_are_continued_without_losing_a_line(tmp_pat
             phases = [expected["phase"] for expected in prints if expected["print_id"] == "p-1"]
             logged = [line.rpartition("print p-1: ")[2] for line in new.splitlines() if "print p-1: " in line]
             assert phases[0] == "spooled" and logged == phases[1:] and logged[-1] == "done"
-            assert (one.folder / JOURNAL).stat().st_size < MOST_BYTES
+            assert (one.folder / JOURNAL).stat().st_size < MAX_BYTES
             state = Journal(one.folder / JOURNAL).state
             assert len(state.recent) == 1000 and state.recent[-1].print_id == "p-1"
 

@@ -332,7 +332,7 @@ def test_modes_and_height_at_a_line_follow_from_the_lines_before(lines: list[str
 
 @pytest.mark.parametrize("command", ["M104", "M109", "M140", "M190"])
 def test_targets_above_the_limits_of_the_printer_are_refused(command: str):
-    heater, most_c = ("nozzle", 260) if command in ("M104", "M109") else ("bed", 115)
-    assert program(f"{command} S{most_c}\n").heats[0].target_c == most_c
-    with pytest.raises(BadGcode, match=f"{most_c + 0.5} C is too hot for the {heater}: at most {most_c} C"):
-        program(f"{command} S{most_c + 0.5}\n")
+    heater, max_c = ("nozzle", 260) if command in ("M104", "M109") else ("bed", 115)
+    assert program(f"{command} S{max_c}\n").heats[0].target_c == max_c
+    with pytest.raises(BadGcode, match=f"{max_c + 0.5} C is too hot for the {heater}: at most {max_c} C"):
+        program(f"{command} S{max_c + 0.5}\n")

@@ -15,7 +15,7 @@ from drivers.firmware import ULTIMAKER2
 from drivers.gcode import add_frame
 from drivers.link import Connected, Link, Phase, Report, replies
 from drivers.link.link import SILENCE_S
-from drivers.link.recovery import MOST_QUERIES, TRIES
+from drivers.link.recovery import MAX_QUERIES, TRIES
 from link_bench import BANNER, Bench, Wire, lines, stream
 
 
@@ -199,7 +199,7 @@ def test_questions_behind_a_line_fit_into_the_ring_of_the_board():
         sent += bench.link.take()
         bench.now_s = bench.link.deadline_s
         bench.link.tick(bench.now_s)
-    assert sent.count(ULTIMAKER2.last_line_query) == MOST_QUERIES
+    assert sent.count(ULTIMAKER2.last_line_query) == MAX_QUERIES
     assert len(sent) + len(b"234567") <= 126  # more is lost without a word
 
 

@@ -8,7 +8,7 @@ from drivers.gcode.frame import LINE_BYTES
 from drivers.link import Link, Phase
 from drivers.link.opening import START_S
 from drivers.link.outbox import HISTORY_LINES, LINE_S, QUEUED_LINES, REACH_MM, Outbox
-from drivers.link.recovery import MOST_QUERIES, TRIES, Place, Recovery
+from drivers.link.recovery import MAX_QUERIES, TRIES, Place, Recovery
 from drivers.link.replies import Report
 
 SLOW, SLOWER, FAST = b"G1 F60 X10", b"G1 F30 X10", b"G1 F6000 X10"
@@ -66,7 +66,7 @@ def test_plain_ok_is_no_answer_to_a_poll_though_the_next_line_is_encoded():
 
 
 def test_all_questions_fit_into_the_boards_ring_behind_the_longest_line():
-    assert LINE_BYTES + 1 + MOST_QUERIES * len(ULTIMAKER2.last_line_query) <= RING_BYTES
+    assert LINE_BYTES + 1 + MAX_QUERIES * len(ULTIMAKER2.last_line_query) <= RING_BYTES
 
 
 def test_silent_board_is_given_up_after_its_start_and_four_queries():

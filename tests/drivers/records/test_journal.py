@@ -154,13 +154,13 @@ def test_long_journal_is_shortened_and_the_old_one_is_kept_once(tmp_path: Path):
         journal.state.apply({"print": ended.model_dump(mode="json")})
     journal.write(1300.0, print=None, filament="parked")
     assert not journal.shorten()  # the file itself is short
-    assert journal.shorten(most_bytes=10)
+    assert journal.shorten(max_bytes=10)
     journal.write(1301.0, filament="at_nozzle")
     state = Journal(path).state
     assert (len(state.recent), state.filament) == (1000, m.Filament.AT_NOZZLE)
     assert state.recent[-1].print_id == "p-1299" and "p-1299" in state.ended
     assert '"parked"' in (tmp_path / "journal.jsonl.1").read_text()
-    journal.shorten(most_bytes=10)
+    journal.shorten(max_bytes=10)
     assert sorted(file.name for file in tmp_path.iterdir()) == ["journal.jsonl", "journal.jsonl.1"]
 
 
@@ -177,7 +177,7 @@ def test_journal_that_cannot_be_shortened_continues(
 
     with monkeypatch.context() as full:
         full.setattr(*((Path, "replace") if broken == "replace" else (os, broken)), fail)
-        assert not journal.shorten(most_bytes=10)
+        assert not journal.shorten(max_bytes=10)
     journal.write(2.0, look="smoke")
     state = Journal(path).state
     assert (state.filament, state.board.attention_reason) == (m.Filament.PARKED, "smoke")

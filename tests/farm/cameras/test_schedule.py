@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from farm.cameras.schedule import (
     END_S,
     LARGEST_INTERVAL_S,
-    LEAST_INTERVAL_S,
+    MIN_INTERVAL_S,
     CameraState,
     DueStill,
     find_due_stills,
@@ -31,7 +31,7 @@ def test_attempts_are_two_seconds_apart_and_at_least_one_a_minute_is_allowed(ste
             begun.append(now_s)
             state = state.begin(now_s)
             state = state.succeed() if succeeds else state.fail("dead")
-    assert all(later - earlier >= LEAST_INTERVAL_S for earlier, later in itertools.pairwise(begun))
+    assert all(later - earlier >= MIN_INTERVAL_S for earlier, later in itertools.pairwise(begun))
 
 
 def test_dead_camera_is_polled_with_growing_intervals():

@@ -17,7 +17,7 @@ import uvicorn
 
 from farm.http import BoundedServer, PeerProtocol, connection_limit, connections
 from farm.http.connections import (
-    MOST_CONNECTIONS,
+    MAX_CONNECTIONS,
     REQUEST_S,
     RateLimitedLog,
     find_longest_waiting,
@@ -39,7 +39,7 @@ class One:
 
 @pytest.mark.parametrize(
     ("descriptors", "printers", "workers", "most"),
-    [(1024, 100, 2, MOST_CONNECTIONS), (2**20, 3, 8, MOST_CONNECTIONS), (64, 1, 2, 11), (32, 1, 2, 4)],
+    [(1024, 100, 2, MAX_CONNECTIONS), (2**20, 3, 8, MAX_CONNECTIONS), (64, 1, 2, 11), (32, 1, 2, 4)],
 )
 def test_descriptors_are_reserved_for_the_farm(descriptors, printers, workers, most):
     assert connection_limit(descriptors, printers, workers) == most

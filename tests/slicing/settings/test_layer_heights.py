@@ -27,7 +27,7 @@ cases = st.sampled_from(CASES)
 
 
 def fitted(height_mm, nozzle_mm, heights):
-    return fit_heights(height_mm, heights, most_first_mm=0.8 * nozzle_mm)
+    return fit_heights(height_mm, heights, max_first_mm=0.8 * nozzle_mm)
 
 
 @given(st.floats(0.2, HIGHEST_MM), cases)
@@ -52,7 +52,7 @@ def test_every_part_of_some_layers_is_printed_to_its_height(share, case):
 def test_first_layer_changes_only_where_the_others_cannot_reach_the_height(height_mm, case):
     nozzle_mm, heights = case
     result = fitted(height_mm, nozzle_mm, heights)
-    alone = fit_heights(height_mm, heights, most_first_mm=0.0)
+    alone = fit_heights(height_mm, heights, max_first_mm=0.0)
     assert alone.first_mm == heights.first_mm
     if abs(printed_height_mm(height_mm, alone) - height_mm) <= EXACT_MM - 0.002:
         assert result == alone
@@ -101,7 +101,7 @@ def test_fitting_never_increases_the_height_error(height_mm, case):
 def test_fitting_height_is_unchanged():
     heights = WANTED[0.4]
     assert fitted(0.27 + 100 * 0.2, 0.4, heights) == heights
-    assert fit_heights(33.3, heights, most_first_mm=0.0).first_mm == heights.first_mm
+    assert fit_heights(33.3, heights, max_first_mm=0.0).first_mm == heights.first_mm
 
 
 # 40.93 mm needs another first layer too; 3.0 mm is low.

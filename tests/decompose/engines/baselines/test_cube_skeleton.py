@@ -116,12 +116,12 @@ def test_cube_in_a_block_grows_until_it_reaches_the_wall(
 ) -> None:
     middle = wall_mm + 5.0 + np.array(share) * (np.array(size) - 2.0 * (wall_mm + 5.0))
     started = np.array([middle - 5.0, middle + 5.0])
-    least_mm = max(wall_mm, ACCURACY_MM)
+    min_mm = max(wall_mm, ACCURACY_MM)
     cube = refine_cube(Solid.box((0, 0, 0), size), started, 100.0, wall_mm)
     edges = cube[1] - cube[0]
     assert edges == pytest.approx([edges[0]] * 3)
-    assert min(size) - 2.0 * least_mm - 4.0 * ACCURACY_MM <= edges[0] <= min(size) - 2.0 * least_mm + 1e-6
-    assert (cube[0] >= least_mm - 1e-6).all() and (cube[1] <= np.array(size) - least_mm + 1e-6).all()
+    assert min(size) - 2.0 * min_mm - 4.0 * ACCURACY_MM <= edges[0] <= min(size) - 2.0 * min_mm + 1e-6
+    assert (cube[0] >= min_mm - 1e-6).all() and (cube[1] <= np.array(size) - min_mm + 1e-6).all()
     assert (cube[0] <= started[0]).all() and (cube[1] >= started[1]).all()
     near = refine_cube(Solid.box((0, 0, 0), size), started, 1.0, wall_mm)
     assert (near[0] >= started[0] - 2.0).all() and (near[1] <= started[1] + 2.0).all()

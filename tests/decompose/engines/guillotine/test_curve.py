@@ -21,7 +21,7 @@ from decompose.engines.guillotine import (
 from decompose.engines.guillotine.curve import TOLERANCE
 from decompose.engines.guillotine.partitioner import OtherClass
 
-MOST = 8
+MAX_PRINTERS = 8
 
 
 def equal(most: int) -> np.ndarray:
@@ -33,9 +33,9 @@ def equal(most: int) -> np.ndarray:
 @given(shape=st.tuples(st.integers(1, 4), st.integers(1, 4), st.integers(1, 3)), seed=st.integers(0, 10**6))
 def test_each_point_equals_a_separate_search(shape: Shape, seed: int) -> None:
     boxes, needed = tables(shape, seed)
-    points = {p.printers: p.makespan_s for p in makespan_curve([boxes], equal(MOST))}
-    for printers in range(1, MOST + 1):
-        least = Partitioner(boxes).find_least_makespan(printers, 0.0, tolerance_s=1e-3)
+    points = {p.printers: p.makespan_s for p in makespan_curve([boxes], equal(MAX_PRINTERS))}
+    for printers in range(1, MAX_PRINTERS + 1):
+        least = Partitioner(boxes).find_min_makespan(printers, 0.0, tolerance_s=1e-3)
         if least is None or not needed.any():
             assert printers not in points
         else:
@@ -61,7 +61,7 @@ def test_each_point_of_unequal_printers_equals_a_separate_search(
     fleets = np.cumsum(np.eye(2, dtype=np.int64)[order], axis=0)
     points = {p.printers: p.makespan_s for p in makespan_curve([own, other], fleets)}
     for mine, others in fleets.tolist():
-        least = Partitioner(own, [OtherClass(other, others)]).find_least_makespan(mine, 0.0, tolerance_s=1e-3)
+        least = Partitioner(own, [OtherClass(other, others)]).find_min_makespan(mine, 0.0, tolerance_s=1e-3)
         if least is None or not needed.any():
             assert mine + others not in points
         else:

@@ -100,13 +100,13 @@ def test_corrected_counts_cost_few_solves(
         ExactSearch, "_correct_piece_counts", lambda self, _: next(corrections, None) is not None
     )
     monkeypatch.setattr(ExactSearch, "_forbid_faulty", lambda self, _: False)
-    monkeypatch.setattr(ExactSearch, "_true_makespan_s", lambda self, _: self.least_s)
+    monkeypatch.setattr(ExactSearch, "_true_makespan_s", lambda self, _: self.min_s)
     monkeypatch.setattr(ExactSearch, "_improve", lambda self, _: [])
     task = replace(task, effort=Effort(budget_s))
     grid = task.build_grid(task.model)
     boxes = task.price_boxes(grid)
     once = Partitioner(boxes)
-    assert once.find_least_makespan(len(ROOMS), 1.0) is not None
+    assert once.find_min_makespan(len(ROOMS), 1.0) is not None
     search = ExactSearch(task, grid, boxes, 1.0)
     search.run()
     assert search.solver.sums <= once.sums + 10 * solves * count_cuts(boxes.shape)

@@ -101,7 +101,7 @@ def test_least_makespan_is_least(shape: Shape, seed: int, printers: int) -> None
     boxes, needed = tables(shape, seed)
     limits = np.unique(boxes.seconds[np.isfinite(boxes.seconds)])
     reachable = [t for t in limits if fewest_by_recursion(boxes, needed, float(t)) <= printers]
-    result = Partitioner(boxes).find_least_makespan(printers, 0.0, tolerance_s=1e-3)
+    result = Partitioner(boxes).find_min_makespan(printers, 0.0, tolerance_s=1e-3)
     if not needed.any() or not reachable:
         assert result is None
     else:
@@ -114,10 +114,10 @@ def test_least_makespan_is_the_same_from_any_lower_bound(
     shape: Shape, seed: int, printers: int, share: float
 ) -> None:
     boxes, _ = tables(shape, seed)
-    found = Partitioner(boxes).find_least_makespan(printers, 0.0, tolerance_s=1e-3)
+    found = Partitioner(boxes).find_min_makespan(printers, 0.0, tolerance_s=1e-3)
     bound_s = share * (found or 1.0)
     near = Partitioner(boxes)
-    assert near.find_least_makespan(printers, bound_s, 1e-3, is_near=True) == (
+    assert near.find_min_makespan(printers, bound_s, 1e-3, is_near=True) == (
         None if found is None else pytest.approx(found, abs=2e-3)
     )
     if found is not None:
@@ -206,13 +206,13 @@ def test_more_printers_of_another_class_never_end_later(
     shape: Shape, seed: int, printers: int, others: int
 ) -> None:
     (first, second), _ = of_classes(shape, seed, 2)
-    alone_s = Partitioner(first).find_least_makespan(printers, 0.0, tolerance_s=1e-3)
+    alone_s = Partitioner(first).find_min_makespan(printers, 0.0, tolerance_s=1e-3)
     both = Partitioner(first, [OtherClass(second, others)])
-    both_s = both.find_least_makespan(printers, 0.0, tolerance_s=1e-3)
+    both_s = both.find_min_makespan(printers, 0.0, tolerance_s=1e-3)
     if alone_s is not None:
         assert both_s is not None
         assert both_s <= alone_s + 1e-3
-        assert both.find_least_makespan(printers, 0.0, at_most_s=0.5 * both_s) is None
+        assert both.find_min_makespan(printers, 0.0, max_s=0.5 * both_s) is None
 
 
 def random_partition(
@@ -244,7 +244,7 @@ def test_no_partition_by_random_cuts_is_better(shape: Shape, seed: int, share: f
     if result is None or not needed.any():
         reject()
     solver = Partitioner(boxes)
-    least = solver.find_least_makespan(len(result), 0.0, tolerance_s=1e-3)
+    least = solver.find_min_makespan(len(result), 0.0, tolerance_s=1e-3)
     assert least is not None
     assert solver.longest_s() <= boxes.longest_s(result)
     assert solver.solve(boxes.longest_s(result)) <= len(result)
@@ -289,7 +289,7 @@ def test_no_greedy_partition_is_better(shape: Shape, seed: int, printers: int) -
     assume(result and np.isfinite(boxes.longest_s(result)))
     count = sum(int(boxes.pieces[box_index(box, shape)]) for box in result)
     solver = Partitioner(boxes)
-    assert solver.find_least_makespan(count, 0.0, tolerance_s=1e-3) is not None
+    assert solver.find_min_makespan(count, 0.0, tolerance_s=1e-3) is not None
     assert solver.longest_s() <= boxes.longest_s(result) + 1e-3
 
 
@@ -325,9 +325,7 @@ def test_turned_or_mirrored_model_takes_the_same_time(
 ) -> None:
     boxes, _ = tables(shape, seed)
     other = turned(boxes, (axes[0], axes[1], axes[2]), mirrored)
-    times = [
-        Partitioner(item).find_least_makespan(printers, 0.0, tolerance_s=1e-3) for item in (boxes, other)
-    ]
+    times = [Partitioner(item).find_min_makespan(printers, 0.0, tolerance_s=1e-3) for item in (boxes, other)]
     assert (times[0] is None) == (times[1] is None)
     assert times[0] is None or times[0] == pytest.approx(times[1], abs=2e-3)
 

@@ -95,14 +95,14 @@ moves = st.lists(
 @settings(max_examples=150, deadline=None)
 def test_any_moves_end_where_they_should_and_never_too_early(moves: list[Point], v: float) -> None:
     bench = Bench()
-    least_s, here = 0.0, START
+    min_s, here = 0.0, START
     for target in moves:
         bench.go(target, v)
         assert len(bench.planner) <= CAPACITY
         here_mm = math.dist(bench.planner.target[:3], here[:3])
-        least_s += here_mm / v
+        min_s += here_mm / v
         here = bench.planner.target
-    assert bench.finish() >= least_s * (1 - 1e-9)
+    assert bench.finish() >= min_s * (1 - 1e-9)
     # Moves of under six steps are put off, and the next ones make up for them.
     for axis, steps_per_mm in enumerate((80.0, 80.0, 200.0, 369.0)):
         assert bench.planner.target[axis] == pytest.approx(moves[-1][axis], abs=5.001 / steps_per_mm)
@@ -127,8 +127,8 @@ def test_speed_is_continuous_within_jerk_and_the_position_without_a_jump(
         planner.advance(now_s)
         here = planner.position(now_s)
         for axis in range(3):
-            most_mm = PROFILE.max_feedrate_mm_s[axis] * 0.001
-            assert abs(here[axis] - last[axis]) <= most_mm * 1.001 + 1e-9
+            max_mm = PROFILE.max_feedrate_mm_s[axis] * 0.001
+            assert abs(here[axis] - last[axis]) <= max_mm * 1.001 + 1e-9
         last = here
 
 

@@ -5,7 +5,7 @@ import json
 import pytest
 
 from farm.control import SessionCommands, find_key
-from farm.control.access.sessions import IDLE_S, LINK_S, LONGEST_S, MOST_SESSIONS, list_open_sessions
+from farm.control.access.sessions import IDLE_S, LINK_S, LONGEST_S, MAX_SESSIONS, list_open_sessions
 from farm.errors import NoSuchThing
 from farm.model import KeyKind, Role
 from recording_controller import Farm
@@ -112,11 +112,11 @@ def test_session_in_constant_use_is_extended_once_an_hour(farm):
 
 def test_excess_session_ends_the_oldest_of_its_user(farm):
     other = farm.open_session("bob")
-    texts = [farm.open_session() for _ in range(MOST_SESSIONS + 3) if farm.wait(1.0) is None]
+    texts = [farm.open_session() for _ in range(MAX_SESSIONS + 3) if farm.wait(1.0) is None]
     results = [farm.find(text) is not None for text in texts]
-    assert results == [False] * 3 + [True] * MOST_SESSIONS
+    assert results == [False] * 3 + [True] * MAX_SESSIONS
     assert farm.find(other) is not None
-    assert len(farm.controller.books.keys) <= MOST_SESSIONS + 2
+    assert len(farm.controller.books.keys) <= MAX_SESSIONS + 2
 
 
 def test_ended_sessions_are_removed_from_the_books(farm):

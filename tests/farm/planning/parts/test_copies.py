@@ -15,7 +15,7 @@ from farm.errors import ErrorCode, FarmError
 from farm.model import JobOptions
 from farm.planning.booking import book_plan
 from farm.planning.inspection.inspect_submission import inspect_model
-from farm.planning.parts.copies import MOST_PLATES, choose_evenly, iterate_part_counts, multiply_plan
+from farm.planning.parts.copies import MAX_PLATES, choose_evenly, iterate_part_counts, multiply_plan
 from farm.planning.parts.decompose_job import decompose_job
 from farm.planning.plan import DecomposeTask, Plan
 from make_books import plan as planned
@@ -113,7 +113,7 @@ def test_planned_printers_do_not_exceed_the_request(tmp_path):
 def test_more_plates_than_a_job_may_have_are_refused(tmp_path):
     plan = one_copy(*[50.0] * 5)
     with pytest.raises(FarmError, match="submit fewer copies") as error:
-        multiply_plan(plan, task_of({"p0": {}}, tmp_path, copies=MOST_PLATES // 5 + 1))
+        multiply_plan(plan, task_of({"p0": {}}, tmp_path, copies=MAX_PLATES // 5 + 1))
     assert error.value.code is ErrorCode.SETTINGS
 
 

@@ -46,7 +46,7 @@ def test_changed_setting_reaches_the_cost(settings_of):
     for key, value, field in (
         ("infill_sparse_density", 20, "infill_line_distance_mm"),
         ("infill_pattern", "grid", "infill_connected"),
-        ("cool_min_layer_time", 12, "least_layer_s"),
+        ("cool_min_layer_time", 12, "min_layer_s"),
         ("speed_travel", 100, "travel_mm_s"),
         ("support_enable", False, "support_line_distance_mm"),
         ("adhesion_type", "skirt", "brim_mm"),

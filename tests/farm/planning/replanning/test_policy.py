@@ -167,12 +167,12 @@ def test_recut_requests_matching_free_printers_if_useful(view, fleet):
         assert other.obstacle() is None
         assert not view.requirements.matches(other.capabilities)
         assert (other.capabilities.material, other.name in view.failed_on) == ("generic_pla", False)
-        assert whole_s - NOW_S > policy.LEAST_GAIN_S
+        assert whole_s - NOW_S > policy.MIN_GAIN_S
     cut = policy.choose_recut(view, situation([view], fleet, NIGHT, NOW_S))
     if cut is not None:
-        assert 2 <= len(set(cut.printers)) == len(cut.printers) <= policy.MOST_PIECES
+        assert 2 <= len(set(cut.printers)) == len(cut.printers) <= policy.MAX_PIECES
         assert all(by_name[name].obstacle() is None for name in cut.printers)
         assert view.places is None or len(cut.printers) <= view.places
-        assert whole_s - NOW_S > policy.LEAST_GAIN_S + 2 * policy.JOIN_S
+        assert whole_s - NOW_S > policy.MIN_GAIN_S + 2 * policy.JOIN_S
     assert policy.choose_reslice(view, situation([view], fleet[::-1], NIGHT, NOW_S), free[::-1]) == sliced
     assert policy.choose_recut(view, situation([view], fleet[::-1], NIGHT, NOW_S)) == cut

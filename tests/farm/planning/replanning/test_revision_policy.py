@@ -7,7 +7,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from farm.model import Bed
-from farm.planning.replanning.policy import LEAST_GAIN_S, MARGIN
+from farm.planning.replanning.policy import MARGIN, MIN_GAIN_S
 from farm.planning.replanning.revision_policy import PlannedJob, choose_revision, estimate_plates, find_end_s
 from farm.scheduling.matching import Requirements
 from scheduling_examples import plate, printer, rules, situation
@@ -104,7 +104,7 @@ def test_revision_saves_the_margin_with_its_planning_time_and_is_the_last(
     after = moment.with_waiting(plates)
     after_s = find_end_s({p.id for p in plates}, after)
     gain_s = before_s - (after_s + planning_s)
-    assert gain_s >= max(LEAST_GAIN_S, MARGIN * (before_s - moment.now_s))
+    assert gain_s >= max(MIN_GAIN_S, MARGIN * (before_s - moment.now_s))
     again = replace(job, plates=plates, planned_for=chosen)
     assert choose_revision(again, after, (free, names)) is None
 

@@ -9,7 +9,7 @@ from farm.state import events as ev
 from farm.state.books import Books, put, replace_fields
 from farm.state.lifecycles import InvalidTransition
 from farm.state.retention import (
-    LEAST_AGE_S,
+    MIN_AGE_S,
     KeepRules,
     file_names_of_job,
     find_need,
@@ -36,14 +36,14 @@ def test_expired_jobs_are_selected_oldest_first():
     books = books_of(
         (JobState.DONE, 91), (JobState.DONE, 89), (JobState.CANCELLED, 200), (JobState.PRINTING, 0)
     )
-    rules = KeepRules(days=90, most_bytes=1e12)
+    rules = KeepRules(days=90, max_bytes=1e12)
     assert select_jobs(books, sizes_of(books), rules, NOW_S, NOW_S) == [3, 1]
 
 
 def test_oldest_jobs_are_selected_until_the_rest_fits():
     books = books_of(*((JobState.DONE, 10 + number) for number in range(5)))  # 7 files a job
     assert len(file_names_of_job(books, books.jobs[1])) == 7
-    rules = KeepRules(days=90, most_bytes=2500)
+    rules = KeepRules(days=90, max_bytes=2500)
     assert select_jobs(books, sizes_of(books), rules, NOW_S, NOW_S) == [
         5,
         4,
@@ -60,7 +60,7 @@ def test_printers_of_another_job_are_not_free():
 
 def test_recent_and_unsaved_jobs_are_not_selected():
     books = books_of((JobState.DONE, 1.9), (JobState.DONE, 5), (JobState.DONE, 2.1))
-    full = KeepRules(days=2, most_bytes=0.0)
+    full = KeepRules(days=2, max_bytes=0.0)
     assert select_jobs(books, sizes_of(books), full, NOW_S, NOW_S) == [2, 3]
     assert select_jobs(books, sizes_of(books), full, NOW_S, NOW_S - 3 * DAY_S) == [2]
 
@@ -156,7 +156,7 @@ def test_deleted_files_are_unused_and_kept_ones_complete(jobs, days, most, data)
     after = books
     for number in selected:
         assert books.jobs[number].state in (JobState.DONE, JobState.FAILED, JobState.CANCELLED)
-        assert books.jobs[number].ended_s < NOW_S - LEAST_AGE_S
+        assert books.jobs[number].ended_s < NOW_S - MIN_AGE_S
         after = prune(after, number)
     deleted = named_files(books) - named_files(after)
     assert list_deletable_files(after) == deleted and not list_deletable_files(books)
@@ -168,6 +168,6 @@ def test_deleted_files_are_unused_and_kept_ones_complete(jobs, days, most, data)
     ends = [books.jobs[number].ended_s for number in selected]
     assert ends == sorted(ends)
     left = [e for n, e in after.jobs.items() if n not in selected and find_need(after, e) is None]
-    old = [e for e in left if e.ended_s < NOW_S - LEAST_AGE_S]
+    old = [e for e in left if e.ended_s < NOW_S - MIN_AGE_S]
     assert all(e.ended_s >= NOW_S - days * DAY_S for e in old)
     assert not old or sum(sizes[name] for name in named_files(after)) <= most

@@ -51,11 +51,11 @@ def test_deleting_events_makes_the_file_smaller(tmp_path):
     path = tmp_path / "farm.db"
     with Store(path) as store:
         record(store, *(float(n) for n in range(300)), by="a" * 4000)
-        assert not store.release_space(least_bytes=10**6)  # nothing is unused
+        assert not store.release_space(min_bytes=10**6)  # nothing is unused
         while store.delete_events(store.find_last_old_event(0.0, 10)):
             pass
         assert not store.release_space()  # less than 16 MB
-        assert store.release_space(least_bytes=10**5)
+        assert store.release_space(min_bytes=10**5)
         assert path.stat().st_size < 300 * 4000 / 5
         assert times(store) == [float(n) for n in range(290, 300)]
 

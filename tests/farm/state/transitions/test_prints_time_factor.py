@@ -8,11 +8,17 @@ from hypothesis import strategies as st
 
 from farm.model import Bed, PrintState
 from farm.state import events as ev
-from farm.state.transitions.prints import LEAST, MOST, MOST_STARVED, SHORTEST_S, update_time_factor
+from farm.state.transitions.prints import (
+    MAX_STARVED_SHARE,
+    MAX_TIME_FACTOR,
+    MIN_TIME_FACTOR,
+    SHORTEST_S,
+    update_time_factor,
+)
 from make_books import ended, printing, run
 
 HOUR_S = 3600.0
-FACTORS = st.floats(LEAST, MOST)
+FACTORS = st.floats(MIN_TIME_FACTOR, MAX_TIME_FACTOR)
 LENGTHS = st.floats(SHORTEST_S, 100 * HOUR_S)
 ANY_TIME = st.floats(0.0, 1e9)
 
@@ -36,7 +42,7 @@ def test_time_factor_converges_to_the_true_ratio(start, true, expected_s):
 @given(FACTORS, ANY_TIME, ANY_TIME, ANY_TIME)
 def test_time_factor_is_bounded_and_changes_slowly(factor, expected_s, reached_s, starved_s):
     item = update_time_factor(factor, expected_s, reached_s, starved_s)
-    assert LEAST <= item <= MOST
+    assert MIN_TIME_FACTOR <= item <= MAX_TIME_FACTOR
     assert abs(item - factor) <= 0.025 + 1e-12
 
 
@@ -117,4 +123,4 @@ def test_implausible_print_time_is_ignored_by_the_factor(ratio):
 
 
 def test_print_with_a_short_starvation_updates_the_factor():
-    assert update_time_factor(1.0, HOUR_S, 1.1 * HOUR_S, MOST_STARVED * HOUR_S) > 1.0
+    assert update_time_factor(1.0, HOUR_S, 1.1 * HOUR_S, MAX_STARVED_SHARE * HOUR_S) > 1.0

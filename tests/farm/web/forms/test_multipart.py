@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from farm.web.forms.multipart import MOST_FIELD_BYTES, MOST_PARTS, BadForm, FormReader
+from farm.web.forms.multipart import MAX_FIELD_BYTES, MAX_PARTS, BadForm, FormReader
 
 CONTENT = b"G28\r\n--boundary!\r\n--bound\r\n-\r\n" * 3
 CURL = "multipart/form-data; boundary=boundary"
@@ -76,8 +76,8 @@ def test_cut_form_is_never_complete():
     [
         (write_form([field("print", "true")]), "no file"),
         (write_form([file(), file("b.gcode")]), "two files"),
-        (write_form([field(str(n), "x") for n in range(MOST_PARTS)] + [file()]), "more than 20 parts"),
-        (write_form([field("path", "x" * (MOST_FIELD_BYTES + 1)), file()]), "longer than 64 KiB"),
+        (write_form([field(str(n), "x") for n in range(MAX_PARTS)] + [file()]), "more than 20 parts"),
+        (write_form([field("path", "x" * (MAX_FIELD_BYTES + 1)), file()]), "longer than 64 KiB"),
         (write_form([("X" * 10_000 + ": y", b"")]), "cannot be read"),
         (write_form([(f"X{n}: y", b"") for n in range(1)] + [("\x00: y", b"")]), "cannot be read"),
         (b"no form at all", "cannot be read"),

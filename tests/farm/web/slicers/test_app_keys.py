@@ -2,7 +2,12 @@
 
 import pytest
 
-from farm.control.access.app_key_requests import MOST_OF_ADDRESS, MOST_REQUESTS, REQUEST_S, AppKeyRequests
+from farm.control.access.app_key_requests import (
+    MAX_REQUESTS,
+    MAX_REQUESTS_PER_ADDRESS,
+    REQUEST_S,
+    AppKeyRequests,
+)
 from farm.errors import NoSuchThing, Refused
 from slicer_farm import SlicerFarm
 from web_farm import HOST
@@ -57,11 +62,11 @@ def test_visitor_learns_no_name_of_a_printer(tmp_path):
 
 def test_open_requests_are_limited_by_address_and_in_all():
     requests = AppKeyRequests()
-    for _ in range(MOST_OF_ADDRESS):
+    for _ in range(MAX_REQUESTS_PER_ADDRESS):
         requests.add("Cura", "1.2.3.4", 0.0)
     with pytest.raises(Refused, match="too many programs"):
         requests.add("Cura", "1.2.3.4", 0.0)
-    for number in range(MOST_REQUESTS - MOST_OF_ADDRESS):
+    for number in range(MAX_REQUESTS - MAX_REQUESTS_PER_ADDRESS):
         requests.add("Cura", f"1.2.3.{number}", 0.0)
     with pytest.raises(Refused, match="too many programs"):
         requests.add("Cura", "9.9.9.9", REQUEST_S - 1.0)
