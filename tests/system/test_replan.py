@@ -18,7 +18,7 @@ def test_failed_part_is_resliced_for_another_model_and_printed(make_farm, tmp_pa
     farm = make_farm({name: (model, f"sim://{model}") for name, model in kinds.items()})
     farm.up()
     path = tmp_path / "block.stl"
-    trimesh.creation.box((24.0, 20.0, 4.0)).export(path)
+    trimesh.creation.box((28.0, 24.0, 10.0)).export(path)
     farm.ok("submit", path, "--printers", "1")
     wait_for("it to print", lambda: farm.printer("one")["state"] == "printing")
     farm.ok("fail", "one", "--why", "a blob")
