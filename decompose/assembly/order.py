@@ -8,7 +8,7 @@ A partition into boxes of one frame can always be split so; for others, a set th
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain
 
 import numpy as np
@@ -17,6 +17,7 @@ from scipy.sparse.csgraph import connected_components
 from decompose.arrays import Bools, Floats, Ints
 from decompose.assembly.blocking import find_axes, find_blocking
 from decompose.assembly.resting import Weight, find_rest
+from decompose.assembly.schedule import Work, critical_path_s, order_steps
 from decompose.assembly.shadow import TOUCH_MM
 from decompose.options import MIN_GLUE_MM2
 from decompose.pieces import CutSolid, Joint
@@ -45,6 +46,8 @@ class AssemblyStep:
         Parts on which the fixed body stands while `direction` points up; empty: it must be held.
     level
         1 + the greatest level of the steps that make the two bodies: steps of one level can dry side by side.
+    work_s, starts_s
+        A person's time for the step, and its start after that of the first step, with one person at work.
     """
 
     moved: tuple[int, ...]
@@ -55,11 +58,19 @@ class AssemblyStep:
     slides: bool
     rests_on: tuple[int, ...]
     level: int
+    work_s: float = 0.0
+    starts_s: float = 0.0
+
+    @property
+    def work(self) -> Work:
+        """Return what its time depends on."""
+        bodies = frozenset(self.moved), frozenset(self.fixed)
+        return Work(bodies, len(self.joints), self.glue_mm2, bool(self.rests_on))
 
 
 @dataclass(frozen=True, slots=True)
 class Assembly:
-    """Steps in their order, each after those that make its bodies.
+    """Steps in the order of work, each after those that make its bodies.
 
     Attributes
     ----------
@@ -74,6 +85,21 @@ class Assembly:
     def levels(self) -> int:
         """Number of steps on the longest chain of steps that wait for each other's glue."""
         return max((step.level for step in self.steps), default=0)
+
+    @property
+    def total_s(self) -> float:
+        """Time of one person from the first step to the end of the last one, with waits for glue."""
+        return max((step.starts_s + step.work_s for step in self.steps), default=0.0)
+
+    @property
+    def critical_s(self) -> float:
+        """Least time with any number of hands: the longest chain of work and drying."""
+        return critical_path_s([step.work for step in self.steps])
+
+    @property
+    def part_order(self) -> tuple[int, ...]:
+        """Parts in the order in which the steps use them; those without a step are left out."""
+        return tuple(dict.fromkeys(part for step in self.steps for part in (*step.fixed, *step.moved)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -108,7 +134,12 @@ def plan_assembly(
         return Assembly()
     plan = _Plan(pieces, joints, min_glue_mm2)
     plan.split(np.ones(len(pieces), dtype=np.bool_), outermost=True)
-    return Assembly(tuple(plan.steps), tuple(plan.locked))
+    works = [step.work for step in plan.steps]
+    steps = (
+        replace(plan.steps[number], work_s=works[number].seconds, starts_s=starts_s)
+        for number, starts_s in order_steps(works)
+    )
+    return Assembly(tuple(steps), tuple(plan.locked))
 
 
 class _Plan:

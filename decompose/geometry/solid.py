@@ -133,6 +133,20 @@ class Solid:
         above, below = self.manifold.split_by_plane(tuple(normal.tolist()), at_mm)
         return Solid(_check_status(below, "cutting a solid")), Solid(_check_status(above, "cutting a solid"))
 
+    def section(self, frame: Floats, at_mm: float) -> list[Floats]:
+        """Cut at a plane, and return the outlines (n, 2) there: counter-clockwise, clockwise around holes.
+
+        Parameters
+        ----------
+        frame
+            (3, 3) unit vectors as rows, right-handed: two along the plane, in whose coordinates the outlines
+            are, and its normal.
+        at_mm
+            Offset of the plane along its normal.
+        """
+        placed = self.manifold.transform(np.hstack([frame, np.zeros((3, 1))]))
+        return [np.asarray(ring, dtype=np.float64) for ring in placed.slice(at_mm).to_polygons()]
+
     def pieces(self) -> list[Solid]:
         """Split into connected pieces, each with its cavities, in the order of their least corners."""
         if self.is_empty:

@@ -14,6 +14,7 @@ from decompose.pieces.piece import (
     rotate_planes,
     sort_pieces,
 )
+from decompose.pieces.seams import Seam, describe_thin_rims, measure_seams
 
 __all__ = [
     "ON_PLANE_MM",
@@ -23,14 +24,17 @@ __all__ = [
     "Joint",
     "JointFace",
     "Piece",
+    "Seam",
     "assign_bottleneck",
     "assign_printers",
     "box_planes",
     "cut_box",
     "cut_cells",
+    "describe_thin_rims",
     "find_cut_faces",
     "find_faults",
     "find_joints",
+    "measure_seams",
     "rotate_planes",
     "sort_pieces",
 ]

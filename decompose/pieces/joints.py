@@ -116,21 +116,21 @@ def find_joints(pieces: Sequence[CutSolid]) -> list[Joint]:
     pieces
         In one frame, cut at planes.
     """
-    sides: dict[tuple[float, ...], list[tuple[int, shapely.Geometry]]] = defaultdict(list)
+    sides: dict[tuple[float, ...], list[tuple[int, _Side]]] = defaultdict(list)
     for number, piece in enumerate(pieces):
-        for plane, face in _cut_sides(piece.solid, piece.planes).items():
-            sides[plane].append((number, face))
+        for plane, side in _cut_sides(piece.solid, piece.planes).items():
+            sides[plane].append((number, side))
     joint_faces: dict[tuple[int, int], list[JointFace]] = defaultdict(list)
-    for plane, faces in sides.items():
-        for i, (a, face) in enumerate(faces):
+    for name, faces in sides.items():
+        for i, (a, side) in enumerate(faces):
             for b, other in faces[i + 1 :]:
-                if a == b or not face.intersects(other):
+                if a == b or not side.area.intersects(other.area):
                     continue
-                shared = face.intersection(other)
+                shared = side.area.intersection(other.area)
                 if shared.area > 0.0:
-                    normal = np.array(plane[:3])
+                    normal, offset_mm = side.plane[:3], float(side.plane[3])
                     joint_faces[min(a, b), max(a, b)].append(
-                        JointFace(normal, plane[3], _plane_axes(normal), shared)
+                        JointFace(normal, offset_mm, _plane_axes(np.array(name[:3])), shared)
                     )
     return [
         Joint(a, b, sum(f.area_mm2 for f in faces), max(_width_mm(f.outline) for f in faces), tuple(faces))
@@ -203,10 +203,18 @@ def _groups(count: int, touching: Sequence[Joint]) -> Ints:
     return label_components(count, pairs[:, 0], pairs[:, 1])
 
 
-def _cut_sides(solid: Solid, planes: Floats) -> dict[tuple[float, ...], shapely.Geometry]:
-    """Find the faces of a solid on each plane, as one geometry in its coordinates, by the plane's name."""
+@dataclass(frozen=True, slots=True, eq=False)
+class _Side:
+    """Faces of a solid on a plane (4,), which is not rounded, as one geometry."""
+
+    plane: Floats
+    area: shapely.Geometry
+
+
+def _cut_sides(solid: Solid, planes: Floats) -> dict[tuple[float, ...], _Side]:
+    """Find the faces of a solid on each plane, in its coordinates, by the plane's rounded name."""
     vertices, faces = solid.arrays()
-    sides: dict[tuple[float, ...], shapely.Geometry] = {}
+    sides: dict[tuple[float, ...], _Side] = {}
     for plane in planes:
         on = np.abs(vertices @ plane[:3] - plane[3]) < ON_PLANE_MM
         flat = faces[on[faces].all(axis=1)]
@@ -220,7 +228,7 @@ def _cut_sides(solid: Solid, planes: Floats) -> dict[tuple[float, ...], shapely.
         rings = shapely.polygons(np.concatenate([corners, corners[:, :1]], axis=1))
         section = shapely.union_all(rings[shapely.area(rings) > 0.0])
         if section.area > 0.0:
-            sides[tuple(float(v) for v in name)] = section
+            sides[tuple(float(v) for v in name)] = _Side(sign * plane, section)
     return sides
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
@@ -15,7 +15,7 @@ from decompose.engines.guillotine import CurvePoint
 from decompose.errors import GeometryError, Rule
 from decompose.geometry import Solid, round_triangles
 from decompose.options import Engine, Options
-from decompose.pieces import Fault, Joint
+from decompose.pieces import Fault, Joint, Seam, describe_thin_rims, measure_seams
 from decompose.printers import PrinterRoom
 
 SCHEMA = 1
@@ -178,6 +178,8 @@ class Decomposition:
     assembly
         Steps in which the parts are glued, by their indices in `parts` and `joints`; planned when the parts
         are written (`with_assembly`), as most results are only compared.
+    seams
+        Seam of each of `joints`; measured with the assembly.
     faults
         Slivers, and parts that joints of enough glue do not hold. A result with any is rejected, except
         from the baselines and with `--faithful`, which report them.
@@ -210,6 +212,7 @@ class Decomposition:
     attempts: tuple[Attempt, ...] = ()
     joints: tuple[Joint, ...] = ()
     assembly: Assembly = field(default_factory=Assembly)
+    seams: tuple[Seam, ...] = ()
     faults: tuple[Fault, ...] = ()
     curve: tuple[CurvePoint, ...] = ()
     cutting: Cutting | None = None
@@ -224,15 +227,23 @@ class Decomposition:
 
     def without_parts(self) -> Decomposition:
         """Return the figures of the result alone, for another process."""
-        return replace(self, parts=(), joints=(), assembly=Assembly(), faults=())
+        return replace(self, parts=(), joints=(), assembly=Assembly(), seams=(), faults=())
 
     def with_assembly(self) -> Decomposition:
-        """Return the result with its assembly planned; an order that its replay refutes is none."""
+        """Return the result with its assembly planned; an order that its replay refutes is none.
+
+        The seams are measured too.
+        """
         solids = [part.solid for part in self.parts]
         assembly = plan_assembly(self.parts, self.joints, self.options.min_glue_mm2)
         if find_order_faults(solids, self.joints, assembly):
             assembly = Assembly(locked=(tuple(range(len(solids))),))
-        return replace(self, assembly=assembly)
+        return replace(self, assembly=assembly, seams=tuple(measure_seams(self.parts, self.joints)))
+
+    def seam_mm(self, joints: Iterable[int] | None = None) -> float:
+        """Add up the length of seams on the model's own surface, of some joints or of all."""
+        numbers = range(len(self.seams)) if joints is None else joints
+        return sum((self.seams[number].length_mm for number in numbers), start=0.0)
 
     def as_dict(self) -> dict[str, Any]:
         """Build the object for decomposition.json."""
@@ -255,22 +266,34 @@ class Decomposition:
             "parts": [p.as_dict() for p in self.parts],
             "coverage": asdict(self.coverage),
             "curve": [asdict(point) for point in self.curve],
-            "joints": [
-                {
-                    "a": self.parts[joint.a].id,
-                    "b": self.parts[joint.b].id,
-                    "area_mm2": joint.area_mm2,
-                    "width_mm": joint.width_mm,
-                    "glued": joint.holds(self.options.min_glue_mm2),
-                }
-                for joint in self.joints
-            ],
+            "joints": [self._joint_as_dict(number, joint) for number, joint in enumerate(self.joints)],
+            "seam_mm": self.seam_mm(),
+            "thin_rims": self.describe_thin_rims(),
             "assembly": {
                 "levels": self.assembly.levels,
+                "estimated_s": self.assembly.total_s,
+                "critical_s": self.assembly.critical_s,
+                "parts": self._name_parts(self.assembly.part_order),
                 "steps": [self._step_as_dict(n, step) for n, step in enumerate(self.assembly.steps, 1)],
                 "locked": [self._name_parts(parts) for parts in self.assembly.locked],
             },
             "faults": [{"part": self.parts[f.piece].id, "what": f.reason} for f in self.faults],
+        }
+
+    def describe_thin_rims(self) -> str:
+        """Describe rims that are thinner than two lines, in a sentence; empty where there are none."""
+        return describe_thin_rims([part.id for part in self.parts], self.joints, self.seams)
+
+    def _joint_as_dict(self, number: int, joint: Joint) -> dict[str, Any]:
+        seam = self.seams[number] if self.seams else Seam()
+        return {
+            "a": self.parts[joint.a].id,
+            "b": self.parts[joint.b].id,
+            "area_mm2": joint.area_mm2,
+            "width_mm": joint.width_mm,
+            "glued": joint.holds(self.options.min_glue_mm2),
+            "seam_mm": seam.length_mm,
+            "thin_rim_mm": seam.thin_mm,
         }
 
     def _step_as_dict(self, number: int, step: AssemblyStep) -> dict[str, Any]:
@@ -284,6 +307,9 @@ class Decomposition:
             "slides": step.slides,
             "rests_on": self._name_parts(step.rests_on),
             "level": step.level,
+            "work_s": step.work_s,
+            "starts_s": step.starts_s,
+            "seam_mm": self.seam_mm(step.joints if self.seams else ()),
         }
 
     def _name_parts(self, numbers: Sequence[int]) -> list[str]:

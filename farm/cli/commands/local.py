@@ -98,7 +98,7 @@ def summarise_decomposition(report: dict[str, Any], printers: int, out: Path) ->
     Returns
     -------
     list of str
-        At most six lines. The efficiency E in the first is the paper's: the time of the uncut model over
+        At most seven lines. The efficiency E in the first is the paper's: the time of the uncut model over
         printers times makespan.
     """
     parts, makespan_s = report["parts"], report["makespan_s"]
@@ -120,13 +120,20 @@ def summarise_decomposition(report: dict[str, Any], printers: int, out: Path) ->
             f"{format_count(len(glued), 'joint')}; the smallest, {small['a']} to {small['b']}, has "
             f"{small['area_mm2']:.0f} mm2 of glue area and is {small['width_mm']:.1f} mm wide"
         )
+    steps = report["assembly"]["steps"]
+    if steps:
+        about = format_duration(report["assembly"]["estimated_s"])
+        assembly = f"{format_count(len(steps), 'step')} of assembly, about {about}"
+        lines.append(f"{assembly}; {report['seam_mm']:.0f} mm of seam outside")
     warnings = [f"{fault['part']} {fault['what']}" for fault in report["faults"]]
     warnings += [f"{part['id']} may fall over while it is printed" for part in parts if not part["stands"]]
+    if report["thin_rims"]:
+        warnings.append(report["thin_rims"])
     if warnings:
         others = f", and {len(warnings) - 3} more" if len(warnings) > 3 else ""
         lines.append(f"Check: {'; '.join(warnings[:3])}{others}")
     ends = f"{parts[0]['file']} to {parts[-1]['file']}" if len(parts) > 1 else parts[0]["file"]
-    lines.append(f"In {out}: {ends}, assembly.png, assembly.glb, decomposition.json")
+    lines.append(f"In {out}: {ends}, assembly.png, assembly.glb, decomposition.json, instructions.html")
     return lines
 
 

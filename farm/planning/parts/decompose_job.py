@@ -89,10 +89,11 @@ def decompose_job(task: DecomposeTask) -> DecomposedJob:
 def write_decomposed(decomposition: Decomposition, model: Model, folder: Path) -> DecomposedJob:
     """Write the parts, the report and the cut record into a folder, and describe them."""
     stored = write_decomposition(decomposition, folder)
+    rims = stored.describe_thin_rims()
     return DecomposedJob(
         parts=tuple(DecomposedPart.from_part(part, folder) for part in stored.parts),
         serial_price_s=stored.serial_s,
-        repairs=model.repairs,
+        repairs=(*model.repairs, *([f"Warning: {rims}."] if rims else [])),
         scale=model.scale,
         cut_record=write_cut_record(stored, folder),
     )

@@ -232,3 +232,9 @@ def test_moved_joint_has_its_corners_moved(angle: float, offset: tuple[float, fl
     [before], [after] = joint.faces, joint.move(transform).faces
     assert corners(after) == pytest.approx(corners(before) @ transform[:3, :3].T + transform[:3, 3], abs=1e-9)
     assert after.area_mm2 == pytest.approx(1200.0)
+
+
+def test_faces_lie_on_planes_that_were_not_rounded() -> None:
+    at_mm = 20.1234567890123
+    (joint,) = find_joints(cut(block((0, 0, 0), (60, 40, 30)), x=(at_mm,)))
+    assert joint.faces[0].offset_mm == at_mm

@@ -31,6 +31,9 @@ def report(**more: Any) -> dict[str, Any]:
         ],
         "faults": [],
         "yaw_deg": 0.0,
+        "seam_mm": 812.4,
+        "thin_rims": "",
+        "assembly": {"steps": [{}, {}], "estimated_s": 1860.0},
     } | more
 
 
@@ -39,7 +42,8 @@ def test_summary_of_a_good_result() -> None:
         "3 parts: 1h00 on 4 printers, 2h30 on a single large one; efficiency E 0.75",
         "By guillotine: at most 8% above the lower bound for cuts along its grid",
         "2 joints; the smallest, p01 to p02, has 120 mm2 of glue area and is 8.0 mm wide",
-        "In out: p01.stl to p03.stl, assembly.png, assembly.glb, decomposition.json",
+        "2 steps of assembly, about 31 min; 812 mm of seam outside",
+        "In out: p01.stl to p03.stl, assembly.png, assembly.glb, decomposition.json, instructions.html",
     ]
 
 
@@ -48,32 +52,36 @@ def test_turned_cuts_are_reported() -> None:
     assert message.startswith("By guillotine, turned by 15 degrees about Z: at most 8%")
 
 
-def test_summary_has_six_lines_at_most() -> None:
+def test_summary_has_seven_lines_at_most() -> None:
     parts = [{"id": f"p0{i}", "file": f"p0{i}.stl", "stands": i == 1} for i in range(1, 7)]
     fault = {"part": "p03", "what": "is 5.0 mm thin where it was cut, less than 8 mm"}
     lines = summarise_decomposition(
         report(repairs=["Closed it.", "Turned it."], faults=[fault], parts=parts), 4, Path("out")
     )
-    assert len(lines) == 6
+    assert len(lines) == 7
     assert lines[0] == "Closed it. Turned it."
-    assert lines[4] == (
+    assert lines[5] == (
         "Check: p03 is 5.0 mm thin where it was cut, less than 8 mm; "
         "p02 may fall over while it is printed; p03 may fall over while it is printed, and 3 more"
     )
 
 
 def test_two_parts_have_one_joint() -> None:
-    (_, _, joint, _) = summarise_decomposition(report(joints=report()["joints"][1:]), 4, Path("out"))
+    (_, _, joint, *_) = summarise_decomposition(report(joints=report()["joints"][1:]), 4, Path("out"))
     assert joint == "1 joint; the smallest, p02 to p03, has 900 mm2 of glue area and is 30.0 mm wide"
 
 
 def test_one_part_has_no_joint() -> None:
     lines = summarise_decomposition(
-        report(parts=report()["parts"][:1], joints=[], cells=None), 1, Path("out")
+        report(
+            parts=report()["parts"][:1], joints=[], cells=None, assembly={"steps": [], "estimated_s": 0.0}
+        ),
+        1,
+        Path("out"),
     )
     assert [line.split()[0] for line in lines] == ["1", "By", "In"]
     assert lines[0].startswith("1 part: 1h00 on 1 printer, ")
-    assert lines[2] == "In out: p01.stl, assembly.png, assembly.glb, decomposition.json"
+    assert lines[2] == "In out: p01.stl, assembly.png, assembly.glb, decomposition.json, instructions.html"
 
 
 @pytest.mark.parametrize("text", ["1,2", "a,b,c", "nan,nan,nan", "200,200,-1", "0,200,200", "inf,200,200"])

@@ -1,0 +1,105 @@
+"""Schedule of an assembly: time of each step, and an order of work while glue dries."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+DRY_S = 120.0
+"""Time until a glued body can be handled: cyanoacrylate sets in 30 s; an estimate."""
+CLEAN_S = 45.0  # to take the brim off a part, when it is used for the first time
+HANDLE_S = 60.0  # to find two bodies, try them dry, and read the page
+HOLD_S = 30.0  # until the glue holds by itself
+UNSTEADY_S = 30.0  # more, where the lower body does not stand
+JOINT_S = 15.0  # to line up one more joint
+GLUE_S_PER_MM2 = 0.01  # to spread the glue
+
+
+@dataclass(frozen=True, slots=True)
+class Work:
+    """Work of one step.
+
+    Attributes
+    ----------
+    bodies
+        Parts of the two bodies that it joins.
+    joints
+        Number of joints that it glues.
+    glue_mm2
+        Area of these joints.
+    steady
+        Whether the lower body stands by itself.
+    """
+
+    bodies: tuple[frozenset[int], frozenset[int]]
+    joints: int
+    glue_mm2: float
+    steady: bool
+
+    @property
+    def seconds(self) -> float:
+        """Estimate the time of a person, without waiting for glue to dry."""
+        single = sum(len(body) == 1 for body in self.bodies)
+        glue_s = HOLD_S + JOINT_S * self.joints + GLUE_S_PER_MM2 * self.glue_mm2 if self.joints else 0.0
+        return CLEAN_S * single + HANDLE_S + glue_s + (0.0 if self.steady else UNSTEADY_S)
+
+    @property
+    def parts(self) -> frozenset[int]:
+        return self.bodies[0] | self.bodies[1]
+
+
+def order_steps(works: Sequence[Work], dry_s: float = DRY_S) -> list[tuple[int, float]]:
+    """Order steps so that a person works while glue dries.
+
+    The next step is the first one in the given order whose bodies are dry; where none are, the one whose
+    bodies dry first.
+
+    Parameters
+    ----------
+    works
+        Steps, each after those that make its bodies.
+    dry_s
+        Time until a glued body can be handled.
+
+    Returns
+    -------
+    list of (int, float)
+        Index of each step in the order of work, with its start in seconds.
+    """
+    waits_for = _find_predecessors(works)
+    dry_at_s: dict[int, float] = {}
+    order: list[tuple[int, float]] = []
+    now_s = 0.0
+    while len(order) < len(works):
+        ready_s = {
+            i: max([now_s, *(dry_at_s[j] for j in waits_for[i])])
+            for i in range(len(works))
+            if i not in dry_at_s and all(j in dry_at_s for j in waits_for[i])
+        }
+        number = min(ready_s, key=lambda i: (ready_s[i], i))
+        order.append((number, ready_s[number]))
+        now_s = ready_s[number] + works[number].seconds
+        dry_at_s[number] = now_s + dry_s
+    return order
+
+
+def critical_path_s(works: Sequence[Work], dry_s: float = DRY_S) -> float:
+    """Compute the least time of an assembly with any number of hands: the longest chain of work and drying.
+
+    Parameters
+    ----------
+    works
+        Steps, each after those that make its bodies.
+    dry_s
+        Time until a glued body can be handled; it is not counted after the last step of the chain.
+    """
+    ends_s: list[float] = []
+    for work, earlier in zip(works, _find_predecessors(works), strict=True):
+        ends_s.append(max((ends_s[j] + dry_s for j in earlier), default=0.0) + work.seconds)
+    return max(ends_s, default=0.0)
+
+
+def _find_predecessors(works: Sequence[Work]) -> list[list[int]]:
+    """List, for each step, the steps that make its bodies."""
+    makers = {work.parts: i for i, work in enumerate(works)}
+    return [[makers[body] for body in work.bodies if body in makers] for work in works]

@@ -1,0 +1,158 @@
+"""Seams: the lines on the outer surface where two parts meet, and where a part ends there in a thin edge."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+
+from decompose.arrays import Bools, Floats, Ints
+from decompose.geometry import Solid
+from decompose.pieces.joints import TWO_WALLS_MM, CutSolid, Joint, JointFace
+from decompose.pieces.piece import ON_PLANE_MM, find_cut_faces
+
+THIN_REACH_MM = 3.0  # a rim that is thinner than two walls over more than this is a thin edge
+NOTABLE_MM = 5.0  # length of thin rims from which a person is told
+LINE_MM = 1e-3  # reach of a line, as rounding moves the corners of outlines
+
+
+@dataclass(frozen=True, slots=True)
+class Seam:
+    """Seam of one joint.
+
+    Attributes
+    ----------
+    length_mm
+        Length on the model's own surface; the rim of a hollow does not count.
+    thin_mm
+        Length on which either part is thinner than two walls behind the joint, further than `THIN_REACH_MM`
+        into it: such a rim breaks off, or is not printed.
+    """
+
+    length_mm: float = 0.0
+    thin_mm: float = 0.0
+
+
+def describe_thin_rims(names: Sequence[str], joints: Sequence[Joint], seams: Sequence[Seam]) -> str:
+    """Describe thin rims in a sentence; empty where there are none of `NOTABLE_MM`.
+
+    Parameters
+    ----------
+    names
+        Names of the parts.
+    joints, seams
+        Joints, and the seam of each.
+    """
+    whole_mm = sum(seam.thin_mm for seam in seams)
+    if whole_mm < NOTABLE_MM:
+        return ""
+    joint, seam = max(zip(joints, seams, strict=True), key=lambda pair: pair[1].thin_mm)
+    return (
+        f"the rim is thinner than two lines on {whole_mm:.0f} mm of the seams, most between "
+        f"{names[joint.a]} and {names[joint.b]} ({seam.thin_mm:.0f} mm): it may break off"
+    )
+
+
+def measure_seams(pieces: Sequence[CutSolid], joints: Iterable[Joint]) -> list[Seam]:
+    """Measure the seam of each joint.
+
+    Parameters
+    ----------
+    pieces
+        All pieces in one frame. A face of the model in the plane of a cut counts as cut.
+    joints
+        Joints of `find_joints`, in the same frame.
+    """
+    rims = _Rims(pieces)
+    return [rims.measure(joint) for joint in joints]
+
+
+class _Rims:
+    """Rims of cut faces, found once for each piece and plane."""
+
+    def __init__(self, pieces: Sequence[CutSolid]) -> None:
+        self._solids = [piece.solid for piece in pieces]
+        self._arrays = [piece.solid.arrays() for piece in pieces]
+        self._edges = [_pair_faces(faces) for _, faces in self._arrays]
+        extents = _Extents(self._arrays)
+        self._cut = [
+            find_cut_faces(*arrays, extents.drop_outermost(piece.planes))
+            for piece, arrays in zip(pieces, self._arrays, strict=True)
+        ]
+        self._found: dict[tuple[int, bytes, float], tuple[shapely.Geometry, shapely.Geometry]] = {}
+
+    def measure(self, joint: Joint) -> Seam:
+        length_mm = thin_mm = 0.0
+        for face in joint.faces:
+            near = face.outline.buffer(LINE_MM)
+            both = [self._find(number, face) for number in (joint.a, joint.b)]
+            length_mm += max(float(rim.intersection(near).length) for rim, _ in both)
+            thin_mm += max(float(thin.intersection(near).length) for _, thin in both)
+        return Seam(length_mm, thin_mm)
+
+    def _find(self, number: int, face: JointFace) -> tuple[shapely.Geometry, shapely.Geometry]:
+        """Find the rim of a piece on the plane of a face, and the thin part of it."""
+        key = number, face.normal.tobytes(), face.offset_mm
+        if key not in self._found:
+            vertices, faces = self._arrays[number]
+            flat = find_cut_faces(vertices, faces, np.append(face.normal, face.offset_mm)[None])
+            corners, pairs = self._edges[number]
+            outer = ~self._cut[number][pairs]
+            on_rim = (flat[pairs] & outer[:, ::-1]).any(axis=1)
+            lines = (vertices @ face.axes.T)[corners[on_rim]]
+            rim = shapely.union_all(shapely.linestrings(lines))
+            thin = _find_thin(self._solids[number], vertices, faces[flat], face)
+            self._found[key] = rim, rim.intersection(thin.buffer(LINE_MM))
+        return self._found[key]
+
+
+def _find_thin(solid: Solid, vertices: Floats, flat: Ints, face: JointFace) -> shapely.Geometry:
+    """Find where a solid is thinner than two walls behind its faces (m, 3) in the plane of a joint."""
+    a, b, c = np.moveaxis(vertices[flat], 1, 0)
+    outside = np.sign(float((np.cross(b - a, c - a) @ face.normal).sum()))
+    rings = (vertices @ face.axes.T)[flat]
+    whole = shapely.union_all(shapely.polygons(np.concatenate([rings, rings[:, :1]], axis=1)))
+    frame = np.vstack([face.axes, face.normal])
+    behind = solid.section(frame, face.offset_mm - outside * TWO_WALLS_MM)
+    thin = whole.difference(_build_area(behind))
+    opened: shapely.Geometry = thin.buffer(-THIN_REACH_MM / 2.0).buffer(THIN_REACH_MM / 2.0 * 1.01)
+    return opened
+
+
+def _build_area(rings: Sequence[Floats]) -> shapely.Geometry:
+    """Build the area inside rings (n, 2), of which those around holes are clockwise."""
+    whole = [shapely.Polygon(ring) for ring in rings if len(ring) > 2]
+    filled = [shapely.make_valid(polygon) for polygon in whole if polygon.exterior.is_ccw]
+    holes = [shapely.make_valid(polygon) for polygon in whole if not polygon.exterior.is_ccw]
+    return shapely.union_all(filled).difference(shapely.union_all(holes))
+
+
+def _pair_faces(faces: Ints) -> tuple[Ints, Ints]:
+    """List the edges of a closed surface: their corners (e, 2), and the two faces (e, 2) at each."""
+    corners = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
+    order = np.lexsort((corners[:, 1], corners[:, 0]))
+    return corners[order[::2]], (order % len(faces)).reshape(-1, 2)
+
+
+class _Extents:
+    """Least and greatest coordinate of all pieces along a normal, found once for each."""
+
+    def __init__(self, arrays: Sequence[tuple[Floats, Ints]]) -> None:
+        self._arrays = arrays
+        self._found: dict[bytes, tuple[float, float]] = {}
+
+    def drop_outermost(self, planes: Floats) -> Floats:
+        """Drop the planes (k, 4) that have all pieces on one side: nothing is cut there."""
+        kept: Bools = np.array([self._cuts(plane) for plane in planes], dtype=np.bool_)
+        return planes[kept]
+
+    def _cuts(self, plane: Floats) -> bool:
+        normal = plane[:3]
+        key = normal.tobytes()
+        if key not in self._found:
+            along = [vertices @ normal for vertices, _ in self._arrays]
+            self._found[key] = min(float(a.min()) for a in along), max(float(a.max()) for a in along)
+        low_mm, high_mm = self._found[key]
+        return low_mm < float(plane[3]) - ON_PLANE_MM and float(plane[3]) + ON_PLANE_MM < high_mm
