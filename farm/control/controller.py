@@ -288,7 +288,7 @@ class Controller:
         if reading.misfit is not None:  # one faulty agent must not stop the others
             story = self._store.add_history(reading.misfit)
             PrinterLog(log, name).error("its agent's snapshot does not fit the books: %s", story)
-        changed = self.telemetry.store(snapshot)
+        changed = self.telemetry.store(snapshot, self.clock.now())
         try:
             if reading.events or changed:
                 self._handle_all(reading.events, name)

@@ -6,10 +6,11 @@ and the scheduler runs for changes to the fields that it reads.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections import deque
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
-from farm.model import AgentSnapshot, Link, Print
+from farm.model import AgentSnapshot, Link, Print, Temperatures
 from farm.scheduling import Situation, availability, may_start_now
 from farm.state import (
     Books,
@@ -23,12 +24,17 @@ from farm.state import events as ev
 from farm.state.lifecycles import InvalidTransition
 from farm.state.transitions import apply
 
+TEMPERATURES_KEPT_S = 12 * 3600.0
+"""Farm seconds for which temperatures are kept; they are lost when the daemon ends."""
+_INTERVAL_S = 60.0
+
 
 class Telemetry:
-    """Latest snapshot of each agent."""
+    """Latest snapshot of each agent, and the temperatures of the last hours."""
 
     def __init__(self) -> None:
         self.snapshots: dict[str, AgentSnapshot] = {}
+        self._temperatures: dict[str, TemperatureRecord] = {}
         self._failures: dict[str, str] = {}  # by printer: why its latest snapshot could not be handled
 
     @property
@@ -36,8 +42,14 @@ class Telemetry:
         """Reason why a snapshot could not be handled; None if all were."""
         return next(iter(self._failures.values()), None)
 
-    def store(self, snapshot: AgentSnapshot) -> bool:
+    def list_temperatures(self, printer: str) -> Sequence[Temperatures]:
+        """List the temperatures of a printer since the daemon started, oldest first."""
+        record = self._temperatures.get(printer)
+        return () if record is None else record.readings
+
+    def store(self, snapshot: AgentSnapshot, now_s: float) -> bool:
         """Store a snapshot. Returns True if a field that the scheduler reads has changed."""
+        self._temperatures.setdefault(snapshot.printer, TemperatureRecord()).add(snapshot, now_s)
         previous = self.snapshots.get(snapshot.printer)
         self.snapshots[snapshot.printer] = snapshot
         failed = self._failures.pop(snapshot.printer, None) is not None
@@ -50,6 +62,56 @@ class Telemetry:
             self.snapshots.pop(snapshot.printer, None)
         else:
             self.snapshots[snapshot.printer] = snapshot.model_copy(update={"link": before.link})
+
+
+class TemperatureRecord:
+    """Readings of one printer: one for each minute, of at most twelve hours.
+
+    The hottest reading of a minute is kept, so that no peak is lost. A printer that does not answer leaves a
+    reading without values: a gap.
+    """
+
+    def __init__(self) -> None:
+        self._readings: deque[Temperatures] = deque(maxlen=int(TEMPERATURES_KEPT_S / _INTERVAL_S))
+
+    @property
+    def readings(self) -> Sequence[Temperatures]:
+        """Return the readings, oldest first."""
+        return tuple(self._readings)
+
+    def add(self, snapshot: AgentSnapshot, now_s: float) -> None:
+        """Add the temperatures of a snapshot.
+
+        Parameters
+        ----------
+        snapshot
+            Report of the printer's agent.
+        now_s
+            Farm time, seconds since the epoch; readings after it are from before the clock was set.
+        """
+        readings = self._readings
+        while readings and readings[-1].at_s > now_s:
+            readings.pop()
+        last = readings[-1] if readings else None
+        nozzle_c, bed_c = _round(snapshot.nozzle_c), _round(snapshot.bed_c)
+        if last is not None and nozzle_c is None and bed_c is None and last.nozzle_c is None:
+            return  # the gap has begun already
+        at_s = now_s
+        same_minute = last is not None and now_s - last.at_s < _INTERVAL_S
+        if last is not None and same_minute and (last.nozzle_c is None) == (nozzle_c is None):
+            readings.pop()
+            at_s, nozzle_c, bed_c = last.at_s, _hotter(last.nozzle_c, nozzle_c), _hotter(last.bed_c, bed_c)
+        targets = _round(snapshot.nozzle_target_c), _round(snapshot.bed_target_c)
+        readings.append(Temperatures(at_s, nozzle_c, bed_c, *targets))
+
+
+def _round(degrees_c: float | None) -> int | None:
+    return None if degrees_c is None else round(degrees_c)
+
+
+def _hotter(one_c: int | None, other_c: int | None) -> int | None:
+    known = [degrees_c for degrees_c in (one_c, other_c) if degrees_c is not None]
+    return max(known, default=None)
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,6 +21,7 @@ from farm.model.key import Key, KeyKind, Role
 from farm.model.plate import DEFAULT_PRINT_OPTIONS, Part, PartGeometry, PartPrintOptions, Plate
 from farm.model.print import Moment, Print, PrintState, Still, Verdict
 from farm.model.printer import Bed, FilamentState, Outage, Printer, Reel
+from farm.model.temperatures import Temperatures
 
 __all__ = [
     "DEFAULT_PRINT_OPTIONS",
@@ -56,5 +57,6 @@ __all__ = [
     "Role",
     "ShortReel",
     "Still",
+    "Temperatures",
     "Verdict",
 ]

@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from farm.control.telemetry import Telemetry, read_snapshot
+from farm.control.telemetry import TEMPERATURES_KEPT_S, Telemetry, TemperatureRecord, read_snapshot
 from farm.model import AgentPrint, AgentSnapshot, Link, PrintState
 from farm.state import events as ev
 from make_books import printing, run
@@ -31,11 +31,11 @@ BUSY = AgentSnapshot(printer="a", link=Link.BUSY, agent_pid=9, print=SAID)
 @given(nozzle_c=CELSIUS, bed_c=CELSIUS, target_c=CELSIUS, progress_s=SECONDS, layer=st.integers(1, 999))
 def test_telemetry_without_changes_is_not_reported(nozzle_c, bed_c, target_c, progress_s, layer):
     telemetry = Telemetry()
-    assert telemetry.store(BUSY)
+    assert telemetry.store(BUSY, 60.0)
     message = SAID.model_copy(update={"progress_s": progress_s, "layer": layer, "z_mm": layer * 0.1})
     heat = {"nozzle_c": nozzle_c, "bed_c": bed_c, "nozzle_target_c": target_c, "bed_target_c": target_c}
     later = BUSY.model_copy(update={"print": message, **heat})
-    assert not telemetry.store(later)
+    assert not telemetry.store(later, 60.0)
     reading = read_snapshot(BOOKS, later, BUSY, True, 60.0)
     assert (reading.events, reading.instructions, reading.misfit) == ((), (), None)
     assert telemetry.snapshots["a"] == later
@@ -43,14 +43,14 @@ def test_telemetry_without_changes_is_not_reported(nozzle_c, bed_c, target_c, pr
 
 def test_rejected_snapshot_is_compared_again_and_shown():
     telemetry = Telemetry()
-    telemetry.store(BUSY)
+    telemetry.store(BUSY, 60.0)
     lost = BUSY.model_copy(update={"link": Link.ABSENT, "nozzle_c": 180.0})
-    assert telemetry.store(lost)
+    assert telemetry.store(lost, 60.0)
     telemetry.reject(lost, BUSY, "the disk is full")
     assert telemetry.failure == "the disk is full"
     shown = telemetry.snapshots["a"]
     assert (shown.link, shown.nozzle_c) == (Link.BUSY, 180.0)
-    assert telemetry.store(lost)
+    assert telemetry.store(lost, 60.0)
     assert telemetry.failure is None
 
 
@@ -62,3 +62,37 @@ def test_snapshot_is_compared_step_by_step():
     kinds = [type(event).__name__ for event in reading.events]
     assert kinds == ["PrintEnded", "BedBecameUnknown"]
     assert [type(item).__name__ for item in reading.instructions] == ["SendForget"]
+
+
+def record(*readings):
+    """Return what is kept of readings: time, nozzle and bed."""
+    kept = TemperatureRecord()
+    for at_s, nozzle_c, bed_c in readings:
+        snapshot = AgentSnapshot(printer="a", link=Link.READY, nozzle_c=nozzle_c, bed_c=bed_c)
+        kept.add(snapshot, at_s)
+    return [(one.at_s, one.nozzle_c, one.bed_c) for one in kept.readings]
+
+
+def test_hottest_reading_of_a_minute_is_kept():
+    seconds = [(float(s), 290.0 if s == 30 else 210.0, 60.0) for s in range(120)]
+    assert record(*seconds) == [(0.0, 290, 60), (60.0, 210, 60)]
+
+
+def test_printer_without_answer_leaves_one_gap():
+    silent = [(20.0 + s, None, None) for s in range(300)]
+    assert record((0.0, 20.4, 19.6), *silent, (330.0, 21.0, 20.0)) == [
+        (0.0, 20, 20),
+        (20.0, None, None),
+        (330.0, 21, 20),
+    ]
+
+
+@given(st.lists(st.tuples(st.floats(0.0, 1e6), CELSIUS, CELSIUS), max_size=200))
+def test_temperatures_are_bounded_and_in_order_even_if_the_clock_is_set_back(readings):
+    kept = record(*readings)
+    assert [at_s for at_s, *_ in kept] == sorted(at_s for at_s, *_ in kept)
+    assert len(kept) <= TEMPERATURES_KEPT_S / 60.0
+
+
+def test_temperatures_of_weeks_are_bounded():
+    assert len(record(*((60.0 * n, 20.0, 20.0) for n in range(20_000)))) == TEMPERATURES_KEPT_S / 60.0
