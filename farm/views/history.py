@@ -56,7 +56,7 @@ def list_history(
         if attempt.state.ended and job in (None, attempt.job) and printer in (None, attempt.printer)
     ]
     ended.sort(key=lambda attempt: (attempt.ended_s or 0.0, attempt.id))
-    return [_history_row(context, attempt) for attempt in ended[-last:]]
+    return [describe_ended_print(context, attempt) for attempt in ended[-last:]]
 
 
 def list_prints(
@@ -75,7 +75,7 @@ def list_prints(
 
 
 def _print_row(context: ViewContext, attempt: Print) -> api.PrintRow:
-    row = api.PrintRow(**dict(_history_row(context, attempt)), id=attempt.id, plate=attempt.plate)
+    row = api.PrintRow(**dict(describe_ended_print(context, attempt)), id=attempt.id, plate=attempt.plate)
     if not attempt.state.ended and attempt.started_s is not None:
         row.took_s = max(0.0, context.now_s - attempt.started_s)
     return row
@@ -106,7 +106,8 @@ def _job_row(context: ViewContext, job: Job) -> api.JobRow:
     )
 
 
-def _history_row(context: ViewContext, attempt: Print) -> api.HistoryRow:
+def describe_ended_print(context: ViewContext, attempt: Print) -> api.HistoryRow:
+    """Describe a print with its times and its filament, which are final once it has ended."""
     plate, job = context.books.plates[attempt.plate], context.books.jobs[attempt.job]
     return api.HistoryRow(
         **dict(describe_print(context, attempt)),

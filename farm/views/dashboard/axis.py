@@ -1,0 +1,63 @@
+"""Time axis of a chart: positions of times, and round times as marks. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from datetime import datetime, timedelta, tzinfo
+
+_STEPS_S = (900, 1800, 3600, 7200, 14_400, 21_600, 43_200, 86_400, 172_800, 604_800)
+_SHORTEST_S = 60.0
+
+
+@dataclass(frozen=True, slots=True)
+class Mark:
+    """Time mark at `x`, with the time as ISO 8601 and as short text."""
+
+    x: float
+    at: str
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class TimeAxis:
+    """Horizontal axis from `begin_s` to `end_s`, seconds since the epoch, at `left` to `left + width` px."""
+
+    begin_s: float
+    end_s: float
+    left: float
+    width: float
+    zone: tzinfo
+
+    def x(self, at_s: float) -> float:
+        """Return the position of a time; times outside of the axis are at its ends."""
+        span_s = max(_SHORTEST_S, self.end_s - self.begin_s)
+        return self.left + self.width * min(1.0, max(0.0, (at_s - self.begin_s) / span_s))
+
+    def list_marks(self, most: int = 10) -> list[Mark]:
+        """List round times of the zone on the axis; the first and those at midnight have their weekday."""
+        marks, has_day = [], False
+        for at in self._list_times(most):
+            shows_day = not has_day or (at.hour, at.minute) == (0, 0)
+            has_day = True
+            marks.append(
+                Mark(
+                    self.x(at.timestamp()),
+                    at.isoformat("T", "seconds"),
+                    f"{at:%a %H:%M}" if shows_day else f"{at:%H:%M}",
+                )
+            )
+        return marks
+
+    def _list_times(self, most: int) -> Iterator[datetime]:
+        span_s = max(_SHORTEST_S, self.end_s - self.begin_s)
+        step_s = next((step for step in _STEPS_S if span_s / step <= most), _STEPS_S[-1])
+        step = timedelta(seconds=step_s)
+        day = datetime.fromtimestamp(self.begin_s, self.zone).replace(
+            hour=0, minute=0, second=0, microsecond=0
+        )
+        at = day  # the local clock: steps of wall time, also over a change to daylight saving
+        while at.timestamp() <= self.end_s:
+            if at.timestamp() >= self.begin_s:
+                yield at
+            at += step

@@ -1,0 +1,41 @@
+"""Ended prints as CSV, for spreadsheets. Pure."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterable
+from io import StringIO
+
+from farm import api
+from farm.text import flatten_text
+
+_FORMULA = ("=", "+", "-", "@", "\t", "\r")  # a spreadsheet calculates what begins with one of these
+_COLUMNS = (
+    *("job", "name", "part", "printer", "state", "verdict", "fault", "reason", "why"),
+    *("started", "ended", "took_s", "expected_s", "grams", "wasted", "submitted_by", "note"),
+)
+
+
+def write_csv(rows: Iterable[api.HistoryRow]) -> str:
+    """Write prints as CSV (RFC 4180) with a line of headings; durations in seconds.
+
+    Text that a spreadsheet would take for a formula gets an apostrophe before it: names of models and notes
+    come from whoever submits a job.
+    """
+    text = StringIO()
+    writer = csv.writer(text)
+    writer.writerow(_COLUMNS)
+    for row in rows:
+        writer.writerow([_format_cell(getattr(row, column)) for column in _COLUMNS])
+    return text.getvalue()
+
+
+def _format_cell(value: object) -> str:
+    if value is None:
+        return ""
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, int | float):
+        return f"{value:.10g}"
+    text = flatten_text(str(value))
+    return f"'{text}" if text.lstrip().startswith(_FORMULA) else text

@@ -1,0 +1,106 @@
+"""Prints of the fleet in time: ended, running, and expected by the forecast. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from farm.model import Print
+from farm.scheduling import Hours, Situation, forecast_prints
+from farm.views.context import ViewContext
+from farm.views.report.gantt import name_outcome
+
+PLANNED = "planned"
+
+
+@dataclass(frozen=True, slots=True)
+class PlannedPrint:
+    """Print of a plate on a printer; times in seconds since the epoch.
+
+    Attributes
+    ----------
+    kind
+        Its outcome (`good`, `printed`, `bad`, `failed`, `cancelled`), `printing`, or `planned`.
+    """
+
+    printer: str
+    job: int
+    part: str
+    kind: str
+    starts_s: float
+    ends_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class FleetPlan:
+    """Prints of the fleet between two times, and the plates that no printer can take."""
+
+    prints: tuple[PlannedPrint, ...]
+    left: tuple[str, ...]
+
+    def job_ends_s(self) -> dict[int, float]:
+        """Return the end of the last print of each job with any that runs or is planned."""
+        ends_s: dict[int, float] = {}
+        for one in self.prints:
+            if one.kind in (PLANNED, "printing"):
+                ends_s[one.job] = max(one.ends_s, ends_s.get(one.job, one.ends_s))
+        return ends_s
+
+
+def plan_fleet(context: ViewContext, situation: Situation, since_s: float) -> FleetPlan:
+    """List the prints of the fleet since a time, and the forecast of all waiting plates.
+
+    Parameters
+    ----------
+    context
+        The farm.
+    situation
+        Its situation for a forecast, with the waiting plates.
+    since_s
+        Prints that ended before are left out; seconds since the epoch.
+    """
+    forecast = forecast_prints(situation, bounded=False)
+    plates = context.books.plates
+    planned = (
+        PlannedPrint(
+            slot.printer,
+            plates[slot.plate].job,
+            plates[slot.plate].parts[0],
+            PLANNED,
+            slot.starts_s,
+            slot.ends_s,
+        )
+        for slot in forecast.slots
+    )
+    prints = [*_list_started(context, since_s), *planned]
+    prints.sort(key=lambda one: (one.starts_s, one.printer))
+    return FleetPlan(tuple(prints), forecast.left)
+
+
+def _list_started(context: ViewContext, since_s: float) -> Iterator[PlannedPrint]:
+    """List the prints that have begun, an open one up to its expected end."""
+    for one in context.books.prints.values():
+        if one.state.ended and (one.started_s is None or (one.ended_s or 0.0) < since_s):
+            continue
+        starts_s = one.started_s if one.started_s is not None else one.assigned_s
+        part = context.books.plates[one.plate].parts[0]
+        kind = name_outcome(one.state, one.verdict)
+        yield PlannedPrint(one.printer, one.job, part, kind, starts_s, _end_s(context, one, starts_s))
+
+
+def _end_s(context: ViewContext, one: Print, starts_s: float) -> float:
+    if one.ended_s is not None:
+        return max(starts_s, one.ended_s)
+    return context.now_s + max(60.0, context.remaining_s(one))
+
+
+def list_spans(hours: Hours, begin_s: float, end_s: float) -> list[tuple[float, float]]:
+    """List the spans of weekly hours that overlap a time, cut to it."""
+    spans, at_s = [], begin_s
+    while at_s < end_s:
+        span = hours.span(at_s) or hours.following(at_s)
+        if span is None or span[0] >= end_s:
+            break
+        spans.append((max(begin_s, span[0]), min(end_s, span[1])))
+        at_s = span[1]
+    return spans

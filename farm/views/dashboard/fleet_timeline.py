@@ -1,0 +1,238 @@
+"""View of the fleet's timeline: a row for each printer, a bar for each print, and the hours. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from farm.scheduling import Situation
+from farm.text import format_duration
+from farm.views.context import ViewContext
+from farm.views.dashboard.axis import Mark, TimeAxis
+from farm.views.dashboard.fleet_plan import PLANNED, FleetPlan, PlannedPrint, list_spans, plan_fleet
+from farm.views.dashboard.what_if import Change, JobShift, try_change
+
+_WIDTH, _ROW, _LEFT, _RIGHT, _TOP = 1200, 30, 120, 30, 30  # px
+_BAR = 22
+_CHARACTER = 7.0  # approximate width of a character, px
+_AFTER_S = 1800.0
+_SHORTEST_S, _LONGEST_S = 6 * 3600.0, 8 * 86400.0
+SIGNS = {
+    "good": "✓",
+    "printed": "✓",
+    "bad": "✗",
+    "failed": "✗",
+    "cancelled": "–",
+    "printing": "▶",
+    PLANNED: "",
+}
+"""Signs before the names of parts, so that a state is not told by its colour alone."""
+
+
+@dataclass(frozen=True, slots=True)
+class Bar:
+    """Bar of a print; lengths in px. `text` says everything about it."""
+
+    x: float
+    width: float
+    kind: str
+    label: str
+    text: str
+    job: int
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """Row of a printer, at `y` px."""
+
+    printer: str
+    y: int
+    bars: tuple[Bar, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Band:
+    """Hours in the background, from `x`; width in px."""
+
+    x: float
+    width: float
+
+
+@dataclass(frozen=True, slots=True)
+class Chart:
+    """Layout of the timeline; lengths in px."""
+
+    rows: tuple[Row, ...]
+    marks: tuple[Mark, ...]
+    attended: tuple[Band, ...]
+    quiet: tuple[Band, ...]
+    now_x: float
+    height: int
+    kinds: tuple[tuple[str, str], ...]
+    width: int = _WIDTH
+    top: int = _TOP
+    bar_height: int = _BAR
+
+
+@dataclass(frozen=True, slots=True)
+class TableRow:
+    """Print in the table, with its times as ISO 8601."""
+
+    printer: str
+    job: int
+    name: str
+    part: str
+    kind: str
+    starts: str
+    ends: str
+
+
+@dataclass(frozen=True, slots=True)
+class Shift:
+    """End of a job as it is planned and with a change, as ISO 8601; None: not in the forecast."""
+
+    job: int
+    name: str
+    end: str | None
+    new_end: str | None
+    later_s: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class WaitingJob:
+    """Job whose place or start can be tried out."""
+
+    id: int
+    name: str
+
+
+@dataclass(frozen=True, slots=True)
+class TimelineView:
+    """Timeline of the fleet.
+
+    Attributes
+    ----------
+    back_s
+        How far it goes back.
+    left
+        Parts that no printer can take.
+    unplanned
+        Jobs that have no plan yet, and are not in it.
+    change, shifts
+        The change that is tried out, and what it does to each job; None and empty: the plan as it is.
+    """
+
+    now: str
+    zone: str
+    back_s: float
+    chart: Chart
+    table: tuple[TableRow, ...]
+    left: tuple[str, ...]
+    unplanned: tuple[WaitingJob, ...]
+    waiting: tuple[WaitingJob, ...]
+    change: Change | None = None
+    shifts: tuple[Shift, ...] = ()
+
+
+def describe_fleet_timeline(
+    context: ViewContext, situation: Situation, back_s: float, change: Change | None = None
+) -> TimelineView:
+    """Describe the prints of the fleet: past, running and planned ones.
+
+    Parameters
+    ----------
+    context
+        The farm.
+    situation
+        Its situation for a forecast.
+    back_s
+        How far to go back from now.
+    change
+        A change to a job that is tried out: the timeline shows what would follow.
+
+    Raises
+    ------
+    NoSuchThing
+        If the change names a job that there is not.
+    InvalidTransition
+        If that job cannot be moved.
+    """
+    since_s, shifts = context.now_s - back_s, list[JobShift]()
+    if change is None:
+        plan = plan_fleet(context, situation, since_s)
+    else:
+        plan, shifts = try_change(context, situation, change, since_s)
+    jobs = context.books.open_jobs()
+    return TimelineView(
+        now=context.format_time(context.now_s) or "",
+        zone=context.fleet.fleet.timezone,
+        back_s=back_s,
+        chart=_lay_out(context, situation, plan, since_s),
+        table=tuple(_table_row(context, one) for one in plan.prints),
+        left=tuple(context.books.plates[name].parts[0] for name in plan.left),
+        unplanned=tuple(WaitingJob(job.id, job.name) for job in jobs if not job.plates),
+        waiting=tuple(WaitingJob(job.id, job.name) for job in jobs if job.plates),
+        change=change,
+        shifts=tuple(
+            Shift(
+                job=one.job.id,
+                name=one.job.name,
+                end=context.format_time(one.end_s),
+                new_end=context.format_time(one.new_end_s),
+                later_s=one.later_s,
+            )
+            for one in shifts
+        ),
+    )
+
+
+def _lay_out(context: ViewContext, situation: Situation, plan: FleetPlan, since_s: float) -> Chart:
+    """Lay out a plan over its whole time, over a week and a day at most."""
+    last_s = max((one.ends_s for one in plan.prints), default=context.now_s) + _AFTER_S
+    first_s = min((one.starts_s for one in plan.prints), default=context.now_s) - _AFTER_S
+    begin_s = max(since_s, min(first_s, context.now_s - _AFTER_S))
+    end_s = min(max(last_s, begin_s + _SHORTEST_S), context.now_s + _LONGEST_S)
+    axis = TimeAxis(begin_s, end_s, _LEFT, _WIDTH - _LEFT - _RIGHT, context.fleet.zone)
+    rows = []
+    names = dict.fromkeys([*context.fleet.names, *(one.printer for one in plan.prints)])
+    for number, name in enumerate(names):
+        bars = (one for one in plan.prints if one.printer == name and one.starts_s < end_s)
+        rows.append(Row(name, _TOP + _ROW * number, tuple(_lay_out_bar(context, axis, one) for one in bars)))
+    rules = situation.rules
+    kinds = {one.kind for one in plan.prints}
+    return Chart(
+        rows=tuple(rows),
+        marks=tuple(axis.list_marks()),
+        attended=_lay_out_bands(axis, list_spans(rules.attended, begin_s, end_s)),
+        quiet=_lay_out_bands(axis, list_spans(rules.quiet, begin_s, end_s)),
+        now_x=axis.x(context.now_s),
+        height=_TOP + _ROW * len(rows) + 4,
+        kinds=tuple((kind, sign) for kind, sign in SIGNS.items() if kind in kinds),
+    )
+
+
+def _lay_out_bands(axis: TimeAxis, spans: Sequence[tuple[float, float]]) -> tuple[Band, ...]:
+    return tuple(Band(axis.x(begin_s), axis.x(end_s) - axis.x(begin_s)) for begin_s, end_s in spans)
+
+
+def _lay_out_bar(context: ViewContext, axis: TimeAxis, one: PlannedPrint) -> Bar:
+    x = axis.x(one.starts_s)
+    width = max(3.0, axis.x(one.ends_s) - x - 1.0)
+    label = " ".join(filter(None, (SIGNS[one.kind], one.part)))
+    if len(label) * _CHARACTER > width:
+        label = SIGNS[one.kind] if width > 2 * _CHARACTER else ""
+    length = format_duration(one.ends_s - one.starts_s)
+    text = f"{one.part} ({context.books.jobs[one.job].name}) on {one.printer}: {one.kind}, {length}"
+    return Bar(x, width, one.kind, label, text, one.job)
+
+
+def _table_row(context: ViewContext, one: PlannedPrint) -> TableRow:
+    return TableRow(
+        printer=one.printer,
+        job=one.job,
+        name=context.books.jobs[one.job].name,
+        part=one.part,
+        kind=one.kind,
+        starts=context.format_time(one.starts_s) or "",
+        ends=context.format_time(one.ends_s) or "",
+    )

@@ -1,0 +1,131 @@
+"""View of the history page: ended prints of a period, their figures, and jobs. Pure."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from farm import api
+from farm.model import Job, JobState, Print
+from farm.views.context import ViewContext
+from farm.views.dashboard.figures import Figures, group_figures, name_month, sum_figures
+from farm.views.history import describe_ended_print
+from farm.views.job_times import measure_times
+
+_DAY_S = 86400.0
+
+
+@dataclass(frozen=True, slots=True)
+class HistoryFilter:
+    """Choice of ended prints: all of them, or those of the last days, of one printer, of one job."""
+
+    days: int | None = None
+    printer: str | None = None
+    job: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class JobOutcome:
+    """Job that has ended or been printed: expected and reached parallel printing time, in seconds."""
+
+    id: int
+    name: str
+    state: JobState
+    ended: str | None
+    expected_s: float | None
+    reached_s: float | None
+
+    @property
+    def deviation(self) -> float | None:
+        """Return the share by which it took longer than expected; None if either is unknown."""
+        return self.reached_s / self.expected_s - 1 if self.expected_s and self.reached_s else None
+
+
+@dataclass(frozen=True, slots=True)
+class HistoryView:
+    """Ended prints, the last first, with figures of all of them.
+
+    Attributes
+    ----------
+    rows
+        The last prints, at most as many as the page shows.
+    hidden
+        Number of further prints; the CSV file has them.
+    """
+
+    now: str
+    chosen: HistoryFilter
+    printers: tuple[str, ...]
+    total: Figures
+    by_printer: list[Figures]
+    by_material: list[Figures]
+    by_month: list[Figures]
+    jobs: list[JobOutcome]
+    rows: list[api.HistoryRow]
+    hidden: int
+
+
+def describe_history(context: ViewContext, chosen: HistoryFilter, most: int = 100) -> HistoryView:
+    """Describe ended prints with their figures.
+
+    Parameters
+    ----------
+    context
+        The farm.
+    chosen
+        The prints to describe.
+    most
+        Number of prints, and of jobs, that are listed; the figures count all.
+    """
+    books, zone = context.books, context.fleet.zone
+    prints = select_prints(context, chosen)
+    jobs = [
+        job for job in map(books.job, sorted({one.job for one in prints}, reverse=True)) if job.state.ended
+    ]
+    shown = prints[-most:]
+    return HistoryView(
+        now=context.format_time(context.now_s) or "",
+        chosen=chosen,
+        printers=tuple(sorted({*context.fleet.names, *(one.printer for one in books.prints.values())})),
+        total=sum_figures("all", prints, books.plates),
+        by_printer=group_figures(prints, books.plates, lambda one: one.printer),
+        by_material=group_figures(prints, books.plates, lambda one: books.plates[one.plate].material),
+        by_month=group_figures(prints, books.plates, lambda one: name_month(one, zone)),
+        jobs=[_describe_outcome(context, job) for job in jobs[:most]],
+        rows=[describe_ended_print(context, one) for one in reversed(shown)],
+        hidden=len(prints) - len(shown),
+    )
+
+
+def select_prints(context: ViewContext, chosen: HistoryFilter) -> list[Print]:
+    """Select ended prints that were started, in the order in which they ended.
+
+    Raises
+    ------
+    NoSuchThing
+        If there is no such job.
+    """
+    if chosen.job is not None:
+        context.books.job(chosen.job)
+    since_s = 0.0 if chosen.days is None else context.now_s - chosen.days * _DAY_S
+    prints = [
+        one
+        for one in context.books.prints.values()
+        if one.state.ended
+        and one.started_s is not None
+        and chosen.printer in (None, one.printer)
+        and chosen.job in (None, one.job)
+        and (one.ended_s or 0.0) >= since_s
+    ]
+    return sorted(prints, key=lambda one: (one.ended_s or 0.0, one.id))
+
+
+def _describe_outcome(context: ViewContext, job: Job) -> JobOutcome:
+    printed = job.state in (JobState.PRINTED, JobState.DONE)
+    return JobOutcome(
+        id=job.id,
+        name=job.name,
+        state=job.state,
+        ended=context.format_time(job.ended_s),
+        expected_s=job.expected_s,
+        reached_s=measure_times(context, job).makespan_s if printed else None,
+    )

@@ -1,0 +1,134 @@
+"""View of a printer's page: its state, temperatures, prints, faults and figures. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from farm import api
+from farm.errors import NoSuchThing
+from farm.model import Hold, Print, Temperatures
+from farm.views.context import ViewContext
+from farm.views.dashboard.figures import Figures, sum_figures
+from farm.views.dashboard.temperature_chart import TemperatureChart, lay_out_temperatures
+from farm.views.history import list_prints
+from farm.views.printers import describe_printer
+from farm.views.tasks import list_tasks
+
+_PRINTS = 20
+_FAULTS = 10
+
+
+@dataclass(frozen=True, slots=True)
+class SeenStill:
+    """Picture of a print: its moment and time, and its name among the files of its job."""
+
+    moment: str
+    taken: str
+    file: str
+
+
+@dataclass(frozen=True, slots=True)
+class FaultView:
+    """Print that failed, or whose part is bad, with what was seen."""
+
+    job: int
+    part: str
+    ended: str | None
+    fault: str | None
+    text: str
+    stills: tuple[SeenStill, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class PrinterPage:
+    """One printer, with its past.
+
+    Attributes
+    ----------
+    tasks
+        What people have to do at it.
+    chart
+        Temperatures of the last hours; None if there are none since the daemon started.
+    prints, faults
+        The last ones, the newest first.
+    """
+
+    now: str
+    printer: api.PrinterView
+    model: str
+    tasks: tuple[api.Todo, ...]
+    chart: TemperatureChart | None
+    figures: Figures
+    prints: list[api.PrintRow]
+    faults: list[FaultView]
+
+
+def describe_printer_page(
+    context: ViewContext,
+    name: str,
+    readings: Sequence[Temperatures],
+    hold: Hold | None,
+    kept_for: str | None = None,
+) -> PrinterPage:
+    """Describe a printer with its past.
+
+    Parameters
+    ----------
+    context
+        The farm.
+    name
+        The printer.
+    readings
+        Its temperatures, oldest first.
+    hold, kept_for
+        As in `describe_printer`.
+
+    Raises
+    ------
+    NoSuchThing
+        If the fleet has no such printer.
+    """
+    if name not in context.fleet.names:
+        raise NoSuchThing(f"there is no printer {name} in the fleet")
+    section = context.fleet.printer(name)
+    prints = [one for one in context.books.prints.values() if one.printer == name]
+    return PrinterPage(
+        now=context.format_time(context.now_s) or "",
+        printer=describe_printer(context, section, hold, kept_for),
+        model=section.model,
+        tasks=tuple(task for task in list_tasks(context) if name in task.printers),
+        chart=lay_out_temperatures(
+            readings, context.now_s, context.fleet.zone, lambda at_s: context.format_time(at_s) or ""
+        ),
+        figures=sum_figures(name, prints, context.books.plates),
+        prints=list(reversed(list_prints(context, None, name, None, _PRINTS))),
+        faults=_list_faults(context, prints),
+    )
+
+
+def _list_faults(context: ViewContext, prints: Sequence[Print]) -> list[FaultView]:
+    """List the last prints that did not succeed and have a fault or a verdict, the newest first."""
+    faulty = [one for one in prints if one.state.ended and (one.fault or one.verdict_why or one.fail_reason)]
+    faulty.sort(key=lambda one: one.ended_s or 0.0, reverse=True)
+    return [_describe_fault(context, one) for one in faulty[:_FAULTS]]
+
+
+def _describe_fault(context: ViewContext, one: Print) -> FaultView:
+    pruned = context.books.jobs[one.job].pruned_s is not None
+    return FaultView(
+        job=one.job,
+        part=context.books.plates[one.plate].parts[0],
+        ended=context.format_time(one.ended_s),
+        fault=one.fault,
+        text=one.reason or one.fail_reason or one.verdict_why or "",
+        stills=tuple(
+            SeenStill(
+                moment=still.moment.replace("_", " "),
+                taken=context.format_time(still.at_s) or "",
+                file=f"print-{one.number}-{still.moment}.{still.file.rpartition('.')[2]}",
+            )
+            for still in one.stills
+            if not pruned
+        ),
+    )

@@ -1,0 +1,124 @@
+"""Chart of a printer's temperatures over the last hours. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from datetime import tzinfo
+
+from farm.model import Temperatures
+from farm.views.dashboard.axis import Mark, TimeAxis
+
+_WIDTH, _HEIGHT, _LEFT, _TOP, _BOTTOM = 960.0, 220.0, 44.0, 10.0, 24.0  # px
+_LEAST_C, _STEP_C = 100, 50
+_TABLE_ROWS = 24
+"""Approximate number of readings in the table, for readers who do not see the chart."""
+
+Points = tuple[tuple[float, float], ...]
+"""Ends of the pieces of a line; x and y in px."""
+
+
+@dataclass(frozen=True, slots=True)
+class Curve:
+    """One line of the chart, in pieces: it is interrupted while the printer does not answer."""
+
+    name: str
+    kind: str
+    pieces: tuple[Points, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class TemperatureRow:
+    """Reading in the table; its time as ISO 8601."""
+
+    at: str
+    nozzle_c: int | None
+    bed_c: int | None
+    nozzle_target_c: int | None
+    bed_target_c: int | None
+
+
+@dataclass(frozen=True, slots=True)
+class TemperatureChart:
+    """Layout of the chart, in px, and a table of the same readings.
+
+    Attributes
+    ----------
+    degrees
+        Marks of the vertical axis: y, and degrees Celsius.
+    since
+        Time of the first reading.
+    """
+
+    curves: tuple[Curve, ...]
+    marks: tuple[Mark, ...]
+    degrees: tuple[tuple[float, int], ...]
+    rows: tuple[TemperatureRow, ...]
+    since: str
+    hottest_c: int
+    width: float = _WIDTH
+    height: float = _HEIGHT
+    left: float = _LEFT
+    top: float = _TOP
+    bottom: float = _HEIGHT - _BOTTOM
+
+
+def lay_out_temperatures(
+    readings: Sequence[Temperatures], now_s: float, zone: tzinfo, format_time: Callable[[float], str]
+) -> TemperatureChart | None:
+    """Lay out temperatures from the first reading until now; None without a reading that has a value.
+
+    Parameters
+    ----------
+    readings
+        Oldest first.
+    now_s
+        Farm time, seconds since the epoch.
+    zone
+        Of the times on the axis.
+    format_time
+        Formats a time as ISO 8601.
+    """
+    known = [one for one in readings if one.nozzle_c is not None or one.bed_c is not None]
+    if not known:
+        return None
+    hottest_c = max(max(one.nozzle_c or 0, one.bed_c or 0) for one in known)
+    top_c = max(_LEAST_C, -(-(hottest_c + 10) // _STEP_C) * _STEP_C)
+    axis = TimeAxis(known[0].at_s, max(now_s, known[-1].at_s), _LEFT, _WIDTH - _LEFT - 20.0, zone)
+
+    def y(degrees_c: float) -> float:
+        return _TOP + (_HEIGHT - _TOP - _BOTTOM) * (1.0 - max(0.0, degrees_c) / top_c)
+
+    def draw(value: Callable[[Temperatures], int | None]) -> tuple[Points, ...]:
+        return tuple(_split(((axis.x(one.at_s), value(one)) for one in readings), y))
+
+    step = max(1, len(known) // _TABLE_ROWS)
+    return TemperatureChart(
+        curves=(
+            Curve("nozzle", "nozzle", draw(lambda one: one.nozzle_c)),
+            Curve("nozzle, target", "nozzle target", draw(lambda one: one.nozzle_target_c)),
+            Curve("bed", "bed", draw(lambda one: one.bed_c)),
+            Curve("bed, target", "bed target", draw(lambda one: one.bed_target_c)),
+        ),
+        marks=tuple(axis.list_marks()),
+        degrees=tuple((y(c), c) for c in range(0, top_c + 1, _STEP_C)),
+        rows=tuple(
+            TemperatureRow(
+                format_time(one.at_s), one.nozzle_c, one.bed_c, one.nozzle_target_c, one.bed_target_c
+            )
+            for one in reversed(known[::-step])
+        ),
+        since=format_time(known[0].at_s),
+        hottest_c=hottest_c,
+    )
+
+
+def _split(values: Iterable[tuple[float, int | None]], y: Callable[[float], float]) -> list[Points]:
+    """Split a line where values are missing."""
+    pieces: list[list[tuple[float, float]]] = [[]]
+    for x, value in values:
+        if value is None:
+            pieces.append([])
+        else:
+            pieces[-1].append((x, y(value)))
+    return [tuple(piece) for piece in pieces if piece]

@@ -1,0 +1,144 @@
+"""Forecast with one change to a job, its place in the queue or its start, before it is made. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+from farm.model import Job
+from farm.scheduling import Situation, WaitingPlate, describe_plates
+from farm.state import Books, PlateState
+from farm.state import events as ev
+from farm.state.books import put, replace_fields
+from farm.state.transitions import apply
+from farm.views.context import ViewContext
+from farm.views.dashboard.fleet_plan import FleetPlan, plan_fleet
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """Change to a job that is tried out.
+
+    Attributes
+    ----------
+    job
+        Its number.
+    moves
+        Whether it is moved in the queue: before the job `before`, or to the end.
+    not_before_s
+        Another earliest start, seconds since the epoch; None: as it is.
+    """
+
+    job: int
+    moves: bool = False
+    before: int | None = None
+    not_before_s: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class JobShift:
+    """End of a job as planned, and with the change, in seconds since the epoch; None: not in the forecast."""
+
+    job: Job
+    end_s: float | None
+    new_end_s: float | None
+
+    @property
+    def later_s(self) -> float | None:
+        """Return by how many seconds it would end later; less than 0: earlier; None if that is unknown."""
+        return None if self.end_s is None or self.new_end_s is None else self.new_end_s - self.end_s
+
+
+def apply_change(books: Books, change: Change, now_s: float) -> Books:
+    """Return the books with a change to a job; the given ones stay as they are.
+
+    Raises
+    ------
+    NoSuchThing
+        If there is no such job.
+    InvalidTransition
+        If it cannot be moved.
+    """
+    books.job(change.job)
+    if change.moves:
+        moved = ev.JobMoved(at_s=now_s, job=change.job, before=change.before, by="")
+        books, _ = apply(moved, books)
+    if change.not_before_s is not None:
+        books = put(books, replace_fields(books.job(change.job), not_before_s=change.not_before_s))
+    return books
+
+
+def change_situation(situation: Situation, books: Books, change: Change, now_s: float) -> Situation:
+    """Return the situation of a forecast after a change.
+
+    The plates of the changed job are in it even if it waits for an approval or is paused.
+
+    Parameters
+    ----------
+    situation
+        As it is.
+    books
+        As they are.
+    change
+        The change that is tried out.
+    now_s
+        Farm time, seconds since the epoch.
+    """
+    changed = apply_change(books, change, now_s)
+    others = tuple(_renew(plate, changed) for plate in situation.waiting if plate.job != change.job)
+    waiting = (
+        p for p in books.plates_of(books.job(change.job)) if books.plate_state(p) is PlateState.WAITING
+    )
+    return situation.with_waiting((*others, *describe_plates(waiting, changed)))
+
+
+def _renew(plate: WaitingPlate, books: Books) -> WaitingPlate:
+    job = books.job(plate.job)
+    return replace(plate, priority=job.priority, rank=job.moved_rank)
+
+
+def compare_plans(context: ViewContext, plan: FleetPlan, changed: FleetPlan) -> list[JobShift]:
+    """Compare the ends of all open jobs in two plans, in the order in which they end as it is.
+
+    A job that is in neither plan is left out.
+    """
+    ends_s, new_ends_s = plan.job_ends_s(), changed.job_ends_s()
+    shifts = [
+        JobShift(job, ends_s.get(job.id), new_ends_s.get(job.id))
+        for job in context.books.jobs.values()
+        if job.id in ends_s or job.id in new_ends_s
+    ]
+    return sorted(shifts, key=lambda one: (_known(ends_s, one.job.id), one.job.id))
+
+
+def _known(ends_s: Mapping[int, float], job: int) -> float:
+    return ends_s.get(job, float("inf"))
+
+
+def try_change(
+    context: ViewContext, situation: Situation, change: Change, since_s: float
+) -> tuple[FleetPlan, list[JobShift]]:
+    """Forecast the fleet with a change, and compare it with the plan as it is.
+
+    Parameters
+    ----------
+    context
+        The farm.
+    situation
+        Its situation for a forecast.
+    change
+        The change.
+    since_s
+        As in `plan_fleet`.
+
+    Returns
+    -------
+    FleetPlan
+        With the change.
+    list of JobShift
+        What it does to each job.
+    """
+    plan = plan_fleet(context, situation, since_s)
+    changed_situation = change_situation(situation, context.books, change, context.now_s)
+    changed = plan_fleet(context, changed_situation, since_s)
+    return changed, compare_plans(context, plan, changed)
