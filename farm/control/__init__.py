@@ -4,7 +4,7 @@ from farm.control.access import LINK_S, LONGEST_S, AppKeyRequests, KeyCommands, 
 from farm.control.controller import Controller
 from farm.control.dry_runs import DryRuns
 from farm.control.effects import FarmEffects
-from farm.control.job_commands import JobCommands, abort_prints
+from farm.control.job_commands import JobCommands, abort_prints, find_successor
 from farm.control.notifier import Notifier, delete_record
 from farm.control.part_commands import PartCommands
 from farm.control.printer_commands import PrinterCommands
@@ -27,4 +27,5 @@ __all__ = [
     "abort_prints",
     "delete_record",
     "find_key",
+    "find_successor",
 ]

@@ -23,6 +23,7 @@ from farm.http.connections import (
     find_longest_waiting,
 )
 from farm.http.event_streams import EventStreams
+from farm.http.routes.files import name_stored_files
 from farm.http.routes.status import describe_farm
 from farm.http.services import NetworkState, Services
 from farm.http.uploads import Upload, Uploads, clean_name
@@ -54,4 +55,5 @@ __all__ = [
     "listen",
     "make_app",
     "make_problem",
+    "name_stored_files",
 ]

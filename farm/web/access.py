@@ -53,6 +53,14 @@ _OPERATE = (
     "/printers/{name}/maintained",
     "/outage/confirm",
 )
+_PAGES = (
+    "/",
+    "/timeline",
+    "/printers/{name}",
+    "/history",
+    "/history.csv",
+    "/jobs/{number}/stills/{name}",
+)
 OPEN = frozenset(
     {
         ("GET", LIVENESS),
@@ -65,7 +73,7 @@ OPEN = frozenset(
 """Routes that need no key; they show nothing of the farm."""
 ROLES: dict[tuple[str, str], Role] = {
     **{("GET", path): Role.LOOK for path in (METRICS, SCHEMA, SCHEMA_PAGE)},
-    ("GET", "/"): Role.LOOK,
+    **{("GET", path): Role.LOOK for path in _PAGES},
     ("POST", "/logout"): Role.LOOK,
     **{("GET", NETWORK_PREFIX + path): Role.LOOK for path in _LOOK},
     **{("POST", NETWORK_PREFIX + path): Role.PRINT for path in _PRINT},

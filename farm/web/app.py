@@ -36,7 +36,7 @@ from farm.web.guard import Refusal, check_head, check_host, check_origin, check_
 from farm.web.metrics import CONTENT_TYPE, write_metrics
 from farm.web.notes import Notes
 from farm.web.openapi import describe_routes
-from farm.web.pages import POLICY, page_routes, render_api_page, render_message
+from farm.web.pages import POLICY, fleet_routes, page_routes, render_api_page, render_message
 from farm.web.slicers import add_slicer_routes, is_slicer_path, is_slicer_upload, make_text
 
 _HEADERS = {
@@ -103,6 +103,7 @@ def _add_pages(app: FastAPI, services: Services, cookie: SessionCookie) -> None:
     printers = PrinterCommands(services.controller)
     parts = PartCommands(services.controller, printers)
     app.include_router(page_routes(services, cookie, notes))
+    app.include_router(fleet_routes(services, notes))
     app.include_router(printer_forms(printers, parts))
     app.include_router(job_forms(services, JobCommands(services.controller, printers), parts))
 

@@ -114,11 +114,14 @@ def lay_out_temperatures(
 
 
 def _split(values: Iterable[tuple[float, int | None]], y: Callable[[float], float]) -> list[Points]:
-    """Split a line where values are missing."""
+    """Split a line where values are missing; points inside of a level stretch are left out."""
     pieces: list[list[tuple[float, float]]] = [[]]
     for x, value in values:
         if value is None:
             pieces.append([])
-        else:
-            pieces[-1].append((x, y(value)))
+            continue
+        piece, at_y = pieces[-1], y(value)
+        if len(piece) > 1 and piece[-1][1] == piece[-2][1] == at_y:
+            piece.pop()
+        piece.append((x, at_y))
     return [tuple(piece) for piece in pieces if piece]

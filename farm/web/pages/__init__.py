@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from farm.web.pages.api_page import POLICY, render_api_page
+from farm.web.pages.fleet import fleet_routes
 from farm.web.pages.rendering import render_message
 from farm.web.pages.routes import page_routes
 
-__all__ = ["POLICY", "page_routes", "render_api_page", "render_message"]
+__all__ = ["POLICY", "fleet_routes", "page_routes", "render_api_page", "render_message"]

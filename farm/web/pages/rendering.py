@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from datetime import datetime
-from functools import cache
+from functools import cache, partial
 
 from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 from markupsafe import Markup
@@ -12,8 +13,13 @@ from farm.model import Role
 from farm.text import format_duration, format_mass, format_moment
 from farm.web.notes import Note, Reader
 from farm.web.pages.static_files import find_address
+from farm.wording import format_deviation, format_share
 
-NAVIGATION: tuple[tuple[str, str, Role], ...] = (("/", "Home", Role.LOOK),)
+NAVIGATION: tuple[tuple[str, str, Role], ...] = (
+    ("/", "Home", Role.LOOK),
+    ("/timeline", "Timeline", Role.LOOK),
+    ("/history", "History", Role.LOOK),
+)
 """Pages that each page links: path, words, and the role that they need."""
 _WORDS = {
     "look": "inspect",
@@ -101,6 +107,8 @@ def _templates() -> Environment:
     environment.filters["mass"] = format_mass
     environment.filters["moment"] = format_time_element
     environment.filters["degrees"] = _format_degrees
+    environment.filters["share"] = partial(_format_known, format_share)
+    environment.filters["deviation"] = partial(_format_known, format_deviation)
     environment.filters["words"] = describe_value
     environment.filters["state"] = format_state
     return environment
@@ -131,6 +139,10 @@ def format_state(state: str) -> Markup:
 def describe_value(value: str) -> str:
     """Return the words for a value of an enumeration."""
     return _WORDS.get(value, value.replace("_", " "))
+
+
+def _format_known(format_value: Callable[[float], str], value: float | None) -> str:
+    return "–" if value is None else format_value(value)
 
 
 def _format_degrees(now_c: float | None, target_c: float | None) -> str:

@@ -1,0 +1,7 @@
+"""Pages of the whole fleet: timeline, printers, history."""
+
+from __future__ import annotations
+
+from farm.web.pages.fleet.routes import fleet_routes
+
+__all__ = ["fleet_routes"]

@@ -1,0 +1,56 @@
+"""Page of the history: figures of ended prints, and the choice of them. Pure."""
+
+from __future__ import annotations
+
+from typing import Annotated
+from urllib.parse import urlencode
+
+from pydantic import BaseModel, Field
+
+from farm.views.dashboard import HistoryFilter, HistoryView
+from farm.web.notes import Note, Reader
+from farm.web.pages.page_route import EMPTY_IS_NONE
+from farm.web.pages.rendering import render_page
+
+PERIODS = ((None, "all"), (1, "last day"), (7, "last 7 days"), (30, "last 30 days"), (365, "last year"))
+"""Periods to choose from: days, and words."""
+
+
+class HistoryQuery(BaseModel):
+    """Choice of prints in the address of the page; a field that is left empty chooses all."""
+
+    days: Annotated[Annotated[int, Field(ge=1, le=36_500)] | None, EMPTY_IS_NONE] = None
+    printer: Annotated[Annotated[str, Field(max_length=100)] | None, EMPTY_IS_NONE] = None
+    job: Annotated[Annotated[int, Field(ge=1, le=2**31)] | None, EMPTY_IS_NONE] = None
+
+    def to_filter(self) -> HistoryFilter:
+        """Return the choice."""
+        return HistoryFilter(days=self.days, printer=self.printer, job=self.job)
+
+
+def render_history(view: HistoryView, farm: str, reader: Reader, note: Note | None = None) -> str:
+    """Render the page.
+
+    Parameters
+    ----------
+    view
+        Ended prints, with figures.
+    farm
+        Name of the fleet.
+    reader
+        Person who reads it.
+    note
+        Message about the reader's last action.
+    """
+    chosen = {"days": view.chosen.days, "printer": view.chosen.printer, "job": view.chosen.job}
+    query = urlencode({name: value for name, value in chosen.items() if value is not None})
+    return render_page(
+        "history.html",
+        farm,
+        "/history",
+        reader,
+        note,
+        view=view,
+        periods=PERIODS,
+        query=f"?{query}" if query else "",
+    )

@@ -1,0 +1,101 @@
+"""Page of the fleet's timeline, and of what a change to a job would do. Pure."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, Field
+
+from farm import api
+from farm.errors import Refused
+from farm.text import format_duration
+from farm.views.dashboard import Change, TimelineView
+from farm.web.notes import Note, Reader
+from farm.web.pages.page_route import EMPTY_IS_NONE
+from farm.web.pages.rendering import render_page
+
+RANGES = ((6, "6 hours"), (12, "12 hours"), (24, "day"), (72, "3 days"), (168, "week"))
+"""How far the timeline goes back: hours, and words."""
+MOVES = (("", "as it is"), ("first", "first"), ("up", "one up"), ("down", "one down"), ("last", "last"))
+"""Moves of a job to try out: values of `api.QueuePlace`, and words."""
+
+
+class TimelineQuery(BaseModel):
+    """Address of the page: how far it goes back, and a change to try out."""
+
+    hours: Literal["6", "12", "24", "72", "168"] = "12"
+    job: Annotated[Annotated[int, Field(ge=1, le=2**31)] | None, EMPTY_IS_NONE] = None
+    to: Annotated[api.QueuePlace | None, EMPTY_IS_NONE] = None
+    at: Annotated[str, Field(max_length=40)] = ""
+
+    @property
+    def back_s(self) -> float:
+        """Return how far it goes back, in seconds."""
+        return int(self.hours) * 3600.0
+
+    def check(self) -> None:
+        """Raise Refused if a job is named without a change, or a change without a job."""
+        if self.job is None and (self.to or self.at):
+            raise Refused("choose a job")
+        if self.job is not None and not (self.to or self.at):
+            raise Refused("choose another place in the queue, or another start")
+
+
+def render_timeline(
+    view: TimelineView,
+    query: TimelineQuery,
+    farm: str,
+    reader: Reader,
+    note: Note | None = None,
+    problem: str | None = None,
+) -> str:
+    """Render the page.
+
+    Parameters
+    ----------
+    view
+        The timeline.
+    query
+        What the reader asked for.
+    farm
+        Name of the fleet.
+    reader
+        Person who reads it.
+    note
+        Message about the reader's last action.
+    problem
+        Why a change could not be tried out.
+    """
+    return render_page(
+        "timeline.html",
+        farm,
+        "/timeline",
+        reader,
+        note,
+        view=view,
+        problem=problem,
+        ranges=RANGES,
+        moves=MOVES,
+        move=query.to or "",
+        at=query.at,
+        tried=describe_change(view.change, query),
+        describe_shift=describe_shift,
+    )
+
+
+def describe_change(change: Change | None, query: TimelineQuery) -> str:
+    """Describe the change that is tried out, in a few words."""
+    if change is None:
+        return ""
+    place = f"{dict(MOVES)[query.to]} in the queue" if query.to else ""
+    start = f"starting not before {query.at}" if query.at else ""
+    return f"job {change.job} {' and '.join(filter(None, (place, start)))}"
+
+
+def describe_shift(later_s: float | None) -> str:
+    """Describe by how much later or earlier something would end."""
+    if later_s is None:
+        return "–"
+    if abs(later_s) < 60.0:
+        return "the same"
+    return f"{format_duration(abs(later_s))} {'later' if later_s > 0 else 'earlier'}"

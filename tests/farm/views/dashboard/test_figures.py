@@ -1,0 +1,74 @@
+"""Figures of ended prints."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from farm.model import Print, PrintState, Verdict
+from farm.views.dashboard.figures import group_figures, name_month, sum_figures
+from make_books import plan
+from scheduling_examples import UTC
+
+PLATES = {plate.id: plate for plate in plan(1, 2).plates}  # 100 s and 3 g each
+DONE, FAILED, CANCELLED = PrintState.DONE, PrintState.FAILED, PrintState.CANCELLED
+
+
+def attempt(state=DONE, took_s=100.0, **changes):
+    facts = {"id": "x", "plate": "1/01", "job": 1, "printer": "a", "assigned_s": 0.0, "started_s": 1000.0}
+    ends_s = 1000.0 + took_s if state.ended else None
+    return Print(**{**facts, "state": state, "ended_s": ends_s, "grams": 3.0, **changes})
+
+
+def test_prints_are_counted_by_outcome():
+    figures = sum_figures(
+        "all",
+        [
+            attempt(took_s=110.0),
+            attempt(took_s=90.0, verdict=Verdict.GOOD),
+            attempt(took_s=130.0, verdict=Verdict.BAD, grams=4.0),
+            attempt(FAILED, 50.0, grams=1.0),
+            attempt(CANCELLED, 20.0, grams=0.5),
+            attempt(CANCELLED, started_s=None),  # never started
+            attempt(PrintState.PRINTING),
+        ],
+        PLATES,
+    )
+    assert (figures.prints, figures.good, figures.failed, figures.cancelled) == (5, 2, 2, 1)
+    assert figures.success == 0.5
+    assert (figures.used_s, figures.wasted_s) == (400.0, 200.0)
+    assert (figures.grams, figures.wasted_grams) == (11.5, 5.5)
+    assert figures.deviation == pytest.approx(330.0 / 300.0 - 1)
+
+
+def test_print_that_was_paused_says_nothing_about_the_forecast():
+    assert sum_figures("all", [attempt(took_s=5000.0, paused=True)], PLATES).deviation is None
+
+
+def test_nothing_has_no_success():
+    assert sum_figures("all", [], PLATES).success is None
+
+
+PRINTS = st.builds(
+    attempt,
+    st.sampled_from(PrintState),
+    st.floats(0.0, 1e6),
+    printer=st.sampled_from("abc"),
+    verdict=st.sampled_from([None, *Verdict]),
+    started_s=st.sampled_from([None, 1000.0]),
+    grams=st.floats(0.0, 500.0),
+)
+
+
+@given(st.lists(PRINTS, max_size=30))
+def test_groups_add_up_to_the_total_and_every_print_is_counted_once(prints):
+    total = sum_figures("all", prints, PLATES)
+    groups = group_figures(prints, PLATES, lambda one: one.printer)
+    assert total.prints == total.good + total.failed + total.cancelled
+    assert total.wasted_grams <= total.grams + 1e-6
+    for name in ("prints", "good", "failed", "cancelled", "used_s", "wasted_s", "grams", "expected_s"):
+        assert sum(getattr(one, name) for one in groups) == pytest.approx(getattr(total, name))
+
+
+def test_month_is_that_of_the_zone():
+    assert name_month(attempt(took_s=0.0), UTC) == "1970-01"
+    assert name_month(attempt(PrintState.PRINTING), UTC) == ""

@@ -1,0 +1,138 @@
+"""Timeline of the fleet, and changes that are tried out."""
+
+from itertools import pairwise
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dashboard_farm import (
+    START_S,
+    empty_books,
+    judge,
+    make_context,
+    make_situation,
+    print_plate,
+    submit,
+)
+from farm.errors import NoSuchThing
+from farm.model import PrintState
+from farm.scheduling import Hours
+from farm.state import events as ev
+from farm.views.dashboard import Change, describe_fleet_timeline
+from farm.views.dashboard.fleet_plan import list_spans
+from farm.week_windows import parse_window
+from make_books import run
+from scheduling_examples import UTC, hours
+
+NOW_S = START_S + 1000.0
+
+
+def night():
+    """Books with a good, a failed and a running print on one printer, and three jobs that wait for it."""
+    books = submit(empty_books("a"), 1, 3)
+    books = judge(print_plate(books, "1/01", "a", START_S, 100.0), "a", START_S + 150.0)
+    books = print_plate(
+        books, "1/02", "a", START_S + 200.0, 50.0, state=PrintState.FAILED, fault="noisy_line", reason="noise"
+    )
+    books = judge(books, "a", START_S + 300.0)
+    books, _ = run(books, ev.PlateAssigned(at_s=NOW_S - 10.0, plate="1/03", printer="a", print_id="running"))
+    for number in (2, 3):
+        books = submit(books, number, 1)
+    return books
+
+
+def describe(books, change=None, back_s=3600.0, **hours):
+    context, situation = make_context(books, NOW_S), make_situation(books, NOW_S, "a", **hours)
+    return describe_fleet_timeline(context, situation, back_s, change)
+
+
+def test_past_running_and_planned_prints_are_shown_in_order():
+    view = describe(night())
+    assert [(row.part, row.kind) for row in view.table] == [
+        ("1/p01", "good"),
+        ("1/p02", "failed"),
+        ("1/p03", "printing"),
+        ("1/p02", "planned"),
+        ("2/p01", "planned"),
+        ("3/p01", "planned"),
+    ]
+    assert [job.id for job in view.waiting] == [1, 2, 3]
+    rows = {row.printer: row.bars for row in view.chart.rows}
+    assert [len(rows[name]) for name in "abc"] == [6, 0, 0]
+    assert all(bar.x + bar.width <= view.chart.width for bar in rows["a"])
+    assert "1/p02 (bracket.stl) on a: failed, 50 s" in [bar.text for bar in rows["a"]]
+    assert dict(view.chart.kinds) == {"good": "✓", "failed": "✗", "printing": "▶", "planned": ""}
+
+
+def test_prints_before_the_period_are_left_out():
+    kinds = [row.kind for row in describe(night(), back_s=800.0).table]
+    assert "good" not in kinds
+    assert "failed" in kinds  # it ended 750 s ago
+
+
+def test_attended_and_quiet_hours_are_in_the_background():
+    chart = describe(night(), attended=["00:00-12:00"], quiet=["22:00-06:00"]).chart
+    assert len(chart.attended) == 1
+    assert len(chart.quiet) == 1
+    assert chart.quiet[0].x < chart.attended[0].x
+
+
+def test_job_that_is_moved_to_the_front_ends_earlier_and_delays_the_others():
+    books = night()
+    view = describe(books, Change(3, moves=True, before=1))
+    later_s = {shift.job: shift.later_s for shift in view.shifts}
+    assert later_s[3] < 0.0 < later_s[1]
+    planned = [row.part for row in view.table if row.kind == "planned"]
+    assert planned[0] == "3/p01"
+    assert books.jobs[3].moved_rank is None  # nothing was changed
+    assert next(row.part for row in describe(books).table if row.kind == "planned") == "1/p02"
+
+
+def test_later_start_delays_the_job_alone():
+    change = Change(2, not_before_s=NOW_S + 20_000.0)
+    view = describe(night(), change)
+    later_s = {shift.job: shift.later_s for shift in view.shifts}
+    assert later_s[2] > 10_000.0
+    assert later_s[3] <= 0.0
+    assert later_s[1] == 0.0
+
+
+def test_held_job_is_tried_as_if_it_was_approved():
+    books = night()
+    held = submit(books, 4, 1, held=True)
+    assert held.jobs[4].state == "held"
+    (shift,) = (one for one in describe(held, Change(4, moves=True, before=None)).shifts if one.job == 4)
+    assert shift.end is None
+    assert shift.new_end is not None
+
+
+def test_unknown_job_is_refused():
+    with pytest.raises(NoSuchThing, match="no job 9"):
+        describe(night(), Change(9, moves=True))
+
+
+def test_empty_farm_has_an_empty_timeline():
+    view = describe(empty_books("abc"))
+    assert (view.table, view.shifts, view.left) == ((), (), ())
+    assert view.chart.height > 0
+
+
+WINDOWS = st.lists(
+    st.sampled_from(["00:00-24:00", "mon-fri 08:00-18:00", "22:00-06:00", "sat 10:00-11:00"]), max_size=3
+)
+
+
+@given(WINDOWS, st.floats(0.0, 7 * 86400.0), st.floats(1.0, 7 * 86400.0))
+def test_spans_are_apart_inside_of_the_time_and_agree_with_the_hours(texts, begin_s, length_s):
+    week, end_s = hours(*texts), begin_s + length_s
+    spans = list_spans(week, begin_s, end_s)
+    assert all(begin_s <= first_s < last_s <= end_s for first_s, last_s in spans)
+    assert all(one[1] < other[0] for one, other in pairwise(spans))
+    for at_s in (begin_s, begin_s + length_s / 2):
+        within = any(first_s <= at_s < last_s for first_s, last_s in spans)
+        assert within == (week.span(at_s) is not None)
+
+
+def test_always_attended_is_one_span():
+    assert list_spans(Hours((parse_window("00:00-24:00"),), UTC), 0.0, 1e6) == [(0.0, 1e6)]

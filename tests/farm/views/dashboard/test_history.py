@@ -1,0 +1,59 @@
+"""History of ended prints."""
+
+import pytest
+
+from dashboard_farm import DAY_S, START_S, empty_books, judge, make_context, print_plate, submit
+from farm.errors import NoSuchThing
+from farm.model import PrintState, Verdict
+from farm.views.dashboard import HistoryFilter, describe_history, select_prints
+
+NOW_S = START_S + 10 * DAY_S
+
+
+def books_of_ten_days():
+    books = submit(empty_books(), 1, 2)
+    books = judge(print_plate(books, "1/01", "a", START_S, 120.0), "a", START_S + 130.0)
+    books = judge(print_plate(books, "1/02", "b", START_S, 80.0), "b", START_S + 130.0)
+    books = submit(books, 2, 1)
+    failed = {"state": PrintState.FAILED, "fault": "no_answer", "reason": "silent"}
+    books = judge(print_plate(books, "2/01", "a", NOW_S - 5000.0, 60.0, **failed), "a", NOW_S - 4000.0)
+    return judge(
+        print_plate(books, "2/01", "c", NOW_S - 3000.0, 90.0), "c", NOW_S - 2000.0, Verdict.BAD, "warped"
+    )
+
+
+def describe(**chosen):
+    return describe_history(make_context(books_of_ten_days(), NOW_S), HistoryFilter(**chosen))
+
+
+def test_history_has_figures_jobs_and_prints():
+    view = describe()
+    assert (view.total.prints, view.total.good, view.total.failed) == (4, 2, 2)
+    assert [(one.name, one.prints) for one in view.by_printer] == [("a", 2), ("b", 1), ("c", 1)]
+    assert [one.name for one in view.by_material] == ["generic_pla"]
+    assert [one.name for one in view.by_month] == ["2023-11"]
+    assert [(job.id, job.expected_s, job.reached_s) for job in view.jobs] == [(1, 100.0, 120.0)]
+    assert view.jobs[0].deviation == pytest.approx(0.2)
+    assert [(row.printer, row.reason or row.why) for row in view.rows[:2]] == [
+        ("c", "warped"),
+        ("a", "silent"),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("chosen", "prints"),
+    [({"days": 1}, 2), ({"printer": "a"}, 2), ({"job": 2}, 2), ({"days": 1, "printer": "a"}, 1)],
+)
+def test_prints_are_chosen(chosen, prints):
+    view = describe(**chosen)
+    assert (view.total.prints, len(view.rows)) == (prints, prints)
+
+
+def test_long_history_is_shown_in_part_and_counted_in_full():
+    view = describe_history(make_context(books_of_ten_days(), NOW_S), HistoryFilter(), most=1)
+    assert (len(view.rows), view.hidden, view.total.prints) == (1, 3, 4)
+
+
+def test_unknown_job_is_refused():
+    with pytest.raises(NoSuchThing, match="no job 9"):
+        select_prints(make_context(empty_books(), NOW_S), HistoryFilter(job=9))

@@ -1,0 +1,50 @@
+"""Page of a printer, as data."""
+
+import pytest
+
+from dashboard_farm import START_S, empty_books, judge, make_context, print_plate, submit
+from farm.errors import NoSuchThing
+from farm.model import Moment, PrintState, Still, Temperatures
+from farm.views.dashboard import describe_printer_page
+
+NOW_S = START_S + 1000.0
+
+
+def failed_books():
+    books = submit(empty_books(), 1, 2)
+    failed = {"state": PrintState.FAILED, "fault": "thermal_runaway", "reason": "the nozzle got colder"}
+    books = judge(print_plate(books, "1/01", "a", START_S, 60.0, **failed), "a", START_S + 100.0)
+    (name,) = books.prints
+    still = Still(moment=Moment.FAILURE, at_s=START_S + 50.0, file="abc.png")
+    books.prints[name] = books.prints[name].model_copy(update={"stills": (still,)})
+    return books
+
+
+def describe(books, name="a", readings=()):
+    return describe_printer_page(make_context(books, NOW_S), name, readings, None)
+
+
+def test_fault_is_shown_with_what_was_seen():
+    page = describe(failed_books(), readings=[Temperatures(NOW_S - 60.0, 210, 60, 210, 60)])
+    (fault,) = page.faults
+    assert (fault.part, fault.fault, fault.text) == ("1/p01", "thermal_runaway", "the nozzle got colder")
+    assert [(still.moment, still.file) for still in fault.stills] == [("failure", "print-1-failure.png")]
+    assert (page.figures.prints, page.figures.failed) == (1, 1)
+    assert [row.part for row in page.prints] == ["1/p01"]
+    assert page.chart.hottest_c == 210
+
+
+def test_other_printers_do_not_count():
+    page = describe(failed_books(), "b")
+    assert (page.faults, page.prints, page.figures.prints, page.chart) == ([], [], 0, None)
+
+
+def test_stills_of_a_pruned_job_are_left_out():
+    books = failed_books()
+    books.jobs[1] = books.jobs[1].model_copy(update={"pruned_s": NOW_S})
+    assert describe(books).faults[0].stills == ()
+
+
+def test_printer_that_left_the_fleet_has_no_page():
+    with pytest.raises(NoSuchThing, match="no printer z"):
+        describe(empty_books("az"), "z")

@@ -1,0 +1,41 @@
+"""Chart of temperatures."""
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from farm.model import Temperatures
+from farm.views.dashboard.temperature_chart import lay_out_temperatures
+from scheduling_examples import UTC
+
+
+def lay_out(readings, now_s=36_000.0):
+    return lay_out_temperatures(readings, now_s, UTC, lambda at_s: f"{at_s:.0f}")
+
+
+def test_silent_printer_has_no_chart():
+    assert lay_out([]) is None
+    assert lay_out([Temperatures(0.0, None, None, None, None)]) is None
+
+
+def test_line_is_interrupted_while_the_printer_does_not_answer():
+    heated = [Temperatures(60.0 * n, 200 + n, 60, 210, 60) for n in range(10)]
+    gap, cold = Temperatures(700.0, None, None, None, None), Temperatures(900.0, 30, 25, 0, 0)
+    nozzle, target, bed, _ = lay_out([*heated, gap, cold]).curves
+    assert [len(piece) for piece in nozzle.pieces] == [10, 1]
+    assert [len(piece) for piece in bed.pieces] == [2, 1]  # level: its ends alone
+    assert nozzle.pieces[0][0][1] > nozzle.pieces[0][-1][1]  # hotter is higher
+    assert target.kind == "nozzle target"
+
+
+DEGREES = st.none() | st.integers(-20, 400)
+
+
+@given(st.lists(st.tuples(DEGREES, DEGREES, DEGREES, DEGREES), max_size=60))
+def test_every_point_is_inside_of_the_chart(values):
+    chart = lay_out([Temperatures(600.0 * n, *value) for n, value in enumerate(values)])
+    if chart is None:
+        assert all(nozzle_c is None and bed_c is None for nozzle_c, bed_c, *_ in values)
+        return
+    drawn = [point for curve in chart.curves[::2] for piece in curve.pieces for point in piece]
+    assert all(chart.left <= x <= chart.width and chart.top <= y <= chart.bottom for x, y in drawn)
+    assert len(chart.rows) <= 49

@@ -1,0 +1,131 @@
+"""Pages of the fleet: timeline, printers, history, as a browser asks for them."""
+
+import pytest
+
+from dashboard_farm import judge, print_plate, submit
+from farm.model import AgentSnapshot, FilamentState, Link, Moment, PrintState, Role, Still
+from network_farm import NetworkFarm
+
+
+@pytest.fixture
+def farm(tmp_path):
+    farm = NetworkFarm(
+        tmp_path, fleet={"name": "lab", "attended": ["00:00-24:00"], "timezone": "Europe/Berlin"}
+    )
+    yield farm
+    farm.store.close()
+
+
+@pytest.fixture
+def busy_farm(farm):
+    """A farm with a failed print, of which there is a still, and jobs that wait."""
+    now_s = farm.clock.now_s
+    books = submit(farm.controller.books, 1, 2, now_s - 2000.0)
+    failed = {"state": PrintState.FAILED, "fault": "thermal_runaway", "reason": "the nozzle got <cold>"}
+    books = judge(print_plate(books, "1/01", "a", now_s - 1000.0, 500.0, **failed), "a", now_s - 100.0)
+    for number in (2, 3):
+        books = submit(books, number, 1, now_s - 900.0)
+    (attempt,) = books.prints.values()
+    still = Still(moment=Moment.FAILURE, at_s=now_s - 501.0, file="0123.png")
+    books.prints[attempt.id] = attempt.model_copy(update={"stills": (still,)})
+    farm.controller.books = books
+    farm.state.files.mkdir(exist_ok=True)
+    (farm.state.files / "0123.png").write_bytes(b"\x89PNG")
+    return farm
+
+
+def read(farm, path, role=Role.OPERATE, status=200):
+    answer = farm.browse("GET", path, farm.open_session(role))
+    assert (answer.status_code, answer.headers["content-type"]) == (status, "text/html; charset=utf-8")
+    return answer.text
+
+
+@pytest.mark.parametrize("path", ["/timeline", "/history", "/printers/a"])
+def test_pages_of_a_farm_without_a_print_say_so(farm, path):
+    page = read(farm, path, Role.LOOK)
+    assert any(
+        words in page for words in ("Nothing was printed", "No print has ended", "It has not printed yet")
+    )
+
+
+def test_printer_page_shows_temperatures_faults_and_prints(busy_farm):
+    for _ in range(3):
+        busy_farm.clock.now_s += 100.0
+        heat = {"nozzle_c": 210.0, "bed_c": 60.0, "nozzle_target_c": 210.0, "bed_target_c": 60.0}
+        ready = {"link": Link.READY, "filament": FilamentState.PARKED}
+        busy_farm.controller.on_snapshot(AgentSnapshot(printer="a", **ready, **heat))
+    page = read(busy_farm, "/printers/a")
+    assert "hottest 210 °C" in page
+    assert "the nozzle got &lt;cold&gt;" in page
+    assert 'src="/jobs/1/stills/print-1-failure.png"' in page
+    picture = busy_farm.browse("GET", "/jobs/1/stills/print-1-failure.png", busy_farm.open_session())
+    assert (picture.headers["content-type"], picture.content) == ("image/png", b"\x89PNG")
+    assert 'action="/printers/a/cleared"' in page
+
+
+@pytest.mark.parametrize(
+    ("role", "actions"),
+    [
+        (Role.LOOK, []),
+        (Role.PRINT, ["maintenance"]),
+        (Role.OPERATE, ["cleared", "load", "maintenance"]),
+    ],
+)
+def test_printer_page_has_the_forms_of_the_role(farm, role, actions):
+    page = read(farm, "/printers/a", role)
+    found = [one for one in ("cleared", "load", "maintenance") if f'action="/printers/a/{one}"' in page]
+    assert found == actions
+
+
+def test_history_is_exported_as_chosen(busy_farm):
+    page = read(busy_farm, "/history?printer=a&days=")
+    assert "/history.csv?printer=a" in page
+    assert "thermal" not in page  # the reason says more than its name
+    export = busy_farm.browse("GET", "/history.csv?printer=a", busy_farm.open_session(Role.LOOK))
+    assert export.headers["content-type"] == "text/csv; charset=utf-8"
+    assert export.headers["content-disposition"] == 'attachment; filename="lab-prints.csv"'
+    assert len(export.text.splitlines()) == 2
+    none = busy_farm.browse("GET", "/history.csv?printer=b", busy_farm.open_session(Role.LOOK))
+    assert len(none.text.splitlines()) == 1
+
+
+def test_change_is_tried_and_an_operator_may_make_it(busy_farm):
+    page = read(busy_farm, "/timeline?job=3&to=first&at=")
+    assert "Tried, not done: job 3 first in the queue" in page
+    assert "earlier" in page
+    assert "later" in page
+    assert 'action="/jobs/3/move"' in page
+    assert busy_farm.controller.books.jobs[3].moved_rank is None
+    assert 'action="/jobs/3/move"' not in read(busy_farm, "/timeline?job=3&to=first", Role.PRINT)
+
+
+@pytest.mark.parametrize(
+    ("query", "text"),
+    [
+        ("job=1&to=first", "already first"),
+        ("job=9&to=first", "no job 9"),
+        ("job=3", "choose another place"),
+        ("to=first", "choose a job"),
+        ("job=3&at=yesterday", "is not a time"),
+    ],
+)
+def test_change_that_cannot_be_tried_is_explained_above_the_plan(busy_farm, query, text):
+    page = read(busy_farm, f"/timeline?{query}")
+    assert "Not tried:" in page
+    assert text in page
+    assert "2/p01" in page
+
+
+@pytest.mark.parametrize(
+    ("path", "status"),
+    [
+        ("/printers/z", 404),
+        ("/history?job=9", 404),
+        ("/history?days=0", 400),
+        ("/timeline?hours=1e9", 400),
+        ("/jobs/1/stills/print-9-end.png", 404),
+        ("/jobs/1/stills/..%2ffarm.db", 404),
+    ],
+)
+def test_errors_are_pages_in_words(busy_farm, path, status):
+    assert "Traceback" not in read(busy_farm, path, status=status)
