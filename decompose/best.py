@@ -13,7 +13,7 @@ from time import perf_counter
 
 from scipy.spatial.transform import Rotation
 
-from decompose.errors import DecomposeError, GeometryError, NoFit
+from decompose.errors import DecomposeError, GeometryError, ModelNotSolid, NoFit
 from decompose.grid import cell_counts
 from decompose.options import Engine
 from decompose.problem import FINEST, Effort, Problem
@@ -39,7 +39,7 @@ def find_best(problem: Problem, by_engine: Callable[[Problem], Decomposition]) -
 
     Raises
     ------
-    NoFit, GeometryError
+    NoFit, GeometryError, ModelNotSolid
         Error of the first engine, where no engine has a result.
     """
     options = problem.options
@@ -97,7 +97,7 @@ class _Trials:
             makespan_s = decomposition.makespan_s
             if self._is_better(decomposition, yaw_deg):
                 self.best, self.yaw_deg = decomposition, yaw_deg
-        except (NoFit, GeometryError) as error:
+        except (NoFit, GeometryError, ModelNotSolid) as error:
             self.failure = self.failure or error
             out_of_budget = effort.cut_short and isinstance(error, NoFit)
             reason = "nothing was found before the budget was spent" if out_of_budget else str(error)

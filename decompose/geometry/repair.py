@@ -16,6 +16,7 @@ from scipy.spatial import cKDTree
 
 from decompose.arrays import Bools, Floats, Ints
 from decompose.errors import ModelNotSolid
+from decompose.geometry.overlaps import resolve_overlaps
 from decompose.geometry.shells import (
     cap_holes,
     find_rims,
@@ -82,6 +83,10 @@ def close_surface(name: str, triangles: Floats, report: Report = lambda _: None)
         )
     if any(b.is_watertight and not b.is_winding_consistent for b in before):
         repairs.append("Turned triangles that faced the wrong way.")
+    report("looking for overlaps")
+    solid, twice_mm3 = resolve_overlaps(solid)
+    if twice_mm3:
+        messages.append(f"United limbs that run through each other: {twice_mm3:.3g} mm3 counted twice.")
     return solid, repairs + messages
 
 

@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from decompose.arrays import Bools, Floats, Ints
+from decompose.geometry.rays import Crossings, Rays, find_crossings, unit_normals
 from decompose.jit import jit, jit_inline
-from decompose.print_time.rays import Crossings, Rays, find_crossings, unit_normals
 
 MIN_STEP_MM = 0.4
 LEVELS = 8  # heights at which the growing part is measured

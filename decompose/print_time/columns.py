@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from decompose.arrays import Bools, Floats
+from decompose.geometry.rays import Rays, find_bounds
 from decompose.print_time.column_kernels import MIN_STEP_MM, sweep_columns
-from decompose.print_time.rays import Rays, find_bounds
 
 COLUMNS = 12_000  # approximate number, at which support volumes err by 1 to 2 %
 

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from decompose.best import OTHER_GRIDS, OTHER_YAWS_DEG, find_best
 from decompose.decompose import decompose_model
-from decompose.errors import DecomposeError, GeometryError, NoFit, Rule
+from decompose.errors import DecomposeError, GeometryError, ModelNotSolid, NoFit, Rule
 from decompose.geometry import Model, Solid
 from decompose.grid import cell_counts
 from decompose.options import BestOptions, Engine, Options
@@ -189,6 +189,25 @@ def test_another_grid_may_have_the_better_result(cost: CostModel, result: Decomp
     nothing = Engines(result, lambda options: math.inf)
     with pytest.raises(NoFit, match="nothing at auto"):
         find_best(problem(cost), nothing)
+
+
+@pytest.mark.parametrize(
+    "error",
+    [GeometryError(Rule.NO_OVERLAP, "p11", "shares 505 mm3"), ModelNotSolid("no solid")],
+)
+def test_result_is_kept_when_a_later_grid_fails(
+    error: DecomposeError, cost: CostModel, result: Decomposition
+) -> None:
+    engines = Engines(result, lambda options: 1.5 * BOUND_S)
+
+    def later_fails(task: Problem) -> Decomposition:
+        if engines.tried:
+            raise error
+        return engines(task)
+
+    best = find_best(problem(cost), later_fails)
+    assert best.makespan_s == 1.5 * BOUND_S
+    assert {attempt.reason for attempt in best.attempts[1:]} == {str(error)}
 
 
 def test_slow_printers_have_less_to_gain(cost: CostModel, result: Decomposition) -> None:

@@ -1,0 +1,135 @@
+"""Surfaces that overlap themselves, made one solid.
+
+Where two limbs of one surface run through each other, the solid between them counts twice. It is found by
+upright rays, and cut apart there: what were two limbs are pieces of their own then, which are united.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import label
+
+from decompose.arrays import Floats
+from decompose.geometry.rays import Rays, find_bounds, find_crossings, unit_normals
+from decompose.geometry.solid import Solid
+
+RAYS = 40_000  # approximate number over the shadow of a solid
+MARGIN_STEPS = 2.0  # between rays, about the place that they show
+ROUNDING_SHARE = 1e-7  # of the height: solid that counts twice along less than this is rounding
+HALVINGS = 4  # of a piece in which the limbs are still connected
+LEFT_SHARE = 0.1  # of an overlap may be left where its limbs are united: more is a fold, which is kept
+MAX_PLACES = 64  # the largest ones
+
+
+@dataclass(frozen=True, slots=True)
+class Overlaps:
+    """Places where a solid counts more than once.
+
+    Attributes
+    ----------
+    volume_mm3
+        Volume of the solid that counts too often, by the rays that meet it.
+    boxes_mm
+        (k, 2, 3) corners of a box around each place, the largest overlap first.
+    """
+
+    volume_mm3: float
+    boxes_mm: Floats
+
+
+def find_overlaps(solid: Solid) -> Overlaps:
+    """Find the places where a closed surface overlaps itself, by upright rays.
+
+    Parameters
+    ----------
+    solid
+        Solid whose surface may run through itself.
+
+    Returns
+    -------
+    Overlaps
+        The places, none of them where no ray meets an overlap.
+    """
+    vertices, faces = solid.arrays()
+    triangles = np.ascontiguousarray(vertices[faces])
+    lo, hi = find_bounds(triangles)
+    width, depth, height = (hi - lo).tolist()
+    step_mm = math.sqrt(width * depth / RAYS)
+    shape = math.ceil(width / step_mm), math.ceil(depth / step_mm)
+    # Off the middle by an irregular share: a ray through an edge of the mesh could count twice.
+    origin_mm = lo[:2] + step_mm * (0.5 + np.array([0.0123, 0.0271]))
+    normals = unit_normals(triangles)
+    crossings = find_crossings(triangles, normals, Rays(origin_mm, step_mm, shape))
+    ray = np.repeat(np.arange(len(crossings.start) - 1), np.diff(crossings.start))
+    counts = np.concatenate([[0], np.cumsum(np.where(normals[crossings.face, 2] < 0.0, 1, -1))])
+    inside_of = counts[1:] - counts[crossings.start[ray]]
+    is_whole = (counts[crossings.start[1:]] == counts[crossings.start[:-1]])[ray]  # else it met a sliver
+    length_mm = np.append(np.diff(crossings.z_mm), 0.0)
+    is_twice = is_whole & (inside_of > 1) & (length_mm > ROUNDING_SHARE * height)
+    excess_mm = ((inside_of - 1) * length_mm)[is_twice]
+    low_mm = np.full(shape[0] * shape[1], np.inf)
+    high_mm = np.full(shape[0] * shape[1], -np.inf)
+    np.minimum.at(low_mm, ray[is_twice], crossings.z_mm[is_twice])
+    np.maximum.at(high_mm, ray[is_twice], (crossings.z_mm + length_mm)[is_twice])
+    places = label(np.isfinite(low_mm).reshape(shape), structure=np.ones((3, 3)))[0]
+    boxes = np.zeros((places.max(initial=0), 2, 3))
+    sizes_mm = np.zeros(len(boxes))
+    for number in range(len(boxes)):
+        columns = np.flatnonzero(places.ravel() == number + 1)
+        rays_mm = origin_mm + step_mm * np.stack(np.divmod(columns, shape[1]), axis=1)
+        boxes[number, 0] = [*rays_mm.min(axis=0), low_mm[columns].min()]
+        boxes[number, 1] = [*rays_mm.max(axis=0), high_mm[columns].max()]
+        sizes_mm[number] = (high_mm - low_mm)[columns].sum()
+    boxes += MARGIN_STEPS * step_mm * np.array([[-1.0], [1.0]])
+    return Overlaps(float(excess_mm.sum()) * step_mm**2, boxes[np.argsort(-sizes_mm)])
+
+
+def resolve_overlaps(solid: Solid) -> tuple[Solid, float]:
+    """Unite the limbs of a solid that run through each other.
+
+    Parameters
+    ----------
+    solid
+        Solid whose surface may overlap itself.
+
+    Returns
+    -------
+    tuple
+        The solid that counts once where limbs overlapped, and the volume in mm3 that had counted more than
+        once; the same solid and 0 where nothing overlaps, or where all overlaps are folds of one limb.
+    """
+    before = find_overlaps(solid)
+    united = solid
+    for box_mm in before.boxes_mm[:MAX_PLACES]:
+        united = _unite_place(united, box_mm)
+    if united is solid:
+        return solid, 0.0
+    resolved_mm3 = before.volume_mm3 - find_overlaps(united).volume_mm3
+    return (united, resolved_mm3) if resolved_mm3 > 0.0 else (solid, 0.0)
+
+
+def _unite_place(solid: Solid, box_mm: Floats) -> Solid:
+    """Unite the limbs in a box (2, 3) around an overlap; the same solid where it is a fold of one limb."""
+    inner = solid.clip(*box_mm)
+    twice_mm3 = find_overlaps(inner).volume_mm3
+    limbs = [limb for piece in inner.pieces() for limb in _split_limbs(piece, HALVINGS)]
+    if len(limbs) < 2:
+        return solid
+    united = Solid.union(limbs)
+    if find_overlaps(united).volume_mm3 > LEFT_SHARE * twice_mm3:
+        return solid
+    return Solid.union([solid.subtract(Solid.box(*box_mm)), united])
+
+
+def _split_limbs(piece: Solid, halvings: int) -> list[Solid]:
+    """Halve a piece that overlaps itself, up to so many times, until its limbs are pieces of their own."""
+    boxes_mm = find_overlaps(piece).boxes_mm
+    if not len(boxes_mm) or not halvings:
+        return [piece]
+    lo, hi = boxes_mm[:, 0].min(axis=0), boxes_mm[:, 1].max(axis=0)
+    axis = int(np.argmax(hi - lo))
+    halves = piece.split(axis, float(lo[axis] + hi[axis]) / 2.0)
+    return [limb for half in halves for part in half.pieces() for limb in _split_limbs(part, halvings - 1)]

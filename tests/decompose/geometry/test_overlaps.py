@@ -1,0 +1,75 @@
+"""Surfaces that run through themselves are made one solid."""
+
+from __future__ import annotations
+
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from decompose.geometry import Solid, load_model, write_stl
+from decompose.geometry.overlaps import find_overlaps, resolve_overlaps
+from decompose.pieces import cut_box
+
+RADIUS_MM = 12.0
+
+
+def crossing_tube(apart_mm: float, rings: int = 60, sides: int = 12) -> Solid:
+    """Build one closed surface: a tube along a figure of eight, whose two limbs cross so far apart."""
+    turn = np.linspace(0.0, 2.0 * np.pi, rings, endpoint=False)
+    middle = np.stack([90.0 * np.sin(turn), 60.0 * np.sin(2.0 * turn), apart_mm / 2.0 * np.cos(turn)], axis=1)
+    along = np.roll(middle, -1, axis=0) - np.roll(middle, 1, axis=0)
+    along /= np.linalg.norm(along, axis=1)[:, None]
+    side = np.cross(along, [0.0, 0.0, 1.0])
+    side /= np.linalg.norm(side, axis=1)[:, None]
+    around = np.linspace(0.0, 2.0 * np.pi, sides, endpoint=False)[None, :, None]
+    ring = np.cos(around) * side[:, None] + np.sin(around) * np.cross(side, along)[:, None]
+    vertices = (middle[:, None] + RADIUS_MM * ring).reshape(-1, 3)
+    i, j = (grid.ravel() for grid in np.meshgrid(np.arange(rings), np.arange(sides), indexing="ij"))
+    below, above = sides * i, sides * ((i + 1) % rings)
+    following = (j + 1) % sides
+    corners = below + j, below + following, above + following, above + j
+    faces = np.concatenate(
+        [np.stack([corners[k] for k in order], axis=1) for order in ((0, 1, 2), (0, 2, 3))]
+    )
+    tube = Solid.from_arrays(vertices, faces)
+    return tube if tube.volume_mm3 > 0.0 else Solid.from_arrays(vertices, faces[:, ::-1])
+
+
+def shared_mm3(solid: Solid) -> float:
+    """Volume that the pieces of a solid in a box about the crossing share."""
+    pieces = cut_box(solid, (-40.0, -40.0, -40.0), (40.0, 40.0, 40.0))
+    return sum(a.solid.intersect(b.solid).volume_mm3 for a, b in combinations(pieces, 2))
+
+
+@pytest.mark.parametrize("apart_mm", [1.0, 6.0, 20.0])
+def test_limbs_that_run_through_each_other_count_once(apart_mm: float) -> None:
+    tube = crossing_tube(apart_mm)
+    twice_mm3 = find_overlaps(tube).volume_mm3
+    assert twice_mm3 == pytest.approx(shared_mm3(tube), rel=0.05)
+    solid, resolved_mm3 = resolve_overlaps(tube)
+    assert resolved_mm3 == pytest.approx(twice_mm3, rel=0.05)
+    assert solid.volume_mm3 == pytest.approx(tube.volume_mm3 - shared_mm3(tube), rel=1e-3)
+    assert shared_mm3(solid) < 1e-3
+    assert len(solid.pieces()) == 1
+    assert np.allclose(solid.bounds_mm, tube.bounds_mm)
+
+
+def test_limbs_apart_stay_as_they_are(lump: Solid) -> None:
+    for solid in (crossing_tube(40.0), lump, Solid.box((0.0, 0.0, 0.0), (1.0, 2.0, 3.0))):
+        assert resolve_overlaps(solid) == (solid, 0.0)
+
+
+def test_shell_with_a_cavity_does_not_overlap_itself() -> None:
+    shell = Solid.box((0.0, 0.0, 0.0), (9.0, 9.0, 9.0)).subtract(Solid.box((2.0, 2.0, 2.0), (7.0, 7.0, 7.0)))
+    assert find_overlaps(shell).volume_mm3 == 0.0
+
+
+def test_loaded_model_says_what_was_united(tmp_path: Path) -> None:
+    vertices, faces = crossing_tube(6.0).arrays()
+    path = tmp_path / "eight.stl"
+    write_stl(path, vertices[faces].astype(np.float32))
+    model = load_model(path)
+    assert any(text.startswith("United limbs that run through each other") for text in model.repairs)
+    assert shared_mm3(model.solid) < 1e-3
