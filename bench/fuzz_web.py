@@ -12,9 +12,7 @@ import argparse
 import asyncio
 import json
 import random
-import socket
 import sqlite3
-import subprocess
 import sys
 import tempfile
 import time
@@ -24,12 +22,9 @@ from contextlib import closing, suppress
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from bench.fuzz_requests import FuzzedRequest, list_statuses, make_request
+from bench.web_farm import WebFarm
 
-FARM = Path(sys.executable).with_name("farm")
-PATIENCE_S = 600.0
 ANSWER_S = 120.0  # the first model waits for the start of the workers
 DAMAGED_S = 0.05
 """Time for the answer to a request that a server need not answer."""
@@ -44,30 +39,15 @@ _CAMERA_SILENT = 503
 _SHOWN = 20
 
 
-class Farm:
-    """Daemon on a state folder of its own, with keys for the network."""
+class FuzzedFarm(WebFarm):
+    """Daemon with keys for callers of every kind."""
 
     def __init__(self, folder: Path) -> None:
-        with socket.create_server(("127.0.0.1", 0)) as probe:
-            self.port = probe.getsockname()[1]
-        self.state = folder / "state"
-        fleet = folder / "fleet.yaml"
-        model = "ultimaker2_plus"
-        rows = [{"name": name, "model": model, "port": f"sim://{model}"} for name in "ab"]
-        fleet.write_text(yaml.safe_dump({"printers": rows, "web": {"listen": f"127.0.0.1:{self.port}"}}))
-        self.run("up", "--fleet", str(fleet))
-        self.pid = int(json.loads(self.run("status", "--json"))["daemon"]["pid"])
+        super().__init__(folder, ("a", "b"))
         roles = {"look": "look", "print": "print", "operate": "operate", "revoked": "operate"}
-        self.keys = {
-            name: self.run("key", "add", name, "--role", role).strip() for name, role in roles.items()
-        }
+        self.keys = {name: self.add_key(name, role) for name, role in roles.items()}
         self.run("key", "revoke", self.keys["revoked"].split("_")[1])
         self.keys |= {"nobody": "", "wrong": "farm_wrong_key"}
-
-    def run(self, *words: str) -> str:
-        """Run a command of `farm`."""
-        command = [str(FARM), *words, "--state", str(self.state)]
-        return subprocess.run(command, check=True, capture_output=True, text=True, timeout=PATIENCE_S).stdout
 
     def measure(self) -> dict[str, float]:
         """Measure memory, descriptors, files of uploads, and rows of the database."""
@@ -142,7 +122,7 @@ class Fuzzing:
 def measure(number: int, seed: int, at_once: int) -> dict[str, Any]:
     """Send the requests, and compare the daemon before and after."""
     with tempfile.TemporaryDirectory() as name:
-        farm = Farm(Path(name))
+        farm = FuzzedFarm(Path(name))
         try:
             fuzzing, begun_s = Fuzzing(farm.port, random.Random(seed), at_once), time.monotonic()
             powerless = {name: farm.keys[name] for name in ("nobody", "wrong", "revoked", "look")}

@@ -15,7 +15,6 @@ import multiprocessing
 import os
 import secrets
 import socket
-import subprocess
 import sys
 import tempfile
 import time
@@ -25,12 +24,11 @@ from pathlib import Path
 from typing import Any
 
 import httpx
-import yaml
 
+from bench.web_farm import WebFarm
 from farm.api import NETWORK_PREFIX
 
 MB = 10**6
-FARM = Path(sys.executable).with_name("farm")
 BLOCK = b"M999 ; a command that no file may have\n" + b"G1 X100.123 Y100.456 E0.12345\n" * 30_000
 ASK_S = 0.05
 PATIENCE_S = 300.0
@@ -38,36 +36,7 @@ GOALS = {"mb_per_s": 100.0, "status_worst_ms": 100.0}
 BOUNDARY = b"------------------------9b1418d19f570849"
 
 
-class Farm:
-    """Daemon on a state folder of its own, with a key for the network."""
-
-    def __init__(self, folder: Path) -> None:
-        with socket.create_server(("127.0.0.1", 0)) as probe:
-            self.port = probe.getsockname()[1]
-        self.state = folder / "state"
-        self._fleet = folder / "fleet.yaml"
-        printer = {"name": "um2-01", "model": "ultimaker2_plus", "port": "sim://ultimaker2_plus"}
-        web = {"listen": f"127.0.0.1:{self.port}"}
-        self._fleet.write_text(yaml.safe_dump({"printers": [printer], "web": web}))
-        self.run("up", "--fleet", str(self._fleet))
-        self.key = self.run("key", "add", "bench", "--role", "print").strip()
-
-    def run(self, *words: str) -> str:
-        """Run a command of `farm`."""
-        command = [str(FARM), *words, "--state", str(self.state)]
-        return subprocess.run(command, check=True, capture_output=True, text=True, timeout=600).stdout
-
-    def cpu_s(self) -> float:
-        """Return the CPU seconds of the daemon, in all its threads."""
-        pid = json.loads(self.run("status", "--json"))["daemon"]["pid"]
-        return time.clock_gettime((~pid << 3) | 2)
-
-    def leftovers(self) -> list[str]:
-        """List the files in the work folder."""
-        return [str(path) for path in (self.state / "work").rglob("*") if path.is_file()]
-
-
-def make_request(farm: Farm, size: int, form: bool) -> tuple[bytes, bytes, bytes]:
+def make_request(farm: WebFarm, key: str, size: int, form: bool) -> tuple[bytes, bytes, bytes]:
     """Return the head of the request with all before the file, and all after the file."""
     before, after = b"", b""
     if form:
@@ -85,11 +54,11 @@ def make_request(farm: Farm, size: int, form: bool) -> tuple[bytes, bytes, bytes
         path = f"{NETWORK_PREFIX}/jobs?request_id={secrets.token_hex(8)}&name=big.gcode&size={size}"
         kind = b"application/octet-stream"
     length = len(before) + size + len(after)
-    head = f"POST {path} HTTP/1.1\r\nHost: localhost\r\nX-Api-Key: {farm.key}\r\nContent-Length: {length}\r\n"
+    head = f"POST {path} HTTP/1.1\r\nHost: localhost\r\nX-Api-Key: {key}\r\nContent-Length: {length}\r\n"
     return head.encode() + b"Connection: close\r\nContent-Type: %b\r\n\r\n" % kind, before, after
 
 
-def upload(farm: Farm, size: int, form: bool, share: float = 1.0) -> tuple[float, int, str]:
+def upload(farm: WebFarm, key: str, size: int, form: bool, share: float = 1.0) -> tuple[float, int, str]:
     """Upload a file, or the first share of one.
 
     Returns
@@ -97,7 +66,7 @@ def upload(farm: Farm, size: int, form: bool, share: float = 1.0) -> tuple[float
     seconds, status, text
         From the first byte to the answer; status 0 for an upload that was cut.
     """
-    head, before, after = make_request(farm, size, form)
+    head, before, after = make_request(farm, key, size, form)
     with socket.create_connection(("127.0.0.1", farm.port), PATIENCE_S) as connection:
         start_s = time.perf_counter()
         connection.sendall(head + before)
@@ -136,11 +105,11 @@ def ask_status(state: Path, port: int, key: str, pipe: Connection) -> None:
     pipe.send(took_ms)
 
 
-def measure_answers(farm: Farm) -> Iterator[list[float]]:
+def measure_answers(farm: WebFarm, key: str) -> Iterator[list[float]]:
     """Ask for the status beside what the caller does; yield an empty list, then its milliseconds."""
     here, there = multiprocessing.get_context("spawn").Pipe()
     asking = multiprocessing.get_context("spawn").Process(
-        target=ask_status, args=(farm.state, farm.port, farm.key, there)
+        target=ask_status, args=(farm.state, farm.port, key, there)
     )
     asking.start()
     yield []
@@ -152,27 +121,28 @@ def measure_answers(farm: Farm) -> Iterator[list[float]]:
 def measure(size_mb: int, times: int, form: bool) -> dict[str, Any]:
     """Measure the speed of whole uploads, the answers meanwhile, and what a cut one leaves."""
     with tempfile.TemporaryDirectory() as name:
-        farm = Farm(Path(name))
+        farm = WebFarm(Path(name))
         try:
+            key = farm.add_key("bench", "print")
             size, took_s = size_mb * MB, []
-            upload(farm, MB, form)  # the first one waits for the workers
-            idle = measure_answers(farm)
+            upload(farm, key, MB, form)  # the first one waits for the workers
+            idle = measure_answers(farm, key)
             next(idle)
             time.sleep(3.0)
             idle_ms = sorted(next(idle))
-            before_s, busy = farm.cpu_s(), measure_answers(farm)
+            before_s, busy = farm.cpu_s(), measure_answers(farm, key)
             next(busy)
             time.sleep(2.0)  # until it asks
             for _ in range(times):
-                seconds, status, text = upload(farm, size, form)
+                seconds, status, text = upload(farm, key, size, form)
                 if status != 400 or "line 1" not in text:
                     raise RuntimeError(f"unexpected answer {status}: {text}")
                 took_s.append(seconds)
             status_ms = sorted(next(busy))
             cpu_s = farm.cpu_s() - before_s
-            upload(farm, size, form, share=0.5)
+            upload(farm, key, size, form, share=0.5)
             time.sleep(1.0)
-            left = farm.leftovers()
+            left = farm.list_leftovers()
         finally:
             farm.run("down", "--now")
     return {

@@ -29,7 +29,8 @@ from typing import Any
 import httpx
 import trimesh
 
-from bench.upload_speed import ASK_S, PATIENCE_S, Farm
+from bench.upload_speed import ASK_S, PATIENCE_S
+from bench.web_farm import WebFarm
 from farm.api import NETWORK_PREFIX
 
 GOALS = {
@@ -126,7 +127,7 @@ def ask_status(state: Path, port: int, key: str, pipe: Connection) -> None:
     pipe.send((near_ms, asked, failed))
 
 
-def read_printer(farm: Farm) -> dict[str, Any]:
+def read_printer(farm: WebFarm) -> dict[str, Any]:
     printer: dict[str, Any] = json.loads(farm.run("status", "--json"))["printers"][0]
     return printer
 
@@ -134,8 +135,9 @@ def read_printer(farm: Farm) -> dict[str, Any]:
 def measure(number: int, seconds: float) -> dict[str, Any]:
     """Measure the answers while connections hang, and how the daemon ends with them."""
     with tempfile.TemporaryDirectory() as name:
-        farm = Farm(Path(name))
+        farm = WebFarm(Path(name))
         try:
+            key = farm.add_key("bench", "print")
             model = Path(name) / "box.stl"
             trimesh.creation.box((20.0, 20.0, 5.0)).export(model)
             farm.run("submit", str(model), "--json")
@@ -143,28 +145,27 @@ def measure(number: int, seconds: float) -> dict[str, Any]:
             while read_printer(farm)["print"] is None and time.monotonic() < give_up_s:
                 time.sleep(0.5)
             before = read_printer(farm)
-            pid = json.loads(farm.run("status", "--json"))["daemon"]["pid"]
             here, there = multiprocessing.get_context("spawn").Pipe()
             asking = multiprocessing.get_context("spawn").Process(
-                target=ask_status, args=(farm.state, farm.port, farm.key, there)
+                target=ask_status, args=(farm.state, farm.port, key, there)
             )
-            clients = HangingClients(farm.port, farm.key, number)
+            clients = HangingClients(farm.port, key, number)
             clients.hang(5.0)
             asking.start()
             clients.hang(seconds)
-            descriptors = len(list(Path(f"/proc/{pid}/fd").iterdir()))
+            descriptors = len(list(Path(f"/proc/{farm.pid}/fd").iterdir()))
             here.send(None)
             near_ms, asked, failed = here.recv()
             asking.join()
             after = read_printer(farm)
             start_s = time.monotonic()
-            os.kill(pid, signal.SIGTERM)
+            os.kill(farm.pid, signal.SIGTERM)
             while (farm.state / "farm.sock").exists() and time.monotonic() < start_s + PATIENCE_S:
                 clients.hang(0.1)
             end_s = time.monotonic() - start_s
             left = [path.name for path in (farm.state / "work").glob("upload-*")]
         finally:
-            farm.run("up", "--fleet", str(Path(name) / "fleet.yaml"))
+            farm.start()
             farm.run("down", "--now")
     near_ms.sort()
     return {

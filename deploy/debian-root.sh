@@ -31,6 +31,7 @@ pip_paths() {
 # Enters the root; for process 1 of namespaces of its own. usage: enter ROOT [NO_SHM]
 enter() {
     local path root=$1 no_shm=${2:-}
+    unset TMPDIR # a folder of this host
     mount --bind "$root" "$root"
     mount -t proc none "$root/proc"
     mount --rbind /sys "$root/sys"

@@ -88,13 +88,13 @@ END
 }
 
 run_test() {
-    local before pids agent
+    local before pids agent dependencies
     export DEBIAN_FRONTEND=noninteractive
     apt-get update -qq
     say "Installing what the package depends on ..."
-    # shellcheck disable=SC2046 # a word for each
-    apt-get install -qq -y --no-install-recommends \
-        $(dpkg-deb -f /tmp/1.deb Depends | tr ',' '\n' | sed 's/(.*//') > /dev/null
+    dependencies=$(dpkg-deb -f /tmp/1.deb Depends | tr ',' '\n' | sed 's/(.*//')
+    # shellcheck disable=SC2086 # a word for each
+    apt-get install -qq -y --no-install-recommends $dependencies > /dev/null
     before=$(list_files)
     say "Installing the package ..."
     check "apt installs it" install_package /tmp/1.deb

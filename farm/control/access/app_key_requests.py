@@ -6,7 +6,8 @@ import re
 import secrets
 from dataclasses import dataclass
 
-from farm.control.access.keys import CODE_LETTERS
+from farm import api
+from farm.control.access.keys import CODE_LETTERS, KeyCommands
 from farm.errors import NoSuchThing, Refused
 
 _CODE_LENGTH = 4
@@ -75,6 +76,21 @@ class AppKeyRequests:
         if found is None:
             raise NoSuchThing(f"no program asks for a key with the code {code}; `farm key` lists them")
         return found
+
+    def grant(self, code: str, grant: api.AppKeyGrant, by: str, keys: KeyCommands, now_s: float) -> str:
+        """Add a key for the program that asked with a code, and return the key's name.
+
+        Raises
+        ------
+        NoSuchThing
+            If nobody asks with this code.
+        Refused
+            If a valid key has the same name.
+        """
+        asking = self.find_open(code, now_s)
+        request = api.KeyRequest(name=f"{asking.app} {code}", role=grant.role, days=grant.days)
+        asking.key = keys.add(request, by).text
+        return request.name
 
     def deny(self, code: str, now_s: float) -> None:
         """Remove a request. Raises NoSuchThing."""

@@ -43,10 +43,7 @@ def key_routes(services: Services, keys: KeyCommands) -> APIRouter:
 
     @router.post("/keys/requests/{code}/grant")
     async def grant_key(code: str, grant: api.AppKeyGrant, by: OperatorName) -> api.Named:
-        asking = services.app_key_requests.find_open(code, time.monotonic())
-        request = api.KeyRequest(name=f"{asking.app} {code}", role=grant.role, days=grant.days)
-        asking.key = keys.add(request, by).text
-        return api.Named(name=request.name)
+        return api.Named(name=services.app_key_requests.grant(code, grant, by, keys, time.monotonic()))
 
     @router.post("/keys/requests/{code}/deny")
     async def deny_key(code: str, _: OperatorName) -> None:
