@@ -18,9 +18,12 @@ from fastapi import Depends, Request
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from farm.errors import FleetFileError, Refused
+from farm.model import Role
 
 log = logging.getLogger(__name__)
 _BACKLOG = 1024  # queued connections use no descriptor; further ones are refused
+_UNNAMED = "uid "  # begins the name of a user whom the user database does not know
+_NO_GID = -1
 _CREDENTIALS = struct.Struct("=iII")  # struct ucred: pid, uid, gid
 
 
@@ -48,7 +51,7 @@ class Person:
         try:
             return pwd.getpwuid(self.uid).pw_name
         except KeyError:
-            return f"uid {self.uid}"
+            return f"{_UNNAMED}{self.uid}"
 
     def is_operator(self, group: str | None) -> bool:
         """Return whether the person is an operator.
@@ -64,6 +67,32 @@ class Person:
             return number in (self.gid, *os.getgrouplist(pwd.getpwuid(self.uid).pw_name, self.gid))
         except KeyError:  # a user that the database does not know
             return number == self.gid
+
+
+def session_role(caller: Caller, operators: str | None) -> Role:
+    """Return the role of a caller's sessions; `operators` is `fleet.operators`."""
+    return Role.OPERATE if caller.is_operator(operators) else Role.PRINT
+
+
+def find_user_role(name: str, operators: str | None) -> Role | None:
+    """Return the role that a user has now by the databases of this host; None if the user is gone.
+
+    Parameters
+    ----------
+    name
+        As `Person.name`.
+    operators
+        The group `fleet.operators`; None if every user is an operator.
+    """
+    if name.startswith(_UNNAMED):
+        person = Person(int(name.removeprefix(_UNNAMED)), _NO_GID)
+    else:
+        try:
+            user = pwd.getpwnam(name)
+        except KeyError:
+            return None
+        person = Person(user.pw_uid, user.pw_gid)
+    return session_role(person, operators)
 
 
 class PeerProtocol(H11Protocol):

@@ -13,8 +13,10 @@ from farm.cameras import Image
 from farm.compute import Workers
 from farm.control import AppKeyRequests, Controller, SessionCommands
 from farm.errors import NoSuchThing, Refused
+from farm.http.callers import find_user_role
 from farm.http.event_streams import EventStreams, NoEvents
 from farm.http.uploads import Uploads
+from farm.model import Role
 from farm.paths import StateFolder
 from farm.views import ViewContext
 
@@ -93,6 +95,8 @@ class Services:
         Open uploads of all callers, whose total is limited.
     app_key_requests
         Requests of programs for a key.
+    find_user_role
+        Returns the role of a user, named as in the event log, for a group of operators.
     """
 
     controller: Controller
@@ -108,6 +112,7 @@ class Services:
     inspections: dict[Path, str] = field(default_factory=dict)
     streams: EventStreams = field(default_factory=lambda: EventStreams(NoEvents()))
     app_key_requests: AppKeyRequests = field(default_factory=AppKeyRequests)
+    find_user_role: Callable[[str, str | None], Role | None] = find_user_role
     sessions: SessionCommands = field(init=False)
     uploads: Uploads = field(init=False)
     since_s: float = field(init=False)

@@ -19,6 +19,10 @@ class Role(StrEnum):
         order = list(Role)
         return order.index(self) >= order.index(role)
 
+    def limit(self, most: Role) -> Role:
+        """Return this role, or `most` if that is less."""
+        return most if self.allows(most) else self
+
 
 class KeyKind(StrEnum):
     """Kind of key, by whom it serves."""
@@ -32,13 +36,24 @@ class Key(Entity):
 
     id: str
     kind: KeyKind = KeyKind.KEY
-    name: str  # of a session: the user's name
+    name: str  # of a session: the name of the user, or of the key that opened it
     role: Role
     digest: str  # SHA-256 of the key's text, in hexadecimal
     created_s: float
-    by: str  # name of the operator who added it; of a session, the user
+    by: str  # name of the operator who added it; of a session, the caller who opened it
     expires_s: float | None = None  # None: never; the end of a session is put off while it is used
     revoked_s: float | None = None
+    opened_by: str | None = None  # id of the key that opened a session; None: a link for a user
+
+    @property
+    def user(self) -> str | None:
+        """Name of the user of the farm's host whose session this is; None for a key and its sessions."""
+        return self.name if self.kind is KeyKind.SESSION and self.opened_by is None else None
+
+    @property
+    def caller(self) -> str:
+        """Name of the caller for the event log: a user is named as on the Unix socket."""
+        return self.user or f"key {self.name}"
 
     def is_valid(self, now_s: float) -> bool:
         """Return whether the key is accepted at a time on the farm's clock."""

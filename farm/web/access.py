@@ -64,6 +64,8 @@ _PAGES = (
 OPEN = frozenset(
     {
         ("GET", LIVENESS),
+        ("GET", "/login"),
+        ("POST", "/login"),
         ("GET", "/login/{token}"),
         ("POST", "/login/{token}"),
         ("GET", "/static/{name}"),

@@ -36,7 +36,7 @@ from farm.web.guard import Refusal, check_head, check_host, check_origin, check_
 from farm.web.metrics import CONTENT_TYPE, write_metrics
 from farm.web.notes import Notes
 from farm.web.openapi import describe_routes
-from farm.web.pages import POLICY, fleet_routes, page_routes, render_api_page, render_message
+from farm.web.pages import POLICY, fleet_routes, login_routes, page_routes, render_api_page, render_message
 from farm.web.slicers import add_slicer_routes, is_slicer_path, is_slicer_upload, make_text
 
 _HEADERS = {
@@ -93,16 +93,18 @@ def make_web_app(services: Services, dry_runs: DryRuns, names: Collection[str]) 
         return HTMLResponse(page, headers={"content-security-policy": POLICY})
 
     cookie = SessionCookie.for_section(services.controller.fleet.web)
-    _add_pages(app, services, cookie)
-    return Guard(app, services, names, cookie)
+    callers = CallerFinder(services, cookie)
+    app.include_router(login_routes(services, cookie, callers))
+    _add_pages(app, services)
+    return Guard(app, services, names, cookie, callers)
 
 
-def _add_pages(app: FastAPI, services: Services, cookie: SessionCookie) -> None:
+def _add_pages(app: FastAPI, services: Services) -> None:
     """Add the pages and their forms."""
     app.state.notes = notes = Notes()
     printers = PrinterCommands(services.controller)
     parts = PartCommands(services.controller, printers)
-    app.include_router(page_routes(services, cookie, notes))
+    app.include_router(page_routes(services, notes))
     app.include_router(fleet_routes(services, notes))
     app.include_router(printer_forms(printers, parts))
     app.include_router(job_forms(services, JobCommands(services.controller, printers), parts))
@@ -121,14 +123,21 @@ class Guard:
         Names of this host in lower case.
     cookie
         The cookie of sessions.
+    callers
+        Finds who sends a request.
     """
 
     def __init__(
-        self, app: ASGIApp, services: Services, names: Collection[str], cookie: SessionCookie
+        self,
+        app: ASGIApp,
+        services: Services,
+        names: Collection[str],
+        cookie: SessionCookie,
+        callers: CallerFinder,
     ) -> None:
         self._app, self._names, self._cookie = app, names, cookie
         self._controller, self._uses_s = services.controller, services.key_uses_s
-        self._callers = CallerFinder(services.controller, services.sessions, cookie)
+        self._callers = callers
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] != "http":  # no web sockets
@@ -172,7 +181,9 @@ class Guard:
         if isinstance(caller, Visitor):
             return True
         key = self._controller.books.keys.get(caller.key.id)
-        return key is not None and key.is_valid(self._controller.clock.now())
+        if key is None or not key.is_valid(self._controller.clock.now()):
+            return False
+        return self._callers.find_role(key) is not None
 
     def _judge(self, scope: Scope) -> KeyHolder | Visitor | Refusal:
         """Return the caller, or a refusal."""
@@ -198,8 +209,8 @@ class Guard:
         if needed is None:
             return Refusal(404, f"there is nothing at {path} for {method}")
         key = holder.key
-        if not key.role.allows(needed):
-            return Refusal(403, f"this needs a key with the role {needed}; {key.name} has {key.role}")
+        if not holder.role.allows(needed):
+            return Refusal(403, f"this needs a key with the role {needed}; {key.name} has {holder.role}")
         if holder.has_session:
             refusal = check_page(method, *site)
             if refusal is not None:

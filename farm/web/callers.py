@@ -8,8 +8,9 @@ from dataclasses import dataclass
 
 from fastapi import Request
 
-from farm.control import Controller, SessionCommands, find_key
+from farm.control import find_key
 from farm.errors import FarmError, Refused
+from farm.http import Services
 from farm.model import Key, KeyKind, Role
 from farm.web.cookies import SessionCookie
 from farm.web.guard import Refusal, WrongKeys
@@ -21,23 +22,32 @@ _BEARER = "bearer "
 
 @dataclass(frozen=True, slots=True)
 class KeyHolder:
-    """Caller on the network with a key, or a user with a session."""
+    """Caller on the network with a key, or with a session in a browser.
+
+    Attributes
+    ----------
+    key
+        The key or session.
+    role
+        What the caller may do now.
+    """
 
     key: Key
+    role: Role
 
     @property
     def name(self) -> str:
-        """Name for the event log: a session has the name of its user, as on the Unix socket."""
-        return self.key.name if self.has_session else f"key {self.key.name}"
+        """Name for the event log."""
+        return self.key.caller
 
     @property
     def has_session(self) -> bool:
-        """True for a user with a session in a browser."""
+        """True for a session in a browser."""
         return self.key.kind is KeyKind.SESSION
 
     def is_operator(self, group: str | None) -> bool:
-        """Return whether the key has the role of an operator."""
-        return self.key.role is Role.OPERATE
+        """Return whether the caller has the role of an operator."""
+        return self.role is Role.OPERATE
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,16 +79,14 @@ class CallerFinder:
 
     Parameters
     ----------
-    controller
-        Has the keys, and the farm's clock.
-    sessions
-        Extends a session that is used.
+    services
+        Have the keys and sessions, the farm's clock, and the roles of users.
     cookie
         The cookie of sessions.
     """
 
-    def __init__(self, controller: Controller, sessions: SessionCommands, cookie: SessionCookie) -> None:
-        self._controller, self._sessions, self._cookie = controller, sessions, cookie
+    def __init__(self, services: Services, cookie: SessionCookie) -> None:
+        self._services, self._controller, self._cookie = services, services.controller, cookie
         self._wrong = WrongKeys()
 
     def find(self, headers: Mapping[str, str], address: str) -> KeyHolder | Refusal:
@@ -93,24 +101,21 @@ class CallerFinder:
         """
         text = headers.get("x-api-key") or _read_bearer(headers.get("authorization", ""))
         if text:
-            return self._find(text, KeyKind.KEY, address)
+            return self.find_key(text, address)
         text = self._cookie.read(headers.get("cookie", ""))
         if text:
-            return self._find(text, KeyKind.SESSION, address)
+            return self.find_key(text, address, KeyKind.SESSION)
         return Refusal(401, "this needs a key: an operator makes one by `farm key add NAME`")
 
-    def extend(self, session: Key) -> None:
-        """Put off the end of a session that is used; if that cannot be written, it ends sooner."""
-        try:
-            self._sessions.extend(session)
-        except FarmError as error:
-            log.warning("the session %s is not extended: %s", session.id, error)
-
-    def _find(self, text: str, kind: KeyKind, address: str) -> KeyHolder | Refusal:
+    def find_key(self, text: str, address: str, kind: KeyKind = KeyKind.KEY) -> KeyHolder | Refusal:
+        """Find the caller with the text of a valid key or session; a wrong one counts for its address."""
         now_s = self._controller.clock.now()
         key = find_key(text, self._controller.books.keys, now_s, kind)
         if key is not None:
-            return KeyHolder(key)
+            role = self.find_role(key)
+            return (
+                KeyHolder(key, role) if role else Refusal(403, f"this host has no user {key.name} any more")
+            )
         refusal = self._wrong.check(address, now_s)
         if refusal is None:
             self._wrong.add(address, now_s)
@@ -120,6 +125,23 @@ class CallerFinder:
         return refusal or Refusal(
             401, "this key is wrong, expired or revoked: `farm key` lists the valid ones"
         )
+
+    def find_role(self, key: Key) -> Role | None:
+        """Return what a valid key or session may do now; None for a session whose user is gone.
+
+        A session may do what its user may now, at most: who has left the operators is none here either.
+        """
+        if key.user is None:
+            return key.role
+        role = self._services.find_user_role(key.user, self._controller.fleet.fleet.operators)
+        return None if role is None else key.role.limit(role)
+
+    def extend(self, session: Key) -> None:
+        """Put off the end of a session that is used; if that cannot be written, it ends sooner."""
+        try:
+            self._services.sessions.extend(session)
+        except FarmError as error:
+            log.warning("the session %s is not extended: %s", session.id, error)
 
 
 def _read_bearer(authorization: str) -> str:

@@ -29,7 +29,7 @@ class Reader:
     @classmethod
     def for_holder(cls, holder: KeyHolder) -> Reader:
         """Return the reader with a key or a session."""
-        return cls(holder.name, holder.key.role, holder.has_session)
+        return cls(holder.name, holder.role, holder.has_session)
 
     def may(self, role: str) -> bool:
         """Return whether the reader may do what needs a role."""

@@ -48,8 +48,14 @@ class NetworkFarm:
             AgentSnapshot(printer="a", link=Link.READY, bed_clear=True, filament=FilamentState.PARKED)
         )
         self.went_down = []
+        self.user_roles = {}
         self.services = Services(
-            self.controller, self.state, folder / "fleet.yaml", AcceptAll(), self._go_down
+            self.controller,
+            self.state,
+            folder / "fleet.yaml",
+            AcceptAll(),
+            self._go_down,
+            find_user_role=lambda name, _: self.user_roles.get(name, Role.OPERATE),
         )
         self.keys, self.sessions = KeyCommands(self.controller), self.services.sessions
         self.unix = make_app(self.services, DryRuns(self.controller))
@@ -86,6 +92,10 @@ class NetworkFarm:
     def open_session(self, role=Role.OPERATE, user="ann"):
         """Open a session, and return its text."""
         return self.sessions.open(self.sessions.make_link(user, role))
+
+    def log_in(self, key, address="10.0.0.9"):
+        """Send the form of the log-in page with the text of a key."""
+        return self.browse("POST", "/login", data={"key": key}, address=address)
 
     def read_last_event(self):
         """Return the kind and the body of the last event."""

@@ -1,7 +1,7 @@
-"""Sessions of browsers: opened by a link that serves once, extended while they are used, and ended.
+"""Sessions of browsers: opened by a link that serves once or by a key, extended while used, and ended.
 
 A user asks for the link on the daemon's own host, where the kernel names the user. Links are kept in memory,
-by their SHA-256; sessions are keys of the books.
+by their SHA-256; sessions are keys of the books. A session that a key has opened ends with the key.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ IDLE_S = 12 * 3600.0
 LONGEST_S = 30 * 86400.0
 """Wall seconds after which every session ends."""
 MAX_SESSIONS = 10
-"""Open sessions of one user; one more ends the oldest."""
+"""Open sessions of one user or one key; one more ends the oldest."""
 _EXTEND_S = 3600.0  # between two extensions of a session: each is an event
 _MAX_LINKS = 5  # of one user
 _MAX_LINKS_TOTAL = 100
@@ -40,17 +40,17 @@ class LoginLink:
     end_s: float
 
 
-def list_open_sessions(keys: Iterable[Key], now_s: float, user: str | None = None) -> list[Key]:
-    """List the sessions that are open, of one user or of all; the oldest first."""
+def list_open_sessions(keys: Iterable[Key], now_s: float, caller: str | None = None) -> list[Key]:
+    """List the sessions that are open, of one caller or of all; the oldest first."""
     sessions = [
         key
         for key in keys
-        if key.kind is KeyKind.SESSION and key.is_valid(now_s) and user in (None, key.name)
+        if key.kind is KeyKind.SESSION and key.is_valid(now_s) and caller in (None, key.caller)
     ]
     return sorted(sessions, key=lambda session: session.created_s)
 
 
-def find_session_end(created_s: float, now_s: float, scale: float) -> float:
+def find_session_end(created_s: float, now_s: float, scale: float, key: Key | None = None) -> float:
     """Return when a session ends that is used now, on the farm's clock.
 
     Parameters
@@ -59,8 +59,11 @@ def find_session_end(created_s: float, now_s: float, scale: float) -> float:
         When it was opened, and now, on the farm's clock.
     scale
         Farm seconds in a wall second.
+    key
+        The key that opened it; None for a link.
     """
-    return min(now_s + IDLE_S * scale, created_s + LONGEST_S * scale)
+    end_s = min(now_s + IDLE_S * scale, created_s + LONGEST_S * scale)
+    return end_s if key is None or key.expires_s is None else min(end_s, key.expires_s)
 
 
 class SessionCommands:
@@ -117,24 +120,32 @@ class SessionCommands:
             If the link is unknown, used or expired.
         """
         link = self.find_link(token)
+        del self._links[digest_key(token)]
+        return self._open(link.user, link.role, None)
+
+    def open_with_key(self, key: Key) -> str:
+        """Open a session with the role of a valid key, which ends with the key; return the session's text."""
+        return self._open(key.name, key.role, key)
+
+    def _open(self, name: str, role: Role, key: Key | None) -> str:
         clock = self._controller.clock
         now_s = clock.now()
-        name, text = make_key_text(KeyKind.SESSION)
+        session_id, text = make_key_text(KeyKind.SESSION)
         session = Key(
-            id=name,
+            id=session_id,
             kind=KeyKind.SESSION,
-            name=link.user,
-            role=link.role,
+            name=name,
+            role=role,
             digest=digest_key(text),
             created_s=now_s,
-            by=link.user,
-            expires_s=find_session_end(now_s, now_s, clock.scale),
+            by=name if key is None else key.caller,
+            expires_s=find_session_end(now_s, now_s, clock.scale, key),
+            opened_by=None if key is None else key.id,
         )
-        open_sessions = list_open_sessions(self._controller.books.keys.values(), now_s, link.user)
-        del self._links[digest_key(token)]
+        open_sessions = list_open_sessions(self._controller.books.keys.values(), now_s, session.caller)
         self._controller.handle(
             *(
-                ev.KeyRevoked(at_s=now_s, key=session_to_end.id, by=link.user)
+                ev.KeyRevoked(at_s=now_s, key=session_to_end.id, by=session.caller)
                 for session_to_end in open_sessions[: max(0, len(open_sessions) - MAX_SESSIONS + 1)]
             ),
             ev.SessionOpened(at_s=now_s, session=session),
@@ -145,7 +156,8 @@ class SessionCommands:
         """Put off the end of a session that is used, at most once an hour."""
         clock = self._controller.clock
         now_s = clock.now()
-        end_s = find_session_end(session.created_s, now_s, clock.scale)
+        key = self._controller.books.keys.get(session.opened_by or "")
+        end_s = find_session_end(session.created_s, now_s, clock.scale, key)
         if end_s - (session.expires_s or 0.0) >= _EXTEND_S * clock.scale:
             self._controller.handle(ev.SessionExtended(at_s=now_s, session=session.id, expires_s=end_s))
 

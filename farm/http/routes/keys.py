@@ -10,9 +10,8 @@ from fastapi import APIRouter, Depends
 from farm import api
 from farm.control import LINK_S, KeyCommands
 from farm.errors import Refused
-from farm.http.callers import Caller, OperatorName, identify_caller
+from farm.http.callers import Caller, OperatorName, identify_caller, session_role
 from farm.http.services import Services
-from farm.model import Role
 from farm.views import list_keys
 
 
@@ -58,8 +57,7 @@ def key_routes(services: Services, keys: KeyCommands) -> APIRouter:
             )
         if network.problem is not None:
             raise Refused(f"the farm does not listen on the network: {network.problem}")
-        operates = caller.is_operator(controller.fleet.fleet.operators)
-        role = Role.OPERATE if operates else Role.PRINT
+        role = session_role(caller, controller.fleet.fleet.operators)
         token = services.sessions.make_link(caller.name, role)
         return api.LoginLink(
             url=f"{network.browser_url}/login/{token}", user=caller.name, role=role, valid_s=LINK_S

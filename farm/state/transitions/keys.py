@@ -16,16 +16,19 @@ def _(event: ev.KeyAdded, books: Books) -> Result:
 
 @change.register
 def _(event: ev.KeyRevoked, books: Books) -> Result:
-    return put(books, replace_fields(books.key(event.key), revoked_s=event.at_s)), ()
+    """Revoke a key, and with it the sessions that it has opened."""
+    revoked = [books.key(event.key)]
+    revoked += [key for key in books.keys.values() if key.opened_by == event.key and key.revoked_s is None]
+    return put(books, *(replace_fields(key, revoked_s=event.at_s) for key in revoked)), ()
 
 
 @change.register
 def _(event: ev.SessionOpened, books: Books) -> Result:
-    """Add a session. The user's sessions that have ended are removed, so that the books do not grow."""
+    """Add a session. Those of its caller that have ended are removed, so that the books do not grow."""
     ended = [
         key.id
         for key in books.keys.values()
-        if key.kind is KeyKind.SESSION and key.name == event.session.name and not key.is_valid(event.at_s)
+        if key.kind is KeyKind.SESSION and key.caller == event.session.caller and not key.is_valid(event.at_s)
     ]
     return put(remove_keys(books, ended), event.session), ()
 

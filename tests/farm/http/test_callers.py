@@ -3,6 +3,7 @@
 import asyncio
 import grp
 import os
+import pwd
 import socket
 import stat
 import subprocess
@@ -18,8 +19,8 @@ from farm.control import DryRuns
 from farm.control.controller import Controller
 from farm.errors import FleetFileError, Refused
 from farm.http import PeerProtocol, Services, check_operators, listen, make_app
-from farm.http.callers import Person
-from farm.model import AgentSnapshot, FilamentState, Link
+from farm.http.callers import Person, find_user_role
+from farm.model import AgentSnapshot, FilamentState, Link, Role
 from farm.paths import StateFolder
 from farm.planning.printer_settings import bed_boxes
 from farm.state.storage.store import Store
@@ -117,6 +118,22 @@ def test_commands_that_stop_prints_are_for_all_users(tmp_path):
     answer = ask(app, STRANGER, "POST", "/jobs/1/cancel").json()["job"]
     assert (answer["state"], answer["reason"]) == ("cancelled", "cancelled by uid 54321")
     assert ask(app, STRANGER, "POST", "/printers/a/maintenance", json={"why": "smoke"}).status_code == 200
+
+
+def test_role_of_a_user_follows_the_databases_of_the_host(monkeypatch):
+    ann, groups = pwd.struct_passwd(("ann", "x", 54321, 54321, "", "/", "/bin/sh")), [54321]
+    monkeypatch.setattr(pwd, "getpwnam", {"ann": ann}.__getitem__)
+    monkeypatch.setattr(pwd, "getpwuid", {54321: ann}.__getitem__)
+    monkeypatch.setattr(os, "getgrouplist", lambda name, gid: groups)
+    assert find_user_role("ann", None) is Role.OPERATE
+    assert find_user_role("ann", OURS) is Role.PRINT
+    groups.append(os.getgid())
+    assert find_user_role("ann", OURS) is Role.OPERATE
+    groups.remove(os.getgid())
+    assert find_user_role("ann", OURS) is Role.PRINT
+    assert find_user_role("bob", None) is None
+    assert find_user_role(Person(54322, 54322).name, OURS) is Role.PRINT  # the database never knew this user
+    assert find_user_role(f"uid {os.getuid()}", NO_GROUP) is Role.OPERATE
 
 
 def test_unknown_operator_group_is_an_error():

@@ -7,6 +7,7 @@ import os
 
 import httpx
 import pytest
+from fastapi import Response
 
 from farm.http import Person
 from farm.model import Role
@@ -245,3 +246,102 @@ def test_ten_wrong_sessions_have_to_wait_but_a_valid_one_does_not(farm):
     answers = [farm.browse("GET", "/", "nonsense").status_code for _ in range(11)]
     assert answers == [401] * 10 + [429]
     assert farm.browse("GET", "/", text).status_code == 200
+
+
+def test_session_does_no_more_than_its_user_may_now(farm):
+    text = farm.open_session(Role.OPERATE, "ann")
+    assert farm.browse("POST", CLEARED, text, json={}).status_code == 200
+    farm.user_roles["ann"] = Role.PRINT
+    refused = farm.browse("POST", CLEARED, text, json={})
+    assert (refused.status_code, "needs a key with the role operate; ann has print" in refused.text) == (
+        403,
+        True,
+    )
+    assert "ann (print)" in farm.browse("GET", "/", text).text
+    farm.user_roles["ann"] = None
+    gone = farm.browse("GET", "/", text)
+    assert (gone.status_code, "this host has no user ann any more" in gone.text) == (403, True)
+    farm.user_roles["ann"] = Role.OPERATE  # as after a failure of the user database
+    assert farm.browse("POST", CLEARED, text, json={}).status_code == 200
+
+
+def test_session_does_no_more_than_it_was_opened_for(farm):
+    text = farm.open_session(Role.PRINT, "ann")  # who becomes an operator logs in again
+    assert farm.browse("POST", CLEARED, text, json={}).status_code == 403
+
+
+def test_stream_of_a_session_ends_when_its_user_is_gone(farm):
+    asked = []
+
+    async def read_stream(scope, receive, send):
+        is_allowed = scope["state"]["is_allowed"]
+        asked.append(is_allowed())
+        farm.user_roles["ann"] = None
+        asked.append(is_allowed())
+        await Response()(scope, receive, send)
+
+    farm.web._app = read_stream
+    farm.browse("GET", "/api/v1/events", farm.open_session())
+    assert asked == [True, False]
+
+
+@pytest.mark.parametrize("role", Role)
+def test_key_opens_a_session_of_its_role_and_name(farm, role):
+    assert 'action="/login"' in farm.browse("GET", "/login").text
+    assert 'action="/login"' in farm.browse("GET", "/").text
+    key = farm.add(role, "panel")
+    opened = farm.log_in(f" {key.text}\n")  # as pasted
+    assert (opened.status_code, opened.headers["location"]) == (303, "/")
+    text, attributes = read_cookie(opened)
+    assert {"httponly", "samesite=lax", "path=/"} <= attributes
+    assert f"key panel ({role})" in farm.browse("GET", "/", text).text
+    changed = farm.browse("POST", CLEARED, text, json={})
+    assert changed.status_code == (200 if role is Role.OPERATE else 403)
+    if role is Role.OPERATE:
+        assert json.loads(farm.read_last_event()[1])["by"] == "key panel"
+    assert farm.services.key_uses_s[key.id] == farm.clock.now_s
+
+
+def test_session_of_a_key_ends_with_the_key(farm):
+    lasting, short = farm.add(Role.LOOK, "a"), farm.add(Role.LOOK, "b", days=0.25)
+    texts = [read_cookie(farm.log_in(key.text))[0] for key in (lasting, short)]
+    farm.clock.now_s += 5 * 3600.0
+    assert [farm.browse("GET", "/", text).status_code for text in texts] == [200, 200]
+    farm.clock.now_s += 3600.0  # the second key has expired, though its session is in use
+    assert [farm.browse("GET", "/", text).status_code for text in texts] == [200, 401]
+    farm.keys.revoke(lasting.id, "ann")
+    assert farm.browse("GET", "/", texts[0]).status_code == 401
+    assert all(session.revoked_s or session.expires_s <= farm.clock.now_s for session in list_sessions(farm))
+
+
+@pytest.mark.parametrize("form", [{}, {"key": ""}, {"key": "nonsense"}, {str(i): "x" for i in range(99)}])
+def test_wrong_key_opens_no_session(farm, form):
+    answer = farm.browse("POST", "/login", data=form)
+    assert (answer.status_code, "set-cookie" in answer.headers) == (401, False)
+    assert 'action="/login"' in answer.text
+    assert "this key is wrong" in answer.text
+    assert farm.browse("POST", "/login", content=b"key=\xff%ff").status_code == 401
+    assert list_sessions(farm) == []
+
+
+def test_revoked_key_and_session_open_no_session(farm):
+    key = farm.add(Role.PRINT)
+    session = read_cookie(farm.log_in(key.text))[0]
+    farm.keys.revoke(key.id, "ann")
+    assert [farm.log_in(text).status_code for text in (key.text, session)] == [401, 401]
+
+
+def test_wrong_keys_in_the_form_count_as_those_of_programs_do(farm):
+    key = farm.add(Role.PRINT).text
+    answers = [farm.log_in("nonsense").status_code for _ in range(11)]
+    assert answers == [401] * 10 + [429]
+    assert farm.ask("GET", "/", "nonsense").status_code == 429
+    assert farm.log_in(key).status_code == 303
+    assert farm.log_in("nonsense", "10.0.0.8").status_code == 401
+
+
+@pytest.mark.parametrize("headers", [{"origin": "http://evil.example"}, {}])
+def test_form_of_another_site_logs_nobody_in(farm, headers):
+    key = farm.add(Role.PRINT).text
+    assert farm.ask("POST", "/login", headers=headers, data={"key": key}).status_code == 403
+    assert list_sessions(farm) == []

@@ -8,6 +8,8 @@ from farm.control import SessionCommands, find_key
 from farm.control.access.sessions import IDLE_S, LINK_S, LONGEST_S, MAX_SESSIONS, list_open_sessions
 from farm.errors import NoSuchThing
 from farm.model import KeyKind, Role
+from farm.state import events as ev
+from make_books import key
 from recording_controller import Farm
 
 HOUR_S = 3600.0
@@ -148,3 +150,16 @@ def test_restarted_daemon_keeps_sessions_and_forgets_links(farm, tmp_path):
     with pytest.raises(NoSuchThing):
         SessionCommands(again.controller).open(token)
     again.store.close()
+
+
+def test_user_and_key_of_the_same_name_have_sessions_of_their_own(farm):
+    panel = key("ann", id="panel234", expires_s=None)
+    farm.controller.handle(ev.KeyAdded(at_s=farm.clock.now_s, key=panel))
+    text = farm.open_session("ann")
+    for _ in range(MAX_SESSIONS + 3):
+        farm.wait(1.0)
+        by_key = farm.find(farm.sessions.open_with_key(panel))
+    assert (by_key.caller, by_key.user, by_key.by) == ("key ann", None, "key ann")
+    assert farm.find(text).caller == "ann"
+    sessions = list_open_sessions(farm.controller.books.keys.values(), farm.clock.now_s, "key ann")
+    assert len(sessions) == MAX_SESSIONS

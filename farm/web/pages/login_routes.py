@@ -1,0 +1,89 @@
+"""Routes of the pages to log in, by a link or by a key, and to log out."""
+
+from __future__ import annotations
+
+from fastapi import APIRouter, Request, Response
+from fastapi.responses import HTMLResponse, RedirectResponse
+
+from farm.control import KeyCommands
+from farm.errors import NoSuchThing, Refused
+from farm.http import Services
+from farm.web.callers import CallerFinder, find_holder
+from farm.web.cookies import SessionCookie
+from farm.web.forms import BadForm, read_fields
+from farm.web.guard import Refusal
+from farm.web.pages.rendering import render_login, render_message
+
+_SEE_OTHER = 303
+
+
+def login_routes(services: Services, cookie: SessionCookie, callers: CallerFinder) -> APIRouter:
+    """Return the routes to log in and out.
+
+    Parameters
+    ----------
+    services
+        Components of the daemon.
+    cookie
+        The cookie of sessions.
+    callers
+        Checks keys.
+    """
+    router, keys = APIRouter(include_in_schema=False), KeyCommands(services.controller)
+    name = services.controller.fleet.fleet.name
+
+    @router.get("/login")
+    async def show_key_login() -> Response:
+        return HTMLResponse(render_message(name, "You are not logged in.", has_login_hint=True))
+
+    @router.post("/login")
+    async def log_in_with_key(request: Request) -> Response:
+        found = callers.find_key(await _read_key(request), request.state.person.address)
+        if isinstance(found, Refusal):
+            page = render_message(name, found.text, has_login_hint=True)
+            return HTMLResponse(page, found.status, {"www-authenticate": "Bearer"})
+        services.key_uses_s[found.key.id] = services.controller.clock.now()
+        return _redirect(cookie, services.sessions.open_with_key(found.key))
+
+    @router.get("/login/{token}")
+    async def show_login(token: str) -> Response:
+        try:
+            link = services.sessions.find_link(token)
+        except NoSuchThing as error:
+            return HTMLResponse(render_message(name, str(error)), 404)
+        return HTMLResponse(render_login(name, link.user, link.role))
+
+    @router.post("/login/{token}")
+    async def log_in(token: str) -> Response:
+        try:
+            text = services.sessions.open(token)
+        except NoSuchThing as error:
+            return HTMLResponse(render_message(name, str(error)), 404)
+        return _redirect(cookie, text)
+
+    @router.post("/logout")
+    async def log_out(request: Request) -> Response:
+        holder = find_holder(request)
+        if not holder.has_session:
+            raise Refused(f"{holder.name} has no session to end: an operator revokes it by `farm key revoke`")
+        keys.revoke(holder.key.id, holder.name)
+        response = HTMLResponse(render_message(name, "You have logged out.", has_login_hint=True))
+        cookie.clear(response)
+        return response
+
+    return router
+
+
+def _redirect(cookie: SessionCookie, session: str) -> Response:
+    """Return an answer that gives the browser a session's text and shows the farm."""
+    response = RedirectResponse("/", _SEE_OTHER)
+    cookie.set(response, session)
+    return response
+
+
+async def _read_key(request: Request) -> str:
+    """Return the key in a form; empty if there is none."""
+    try:
+        return (await read_fields(request)).get("key", "").strip()
+    except BadForm:
+        return ""
