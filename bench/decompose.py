@@ -105,7 +105,7 @@ def cut(run: Run, folder: Path) -> dict[str, Any]:
 
 
 def relevel(run: Run, folder: Path, took_s: list[float]) -> dict[str, Any] | None:
-    """Balance a partition in a folder by its sliced times; None where that changes nothing."""
+    """Balance a partition in a folder by its sliced times; None if that changes nothing."""
     was = pickle.loads((folder / CUTTING).read_bytes())
     start = perf_counter()
     model = load_model(run.path, longest_side_mm=run.side_mm)
@@ -138,7 +138,7 @@ def _warm(cost: CostModel, room: tuple[tuple[float, float, float], ...]) -> None
 
 
 def slice_parts(report: dict[str, Any], run: Run, folder: Path, cache: Path, jobs: int) -> list[float | None]:
-    """Slice every part; return CuraEngine's times in seconds, None where a slice is refused."""
+    """Slice every part; return CuraEngine's times in seconds, None if a slice is refused."""
     request = SettingsRequest(slicing_printer(BEDS[PRINTER]), quality=run.quality)
     settings = resolve_settings(request, find_resources())
     room = part_room(PROFILES[PRINTER], settings.brim_width_mm)

@@ -132,7 +132,7 @@ class Slicer:
         )
 
     def slice_model(self, mesh: trimesh.Trimesh, way: dict[str, str]) -> bytes:
-        """Slice a model, made small enough and put on the bed's centre; empty where the engine fails."""
+        """Slice a model, made small enough and put on the bed's centre; empty if the engine fails."""
         mesh = mesh.copy()
         mesh.apply_scale(min(1.0, _SIZE_MM / max(mesh.extents)))
         low, high = mesh.bounds

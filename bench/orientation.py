@@ -57,7 +57,7 @@ AS_IS = 4  # index into POSE_ROTATIONS: the model's own up
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """Times of one part. Seconds are CuraEngine's, except `price_s`; None where a slice is refused.
+    """Times of one part. Seconds are CuraEngine's, except `price_s`; None if a slice is refused.
 
     Attributes
     ----------
@@ -109,7 +109,7 @@ def list_parts(
 def slice_part(
     folder: Path, cache: Path | None, part: Part, pose: Pose, chosen: PartSettings
 ) -> float | None:
-    """Slice a part in a pose; return CuraEngine's time in seconds, None where the slice is refused."""
+    """Slice a part in a pose; return CuraEngine's time in seconds, None if the slice is refused."""
     settings = resolve_settings(REQUEST, find_resources(), chosen)
     posed = Part(part.id, part.solid, pose.to_model, pose.price_s, part.printer)
     with tempfile.TemporaryDirectory(dir=folder) as scratch:

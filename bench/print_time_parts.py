@@ -197,7 +197,7 @@ def list_parts(folder: Path | None, each: int) -> Iterator[Posed]:
 
 
 def measure(posed: Posed, setting: str, folder: Path, cache: Path | None) -> Row | None:
-    """Slice one part at one setting; None where the slice is refused."""
+    """Slice one part at one setting; None if the slice is refused."""
     settings = resolve_named_settings(setting)
     name = f"{posed.model}-{posed.part}-{setting}"
     stl, out = folder / f"{name}.stl", folder / f"{name}.gcode"

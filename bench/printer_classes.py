@@ -69,7 +69,7 @@ def make_equal(printers: Sequence[PrinterRoom]) -> tuple[PrinterRoom, ...]:
 
 
 def compare(path: Path, side_mm: float, problem: Problem) -> dict[str, Any]:
-    """Compare both makespans for one model, None where it does not fit, with CPU seconds."""
+    """Compare both makespans for one model, None if it does not fit, with CPU seconds."""
     row: dict[str, Any] = {"model": path.stem, "side_mm": side_mm, "printers": len(problem.printers)}
     for name, printers, search in (
         ("shared", make_equal(problem.printers), cut_for_uniform_printers),

@@ -33,7 +33,7 @@ class Outcome:
     Attributes
     ----------
     fault
-        Reason for which the link gave up; None where it went on to the end.
+        Reason for which the link gave up; None if it went on to the end.
     exact
         The firmware made all moves, each once, and head and filament are where the file leaves them.
     altered

@@ -77,7 +77,7 @@ def relevel_planes(
 
 
 def _shift_planes(problem: Problem, before: list[list[Piece]]) -> list[Piece] | None:
-    """Move the planes between the pieces of each box; None where the gain is not worth slicing again."""
+    """Move the planes between the pieces of each box; None if the gain is not worth slicing again."""
     boxes_mm = np.array([pieces[0].boxes_mm[0] for pieces in before])
     after = shift_box_planes(problem, problem.build_grid(problem.model), boxes_mm, before)
     old_s = _makespan_s(problem, [piece for pieces in before for piece in pieces])
@@ -132,7 +132,7 @@ def _cut_previous_boxes(
 
 
 def _makespan_s(problem: Problem, pieces: Sequence[Piece]) -> float:
-    """Compute the sliced time when the last piece ends, each on its best printer; inf where one fits none."""
+    """Compute the sliced time when the last piece ends, each on its best printer; inf if one fits none."""
     poses = [pose for pose in problem.find_poses(pieces) if pose is not None]
     if len(poses) != len(pieces):
         return math.inf

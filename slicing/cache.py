@@ -81,7 +81,7 @@ def trim_cache(folder: Path, max_bytes: int = CACHE_BYTES) -> None:
 
 
 def _list_files(folder: Path) -> list[Path]:
-    """List a folder, the files that make an entry valid (.json) first; empty where it cannot be read."""
+    """List a folder, the files that make an entry valid (.json) first; empty if it cannot be read."""
     try:
         return sorted(folder.iterdir(), key=lambda path: path.suffix != ".json")
     except OSError:

@@ -101,9 +101,9 @@ def run_engine(
     Raises
     ------
     EngineMissing
-        Where the program cannot be started.
+        If the program cannot be started.
     EngineTimeout, EngineOutOfMemory, EngineCrashed, EngineFailed
-        Where it does not end, or ends with an error.
+        If it does not end, or ends with an error.
     """
     with tempfile.TemporaryDirectory(prefix="farm-engine-") as name:
         # It runs in its own folder with short names, for the paths that it writes into the G-code.
@@ -185,7 +185,7 @@ def _read_log(process: subprocess.Popen[bytes], timeout_s: float, progress: Prog
 
 
 def _read(pipe: int) -> bytes:
-    """Read a pipe, which holds 64 KiB; empty where there is nothing in it, or it is closed."""
+    """Read a pipe, which holds 64 KiB; empty if there is nothing in it, or it is closed."""
     try:
         return os.read(pipe, 1 << 16)
     except BlockingIOError:
@@ -255,7 +255,7 @@ def engine_version(engine: Path) -> str:
 
 
 def check_versions(engine: Path, extruder: Mapping[str, str]) -> None:
-    """Raise EngineMissing where the settings come from Cura's files of another generation than the engine.
+    """Raise EngineMissing if the settings come from Cura's files of another generation than the engine.
 
     Cura 5 draws walls of variable width: it has ``inset_direction`` where Cura 4 has ``outer_inset_first``.
     """

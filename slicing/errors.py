@@ -84,6 +84,6 @@ class SliceRejected(SlicingError):
 
 
 def suggest_names(name: str, names: Iterable[str]) -> str:
-    """Suggest known names similar to a name, as ``"; did you mean a, b?"``; empty where none is similar."""
+    """Suggest known names similar to a name, as ``"; did you mean a, b?"``; empty if none is similar."""
     close = difflib.get_close_matches(name, list(names), n=3, cutoff=0.5)
     return f"; did you mean {', '.join(close)}?" if close else ""

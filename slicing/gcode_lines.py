@@ -33,7 +33,7 @@ _PLAIN_MOVE = re.compile(rb"G[01](?: [FXYZE]-?\d{1,4}(?:\.\d{1,9})?)+\r?\n?\Z")
 
 Words = dict[str, float]
 Line = tuple[str, str, bytes]
-"""Code like ``G1`` (empty where there is none), the rest of the command, and the comment."""
+"""Code like ``G1`` (empty if there is none), the rest of the command, and the comment."""
 
 
 def split_line(raw: bytes, number: int) -> Line:
@@ -49,7 +49,7 @@ def split_line(raw: bytes, number: int) -> Line:
     Raises
     ------
     GcodeRefused
-        Where the line is not G-code, or is damaged.
+        If the line is not G-code, or is damaged.
     """
     if len(raw) >= MAX_LINE_BYTES:
         raise GcodeRefused(
@@ -104,7 +104,7 @@ def parse_words(rest: str, number: int) -> Words:
     Raises
     ------
     GcodeRefused
-        Where the firmware would read it in another way, or a number is out of any printer's range.
+        If the firmware would read it in another way, or a number is out of any printer's range.
     """
     words: Words = {}
     at = 0

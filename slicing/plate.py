@@ -85,11 +85,11 @@ def slice_plate(request: PlateRequest, progress: Progress | None = None) -> Plat
     Raises
     ------
     SliceRejected
-        Where the mesh or the G-code breaks a rule.
+        If the mesh or the G-code breaks a rule.
     EngineMissing, EngineFailed, EngineTimeout
-        Where CuraEngine cannot be run, fails, or takes too long.
+        If CuraEngine cannot be run, fails, or takes too long.
     SlicingError
-        Where a file cannot be read or written.
+        If a file cannot be read or written.
     """
     try:
         model = request.stl.read_bytes()

@@ -48,7 +48,7 @@ class StoredSlice:
         return cls(cache, digest.hexdigest())
 
     def read(self) -> CheckedSlice | None:
-        """Read the stored slice; None where there is none, or it was damaged."""
+        """Read the stored slice; None if there is none, or it was damaged."""
         if self.folder is None:
             return None
         try:

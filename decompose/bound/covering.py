@@ -346,12 +346,12 @@ def cover_cells(boxes: BoxTables, needed: Bools, limit_s: float, printers: int, 
     printers
         The search ends when it is known whether more pieces than these are needed.
     weights
-        (nx, ny, nz) to begin with, 0 where a cell is not needed.
+        (nx, ny, nz) to begin with, 0 if a cell is not needed.
 
     Returns
     -------
     Covering
-        Where a needed cell is in no box within the time there is no covering, and all weight is on that cell.
+        If a needed cell is in no box within the time there is no covering, and all weight is on that cell.
     """
     largest = np.zeros((int((boxes.seconds <= limit_s).sum()), 6), np.int16)
     tables = (boxes.seconds, boxes.trimmed, boxes.pieces)

@@ -41,7 +41,7 @@ class Bound:
     seconds
         Every partition into boxes, of at most as many pieces as printers, has a box that takes this long.
     weights
-        (nx, ny, nz) of the cells, whole numbers; 0 where a cell is not needed.
+        (nx, ny, nz) of the cells, whole numbers; 0 if a cell is not needed.
     """
 
     seconds: float

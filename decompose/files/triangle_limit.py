@@ -69,13 +69,13 @@ def header_face_count(data: bytes) -> int:
 
 
 def count_ply_faces(head: bytes) -> int:
-    """Read the number of faces from a PLY's header; 0 where it does not say."""
+    """Read the number of faces from a PLY's header; 0 if it does not say."""
     match = _PLY_FACES.search(head, 0, HEAD_BYTES)
     return int(match[1]) if match else 0
 
 
 def count_off_faces(head: bytes) -> int:
-    """Read the number of faces from the first lines of an OFF; 0 where they do not say."""
+    """Read the number of faces from the first lines of an OFF; 0 if they do not say."""
     match = _OFF_COUNTS.match(head, 0, HEAD_BYTES)
     return int(match[1]) if match else 0
 

@@ -46,7 +46,7 @@ class CellContents(NamedTuple):
 
 @jit
 def _unit_normal(triangle: Floats, normal: Floats) -> bool:
-    """Fill in the unit normal (3,) of a triangle (3, 3); False where it has no area."""
+    """Fill in the unit normal (3,) of a triangle (3, 3); False if it has no area."""
     e1 = triangle[1] - triangle[0]
     e2 = triangle[2] - triangle[0]
     normal[0] = e1[1] * e2[2] - e1[2] * e2[1]

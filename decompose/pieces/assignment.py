@@ -15,7 +15,7 @@ from decompose.printers import PrinterRoom
 
 
 def assign_printers(poses: Sequence[Pose], printers: Sequence[PrinterRoom]) -> list[PrinterRoom] | None:
-    """Assign a printer to each part so that the last one ends soonest; None where they do not all fit.
+    """Assign a printer to each part so that the last one ends soonest; None if they do not all fit.
 
     A part fits by its pose; the price of a pose does not include the speed of a printer.
 
@@ -50,7 +50,7 @@ def assign_bottleneck(seconds: Floats) -> list[int] | None:
     Returns
     -------
     list or None
-        The column of each row, each at most once (of equal columns the first); None where there is no such
+        The column of each row, each at most once (of equal columns the first); None if there is no such
         assignment. It is a bottleneck assignment: the least time that still leaves a matching, by bisection.
     """
     times = np.unique(seconds[np.isfinite(seconds)])

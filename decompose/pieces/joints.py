@@ -182,7 +182,7 @@ def _find_loose_pieces(
 
 
 def _describe_sliver(piece: CutSolid) -> str:
-    """Find the reason why a piece is a sliver; empty where it is none."""
+    """Find the reason why a piece is a sliver; empty if it is none."""
     vertices, faces = piece.solid.arrays()
     for plane in piece.planes:
         off_mm = vertices @ plane[:3] - plane[3]

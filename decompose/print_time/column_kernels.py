@@ -191,7 +191,7 @@ def _add(sums: Floats, level: int, place: tuple[float, float], bottom: float, to
 def _towers(runs: Runs, supports: Floats, carried: float, step: float) -> tuple[float, float]:
     """Sum the height of air under runs of solid that neither a run nor a support beside them carries.
 
-    Where runs begin beside each other on about one level, in an edge, the first of them counts, and of the
+    If runs begin beside each other on about one level, in an edge, the first of them counts, and of the
     others both sides of the strip of support below them.
 
     Parameters

@@ -56,7 +56,7 @@ def find_best_pose(
     Returns
     -------
     Pose or None
-        None where no pose fits.
+        None if no pose fits.
     """
     hull = _hull_points(vertices)
     oriented = [_orient(up, hull, printers) for up in candidate_directions(vertices, faces)]

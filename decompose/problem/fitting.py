@@ -36,7 +36,7 @@ def count_blocks(size_mm: Floats, printers: Sequence[PrinterRoom]) -> tuple[int,
 
 
 def count_parts(solid: Solid, printers: Sequence[PrinterRoom]) -> int:
-    """Count the fewest axis-aligned parts that a solid needs; 1 where it fits as it is."""
+    """Count the fewest axis-aligned parts that a solid needs; 1 if it fits as it is."""
     return math.prod(count_blocks(np.ptp(solid.bounds_mm, axis=0), printers))
 
 
@@ -73,7 +73,7 @@ def connected_pieces(piece: Piece) -> list[Piece]:
 def refuse_misfits(
     engine: str, pieces: Sequence[Piece], problem: Problem, sufficient_printers: int | None
 ) -> None:
-    """Raise `NoFit` where a piece fits no printer in any pose, or the pieces are more than the printers.
+    """Raise `NoFit` if a piece fits no printer in any pose, or the pieces are more than the printers.
 
     `sufficient_printers`: number of printers that would be enough, None if unknown.
     """

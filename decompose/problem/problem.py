@@ -161,7 +161,7 @@ class Problem:
         return max(pose.price_s * taker.time_factor for pose, taker in pairs if pose is not None)
 
     def assign_printers(self, pieces: Sequence[Piece]) -> list[PrinterRoom] | None:
-        """Assign printers to pieces so that the last one ends soonest; None where they do not all fit."""
+        """Assign printers to pieces so that the last one ends soonest; None if they do not all fit."""
         if len(pieces) > len(self.printers):
             return None
         poses = [pose for pose in self.find_poses(pieces) if pose is not None]
@@ -172,7 +172,7 @@ class Problem:
         return self.rooms if piece.printer is None else (piece.printer,)
 
     def find_pose(self, piece: Piece) -> Pose | None:
-        """Find the best pose of a piece that fits `rooms_for` it; None where there is none."""
+        """Find the best pose of a piece that fits `rooms_for` it; None if there is none."""
         vertices, faces = piece.solid.arrays()
         cut = find_cut_faces(vertices, faces, piece.planes)
         rooms = self.rooms_for(piece)

@@ -61,7 +61,7 @@ class Firmware:
     ok_details
         Pattern of the text that may follow an ``ok``; group 1 is the line number. None if nothing follows.
     keep_alive
-        Beginning of a line that is said once a second as long as a command is carried out; None where none
+        Beginning of a line that is said once a second as long as a command is carried out; None if none
         is.
     fault_texts
         Texts that mark a line as a fault, in order: the first match counts.

@@ -76,7 +76,7 @@ class Placement:
 
 
 def place(extents_mm: tuple[float, float, float], room: tuple[RoomBox, ...]) -> Placement | None:
-    """Place a part of these extents (x, y, z) near the bed's centre; None where it does not fit."""
+    """Place a part of these extents (x, y, z) near the bed's centre; None if it does not fit."""
     best: tuple[float, bool, float, float] | None = None
     for box in room:
         for rotated in (False, True):

@@ -98,7 +98,7 @@ def check_outline(
     Raises
     ------
     SliceRejected
-        `OUTLINE` where something thick enough is missing, something is printed outside of the model, or most
+        `OUTLINE` if something thick enough is missing, something is printed outside of the model, or most
         of the model is too thin.
     """
     if removed:  # the first printed layer is not the one that was grown as the first
@@ -247,7 +247,7 @@ def _compare(
 
 
 def _find_worst(shape: Geometry) -> Geometry | None:
-    """Find the largest piece that is more than a sliver; None where there is none."""
+    """Find the largest piece that is more than a sliver; None if there is none."""
     core = shape.buffer(-TOLERANCE_MM / 2).buffer(TOLERANCE_MM / 2)
     pieces = [piece for piece in shapely.get_parts(core) if piece.area > MIN_REFUSED_MM2]
     return max(pieces, key=lambda piece: float(piece.area), default=None)

@@ -82,7 +82,7 @@ def gather_facts(path: Toolpath, min_extrusion_c: float) -> GcodeFacts:
 
 
 def _last_comment(path: Toolpath, name: str) -> str:
-    """Read the last comment of a name; empty where there is none."""
+    """Read the last comment of a name; empty if there is none."""
     return next((n.text[len(name) :] for n in reversed(path.notes) if n.text.startswith(name)), "")
 
 
@@ -111,7 +111,7 @@ Bed = tuple[tuple[float, float, float, float, float], ...]
 
 
 def check_log(log: str) -> None:
-    """Raise SliceRejected where the engine warns of a mesh that it sliced only in part."""
+    """Raise SliceRejected if the engine warns of a mesh that it sliced only in part."""
     warning = next((line for line in log.splitlines() if any(w in line for w in _WARNINGS)), None)
     if warning is not None:
         raise SliceRejected(Rule.BROKEN_MESH, f"CuraEngine says {warning.strip()!r}; repair the mesh")

@@ -71,7 +71,7 @@ class Toolpath:
 
     @property
     def pushed_mm(self) -> Floats:
-        """Filament (n,) in mm that each move pushes; negative where it draws back."""
+        """Filament (n,) in mm that each move pushes; negative if it draws back."""
         return self.after[:, 3] - self.before[:, 3]
 
     @property
@@ -101,7 +101,7 @@ def read_toolpath(gcode: bytes) -> Toolpath:
     Raises
     ------
     SliceRejected
-        `FLAVOUR` where the firmware would read a line in another way, or not at all.
+        `FLAVOUR` if the firmware would read a line in another way, or not at all.
     """
     text, moves, notes, commands = _split_file(gcode)
     columns = _columns(text, moves)
@@ -148,7 +148,7 @@ def _split_file(gcode: bytes) -> tuple[bytes, int, list[Note], list[Command]]:
 
 
 def _columns(text: bytes, moves: int) -> dict[int, Floats]:
-    """Read the number (n,) that each move gives, for each letter; NaN where it gives none."""
+    """Read the number (n,) that each move gives, for each letter; NaN if it gives none."""
     raw = np.frombuffer(text, np.uint8)
     letters = raw[raw >= ord("E")]  # E to Z: the letters, and nothing else in a plain move
     numbers = _numbers(text)

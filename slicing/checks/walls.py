@@ -43,7 +43,7 @@ class WallLayout:
     offset_mm: float
     slack_mm: float
     step_mm: float = 0.0  # from one wall's middle to the next one's, at most
-    inner_walls: int = 0  # number of whole rings within the outer one; 0 where it is not known
+    inner_walls: int = 0  # number of whole rings within the outer one; 0 if it is not known
 
     def reach_mm(self, layer: npt.NDArray[np.int32]) -> Floats:
         """Compute the distance (n,) from a ring's middle to the model's outline, for layers (n,)."""
@@ -60,7 +60,7 @@ class WallLayout:
 
 
 def read_wall_layout(settings: EngineSettings) -> WallLayout | None:
-    """Read the outer wall's layout from settings; None where it does not follow the model's outline."""
+    """Read the outer wall's layout from settings; None if it does not follow the model's outline."""
     scopes = (settings.extruder, settings.global_)
 
     def number(key: str) -> float:
@@ -236,7 +236,7 @@ def _runs(
 ) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp], npt.NDArray[np.bool_]]:
     """Join moves to unbroken lines, and find which of them are rings.
 
-    Where two walls overlap, an engine leaves out the flow of a move or two: a line that does not close is
+    If two walls overlap, an engine leaves out the flow of a move or two: a line that does not close is
     joined over such gaps to those that follow, if it closes then.
 
     Returns

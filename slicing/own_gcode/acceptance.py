@@ -34,7 +34,7 @@ class AcceptedGcode:
     gcode
         The whole program, with the farm's own start and end.
     nozzle_mm
-        Nozzle that the file was sliced for; None where it does not say.
+        Nozzle that the file was sliced for; None if it does not say.
     nozzle_c, bed_c
         Temperatures of the first layer.
     print_time_s
@@ -48,7 +48,7 @@ class AcceptedGcode:
     reach_min_mm, reach_max_mm
         Corners of all moves.
     filament_type
-        Material that the file was sliced for, like PLA; None where it does not say.
+        Material that the file was sliced for, like PLA; None if it does not say.
     notices
         Changes and warnings, a sentence each.
     """
@@ -87,7 +87,7 @@ def accept_gcode(lines: Iterable[bytes], target: PrintTarget, *, stopwatch: Stop
     Raises
     ------
     GcodeRefused
-        Where the file cannot be printed; with the line, the reason, and what to do.
+        If the file cannot be printed; with the line, the reason, and what to do.
     """
     survey = survey_lines(lines, target.filament_mm)
     line_mm = _line_width_mm(survey.nozzle_mm or target.nozzle_mm)
@@ -154,7 +154,7 @@ def _section_ratio(extent: Extent, layers: int, target: PrintTarget, nozzle_mm: 
     Raises
     ------
     GcodeRefused
-        Where E does not count mm of this filament.
+        If E does not count mm of this filament.
     """
     section_mm2 = extent.filament_mm * target.filament_mm2 / extent.path_mm
     # one spiral has no flat layers: its turns are marked, or they are as high as a nozzle's lines can be

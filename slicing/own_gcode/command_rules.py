@@ -93,7 +93,7 @@ def is_needless(code: str, rest: str) -> bool:
 
 
 def find_refusal(code: str) -> str | None:
-    """Find the reason why a command is refused anywhere in a file; None where it is not."""
+    """Find the reason why a command is refused anywhere in a file; None if it is not."""
     if code[0] == "T" and code != "T0":
         return "selects another extruder, and the printer has one: slice for a single extruder"
     return REFUSED.get(code)

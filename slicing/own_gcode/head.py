@@ -56,7 +56,7 @@ class Head:
         marks_layers: bool,
     ) -> None:
         self.extent = Extent()
-        self.at: Point = [math.nan] * 3  # printer's mm; NaN where it is not known
+        self.at: Point = [math.nan] * 3  # printer's mm; NaN if it is not known
         self._code = code
         self._writer = writer
         self._clearance = clearance

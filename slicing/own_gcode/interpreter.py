@@ -97,7 +97,7 @@ class Interpreter:
         Raises
         ------
         GcodeRefused
-            Where the line cannot be read, or must not be printed.
+            If the line cannot be read, or must not be printed.
         """
         self._objections.line = number
         if number != self._survey.first_line and (move := parse_plain_move(raw)) is not None:
@@ -132,7 +132,7 @@ class Interpreter:
         Raises
         ------
         GcodeRefused
-            Where it prints nothing, or does not end with an end script.
+            If it prints nothing, or does not end with an end script.
         """
         if not self.head.extent.path_mm:
             raise GcodeRefused(

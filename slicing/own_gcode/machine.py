@@ -39,15 +39,15 @@ class Machine:
     Attributes
     ----------
     name
-        Name that the slicer gives it; None where there is none.
+        Name that the slicer gives it; None if there is none.
     filament_mm
-        The filament's diameter; None where the file does not say.
+        The filament's diameter; None if the file does not say.
     filament_type
-        Material, like PLA; None where the file does not say.
+        Material, like PLA; None if the file does not say.
     bed_corner
-        First corner of its bed, as written; None where the file does not say.
+        First corner of its bed, as written; None if the file does not say.
     start
-        Line and command in its start that the farm's printers do not have; None where there is none.
+        Line and command in its start that the farm's printers do not have; None if there is none.
     """
 
     name: str | None
@@ -80,7 +80,7 @@ def check_machine(
     Parameters
     ----------
     nozzle_mm
-        The nozzle that it was sliced for; None where it does not say.
+        The nozzle that it was sliced for; None if it does not say.
     section_ratio
         Ratio of its lines' section to that of a line as wide as the nozzle.
     target
@@ -89,7 +89,7 @@ def check_machine(
     Raises
     ------
     GcodeRefused
-        Where it does not fit, or nothing shows that it does.
+        If it does not fit, or nothing shows that it does.
     """
     name, reason, title = machine.name, None, target.printer.title
     if name is not None and re.search(target.printer.slicer_names, name.lower()):

@@ -20,7 +20,7 @@ class Objections:
     printing
         Whether the print has begun.
     first
-        The first reason why nothing more may be printed; None where there is none.
+        The first reason why nothing more may be printed; None if there is none.
     """
 
     def __init__(self) -> None:
@@ -62,7 +62,7 @@ class Objections:
         raise GcodeRefused(self._add_line(reason))
 
     def check_printed_line(self) -> None:
-        """Raise GcodeRefused where a line is printed after a reason against it."""
+        """Raise GcodeRefused if a line is printed after a reason against it."""
         if self.first is not None:
             raise GcodeRefused(self.first)
 
@@ -81,7 +81,7 @@ class Objections:
         Raises
         ------
         GcodeRefused
-            Where the last lines are neither a print nor an end script.
+            If the last lines are neither a print nor an end script.
         """
         if self._unexplained is not None:
             raise GcodeRefused(self._unexplained)

@@ -38,7 +38,7 @@ class Survey:
     ulticode
         Whether the file is UltiGCode: E in mm3, and no start of its own.
     nozzle_mm
-        Nozzle that the file was sliced for; None where it does not say.
+        Nozzle that the file was sliced for; None if it does not say.
     first_line
         Number of the line with which the print begins.
     marks_layers
@@ -48,7 +48,7 @@ class Survey:
     machine
         The machine that it was sliced for.
     warning
-        Warning of missing layers in a file with its closing mark; None where no layer is missing.
+        Warning of missing layers in a file with its closing mark; None if no layer is missing.
     figures
         Figures that the slicer states for the layers.
     """
@@ -81,7 +81,7 @@ def survey_lines(lines: Iterable[bytes], filament_mm: float) -> Survey:
     Raises
     ------
     GcodeRefused
-        Where the file is for another kind of printer, the start of its print cannot be found, or its end is
+        If the file is for another kind of printer, the start of its print cannot be found, or its end is
         missing.
     """
     scan = _Scan()
@@ -127,7 +127,7 @@ class _Scan:
     number, last
         Number of the last line, and the line itself.
     start
-        First line and command that only another machine has; None where there is none.
+        First line and command that only another machine has; None if there is none.
     """
 
     def __init__(self) -> None:

@@ -19,7 +19,7 @@ class PrintTarget:
     filament_mm2
         Cross-section of the filament.
     nozzle_mm
-        Nozzle in use, for files that do not name theirs; None where several are in use.
+        Nozzle in use, for files that do not name theirs; None if several are in use.
     nozzle_c, bed_c
         Temperatures of the material, for UltiGCode, which leaves them to the printer.
     """

@@ -119,7 +119,7 @@ def parse_value(setting: Setting, raw: Any) -> Any:
     Raises
     ------
     BadSetting
-        Where it is of another type, not finite, or not one of the options; with the allowed values.
+        If it is of another type, not finite, or not one of the options; with the allowed values.
     """
     text = str(raw).strip()
     try:

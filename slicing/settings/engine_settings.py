@@ -124,7 +124,7 @@ def build_engine_settings(
     Raises
     ------
     BadSetting
-        Where a raft is requested.
+        If a raft is requested.
     """
     global_, extruder = _scope_texts(resolver)
     if global_["adhesion_type"] == "raft":

@@ -91,7 +91,7 @@ def evaluate_formula(
     Raises
     ------
     DefinitionError
-        Where the formula has anything that is not allowed, or cannot be computed.
+        If the formula has anything that is not allowed, or cannot be computed.
     """
     try:
         return _Evaluator(lookup, functions).value(_parse(formula.text))

@@ -43,7 +43,7 @@ def printed_height_mm(height_mm: float, heights: LayerHeights) -> float:
     Returns
     -------
     float
-        Height in mm; 0 where no layer is printed.
+        Height in mm; 0 if no layer is printed.
     """
     first, other = _um(heights.first_mm), _um(heights.other_mm)
     height = 1000 * height_mm

@@ -84,7 +84,7 @@ _RESERVED_STARTS: Mapping[str, str] = {
 
 
 def find_reserved_reason(key: str) -> str | None:
-    """Give the reason why a person must not set a key; None where one may."""
+    """Give the reason why a person must not set a key; None if one may."""
     if "_extruder_nr" in key:
         return _ONE_EXTRUDER
     starts = (reason for start, reason in _RESERVED_STARTS.items() if key.startswith(start))

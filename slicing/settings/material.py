@@ -91,7 +91,7 @@ def read_material(root: ET.Element, name: str, product: str, hotend: str) -> Mat
     Raises
     ------
     BadSetting
-        Where the material is not for this printer, or its density is missing.
+        If the material is not for this printer, or its density is missing.
     """
     settings = root.find("m:settings", SPACE)
     values: dict[str, str] = {}
@@ -145,5 +145,5 @@ def _printer_sections(settings: ET.Element, product: str, hotend: str) -> Iterat
 
 
 def shrinkage_factors(kind: str) -> tuple[float, float]:
-    """Find the factors (XY, Z) by which parts of a kind of material are printed larger; 1 where unknown."""
+    """Find the factors (XY, Z) by which parts of a kind of material are printed larger; 1 if unknown."""
     return _SHRINKAGE.get(kind, NO_SHRINKAGE)

@@ -48,7 +48,7 @@ def list_own_materials(folder: Path) -> dict[str, Path]:
     Raises
     ------
     BadSetting
-        Where the folder cannot be read, has too many files, or a name is not usable.
+        If the folder cannot be read, has too many files, or a name is not usable.
     """
     try:
         paths = sorted(path for path in folder.iterdir() if path.name.endswith(SUFFIX))
@@ -71,7 +71,7 @@ def read_own_material(path: Path) -> ET.Element:
     Raises
     ------
     BadSetting
-        Where it is no material file of Cura's format, or sets what a material must not set.
+        If it is no material file of Cura's format, or sets what a material must not set.
     """
     try:
         root = _parse(path)

@@ -83,9 +83,9 @@ def resolve_settings(
     Raises
     ------
     BadSetting
-        Where the model, quality, material, nozzle or an override does not exist or does not fit.
+        If the model, quality, material, nozzle or an override does not exist or does not fit.
     ResourcesMissing, DefinitionError
-        Where Cura's files are not as expected.
+        If Cura's files are not as expected.
     """
     lookup = _RequestKey.from_request(request)
     quality = FARM_QUALITIES.get(request.quality)

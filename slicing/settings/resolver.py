@@ -106,9 +106,9 @@ class Resolver:
         Raises
         ------
         KeyError
-            Where no definition has the key.
+            If no definition has the key.
         DefinitionError
-            Where a formula cannot be computed.
+            If a formula cannot be computed.
         """
         if scope is Scope.EXTRUDER:
             return self._own_value(scope, key) if self.is_per_extruder(key) else self.value(Scope.GLOBAL, key)

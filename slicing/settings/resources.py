@@ -59,7 +59,7 @@ def find_resources(environ: Mapping[str, str] = os.environ, own: Path | None = N
     Raises
     ------
     ResourcesMissing
-        Where none of them has all the folders.
+        If none of them has all the folders.
     """
     configured = environ.get("FARM_CURA_RESOURCES")
     places = [Path(configured)] if configured else [INSTALLED, Path("/usr/share/cura/resources")]
@@ -105,7 +105,7 @@ class Resources:
     own_materials: Path | None = None
 
     def machine(self, model: str) -> Machine:
-        """Read a printer model by Cura's definition id. Raises BadSetting where there is none."""
+        """Read a printer model by Cura's definition id. Raises BadSetting if there is none."""
         return _machine(self.root, model)
 
     def profiles(self, kind: str, definition: str) -> tuple[Profile, ...]:
@@ -113,11 +113,11 @@ class Resources:
         return _profiles(self.root, kind, definition)
 
     def material(self, name: str) -> ET.Element:
-        """Read a material's XML. Raises BadSetting where there is none, or an own one is not usable."""
+        """Read a material's XML. Raises BadSetting if there is none, or an own one is not usable."""
         return _material(self.root, self.own_materials, name)
 
     def own_material_names(self) -> tuple[str, ...]:
-        """List the names of a person's own materials. Raises BadSetting where their folder is not usable."""
+        """List the names of a person's own materials. Raises BadSetting if their folder is not usable."""
         return tuple(_own_materials(self.root, self.own_materials))
 
     def material_names(self) -> tuple[str, ...]:
@@ -125,7 +125,7 @@ class Resources:
         return (*self.own_material_names(), *_cura_materials(self.root))
 
     def material_kind(self, name: str) -> str | None:
-        """Read the kind of a material, like PLA; None where there is no such material."""
+        """Read the kind of a material, like PLA; None if there is no such material."""
         try:
             return material_kind(self.material(name))
         except BadSetting:

@@ -47,7 +47,7 @@ def find_stacks(
     Raises
     ------
     BadSetting
-        Where the model, nozzle, material or quality does not exist or does not fit the others.
+        If the model, nozzle, material or quality does not exist or does not fit the others.
     """
     machine = resources.machine(printer_model)
     hotend, variant = _variant(machine, nozzle_mm, resources)

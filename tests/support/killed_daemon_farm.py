@@ -84,7 +84,7 @@ class KilledFarm(RealFarm):
         return Clock(*read_anchor(StateFolder(self.state).clock))
 
     def ask(self, method, path, body=None):
-        """One daemon's answer and its status; None where it died before it answered, or is not there."""
+        """One daemon's answer and its status; None if it died before it answered, or is not there."""
         assert self.keeper.poll() is None, self.log()
         with contextlib.closing(SocketConnection(self.socket, PATIENCE_S, PATIENCE_S)) as connection:
             try:

@@ -41,7 +41,7 @@ class Column:
 def lay_out_table(columns: Sequence[Column], rows: Sequence[Sequence[str]], width: int | None) -> list[Text]:
     """Lay out a table on lines of at most `width` terminal columns, the headings first.
 
-    Where the columns of rank 0 alone are too wide, each row takes several lines.
+    If the columns of rank 0 alone are too wide, each row takes several lines.
 
     Parameters
     ----------

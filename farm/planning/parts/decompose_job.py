@@ -151,7 +151,7 @@ class ModelCutter:
     def cut_for_copies(self, task: DecomposeTask) -> Decomposition:
         """Cut the model for a share of the printers, so that all copies print side by side.
 
-        Where it needs more parts than that, the copies take several rounds. A model that one printer can hold
+        If it needs more parts than that, the copies take several rounds. A model that one printer can hold
         stays whole, unless the user gives a number of printers or a time in which copies of it are not done.
         """
         copies, printers = task.options.copies, len(task.printers)

@@ -28,7 +28,7 @@ _NAMES = f"books-{'[0-9]' * 8}T{'[0-9]' * 6}Z.db"
 def back_up(state: StateFolder, now_s: float) -> Path:
     """Back up the books into a folder beside them, verify it, and delete the oldest. May run in a thread.
 
-    Where the disk is full, the slice cache is emptied first: all of it can be made again.
+    If the disk is full, the slice cache is emptied first: all of it can be made again.
 
     Raises
     ------

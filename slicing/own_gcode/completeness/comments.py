@@ -94,11 +94,11 @@ class Completeness:
         self._layers += 1
 
     def closed(self, last_print: int) -> bool | None:
-        """Check whether the closing mark comes after line `last_print`; None where the slicer has none."""
+        """Check whether the closing mark comes after line `last_print`; None if the slicer has none."""
         return None if self._closing is None else self._closed_at > last_print
 
     def missing(self, last: bytes, number: int, last_print: int) -> str | None:
-        """Give the reason why a file cannot be complete; None where no sign shows it.
+        """Give the reason why a file cannot be complete; None if no sign shows it.
 
         Parameters
         ----------

@@ -48,7 +48,7 @@ class StatedFilament:
     line: int
 
     def find_lost(self, filament_mm: float, filament_mm2: float, lines: int) -> str | None:
-        """Give the reason why a file has too little filament; None where it has enough.
+        """Give the reason why a file has too little filament; None if it has enough.
 
         Parameters
         ----------
@@ -86,7 +86,7 @@ class StatedFigures:
     high_mm: float | None = None
 
     def find_lost_height(self, low_mm: float, high_mm: float) -> str | None:
-        """Give the reason why the lowest or the highest layer is missing; None where neither is.
+        """Give the reason why the lowest or the highest layer is missing; None if neither is.
 
         Parameters
         ----------
@@ -136,7 +136,7 @@ class FiguresReader:
         return StatedFigures(filament, numbers.get(b"MINZ"), numbers.get(b"MAXZ"))
 
     def find_lost_time(self) -> str | None:
-        """Give the reason why the last layers are missing; None where the last one ends in time."""
+        """Give the reason why the last layers are missing; None if the last one ends in time."""
         time_s = self._numbers.get(b"TIME", 0.0)
         elapsed_s = self._numbers.get(b"TIME_ELAPSED", inf)
         if self._placeholders or not self._exact or elapsed_s >= time_s - _TIME_SLACK_S:
@@ -145,7 +145,7 @@ class FiguresReader:
 
 
 def _read_filament(match: re.Match[bytes], line: int) -> StatedFilament | None:
-    """Read a slicer's figure; None where it is not a number."""
+    """Read a slicer's figure; None if it is not a number."""
     text = match[2] or match[4] or match[6]
     try:
         amount = float(text)

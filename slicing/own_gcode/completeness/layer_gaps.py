@@ -1,6 +1,6 @@
 """Filament that no line of a file with absolute E takes: lines or layers before it were lost.
 
-Where they were, the next move feeds all of their filament besides its own. A gap in the numbers of the layers
+If they were, the next move feeds all of their filament besides its own. A gap in the numbers of the layers
 alone shows no loss: a slicer leaves out empty layers, and counts E on as if they had never been.
 """
 
@@ -92,7 +92,7 @@ class LayerGaps:
         length_mm
             Length of the move.
         fed_mm
-            Filament beyond what was drawn back; negative where less is pushed back.
+            Filament beyond what was drawn back; negative if less is pushed back.
         line
             Number of its line.
         """
@@ -110,7 +110,7 @@ class LayerGaps:
             self._primed_mm = max(self._primed_mm, fed_mm)
 
     def find_lost(self) -> str | None:
-        """Give the reason why lines were lost; None where no move shows it."""
+        """Give the reason why lines were lost; None if no move shows it."""
         if self._layer is not None:
             self._close_layer()
             self._layer = _Layer(self._layer.number + 1)

@@ -29,7 +29,7 @@ class Board:
         return events
 
     def step(self) -> bool:
-        """Answer what was sent; False where nothing was."""
+        """Answer what was sent; False if nothing was."""
         line = self.link.take()
         if not line:
             return False

@@ -59,7 +59,7 @@ def night(tmp_path_factory):
 
 
 def check(night, folder, harm):
-    """Open books after some harm was done to them. Whether they were put back; None where refused."""
+    """Open books after some harm was done to them. Whether they were put back; None if refused."""
     shutil.rmtree(folder, ignore_errors=True)
     shutil.copytree(night.folder, folder)
     state = StateFolder(folder)
