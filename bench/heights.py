@@ -14,7 +14,13 @@ import sys
 from drivers.printers import BEDS
 from farm.planning.printer_settings import slicing_printer
 from slicing.settings import FARM_QUALITIES, SettingsRequest, find_resources, resolve_settings
-from slicing.settings.layer_heights import EXACT_MM, SPREADS_0, LayerHeights, fit_heights, printed_height_mm
+from slicing.settings.layer_heights import (
+    EXACT_MM,
+    FIRST_LAYER_CHANGES,
+    LayerHeights,
+    fit_heights,
+    printed_height_mm,
+)
 from slicing.settings.limits import LAYER_SHARE
 
 PRINTERS = {"ultimaker2_plus": (0.25, 0.4, 0.6, 0.8), "ultimaker2": (0.4,)}
@@ -29,7 +35,7 @@ def compute_shares(wanted: LayerHeights, nozzle_mm: float, hundredths: range) ->
         found = fit_heights(height_mm, wanted, max_first_mm=LAYER_SHARE * nozzle_mm)
         changed = abs(found.first_mm / wanted.first_mm - 1.0)
         exact = abs(printed_height_mm(height_mm, found) - height_mm) <= EXACT_MM
-        case = next((i for i, spread in enumerate(SPREADS_0) if changed <= spread + 1e-9), -1)
+        case = next((i for i, spread in enumerate(FIRST_LAYER_CHANGES) if changed <= spread + 1e-9), -1)
         counts[case if exact else -1] += 1
     return {name: count / len(hundredths) for name, count in zip(CASES, counts, strict=True)}
 

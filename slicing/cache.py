@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 CACHE_BYTES = 4 * 2**30
-"""Greatest size of a cache; a part that fills a bed has 0.07 GB of G-code."""
+"""Maximum size of a cache; a part that fills a bed has 0.07 GB of G-code."""
 # KEY.json, KEY.gcode, and .KEY.gcode.xyz of a program that was killed while it wrote.
 _ENTRY_FILE = re.compile(r"\.?([0-9a-f]{64})\.(?:json|gcode)(?:\.\w+)?")
 
@@ -31,7 +31,7 @@ def find_least_recently_used(entries: Iterable[CacheEntry], max_bytes: int) -> l
     entries
         All entries of a cache.
     max_bytes
-        Greatest total size of the entries that are kept.
+        Maximum total size of the entries that are kept.
 
     Returns
     -------
@@ -57,7 +57,7 @@ def trim_cache(folder: Path, max_bytes: int = CACHE_BYTES) -> None:
     folder
         Folder of the cache; other files in it are not touched.
     max_bytes
-        Greatest total size of its entries.
+        Maximum total size of its entries.
 
     A process that is about to read a removed entry slices the part again.
     """

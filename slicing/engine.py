@@ -28,7 +28,7 @@ MEMORY_BYTES = 4 * 2**30
 LAYER_BYTES = 10 * 2**20
 """Address space that CuraEngine reserves for each layer: a stack, 8.7 MiB measured, nearly all unused."""
 OUTPUT_BYTES = 2 * 2**30
-"""Greatest size of a file that CuraEngine may write; a part that fills a bed has 0.07 GB of G-code."""
+"""Maximum size of a file that CuraEngine may write; a part that fills a bed has 0.07 GB of G-code."""
 _LOG_BYTES = 2**20
 """Size of each end of the log that is kept."""
 _PR_SET_PDEATHSIG = 1
@@ -83,7 +83,8 @@ def run_engine(
     """Slice an STL with resolved settings.
 
     The settings go as flat JSON files whose values are strings: the engine cuts JSON numbers to six digits.
-    The extruder's come after ``-e0``, and all before ``-l``: elsewhere the engine silently ignores them.
+    Settings of the extruder come after ``-e0``, and all of them before ``-l``: elsewhere the engine ignores
+    them.
 
     Parameters
     ----------
@@ -106,7 +107,8 @@ def run_engine(
         If it does not end, or ends with an error.
     """
     with tempfile.TemporaryDirectory(prefix="farm-engine-") as name:
-        # It runs in its own folder with short names, for the paths that it writes into the G-code.
+        # The engine writes the paths of its arguments into the G-code, so it runs in its own folder with
+        # short names.
         folder = Path(name)
         (folder / "part.stl").symlink_to(stl.resolve())
         for scope, values in (("global", global_), ("extruder", extruder)):
@@ -157,30 +159,30 @@ def _run_process(
 def _read_log(process: subprocess.Popen[bytes], timeout_s: float, progress: Progress | None) -> str:
     """Read the log of a process until it ends; of a very long log only the two ends are kept."""
     assert process.stdout is not None
-    pipe, ended = process.stdout.fileno(), os.pidfd_open(process.pid)
+    pipe, exit_fd = process.stdout.fileno(), os.pidfd_open(process.pid)
     os.set_blocking(pipe, False)
     deadline_s = time.monotonic() + timeout_s
     log = bytearray()
     with selectors.DefaultSelector() as selector:
-        selector.register(ended, selectors.EVENT_READ)
+        selector.register(exit_fd, selectors.EVENT_READ)
         selector.register(pipe, selectors.EVENT_READ)
         try:
             running = True
             while running:
                 ready = [key.fd for key, _ in selector.select(max(0.0, deadline_s - time.monotonic()))]
-                running = ended not in ready  # the rest of its log is in the pipe then
+                running = exit_fd not in ready  # the rest of its log is in the pipe then
                 if running and time.monotonic() >= deadline_s:
                     raise EngineTimeout(f"CuraEngine did not finish within {timeout_s:g} s; {_ADVICE}")
                 message = _read(pipe)
                 if message == b"" and pipe in ready:
-                    selector.unregister(pipe)  # it closed its streams, and still runs
+                    selector.unregister(pipe)  # the process has closed its streams, but still runs
                 log += message
                 if len(log) > 4 * _LOG_BYTES:
                     del log[_LOG_BYTES:-_LOG_BYTES]
                 if progress is not None and (shares := _PROGRESS.findall(message)):
                     progress(min(1.0, float(shares[-1])))
         finally:
-            os.close(ended)
+            os.close(exit_fd)
     return log.decode("utf-8", errors="replace")
 
 
@@ -239,7 +241,7 @@ def _limit_child(memory_bytes: int, parent: int) -> None:
 
 
 @lru_cache(maxsize=4)
-def engine_version(engine: Path) -> str:
+def read_engine_version(engine: Path) -> str:
     """Read the program's version, like ``Cura_SteamEngine version 4.13.0``; raises EngineMissing."""
     try:
         output = subprocess.run(
@@ -259,7 +261,7 @@ def check_versions(engine: Path, extruder: Mapping[str, str]) -> None:
 
     Cura 5 draws walls of variable width: it has ``inset_direction`` where Cura 4 has ``outer_inset_first``.
     """
-    version = engine_version(engine)
+    version = read_engine_version(engine)
     match = re.search(r"version (\d+)\.", version)
     if match is None:  # a build without a version number
         return

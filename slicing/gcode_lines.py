@@ -13,9 +13,9 @@ from slicing.errors import GcodeRefused
 MAX_LINE_BYTES = 1 << 16
 """Longest line; the longest that slicers write are comments that contain a whole script."""
 MAX_MM = 1e4
-"""Greatest coordinate on any printer, in mm."""
+"""Maximum coordinate on any printer, in mm."""
 MAX_E = 1e8
-"""Greatest E, in mm: a file may count all of its filament without a reset."""
+"""Maximum E, in mm: a file may count all of its filament without a reset."""
 MAX_OTHER = 1e6
 
 _CODE = re.compile(r"([GMT])0*(\d{1,5}(?:\.\d+)?)(?![\d.])")
@@ -61,7 +61,7 @@ def split_line(raw: bytes, number: int) -> Line:
     if not command or command.isspace():
         return "", "", comment.strip()
     if command.lstrip()[:1] in (b"N", b"n"):
-        command = _without_number(command, number)
+        command = _strip_number(command, number)
     if (shown_text := _TEXT.match(command)) is not None:
         return f"M{shown_text[1].decode()}", "", comment.strip()
     try:
@@ -115,7 +115,7 @@ def parse_words(rest: str, number: int) -> Words:
         if letter in words:
             raise GcodeRefused(f"line {number}: {letter} appears twice in {quote_text(rest)}: take one out")
         value = float(digits)
-        if abs(value) > _limit(letter):
+        if abs(value) > _max_value(letter):
             raise GcodeRefused(
                 f"line {number}: {letter}{digits} is out of any printer's range: is the file damaged?"
             )
@@ -132,14 +132,14 @@ def quote_text(text: str) -> str:
     return repr(text if len(text) <= 40 else text[:39] + "…")
 
 
-def _limit(letter: str) -> float:
-    """Return the greatest number that a word with this letter may have."""
+def _max_value(letter: str) -> float:
+    """Return the maximum of a word with this letter."""
     if letter in "XYZIJ":
         return MAX_MM
     return MAX_E if letter == "E" else MAX_OTHER
 
 
-def _without_number(command: bytes, number: int) -> bytes:
+def _strip_number(command: bytes, number: int) -> bytes:
     """Remove the line number and the checksum from a command that was written for a serial port."""
     body, star, checksum = command.partition(b"*")
     numbered = _NUMBERED.match(body)

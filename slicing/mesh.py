@@ -41,7 +41,7 @@ def read_triangles(stl: bytes) -> Floats:
     Raises
     ------
     SliceRejected
-        `BROKEN_MESH` if it is not a binary STL, is cut short, or has no facets or a number not finite.
+        `BROKEN_MESH` if it is not a binary STL, is cut short, has no facets, or a coordinate is not finite.
     """
     try:
         corners = load_stl_binary(io.BytesIO(stl))["vertices"]

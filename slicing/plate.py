@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from slicing.checks import Unprinted, add_times, check_outline, output, read_toolpath, read_wall_layout
+from slicing.checks import UnprintedWall, add_times, check_outline, output, read_toolpath, read_wall_layout
 from slicing.engine import EngineLimits, Progress, check_versions, run_engine
 from slicing.errors import Rule, SliceRejected, SlicingError
 from slicing.mesh import Floats, add_waves, read_triangles, write_triangles
@@ -71,11 +71,11 @@ class PlateResult:
     min_mm: tuple[float, float, float]  # of all extrusion, from the bed's centre
     max_mm: tuple[float, float, float]
     cached: bool
-    unprinted: tuple[Unprinted, ...] = ()  # walls too thin to print, the largest first
+    unprinted: tuple[UnprintedWall, ...] = ()  # walls too thin to print, the largest first
 
 
 def slice_plate(request: PlateRequest, progress: Progress | None = None) -> PlateResult:
-    """Slice one plate and check the result, or read it from the cache where the same was sliced before.
+    """Slice one plate and check the result, or read it from the cache if the same was sliced before.
 
     Parameters
     ----------
@@ -109,11 +109,11 @@ def slice_plate(request: PlateRequest, progress: Progress | None = None) -> Plat
         raise SlicingError(
             f"{error.filename or request.out}: {error.strerror}; make room there, or check its permissions"
         ) from error
-    return _result(request, sliced, cached is not None)
+    return _build_result(request, sliced, cached is not None)
 
 
 def _slice(request: PlateRequest, corners: Floats, progress: Progress | None) -> CheckedSlice:
-    """Slice the part as it is; where that is rejected, slightly wider or narrower, or with a wave."""
+    """Slice the part as it is; if that is rejected, slightly wider or narrower, or with a wave."""
     check_versions(request.engine, request.settings.extruder)
     first: SliceRejected | None = None
     with tempfile.TemporaryDirectory(prefix="farm-wider-") as folder:
@@ -166,42 +166,42 @@ def _slice_once(request: PlateRequest, corners: Floats, progress: Progress | Non
     path = read_toolpath(run.gcode)
     min_extrusion_c = settings.printer.limits.min_extrusion_c
     facts = output.gather_facts(path, min_extrusion_c)
-    removed, layout = output.count_removed_layers(run.log), read_wall_layout(settings)
+    removed_layers, layout = output.count_removed_layers(run.log), read_wall_layout(settings)
     output.check_facts(
         facts,
         height_mm=height_mm,
-        cut_mm=removed * settings.layer_height_mm,
+        cut_mm=removed_layers * settings.layer_height_mm,
         top_checked=layout is not None,
         layer_height_mm=max(settings.layer_height_mm, settings.layer_height_0_mm),
         min_extrusion_c=min_extrusion_c,
     )
     output.check_parking(facts, settings.printer.code.parked_mm)
-    unprinted: tuple[Unprinted, ...] = ()
+    unprinted: tuple[UnprintedWall, ...] = ()
     if layout is not None:
         unprinted = check_outline(
             path,
             corners,
             layout,
-            removed=removed,
-            centre_mm=_centre(settings),
+            removed_layers=removed_layers,
+            centre_mm=_find_bed_centre(settings),
             filament_mm2=settings.filament_mm2,
         )
     return CheckedSlice(output.replace_header(add_times(run.gcode, path), run.log), facts, unprinted)
 
 
-def _centre(settings: EngineSettings) -> tuple[float, float]:
+def _find_bed_centre(settings: EngineSettings) -> tuple[float, float]:
     return float(settings.global_["machine_width"]) / 2, float(settings.global_["machine_depth"]) / 2
 
 
 def _check_bed(request: PlateRequest, facts: output.GcodeFacts) -> None:
     settings = request.settings
     highest_mm = max(settings.layer_height_mm, settings.layer_height_0_mm)
-    output.check_bed(facts, _centre(settings), request.bed, over_mm=highest_mm / 2)
+    output.check_bed(facts, _find_bed_centre(settings), request.bed, over_mm=highest_mm / 2)
 
 
-def _result(request: PlateRequest, sliced: CheckedSlice, cached: bool) -> PlateResult:
+def _build_result(request: PlateRequest, sliced: CheckedSlice, cached: bool) -> PlateResult:
     settings, facts = request.settings, sliced.facts
-    centre = (*_centre(settings), 0.0)
+    centre = (*_find_bed_centre(settings), 0.0)
     mm3 = facts.filament_mm * settings.filament_mm2
     low = tuple(facts.min_mm[i] - centre[i] for i in range(3))
     high = tuple(facts.max_mm[i] - centre[i] for i in range(3))

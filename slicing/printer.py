@@ -47,7 +47,7 @@ class PrintCode:
     prime_mm3
         Volume that the start code primes.
     parked_mm
-        Distance by which the filament is drawn back after the end code.
+        Distance by which the filament is retracted after the end code.
     ready_mm
         Position (x, y, z) of the head after the start code.
     """

@@ -12,8 +12,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from slicing.checks import GcodeFacts, Unprinted
-from slicing.engine import engine_version
+from slicing.checks import GcodeFacts, UnprintedWall
+from slicing.engine import read_engine_version
 from slicing.settings import EngineSettings
 
 _FORMAT = "farm-slice-5"
@@ -26,7 +26,7 @@ class CheckedSlice:
 
     gcode: bytes
     facts: GcodeFacts
-    unprinted: tuple[Unprinted, ...]
+    unprinted: tuple[UnprintedWall, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +43,7 @@ class StoredSlice:
             return cls(None, "")
         texts = json.dumps([settings.global_, settings.extruder], sort_keys=True)
         digest = hashlib.sha256(model)
-        for text in (texts, engine_version(engine), _FORMAT):
+        for text in (texts, read_engine_version(engine), _FORMAT):
             digest.update(hashlib.sha256(text.encode()).digest())
         return cls(cache, digest.hexdigest())
 
@@ -58,7 +58,7 @@ class StoredSlice:
                 return None
             facts = dict(entry["facts"])
             facts |= {name: tuple(facts[name]) for name in ("min_mm", "max_mm")}
-            unprinted = tuple(Unprinted(**wall) for wall in entry["unprinted"])
+            unprinted = tuple(UnprintedWall(**wall) for wall in entry["unprinted"])
             sliced = CheckedSlice(gcode, GcodeFacts(**facts), unprinted)
         except (OSError, ValueError, KeyError, TypeError):
             return None

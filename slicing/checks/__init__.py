@@ -1,6 +1,6 @@
 """Checks of CuraEngine's output: its log, its G-code, and each layer's outline against the model."""
 
-from slicing.checks.outline import Unprinted, check_outline
+from slicing.checks.outline import UnprintedWall, check_outline
 from slicing.checks.output import GcodeFacts
 from slicing.checks.timeline import add_times
 from slicing.checks.toolpath import Toolpath, read_toolpath
@@ -9,7 +9,7 @@ from slicing.checks.walls import WallLayout, read_wall_layout
 __all__ = [
     "GcodeFacts",
     "Toolpath",
-    "Unprinted",
+    "UnprintedWall",
     "WallLayout",
     "add_times",
     "check_outline",

@@ -32,13 +32,14 @@ corner that the engine loses is 2000 mm2."""
 TIP_MM = 1.0
 """Height by which a sharp edge or a tip may end early."""
 EXACT_LAYERS = 24
-"""Number of differing layers that are compared as polygons; the others count as those next to them."""
+"""Number of differing layers that are compared as polygons; each of the others is judged like its
+neighbour."""
 _PLANE_MM = 0.005  # the engine rounds to 0.001 mm, which tilts nearly flat faces
 _SPECK_MM2 = 0.2
 
 
 @dataclass(frozen=True, slots=True)
-class Unprinted:
+class UnprintedWall:
     """A wall too thin to print.
 
     Attributes
@@ -69,10 +70,10 @@ def check_outline(
     corners: Floats,
     layout: WallLayout,
     *,
-    removed: int,
+    removed_layers: int,
     centre_mm: tuple[float, float],
     filament_mm2: float,
-) -> tuple[Unprinted, ...]:
+) -> tuple[UnprintedWall, ...]:
     """Compare the printed outline of every layer with the model's section.
 
     Parameters
@@ -83,7 +84,7 @@ def check_outline(
         (n, 3 corners, xyz) The mesh that was sliced, in mm from the bed's centre.
     layout
         Position of the outer wall in the model.
-    removed
+    removed_layers
         Number of empty layers that the engine removed at the bottom; it lowered the others to the bed.
     centre_mm
         The bed's centre in the printer's coordinates.
@@ -92,7 +93,7 @@ def check_outline(
 
     Returns
     -------
-    tuple of Unprinted
+    tuple of UnprintedWall
         Walls too thin to print, the largest first.
 
     Raises
@@ -101,27 +102,27 @@ def check_outline(
         `OUTLINE` if something thick enough is missing, something is printed outside of the model, or most
         of the model is too thin.
     """
-    if removed:  # the first printed layer is not the one that was grown as the first
+    if removed_layers:  # the first printed layer is not the one that was grown as the first
         layout = replace(layout, offset_0_mm=layout.offset_mm)
     if np.linalg.det(corners).sum() < 0:  # inside out, which the engine accepts
         corners = corners[:, ::-1]
     walls = Walls.from_toolpath(path, layout, centre_mm, filament_mm2)
-    z_mm = _section_heights_mm(corners, walls, layout, removed)
+    z_mm = _section_heights_mm(corners, walls, layout, removed_layers)
     differ, off_mm2 = _find_differing_layers(corners, z_mm, walls, layout)
     if not len(differ):
         return ()
-    sampled = _sample(differ, off_mm2)
+    sampled = _sample_layers(differ, off_mm2)
     sections = _Sections(corners, layout)
     thin = [piece for layer in sampled for piece in _compare(int(layer), z_mm, walls, sections, layout)]
     return _join_pieces(thin, layout, len(differ) / len(sampled))
 
 
-def _section_heights_mm(corners: Floats, walls: Walls, layout: WallLayout, removed: int) -> Floats:
+def _section_heights_mm(corners: Floats, walls: Walls, layout: WallLayout, removed_layers: int) -> Floats:
     """Compute the heights (layers,) at which the engine cut the model for the layers that it printed."""
     height_mm = float(corners[..., 2].max())
     planned = int((height_mm - layout.layer_height_0_mm) / layout.layer_height_mm + 0.5) + 1
-    count = max(1, planned - removed, int(walls.layer.max(initial=-1)) + 1)
-    return layout.section_mm(count + removed)[removed:]
+    count = max(1, planned - removed_layers, int(walls.layer.max(initial=-1)) + 1)
+    return layout.section_mm(count + removed_layers)[removed_layers:]
 
 
 def _find_differing_layers(
@@ -129,8 +130,8 @@ def _find_differing_layers(
 ) -> tuple[npt.NDArray[np.intp], Floats]:
     """Find the layers (k,) whose area or centroid is off, and the area in mm2 by which each is off."""
     count = len(z_mm)
-    model = _expand(measure_rings(cut_sections(corners, z_mm), count), layout)
-    printed = walls.rings(count)
+    model = _expand_sections(measure_rings(cut_sections(corners, z_mm), count), layout)
+    printed = walls.sum_rings(count)
     _check_areas(model, printed, walls, layout)
     off_mm2 = np.abs(printed.area_mm2 - model.area_mm2)
     slack_mm2 = SLACK_MM2 + (SLACK_MM + layout.slack_mm) * model.length_mm
@@ -162,14 +163,14 @@ def _check_areas(model: Rings, printed: Rings, walls: Walls, layout: WallLayout)
         )
 
 
-def _expand(model: Rings, layout: WallLayout) -> Rings:
+def _expand_sections(model: Rings, layout: WallLayout) -> Rings:
     """Grow sections by the engine's horizontal expansion, to first order."""
     offset = np.full(len(model.area_mm2), layout.offset_mm)
     offset[:1] = layout.offset_0_mm
     return Rings(model.area_mm2 + offset * model.length_mm, model.length_mm, model.moment_mm3)
 
 
-def _sample(layers: npt.NDArray[np.intp], off_mm2: Floats) -> npt.NDArray[np.intp]:
+def _sample_layers(layers: npt.NDArray[np.intp], off_mm2: Floats) -> npt.NDArray[np.intp]:
     """Choose at most `EXACT_LAYERS` of the layers: the worst, and others in even steps."""
     if len(layers) <= EXACT_LAYERS:
         return layers
@@ -185,7 +186,7 @@ class _Sections:
         self._corners = corners
         self._layout = layout
 
-    def at(self, z_mm: float, layer: int) -> Geometry:
+    def cut_at(self, z_mm: float, layer: int) -> Geometry:
         """Cut the model at a height where its winding number is positive, grown as in `layer`."""
         pieces = list(cut_sections(self._corners, np.array([z_mm])))
         if not pieces:
@@ -197,12 +198,14 @@ class _Sections:
         net = shapely.union_all(shapely.linestrings(np.stack((start, end), axis=1)))
         faces = shapely.get_parts(shapely.polygonize(shapely.get_parts(net)))
         points = shapely.get_coordinates(shapely.point_on_surface(faces))
-        solid = [face for face, (x, y) in zip(faces, points, strict=True) if _winding(start, end, x, y) > 0]
+        solid = [
+            face for face, (x, y) in zip(faces, points, strict=True) if _compute_winding(start, end, x, y) > 0
+        ]
         offset = self._layout.offset_0_mm if layer == 0 else self._layout.offset_mm
         return shapely.union_all(solid).buffer(offset, join_style="mitre")
 
 
-def _winding(start: Floats, end: Floats, x: float, y: float) -> int:
+def _compute_winding(start: Floats, end: Floats, x: float, y: float) -> int:
     """Compute the winding number of segments about a point, counter-clockwise."""
     rises = (start[:, 1] <= y) & (end[:, 1] > y)
     falls = (start[:, 1] > y) & (end[:, 1] <= y)
@@ -215,28 +218,29 @@ def _compare(
     layer: int, z_mm: Floats, walls: Walls, sections: _Sections, layout: WallLayout
 ) -> list[tuple[int, Geometry]]:
     """Find thin pieces that are missing in a layer, each with the layer; refuse anything else."""
-    sections_beside = [sections.at(float(z_mm[layer]) + side, layer) for side in (-_PLANE_MM, _PLANE_MM)]
-    printed = walls.printed(layer, shapely.union_all(sections_beside))
+    sections_beside = [sections.cut_at(float(z_mm[layer]) + side, layer) for side in (-_PLANE_MM, _PLANE_MM)]
+    printed = walls.build_printed_area(layer, shapely.union_all(sections_beside))
     tolerance_mm = TOLERANCE_MM + layout.slack_mm
     extra = _find_worst(printed.difference(shapely.union_all(sections_beside).buffer(tolerance_mm)))
     at = f"layer {layer} (Z {layout.top_mm(layer):.2f} mm)"
     if extra is not None:
         raise SliceRejected(
             Rule.OUTLINE,
-            f"{at} prints {extra.area:.1f} mm2 outside of the model at {_locate(extra)}; repair the mesh",
+            f"{at} prints {extra.area:.1f} mm2 outside of the model at {_format_place(extra)}; "
+            "repair the mesh",
         )
     common = sections_beside[0].intersection(sections_beside[1])
     missing = common.difference(printed.buffer(tolerance_mm))
     if missing.area > _SPECK_MM2:
-        missing = missing.difference(walls.filling(layer, missing.bounds).buffer(tolerance_mm))
+        missing = missing.difference(walls.build_filling(layer, missing.bounds).buffer(tolerance_mm))
     two_lines_mm = float(layout.reach_mm(np.array([layer], np.int32))[0]) + 0.03
     thick = common.buffer(-two_lines_mm).buffer(two_lines_mm)
     lost_area = _find_worst(missing.intersection(thick))
     if lost_area is not None:
         raise SliceRejected(
             Rule.OUTLINE,
-            f"{at} leaves out {lost_area.area:.1f} mm2 of the model at {_locate(lost_area)}; repair the mesh "
-            "there",
+            f"{at} leaves out {lost_area.area:.1f} mm2 of the model at {_format_place(lost_area)}; "
+            "repair the mesh there",
         )
     tolerance_area = printed.buffer(TIP_MM)
     return [
@@ -253,7 +257,7 @@ def _find_worst(shape: Geometry) -> Geometry | None:
     return max(pieces, key=lambda piece: float(piece.area), default=None)
 
 
-def _locate(shape: Geometry) -> str:
+def _format_place(shape: Geometry) -> str:
     """Format a place in a shape."""
     middle = shape.representative_point()
     return f"X{middle.x:.1f} Y{middle.y:.1f} (from the bed's centre)"
@@ -261,7 +265,7 @@ def _locate(shape: Geometry) -> str:
 
 def _join_pieces(
     pieces: list[tuple[int, Geometry]], layout: WallLayout, share: float
-) -> tuple[Unprinted, ...]:
+) -> tuple[UnprintedWall, ...]:
     """Join pieces above one another to walls, the largest first."""
     if not pieces:
         return ()
@@ -277,5 +281,5 @@ def _join_pieces(
         if high_mm - low_mm < TIP_MM or side_mm2 < MIN_WALL_MM2:
             continue
         middle = ((box[0] + box[2]) / 2, (box[1] + box[3]) / 2)
-        walls.append(Unprinted(float(side_mm2), low_mm, high_mm, *middle))
+        walls.append(UnprintedWall(float(side_mm2), low_mm, high_mm, *middle))
     return tuple(sorted(walls, key=lambda wall: -wall.area_mm2))

@@ -40,7 +40,7 @@ class GcodeFacts:
     moved_before_homing: bool
     extruded_cold: bool
     heaters_off: bool
-    parked_mm: float  # distance by which the filament is drawn back at the end
+    parked_mm: float  # distance by which the filament is retracted at the end
 
 
 def gather_facts(path: Toolpath, min_extrusion_c: float) -> GcodeFacts:
@@ -55,19 +55,19 @@ def gather_facts(path: Toolpath, min_extrusion_c: float) -> GcodeFacts:
     min_extrusion_c
         Nozzle temperature, in C, below which the firmware does not extrude.
     """
-    pushed_mm, has_moved = path.pushed_mm, path.moved
-    prints = (pushed_mm > 0) & has_moved & (path.layer != NO_LAYER)
+    extruded_mm, has_moved = path.extruded_mm, path.moved
+    prints = (extruded_mm > 0) & has_moved & (path.layer != NO_LAYER)
     layers = path.layer[prints]
     last = int(np.flatnonzero(prints)[-1]) if prints.any() else -1
     ends = np.concatenate((path.before[prints, :3], path.after[prints, :3]))
     low = ends.min(axis=0, initial=math.inf)
     high = ends.max(axis=0, initial=-math.inf)
     homed = next((command.move for command in path.commands if command.code == "G28"), len(has_moved))
-    cold, heaters_off = _heat(path, pushed_mm > 0, min_extrusion_c)
+    cold, heaters_off = _check_heat(path, extruded_mm > 0, min_extrusion_c)
     return GcodeFacts(
         flavour=_last_comment(path, "FLAVOR:"),
         sliced_s=float(_last_comment(path, "TIME_ELAPSED:") or 0.0),
-        filament_mm=float(pushed_mm[prints].sum()),
+        filament_mm=float(extruded_mm[prints].sum()),
         layer_count=int(_last_comment(path, "LAYER_COUNT:") or 0),
         layers=len(np.unique(layers)),
         top_layer=int(layers[-1]) if len(layers) else -1,
@@ -77,17 +77,17 @@ def gather_facts(path: Toolpath, min_extrusion_c: float) -> GcodeFacts:
         moved_before_homing=bool(has_moved[:homed].any()),
         extruded_cold=cold,
         heaters_off=heaters_off,
-        parked_mm=float(-pushed_mm[last + 1 :].sum()),
+        parked_mm=float(-extruded_mm[last + 1 :].sum()),
     )
 
 
 def _last_comment(path: Toolpath, name: str) -> str:
     """Read the last comment of a name; empty if there is none."""
-    return next((n.text[len(name) :] for n in reversed(path.notes) if n.text.startswith(name)), "")
+    return next((n.text[len(name) :] for n in reversed(path.comments) if n.text.startswith(name)), "")
 
 
-def _heat(path: Toolpath, pushes: npt.NDArray[np.bool_], min_extrusion_c: float) -> tuple[bool, bool]:
-    """Check whether filament is pushed into a cold nozzle, and whether all heaters are off at the end."""
+def _check_heat(path: Toolpath, pushes: npt.NDArray[np.bool_], min_extrusion_c: float) -> tuple[bool, bool]:
+    """Check whether filament is extruded by a cold nozzle, and whether all heaters are off at the end."""
     target_c = {"M104": 0.0, "M140": 0.0}
     reached_c = 0.0
     first_move, cold = 0, False
@@ -203,12 +203,12 @@ def check_parking(facts: GcodeFacts, parked_mm: float) -> None:
     facts
         Facts of the file.
     parked_mm
-        Distance by which the filament is to be drawn back.
+        Distance by which the filament is to be retracted.
     """
     if abs(facts.parked_mm - parked_mm) > PARK_TOLERANCE_MM:
         raise SliceRejected(
             Rule.PARKING,
-            f"the filament is drawn back {facts.parked_mm:.2f} mm at the end instead of {parked_mm:g} mm; "
+            f"the filament is retracted {facts.parked_mm:.2f} mm at the end instead of {parked_mm:g} mm; "
             "leave the end code and retraction_amount as they are",
         )
 
@@ -250,7 +250,7 @@ def replace_header(gcode: bytes, log: str) -> bytes:
     gcode
         CuraEngine's output, with a header of placeholders.
     log
-        CuraEngine's log; the G-code is not changed where the log holds no header.
+        CuraEngine's log; the G-code is not changed if the log has no header.
     """
     _, separator, rest = log.rpartition("Gcode header after slicing:")
     header, ended, _ = rest.partition(_HEADER_END)

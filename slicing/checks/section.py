@@ -86,23 +86,23 @@ def cut_sections(corners: Floats, z_mm: Floats) -> Iterator[tuple[npt.NDArray[np
         triangle = np.repeat(triangles, times)
         within = np.arange(len(triangle)) - np.repeat(np.cumsum(times) - times, times)
         plane = first[triangle] + within
-        yield plane, *_segments(corners[triangle], z_mm[plane])
+        yield plane, *_cut_triangles(corners[triangle], z_mm[plane])
         begin = stop
 
 
-def _segments(corners: Floats, z_mm: Floats) -> tuple[Floats, Floats]:
+def _cut_triangles(corners: Floats, z_mm: Floats) -> tuple[Floats, Floats]:
     """Cut each triangle (m, 3, 3) at its plane, with corners on both sides: start and end (m, 2) in mm."""
     above = corners[..., 2] > z_mm[:, None]
     alone_above = above.sum(axis=1) == 1
     lone_corner = np.where(alone_above, above.argmax(axis=1), above.argmin(axis=1))
     rows = np.arange(len(corners))
     tip, following, previous = (corners[rows, (lone_corner + turn) % 3] for turn in range(3))
-    left, right = _crossing(tip, following, z_mm), _crossing(tip, previous, z_mm)
+    left, right = _find_crossings(tip, following, z_mm), _find_crossings(tip, previous, z_mm)
     up = alone_above[:, None]
     return np.where(up, left, right), np.where(up, right, left)
 
 
-def _crossing(a: Floats, b: Floats, z_mm: Floats) -> Floats:
+def _find_crossings(a: Floats, b: Floats, z_mm: Floats) -> Floats:
     """Find the points (m, 2) at which edges cross their planes, bit-equal whichever end comes first."""
     swap = (a[:, 2] > b[:, 2])[:, None]
     low, high = np.where(swap, b, a), np.where(swap, a, b)

@@ -22,24 +22,28 @@ def add_times(gcode: bytes, path: Toolpath) -> bytes:
     path
         The same file, read.
     """
-    ends = [(note.move, float(note.text[len(_TIME) :])) for note in path.notes if note.text.startswith(_TIME)]
-    first = next((note.move for note in path.notes if note.text.startswith("LAYER:")), None)
+    ends = [
+        (comment.move, float(comment.text[len(_TIME) :]))
+        for comment in path.comments
+        if comment.text.startswith(_TIME)
+    ]
+    first = next((comment.move for comment in path.comments if comment.text.startswith("LAYER:")), None)
     if first is None or not ends:
         return gcode
     moves = np.array([first, *(move for move, _ in ends)])
-    spent_s = np.concatenate(([0.0], np.cumsum(_seconds(path))))
+    spent_s = np.concatenate(([0.0], np.cumsum(_compute_seconds(path))))
     elapsed_s = np.array([0.0, *(seconds for _, seconds in ends)])
-    types = [n for n in path.notes if n.text.startswith("TYPE:") and moves[0] < n.move < moves[-1]]
-    at_s = np.interp(spent_s[[note.move for note in types]], spent_s[moves], elapsed_s)
+    types = [n for n in path.comments if n.text.startswith("TYPE:") and moves[0] < n.move < moves[-1]]
+    at_s = np.interp(spent_s[[comment.move for comment in types]], spent_s[moves], elapsed_s)
     pieces, offset = [], 0
-    for note, seconds in zip(types, at_s, strict=True):
-        pieces += [gcode[offset : note.offset], b";TIME_ELAPSED:%.6f\n" % seconds]
-        offset = note.offset
+    for comment, seconds in zip(types, at_s, strict=True):
+        pieces += [gcode[offset : comment.offset], b";TIME_ELAPSED:%.6f\n" % seconds]
+        offset = comment.offset
     return b"".join((*pieces, gcode[offset:]))
 
 
-def _seconds(path: Toolpath) -> Floats:
+def _compute_seconds(path: Toolpath) -> Floats:
     """Compute the seconds (n,) of each move at its feedrate, without acceleration."""
-    way_mm = np.linalg.norm(path.after[:, :3] - path.before[:, :3], axis=1)
-    way_mm = np.where(way_mm > 0, way_mm, np.abs(path.pushed_mm))
-    return way_mm * 60.0 / np.maximum(path.feed_mm_min, 1.0)
+    distance_mm = np.linalg.norm(path.after[:, :3] - path.before[:, :3], axis=1)
+    distance_mm = np.where(distance_mm > 0, distance_mm, np.abs(path.extruded_mm))
+    return distance_mm * 60.0 / np.maximum(path.feed_mm_min, 1.0)

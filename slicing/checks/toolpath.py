@@ -27,7 +27,7 @@ _AXES = b"XYZE"
 
 
 @dataclass(frozen=True, slots=True)
-class Note:
+class Comment:
     """Comment: the number of moves before it, its offset in the file, and its text without ``;``."""
 
     move: int
@@ -66,12 +66,12 @@ class Toolpath:
     layer: npt.NDArray[np.int32]
     feature: npt.NDArray[np.uint8]
     features: tuple[str, ...]
-    notes: tuple[Note, ...]
+    comments: tuple[Comment, ...]
     commands: tuple[Command, ...]
 
     @property
-    def pushed_mm(self) -> Floats:
-        """Filament (n,) in mm that each move pushes; negative if it draws back."""
+    def extruded_mm(self) -> Floats:
+        """Filament (n,) in mm that each move extrudes; negative if it retracts."""
         return self.after[:, 3] - self.before[:, 3]
 
     @property
@@ -103,26 +103,29 @@ def read_toolpath(gcode: bytes) -> Toolpath:
     SliceRejected
         `FLAVOUR` if the firmware would read a line in another way, or not at all.
     """
-    text, moves, notes, commands = _split_file(gcode)
-    columns = _columns(text, moves)
-    before, after = _positions(columns, commands)
-    features = ("", *dict.fromkeys(note.text[5:] for note in notes if note.text.startswith("TYPE:")))
+    text, moves, comments, commands = _split_file(gcode)
+    columns = _read_columns(text, moves)
+    before, after = _find_positions(columns, commands)
+    features = (
+        "",
+        *dict.fromkeys(comment.text[5:] for comment in comments if comment.text.startswith("TYPE:")),
+    )
     return Toolpath(
         before=before,
         after=after,
         feed_mm_min=_fill_gaps(columns[ord("F")], 0.0),
-        layer=_expand_steps(_layers(notes), NO_LAYER, moves).astype(np.int32),
-        feature=_expand_steps(_types(notes, features), 0, moves).astype(np.uint8),
+        layer=_expand_steps(_find_layers(comments), NO_LAYER, moves).astype(np.int32),
+        feature=_expand_steps(_find_features(comments, features), 0, moves).astype(np.uint8),
         features=features,
-        notes=tuple(notes),
+        comments=tuple(comments),
         commands=tuple(commands),
     )
 
 
-def _split_file(gcode: bytes) -> tuple[bytes, int, list[Note], list[Command]]:
+def _split_file(gcode: bytes) -> tuple[bytes, int, list[Comment], list[Command]]:
     """Split a file into its moves, each in the form of `PLAIN_MOVE`, their number, comments and commands."""
     blocks: list[bytes] = []
-    notes: list[Note] = []
+    comments: list[Comment] = []
     commands: list[Command] = []
     moves = number = 0
     for match in _BLOCK.finditer(gcode):
@@ -131,7 +134,7 @@ def _split_file(gcode: bytes) -> tuple[bytes, int, list[Note], list[Command]]:
         moves += block.count(b"\n")
         number += block.count(b"\n") + 1
         if line.startswith(b";"):
-            notes.append(Note(moves, match.start(2), line[1:].decode("utf-8", "replace").strip()))
+            comments.append(Comment(moves, match.start(2), line[1:].decode("utf-8", "replace").strip()))
             continue
         try:
             code, rest, _ = split_line(line, number)
@@ -144,14 +147,14 @@ def _split_file(gcode: bytes) -> tuple[bytes, int, list[Note], list[Command]]:
             moves += 1
         elif code:
             commands.append(Command(moves, code, words))
-    return b"".join(blocks), moves, notes, commands
+    return b"".join(blocks), moves, comments, commands
 
 
-def _columns(text: bytes, moves: int) -> dict[int, Floats]:
+def _read_columns(text: bytes, moves: int) -> dict[int, Floats]:
     """Read the number (n,) that each move gives, for each letter; NaN if it gives none."""
     raw = np.frombuffer(text, np.uint8)
     letters = raw[raw >= ord("E")]  # E to Z: the letters, and nothing else in a plain move
-    numbers = _numbers(text)
+    numbers = _parse_numbers(text)
     row = np.cumsum(letters == ord("G")) - 1
     with_letter = letters != ord("G")
     letters, row = letters[with_letter], row[with_letter]
@@ -164,7 +167,7 @@ def _columns(text: bytes, moves: int) -> dict[int, Floats]:
     return columns
 
 
-def _numbers(text: bytes) -> Floats:
+def _parse_numbers(text: bytes) -> Floats:
     """Parse all numbers of plain moves in their order, without the code after each G."""
     number_text = text.replace(b"G0", b"").replace(b"G1", b"").translate(_SPACED)
     if not number_text.strip():
@@ -172,7 +175,7 @@ def _numbers(text: bytes) -> Floats:
     return np.fromstring(number_text, sep=" ")
 
 
-def _positions(columns: dict[int, Floats], commands: Iterable[Command]) -> tuple[Floats, Floats]:
+def _find_positions(columns: dict[int, Floats], commands: Iterable[Command]) -> tuple[Floats, Floats]:
     """Find the points (n, 4) where each move begins and ends, by the modes that commands set."""
     moves = len(columns[ord("X")])
     before, after = np.empty((moves, 4)), np.empty((moves, 4))
@@ -225,11 +228,13 @@ def _expand_steps(steps: list[tuple[int, int]], first: int, moves: int) -> npt.N
     return np.repeat(np.array([first, *(value for _, value in steps)], np.int64), np.diff(starts))
 
 
-def _layers(notes: Iterable[Note]) -> list[tuple[int, int]]:
-    layers = [(note.move, note.text[6:]) for note in notes if note.text.startswith("LAYER:")]
+def _find_layers(comments: Iterable[Comment]) -> list[tuple[int, int]]:
+    layers = [(comment.move, comment.text[6:]) for comment in comments if comment.text.startswith("LAYER:")]
     return [(move, int(number)) for move, number in layers if number.lstrip("-").isdecimal()]
 
 
-def _types(notes: Iterable[Note], features: tuple[str, ...]) -> list[tuple[int, int]]:
+def _find_features(comments: Iterable[Comment], features: tuple[str, ...]) -> list[tuple[int, int]]:
     code = {name: number for number, name in enumerate(features)}
-    return [(note.move, code[note.text[5:]]) for note in notes if note.text.startswith("TYPE:")]
+    return [
+        (comment.move, code[comment.text[5:]]) for comment in comments if comment.text.startswith("TYPE:")
+    ]

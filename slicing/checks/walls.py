@@ -17,8 +17,8 @@ from slicing.settings import EngineSettings
 TOLERANCE_MM = 0.15
 """Tolerance of an outline: the engine simplifies it (0.05 mm), and a section on a slope is rounded."""
 _NEAR_MM = 1.0  # distance of a line from a place that it fills
-_GAPS = 8  # greatest number of gaps in one ring
-_FOLLOWING = {
+_MAX_GAPS = 8  # in one ring
+_EXACT_OUTLINE_SETTINGS = {
     "adaptive_layer_height_enabled": "False",
     "coasting_enable": "False",
     "conical_overhang_enabled": "False",
@@ -67,7 +67,9 @@ def read_wall_layout(settings: EngineSettings) -> WallLayout | None:
         return float(settings.extruder.get(key) or settings.global_.get(key) or 0.0)
 
     if settings.wall_count < 1 or any(
-        scope.get(key, default) != default for scope in scopes for key, default in _FOLLOWING.items()
+        scope.get(key, default) != default
+        for scope in scopes
+        for key, default in _EXACT_OUTLINE_SETTINGS.items()
     ):
         return None
     return WallLayout(
@@ -95,7 +97,7 @@ class Walls:
     layer: npt.NDArray[np.int32]
     run: npt.NDArray[np.intp]  # index of the unbroken line of a move
     closed: npt.NDArray[np.bool_]  # whether that line is a ring
-    width_mm: Floats  # by the filament that was pushed
+    width_mm: Floats  # by the extruded filament
     half_mm: Floats  # of the line's width; of a ring: from its middle to the model's outline
     others: Floats  # (m, 6) all other lines of the part: start, end, layer, half width
     inner: Floats  # (k, 5) those of the inner walls: start, end, layer
@@ -105,25 +107,25 @@ class Walls:
         cls, path: Toolpath, layout: WallLayout, centre_mm: tuple[float, float], filament_mm2: float
     ) -> Walls:
         """Pick the walls out of a toolpath, with the parameters of `check_outline`."""
-        pushed_mm = path.pushed_mm
+        extruded_mm = path.extruded_mm
         length_mm = np.hypot(*(path.after[:, :2] - path.before[:, :2]).T)
-        prints = (pushed_mm > 0) & (length_mm > 0) & (path.layer >= 0)
+        prints = (extruded_mm > 0) & (length_mm > 0) & (path.layer >= 0)
         height_mm = np.where(path.layer == 0, layout.layer_height_0_mm, layout.layer_height_mm)
         half_mm = np.zeros(len(length_mm))
-        half_mm[prints] = (pushed_mm * filament_mm2)[prints] / (length_mm * height_mm)[prints] / 2
+        half_mm[prints] = (extruded_mm * filament_mm2)[prints] / (length_mm * height_mm)[prints] / 2
         half_mm = np.minimum(half_mm, layout.width_mm)  # a wider line is a blob, which covers no more
         at = np.flatnonzero(prints & path.is_feature("WALL-OUTER"))
         start, end = path.before[at, :2] - centre_mm, path.after[at, :2] - centre_mm
         layer = path.layer[at]
-        bridges, run, closed = _runs(start, end, layer)
+        bridges, run, closed = _join_runs(start, end, layer)
         order = np.argsort(np.concatenate((np.arange(len(at)), bridges)), kind="stable")
 
-        def bridged(is_inner: npt.NDArray[Any], between: npt.NDArray[Any]) -> npt.NDArray[Any]:
+        def splice(is_inner: npt.NDArray[Any], between: npt.NDArray[Any]) -> npt.NDArray[Any]:
             return np.asarray(np.concatenate((is_inner, between))[order])
 
-        start, end = bridged(start, end[bridges]), bridged(end, np.roll(start, -1, axis=0)[bridges])
-        half = bridged(half_mm[at], half_mm[at][bridges])
-        layer, run = bridged(layer, layer[bridges]), bridged(run, run[bridges])
+        start, end = splice(start, end[bridges]), splice(end, np.roll(start, -1, axis=0)[bridges])
+        half = splice(half_mm[at], half_mm[at][bridges])
+        layer, run = splice(layer, layer[bridges]), splice(run, run[bridges])
         closed = closed[run]
         is_inner = np.zeros(len(length_mm), bool)
         for name in ("WALL-INNER", "SKIN", "FILL"):
@@ -135,7 +137,7 @@ class Walls:
         inner = others[path.is_feature("WALL-INNER")[is_inner]][:, :5]
         return cls(start, end, layer, run, closed, 2 * half, reach_mm, others, inner)
 
-    def rings(self, count: int) -> Rings:
+    def sum_rings(self, count: int) -> Rings:
         """Sum up the area within the outer edge of the outer wall, to first order, for `count` layers."""
         ring = self.closed
         inside = measure_rings(
@@ -159,7 +161,7 @@ class Walls:
         inner wall is not a whole ring.
         """
         start, end, layer = self.inner[:, :2], self.inner[:, 2:4], self.inner[:, 4].astype(np.int32)
-        bridges, run, closed = _runs(start, end, layer)
+        bridges, run, closed = _join_runs(start, end, layer)
         open_lines = (
             np.bincount(layer, ~closed[run], count) + np.bincount(layer[bridges], minlength=count) > 0
         )
@@ -188,7 +190,7 @@ class Walls:
         half_turn = np.clip(cross / np.maximum(scale, 1e-9), -2.0, 2.0)  # tangent of half the angle
         return np.where(self.closed, self.half_mm**2 * half_turn, 0.0)
 
-    def printed(self, layer: int, model: Geometry) -> Geometry:
+    def build_printed_area(self, layer: int, model: Geometry) -> Geometry:
         """Build the area within the outer edge of the outer wall in one layer.
 
         A ring is the edge of an area, or by itself a wall of one line: that has the model on neither side.
@@ -205,7 +207,7 @@ class Walls:
                 # Rings do not cross each other: one within another is a hole.
                 inside = inside.symmetric_difference(shapely.make_valid(shapely.Polygon(points)))
         reach_mm = float(self.half_mm[indices][~line].max(initial=0.0))
-        strokes = _strokes(
+        strokes = _build_strokes(
             self.start[indices[line]], self.end[indices[line]], self.width_mm[indices[line]] / 2
         )
         return shapely.union_all([inside.buffer(reach_mm, join_style="mitre"), strokes])
@@ -219,7 +221,7 @@ class Walls:
         on_model = [shapely.contains_xy(model, *(middle + side * normal).T) for side in (-1.0, 1.0)]
         return float(np.mean(on_model[0] | on_model[1])) < 0.5
 
-    def filling(self, layer: int, bounds: tuple[float, float, float, float]) -> Geometry:
+    def build_filling(self, layer: int, bounds: tuple[float, float, float, float]) -> Geometry:
         """Build the area of the other lines in a layer that come near a rectangle (x0, y0, x1, y1)."""
         rows = self.others[self.others[:, 4] == layer]
         low, high = (
@@ -228,10 +230,10 @@ class Walls:
         )
         is_near = (low[:, 0] < bounds[2]) & (low[:, 1] < bounds[3])
         rows = rows[is_near & (high[:, 0] > bounds[0]) & (high[:, 1] > bounds[1])]
-        return _strokes(rows[:, :2], rows[:, 2:4], rows[:, 5])
+        return _build_strokes(rows[:, :2], rows[:, 2:4], rows[:, 5])
 
 
-def _runs(
+def _join_runs(
     start: Floats, end: Floats, layer: npt.NDArray[np.int32]
 ) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp], npt.NDArray[np.bool_]]:
     """Join moves to unbroken lines, and find which of them are rings.
@@ -256,7 +258,7 @@ def _runs(
     while at < len(begins):
         stop = at + 1
         if not is_near[at]:
-            for last in range(at + 1, min(at + _GAPS, len(begins))):
+            for last in range(at + 1, min(at + _MAX_GAPS, len(begins))):
                 if is_near[last] or layer[begins[last]] != layer[begins[at]]:
                     break
                 if np.hypot(*(start[begins[at]] - end[ends[last]])) < TOLERANCE_MM:
@@ -273,7 +275,7 @@ def _runs(
     return np.array(bridges, np.intp), run, closed
 
 
-def _strokes(start: Floats, end: Floats, half_mm: Floats) -> Geometry:
+def _build_strokes(start: Floats, end: Floats, half_mm: Floats) -> Geometry:
     """Build the area of lines (n, 2) of a half width (n,)."""
     lines = shapely.linestrings(np.stack((start, end), axis=1))
     return shapely.union_all(shapely.buffer(lines, half_mm))

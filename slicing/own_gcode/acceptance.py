@@ -15,12 +15,12 @@ from slicing.own_gcode.survey import INCOMPLETE, survey_lines
 from slicing.own_gcode.target import PrintTarget
 from slicing.own_gcode.writer import Stopwatch, Writer
 
-PLAUSIBLE = (0.2, 2.5)
+PLAUSIBLE_RATIO = (0.2, 2.5)
 """Bounds of the mean section of the lines, as a multiple of a line a nozzle wide and a layer high. Slicers
 reach 2, and ironing may bring it far below 1; E in mm3 instead of mm gives about 6 (or 0.15), and filament of
 1.75 mm instead of 2.85 mm about 2.7."""
 HIGHEST_LAYER = 0.8
-"""Greatest layer height as a share of the nozzle's diameter: higher lines do not stick."""
+"""Maximum layer height as a share of the nozzle's diameter: higher lines do not stick."""
 SLACK_LAYERS = 1.25
 """Depth below the top, in highest layers, that slicers reach within a layer, as in a sloping seam."""
 
@@ -98,8 +98,8 @@ def accept_gcode(lines: Iterable[bytes], target: PrintTarget, *, stopwatch: Stop
         interpreter.run_line(raw, number)
     interpreter.finish()
     extent = interpreter.head.extent
-    _check_lost(survey.figures, interpreter, target)
-    ratio = _section_ratio(extent, writer.layers, target, line_mm)
+    _check_missing_lines(survey.figures, interpreter, target)
+    ratio = _compute_section_ratio(extent, writer.layers, target, line_mm)
     missing = (survey.warning,) if survey.warning is not None else ()
     warnings = missing + check_machine(survey.machine, survey.nozzle_mm, ratio, target)
     print_time_s = writer.finish()
@@ -116,17 +116,19 @@ def accept_gcode(lines: Iterable[bytes], target: PrintTarget, *, stopwatch: Stop
         reach_min_mm=_to_point(extent.reach_low),
         reach_max_mm=_to_point(extent.reach_high),
         filament_type=survey.machine.filament_type,
-        notices=_notices(survey.ulticode, interpreter.left_out) + warnings,
+        notices=_build_notices(survey.ulticode, interpreter.left_out) + warnings,
     )
 
 
-def _check_lost(figures: StatedFigures, interpreter: Interpreter, target: PrintTarget) -> None:
+def _check_missing_lines(figures: StatedFigures, interpreter: Interpreter, target: PrintTarget) -> None:
     """Refuse a file with missing lines, by its slicer's figures and by what its moves feed."""
     extent = interpreter.head.extent
-    problem = interpreter.gaps.find_lost() or figures.find_lost_height(extent.low[2], extent.reach_high[2])
+    problem = interpreter.gaps.describe_loss() or figures.describe_missing_height(
+        extent.low[2], extent.reach_high[2]
+    )
     if problem is None and figures.filament is not None:
         printed_mm = extent.filament_mm - extent.stray_mm
-        problem = figures.filament.find_lost(printed_mm, target.filament_mm2, extent.lines)
+        problem = figures.filament.describe_missing(printed_mm, target.filament_mm2, extent.lines)
     if problem is not None:
         raise GcodeRefused(f"{problem}: lines are missing; {INCOMPLETE}")
 
@@ -148,7 +150,7 @@ def _add_start_and_end(printed: bytearray, interpreter: Interpreter, target: Pri
     return f";FLAVOR:Marlin\n{start}\n".encode() + printed + code.end_code(0.0).encode() + b"\n"
 
 
-def _section_ratio(extent: Extent, layers: int, target: PrintTarget, nozzle_mm: float) -> float:
+def _compute_section_ratio(extent: Extent, layers: int, target: PrintTarget, nozzle_mm: float) -> float:
     """Compute the mean section of the lines, over that of a line a nozzle wide and a layer high.
 
     Raises
@@ -162,7 +164,7 @@ def _section_ratio(extent: Extent, layers: int, target: PrintTarget, nozzle_mm: 
     layer_mm = max(extent.layer_mm, mean_mm)
     usual_mm2 = nozzle_mm * layer_mm
     ratio = section_mm2 / usual_mm2
-    if not PLAUSIBLE[0] < ratio < PLAUSIBLE[1]:
+    if not PLAUSIBLE_RATIO[0] < ratio < PLAUSIBLE_RATIO[1]:
         raise GcodeRefused(
             f"its lines have {section_mm2:.3f} mm2 on average, and layers of {layer_mm:.3g} mm with a "
             f"nozzle of {nozzle_mm:g} mm about {usual_mm2:.3f}: set the filament's diameter to "
@@ -171,13 +173,13 @@ def _section_ratio(extent: Extent, layers: int, target: PrintTarget, nozzle_mm: 
     return ratio
 
 
-def _notices(ulticode: bool, left_out: dict[str, str]) -> tuple[str, ...]:
+def _build_notices(ulticode: bool, left_out: dict[str, str]) -> tuple[str, ...]:
     lines = ["Its start and end were replaced by the farm's."]
     if ulticode:
         lines.append("Converted from UltiGCode; temperatures are those of the printer's material.")
     if left_out:
         left_out_codes = ", ".join(f"{code} ({left_out[code]})" for code in sorted(left_out))
-        lines.append(f"Left out, for the printer has its own: {left_out_codes}.")
+        lines.append(f"Left out, because the printer has its own: {left_out_codes}.")
     return tuple(lines)
 
 

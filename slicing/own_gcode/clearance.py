@@ -22,12 +22,12 @@ Point = list[float]
 class Clearance:
     """Heights of the printed lines, on a grid of 1 mm, in the printer's coordinates.
 
-    Lines are buffered: for a print that only rises the grid is never needed.
+    Lines are buffered: a print that only rises never needs the grid.
 
     Parameters
     ----------
     slack_mm
-        Depth below printed lines that the nozzle may reach: within a layer slicers go up and down.
+        Depth below printed lines that the nozzle may reach: slicers go up and down within a layer.
     head
         The printer's head.
     """
@@ -49,7 +49,7 @@ class Clearance:
         if len(self._lines) >= _BUFFERED:
             self._flush()
 
-    def obstacle_mm(self, old: Point, target: Point) -> float | None:
+    def find_obstacle_mm(self, old: Point, target: Point) -> float | None:
         """Find the height of the lines that the nozzle or the head would hit in a straight move, or None."""
         lowest_mm = min(old[2], target[2])
         if self._above_nozzle is None or self._printed_since_mm > lowest_mm + self._slack_mm:
@@ -58,8 +58,8 @@ class Clearance:
             self._above_head = _highest_below_head(self._height_mm, self._head)
             self._printed_since_mm = 0.0
         assert self._above_head is not None
-        xy, z = _samples(np.array([[*old, *target]]))
-        y, x = _cells(xy)
+        xy, z = _sample_lines(np.array([[*old, *target]]))
+        y, x = _find_cells(xy)
         nozzle_mm, head_mm = self._above_nozzle[y, x], self._above_head[y, x]
         is_hit = (nozzle_mm > z + self._slack_mm) | (head_mm > z + self._head.above_nozzle + self._slack_mm)
         return float(np.maximum(nozzle_mm, head_mm)[is_hit].max()) if is_hit.any() else None
@@ -67,13 +67,13 @@ class Clearance:
     def _flush(self) -> None:
         if not self._lines:
             return
-        xy, z = _samples(np.frombuffer(self._lines, dtype=np.float64).reshape(-1, 6))
-        y, x = _cells(xy)
+        xy, z = _sample_lines(np.frombuffer(self._lines, dtype=np.float64).reshape(-1, 6))
+        y, x = _find_cells(xy)
         np.maximum.at(self._height_mm, (y, x), z)
         self._lines = array("d")
 
 
-def _samples(lines: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _sample_lines(lines: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Sample lines (n, 6) no further apart than a step: XY (m, 2) and Z (m,), in mm."""
     start, end = lines[:, :3], lines[:, 3:]
     counts = np.ceil(np.linalg.norm(end - start, axis=1) / _STEP_MM).astype(np.intp) + 1
@@ -83,7 +83,7 @@ def _samples(lines: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[n
     return points[:, :2], points[:, 2]
 
 
-def _cells(xy: NDArray[np.float64]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def _find_cells(xy: NDArray[np.float64]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Find row and column of each point; a point outside the grid, which no printer reaches, is clipped."""
     cells = np.clip((xy - _LOWEST_MM) / _CELL_MM, 0, _CELLS - 1).astype(np.intp)
     return cells[:, 1], cells[:, 0]

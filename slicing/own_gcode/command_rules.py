@@ -1,7 +1,7 @@
 """Lists of the commands in a person's own G-code that are printed, left out, or refused.
 
 Printed commands are an allow-list: every other command is refused within a print. The start and the end of a
-file are not printed, so that there only commands that change the meaning of the whole file are refused.
+file are not printed: only commands that change the meaning of the whole file are refused there.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ PRINTED = frozenset(
 )
 """Commands that are run; the lines for the printer are written by `slicing.own_gcode.writer`."""
 
-_IN_MM = re.compile(r"\s*D\s?0*\.?0*\s*")  # switches volumetric extrusion off, as it is here
+_IN_MM = re.compile(r"\s*D\s?0*\.?0*\s*")  # switches volumetric extrusion off, which is the default
 
-NEEDLESS = frozenset(
+NO_EFFECT = frozenset(
     (
         *("G17", "G21", "T0", "M17", "M73", "M75", "M76", "M77", "M105", "M110", "M113", "M114", "M115"),
         *("M117", "M118", "M119", "M155", "M240", "M300", "M355", "M400", "M486", "M531", "M532"),
@@ -84,12 +84,12 @@ _REASONS = {
 
 
 END_COMMANDS = frozenset(("G28", "M84", "M18", "M81", "M2"))
-"""Commands that, after all that is printed, show that the end script has begun."""
+"""Commands that mark the beginning of the end script, if nothing is printed after them."""
 
 
-def is_needless(code: str, rest: str) -> bool:
+def has_no_effect(code: str, rest: str) -> bool:
     """Check whether a command changes nothing in a print; `rest` is the text after its code."""
-    return code in NEEDLESS or (code == "M200" and _IN_MM.fullmatch(rest) is not None)
+    return code in NO_EFFECT or (code == "M200" and _IN_MM.fullmatch(rest) is not None)
 
 
 def find_refusal(code: str) -> str | None:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from collections import defaultdict
 
-CLIPS_MM = 10.0
+CLIP_HEIGHT_MM = 10.0
 """[assumed] Height below which the head must keep off the bed's clips also on travels."""
 MAX_PRIMED_MM = 1.0
-"""Most filament that slicers feed at one place, beyond what was drawn back."""
+"""Maximum filament that slicers extrude at one place, without what was retracted before."""
 _NEGLIGIBLE_MM = 0.001
 
 Corner = list[float]
@@ -24,7 +24,7 @@ class Extent:
     reach_low, reach_high
         Corners of all moves up to the last one that printed.
     filament_mm
-        Filament fed, without what had been drawn back before.
+        Filament fed, without what had been retracted before.
     path_mm, lines
         Length and number of all printed lines.
     """
@@ -35,7 +35,9 @@ class Extent:
         self.filament_mm = 0.0
         self.path_mm = 0.0
         self.lines = 0
-        self._pushes = self._primes = 0  # all pushes, and those that feed more than was drawn back
+        self._pushes = self._primes = (
+            0  # all returns of retracted filament, and those that extrude more than was retracted
+        )
         self._primed_mm = self._jumped_mm = 0.0
         self._moves: list[Corner] = []  # since the last line that was printed
         self._fed_mm = 0.0
@@ -48,7 +50,7 @@ class Extent:
         self._fed_mm += max(0.0, fed_mm)
 
     def record_prime(self, fed_mm: float) -> None:
-        """Record that retracted filament is pushed back at standstill, and `fed_mm` more."""
+        """Record that retracted filament, and `fed_mm` more, is extruded at standstill."""
         self._pushes += 1
         if fed_mm > MAX_PRIMED_MM:
             self._jumped_mm += fed_mm
@@ -58,7 +60,7 @@ class Extent:
 
     @property
     def stray_mm(self) -> float:
-        """Filament fed at standstill that belongs to missing lines.
+        """Filament extruded at standstill that belongs to missing lines.
 
         A slicer that primes after retractions does so at all or most of them, which is not counted.
         """
@@ -81,7 +83,7 @@ class Extent:
         self._fed_mm = 0.0
         for point in self._moves:
             _extend(self.reach_low, self.reach_high, point)
-            if point[2] < CLIPS_MM:
+            if point[2] < CLIP_HEIGHT_MM:
                 _extend(self.low, self.high, point[:2])
         self._moves.clear()
         _extend(self.low, self.high, old)

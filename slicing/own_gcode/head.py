@@ -13,15 +13,15 @@ from slicing.printer import PrintCode
 
 RETRACTED_SLACK_MM = 0.5
 """Distance beyond the parked position at which the filament leaves the hot end."""
-MAX_PUSHED_MM = 200.0
-"""Most filament in one move: more than any slicer feeds, less than what the firmware drops."""
+MAX_EXTRUDED_MM = 200.0
+"""Maximum filament in one move: more than any slicer extrudes, less than the firmware ignores."""
 MIN_MM_S = 0.1
-MAX_SWALLOWED_MM = 0.3
-"""Greatest retraction at which a line may begin: slicers push the filament back before."""
+MAX_START_RETRACTION_MM = 0.3
+"""Maximum retraction at which a line may begin: slicers return the filament before."""
 MAX_SECTION = 4.0
-"""Greatest section of a line, over the nozzle's diameter squared: more than any slicer's."""
+"""Maximum section of a line, over the nozzle's diameter squared: more than any slicer's."""
 MAX_JUMP_MM = MAX_PRIMED_MM
-"""Filament that a move may feed beyond what was drawn back and what its line takes:
+"""Filament that a move may extrude beyond what was retracted and what its line takes:
 where lines are missing from a file whose E continues, all of their filament comes in one move."""
 MAX_DROP_MM = 10.0
 """Height by which the head is raised before it parks in a pause, or homes when cancelled."""
@@ -33,7 +33,7 @@ Point = list[float]
 class Head:
     """Position of the head and of the filament, and the moves that reach the writer.
 
-    Moves before the file first pushes filament are left out: the farm's start code takes their place.
+    Moves before the first extrusion are left out: the farm's start code replaces them.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ class Head:
     marks_layers
         Whether comments of the file say where layers begin.
     gaps
-        Takes the moves that feed.
+        Records the moves that extrude.
     """
 
     def __init__(
@@ -56,7 +56,7 @@ class Head:
         marks_layers: bool,
     ) -> None:
         self.extent = Extent()
-        self.at: Point = [math.nan] * 3  # printer's mm; NaN if it is not known
+        self.position: Point = [math.nan] * 3  # printer's mm; NaN if it is not known
         self._code = code
         self._writer = writer
         self._clearance = clearance
@@ -69,7 +69,7 @@ class Head:
 
     def forget_position(self) -> None:
         """Set the position to unknown, as after homing."""
-        self.at = [math.nan] * 3
+        self.position = [math.nan] * 3
 
     def begin(self, retraction_mm_s: float) -> None:
         """Begin the print, with the head over the bed and primed."""
@@ -79,17 +79,17 @@ class Head:
                 "the hot end: take that out of your slicer's start script"
             )
         if self._retracted_mm:
-            self._writer.move((*self._code.ready_mm, -self._retracted_mm, retraction_mm_s))
+            self._writer.add_move((*self._code.ready_mm, -self._retracted_mm, retraction_mm_s))
 
-    def move(self, target: Point, pushed_mm: float, speed_mm_s: float, factor: float) -> bool:
+    def move(self, target: Point, extruded_mm: float, speed_mm_s: float, factor: float) -> bool:
         """Make one straight move.
 
         Parameters
         ----------
         target
             End of the move (x, y, z), in the printer's coordinates.
-        pushed_mm
-            Filament that it feeds, in mm.
+        extruded_mm
+            Filament that it extrudes, in mm.
         speed_mm_s, factor
             Feed rate, and the factor of M220 on it.
 
@@ -98,28 +98,28 @@ class Head:
         bool
             Whether it prints a line.
         """
-        old, self.at = self.at, target
+        old, self.position = self.position, target
         retracted_mm = self._retracted_mm
-        self._retracted_mm = max(0.0, retracted_mm - pushed_mm)
+        self._retracted_mm = max(0.0, retracted_mm - extruded_mm)
         if not self._objections.printing:
             return False
-        self._check_feed(pushed_mm, speed_mm_s * factor)
-        if not self._approach_start(old, target, pushed_mm, speed_mm_s):
+        self._check_feed(extruded_mm, speed_mm_s * factor)
+        if not self._approach_start(old, target, extruded_mm, speed_mm_s):
             return False
         x, y, z = target
         self._check_above_bed(z)
         self._check_clear(old, target)
-        if self._retracted_mm > MAX_SWALLOWED_MM and pushed_mm > 0 and old[:2] != target[:2]:
+        if self._retracted_mm > MAX_START_RETRACTION_MM and extruded_mm > 0 and old[:2] != target[:2]:
             self._objections.add(
                 f"would print, with the filament drawn {self._retracted_mm:.1f} mm back since line "
                 f"{self._retracted_in}: where E starts again from 0, the file needs G92 E0"
             )
-        self._writer.move((x, y, z, pushed_mm, speed_mm_s * factor))
-        fed_mm = pushed_mm - retracted_mm
+        self._writer.add_move((x, y, z, extruded_mm, speed_mm_s * factor))
+        fed_mm = extruded_mm - retracted_mm
         self._check_jump(old, target, fed_mm)
-        if pushed_mm > 0:
+        if extruded_mm > 0:
             self._gaps.feed(math.dist(old, target), fed_mm, self._objections.line)
-        if pushed_mm > 0 and old == target:
+        if extruded_mm > 0 and old == target:
             self.extent.record_prime(fed_mm)
         self.extent.record_move(target, fed_mm)
         prints = fed_mm > 0 and target != old
@@ -131,10 +131,10 @@ class Head:
     def _max_retracted_mm(self) -> float:
         return self._code.parked_mm + RETRACTED_SLACK_MM
 
-    def _check_feed(self, pushed_mm: float, speed_mm_s: float) -> None:
-        if pushed_mm > MAX_PUSHED_MM:
-            self._objections.add(f"one move pushes {pushed_mm:.0f} mm of filament: is it counted in mm3?")
-        if pushed_mm < 0:
+    def _check_feed(self, extruded_mm: float, speed_mm_s: float) -> None:
+        if extruded_mm > MAX_EXTRUDED_MM:
+            self._objections.add(f"one move pushes {extruded_mm:.0f} mm of filament: is it counted in mm3?")
+        if extruded_mm < 0:
             self._retracted_in = self._objections.line
         if self._retracted_mm > self._max_retracted_mm:  # an end script may unload it
             self._objections.add_end(
@@ -153,24 +153,24 @@ class Head:
                     "missing before it, or E starts again from 0 and the file needs G92 E0"
                 )
 
-    def _approach_start(self, old: Point, target: Point, pushed_mm: float, speed_mm_s: float) -> bool:
-        """Move from above to the place where the file first pushes filament; False before that."""
+    def _approach_start(self, old: Point, target: Point, extruded_mm: float, speed_mm_s: float) -> bool:
+        """Move from above to the place of the first extrusion; return False before that."""
         if self._at_start:
             return True
         x, y, z = old
         ready_mm = self._code.ready_mm
-        if pushed_mm <= 0 or math.isnan(x + y + z):
+        if extruded_mm <= 0 or math.isnan(x + y + z):
             moves = any(
                 a != b and not (math.isnan(a) and math.isnan(b)) for a, b in zip(old, target, strict=True)
             )
-            if pushed_mm > 0 and moves:
+            if extruded_mm > 0 and moves:
                 self._objections.add("extrudes before the file has set X, Y and Z")
-            elif pushed_mm:
-                self._writer.move((*ready_mm, pushed_mm, speed_mm_s))
+            elif extruded_mm:
+                self._writer.add_move((*ready_mm, extruded_mm, speed_mm_s))
             return False
         self._check_above_bed(z)
-        self._writer.move((x, y, ready_mm[2], 0.0, TRAVEL_MM_S))
-        self._writer.move((x, y, z, 0.0, LOWER_MM_S))
+        self._writer.add_move((x, y, ready_mm[2], 0.0, TRAVEL_MM_S))
+        self._writer.add_move((x, y, z, 0.0, LOWER_MM_S))
         self._at_start = True
         return True
 
@@ -182,7 +182,7 @@ class Head:
         """Object to a move through printed lines."""
         if min(old[2], target[2]) >= self.extent.high[2]:
             return
-        obstacle_mm = self._clearance.obstacle_mm(old, target)
+        obstacle_mm = self._clearance.find_obstacle_mm(old, target)
         if obstacle_mm is not None:
             self._objections.add(
                 f"moves at Z {min(old[2], target[2]):g} into what is printed up to Z {obstacle_mm:.3g}, with "
@@ -200,7 +200,7 @@ class Head:
                 "print all objects at once (Cura: Print Sequence; PrusaSlicer: Complete individual objects)"
             )
         if not self._marks_layers and self.extent.is_higher(old, target):
-            self._writer.layer(target[2])
+            self._writer.begin_layer(target[2])
         self.extent.record_line(old, target)
         self._clearance.add(old, target)
         self._objections.record_printed_line()

@@ -29,10 +29,10 @@ MAX_ARC_MM = 700.0
 ARC_TOLERANCE_MM = 0.2
 """Difference of an arc's radius between its start and its end."""
 LONGEST_CHORD_MM = 1.0
-"""Greatest length of the straight moves of an arc: the firmware's ``MM_PER_ARC_SEGMENT``."""
+"""Maximum length of the straight moves of an arc: the firmware's ``MM_PER_ARC_SEGMENT``."""
 CHORD_DEVIATION_MM = 0.01
 _FIRST_MM_S = 25.0  # of the firmware, before the first F
-_NO_FAN = b"M107"
+_FAN_OFF = b"M107"
 _FEATURE = re.compile(rb"TYPE:[A-Z-]{1,20}\Z")  # Cura's comments on what it prints
 
 
@@ -82,7 +82,7 @@ class Interpreter:
         self._speed_factor = self._flow_factor = 1.0
         self._retracted = False  # by G10
         self._total_dwell_s = self._waiting_s = 0.0  # in total, and since the last printed line
-        self._fan: bytes = _NO_FAN
+        self._fan: bytes = _FAN_OFF
 
     def run_line(self, raw: bytes, number: int) -> None:
         """Run one line.
@@ -107,12 +107,12 @@ class Interpreter:
         if number == self._survey.first_line:
             self._begin()
         if self._printing and is_layer(comment):
-            self._writer.layer()
+            self._writer.begin_layer()
             if (layer := read_layer_number(comment)) is not None:
                 self.gaps.begin_layer(layer)
         elif self._printing and _FEATURE.match(comment):
-            self._writer.line(b";" + comment)
-        if not code or command_rules.is_needless(code, rest):
+            self._writer.add_line(b";" + comment)
+        if not code or command_rules.has_no_effect(code, rest):
             return
         if (reason := command_rules.find_refusal(code)) is not None:
             raise GcodeRefused(f"line {number}: {code} {reason}")
@@ -152,10 +152,10 @@ class Interpreter:
                 "add it to your slicer's start script"
             )
         self.head.begin(self._printer.retraction_mm_s)
-        if self._fan != _NO_FAN:
-            self._writer.line(self._fan)
+        if self._fan != _FAN_OFF:
+            self._writer.add_line(self._fan)
         if not self._survey.marks_layers:
-            self._writer.layer()
+            self._writer.begin_layer()
 
     def _run_command(self, code: str, words: Words) -> None:
         match code:
@@ -178,26 +178,26 @@ class Interpreter:
             case "M106" | "M107":
                 self._set_fan(code, words)
             case "M220":
-                self._speed_factor = self._factor(code, words, 0.1, 5.0)
+                self._speed_factor = self._parse_factor(code, words, 0.1, 5.0)
             case "M221":
-                self._flow_factor = self._factor(code, words, 0.1, 3.0)
+                self._flow_factor = self._parse_factor(code, words, 0.1, 3.0)
 
     def _move(self, words: Words) -> None:
         self._set_speed(words)
-        self._move_to(self._target(words), self._pushed_mm(words))
+        self._move_to(self._target(words), self._find_extruded_mm(words))
 
-    def _move_to(self, target: list[float], pushed_mm: float, speed_mm_s: float | None = None) -> None:
-        if self.head.move(target, pushed_mm, speed_mm_s or self._speed_mm_s, self._speed_factor):
+    def _move_to(self, target: list[float], extruded_mm: float, speed_mm_s: float | None = None) -> None:
+        if self.head.move(target, extruded_mm, speed_mm_s or self._speed_mm_s, self._speed_factor):
             self._waiting_s = 0.0
 
     def _target(self, words: Words) -> list[float]:
         return [
             current if (value := words.get(axis)) is None else value + (current if self._relative else 0.0)
-            for axis, current in zip("XYZ", self.head.at, strict=True)
+            for axis, current in zip("XYZ", self.head.position, strict=True)
         ]
 
-    def _pushed_mm(self, words: Words) -> float:
-        """Compute the filament that a move feeds, in mm; in G91 E is relative too, in this firmware."""
+    def _find_extruded_mm(self, words: Words) -> float:
+        """Compute the filament that a move extrudes, in mm; in G91 E is relative too, in this firmware."""
         e = words.get("E")
         if e is None:
             return 0.0
@@ -207,21 +207,21 @@ class Interpreter:
 
     def _arc(self, clockwise: bool, words: Words) -> None:
         self._set_speed(words)
-        x, y, z = self.head.at
+        x, y, z = self.head.position
         i, j = words.get("I", 0.0), words.get("J", 0.0)
         if "R" in words or not (i or j):
             self._objections.refuse("an arc needs I and J: switch arc fitting off in your slicer")
         end = self._target(words)
-        pushed_mm, done_share = self._pushed_mm(words), 0.0
+        extruded_mm, done_share = self._find_extruded_mm(words), 0.0
         if math.isnan(x + y + end[0] + end[1]):
-            self.head.at = end
+            self.head.position = end
             self._objections.add("an arc starts at an unknown place: the file has not set X and Y before")
             return
         arc = Arc((x, y), (end[0], end[1]), (x + i, y + j), clockwise)
         if arc.length_mm > MAX_ARC_MM or abs(arc.end_radius_mm - arc.radius_mm) > ARC_TOLERANCE_MM:
             self._objections.refuse("no printer can make this arc: is the file damaged?")
         for (to_x, to_y), share in arc.points():
-            self._move_to([to_x, to_y, z + (end[2] - z) * share], pushed_mm * (share - done_share))
+            self._move_to([to_x, to_y, z + (end[2] - z) * share], extruded_mm * (share - done_share))
             done_share = share
 
     def _dwell(self, words: Words) -> None:
@@ -236,7 +236,7 @@ class Interpreter:
                     f"G4 waits {self._total_dwell_s:g} s in all so far: at most {MAX_PAUSES_S:g}"
                 )
             else:
-                self._writer.dwell(seconds)
+                self._writer.add_dwell(seconds)
 
     def _retract(self, code: str, words: Words) -> None:
         if words.keys() - {"S"}:
@@ -244,8 +244,8 @@ class Interpreter:
         elif self._retracted != (code == "G10"):
             self._retracted = not self._retracted
             length_mm = self._printer.retraction_mm
-            pushed_mm = -length_mm if self._retracted else length_mm
-            self._move_to(self.head.at, pushed_mm, self._printer.retraction_mm_s)
+            extruded_mm = -length_mm if self._retracted else length_mm
+            self._move_to(self.head.position, extruded_mm, self._printer.retraction_mm_s)
 
     def _reset_e(self, words: Words) -> None:
         if words.keys() == {"E"}:
@@ -281,21 +281,21 @@ class Interpreter:
         elif not nozzle and target_c == 0 and self.bed_c:
             self._objections.add_end(f"{code} switches the bed off and the print goes on", ends_print=True)
         else:
-            self._writer.line(b"%b S%d" % (code.encode(), target_c))
+            self._writer.add_line(b"%b S%d" % (code.encode(), target_c))
 
     def _set_fan(self, code: str, words: Words) -> None:
         if words.get("P"):
             return  # a fan that this printer does not have
         power = words.get("S", 255.0)
         power = 0.0 if code == "M107" else min(255.0, max(0.0, power))
-        self._fan = b"M106 S%d" % round(power) if power else _NO_FAN
+        self._fan = b"M106 S%d" % round(power) if power else _FAN_OFF
         if self._printing:
-            self._writer.line(self._fan)
+            self._writer.add_line(self._fan)
 
-    def _factor(self, code: str, words: Words, least: float, most: float) -> float:
+    def _parse_factor(self, code: str, words: Words, minimum: float, maximum: float) -> float:
         factor = words.get("S", 0.0) / 100
-        if not least <= factor <= most:
-            self._objections.refuse(f"{code} needs S{100 * least:g} to S{100 * most:g}")
+        if not minimum <= factor <= maximum:
+            self._objections.refuse(f"{code} needs S{100 * minimum:g} to S{100 * maximum:g}")
         return factor
 
     def _set_speed(self, words: Words) -> None:

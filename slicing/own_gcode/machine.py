@@ -14,7 +14,7 @@ _NAMES = ("target_machine.name", "printer_model", "printer_name", "machine_name"
 """Facts that name the machine: of Cura, of PrusaSlicer and its forks, of KISSlicer; the last one, used where
 no model is named, is the name of a person's settings."""
 _NO_NAME = ("", '""', "unknown", "default", "- default fff printer -")
-_USUAL = (0.5, 1.7)
+_USUAL_RATIO = (0.5, 1.7)
 """Ratio of the lines' section to that of a line as wide as the nozzle: 0.75 to 1.4 in slices of CuraEngine
 4.13, and thus 2.0 and more in slices for filament of 1.75 mm."""
 
@@ -46,19 +46,20 @@ class Machine:
         Material, like PLA; None if the file does not say.
     bed_corner
         First corner of its bed, as written; None if the file does not say.
-    start
-        Line and command in its start that the farm's printers do not have; None if there is none.
+    foreign_start
+        Line number and code of a command in its start that the farm's printers do not have; None if there is
+        none.
     """
 
     name: str | None
     filament_mm: float | None
     filament_type: str | None
     bed_corner: str | None
-    start: tuple[int, str] | None
+    foreign_start: tuple[int, str] | None
 
 
 def find_machine(
-    facts: Mapping[str, bytes], filament_mm: float | None, start: tuple[int, str] | None
+    facts: Mapping[str, bytes], filament_mm: float | None, foreign_start: tuple[int, str] | None
 ) -> Machine:
     """Read the machine from a file's facts: key in lower case -> value as written."""
     names = (_text(facts, key) for key in _NAMES)
@@ -68,14 +69,14 @@ def find_machine(
         filament_mm=filament_mm,
         filament_type=_text(facts, "filament_type") or _text(facts, "filament type #1"),
         bed_corner=_text(facts, "bed_shape") or _text(facts, "printable_area"),
-        start=start,
+        foreign_start=foreign_start,
     )
 
 
 def check_machine(
     machine: Machine, nozzle_mm: float | None, section_ratio: float, target: PrintTarget
 ) -> tuple[str, ...]:
-    """Refuse a file for another machine, by all but its size; return warnings where it fits.
+    """Refuse a file that was sliced for another machine; return warnings. Its size is checked elsewhere.
 
     Parameters
     ----------
@@ -94,7 +95,7 @@ def check_machine(
     name, reason, title = machine.name, None, target.printer.title
     if name is not None and re.search(target.printer.slicer_names, name.lower()):
         name = None
-    is_usual = _USUAL[0] < section_ratio < _USUAL[1]
+    is_usual = _USUAL_RATIO[0] < section_ratio < _USUAL_RATIO[1]
     if name is None and (is_usual or nozzle_mm is not None):
         return ()
     if name is None:
@@ -102,8 +103,8 @@ def check_machine(
             f"Warning: its lines have {section_ratio:.1f} times the section of a line as wide as the nozzle: "
             "was it sliced for another nozzle?",
         )
-    if machine.start is not None:
-        number, code = machine.start
+    if machine.foreign_start is not None:
+        number, code = machine.foreign_start
         reason = f"line {number}: {code} {FOREIGN_START[code]}"
     elif machine.bed_corner not in (None, "0x0"):
         reason = f"its bed begins at {quote_text(machine.bed_corner or '')}"

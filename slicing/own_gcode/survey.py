@@ -88,12 +88,12 @@ def survey_lines(lines: Iterable[bytes], filament_mm: float) -> Survey:
     for number, raw in enumerate(lines, 1):
         scan.read(raw, number)
     ulticode = _is_ulticode(scan.facts, filament_mm)
-    if not scan.layer and (ulticode or not (scan.waits and scan.homed)):
+    if not scan.layer_line and (ulticode or not (scan.wait_line and scan.home_line)):
         raise GcodeRefused(
             "the start of its print cannot be found: let your slicer write ;LAYER:0 where a layer begins "
             "(as layer change G-code), or have a start script that homes (G28) and heats the nozzle (M109)"
         )
-    missing = scan.completeness.missing(scan.last, scan.number, scan.prints)
+    missing = scan.completeness.find_reason(scan.last, scan.number, scan.print_line)
     if missing is not None:
         raise GcodeRefused(
             f"line {scan.number}: the file ends here, but not its print: {missing}; {INCOMPLETE}"
@@ -101,9 +101,9 @@ def survey_lines(lines: Iterable[bytes], filament_mm: float) -> Survey:
     return Survey(
         ulticode=ulticode,
         nozzle_mm=_number(scan.facts, "nozzle_diameter", "extruderdiameter", "nozzle diameter #1"),
-        first_line=scan.layer or scan.ready + 1,
-        marks_layers=bool(scan.layer),
-        closed=bool(scan.completeness.closed(scan.prints)),
+        first_line=scan.layer_line or scan.ready_line + 1,
+        marks_layers=bool(scan.layer_line),
+        closed=bool(scan.completeness.closed(scan.print_line)),
         warning=scan.completeness.warning(),
         figures=scan.completeness.figures,
         machine=find_machine(scan.facts, _number(scan.facts, *_FILAMENT), scan.start),
@@ -111,28 +111,30 @@ def survey_lines(lines: Iterable[bytes], filament_mm: float) -> Survey:
 
 
 class _Scan:
-    """Facts of a file, gathered line by line; line numbers are 0 where there is no such line.
+    """Facts of a file, gathered line by line; line numbers are 0 if there is no such line.
 
-    Attributes
-    ----------
-    facts
-        Facts in comments: name in lower case -> value as written.
-    layer
-        First line that marks a layer.
-    waits, homed, ready
-        Last line before the print that waits for the nozzle, that homes, and that does one of these or waits
-        for the bed.
-    prints
-        Last line that extrudes while the head moves.
-    number, last
-        Number of the last line, and the line itself.
-    start
-        First line and command that only another machine has; None if there is none.
+        Attributes
+        ----------
+        facts
+            Facts in comments: name in lower case -> value as written.
+    layer_line
+            First line that marks a layer.
+    wait_line, home_line, ready_line
+            Last line before the print that waits for the nozzle, that homes, and that does one of these or
+            waits for the bed.
+    print_line
+            Last line that extrudes while the head moves.
+        number, last
+            Number of the last line, and the line itself.
+        start
+            First line and command that only another machine has; None if there is none.
     """
 
     def __init__(self) -> None:
         self.facts: dict[str, bytes] = {}
-        self.layer = self.waits = self.homed = self.ready = self.prints = self.number = 0
+        self.layer_line = self.wait_line = self.home_line = self.ready_line = self.print_line = (
+            self.number
+        ) = 0
         self.last = b"\n"
         self.completeness = Completeness()
         self.start: tuple[int, str] | None = None
@@ -142,27 +144,27 @@ class _Scan:
         self.number, self.last = number, raw
         if (move := parse_plain_move(raw)) is not None:
             if "E" in move and ("X" in move or "Y" in move):
-                self.prints = number
+                self.print_line = number
             return
         code, rest, comment = split_line(raw, number)
         if comment:
             self._read_comment(comment)
-        if not code or command_rules.is_needless(code, rest):
+        if not code or command_rules.has_no_effect(code, rest):
             return
         if (reason := command_rules.find_refusal(code)) is not None:
             raise GcodeRefused(f"line {number}: {code} {reason}")
         if code in ("G0", "G1", "G2", "G3"):
             if "E" in rest and ("X" in rest or "Y" in rest):
-                self.prints = number
+                self.print_line = number
         elif code == "M221" and rest.split()[:1] != ["S100"]:
             self.completeness.change_flow()
-        elif not self.prints:
+        elif not self.print_line:
             self._read_start(code)
 
     def _read_comment(self, comment: bytes) -> None:
         self.completeness.read(comment, self.number)
         if is_layer(comment):
-            self.layer = self.layer or self.number
+            self.layer_line = self.layer_line or self.number
             self.completeness.count_layer()
         elif (fact := _FACT.match(comment)) is not None:
             self.facts[fact[1].decode().lower()] = fact[2].strip()
@@ -172,11 +174,11 @@ class _Scan:
         if self.start is None and code in FOREIGN_START:
             self.start = (self.number, code)
         if code == "M109":
-            self.waits = self.number
+            self.wait_line = self.number
         if code == "G28":
-            self.homed = self.number
+            self.home_line = self.number
         if code in ("M109", "M190", "G28"):
-            self.ready = self.number
+            self.ready_line = self.number
 
 
 def _is_ulticode(facts: dict[str, bytes], filament_mm: float) -> bool:

@@ -38,19 +38,19 @@ class Writer:
         self._written = ["", "", "", "", "0.00000"]  # F, X, Y, Z, E as last written
         self._marked_s = 0.0
 
-    def move(self, step: Step) -> None:
+    def add_move(self, step: Step) -> None:
         """Record a move."""
         self._tail.append(step)
 
-    def line(self, line: bytes) -> None:
+    def add_line(self, line: bytes) -> None:
         """Record a line that is written as it is, without its newline."""
         self._tail.append(line)
 
-    def dwell(self, seconds: float) -> None:
+    def add_dwell(self, seconds: float) -> None:
         """Record a pause."""
         self._tail.append(seconds)
 
-    def layer(self, z_mm: float | None = None) -> None:
+    def begin_layer(self, z_mm: float | None = None) -> None:
         """Begin a layer: now, or with the first move to this height since the last `commit`."""
         at = (i for i, item in enumerate(self._tail) if isinstance(item, tuple) and item[2] == z_mm)
         self._tail.insert(next(at, len(self._tail)), None)
@@ -61,7 +61,7 @@ class Writer:
             if isinstance(item, tuple):
                 self._write(item)
             elif item is None:
-                self._begin_layer()
+                self._write_layer()
             elif isinstance(item, bytes):
                 self.text += item + b"\n"
             else:
@@ -76,7 +76,7 @@ class Writer:
         self.text += b";TIME_ELAPSED:%.3f\n" % seconds
         return seconds
 
-    def _begin_layer(self) -> None:
+    def _write_layer(self) -> None:
         if self.layers:
             self._mark(self._stopwatch.seconds())
         self.text += b";LAYER:%d\n" % self.layers

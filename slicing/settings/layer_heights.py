@@ -1,8 +1,8 @@
 """Layer heights that give a printed part its exact height.
 
 CuraEngine keeps layer heights in whole micrometres and prints the layers whose middle lies in the part
-(measured with 4.13), so that a part ends up to half a layer too high or too low. Heights near the wanted
-ones, one for the first layer and one for all others, end where the part does.
+(measured with 4.13), so that a part ends up to half a layer too high or too low. With heights near the
+requested ones, one for the first layer and one for all others, the print ends at the part's height.
 """
 
 from __future__ import annotations
@@ -12,10 +12,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 EXACT_MM = 0.02
-"""Greatest error of the printed height, guaranteed for parts of `CERTAIN_LAYERS` layers or more."""
+"""Maximum error of the printed height, guaranteed for parts of `CERTAIN_LAYERS` layers or more."""
 CERTAIN_LAYERS = 6
-_SPREAD = 0.04  # of the layer height
-SPREADS_0 = (0.0, _SPREAD, 0.25)
+_MAX_CHANGE = 0.04  # of the layer height
+FIRST_LAYER_CHANGES = (0.0, _MAX_CHANGE, 0.25)
 """Shares by which the first layer may differ: a larger one only where a height is not reached with a smaller
 one. It evens out the bed anyway, and without it some heights cannot be reached in whole micrometres."""
 _WEIGHT_0 = 0.1  # weight of the first layer's change: it is one layer of many
@@ -45,7 +45,7 @@ def printed_height_mm(height_mm: float, heights: LayerHeights) -> float:
     float
         Height in mm; 0 if no layer is printed.
     """
-    first, other = _um(heights.first_mm), _um(heights.other_mm)
+    first, other = _round_um(heights.first_mm), _round_um(heights.other_mm)
     height = 1000 * height_mm
     if height <= first / 2:
         return 0.0
@@ -54,7 +54,7 @@ def printed_height_mm(height_mm: float, heights: LayerHeights) -> float:
 
 
 def fit_heights(height_mm: float, nominal: LayerHeights, *, max_first_mm: float) -> LayerHeights:
-    """Find the layer heights nearest to the wanted ones with which a part is printed to its height.
+    """Find the layer heights, nearest to the requested ones, that give a part its exact height.
 
     Parameters
     ----------
@@ -62,13 +62,13 @@ def fit_heights(height_mm: float, nominal: LayerHeights, *, max_first_mm: float)
         Height of the part.
     nominal
         Heights of the quality. Layers differ from them by 4 % at most, the first one by the least of
-        `SPREADS_0` that is enough.
+        `FIRST_LAYER_CHANGES` that is enough.
     max_first_mm
-        Greatest height of the first layer; 0 to leave it as it is.
+        Maximum height of the first layer; 0 to leave it as it is.
     """
-    first, other = _um(nominal.first_mm), _um(nominal.other_mm)
+    first, other = _round_um(nominal.first_mm), _round_um(nominal.other_mm)
     height, tolerance = 1000 * height_mm, 1000 * EXACT_MM - _SLACK_UM
-    step = _floor(other * _SPREAD)
+    step = _floor(other * _MAX_CHANGE)
 
     def candidates(low: int, high: int) -> Iterator[tuple[float, float, int, int]]:
         """Yield candidates: error (um), change of both heights, and both heights."""
@@ -82,16 +82,16 @@ def fit_heights(height_mm: float, nominal: LayerHeights, *, max_first_mm: float)
                 change = abs(layer - other) / other + _WEIGHT_0 * abs(first_um - first) / first
                 yield error_um, change, first_um, layer
 
-    for spread in SPREADS_0 if max_first_mm > 0 else SPREADS_0[:1]:
+    for spread in FIRST_LAYER_CHANGES if max_first_mm > 0 else FIRST_LAYER_CHANGES[:1]:
         low = math.ceil(first * (1 - spread))
-        high = max(low, min(_floor(first * (1 + spread)), _um(max_first_mm)))
+        high = max(low, min(_floor(first * (1 + spread)), _round_um(max_first_mm)))
         missed, _, first_um, layer = min(candidates(low, high))
         if missed == 0:
             break
     return LayerHeights(first_um / 1000, layer / 1000)
 
 
-def _um(mm: float) -> int:
+def _round_um(mm: float) -> int:
     """Round to whole micrometres as CuraEngine does: half a micrometre up."""
     return _floor(1000 * mm + 0.5)
 

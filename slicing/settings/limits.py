@@ -136,16 +136,18 @@ def _check_value(resolver: Resolver, printer: PrinterModel, scope: Scope, key: s
         return
     if isinstance(value, bool | str) or not isinstance(value, int | float):
         return
-    farm_bounds, cura_bounds = _farm_bounds(resolver, printer, key), resolver.bounds(scope, key)
-    for (least, greatest), is_farm_limit in ((farm_bounds, True), (cura_bounds, False)):
-        low, high = (-inf if least is None else least), (inf if greatest is None else greatest)
+    farm_bounds, cura_bounds = _find_farm_bounds(resolver, printer, key), resolver.bounds(scope, key)
+    for (minimum, maximum), is_farm_limit in ((farm_bounds, True), (cura_bounds, False)):
+        low, high = (-inf if minimum is None else minimum), (inf if maximum is None else maximum)
         if not low <= value <= high:
             ends = (("at least", low), ("at most", high))
             allowed = ", ".join(f"{word} {_format_number(end)}" for word, end in ends if isfinite(end))
             yield Violation(scope, key, value, allowed, is_farm_limit)
 
 
-def _farm_bounds(resolver: Resolver, printer: PrinterModel, key: str) -> tuple[float | None, float | None]:
+def _find_farm_bounds(
+    resolver: Resolver, printer: PrinterModel, key: str
+) -> tuple[float | None, float | None]:
     nozzle_mm = float(resolver.value(Scope.EXTRUDER, "machine_nozzle_size"))
     match key:
         case "layer_height" | "layer_height_0":
@@ -159,7 +161,7 @@ def _farm_bounds(resolver: Resolver, printer: PrinterModel, key: str) -> tuple[f
         case _ if "line_width" in key and not key.endswith("_factor"):
             return None, _LINE_SHARE * nozzle_mm
         case "infill_overlap_mm" | "skin_overlap_mm" | "magic_fuzzy_skin_thickness":
-            return None, _LINE_SHARE * nozzle_mm  # more of it lies outside the part
+            return None, _LINE_SHARE * nozzle_mm  # more would lie outside the part
         case _ if key.endswith("_line_distance") and resolver.value(Scope.EXTRUDER, key) > 0:
             return nozzle_mm / 2, None  # lines on top of each other
         case _ if "material_flow" in key or key == "ironing_flow":

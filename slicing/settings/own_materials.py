@@ -1,4 +1,4 @@
-"""A person's own material files, in Cura's format: read with the care that files of others need."""
+"""A person's own material files, in Cura's format: checked as untrusted input."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from slicing.settings.limits import find_reserved_reason
 from slicing.settings.material import CURA_SETTING, SPACE, material_kind
 
 SUFFIX = ".xml.fdm_material"
-LARGEST_BYTES = 256 * 1024  # Cura's own have up to 40 KiB
+MAX_BYTES = 256 * 1024  # Cura's own have up to 40 KiB
 MAX_FILES = 500
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._+-]{0,60}")
 _KIND = re.compile(r"[A-Za-z0-9][A-Za-z0-9 ._+-]{0,30}")
@@ -71,7 +71,7 @@ def read_own_material(path: Path) -> ET.Element:
     Raises
     ------
     BadSetting
-        If it is no material file of Cura's format, or sets what a material must not set.
+        If it is not a material file of Cura's format, or sets what a material must not set.
     """
     try:
         root = _parse(path)
@@ -87,11 +87,11 @@ def _parse(path: Path) -> ET.Element:
         if not path.is_file():
             raise BadSetting("is no file")
         with path.open("rb") as file:
-            data = file.read(LARGEST_BYTES + 1)
+            data = file.read(MAX_BYTES + 1)
     except OSError as error:
         raise BadSetting(f"cannot be read ({error.strerror})") from error
-    if len(data) > LARGEST_BYTES:
-        raise BadSetting(f"is larger than {LARGEST_BYTES // 1024} KiB: no material file")
+    if len(data) > MAX_BYTES:
+        raise BadSetting(f"is larger than {MAX_BYTES // 1024} KiB: no material file")
     try:
         root = ET.fromstring(data, ET.XMLParser(target=_NoDocumentType()))
     except (ET.ParseError, ValueError, LookupError) as error:  # LookupError: an unknown encoding
@@ -104,12 +104,12 @@ def _parse(path: Path) -> ET.Element:
 def _check_properties(root: ET.Element) -> None:
     if not _KIND.fullmatch(material_kind(root)):
         raise BadSetting("needs its kind, like PETG, in metadata/name/material")
-    for name, (least, greatest) in (("density", _DENSITY_G_CM3), ("diameter", _DIAMETER_MM)):
+    for name, (minimum, maximum) in (("density", _DENSITY_G_CM3), ("diameter", _DIAMETER_MM)):
         text = root.findtext(f"m:properties/m:{name}", default="", namespaces=SPACE)
         number = _parse_number(text)
-        if number is None or not least <= number <= greatest:
+        if number is None or not minimum <= number <= maximum:
             raise BadSetting(
-                f"properties/{name} must be a number from {least:g} to {greatest:g}, not {text!r}"
+                f"properties/{name} must be a number from {minimum:g} to {maximum:g}, not {text!r}"
             )
 
 

@@ -138,12 +138,12 @@ def _resolve(
     resources: Resources, lookup: _RequestKey, part: PartSettings, heights: LayerHeights | None
 ) -> EngineSettings:
     stacks = find_stacks(resources, lookup.printer.name, lookup.nozzle_mm, lookup.material, lookup.quality)
-    resolver = _resolver(stacks, lookup, part, heights)
+    resolver = _build_resolver(stacks, lookup, part, heights)
     user_keys = [key for key, _ in lookup.overrides]
     try:
         for violation in find_violations(resolver, lookup.printer, chosen=user_keys):
             if violation.is_farm_limit or not _is_cura_value(violation, resources, lookup):
-                raise BadSetting(_refusal(violation, lookup))
+                raise BadSetting(_describe_refusal(violation, lookup))
     except DefinitionError as error:
         if not user_keys:
             raise
@@ -161,12 +161,12 @@ def _is_cura_value(violation: Violation, resources: Resources, lookup: _RequestK
     if lookup.material in resources.own_material_names() and violation.key in stacks.material.values:
         return False
     return bool(
-        _resolver(stacks, default_lookup, ANY_PART, None).value(violation.scope, violation.key)
+        _build_resolver(stacks, default_lookup, ANY_PART, None).value(violation.scope, violation.key)
         == violation.value
     )
 
 
-def _refusal(violation: Violation, lookup: _RequestKey) -> str:
+def _describe_refusal(violation: Violation, lookup: _RequestKey) -> str:
     value = f"{violation.value:.6g}" if isinstance(violation.value, float) else violation.value
     keys = [key for key, _ in lookup.overrides]
     cause = "" if violation.key in keys else f" follows from {', '.join(keys)} and"
@@ -179,7 +179,7 @@ def _refusal(violation: Violation, lookup: _RequestKey) -> str:
     )
 
 
-def _resolver(
+def _build_resolver(
     stacks: Stacks, lookup: _RequestKey, part: PartSettings, heights: LayerHeights | None
 ) -> Resolver:
     """Put a user's layer on the stacks: overrides, values for streaming, those of the part and the
@@ -188,7 +188,7 @@ def _resolver(
     quality = FARM_QUALITIES.get(lookup.quality)
     if quality is not None:
         user |= quality.changes
-    user |= {**_part_layer(part, heights), **_FIXED, "machine_gcode_flavor": lookup.printer.code.flavor}
+    user |= {**_build_part_layer(part, heights), **_FIXED, "machine_gcode_flavor": lookup.printer.code.flavor}
     layers = {scope: {Place.USER: user, **profiles} for scope, profiles in stacks.layers.items()}
     resolver = Resolver(stacks.machine.settings, stacks.machine.extruder, layers)
     for key, raw in lookup.overrides:
@@ -200,7 +200,7 @@ def _resolver(
     return resolver
 
 
-def _part_layer(part: PartSettings, heights: LayerHeights | None) -> Layer:
+def _build_part_layer(part: PartSettings, heights: LayerHeights | None) -> Layer:
     layer: dict[str, Any] = {}
     if heights is not None:
         layer |= {"layer_height": heights.other_mm, "layer_height_0": heights.first_mm}

@@ -79,7 +79,7 @@ class Resolver:
         }
 
     def setting(self, key: str) -> Setting:
-        """Find a key's definition. Raises BadSetting with the nearest keys where there is none."""
+        """Find a key's definition. Raises BadSetting with the nearest keys if there is none."""
         machine, extruder = self._definitions[Scope.GLOBAL], self._definitions[Scope.EXTRUDER]
         setting = machine.get(key) or extruder.get(key)
         if setting is None:
@@ -127,7 +127,7 @@ class Resolver:
         return self._own_value(Scope.GLOBAL, key)
 
     def bounds(self, scope: Scope, key: str) -> tuple[float | None, float | None]:
-        """Compute the least and the greatest value of a key by its definition; None for no limit."""
+        """Compute the minimum and the maximum of a key by its definition; None for no limit."""
         setting = self.setting(key)
         return self._bound(scope, key, setting.minimum), self._bound(scope, key, setting.maximum)
 

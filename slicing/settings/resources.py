@@ -106,23 +106,23 @@ class Resources:
 
     def machine(self, model: str) -> Machine:
         """Read a printer model by Cura's definition id. Raises BadSetting if there is none."""
-        return _machine(self.root, model)
+        return _read_machine(self.root, model)
 
     def profiles(self, kind: str, definition: str) -> tuple[Profile, ...]:
         """Read the profiles of a kind (``quality``, ``variants``) that a definition has, by file name."""
-        return _profiles(self.root, kind, definition)
+        return _read_profiles(self.root, kind, definition)
 
     def material(self, name: str) -> ET.Element:
         """Read a material's XML. Raises BadSetting if there is none, or an own one is not usable."""
-        return _material(self.root, self.own_materials, name)
+        return _read_material(self.root, self.own_materials, name)
 
     def own_material_names(self) -> tuple[str, ...]:
         """List the names of a person's own materials. Raises BadSetting if their folder is not usable."""
-        return tuple(_own_materials(self.root, self.own_materials))
+        return tuple(_list_own_materials(self.root, self.own_materials))
 
     def material_names(self) -> tuple[str, ...]:
         """List the names of all materials, own ones first."""
-        return (*self.own_material_names(), *_cura_materials(self.root))
+        return (*self.own_material_names(), *_list_cura_materials(self.root))
 
     def material_kind(self, name: str) -> str | None:
         """Read the kind of a material, like PLA; None if there is no such material."""
@@ -142,7 +142,7 @@ def _read_json(path: Path) -> dict[str, Any]:
     return parsed
 
 
-def _chain(root: Path, folders: tuple[str, ...], name: str) -> list[dict[str, Any]]:
+def _read_chain(root: Path, folders: tuple[str, ...], name: str) -> list[dict[str, Any]]:
     """Read the definition files from the root of the inheritance down to `name`."""
     chain: list[dict[str, Any]] = []
     current: str | None = name
@@ -156,17 +156,17 @@ def _chain(root: Path, folders: tuple[str, ...], name: str) -> list[dict[str, An
 
 
 @lru_cache(maxsize=16)
-def _machine(root: Path, model: str) -> Machine:
+def _read_machine(root: Path, model: str) -> Machine:
     folder = root / "definitions"
     names = {path.name.removesuffix(".def.json") for path in folder.glob("*.def.json")}
     if model not in names:
         raise BadSetting(f"{model}: Cura has no such printer model{suggest_names(model, names)}")
-    chain = _chain(root, ("definitions",), model)
+    chain = _read_chain(root, ("definitions",), model)
     metadata: dict[str, Any] = {}
     for file in chain:
         metadata |= file.get("metadata", {})
     extruder = merge_definitions(
-        _chain(root, ("extruders", "definitions"), metadata["machine_extruder_trains"]["0"])
+        _read_chain(root, ("extruders", "definitions"), metadata["machine_extruder_trains"]["0"])
     )
     own_qualities = bool(metadata.get("has_machine_quality", False))
     return Machine(
@@ -184,7 +184,7 @@ def _machine(root: Path, model: str) -> Machine:
 
 
 @lru_cache(maxsize=32)
-def _profiles(root: Path, kind: str, definition: str) -> tuple[Profile, ...]:
+def _read_profiles(root: Path, kind: str, definition: str) -> tuple[Profile, ...]:
     # Qualities have a folder for each machine, or maker and machine; variants share one.
     folder, pattern = root / kind, f"{definition}_*.inst.cfg"
     for path in (folder / definition, folder / definition.replace("_", "/", 1)):
@@ -207,23 +207,23 @@ def _profiles(root: Path, kind: str, definition: str) -> tuple[Profile, ...]:
 
 
 @lru_cache(maxsize=4)
-def _cura_materials(root: Path) -> Mapping[str, Path]:
+def _list_cura_materials(root: Path) -> Mapping[str, Path]:
     paths = sorted((root / "materials").glob(f"*{SUFFIX}"))
     return {path.name.removesuffix(SUFFIX): path for path in paths}
 
 
 @lru_cache(maxsize=4)
-def _own_materials(root: Path, folder: Path | None) -> Mapping[str, Path]:
+def _list_own_materials(root: Path, folder: Path | None) -> Mapping[str, Path]:
     materials = {} if folder is None else list_own_materials(folder)
     for name in materials:
-        if name in _cura_materials(root):
+        if name in _list_cura_materials(root):
             raise BadSetting(f"{materials[name]}: Cura has a material {name} of its own; rename the file")
     return materials
 
 
 @lru_cache(maxsize=1024)
-def _material(root: Path, folder: Path | None, name: str) -> ET.Element:
-    own_names, curas = _own_materials(root, folder), _cura_materials(root)
+def _read_material(root: Path, folder: Path | None, name: str) -> ET.Element:
+    own_names, curas = _list_own_materials(root, folder), _list_cura_materials(root)
     if name in own_names:
         return read_own_material(own_names[name])
     names = {*own_names, *curas}

@@ -50,9 +50,11 @@ def find_stacks(
         If the model, nozzle, material or quality does not exist or does not fit the others.
     """
     machine = resources.machine(printer_model)
-    hotend, variant = _variant(machine, nozzle_mm, resources)
-    material_profile = _material(machine, hotend, material, resources)
-    shared, quality_profile = _qualities(machine, hotend, material, material_profile.kind, quality, resources)
+    hotend, variant = _find_variant(machine, nozzle_mm, resources)
+    material_profile = _read_material(machine, hotend, material, resources)
+    shared, quality_profile = _find_qualities(
+        machine, hotend, material, material_profile.kind, quality, resources
+    )
 
     def layer(values: Mapping[str, str]) -> Layer:
         return {
@@ -87,7 +89,7 @@ def _check_values(machine: Machine, material: Material, name: str) -> None:
 
 
 def _convert_value(machine: Machine, key: str, text: str) -> object:
-    """Read a profile's value: a formula where it starts with an equals sign."""
+    """Read a profile's value: a formula if it starts with an equals sign."""
     if text.startswith("="):
         return Formula(text[1:])
     setting = machine.settings.get(key) or machine.extruder[key]
@@ -97,7 +99,7 @@ def _convert_value(machine: Machine, key: str, text: str) -> object:
         return parse_literal(text)
 
 
-def _variant(machine: Machine, nozzle_mm: float, resources: Resources) -> tuple[str, Mapping[str, str]]:
+def _find_variant(machine: Machine, nozzle_mm: float, resources: Resources) -> tuple[str, Mapping[str, str]]:
     """Find the nozzle's name and values; without profiles for nozzles, those of the definition."""
     if machine.has_variants:
         profiles = resources.profiles("variants", machine.model)
@@ -114,7 +116,7 @@ def _variant(machine: Machine, nozzle_mm: float, resources: Resources) -> tuple[
     return hotend, available[hotend]
 
 
-def _material(machine: Machine, hotend: str, name: str, resources: Resources) -> Material:
+def _read_material(machine: Machine, hotend: str, name: str, resources: Resources) -> Material:
     root = resources.material(name)
     if name in machine.excluded_materials:
         generic = next(pla for pla in _GENERIC if pla not in machine.excluded_materials)
@@ -131,7 +133,7 @@ def _material(machine: Machine, hotend: str, name: str, resources: Resources) ->
     return material
 
 
-def _qualities(
+def _find_qualities(
     machine: Machine, hotend: str, material: str, kind: str, quality: str, resources: Resources
 ) -> tuple[Profile, Profile]:
     """Find the global profile and the extruder's; a brand's material may use those of its kind."""

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import trimesh
 
-from slicing.engine import EngineLimits, engine_version, run_engine
+from slicing.engine import EngineLimits, read_engine_version, run_engine
 from slicing.settings import SettingsRequest, find_engine, find_resources, resolve_settings
 from slicing_printers import UM2_PLUS
 
@@ -42,7 +42,7 @@ def main():
         path.write_bytes(stl)
         result = run_engine(engine, path, settings.global_, settings.extruder, EngineLimits(30, 60.0))
     record = {
-        "version": engine_version(engine),
+        "version": read_engine_version(engine),
         "settings": dataclasses.asdict(settings),
         "stl": base64.b64encode(stl).decode(),
         "gcode": result.gcode.decode(),

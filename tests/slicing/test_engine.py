@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from slicing import engine as engine_module
-from slicing.engine import MEMORY_BYTES, EngineLimits, check_versions, engine_version, run_engine
+from slicing.engine import MEMORY_BYTES, EngineLimits, check_versions, read_engine_version, run_engine
 from slicing.errors import (
     EngineCrashed,
     EngineFailed,
@@ -193,6 +193,6 @@ def test_engine_and_files_are_of_one_generation(tmp_path, version, extruder, goo
 
 def test_program_without_a_version_is_refused(tmp_path):
     with pytest.raises(EngineMissing, match="set FARM_CURA_ENGINE"):
-        engine_version(Path("/bin/true"))
+        read_engine_version(Path("/bin/true"))
     with pytest.raises(EngineMissing, match="set FARM_CURA_ENGINE"):
-        engine_version(tmp_path / "nothing")
+        read_engine_version(tmp_path / "nothing")

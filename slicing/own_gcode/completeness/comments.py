@@ -28,7 +28,7 @@ _CLOSING: tuple[tuple[re.Pattern[bytes], re.Pattern[bytes]], ...] = tuple(
         (rb"KISSlicer\b", rb"Estimated(?:-in-GUI)? Build Time"),
     )
 )
-"""A slicer's name, and the comment that it writes behind every print: the first that fits holds.
+"""A slicer's name, and the comment that it writes behind every print: the first match counts.
 PrusaSlicer 2.5, Slic3r 1.3 and CuraEngine 4.13 and 5.0 were seen, the others are [assumed]."""
 EMPTY_SHARE = 0.2
 """CuraEngine counts layers in which nothing is printed, and leaves them out: 15 % at the tip of a spire of
@@ -59,7 +59,7 @@ class Completeness:
         self._figures = FiguresReader()
 
     def read(self, comment: bytes, number: int) -> None:
-        """Take one comment, without its semicolon, of line `number`."""
+        """Read one comment, without its semicolon, of line `number`."""
         if self._closing is None:
             self._identify(comment)
         if self._closing is not None and self._closing.match(comment):
@@ -97,8 +97,8 @@ class Completeness:
         """Check whether the closing mark comes after line `last_print`; None if the slicer has none."""
         return None if self._closing is None else self._closed_at > last_print
 
-    def missing(self, last: bytes, number: int, last_print: int) -> str | None:
-        """Give the reason why a file cannot be complete; None if no sign shows it.
+    def find_reason(self, last: bytes, number: int, last_print: int) -> str | None:
+        """Give the reason why a file cannot be complete; None if it looks complete.
 
         Parameters
         ----------
@@ -116,7 +116,7 @@ class Completeness:
             return f"{slicer!r} closes its files with a comment, and there is none"
         if (missing_layers := self._short or self._layers_missing(self._max_empty_layers())) is not None:
             return missing_layers
-        if (lost_time := self._figures.find_lost_time()) is not None:
+        if (lost_time := self._figures.describe_missing_time()) is not None:
             return lost_time
         if self._open:
             name, begin_line = next(iter(self._open.items()))
@@ -139,7 +139,7 @@ class Completeness:
         self._count, self._count_at = count, number
 
     def warning(self) -> str | None:
-        """Warn of layers that are missing in a file that is whole by its closing mark alone."""
+        """Warn of missing layers in a file whose only sign of completeness is its closing mark."""
         missing = self._layers_missing(0) if self.figures.filament is None else None
         return missing and f"Warning: {missing}: Cura leaves out empty ones; look at its preview."
 

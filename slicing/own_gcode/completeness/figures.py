@@ -47,13 +47,13 @@ class StatedFilament:
     in_mm3: bool
     line: int
 
-    def find_lost(self, filament_mm: float, filament_mm2: float, lines: int) -> str | None:
+    def describe_missing(self, filament_mm: float, filament_mm2: float, lines: int) -> str | None:
         """Give the reason why a file has too little filament; None if it has enough.
 
         Parameters
         ----------
         filament_mm
-            Filament that the file's layers feed beyond what was drawn back.
+            Filament that the file's layers extrude, without what was retracted before.
         filament_mm2
             Its cross-section.
         lines
@@ -85,7 +85,7 @@ class StatedFigures:
     low_mm: float | None = None
     high_mm: float | None = None
 
-    def find_lost_height(self, low_mm: float, high_mm: float) -> str | None:
+    def describe_missing_height(self, low_mm: float, high_mm: float) -> str | None:
         """Give the reason why the lowest or the highest layer is missing; None if neither is.
 
         Parameters
@@ -112,7 +112,7 @@ class FiguresReader:
         self._placeholders = self._flow_changed = False
 
     def read(self, comment: bytes, number: int) -> None:
-        """Take one comment, without its semicolon, of line `number`."""
+        """Read one comment, without its semicolon, of line `number`."""
         if comment == _PLACEHOLDER:
             self._placeholders = True
         elif (match := _NUMBER.match(comment)) is not None:
@@ -135,8 +135,8 @@ class FiguresReader:
         filament = None if self._flow_changed else self._filament
         return StatedFigures(filament, numbers.get(b"MINZ"), numbers.get(b"MAXZ"))
 
-    def find_lost_time(self) -> str | None:
-        """Give the reason why the last layers are missing; None if the last one ends in time."""
+    def describe_missing_time(self) -> str | None:
+        """Give the reason why the last layers are missing; None if the last one ends at the stated time."""
         time_s = self._numbers.get(b"TIME", 0.0)
         elapsed_s = self._numbers.get(b"TIME_ELAPSED", inf)
         if self._placeholders or not self._exact or elapsed_s >= time_s - _TIME_SLACK_S:

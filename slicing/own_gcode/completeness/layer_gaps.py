@@ -1,7 +1,7 @@
-"""Filament that no line of a file with absolute E takes: lines or layers before it were lost.
+"""Search for missing lines in files with absolute E: a move extrudes more filament than its line takes.
 
-If they were, the next move feeds all of their filament besides its own. A gap in the numbers of the layers
-alone shows no loss: a slicer leaves out empty layers, and counts E on as if they had never been.
+The move after missing lines extrudes their filament as well as its own. A gap in the layer numbers alone
+proves nothing: a slicer skips empty layers, and E continues as if they had never existed.
 """
 
 from __future__ import annotations
@@ -10,23 +10,25 @@ from dataclasses import dataclass
 
 from slicing.own_gcode.completeness.figures import E_UNIT_MM
 
-_MIN_MM = 3e-4
-"""Least filament that shows a loss in the first line after a gap. Measured at 18,500 changes of layer of
-CuraEngine 4.13: at most 1e-5 mm where nothing is missing. The smallest layer, a spire's tip, has 4e-4."""
-_MIN_BEFORE_MM = 0.01
-"""The same in a layer before a gap, of which a part was lost. Measured in 1.4 million lines: at most 2e-4."""
-_MIN_ELSEWHERE_MM = 0.2
-"""The same where no number is missing. [assumed] No line of Cura 5, whose widths vary, takes so much more
+_MIN_EXCESS_MM = 3e-4
+"""Minimum excess filament that shows a loss, in the first line after a gap. Measured at 18,500 changes of
+layer of CuraEngine 4.13: at most 1e-5 mm where nothing is missing. The smallest layer, a spire's tip, has
+4e-4."""
+_MIN_EXCESS_BEFORE_GAP_MM = 0.01
+"""The same for a layer before a gap, of which a part is missing. Measured in 1.4 million lines: at most
+2e-4."""
+_MIN_EXCESS_ELSEWHERE_MM = 0.2
+"""The same if no layer number is missing. [assumed] No line of Cura 5, whose widths vary, takes so much more
 than all others in its layer and the two beside it."""
 _LINE_SHARE = 0.01
-"""Share of a line's own filament that is not looked at: its length and its E are rounded."""
+"""Share of a line's own filament that is ignored: its length and its E are rounded."""
 _SHORT_MM = 0.03
 """Length of a line below which its flow is too coarse to compare with."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Feed:
-    """Move that feeds: its line, length and filament."""
+    """Move that extrudes: its line, length and filament."""
 
     line: int
     length_mm: float
@@ -48,7 +50,7 @@ class _Layer:
     after_gap: tuple[_Feed, str] | None = None
 
     def add(self, length_mm: float, fed_mm: float, line: int) -> None:
-        """Take a line that is long enough to compare with."""
+        """Record a line that is long enough to compare with."""
         flow = (fed_mm + E_UNIT_MM) / length_mm
         if flow > self.flow:
             self.second_flow, self.flow = self.flow, flow
@@ -58,7 +60,7 @@ class _Layer:
 
 
 class LayerGaps:
-    """Compares what moves feed with the flow of the layers around them, in files that number their layers.
+    """Compares the filament of each move with the flow of nearby layers, in files that number their layers.
 
     Parameters
     ----------
@@ -85,14 +87,14 @@ class LayerGaps:
         self._layer = _Layer(number)
 
     def feed(self, length_mm: float, fed_mm: float, line: int) -> None:
-        """Take a move that feeds filament.
+        """Record a move that extrudes filament.
 
         Parameters
         ----------
         length_mm
             Length of the move.
         fed_mm
-            Filament beyond what was drawn back; negative if less is pushed back.
+            Filament, without what was retracted before; negative while a retraction is only partly undone.
         line
             Number of its line.
         """
@@ -109,7 +111,7 @@ class LayerGaps:
         elif not length_mm:
             self._primed_mm = max(self._primed_mm, fed_mm)
 
-    def find_lost(self) -> str | None:
+    def describe_loss(self) -> str | None:
         """Give the reason why lines were lost; None if no move shows it."""
         if self._layer is not None:
             self._close_layer()
@@ -117,7 +119,7 @@ class LayerGaps:
             self._close_layer()
             self._layer = None
         for feed, gap in self._primes:
-            self._check(feed, feed.fed_mm - self._primed_mm, _MIN_MM, gap)
+            self._check(feed, feed.fed_mm - self._primed_mm, _MIN_EXCESS_MM, gap)
         return self._lost
 
     def _close_layer(self) -> None:
@@ -129,10 +131,10 @@ class LayerGaps:
         if layer.after_gap is not None:
             feed, gap = layer.after_gap
             flow = max(layer.flow, last_flow) or self.max_flow
-            self._check(feed, feed.compute_excess_mm(flow), _MIN_MM, gap)
+            self._check(feed, feed.compute_excess_mm(flow), _MIN_EXCESS_MM, gap)
         if last is not None and last.thickest is not None:
             flow = max(last.second_flow, self._flow_before, layer.flow) or self.max_flow
-            min_mm = _MIN_BEFORE_MM if layer.number > last.number + 1 else _MIN_ELSEWHERE_MM
+            min_mm = _MIN_EXCESS_BEFORE_GAP_MM if layer.number > last.number + 1 else _MIN_EXCESS_ELSEWHERE_MM
             self._check(last.thickest, last.thickest.compute_excess_mm(flow), min_mm, "")
         self._flow_before, self._last = last_flow, layer
 

@@ -10,7 +10,7 @@ from farm.model import Job, PartPrintOptions
 from farm.planning.booking import MAX_WARNINGS, MAY_FALL, book_plan, list_job_files
 from farm.planning.parts.decompose_job import decompose_job
 from farm.planning.parts.slice_part import slice_part
-from slicing.checks import Unprinted
+from slicing.checks import UnprintedWall
 
 
 def test_plan_has_every_part_and_plate(bar, files, tmp_path):
@@ -18,7 +18,7 @@ def test_plan_has_every_part_and_plate(bar, files, tmp_path):
     cut = decompose_job(work)
     tasks = slice_tasks(work, cut)
     slices = [slice_part(item) for item in tasks]
-    thin = Unprinted(120.0, 1.0, 9.0, 3.0, -4.0)
+    thin = UnprintedWall(120.0, 1.0, 9.0, 3.0, -4.0)
     cut = replace(
         cut, parts=(cut.parts[0], replace(cut.parts[1], print_options=PartPrintOptions(stands=False)))
     )

@@ -79,12 +79,12 @@ def shapes_of(mesh, lines=LINES):
     return [SHAPES[id(mesh)](z_mm) for z_mm in lines.section_mm(count_of(mesh, lines))]
 
 
-def checked(mesh, layers, lines=LINES, removed=0):
+def checked(mesh, layers, lines=LINES, removed_layers=0):
     return check_outline(
         read_toolpath(drawn(layers, lines)),
         np.asarray(mesh.triangles, float),
         lines,
-        removed=removed,
+        removed_layers=removed_layers,
         centre_mm=(100.0, 100.0),
         filament_mm2=MM2,
     )
@@ -159,8 +159,8 @@ def test_short_gap_without_flow_does_not_open_a_ring():
 def test_removed_bottom_layers_are_considered():
     layers = [list(rings(shape)) for shape in shapes_of(CONE)]
     assert checked(CONE, layers) == ()
-    assert checked(CONE, layers[2:], removed=2) == ()
-    assert checked(CONE, layers[2:], replace(LINES, offset_0_mm=-0.3), removed=2) == ()
+    assert checked(CONE, layers[2:], removed_layers=2) == ()
+    assert checked(CONE, layers[2:], replace(LINES, offset_0_mm=-0.3), removed_layers=2) == ()
     with pytest.raises(SliceRejected, match="layer"):
         checked(CONE, layers[2:])
 

@@ -72,10 +72,10 @@ def test_times_within_layers_are_those_of_the_firmwares_planner(request_for):
 
     path = read_toolpath(result.gcode.read_bytes())
     queued = queued_s(path)
-    first = next(note.move for note in path.notes if note.text.startswith("LAYER:"))
+    first = next(comment.move for comment in path.comments if comment.text.startswith("LAYER:"))
     # A move begins when the queue has taken in as many more as it holds.
     began = queued[CAPACITY:] - queued[first + CAPACITY]
-    marks = [(n.move, float(n.text[13:])) for n in path.notes if n.text.startswith("TIME_ELAPSED:")]
+    marks = [(n.move, float(n.text[13:])) for n in path.comments if n.text.startswith("TIME_ELAPSED:")]
     error_s = np.array([seconds - began[move] for move, seconds in marks if move < len(began)])
     assert len(error_s) > 100
     assert np.abs(error_s).max() < 0.01 * result.sliced_s

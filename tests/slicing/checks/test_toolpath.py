@@ -42,7 +42,7 @@ def test_modes_resets_and_notations_are_read():
         [0, 8, 2, 1.5],
         [1, 8, 2, 2],
     ]
-    assert path.pushed_mm.tolist() == [0, 1.5, 0, 2, -1, 0.5, 0.5]
+    assert path.extruded_mm.tolist() == [0, 1.5, 0, 2, -1, 0.5, 0.5]
     assert path.feed_mm_min.tolist() == [1200] + 6 * [600]
     assert path.layer.tolist() == [NO_LAYER, 0, 0, 0, 0, 1, 1]
     assert np.flatnonzero(path.is_feature("WALL-OUTER")).tolist() == [3, 4, 5, 6]
@@ -50,9 +50,9 @@ def test_modes_resets_and_notations_are_read():
     assert path.moved.tolist() == [True] * 7
     wait = next(command for command in path.commands if command.code == "M109")
     assert (wait.move, wait.words) == (1, {"S": 210.0})
-    note = path.notes[1]
-    assert (note.move, note.text) == (1, "LAYER:0")
-    assert FILE[note.offset :].startswith(b";LAYER:0\n")
+    comment = path.comments[1]
+    assert (comment.move, comment.text) == (1, "LAYER:0")
+    assert FILE[comment.offset :].startswith(b";LAYER:0\n")
 
 
 @pytest.mark.parametrize("text", [b"", b"\n\n", b";only a comment", b"G28", b"G1 X1"])

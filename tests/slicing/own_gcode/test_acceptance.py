@@ -118,8 +118,8 @@ def prints(draw):
         points = draw(st.lists(st.tuples(*[st.integers(20, 200)] * 2), min_size=2, max_size=6, unique=True))
         moves = [(*map(float, points[0]), z, 0.0)]
         for (ax, ay), (bx, by) in itertools.pairwise(points):
-            way_mm = ((bx - ax) ** 2 + (by - ay) ** 2) ** 0.5
-            moves.append((float(bx), float(by), z, round(way_mm * 0.0125, 5)))
+            distance_mm = ((bx - ax) ** 2 + (by - ay) ** 2) ** 0.5
+            moves.append((float(bx), float(by), z, round(distance_mm * 0.0125, 5)))
         layers.append(moves)
     return layers
 
@@ -259,7 +259,7 @@ def test_commands_forbidden_in_a_print_are_allowed_in_an_end_script():
 
 def test_omitted_commands_are_reported():
     notices = take(marlin(body=["M204 S500", "M900 K0.1", "M73 P10", "M117 Go: N*"])).notices
-    assert notices[-1] == "Left out, for the printer has its own: M204 (acceleration), M900 (linear advance)."
+    assert notices[-1] == "Left out, because the printer has its own: M204 (acceleration), M900 (linear advance)."
 
 
 def test_display_text_and_byte_order_mark_are_ignored():

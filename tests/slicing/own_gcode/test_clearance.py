@@ -46,7 +46,7 @@ def test_head_reaches_as_far_as_curas_definition_says():
     clearance.add([100.0, 100.0, 9.0], [100.5, 100.0, 9.0])
 
     def hits(x, y, z=3.0):
-        return clearance.obstacle_mm([x, y, z], [x, y, z]) is not None
+        return clearance.find_obstacle_mm([x, y, z], [x, y, z]) is not None
 
     assert hits(100, 100, 8.0) and not hits(100, 100, 8.7)
     assert hits(102, 100) and not hits(102, 100, 4.0)

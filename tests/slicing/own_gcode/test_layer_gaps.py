@@ -47,7 +47,7 @@ def test_filament_that_is_primed_in_every_layer_is_not_missing(lost_mm, is_lost)
         gaps.begin_layer(number)
         gaps.feed(0.0, 0.03 + lost_mm * (number == 3), 1)
         gaps.feed(10.0, 0.125, 2)
-    assert (gaps.find_lost() is not None) == is_lost
+    assert (gaps.describe_loss() is not None) == is_lost
 
 
 def with_header(lines, *figures):
@@ -110,7 +110,7 @@ def test_thick_line_among_thin_ones_is_accepted():
             gaps.begin_layer(number)
             for at in range(5):
                 gaps.feed(20.0, fed_mm if (number, at) == (2, 3) else 0.2, at)
-        assert (gaps.find_lost() is not None) == is_lost
+        assert (gaps.describe_loss() is not None) == is_lost
 
 
 flows = st.floats(0.002, 0.08)
@@ -137,4 +137,4 @@ def test_gap_is_a_loss_where_the_move_after_it_feeds_too_much(flow, layers, lost
             for at, length_mm in enumerate(lengths):
                 more_mm = carried_mm if number == lost + 1 and not at else 0.0
                 gaps.feed(length_mm, round(flow * length_mm + more_mm, 5), 1)
-        assert (gaps.find_lost() is not None) == bool(carried_mm)
+        assert (gaps.describe_loss() is not None) == bool(carried_mm)
