@@ -259,7 +259,9 @@ def test_commands_forbidden_in_a_print_are_allowed_in_an_end_script():
 
 def test_omitted_commands_are_reported():
     notices = take(marlin(body=["M204 S500", "M900 K0.1", "M73 P10", "M117 Go: N*"])).notices
-    assert notices[-1] == "Left out, because the printer has its own: M204 (acceleration), M900 (linear advance)."
+    assert notices[-1] == (
+        "Left out, because the printer has its own: M204 (acceleration), M900 (linear advance)."
+    )
 
 
 def test_display_text_and_byte_order_mark_are_ignored():

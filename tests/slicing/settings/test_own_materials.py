@@ -46,7 +46,7 @@ def _forget():
     """Forget files that were read: in a process, each is read once."""
     from slicing.settings import plate_settings, resources
 
-    for cached in (resources._own_materials, resources._material, plate_settings._resolve):
+    for cached in (resources._list_own_materials, resources._read_material, plate_settings._resolve):
         cached.cache_clear()
 
 
