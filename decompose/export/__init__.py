@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from decompose.export.files import write_decomposition, write_glb
+from decompose.export.files import write_decomposition
+from decompose.export.glb import write_glb
 from decompose.export.picture import draw_assembly
 
 __all__ = [

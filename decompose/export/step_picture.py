@@ -13,13 +13,13 @@ import shapely
 
 from decompose.arrays import Floats
 from decompose.assembly import AssemblyStep
+from decompose.export.glb import find_moves
 from decompose.export.picture import AZIMUTH_DEG, make_figure, part_colours, short_label, write_labels
 from decompose.export.raster import Drawing, Shape, draw, make_camera
 from decompose.geometry import triangulate
 from decompose.pieces import JointFace, find_cut_faces
 from decompose.results import Decomposition
 
-APART_MM, APART_SHARE = 25.0, 0.3  # least move of the body, also as a share of its extent
 GLUE_COLOUR = np.array([1.0, 0.35, 0.0])
 LIFT_MM = 0.05  # of the tint off its face
 AZIMUTHS_DEG = [AZIMUTH_DEG + turn for turn in (0.0, 45.0, -45.0, 90.0, -90.0, 135.0, -135.0, 180.0)]
@@ -99,7 +99,7 @@ def draw_step(
         PNG.
     """
     parts, colours = decomposition.parts, part_colours(len(decomposition.parts))
-    apart_mm = _apart_mm(step, decomposition) * step.direction
+    [apart_mm] = find_moves(parts, [step])
     shapes, labels = [], []
     for number in (*step.fixed, *step.moved):
         vertices, faces = parts[number].solid.arrays()
@@ -114,12 +114,6 @@ def draw_step(
     write_labels(axes, drawing, labels)
     _draw_arrow(axes, drawing, step, decomposition, apart_mm)
     return _write_png(figure)
-
-
-def _apart_mm(step: AssemblyStep, decomposition: Decomposition) -> float:
-    heights = [decomposition.parts[number].solid.arrays()[0] @ step.direction for number in step.moved]
-    extent_mm = max(h.max() for h in heights) - min(h.min() for h in heights)
-    return max(APART_MM, APART_SHARE * float(extent_mm))
 
 
 def _fill(face: JointFace, outward: Floats) -> Floats:

@@ -1,0 +1,141 @@
+"""GLB (glTF 2.0 binary) of the assembly, with its steps as an animation."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import trimesh
+
+from decompose.arrays import Floats
+from decompose.assembly import AssemblyStep
+from decompose.export.picture import part_colours
+from decompose.results import Part
+
+METRES_Y_UP = np.array([[1e-3, 0, 0, 0], [0, 0, 1e-3, 0], [0, -1e-3, 0, 0], [0, 0, 0, 1]])
+"""From mm with z up to metres with y up (glTF 2.0, 3.6 "Coordinate system and units")."""
+STEP_S, MOVE_S = 1.5, 1.0  # of each step in the animation; its body moves in the first part
+APART_MM, APART_SHARE = 25.0, 0.3  # least move of a body, also as a share of its extent
+FLOAT = 5126  # glTF 2.0, 3.6.2.2: component type of single precision
+MODEL = "model"
+
+
+def find_moves(parts: Sequence[Part], steps: Sequence[AssemblyStep]) -> Floats:
+    """Find how far the body of each step comes from.
+
+    Parameters
+    ----------
+    parts
+        In the model's frame, in mm.
+    steps
+        Steps of their assembly.
+
+    Returns
+    -------
+    ndarray
+        (steps, 3) mm, from where the body ends to where it begins.
+    """
+    moves = np.zeros((len(steps), 3))
+    for row, step in zip(moves, steps, strict=True):
+        heights = [parts[number].solid.arrays()[0] @ step.direction for number in step.moved]
+        extent_mm = max(h.max() for h in heights) - min(h.min() for h in heights)
+        row[:] = max(APART_MM, APART_SHARE * float(extent_mm)) * step.direction
+    return moves
+
+
+def find_offsets(count: int, steps: Sequence[AssemblyStep], moves: Floats) -> Floats:
+    """Find where the parts are before each step, and after the last.
+
+    Parameters
+    ----------
+    count
+        Number of parts.
+    steps, moves
+        Steps, and the move (steps, 3) of each.
+
+    Returns
+    -------
+    ndarray
+        (steps + 1, count, 3): offset of each part from its place, in the unit of `moves`; 0 in the last row.
+    """
+    offsets = np.zeros((len(steps) + 1, count, 3))
+    for k in range(len(steps) - 1, -1, -1):
+        offsets[k] = offsets[k + 1]
+        offsets[k, list(steps[k].moved)] += moves[k]
+    return offsets
+
+
+def write_glb(parts: Sequence[Part], path: Path, steps: Sequence[AssemblyStep] = ()) -> None:
+    """Write the parts as a GLB of the assembly, in metres and with y up, as glTF requires.
+
+    Parameters
+    ----------
+    parts
+        In the model's frame, in mm.
+    path
+        File to write.
+    steps
+        Steps of the assembly, for the animation; without any, there is none.
+    """
+    visual: Any = trimesh.visual  # untyped
+    scene: Any = trimesh.Scene()
+    scene.graph.update(MODEL, matrix=METRES_Y_UP)  # an animated node has no matrix of its own
+    for part, colour in zip(parts, part_colours(len(parts)), strict=True):
+        vertices, faces = part.solid.arrays()
+        material = visual.material.PBRMaterial(
+            name=part.id, baseColorFactor=[*colour, 1.0], metallicFactor=0.0, roughnessFactor=0.8
+        )
+        mesh: Any = trimesh.Trimesh(vertices, faces, process=False)
+        mesh.unmerge_vertices()  # edges of a part are sharp
+        mesh.visual = visual.TextureVisuals(material=material)
+        scene.add_geometry(mesh, node_name=part.id, geom_name=part.id, parent_node_name=MODEL)
+
+    def animate(buffers: dict[Any, bytes], tree: dict[str, Any]) -> None:
+        if steps:
+            offsets = find_offsets(len(parts), steps, find_moves(parts, steps))
+            _add_animation(tree, buffers, [part.id for part in parts], offsets)
+
+    path.write_bytes(scene.export(file_type="glb", buffer_postprocessor=animate))
+
+
+def _add_animation(
+    tree: dict[str, Any], buffers: dict[Any, bytes], names: Sequence[str], offsets: Floats
+) -> None:
+    """Add an animation that moves the nodes of these names from offset to offset (steps + 1, parts, 3)."""
+    steps = len(offsets) - 1
+    starts_s = STEP_S * np.arange(steps)
+    times_s = _add_values(
+        tree, buffers, np.append(np.column_stack([starts_s, starts_s + MOVE_S]).ravel(), STEP_S * steps)
+    )
+    nodes = {node.get("name"): number for number, node in enumerate(tree["nodes"])}
+    samplers: list[dict[str, Any]] = []
+    channels: list[dict[str, Any]] = []
+    for part, name in enumerate(names):
+        own = offsets[:, part]
+        if not own.any():
+            continue
+        keys = np.append(np.stack([own[:-1], own[1:]], axis=1).reshape(-1, 3), own[-1:], axis=0)
+        channels.append({"sampler": len(samplers), "target": {"node": nodes[name], "path": "translation"}})
+        samplers.append(
+            {"input": times_s, "output": _add_values(tree, buffers, keys), "interpolation": "LINEAR"}
+        )
+    tree["animations"] = [{"name": "assembly", "samplers": samplers, "channels": channels}]
+
+
+def _add_values(tree: dict[str, Any], buffers: dict[Any, bytes], values: Floats) -> int:
+    """Add an accessor of numbers (n,) or vectors (n, 3), and return its number."""
+    stored: npt.NDArray[np.float32] = values.astype("<f4")
+    number = len(tree["accessors"])
+    tree["accessors"][f"animation {number}"] = {
+        "bufferView": len(buffers),
+        "componentType": FLOAT,
+        "type": "SCALAR" if stored.ndim == 1 else "VEC3",
+        "count": len(stored),
+        "min": np.atleast_1d(stored.min(axis=0)).tolist(),
+        "max": np.atleast_1d(stored.max(axis=0)).tolist(),
+    }
+    buffers[f"animation {number}"] = stored.tobytes()
+    return number
