@@ -152,6 +152,23 @@ class JobCommands:
         self._find_held_job(number)  # it may have been cancelled meanwhile
         self._controller.handle(ev.JobApproved(at_s=self._controller.clock.now(), job=number, by=by))
 
+    def keep_dry_run(self, number: int, by: str) -> None:
+        """Keep a dry run as a job that is held until its plan is approved."""
+        job = self._controller.books.job(number)
+        if not job.options.dry_run or job.state.ended:
+            raise Refused(f"job {number} is no dry run to keep: it is {job.state}")
+        at_s = self._controller.clock.now()
+        self._controller.handle(ev.JobReleased(at_s=at_s, job=number, by=by, hold=True))
+
+    def plan_again(self, number: int, request_id: str, options: JobOptions, by: str) -> int:
+        """Submit the model of a job once more, with other options. Returns the number of the new job."""
+        job = self._controller.books.job(number)
+        if job.pruned_s is not None:
+            raise Refused(f"the files of job {number} were pruned: submit {job.name} again")
+        self.check_submission(options)
+        model = InspectedSubmission(job.model_file, job.repairs, job.scale or 1.0, job.own_gcode, job.size)
+        return self.submit(request_id, job.name, model, options, by)[0]
+
     async def release(self, number: int, state: StateFolder, by: str, is_operator: bool) -> None:
         """Let a held job print, whether it is planned or not; nothing changes if it prints already.
 
@@ -177,7 +194,7 @@ class JobCommands:
             self._controller.handle(ev.JobReleased(at_s=self._controller.clock.now(), job=number, by=by))
 
     def _needs_operator(self, job: Job) -> bool:
-        return self._controller.fleet.fleet.approve or job.restored or job.options.dry_run
+        return self._controller.fleet.fleet.approve or job.restored
 
     def _find_held_job(self, number: int) -> Job:
         job = self._controller.books.job(number)

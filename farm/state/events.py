@@ -93,10 +93,11 @@ class JobApproved(Event):
 
 
 class JobReleased(Event):
-    """A person wants a held job to print as soon as it is planned, without an approval."""
+    """A person wants a job to print as soon as it is planned, or a dry run to be kept for approval."""
 
     job: int
     by: str
+    hold: bool = False  # until a person approves its plan
 
 
 class JobFailed(Event):

@@ -45,6 +45,7 @@ _PRINT = (
     "/printers/{name}/cancel",
     "/printers/{name}/maintenance",
 )
+_PLAN_FORMS = ("/jobs/{number}/release", "/jobs/{number}/keep", "/jobs/{number}/replan")
 _OPERATE = (
     "/jobs/{number}/approve",
     "/jobs/{number}/move",
@@ -59,6 +60,9 @@ _PAGES = (
     "/printers/{name}",
     "/history",
     "/history.csv",
+    "/jobs/{number}",
+    "/jobs/{number}/instructions",
+    "/jobs/{number}/report",
     "/jobs/{number}/stills/{name}",
 )
 OPEN = frozenset(
@@ -81,6 +85,7 @@ ROLES: dict[tuple[str, str], Role] = {
     **{("POST", NETWORK_PREFIX + path): Role.PRINT for path in _PRINT},
     **{("POST", NETWORK_PREFIX + path): Role.OPERATE for path in _OPERATE},
     **{("POST", path): Role.PRINT for path in _PRINT if path != "/jobs"},  # forms of the pages
+    **{("POST", path): Role.PRINT for path in _PLAN_FORMS},
     **{("POST", path): Role.OPERATE for path in _OPERATE},
     **SLICER_ROLES,
 }

@@ -36,7 +36,15 @@ from farm.web.guard import Refusal, check_head, check_host, check_origin, check_
 from farm.web.metrics import CONTENT_TYPE, write_metrics
 from farm.web.notes import Notes
 from farm.web.openapi import describe_routes
-from farm.web.pages import POLICY, fleet_routes, login_routes, page_routes, render_api_page, render_message
+from farm.web.pages import (
+    POLICY,
+    fleet_routes,
+    job_pages,
+    login_routes,
+    page_routes,
+    render_api_page,
+    render_message,
+)
 from farm.web.slicers import add_slicer_routes, is_slicer_path, is_slicer_upload, make_text
 
 _HEADERS = {
@@ -95,19 +103,21 @@ def make_web_app(services: Services, dry_runs: DryRuns, names: Collection[str]) 
     cookie = SessionCookie.for_section(services.controller.fleet.web)
     callers = CallerFinder(services, cookie)
     app.include_router(login_routes(services, cookie, callers))
-    _add_pages(app, services)
+    _add_pages(app, services, dry_runs)
     return Guard(app, services, names, cookie, callers)
 
 
-def _add_pages(app: FastAPI, services: Services) -> None:
+def _add_pages(app: FastAPI, services: Services, dry_runs: DryRuns) -> None:
     """Add the pages and their forms."""
     app.state.notes = notes = Notes()
     printers = PrinterCommands(services.controller)
     parts = PartCommands(services.controller, printers)
+    jobs = JobCommands(services.controller, printers)
     app.include_router(page_routes(services, notes))
     app.include_router(fleet_routes(services, notes))
+    app.include_router(job_pages(services, jobs, dry_runs, notes))
     app.include_router(printer_forms(printers, parts))
-    app.include_router(job_forms(services, JobCommands(services.controller, printers), parts))
+    app.include_router(job_forms(services, jobs, parts))
 
 
 class Guard:

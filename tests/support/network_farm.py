@@ -59,7 +59,8 @@ class NetworkFarm:
         )
         self.keys, self.sessions = KeyCommands(self.controller), self.services.sessions
         self.unix = make_app(self.services, DryRuns(self.controller))
-        self.web = make_web_app(self.services, DryRuns(self.controller), {HOST})
+        self.dry_runs = DryRuns(self.controller)
+        self.web = make_web_app(self.services, self.dry_runs, {HOST})
         self.cookie = SessionCookie.for_section(self.controller.fleet.web)
 
     async def _go_down(self, now):

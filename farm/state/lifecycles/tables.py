@@ -68,7 +68,7 @@ JOB = Lifecycle(
         _row(ev.JobPlanned, [_J.PLANNING], [_J.HELD, _J.PRINTING]),
         _row(ev.PlanRevised, [_J.PRINTING], None),
         _row(ev.JobApproved, [_J.HELD], _DERIVED),
-        _row(ev.JobReleased, [_J.QUEUED, _J.PLANNING], None),
+        _row(ev.JobReleased, [_J.QUEUED, _J.PLANNING, _J.HELD], None),
         _row(ev.JobFailed, [_J.PLANNING], [_J.FAILED]),
         _row(ev.JobPaused, _LIVE, None),
         _row(ev.JobMoved, _LIVE, None),

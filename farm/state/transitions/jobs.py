@@ -83,14 +83,16 @@ def _approval_hold(job: int) -> Hold:
 
 @change.register
 def _(event: ev.JobApproved, books: Books) -> Result:
-    books = put(books, replace_fields(books.job(event.job), state=JobState.PRINTING, hold=None))
+    job = books.job(event.job)
+    options = job.options.model_copy(update={"dry_run": False})
+    books = put(books, replace_fields(job, state=JobState.PRINTING, hold=None, options=options))
     return update_job_state(books, event.job, event.at_s), ()
 
 
 @change.register
 def _(event: ev.JobReleased, books: Books) -> Result:
     job = books.job(event.job)
-    options = job.options.model_copy(update={"hold": False})
+    options = job.options.model_copy(update={"hold": event.hold, "dry_run": False})
     return put(books, replace_fields(job, options=options)), ()
 
 

@@ -20,6 +20,7 @@ _WIDTH, _ROW, _LEFT, _RIGHT, _TOP = (
 _TICKS = 8  # approximate number of time marks
 _STEPS_S = (600, 1800, 3600, 7200, 14400, 28800, 86400, 172800, 604800)
 _OTHER_JOB = "another job"
+EXPECTED = "expected"
 
 COLOURS = {
     "good": "#2e7d4f",
@@ -28,6 +29,7 @@ COLOURS = {
     "failed": "#b3261e",
     "cancelled": "#8a8a8a",
     "printing": "#b9d4ee",
+    EXPECTED: "#e6eef6",
     _OTHER_JOB: "#dddddd",
 }
 
@@ -131,6 +133,19 @@ def list_bars(job: api.JobView, others: Sequence[api.HistoryRow], now: datetime)
     ]
 
 
+def list_expected_bars(slots: Sequence[api.SlotView], now: datetime) -> list[Bar]:
+    """List what is left to print of a timeline, from now on."""
+    bars = []
+    for slot in slots:
+        start, end = (datetime.fromisoformat(at) for at in (slot.starts, slot.ends))
+        if end > now:
+            parts = " ".join(slot.parts)
+            text = f"{parts} on {slot.printer}: {EXPECTED} to end {format_moment(end, now)}"
+            label = slot.parts[0].rpartition("/")[2].removeprefix("p") if start >= now else ""
+            bars.append(Bar(slot.printer, max(start, now), end, EXPECTED, label, text))
+    return bars
+
+
 def lay_out_gantt(bars: Sequence[Bar]) -> Gantt | None:
     """Lay out bars over the time span of the job's own bars; None if there are none."""
     if not bars:
@@ -144,7 +159,7 @@ def lay_out_gantt(bars: Sequence[Bar]) -> Gantt | None:
         return _LEFT + (_WIDTH - _LEFT - _RIGHT) * min(1.0, max(0.0, share))
 
     def lay_out_bar(bar: Bar) -> Box:
-        ink = "#333" if bar.kind in ("printing", _OTHER_JOB) else "#fff"
+        ink = "#333" if bar.kind in ("printing", EXPECTED, _OTHER_JOB) else "#fff"
         return Box(bar, x(bar.start), max(1.5, x(bar.end) - x(bar.start)), COLOURS[bar.kind], ink)
 
     rows = tuple(

@@ -4,8 +4,17 @@ from __future__ import annotations
 
 from farm.web.pages.api_page import POLICY, render_api_page
 from farm.web.pages.fleet import fleet_routes
+from farm.web.pages.jobs import job_pages
 from farm.web.pages.login_routes import login_routes
 from farm.web.pages.rendering import render_message
 from farm.web.pages.routes import page_routes
 
-__all__ = ["POLICY", "fleet_routes", "login_routes", "page_routes", "render_api_page", "render_message"]
+__all__ = [
+    "POLICY",
+    "fleet_routes",
+    "job_pages",
+    "login_routes",
+    "page_routes",
+    "render_api_page",
+    "render_message",
+]

@@ -1,15 +1,23 @@
 """Dry runs end when no client requests their plan."""
 
-from farm.control.dry_runs import PATIENCE_S, DryRuns
+import asyncio
+
+import pytest
+
+from farm.control.dry_runs import PATIENCE_S, READING_S, DryRuns
+from farm.errors import Refused
 from farm.model import JobOptions, JobState
+from farm.planning.plan import Plan
+from farm.state import events as ev
 from farm.state.books import Books
 from farm.views.tasks import list_requests
 from make_books import job as make_job
+from make_books import plan
 from recording_controller import MODEL, Farm
 
 
 def submit(farm, name, **options):
-    return farm.jobs.submit(name * 8, "m.stl", MODEL, JobOptions(**options))[0]
+    return farm.jobs.submit(name * 8, "m.stl", MODEL, JobOptions(**options), "ann")[0]
 
 
 def test_abandoned_dry_run_is_cancelled(tmp_path):
@@ -42,3 +50,63 @@ def test_dry_run_needs_no_approval():
         )
         == 1
     )
+
+
+def test_page_keeps_a_dry_run_for_longer_than_a_command_does(tmp_path):
+    farm = Farm(tmp_path)
+    number = submit(farm, "a", dry_run=True, hold=True)
+    dry_runs = DryRuns(farm.controller)
+    dry_runs.keep(number, 0.0, READING_S)
+    dry_runs.keep(number, 1.0)  # a command asks too
+    dry_runs.cancel_abandoned(READING_S)
+    assert not farm.controller.books.job(number).state.ended
+    dry_runs.cancel_abandoned(READING_S + 1.0)
+    assert farm.controller.books.job(number).state.ended
+
+
+def test_kept_dry_run_is_held_until_its_plan_is_approved(tmp_path):
+    farm = Farm(tmp_path)
+    number = submit(farm, "a", dry_run=True, hold=True)
+    farm.jobs.keep_dry_run(number, "ann")
+    job = farm.controller.books.job(number)
+    assert (job.options.dry_run, job.options.hold) == (False, True)
+    DryRuns(farm.controller).cancel_abandoned(1e9)
+    assert not farm.controller.books.job(number).state.ended
+    with pytest.raises(Refused, match="is no dry run"):
+        farm.jobs.keep_dry_run(number, "ann")
+
+
+def test_dry_run_is_printed_by_who_submitted_it(tmp_path):
+    farm = Farm(tmp_path)
+    number = submit(farm, "a", dry_run=True, hold=True)
+    with pytest.raises(Refused, match="only an operator"):
+        asyncio.run(farm.jobs.release(number, None, "bob", is_operator=False))
+    asyncio.run(farm.jobs.release(number, None, "ann", is_operator=False))
+    job = farm.controller.books.job(number)
+    assert (job.options.dry_run, job.options.hold) == (False, False)
+
+
+def test_approved_dry_run_is_not_cancelled(tmp_path):
+    farm = Farm(tmp_path)
+    farm.ready("a", "b")
+    number = submit(farm, "a", dry_run=True, hold=True)
+    event = plan(number)
+    farm.controller.on_plan(number, Plan(event.parts, event.plates, (), 1.0, 500.0, 100.0, None))
+    farm.controller.handle(ev.JobApproved(at_s=1.0, job=number, by="ann"))
+    dry_runs = DryRuns(farm.controller)
+    dry_runs.cancel_abandoned(0.0)
+    dry_runs.cancel_abandoned(1e9)
+    assert farm.controller.books.job(number).state is JobState.PRINTING
+
+
+def test_model_is_planned_again_without_another_upload(tmp_path):
+    farm = Farm(tmp_path)
+    number = submit(farm, "a", dry_run=True, hold=True)
+    again = farm.jobs.plan_again(number, "b" * 8, JobOptions(printers=2, dry_run=True, hold=True), "ann")
+    first, second = (farm.controller.books.job(n) for n in (number, again))
+    assert (second.model_file, second.name, second.repairs) == (first.model_file, first.name, first.repairs)
+    assert second.options.printers == 2
+    farm.jobs.cancel(number, "ann")
+    farm.controller.handle(ev.JobPruned(at_s=1.0, job=number, by="ann"))
+    with pytest.raises(Refused, match="were pruned"):
+        farm.jobs.plan_again(number, "c" * 8, JobOptions(), "ann")

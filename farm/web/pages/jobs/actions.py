@@ -1,0 +1,104 @@
+"""Buttons of a job and of its parts: which a person may press in which state. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from farm import api
+from farm.model import Bed, HoldCode, JobState, PrintState, Role
+
+
+@dataclass(frozen=True, slots=True)
+class Action:
+    """Button of a page.
+
+    Attributes
+    ----------
+    path
+        Route that the button posts to.
+    label
+        Its words.
+    fields
+        Hidden fields of its form.
+    is_destructive
+        Whether it cannot be taken back: a page asks for a second press.
+    """
+
+    path: str
+    label: str
+    fields: tuple[tuple[str, str], ...] = ()
+    is_destructive: bool = False
+
+
+def list_job_actions(job: api.JobView, role: Role) -> list[Action]:
+    """List the buttons of a job, the most likely one first.
+
+    Parameters
+    ----------
+    job
+        The job.
+    role
+        Role of who looks at it.
+    """
+    if not role.allows(Role.PRINT) or JobState(job.state).ended:
+        return []
+    path, actions = f"/jobs/{job.id}", []
+    if job.state == JobState.HELD:
+        actions.append(Action(f"{path}/release", "Print it", (("plan", job.plan or ""),)))
+    elif job.state in (JobState.QUEUED, JobState.PLANNING) and job.options.hold:
+        actions.append(Action(f"{path}/release", "Print it as soon as it is planned"))
+    if job.options.dry_run:
+        actions.append(Action(f"{path}/keep", "Keep it for approval"))
+    elif job.paused:
+        actions.append(Action(f"{path}/resume", "Resume"))
+    else:
+        actions.append(Action(f"{path}/pause", "Pause"))
+    label = "Discard the plan" if job.options.dry_run else f"Cancel job {job.id}"
+    actions.append(Action(f"{path}/cancel", label, is_destructive=not job.options.dry_run))
+    return actions
+
+
+def list_part_actions(
+    job: api.JobView, part: api.PartView, printer: str | None, role: Role
+) -> Iterator[Action]:
+    """Yield the buttons of a part.
+
+    Parameters
+    ----------
+    job, part
+        The part, and its job.
+    printer
+        Printer on whose bed the part lies, printed; None for none.
+    role
+        Role of who looks at it.
+    """
+    if not role.allows(Role.PRINT) or job.options.dry_run:
+        return
+    path = f"/jobs/{job.id}/parts/{part.id.rpartition('/')[2]}"
+    plate = next(one for one in job.plates if one.id == part.plate)
+    last = part.own_prints[-1] if part.own_prints else None
+    if printer is not None and role.allows(Role.OPERATE):
+        is_done = last is not None and last.state is PrintState.DONE
+        good, bad = ("Good", "Bad") if is_done else ("Usable", "Not usable")
+        cleared = f"/printers/{printer}/cleared"
+        yield Action(cleared, f"{good}, and {printer} is clear", (("good", part.id),))
+        yield Action(cleared, f"{bad}, and {printer} is clear", (("bad", "true"),) if is_done else ())
+    if plate.printing or plate.hold is not None:
+        is_paused = (last is not None and last.state is PrintState.PAUSED) or (
+            plate.hold is not None and plate.hold.code is HoldCode.PAUSED
+        )
+        yield Action(f"{path}/resume", "Resume") if is_paused else Action(f"{path}/pause", "Pause")
+        yield Action(f"{path}/cancel", "Cancel this part", is_destructive=True)
+    elif job.pruned is None and last is not None:
+        yield Action(f"{path}/reprint", "Print again", is_destructive=True)
+
+
+def find_parts_on_beds(job: api.JobView, printers: Sequence[api.PrinterView]) -> dict[str, str]:
+    """Find the parts of a job that lie printed on a bed: the printer by the part's id."""
+    beds = {
+        printer.last.plate: printer.name
+        for printer in printers
+        if printer.last is not None and printer.bed is not Bed.CLEAR and printer.print is None
+    }
+    return {part.id: beds[part.plate] for part in job.parts if part.plate in beds}

@@ -1,0 +1,90 @@
+"""Curve of the expected printing time over the number of printers, to choose from. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+
+from farm.text import format_count, format_duration, format_moment
+from farm.web.pages.jobs.assembly import CurvePoint
+
+_WIDTH, _HEIGHT, _LEFT, _RIGHT, _TOP, _BOTTOM = 640, 220, 60, 16, 12, 28  # px
+_MOST_LABELS = 12
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """Point of the curve.
+
+    Attributes
+    ----------
+    text
+        The number, the time, and when it would end, in words.
+    x, y
+        Position in the chart, px.
+    label
+        The number below the axis; empty where there is no room.
+    is_chosen
+        Whether the plan has this number.
+    """
+
+    printers: int
+    text: str
+    x: float
+    y: float
+    label: str
+    is_chosen: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Curve:
+    """Chart of the points; lengths in px."""
+
+    choices: tuple[Choice, ...]
+    line: str  # points of the polyline
+    top_text: str  # the longest time
+    width: int = _WIDTH
+    height: int = _HEIGHT
+    left: int = _LEFT
+    top: int = _TOP
+    bottom: int = _HEIGHT - _BOTTOM
+    right: int = _WIDTH - _RIGHT
+
+
+def draw_curve(points: Sequence[CurvePoint], chosen: int, starts: datetime, now: datetime) -> Curve | None:
+    """Lay out a curve; None if there is nothing to choose.
+
+    Parameters
+    ----------
+    points
+        Points of the curve.
+    chosen
+        The number of printers of the plan.
+    starts
+        When printing would start.
+    now
+        Time of the reader.
+    """
+    by_number = {point.printers: point.makespan_s for point in points if point.makespan_s > 0}
+    if len(by_number) < 2:
+        return None
+    numbers = sorted(by_number)
+    first, last, longest_s = numbers[0], numbers[-1], max(by_number.values())
+    every = -(-(last - first + 1) // _MOST_LABELS)
+
+    def place(number: int) -> Choice:
+        time_s = by_number[number]
+        end = format_moment(starts + timedelta(seconds=time_s), now)
+        return Choice(
+            printers=number,
+            text=f"{format_count(number, 'printer')}: about {format_duration(time_s)}, ends {end}",
+            x=_LEFT + (_WIDTH - _LEFT - _RIGHT) * (number - first) / (last - first),
+            y=_TOP + (_HEIGHT - _TOP - _BOTTOM) * (1 - time_s / longest_s),
+            label=str(number) if (number - first) % every == 0 else "",
+            is_chosen=number == chosen,
+        )
+
+    choices = tuple(place(number) for number in numbers)
+    line = " ".join(f"{choice.x:.1f},{choice.y:.1f}" for choice in choices)
+    return Curve(choices, line, format_duration(longest_s))

@@ -1,0 +1,60 @@
+"""Forms about the plan of a job that has not been approved: print it, keep it, or plan it again."""
+
+from __future__ import annotations
+
+import uuid
+from typing import Annotated
+
+from fastapi import APIRouter, Request, Response
+from pydantic import BaseModel, Field
+
+from farm.control import JobCommands
+from farm.errors import Refused
+from farm.http import CallerName, Services, is_operator
+from farm.web.actions import FormRoute, answer_form, read_form
+from farm.web.notes import Note
+
+
+class ReleaseForm(BaseModel):
+    """Plan that the person has seen; none before there is one."""
+
+    plan: str | None = None
+
+
+class ReplanForm(BaseModel):
+    """Number of printers, and the job whose curve the page shows."""
+
+    printers: Annotated[int, Field(ge=1)] | None = None
+    curve: int | None = None
+
+
+def plan_forms(services: Services, jobs: JobCommands) -> APIRouter:
+    """Return the routes of the forms."""
+    router = APIRouter(route_class=FormRoute, include_in_schema=False)
+
+    @router.post("/jobs/{number}/release")
+    async def release(number: int, request: Request, by: CallerName) -> Response:
+        seen = (await read_form(request, ReleaseForm)).plan
+        plan = services.controller.books.job(number).plan
+        if seen is not None and seen != plan:
+            raise Refused(f"the plan of job {number} has changed: look at it again")
+        await jobs.release(number, services.state, by, is_operator(request))
+        return answer_form(request, Note(f"Job {number} prints as soon as it can."))
+
+    @router.post("/jobs/{number}/keep")
+    async def keep(number: int, request: Request, by: CallerName) -> Response:
+        jobs.keep_dry_run(number, by)
+        return answer_form(request, Note(f"Job {number} is kept, and printed once it is approved."))
+
+    @router.post("/jobs/{number}/replan")
+    async def plan_again(number: int, request: Request, by: CallerName) -> Response:
+        form = await read_form(request, ReplanForm)
+        job = services.controller.books.job(number)
+        options = job.options.model_copy(update={"printers": form.printers, "dry_run": True, "hold": True})
+        new = jobs.plan_again(number, uuid.uuid4().hex, options, by)
+        if job.options.dry_run and not job.state.ended:
+            jobs.cancel(number, by)
+        query = "" if form.curve is None else f"?curve={form.curve}"
+        return answer_form(request, Note(f"Planned again as job {new}."), f"/jobs/{new}{query}")
+
+    return router

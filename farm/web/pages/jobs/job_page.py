@@ -1,0 +1,192 @@
+"""Page of one job: what is next, its parts, timeline, assembly and files. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import datetime
+
+from farm import api
+from farm.model import JobState, PlanProgress, PlanStep
+from farm.text import format_count, format_duration, format_mass, format_moment
+from farm.views.report import Gantt, lay_out_gantt, list_bars, list_expected_bars, list_figures
+from farm.web.notes import Note, Reader
+from farm.web.pages.jobs.actions import list_job_actions
+from farm.web.pages.jobs.assembly import Report
+from farm.web.pages.jobs.curve import Curve, draw_curve
+from farm.web.pages.jobs.parts import list_part_rows
+from farm.web.pages.rendering import render_page
+from farm.wording import format_planning, group_names, shorten_names
+
+_FILES = {
+    "assembly.png": "picture of the parts",
+    "assembly.glb": "3D model of the parts",
+    "decomposition.json": "report of the decomposition",
+    "instructions.html": "instructions to glue it",
+}
+_MODEL = "assembly.glb"
+_PICTURE = "assembly.png"
+
+
+@dataclass(frozen=True, slots=True)
+class JobData:
+    """Data of the page.
+
+    Attributes
+    ----------
+    job
+        The job.
+    printers
+        All printers of the fleet.
+    others
+        Prints of the fleet, for the timeline.
+    timeline
+        Expected times of its plates; None without a plan, or once it has ended.
+    report
+        Joints, assembly and curve.
+    files
+        Names of its files.
+    curve_job
+        Job whose report has the curve.
+    """
+
+    job: api.JobView
+    printers: Sequence[api.PrinterView] = ()
+    others: Sequence[api.HistoryRow] = ()
+    timeline: api.Timeline | None = None
+    report: Report = field(default_factory=Report)
+    files: Sequence[str] = ()
+    curve_job: int | None = None
+
+
+def render_job_page(data: JobData, farm: str, reader: Reader, note: Note | None = None) -> str:
+    """Render the page.
+
+    Parameters
+    ----------
+    data
+        The job.
+    farm, reader, note
+        See `render_page`.
+    """
+    job, timeline = data.job, data.timeline
+    now = datetime.fromisoformat(job.now)
+    slots = () if timeline is None else timeline.slots
+    ends = {slot.plate: slot.ends for slot in slots}  # of several, the last
+    return render_page(
+        "job.html",
+        farm,
+        f"/jobs/{job.id}",
+        reader,
+        note,
+        job=job,
+        summary=summarise_job(job, timeline, now),
+        share=None if job.progress is None else estimate_share(job.progress),
+        is_planning=job.state in (JobState.QUEUED, JobState.PLANNING),
+        actions=list_job_actions(job, reader.role),
+        rows=list_part_rows(job, data.printers, ends, reader.role),
+        reasons=list_reasons(job),
+        changes=list_changes(job),
+        gantt=draw_job_gantt(data, now),
+        curve=draw_job_curve(data, now) if job.options.dry_run else None,
+        curve_job=data.curve_job or job.id,
+        figures=list_figures(job),
+        report=data.report,
+        model=_MODEL if _MODEL in data.files else None,
+        picture=_PICTURE if _PICTURE in data.files else None,
+        downloads=list_downloads(data.files),
+        has_instructions="instructions.html" in data.files,
+    )
+
+
+def summarise_job(job: api.JobView, timeline: api.Timeline | None, now: datetime) -> str:
+    """Say in one or two sentences how far a job is, and what comes next."""
+    if job.progress is not None and job.state != JobState.PRINTING:
+        return f"{format_planning(job.progress).capitalize()}."
+    if job.state == JobState.QUEUED:
+        return f"It waits to be planned: {job.hold.text}." if job.hold else "It waits to be planned."
+    if job.state == JobState.PLANNING:
+        return "It is being planned."
+    if job.state == JobState.HELD:
+        return f"{_describe_plan(job, timeline)} Nothing prints before it is approved."
+    if job.state == JobState.PRINTING:
+        printed = f"{job.printed} of {format_count(len(job.plates), 'part')} printed"
+        ends = "" if job.eta is None else f", ends {_format_end(datetime.fromisoformat(job.eta), now)}"
+        return f"{'Paused: ' if job.paused else ''}{printed}{ends}."
+    if job.state == JobState.PRINTED:
+        return "Every part is printed: take the parts off and say which are good."
+    if job.state == JobState.DONE:
+        return "Every part is printed and good."
+    return f"It {'was cancelled' if job.state == JobState.CANCELLED else 'has failed'}: {job.reason or '-'}."
+
+
+def _describe_plan(job: api.JobView, timeline: api.Timeline | None) -> str:
+    printers = len({plate.printer for plate in job.plates})
+    words = [
+        f"{format_count(len(job.parts), 'part')} on {format_count(printers, 'printer')}",
+        format_duration(job.estimated_s if timeline is None else timeline.makespan_s),
+    ]
+    if job.grams is not None:
+        words.append(format_mass(job.grams))
+    if job.price is not None:
+        words.append(f"{job.price:.2f} {job.currency or ''}".strip())
+    return f"Planned: {', '.join(words)}."
+
+
+def _format_end(end: datetime, now: datetime) -> str:
+    return f"{format_moment(end, now)}, in {format_duration(max(0.0, (end - now).total_seconds()))}"
+
+
+def estimate_share(progress: PlanProgress) -> float | None:
+    """Estimate how much of the present step of planning is done, 0 to 1; None if unknown."""
+    if progress.step is PlanStep.SLICING and progress.of:
+        return progress.done / progress.of
+    return progress.share if progress.step is PlanStep.DECOMPOSING else None
+
+
+def list_reasons(job: api.JobView) -> list[str]:
+    """List in sentences why a job or its plates wait; equal ones once."""
+    reasons = [] if job.hold is None or job.state == JobState.QUEUED else [job.hold.text]
+    holds = ((plate.hold.text, plate.id) for plate in job.plates if plate.hold is not None)
+    for text, plates in group_names(holds).items():
+        if text not in reasons:
+            reasons.append(f"{shorten_names(plates)}: {text}")
+    return reasons
+
+
+def list_changes(job: api.JobView) -> list[str]:
+    """List the changes that the farm made to the model."""
+    scaled = [f"Scaled by {job.scale:g}."] if job.scale is not None and job.scale != 1 else []
+    return [*job.repairs, *scaled]
+
+
+def draw_job_gantt(data: JobData, now: datetime) -> Gantt | None:
+    """Lay out the prints of a job and of its printers' other jobs, and what is left."""
+    slots = () if data.timeline is None else data.timeline.slots
+    return lay_out_gantt([*list_bars(data.job, data.others, now), *list_expected_bars(slots, now)])
+
+
+def draw_job_curve(data: JobData, now: datetime) -> Curve | None:
+    """Lay out the curve of a plan; it starts when the plan does."""
+    timeline = data.timeline
+    if timeline is None:
+        return None
+    starts = min((datetime.fromisoformat(slot.starts) for slot in timeline.slots), default=now)
+    return draw_curve(data.report.curve, len({plate.printer for plate in data.job.plates}), starts, now)
+
+
+def list_downloads(files: Sequence[str]) -> Mapping[str, list[tuple[str, str]]]:
+    """Group the files of a job: each by its name, with words for it."""
+    groups: dict[str, list[tuple[str, str]]] = {"Model": [], "Parts (STL)": [], "G-code": [], "Pictures": []}
+    for name in files:
+        if name in _FILES:
+            groups["Model"].append((name, _FILES[name]))
+        elif name.endswith(".stl"):
+            groups["Parts (STL)"].append((name, name))
+        elif name.endswith(".gcode"):
+            groups["G-code"].append((name, name))
+        elif name.endswith((".png", ".jpg", ".jpeg")):
+            groups["Pictures"].append((name, name))
+        else:
+            groups["Model"].append((name, name))
+    return {title: rows for title, rows in groups.items() if rows}

@@ -1,0 +1,148 @@
+"""Rows of a job's table of parts. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+
+from farm import api
+from farm.model import PrintState, Role
+from farm.text import format_duration
+from farm.web.pages.jobs.actions import Action, find_parts_on_beds, list_part_actions
+from farm.wording import format_deviation, format_filament
+
+
+@dataclass(frozen=True, slots=True)
+class PartRow:
+    """Part in the table.
+
+    Attributes
+    ----------
+    name
+        Without the job, as in the model of the assembly.
+    state
+        State of its last print, or the verdict on it.
+    remark
+        Which attempt it is, and on which bed it lies; empty if there is nothing to say.
+    kind
+        Its state for style sheets: waiting, printing, printed, good, bad, failed or cancelled.
+    progress
+        Share of the open print, 0 to 1; None without one.
+    ends
+        When its print ends or has ended, ISO 8601; None if unknown.
+    expected, now, reached
+        Durations: planned; of the open print by its progress; of the last print that was done.
+    why
+        Why it waits or what went wrong; empty if there is nothing to say.
+    """
+
+    id: str
+    name: str
+    printer: str
+    state: str
+    remark: str
+    kind: str
+    progress: float | None
+    ends: str | None
+    expected: str
+    now: str
+    reached: str
+    filament: str
+    why: str
+    actions: tuple[Action, ...]
+
+
+def list_part_rows(
+    job: api.JobView,
+    printers: Sequence[api.PrinterView],
+    ends: Mapping[str, str],
+    role: Role,
+) -> list[PartRow]:
+    """List the parts of a job.
+
+    Parameters
+    ----------
+    job
+        The job.
+    printers
+        All printers of the fleet.
+    ends
+        Expected ends of the plates that have not ended, by the plate's id.
+    role
+        Role of who looks at them.
+    """
+    plates = {plate.id: plate for plate in job.plates}
+    beds = find_parts_on_beds(job, printers)
+    open_prints = {one.print.plate: one.print for one in printers if one.print is not None}
+    rows = []
+    for part in job.parts:
+        plate = plates[part.plate]
+        last = part.own_prints[-1] if part.own_prints else None
+        progress = open_prints.get(plate.id)
+        rows.append(
+            PartRow(
+                id=part.id,
+                name=part.id.rpartition("/")[2],
+                printer=plate.printer,
+                state=_find_state(part, plate),
+                remark=_describe_remark(part, beds.get(part.id)),
+                kind=_find_kind(part, plate),
+                progress=None if progress is None else progress.progress,
+                ends=ends.get(plate.id) or (last.ended if last is not None else None),
+                expected=format_duration(plate.estimated_s),
+                now=_describe_now(last, progress, job.now),
+                reached=_describe_reached(last, plate.estimated_s),
+                filament=format_filament(plate.grams, plate.filament_mm, plate.price, job.currency),
+                why=_explain(plate, last),
+                actions=tuple(list_part_actions(job, part, beds.get(part.id), role)),
+            )
+        )
+    return rows
+
+
+def _find_kind(part: api.PartView, plate: api.PlateStatus) -> str:
+    last = part.own_prints[-1] if part.own_prints else None
+    if plate.printing:
+        return "printing"
+    if last is None or plate.hold is not None:
+        return "waiting"
+    if last.state is PrintState.DONE:
+        return str(part.verdict or "printed")
+    return str(last.state)
+
+
+def _find_state(part: api.PartView, plate: api.PlateStatus) -> str:
+    return str(part.own_prints[-1].state) if plate.printing and part.own_prints else _find_kind(part, plate)
+
+
+def _describe_remark(part: api.PartView, printer: str | None) -> str:
+    attempts = len(part.own_prints)
+    remarks = [f"attempt {attempts}"] if attempts > 1 else []
+    if printer is not None:
+        remarks.append(f"on the bed of {printer}")
+    return ", ".join(remarks)
+
+
+def _describe_now(last: api.PrintView | None, progress: api.PrintProgress | None, now: str) -> str:
+    if progress is None or last is None or last.started is None:
+        return ""
+    elapsed = datetime.fromisoformat(now) - datetime.fromisoformat(last.started)
+    return format_duration(max(0.0, elapsed.total_seconds()) + progress.remaining_s)
+
+
+def _describe_reached(last: api.PrintView | None, expected_s: float) -> str:
+    if last is None or last.state is not PrintState.DONE or not (last.started and last.ended):
+        return ""
+    took_s = (datetime.fromisoformat(last.ended) - datetime.fromisoformat(last.started)).total_seconds()
+    deviation = f" ({format_deviation(took_s / expected_s - 1)})" if expected_s > 0 else ""
+    return format_duration(took_s) + deviation
+
+
+def _explain(plate: api.PlateStatus, last: api.PrintView | None) -> str:
+    reasons = [*plate.warnings]
+    if last is not None and not plate.printing:
+        reasons += [text for text in (last.reason or last.why or last.fault,) if text]
+    if plate.hold is not None:
+        reasons.append(plate.hold.text)
+    return "; ".join(reasons)

@@ -1,0 +1,111 @@
+"""Routes of a job's page, its instructions and its report."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from datetime import datetime
+from pathlib import Path
+
+from fastapi import APIRouter, Request, Response
+from fastapi.responses import FileResponse, HTMLResponse
+
+from farm import api
+from farm.control import READING_S, DryRuns
+from farm.errors import NoSuchThing
+from farm.http import Services, describe_farm, name_stored_files
+from farm.views import describe_job, describe_timeline, list_history
+from farm.views.report import list_figures, render_page
+from farm.web.callers import find_holder
+from farm.web.notes import Notes, Reader
+from farm.web.pages.jobs.assembly import Report, parse_report
+from farm.web.pages.jobs.job_page import JobData, render_job_page
+from farm.web.pages.page_route import PageRoute
+
+_INSTRUCTIONS, _PICTURE, _REPORT = "instructions.html", "assembly.png", "decomposition.json"
+_DOCUMENT = {
+    "content-security-policy": "sandbox; default-src 'none'; style-src 'unsafe-inline'; img-src data:; "
+    "frame-ancestors 'none'; base-uri 'none'"
+}
+"""Policy of a page that the farm wrote as one file: its own style and pictures, and no script."""
+_MOST_PRINTS = 2000  # of other jobs, in a timeline
+
+
+def job_page_routes(services: Services, dry_runs: DryRuns, notes: Notes) -> APIRouter:
+    """Return the routes.
+
+    Parameters
+    ----------
+    services
+        Components of the daemon.
+    dry_runs
+        Kept alive by pages that show them.
+    notes
+        Notes to show above the pages.
+    """
+    router, controller = APIRouter(route_class=PageRoute, include_in_schema=False), services.controller
+    farm = controller.fleet.fleet.name
+
+    async def find_file(number: int, name: str) -> Path:
+        stored = name_stored_files(controller.books, number).get(name)
+        path = services.state.files / (stored or "")
+        if stored is None or not await asyncio.to_thread(path.is_file):
+            raise NoSuchThing(f"job {number} has no file {name}: it may have been pruned")
+        return path
+
+    async def read_report(number: int) -> Report:
+        try:
+            path = await find_file(number, _REPORT)
+            return parse_report(await asyncio.to_thread(path.read_bytes))
+        except (NoSuchThing, OSError):
+            return Report()
+
+    @router.get("/jobs/{number}")
+    async def show_job(number: int, request: Request, curve: int | None = None) -> Response:
+        holder = find_holder(request)
+        dry_runs.keep(number, time.monotonic(), READING_S)
+        report = await read_report(number)
+        if curve is not None and not report.curve:
+            report = report.model_copy(update={"curve": (await read_report(curve)).curve})
+        data = describe_job_page(services, number, report, curve or number)
+        page = render_job_page(data, farm, Reader.for_holder(holder), notes.take(holder.key.id))
+        return HTMLResponse(page)
+
+    @router.get("/jobs/{number}/instructions")
+    async def show_instructions(number: int) -> Response:
+        path = await find_file(number, _INSTRUCTIONS)
+        return FileResponse(path, media_type="text/html", headers=_DOCUMENT)
+
+    @router.get("/jobs/{number}/report")
+    async def show_report(number: int) -> Response:
+        context = controller.build_view_context(services.state)
+        job = describe_job(context, controller.books.job(number))
+        others = list_history(context, None, None, _MOST_PRINTS)
+        try:
+            picture = await asyncio.to_thread((await find_file(number, _PICTURE)).read_bytes)
+        except (NoSuchThing, OSError):
+            picture = None
+        now = datetime.fromtimestamp(context.now_s, controller.fleet.zone)
+        page = render_page(job, others, now, list_figures(job), {}, picture)
+        return HTMLResponse(page, headers=_DOCUMENT)
+
+    return router
+
+
+def describe_job_page(services: Services, number: int, report: Report, curve_job: int) -> JobData:
+    """Collect the data of a job's page. Raises NoSuchThing for an unknown job."""
+    controller = services.controller
+    context = controller.build_view_context(services.state)
+    job = controller.books.job(number)
+    timeline: api.Timeline | None = None
+    if job.plates and not job.state.ended:
+        timeline = describe_timeline(context, number, controller.expected_situation())
+    return JobData(
+        describe_job(context, job),
+        describe_farm(services).printers,
+        list_history(context, None, None, _MOST_PRINTS),
+        timeline,
+        report,
+        tuple(name_stored_files(controller.books, number)),
+        curve_job,
+    )

@@ -1,0 +1,206 @@
+"""The page of a job, rendered without a browser."""
+
+import re
+from dataclasses import replace
+from datetime import datetime
+
+import pytest
+
+from example_night import night_books, status_of, view_context_of
+from farm import api
+from farm.model import Hold, HoldCode, JobOptions, JobState, PlanProgress, PlanStep, Role
+from farm.state import events as ev
+from farm.views import describe_job
+from farm.web.notes import Reader
+from farm.web.pages.jobs.assembly import Report, parse_report
+from farm.web.pages.jobs.job_page import JobData, list_downloads, list_reasons, render_job_page, summarise_job
+from farm.web.pages.jobs.parts import list_part_rows
+from make_books import run
+
+NOW = datetime.fromisoformat("1970-01-01T07:00:00+00:00")
+REPORT = b"""{"schema": 9, "unknown": 1,
+"joints": [{"a": "p01", "b": "p02", "area_mm2": 450.0, "glued": true}],
+"assembly": {"levels": 1, "locked": [["p04", "p05"]], "steps": [{"number": 1, "moved": ["p02"],
+"fixed": ["p01", "p03"], "slides": true}]},
+"curve": [{"printers": 2, "makespan_s": 7200.0}, {"printers": 4, "makespan_s": 3600.0},
+{"printers": 5, "makespan_s": 3000.0}]}"""
+
+
+def data_of(books, **changes):
+    context = view_context_of(books)
+    job = describe_job(context, books.job(1)).model_copy(update=changes)
+    return JobData(job, status_of(books).printers, report=parse_report(REPORT))
+
+
+def rows_of(data, role=Role.OPERATE):
+    return {row.name: row for row in list_part_rows(data.job, data.printers, {}, role)}
+
+
+def render(data, role=Role.OPERATE):
+    return render_job_page(data, "farm", Reader("ann", role))
+
+
+def paths_of(page):
+    return set(re.findall(r'action="([^"]+)"', page)) - {"/logout"}
+
+
+def test_rows_show_each_part_s_state_and_what_was_expected_and_reached():
+    rows = rows_of(data_of(night_books()))
+    assert {name: row.state for name, row in rows.items()} == {
+        "p01": "printed",
+        "p02": "printed",
+        "p03": "printed",
+        "p04": "failed",
+        "p05": "printing",
+    }
+    first, failed, last = rows["p01"], rows["p04"], rows["p05"]
+    assert (first.expected, first.now, first.reached) == ("100 s", "", "102 s (+2 %)")
+    assert (first.remark, failed.why) == ("on the bed of um2-01", "it does not get warm")
+    assert (last.progress, last.now, last.reached) == (1.0, "7h00", "")
+
+
+def test_part_on_a_bed_is_judged_where_its_bed_is_cleared():
+    books = night_books()
+    actions = {
+        name: [(a.path, dict(a.fields)) for a in row.actions] for name, row in rows_of(data_of(books)).items()
+    }
+    assert actions["p01"][:2] == [
+        ("/printers/um2-01/cleared", {"good": "1/p01"}),
+        ("/printers/um2-01/cleared", {"bad": "true"}),
+    ]
+    assert actions["p04"][:2] == [
+        ("/printers/um2-04/cleared", {"good": "1/p04"}),
+        ("/printers/um2-04/cleared", {}),
+    ]
+    books, _ = run(books, ev.BedCleared(at_s=300.0, printer="um2-01", by="ann"))
+    assert [a.label for a in rows_of(data_of(books))["p01"].actions] == ["Print again"]
+    assert not any("cleared" in a.path for a in rows_of(data_of(night_books()), Role.PRINT)["p01"].actions)
+
+
+def test_reader_who_only_looks_has_no_buttons():
+    page = render(data_of(night_books()), Role.LOOK)
+    assert paths_of(page) == set()
+    assert "Commands for" not in page
+
+
+def test_printing_job_is_paused_or_resumed_and_cancelling_takes_a_second_press():
+    page = render(data_of(night_books()))
+    assert {"/jobs/1/pause", "/jobs/1/cancel", "/jobs/1/parts/p05/pause"} <= paths_of(page)
+    assert re.search(r"<details><summary>Cancel job 1…</summary><form[^>]*action=\"/jobs/1/cancel\"", page)
+    assert "/jobs/1/resume" in paths_of(render(data_of(night_books(), paused=True)))
+
+
+def test_dry_run_offers_print_keep_discard_and_its_curve():
+    dry = JobOptions(dry_run=True, hold=True)
+    data = data_of(night_books(), state=JobState.HELD, options=dry, plan="abc")
+    slots = [
+        api.SlotView(
+            plate="1/01",
+            parts=["1/p01"],
+            printer="um2-01",
+            starts="1970-01-01T08:00:00+00:00",
+            ends="1970-01-01T09:00:00+00:00",
+            grams=3.0,
+            price=None,
+        )
+    ]
+    timeline = api.Timeline(
+        job=1,
+        now=data.job.now,
+        plan="abc",
+        slots=slots,
+        left=[],
+        notices=[],
+        makespan_s=3600.0,
+        lower_bound_s=0.0,
+        grams=3.0,
+        price=None,
+        currency=None,
+    )
+    page = render(replace(data, timeline=timeline, curve_job=7))
+    assert paths_of(page) == {"/jobs/1/release", "/jobs/1/keep", "/jobs/1/cancel", "/jobs/1/replan"}
+    assert '<input type="hidden" name="plan" value="abc">' in page
+    assert '<input type="hidden" name="curve" value="7">' in page
+    assert "2 printers: about 2h00, ends Thu 10:00" in page  # counted from the plan's start
+    assert re.findall(r'<option value="(\d+)"', page) == ["2", "4", "5"]
+    assert page.count("<circle") == 3
+    assert "bar-expected" in page
+
+
+@pytest.mark.parametrize(
+    ("changes", "text"),
+    [
+        ({"state": JobState.QUEUED}, "It waits to be planned."),
+        (
+            {"state": JobState.QUEUED, "hold": Hold(code=HoldCode.OUTAGE, text="after the outage")},
+            "It waits to be planned: after the outage.",
+        ),
+        ({"state": JobState.PLANNING}, "It is being planned."),
+        (
+            {
+                "state": JobState.PLANNING,
+                "progress": PlanProgress(step=PlanStep.DECOMPOSING, share=0.4, remaining_s=90.0),
+            },
+            "Decomposing 40 %, at most 90 s left.",
+        ),
+        (
+            {"state": JobState.HELD, "estimated_s": 3600.0},
+            "Planned: 5 parts on 5 printers, 1h00, 15 g. Nothing prints before it is approved.",
+        ),
+        ({"paused": True, "eta": None}, "Paused: 3 of 5 parts printed."),
+        (
+            {"state": JobState.PRINTED},
+            "Every part is printed: take the parts off and say which are good.",
+        ),
+        ({"state": JobState.DONE}, "Every part is printed and good."),
+        ({"state": JobState.FAILED, "reason": "no fit"}, "It has failed: no fit."),
+        ({"state": JobState.CANCELLED, "reason": "cancelled by ann"}, "It was cancelled: cancelled by ann."),
+    ],
+)
+def test_first_sentence_says_how_far_it_is(changes, text):
+    data = data_of(night_books(), **changes)
+    assert summarise_job(data.job, None, NOW) == text
+    assert f"</span> {text}</p>" in render(data)
+
+
+def test_plates_that_wait_for_the_same_reason_are_named_together():
+    data = data_of(night_books())
+    hold = Hold(code=HoldCode.PRINTER_BUSY, text="its printers are busy")
+    plates = [plate.model_copy(update={"hold": hold}) for plate in data.job.plates[:3]] + data.job.plates[3:]
+    job = data.job.model_copy(update={"plates": plates})
+    assert list_reasons(job) == ["1/01..03: its printers are busy"]
+    assert "its printers are busy" in render(replace(data, job=job))
+
+
+def test_assembly_shows_steps_joints_and_parts_without_an_order():
+    page = render(replace(data_of(night_books()), files=("instructions.html",)))
+    assert "Glue p02 to p01, p03; the faces slide along each other" in page
+    assert "No order is known in which p04, p05 go together." in page
+    assert "4.5 cm²" in page
+    assert 'href="/jobs/1/instructions"' in page
+
+
+@pytest.mark.parametrize("text", [None, b"", b"{", b"[]", b'{"joints": 3}', b"\xff"])
+def test_report_that_cannot_be_read_is_empty(text):
+    assert parse_report(text) == Report()
+
+
+def test_files_are_grouped_and_linked_as_downloads():
+    names = ("p01.stl", "plate-01.gcode", "assembly.glb", "decomposition-p02.json", "print-a-end.jpg")
+    groups = list_downloads(names)
+    assert {title: [name for name, _ in rows] for title, rows in groups.items()} == {
+        "Model": ["assembly.glb", "decomposition-p02.json"],
+        "Parts (STL)": ["p01.stl"],
+        "G-code": ["plate-01.gcode"],
+        "Pictures": ["print-a-end.jpg"],
+    }
+    assert 'href="/api/v1/jobs/1/files/p01.stl" download' in render(
+        replace(data_of(night_books()), files=names)
+    )
+
+
+def test_text_of_people_is_escaped():
+    page = render(data_of(night_books(), name="<script>x</script>", repairs=["<b>hole</b>"]))
+    assert "<script>x" not in page
+    assert "&lt;script&gt;x" in page
+    assert "&lt;b&gt;hole" in page

@@ -1,0 +1,127 @@
+"""Routes of a job's page and of the forms about its plan."""
+
+import hashlib
+import re
+
+import pytest
+
+from farm.control import JobCommands, PrinterCommands
+from farm.model import JobOptions, JobState, Role
+from farm.planning.plan import InspectedSubmission, Plan
+from make_books import plan
+from network_farm import NetworkFarm
+
+MODEL = InspectedSubmission("m.npz", ("closed 3 holes",), 1.0)
+GCODE = b"G28\n"
+CURVE = '{"curve": [{"printers": 1, "makespan_s": 9.0}, {"printers": 2, "makespan_s": 5.0}]}'
+DRY = {"dry_run": True, "hold": True}
+
+
+@pytest.fixture
+def farm(tmp_path):
+    farm = NetworkFarm(tmp_path)
+    yield farm
+    farm.store.close()
+
+
+@pytest.fixture
+def ann(farm):
+    return farm.open_session(Role.PRINT, "ann")
+
+
+def plan_job(farm, by="ann", **options):
+    """Submit a model and plan it; its files lie in the store."""
+    jobs = JobCommands(farm.controller, PrinterCommands(farm.controller))
+    number, _ = jobs.submit(f"request-{by}", "m.stl", MODEL, JobOptions(**options), by)
+    event = plan(number)
+    (farm.state.files / "g.gcode").write_bytes(GCODE)
+    (farm.state.files / "d.json").write_text(CURVE)
+    (farm.state.files / "i.html").write_text("<h1>glue</h1>")
+    (farm.state.files / "a.png").write_bytes(b"png")
+    sha256 = hashlib.sha256(GCODE).hexdigest()
+    plates = tuple(plate.model_copy(update={"sha256": sha256}) for plate in event.plates)
+    files = {"picture": "a.png", "decomposition": "d.json", "instructions": "i.html"}
+    farm.controller.on_plan(number, Plan(event.parts, plates, (), 1.0, 500.0, 100.0, **files))
+    return number
+
+
+def state_of(farm, number):
+    return farm.controller.books.job(number).state
+
+
+def test_page_shows_a_plan_and_keeps_its_dry_run(farm, ann):
+    number = plan_job(farm, **DRY)
+    page = farm.browse("GET", f"/jobs/{number}", ann)
+    assert page.status_code == 200
+    assert "Planned: 2 parts" in page.text
+    assert 'value="2">2 printers: about 5 s' in page.text.replace(" selected", "")
+    assert farm.dry_runs._kept_until_s.keys() == {number}
+
+
+def test_dry_run_is_printed_as_it_was_seen(farm, ann):
+    number = plan_job(farm, **DRY)
+    old = farm.browse("POST", f"/jobs/{number}/release", ann, data={"plan": "old"})
+    assert (old.status_code, state_of(farm, number)) == (303, JobState.HELD)
+    assert "has changed: look at it again" in farm.browse("GET", f"/jobs/{number}", ann).text
+    seen = {"plan": farm.controller.books.job(number).plan}
+    answer = farm.browse("POST", f"/jobs/{number}/release", ann, data=seen)
+    assert (answer.status_code, state_of(farm, number)) == (303, JobState.PRINTING)
+    assert not farm.controller.books.job(number).options.dry_run
+
+
+def test_dry_run_is_kept_for_approval(farm, ann):
+    number = plan_job(farm, **DRY)
+    farm.browse("POST", f"/jobs/{number}/keep", ann)
+    options = farm.controller.books.job(number).options
+    assert (state_of(farm, number), options.dry_run, options.hold) == (JobState.HELD, False, True)
+
+
+def test_another_number_of_printers_is_planned_from_the_same_model_and_keeps_the_curve(farm, ann):
+    number = plan_job(farm, **DRY, copies=2)
+    answer = farm.browse("POST", f"/jobs/{number}/replan", ann, data={"printers": "2", "curve": str(number)})
+    assert answer.headers["location"] == f"/jobs/{number + 1}?curve={number}"
+    assert state_of(farm, number) is JobState.CANCELLED
+    new = farm.controller.books.job(number + 1)
+    assert (new.model_file, new.options.printers, new.options.copies) == ("m.npz", 2, 2)
+    assert new.options.dry_run
+    bad = farm.browse("POST", f"/jobs/{number + 1}/replan", ann, data={"printers": "0"})
+    assert bad.status_code == 303
+    assert number + 2 not in farm.controller.books.jobs
+
+
+def test_who_did_not_submit_a_job_may_not_print_it(farm, ann):
+    number = plan_job(farm, by="bob", **DRY)
+    farm.browse("POST", f"/jobs/{number}/release", ann)
+    assert state_of(farm, number) is JobState.HELD
+    assert "only an operator may let job 1 print" in farm.browse("GET", "/", ann).text
+
+
+def test_documents_run_no_script(farm, ann):
+    number = plan_job(farm)
+    for name in ("instructions", "report"):
+        answer = farm.browse("GET", f"/jobs/{number}/{name}", ann)
+        assert answer.status_code == 200
+        assert answer.headers["content-type"].startswith("text/html")
+        assert answer.headers["content-security-policy"].startswith("sandbox; default-src 'none'")
+    assert "Job 1: m.stl" in answer.text
+    page = farm.browse("GET", f"/jobs/{number}", ann).text
+    picture = re.search(r'<img src="([^"]+)"', page)[1]
+    assert farm.browse("GET", picture, ann).headers["content-type"] == "image/png"
+
+
+@pytest.mark.parametrize(
+    ("path", "status"),
+    [("/jobs/9", 404), ("/jobs/x", 400), ("/jobs/9/instructions", 404), ("/jobs/9/report", 404)],
+)
+def test_job_that_does_not_exist_is_a_page(farm, ann, path, status):
+    answer = farm.browse("GET", path, ann)
+    assert answer.status_code == status
+    assert answer.headers["content-type"].startswith("text/html")
+
+
+def test_job_without_a_plan_or_files_has_a_page(farm, ann):
+    jobs = JobCommands(farm.controller, PrinterCommands(farm.controller))
+    jobs.submit("r" * 8, "m.stl", MODEL, JobOptions(), "ann")
+    page = farm.browse("GET", "/jobs/1", ann)
+    assert page.status_code == 200
+    assert 'http-equiv="refresh"' in page.text
