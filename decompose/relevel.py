@@ -106,6 +106,7 @@ def _cut_previous_boxes(
     """
     if len(sliced_s) != len(cutting.cut_for):
         return None
+    prices_s = dict(enumerate(cutting.prices_s))  # in the poses that were sliced, which may be steadier ones
     parts_of: dict[bytes, list[int]] = {}
     for i, box in enumerate(cutting.boxes_mm):
         parts_of.setdefault(box.tobytes(), []).append(i)
@@ -124,7 +125,7 @@ def _cut_previous_boxes(
             return None
         part_pieces.append(
             [
-                replace(piece, time_ratio=sliced_s[number] / pose.price_s)
+                replace(piece, time_ratio=sliced_s[number] / (prices_s.get(number) or pose.price_s))
                 for piece, number, pose in zip(pieces, numbers, poses, strict=True)
             ]
         )

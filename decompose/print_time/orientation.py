@@ -58,11 +58,10 @@ def find_best_pose(
     Pose or None
         None if no pose fits.
     """
-    hull = _hull_points(vertices)
-    oriented = [_orient(up, hull, printers) for up in candidate_directions(vertices, faces)]
-    rotations = np.array([r for r in oriented if r is not None]).reshape(-1, 3, 3)
+    rotations = find_fitting_rotations(vertices, faces, printers)
     if not len(rotations):
         return None
+    hull = _hull_points(vertices)
     features, extents = pose_features(vertices, faces, rotations, cost, hull)
     thinnest = replace(cost, brim_mm=0.0) if fit_first_layer else cost
     min_s = [thinnest.price_s([*f[:COLUMN], 0.0], e) for f, e in zip(features, extents, strict=True)]
@@ -82,6 +81,21 @@ def find_best_pose(
         if best is None or pose.rank < best.rank:
             best = pose
     return best
+
+
+def find_fitting_rotations(vertices: Floats, faces: Ints, printers: Sequence[PrinterRoom]) -> Floats:
+    """Find the rotations (k, 3, 3) in rows in which a part lies on a flat side and fits all printers.
+
+    Parameters
+    ----------
+    vertices, faces
+        (n, 3) in mm and (m, 3) of a closed mesh, outward.
+    printers
+        Printers to fit; empty for a printer without limits.
+    """
+    hull = _hull_points(vertices)
+    oriented = [_orient(up, hull, printers) for up in candidate_directions(vertices, faces)]
+    return np.array([r for r in oriented if r is not None]).reshape(-1, 3, 3)
 
 
 def _support_s(vertices: Floats, faces: Ints, hull: Floats, rotation: Floats, cost: CostModel) -> float:

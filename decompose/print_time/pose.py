@@ -26,6 +26,10 @@ STICKS_N_MM2 = 0.05
 SUPPORTED_CONTACT_SHARE = 0.1  # share of that for the area that supports carry
 BRIM_FOOTING_SHARE = 0.5  # share of a brim's width that counts as footing
 PULL_N = 0.5
+
+# [assumed] A part that is so tall for so small a foot is told to people, although it stands by its brim.
+SMALL_FOOT_MM2 = 300.0
+SLENDER = 6.0  # 100 mm high on 300 mm2
 WEIGHT_N_MM3 = 1.25e-5
 
 
@@ -71,6 +75,17 @@ class Pose:
         footing = self.footing
         touches = footing.contact_mm2 >= MIN_CONTACT_MM2 and footing.wall_mm >= MIN_FOOT_MM
         return touches and self.strain <= 1.0 and self.lean_mm >= -self.brim_share_mm
+
+    @property
+    def slenderness(self) -> float:
+        """Height over the side of a square of the area of the first layer; inf without one."""
+        contact_mm2 = self.footing.contact_mm2
+        return self.size_mm[2] / math.sqrt(contact_mm2) if contact_mm2 > 0.0 else math.inf
+
+    @property
+    def has_small_foot(self) -> bool:
+        """Check whether it is tall for a small first layer."""
+        return self.footing.contact_mm2 < SMALL_FOOT_MM2 and self.slenderness > SLENDER
 
     @property
     def rank(self) -> tuple[int, float, float, float]:

@@ -41,6 +41,8 @@ class Part:
         (k, 4) rows nx, ny, nz, d: the planes n.x = d that it was cut at, in the model's frame.
     stands
         Whether it stays upright while it is printed in its pose.
+    small_foot_mm2
+        Area of its first layer, where that is small for its height; else None.
     """
 
     id: str
@@ -53,6 +55,7 @@ class Part:
     layer_0_expansion_mm: float | None = None
     planes: Floats = field(default_factory=lambda: np.zeros((0, 4)))
     stands: bool = True
+    small_foot_mm2: float | None = None
 
     @property
     def rotation(self) -> Floats:
@@ -90,6 +93,7 @@ class Part:
             "brim_width_mm": self.brim_width_mm,
             "layer_0_expansion_mm": self.layer_0_expansion_mm,
             "stands": self.stands,
+            "small_foot_mm2": self.small_foot_mm2,
         }
 
 
@@ -143,6 +147,8 @@ class Cutting:
         The printer that each part was cut for; None: any.
     printers
         Printers that were free.
+    prices_s
+        Price of each part in the pose that it is printed in; empty where it is not known.
     """
 
     granularity: str | int
@@ -150,6 +156,7 @@ class Cutting:
     boxes_mm: Floats
     cut_for: tuple[PrinterRoom | None, ...]
     printers: tuple[PrinterRoom, ...]
+    prices_s: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -269,6 +276,7 @@ class Decomposition:
             "joints": [self._joint_as_dict(number, joint) for number, joint in enumerate(self.joints)],
             "seam_mm": self.seam_mm(),
             "thin_rims": self.describe_thin_rims(),
+            "small_feet": self.describe_small_feet(),
             "assembly": {
                 "levels": self.assembly.levels,
                 "estimated_s": self.assembly.total_s,
@@ -283,6 +291,13 @@ class Decomposition:
     def describe_thin_rims(self) -> str:
         """Describe rims that are thinner than two lines, in a sentence; empty where there are none."""
         return describe_thin_rims([part.id for part in self.parts], self.joints, self.seams)
+
+    def describe_small_feet(self) -> str:
+        """Describe parts that are tall for a small first layer, in a sentence; empty where there are none."""
+        feet = [f"{part.id} on {part.small_foot_mm2:.0f} mm2" for part in self.parts if part.small_foot_mm2]
+        if not feet:
+            return ""
+        return f"Small feet for their height: {', '.join(feet)}; watch the first layers, or use a wider brim"
 
     def _joint_as_dict(self, number: int, joint: Joint) -> dict[str, Any]:
         seam = self.seams[number] if self.seams else Seam()

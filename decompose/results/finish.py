@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -14,15 +15,19 @@ from decompose.options import Engine
 from decompose.pieces import (
     Piece,
     assign_printers,
+    find_cut_faces,
     find_faults,
     find_joints,
     rotate_planes,
     sort_pieces,
 )
-from decompose.print_time import Pose
+from decompose.print_time import PartMesh, Pose, find_steady_pose, steady_limit_s
+from decompose.printers import PrinterRoom
 from decompose.problem import GridFigures, Partition, Problem
 from decompose.results.check import check_result
 from decompose.results.decomposition import Coverage, Cutting, Decomposition, Part
+
+SPARE_SHARE = 0.97  # of the makespan: the price of a part errs by some per cent
 
 
 def finish_result(problem: Problem, partition: Partition, serial: tuple[float, float]) -> Decomposition:
@@ -48,16 +53,19 @@ def finish_result(problem: Problem, partition: Partition, serial: tuple[float, f
     coverage = check_result(parts, boxes_mm, partition.model, problem.printers, problem.options.min_wall_mm)
     problem.on_stage("check")
     return _build_decomposition(
-        problem, partition, parts, coverage, serial, _record_cutting(problem, pieces, boxes_mm)
+        problem, partition, parts, coverage, serial, _record_cutting(problem, pieces, boxes_mm, parts)
     )
 
 
-def _record_cutting(problem: Problem, pieces: Sequence[Piece], boxes_mm: Floats) -> Cutting | None:
+def _record_cutting(
+    problem: Problem, pieces: Sequence[Piece], boxes_mm: Floats, parts: Sequence[Part]
+) -> Cutting | None:
     """Record the boxes of the pieces for another move of planes; None unless they were cut from boxes."""
     if problem.options.engine is not Engine.GUILLOTINE or len(boxes_mm) != len(pieces):
         return None
     cut_for = tuple(piece.printer for piece in pieces)
-    return Cutting(problem.options.granularity, problem.frame, boxes_mm, cut_for, problem.printers)
+    prices_s = tuple(part.price_s for part in parts)
+    return Cutting(problem.options.granularity, problem.frame, boxes_mm, cut_for, problem.printers, prices_s)
 
 
 def _build_decomposition(
@@ -102,6 +110,7 @@ def _build_parts(pieces: Sequence[Piece], problem: Problem) -> list[Part]:
     takers = assign_printers(apply_time_ratios(pieces, poses), problem.printers)
     if takers is None:
         raise NoFit(f"{len(poses)} parts do not fit these printers, each on one of its own", len(poses))
+    poses = _find_steady_poses(problem, pieces, poses, takers)
     digits = max(2, len(str(len(pieces))))
     return [
         Part(
@@ -114,9 +123,32 @@ def _build_parts(pieces: Sequence[Piece], problem: Problem) -> list[Part]:
             layer_0_expansion_mm=pose.layer_0_expansion_mm,
             planes=piece.planes,
             stands=pose.stands,
+            small_foot_mm2=pose.footing.contact_mm2 if pose.has_small_foot else None,
         )
         for i, (piece, pose) in enumerate(zip(pieces, poses, strict=True))
     ]
+
+
+def _find_steady_poses(
+    problem: Problem, pieces: Sequence[Piece], poses: Sequence[Pose], takers: Sequence[PrinterRoom]
+) -> list[Pose]:
+    """Find a steadier pose for each piece that ends before the slowest one on its printer (`takers`).
+
+    A printer of several rounds has no time to spare between them.
+    """
+    ratios = [piece.time_ratio * taker.time_factor for piece, taker in zip(pieces, takers, strict=True)]
+    ends_s = max(pose.price_s * ratio for pose, ratio in zip(poses, ratios, strict=True))
+    rounds = Counter(printer.name for printer in problem.printers)
+
+    def find_pose(piece: Piece, fastest: Pose, taker: PrinterRoom, ratio: float) -> Pose:
+        spare_s = SPARE_SHARE * ends_s / ratio if rounds[taker.name] == 1 else 0.0
+        vertices, faces = piece.solid.arrays()
+        mesh = PartMesh(vertices, faces, find_cut_faces(vertices, faces, piece.planes))
+        rooms = (*problem.rooms_for(piece), taker)
+        return find_steady_pose(mesh, rooms, problem.cost, fastest, steady_limit_s(fastest, spare_s))
+
+    run = map if problem.executor is None else problem.executor.map
+    return list(run(find_pose, pieces, poses, takers, ratios))
 
 
 def apply_time_ratios(pieces: Sequence[Piece], poses: Sequence[Pose]) -> list[Pose]:

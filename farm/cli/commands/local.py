@@ -127,8 +127,7 @@ def summarise_decomposition(report: dict[str, Any], printers: int, out: Path) ->
         lines.append(f"{assembly}; {report['seam_mm']:.0f} mm of seam outside")
     warnings = [f"{fault['part']} {fault['what']}" for fault in report["faults"]]
     warnings += [f"{part['id']} may fall over while it is printed" for part in parts if not part["stands"]]
-    if report["thin_rims"]:
-        warnings.append(report["thin_rims"])
+    warnings += [text for text in (report["thin_rims"], report["small_feet"]) if text]
     if warnings:
         others = f", and {len(warnings) - 3} more" if len(warnings) > 3 else ""
         lines.append(f"Check: {'; '.join(warnings[:3])}{others}")

@@ -34,6 +34,7 @@ class _CuttingRecord(_Record):
     boxes_mm: tuple[tuple[_Row, _Row], ...]
     cut_for: tuple[PrinterRoom | None, ...]
     printers: tuple[PrinterRoom, ...]
+    prices_s: tuple[float, ...] = ()
 
 
 class _CutRecord(_Record):
@@ -70,7 +71,7 @@ def write_cut_record(decomposition: Decomposition, folder: Path) -> Path | None:
         return None
     figures = {name: getattr(decomposition, name) for name in _CutRecord.model_fields if name != "cutting"}
     rows = {"frame": cutting.frame.tolist(), "boxes_mm": cutting.boxes_mm.tolist()}
-    fields = {name: getattr(cutting, name) for name in ("granularity", "cut_for", "printers")}
+    fields = {name: getattr(cutting, name) for name in ("granularity", "cut_for", "printers", "prices_s")}
     record = _CutRecord(**figures, cutting=_CuttingRecord(**rows, **fields))
     path = folder / CUT_RECORD
     path.write_text(record.model_dump_json())

@@ -89,11 +89,11 @@ def decompose_job(task: DecomposeTask) -> DecomposedJob:
 def write_decomposed(decomposition: Decomposition, model: Model, folder: Path) -> DecomposedJob:
     """Write the parts, the report and the cut record into a folder, and describe them."""
     stored = write_decomposition(decomposition, folder)
-    rims = stored.describe_thin_rims()
+    warnings = [text for text in (stored.describe_thin_rims(), stored.describe_small_feet()) if text]
     return DecomposedJob(
         parts=tuple(DecomposedPart.from_part(part, folder) for part in stored.parts),
         serial_price_s=stored.serial_s,
-        repairs=(*model.repairs, *([f"Warning: {rims}."] if rims else [])),
+        repairs=(*model.repairs, *(f"Warning: {text}." for text in warnings)),
         scale=model.scale,
         cut_record=write_cut_record(stored, folder),
     )

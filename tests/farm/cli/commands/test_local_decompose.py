@@ -33,6 +33,7 @@ def report(**more: Any) -> dict[str, Any]:
         "yaw_deg": 0.0,
         "seam_mm": 812.4,
         "thin_rims": "",
+        "small_feet": "",
         "assembly": {"steps": [{}, {}], "estimated_s": 1860.0},
     } | more
 

@@ -1,0 +1,98 @@
+"""Steadier pose of a part that has time to spare: a larger foot and less height than in its fastest pose.
+
+A part that ends before the slowest one gains nothing by its fastest pose. On a foot of some square
+millimetres it is more likely to come off the bed.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from decompose.arrays import Floats
+from decompose.print_time.cost import CostModel
+from decompose.print_time.footing import FIRST_LAYER_MM
+from decompose.print_time.orientation import find_fitting_rotations
+from decompose.print_time.pose import COLUMN, PartMesh, Pose, measure_from_features
+from decompose.print_time.pose_prices import pose_features
+from decompose.printers import PrinterRoom
+
+LOW_SLENDERNESS = 1.0  # of a cube: a part that is no taller for its foot is steady enough
+WORTH_RATIO = 0.8  # of the slenderness: a pose that is not steadier by this is not worth another one
+DEAR_RATIO = 1.02  # of the fastest time: may be spent on a steadier pose
+MAX_MEASURED = 4  # poses, the steadiest by their flat faces first
+
+
+def steady_limit_s(fastest: Pose, spare_limit_s: float) -> float:
+    """Find the time that a part may take in a steadier pose.
+
+    Parameters
+    ----------
+    fastest
+        Fastest pose of the part.
+    spare_limit_s
+        Price at which the part would end with the slowest one.
+
+    Returns
+    -------
+    float
+        All of the time to spare for a part on a small foot, and 2 % even where it has none; else 2 % at most.
+    """
+    dear_s = DEAR_RATIO * fastest.price_s
+    return max(spare_limit_s, dear_s) if fastest.has_small_foot else min(spare_limit_s, dear_s)
+
+
+def find_steady_pose(
+    mesh: PartMesh, rooms: Sequence[PrinterRoom], cost: CostModel, fastest: Pose, limit_s: float
+) -> Pose:
+    """Find a pose with a larger foot and less height than the fastest one, within a time.
+
+    Parameters
+    ----------
+    mesh
+        Closed mesh of the part, outward.
+    rooms
+        The part has to fit all of them.
+    cost
+        Print time of a part.
+    fastest
+        Fastest pose of the part; its brim says whether first layers are chosen.
+    limit_s
+        Longest time of the pose.
+
+    Returns
+    -------
+    Pose
+        The fastest pose, where none is much steadier, or where support would touch more of its cut faces.
+    """
+    if fastest.slenderness <= LOW_SLENDERNESS or limit_s < fastest.price_s:
+        return fastest
+    rotations = find_fitting_rotations(mesh.vertices, mesh.faces, rooms)
+    slenderness = np.array([_estimate_slenderness(mesh, rotation) for rotation in rotations])
+    worth = WORTH_RATIO * fastest.slenderness
+    order = [i for i in np.argsort(slenderness, kind="stable") if slenderness[i] < worth]
+    without_brim, measured = replace(cost, brim_mm=0.0), 0
+    for i in order:
+        (features,), (extents,) = pose_features(mesh.vertices, mesh.faces, rotations[i : i + 1], cost)
+        if without_brim.price_s([*features[:COLUMN], 0.0], extents) > limit_s:
+            continue
+        pose = measure_from_features(mesh, rotations[i], features, cost, fastest.brim_width_mm is not None)
+        if pose.slenderness < worth and pose.price_s <= limit_s and pose.rank[:3] <= fastest.rank[:3]:
+            return pose
+        measured += 1
+        if measured == MAX_MEASURED:
+            break
+    return fastest
+
+
+def _estimate_slenderness(mesh: PartMesh, rotation: Floats) -> float:
+    """Estimate the height of a part over the side of its foot, from its faces that lie flat on the bed."""
+    z_mm = mesh.vertices @ rotation[2]
+    low_mm = float(z_mm.min())
+    lying = mesh.faces[(z_mm[mesh.faces] < low_mm + FIRST_LAYER_MM).all(axis=1)]
+    a, b, c = (mesh.vertices[lying[:, corner]] for corner in range(3))
+    foot_mm2 = -float((np.cross(b - a, c - a) @ rotation[2]).sum()) / 2.0
+    return (float(z_mm.max()) - low_mm) / math.sqrt(foot_mm2) if foot_mm2 > 0.0 else math.inf
