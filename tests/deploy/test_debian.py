@@ -18,6 +18,8 @@ from farm.planning.inspection import complete_section
 DEPLOY = Path(__file__).resolve().parents[2] / "deploy"
 DEBIAN = DEPLOY / "debian"
 MODELS = frozenset(PROFILES)
+CANNOT_RUN = 77
+"""Exit status of a script that needs what this host lacks."""
 
 
 @pytest.fixture(scope="module")
@@ -119,3 +121,11 @@ def test_agents_are_found_whoever_started_them():
 def test_purge_leaves_a_checkout_in_its_place_alone():
     text = (DEBIAN / "postrm").read_text()
     assert text.index("/opt/farm/.git") < text.index("rm -rf")
+
+
+def test_scripts_of_the_package_by_dpkg_beside_a_systemctl_that_records():
+    """Installs, upgrades, removes and purges a package with a stub program over this host's files."""
+    run = subprocess.run([DEBIAN / "test-scripts.sh"], capture_output=True, text=True)
+    if run.returncode == CANNOT_RUN:
+        pytest.skip(run.stderr.strip())
+    assert run.returncode == 0, run.stdout + run.stderr
