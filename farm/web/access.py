@@ -85,7 +85,8 @@ ROLES: dict[tuple[str, str], Role] = {
     **{("POST", NETWORK_PREFIX + path): Role.PRINT for path in _PRINT},
     **{("POST", NETWORK_PREFIX + path): Role.OPERATE for path in _OPERATE},
     **{("POST", path): Role.PRINT for path in _PRINT if path != "/jobs"},  # forms of the pages
-    **{("POST", path): Role.PRINT for path in _PLAN_FORMS},
+    **{("POST", path): Role.PRINT for path in (*_PLAN_FORMS, "/submit")},
+    ("GET", "/submit"): Role.PRINT,
     **{("POST", path): Role.OPERATE for path in _OPERATE},
     **SLICER_ROLES,
 }

@@ -38,6 +38,7 @@ from farm.web.notes import Notes
 from farm.web.openapi import describe_routes
 from farm.web.pages import (
     POLICY,
+    SUBMIT_PATH,
     fleet_routes,
     job_pages,
     login_routes,
@@ -75,7 +76,8 @@ def make_web_app(services: Services, dry_runs: DryRuns, names: Collection[str]) 
     add_routes(app, services, dry_runs, NETWORK_PREFIX)
     add_slicer_routes(app, services)
     app.add_middleware(
-        BodyLimit, is_upload=lambda path: path == NETWORK_PREFIX + UPLOAD_PATH or is_slicer_upload(path)
+        BodyLimit,
+        is_upload=lambda path: path in (NETWORK_PREFIX + UPLOAD_PATH, SUBMIT_PATH) or is_slicer_upload(path),
     )
 
     @app.get(LIVENESS)

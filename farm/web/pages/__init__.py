@@ -8,9 +8,11 @@ from farm.web.pages.jobs import job_pages
 from farm.web.pages.login_routes import login_routes
 from farm.web.pages.rendering import render_message
 from farm.web.pages.routes import page_routes
+from farm.web.pages.submit import SUBMIT_PATH
 
 __all__ = [
     "POLICY",
+    "SUBMIT_PATH",
     "fleet_routes",
     "job_pages",
     "login_routes",

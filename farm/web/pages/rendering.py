@@ -17,6 +17,7 @@ from farm.wording import format_deviation, format_share
 
 NAVIGATION: tuple[tuple[str, str, Role], ...] = (
     ("/", "Home", Role.LOOK),
+    ("/submit", "Submit", Role.PRINT),
     ("/timeline", "Timeline", Role.LOOK),
     ("/history", "History", Role.LOOK),
 )

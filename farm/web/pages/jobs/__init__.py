@@ -9,6 +9,7 @@ from farm.http import Services
 from farm.web.notes import Notes
 from farm.web.pages.jobs.forms import plan_forms
 from farm.web.pages.jobs.routes import job_page_routes
+from farm.web.pages.submit import submit_routes
 
 __all__ = ["job_pages"]
 
@@ -26,4 +27,5 @@ def job_pages(services: Services, jobs: JobCommands, dry_runs: DryRuns, notes: N
     router = APIRouter(include_in_schema=False)
     router.include_router(job_page_routes(services, dry_runs, notes))
     router.include_router(plan_forms(services, jobs))
+    router.include_router(submit_routes(services, jobs, notes))
     return router

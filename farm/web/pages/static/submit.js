@@ -1,0 +1,25 @@
+// Progress of an upload and of the check of its model, while the browser sends the form.
+
+const PERIOD_MS = 500;
+
+/** Describe the progress of an upload in a few words. */
+export const describeUpload = ({ step, received, size }) =>
+  received < size ? `${step}, ${Math.floor((100 * received) / size)} %` : step;
+
+const form = document.getElementById("submit");
+const progress = document.getElementById("progress");
+
+const poll = async () => {
+  try {
+    const answer = await fetch(`/api/v1/uploads/${form.dataset.request}`);
+    if (answer.ok) progress.textContent = describeUpload(await answer.json());
+  } catch {
+    // the page is being left, or the network is away: the browser says so
+  }
+  setTimeout(poll, PERIOD_MS);
+};
+
+form.addEventListener("submit", () => {
+  progress.textContent = "sending";
+  setTimeout(poll, PERIOD_MS);
+});

@@ -1,0 +1,92 @@
+"""Options of a job as the fields of a form, in the words of who prints. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from enum import StrEnum
+
+from pydantic import ValidationError
+
+from farm.errors import ErrorCode, FarmError
+from farm.model import JobOptions
+from farm.text import describe_first_error
+
+UNITS = {"1": "millimetres", "10": "centimetres", "25.4": "inches", "1000": "metres"}
+"""Units of a model, each by the factor to millimetres."""
+QUALITIES = ("glue", "paper", "draft", "fast", "normal", "high")
+"""Qualities to choose from: the farm's, and Cura's."""
+
+
+class Goal(StrEnum):
+    """Choice of the number of printers."""
+
+    AUTO = "auto"  # as many as save time
+    COUNT = "count"
+    DEADLINE = "deadline"  # the fewest parts that end by then
+
+
+class Start(StrEnum):
+    """Choice of the start."""
+
+    NOW = "now"
+    OVERNIGHT = "overnight"
+    AT = "at"
+
+
+class Next(StrEnum):
+    """What follows once the model is submitted."""
+
+    PLAN = "plan"  # show the plan, and print nothing
+    PRINT = "print"
+    HOLD = "hold"  # plan it, and wait for an approval
+
+
+_COPIED = ("longest_side_mm", "quality", "material", "colour", "copies", "name", "note", "spares", "priority")
+DEFAULTS: Mapping[str, str] = {
+    **{field: "" if (value := getattr(JobOptions(), field)) is None else str(value) for field in _COPIED},
+    "scale": "1",
+    "goal": Goal.AUTO,
+    "printers": "",
+    "done_by": "",
+    "start": Start.NOW,
+    "at": "",
+}
+"""Values of the fields of an empty form."""
+
+
+def read_job_options(fields: Mapping[str, str]) -> JobOptions:
+    """Read the options of a job from the fields of a form; those left empty have their defaults.
+
+    Raises
+    ------
+    FarmError
+        If one is wrong, with its name.
+    """
+    values: dict[str, object] = {name: fields[name] for name in _COPIED if fields.get(name, "").strip()}
+    try:
+        if fields.get("scale", "1") != "1" and "longest_side_mm" not in values:
+            values["scale"] = fields["scale"]
+        goal, start = Goal(fields.get("goal", Goal.AUTO)), Start(fields.get("start", Start.NOW))
+        following = Next(fields.get("next", Next.PLAN))
+    except ValueError as error:
+        raise FarmError(f"{error}: send the form again from its page", ErrorCode.SETTINGS) from error
+    if goal is Goal.COUNT:
+        values["printers"] = _require(fields, "printers", "give the number of printers")
+    if goal is Goal.DEADLINE:
+        values["done_by"] = _require(fields, "done_by", "give the time by which it is done")
+    if start is Start.AT:
+        values["at"] = _require(fields, "at", "give the time at which it starts")
+    values["overnight"] = start is Start.OVERNIGHT
+    values["dry_run"] = following is Next.PLAN
+    values["hold"] = following is not Next.PRINT
+    try:
+        return JobOptions.model_validate(values)
+    except ValidationError as error:
+        raise FarmError(describe_first_error(error.errors()), ErrorCode.SETTINGS) from error
+
+
+def _require(fields: Mapping[str, str], name: str, text: str) -> str:
+    value = fields.get(name, "").strip()
+    if not value:
+        raise FarmError(text, ErrorCode.SETTINGS)
+    return value

@@ -1,0 +1,78 @@
+"""Routes of the page that submits a model."""
+
+from __future__ import annotations
+
+import asyncio
+import re
+import uuid
+
+from fastapi import APIRouter, Request, Response
+from fastapi.responses import HTMLResponse, RedirectResponse
+from starlette.exceptions import HTTPException
+
+from farm.control import JobCommands
+from farm.errors import FarmError
+from farm.http import CallerName, Services
+from farm.model import JobOptions
+from farm.planning.inspection import name_filament
+from farm.web.callers import find_holder
+from farm.web.forms import FormReader, FormUploads
+from farm.web.notes import Note, Notes, Reader
+from farm.web.pages.page_route import PageRoute
+from farm.web.pages.submit.options import DEFAULTS, read_job_options
+from farm.web.pages.submit.submit_page import SUBMIT_PATH, list_choices, render_submit_page
+
+_SEE_OTHER, _BAD_REQUEST = 303, 400
+_REQUEST_ID = re.compile(r"[0-9a-f]{32}")
+
+
+def submit_routes(services: Services, jobs: JobCommands, notes: Notes) -> APIRouter:
+    """Return the routes.
+
+    Parameters
+    ----------
+    services, jobs
+        Components of the daemon.
+    notes
+        Notes to show above the pages.
+    """
+    router = APIRouter(route_class=PageRoute, include_in_schema=False)
+    fleet = services.controller.fleet
+    uploads = FormUploads(services.uploads, jobs)
+
+    def render(reader: Reader, note: Note | None, values: dict[str, str] | None = None) -> str:
+        choices = list_choices(services.controller.fleet)
+        return render_submit_page(
+            choices, uuid.uuid4().hex, fleet.fleet.name, reader, note, values or DEFAULTS
+        )
+
+    @router.get(SUBMIT_PATH)
+    async def show_form(request: Request) -> Response:
+        holder = find_holder(request)
+        return HTMLResponse(render(Reader.for_holder(holder), notes.take(holder.key.id)))
+
+    @router.post(SUBMIT_PATH)
+    async def submit(request: Request, by: CallerName) -> Response:
+        holder, values = find_holder(request), dict[str, str]()
+
+        async def read_options(form: FormReader) -> JobOptions:
+            values.update({name: form.fields[name] for name in DEFAULTS if name in form.fields})
+            options = read_job_options(form.fields)
+            return await asyncio.to_thread(name_filament, options, fleet.printers, fleet.fleet.materials)
+
+        wanted = request.query_params.get("request", "")
+        request_id = wanted if _REQUEST_ID.fullmatch(wanted) else uuid.uuid4().hex
+        known = jobs.find_submission(request_id)
+        if known is not None:
+            return RedirectResponse(f"/jobs/{known}", _SEE_OTHER)
+        try:
+            number = (await uploads.submit(request, request_id, read_options, by)).job
+        except (FarmError, HTTPException) as error:
+            text = str(error.detail if isinstance(error, HTTPException) else error)
+            return HTMLResponse(render(Reader.for_holder(holder), Note(text, True), values), _BAD_REQUEST)
+        excess = jobs.find_excess(services.controller.books.job(number).options)
+        if excess:
+            notes.put(holder.key.id, Note("; ".join(excess)))
+        return RedirectResponse(f"/jobs/{number}", _SEE_OTHER)
+
+    return router

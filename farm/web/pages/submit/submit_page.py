@@ -1,0 +1,96 @@
+"""Page with the form that submits a model. Pure."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from drivers.printers import PROFILES
+from farm.config import Fleet, PrinterSection
+from farm.text import format_count
+from farm.web.notes import Note, Reader
+from farm.web.pages.rendering import render_page
+from farm.web.pages.submit.options import DEFAULTS, QUALITIES, UNITS
+
+SUBMIT_PATH = "/submit"
+FILE_TYPES = ".stl,.3mf,.obj,.ply,.off,.step,.stp,.gcode,.gco,.g"
+
+
+@dataclass(frozen=True, slots=True)
+class SubmitChoices:
+    """What the fleet has to choose from.
+
+    Attributes
+    ----------
+    printers
+        Number of printers.
+    materials, colours
+        Kinds of material and colours on the printers.
+    beds_mm
+        Each size of build volume with the model's name: width, depth and height.
+    timezone
+        Time zone of the times in the form.
+    """
+
+    printers: int
+    materials: Sequence[str]
+    colours: Sequence[str]
+    beds_mm: Sequence[tuple[str, float, float, float]]
+    timezone: str
+
+
+def list_choices(fleet: Fleet) -> SubmitChoices:
+    """List what a fleet has to choose from."""
+    printers = [one for one in fleet.printers if one.enabled]
+    beds = {_describe_bed(one) for one in printers if one.model in PROFILES}
+    return SubmitChoices(
+        printers=len(printers),
+        materials=sorted({one.material_kind or one.material for one in printers}),
+        colours=sorted({one.colour for one in printers if one.colour}),
+        beds_mm=sorted(beds),
+        timezone=fleet.fleet.timezone,
+    )
+
+
+def _describe_bed(section: PrinterSection) -> tuple[str, float, float, float]:
+    profile = PROFILES[section.model]
+    return profile.title, *(section.volume_mm or (*profile.bed_mm, profile.height_mm))
+
+
+def render_submit_page(
+    choices: SubmitChoices,
+    request_id: str,
+    farm: str,
+    reader: Reader,
+    note: Note | None = None,
+    values: Mapping[str, str] = DEFAULTS,
+) -> str:
+    """Render the page.
+
+    Parameters
+    ----------
+    choices
+        What the fleet has.
+    request_id
+        Identifies the submission: sent twice, it is one job.
+    farm, reader, note
+        See `render_page`.
+    values
+        Values of the fields.
+    """
+    return render_page(
+        "submit.html",
+        farm,
+        SUBMIT_PATH,
+        reader,
+        note,
+        choices=choices,
+        fleet_size=format_count(choices.printers, "printer"),
+        request_id=request_id,
+        values={**DEFAULTS, **values},
+        units=UNITS,
+        qualities=QUALITIES,
+        beds=json.dumps([list(bed) for bed in choices.beds_mm]),
+        file_types=FILE_TYPES,
+    )

@@ -1,0 +1,150 @@
+"""The page that submits a model: its fields, and the job that follows."""
+
+import re
+
+import pytest
+
+from farm.errors import ErrorCode, FarmError
+from farm.model import JobOptions, Role
+from farm.web.notes import Reader
+from farm.web.pages.submit.options import DEFAULTS, read_job_options
+from farm.web.pages.submit.submit_page import SUBMIT_PATH, list_choices, render_submit_page
+from network_farm import NetworkFarm
+from recording_controller import fleet
+from same_process import AcceptAll
+
+REQUEST = "0123456789abcdef" * 2
+
+
+def test_empty_form_asks_for_a_plan_with_the_defaults_of_the_command():
+    assert read_job_options(DEFAULTS) == JobOptions(dry_run=True, hold=True)
+    assert read_job_options({"next": "print"}) == JobOptions()
+    assert read_job_options({"next": "hold"}) == JobOptions(hold=True)
+
+
+@pytest.mark.parametrize(
+    ("fields", "options"),
+    [
+        ({"goal": "count", "printers": "3"}, {"printers": 3}),
+        ({"goal": "auto", "printers": "3"}, {}),
+        ({"goal": "deadline", "done_by": "2026-11-25T07:00"}, {"done_by": "2026-11-25T07:00"}),
+        ({"start": "overnight", "at": "2026-11-25T07:00"}, {"overnight": True}),
+        ({"start": "at", "at": "2026-11-25T07:00"}, {"at": "2026-11-25T07:00"}),
+        ({"scale": "25.4"}, {"scale": 25.4}),
+        ({"scale": "25.4", "longest_side_mm": "300"}, {"longest_side_mm": 300.0}),
+        (
+            {"material": "PLA", "colour": "red", "quality": "fast"},
+            {"material": "PLA", "colour": "red", "quality": "fast"},
+        ),
+        ({"copies": "7", "spares": "1", "priority": "-2"}, {"copies": 7, "spares": 1, "priority": -2}),
+        ({"name": "vase ", "note": " for eve"}, {"name": "vase", "note": "for eve"}),
+    ],
+)
+def test_fields_become_options(fields, options):
+    assert read_job_options({**DEFAULTS, **fields, "next": "print"}) == JobOptions(**options)
+
+
+@pytest.mark.parametrize(
+    ("fields", "text"),
+    [
+        ({"goal": "count"}, "give the number of printers"),
+        ({"goal": "count", "printers": "0"}, "printers"),
+        ({"goal": "deadline"}, "give the time by which it is done"),
+        ({"start": "at"}, "give the time at which it starts"),
+        ({"goal": "x"}, "send the form again"),
+        ({"next": "x"}, "send the form again"),
+        ({"copies": "many"}, "copies"),
+        ({"scale": "nan"}, "scale"),
+    ],
+)
+def test_wrong_field_is_named(fields, text):
+    with pytest.raises(FarmError, match=text) as caught:
+        read_job_options({**DEFAULTS, **fields})
+    assert caught.value.code is ErrorCode.SETTINGS
+
+
+def test_page_offers_what_the_fleet_has():
+    page = render_submit_page(list_choices(fleet()), REQUEST, "farm", Reader("ann", Role.PRINT))
+    assert f'action="/submit?request={REQUEST}"' in page
+    assert "On this many of 2 printers" in page
+    assert "Ultimaker 2+" in page
+    assert "&#34;" in page  # the beds, as an attribute
+
+
+def test_every_field_has_a_label():
+    page = render_submit_page(list_choices(fleet()), REQUEST, "farm", Reader("ann", Role.PRINT))
+    form = page[page.index('<form id="submit"') :]
+    labels = re.findall(r"<label>(.*?)</label>", form, re.DOTALL)
+    named = set(re.findall(r'<(?:input|select)[^>]* name="(\w+)"', form))
+    assert named == {*DEFAULTS, "file"}
+    assert all(any(f'name="{name}"' in label for label in labels) for name in named)
+
+
+@pytest.fixture
+def farm(tmp_path):
+    farm = NetworkFarm(tmp_path)
+    yield farm
+    farm.store.close()
+
+
+def send(farm, session, request=REQUEST, name="vase.stl", content=b"x" * 1000, **fields):
+    path = f"{SUBMIT_PATH}?request={request}"
+    return farm.browse("POST", path, session, files={"file": (name, content)}, data={**DEFAULTS, **fields})
+
+
+def test_model_is_submitted_once_and_leads_to_its_job(farm):
+    ann = farm.open_session(Role.PRINT, "ann")
+    for _ in range(2):  # a second press
+        answer = send(farm, ann, next="plan", copies="2")
+        assert (answer.status_code, answer.headers["location"]) == (303, "/jobs/1")
+    job = farm.controller.books.job(1)
+    assert (job.name, job.submitted_by, job.request_id) == ("vase.stl", "ann", REQUEST)
+    assert job.options == JobOptions(dry_run=True, hold=True, copies=2)
+    assert list(farm.controller.books.jobs) == [1]
+    assert farm.browse("GET", "/jobs/1", ann).status_code == 200
+
+
+def test_refusal_is_shown_on_the_form_which_keeps_its_values(farm, monkeypatch):
+    async def refuse(self, work, path, name, *args, limit=None):
+        raise FarmError(f"{name}: it is open at <7> edges", ErrorCode.MODEL)
+
+    monkeypatch.setattr(AcceptAll, "run", refuse)
+    ann = farm.open_session(Role.PRINT, "ann")
+    answer = send(farm, ann, note="for <eve>", goal="deadline", done_by="2023-12-01T07:00")
+    assert answer.status_code == 400
+    assert "it is open at &lt;7&gt; edges" in answer.text
+    assert 'value="for &lt;eve&gt;"' in answer.text
+    assert 'value="deadline" checked' in answer.text
+    assert REQUEST not in answer.text  # another attempt is another submission
+    assert not farm.controller.books.jobs
+    assert not list(farm.state.work.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("fields", "text"),
+    [({"goal": "count"}, "give the number of printers"), ({"start": "at", "at": "1999-01-01T00:00"}, "1999")],
+)
+def test_wrong_option_submits_nothing(farm, fields, text):
+    answer = send(farm, farm.open_session(Role.PRINT, "ann"), **fields)
+    assert answer.status_code == 400
+    assert text in answer.text
+    assert not farm.controller.books.jobs
+
+
+def test_form_without_a_file_says_so(farm):
+    answer = send(farm, farm.open_session(Role.PRINT, "ann"), name="", content=b"")
+    assert answer.status_code == 400
+    assert "Not done:" in answer.text
+
+
+def test_reader_who_may_not_print_has_no_form_and_no_link(farm):
+    eve = farm.open_session(Role.LOOK, "eve")
+    assert farm.browse("GET", SUBMIT_PATH, eve).status_code == 403
+    assert 'href="/submit"' not in farm.browse("GET", "/", eve).text
+    assert 'href="/submit"' in farm.browse("GET", "/", farm.open_session(Role.PRINT)).text
+
+
+def test_request_for_more_printers_than_there_are_is_a_note(farm):
+    ann = farm.open_session(Role.PRINT, "ann")
+    send(farm, ann, goal="count", printers="5")
+    assert "the fleet has 1 printer" in farm.browse("GET", "/jobs/1", ann).text
