@@ -83,7 +83,6 @@ def close_surface(name: str, triangles: Floats, report: Report = lambda _: None)
         )
     if any(b.is_watertight and not b.is_winding_consistent for b in before):
         repairs.append("Turned triangles that faced the wrong way.")
-    report("looking for overlaps")
     solid, twice_mm3 = resolve_overlaps(solid)
     if twice_mm3:
         messages.append(f"United limbs that run through each other: {twice_mm3:.3g} mm3 counted twice.")

@@ -51,10 +51,15 @@ def decompose(
     faithful: Annotated[bool, typer.Option("--faithful", help="Follow the engine's paper exactly.")] = False,
     clear: Annotated[float, typer.Option(min=0, help="auto: time to clear a bed, s.")] = 120.0,
     assemble: Annotated[float, typer.Option(min=0, help="auto: time to glue a part, s.")] = 216.0,
+    quality: Quality = "glue",
+    slice_: Annotated[
+        bool, typer.Option("--slice", help="Write G-code too, and move the cuts by the sliced times.")
+    ] = False,
     json: Json = False,
 ) -> None:
     """Cut a model into parts of about equal printing time, and write them to a folder."""
     from farm.planning.local.decompose_file import DecomposeRequest, decompose_to_folder
+    from farm.planning.local.slice_file import default_cache
 
     request = DecomposeRequest(
         volume_mm=_parse_volume(volume),
@@ -74,8 +79,12 @@ def decompose(
         budget_s=budget,
         clear_s=clear,
         assemble_s=assemble,
+        quality=quality,
+        sliced=slice_,
     )
-    report = decompose_to_folder(model, out, request)
+    if slice_:
+        signal.signal(signal.SIGTERM, _exit)
+    report = decompose_to_folder(model, out, request, default_cache() if slice_ else None)
     if json:
         print_json(report)
         return
@@ -98,7 +107,7 @@ def summarise_decomposition(report: dict[str, Any], printers: int, out: Path) ->
     Returns
     -------
     list of str
-        At most seven lines. The efficiency E in the first is the paper's: the time of the uncut model over
+        At most eight lines. The efficiency E in the first is the paper's: the time of the uncut model over
         printers times makespan.
     """
     parts, makespan_s = report["parts"], report["makespan_s"]
@@ -109,6 +118,13 @@ def summarise_decomposition(report: dict[str, Any], printers: int, out: Path) ->
         f"{format_count(len(parts), 'part')}: {format_duration(makespan_s)} on "
         f"{format_count(printers, 'printer')}, {single} on a single large one; efficiency E {efficiency:.2f}"
     )
+    if "sliced_makespan_s" in report:
+        slowest = max(parts, key=lambda part: float(part["sliced_s"]))
+        amount = format_filament(*(sum(part[key] for part in parts) for key in ("grams", "filament_mm")))
+        lines.append(
+            f"Sliced: {format_duration(report['sliced_makespan_s'])} to the end of {slowest['id']}, the "
+            f"slowest; {amount}"
+        )
     gap = f"at most {report['gap']:.0%} above the lower bound"
     askew = f", turned by {report['yaw_deg']:.0f} degrees about Z" if report["yaw_deg"] else ""
     grid_note = " for cuts along its grid" if report["cells"] else ""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import tempfile
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -21,9 +22,17 @@ from drivers.printers import PROFILES, part_room
 from farm.compute import process_bytes
 from farm.errors import ErrorCode, FarmError, Refused
 from farm.planning.error_translation import translate_errors
+from farm.planning.local.sliced_parts import PartSlicer, level_by_slices, write_sliced
 from farm.planning.parts.pricing import build_recipe
 from farm.planning.printer_settings import model_sizes, slicing_printer
-from slicing.settings import SettingsRequest, find_resources, resolve_settings
+from slicing.cache import trim_cache
+from slicing.settings import (
+    DEFAULT_QUALITY,
+    FARM_QUALITIES,
+    SettingsRequest,
+    find_resources,
+    resolve_settings,
+)
 
 MAX_PRINTERS = 100
 """Largest number of printers for `auto`."""
@@ -46,6 +55,10 @@ class DecomposeRequest:
         Budget of the engine `best`.
     clear_s, assemble_s
         Time to clear a bed, and to glue a part; each additional part must save more than that.
+    quality
+        Quality by which parts are priced, and sliced.
+    sliced
+        Slice the parts, and move the cuts by their times.
     """
 
     printers: int | None
@@ -65,10 +78,19 @@ class DecomposeRequest:
     budget_s: float
     clear_s: float
     assemble_s: float
+    quality: str = DEFAULT_QUALITY
+    sliced: bool = False
 
 
-def decompose_to_folder(path: Path, out: Path, request: DecomposeRequest) -> dict[str, Any]:
-    """Cut a model and write parts, report and picture.
+def decompose_to_folder(
+    path: Path, out: Path, request: DecomposeRequest, cache: Path | None = None
+) -> dict[str, Any]:
+    """Cut a model and write parts, report and picture; also their G-code if they are sliced.
+
+    Parameters
+    ----------
+    cache
+        Folder of the slice cache, see `slicing.plate`.
 
     Returns
     -------
@@ -89,7 +111,9 @@ def decompose_to_folder(path: Path, out: Path, request: DecomposeRequest) -> dic
     options = _build_options(request)
     _empty_for_parts(out)
     with translate_errors():
-        settings = resolve_settings(SettingsRequest(slicing_printer(profile)), find_resources())
+        resources = find_resources()
+        wanted = SettingsRequest(slicing_printer(profile), request.quality, supported=True)
+        settings = resolve_settings(wanted, resources)
         model = load_model(
             path,
             scale=request.scale,
@@ -107,8 +131,17 @@ def decompose_to_folder(path: Path, out: Path, request: DecomposeRequest) -> dic
                 decomposition = decompose_auto(model, rooms, options, cost, executor, goal)
             else:
                 decomposition = decompose_model(model, rooms, options, cost, executor)
-            renumbered = write_decomposition(decomposition, out)
-    return {**renumbered.as_dict(), "repairs": list(model.repairs), "scale": model.scale}
+            if request.sliced:
+                with_brim = replace(wanted, overrides={"brim_width": f"{request.brim_mm:g}"})
+                slicer = PartSlicer(with_brim, resources, room, cache)
+                with tempfile.TemporaryDirectory(prefix="farm-decompose-") as work:
+                    sliced = level_by_slices(model, decomposition, slicer, cost, executor, Path(work))
+                    report = write_sliced(sliced, out)
+                if cache is not None:
+                    trim_cache(cache)
+            else:
+                report = write_decomposition(decomposition, out).as_dict()
+    return {**report, "repairs": list(model.repairs), "scale": model.scale}
 
 
 def _build_options(request: DecomposeRequest) -> Options:
@@ -128,6 +161,7 @@ def _build_options(request: DecomposeRequest) -> Options:
         raise FarmError(f"--engine {request.engine}: {engines}", ErrorCode.SETTINGS) from None
     if request.faithful and engine not in _ENGINES_OF_PAPERS:
         raise FarmError(f"--faithful is for the engines of papers, not {engine}", ErrorCode.SETTINGS)
+    quality = FARM_QUALITIES.get(request.quality)
     return Options(
         engine=engine,
         granularity=request.granularity,
@@ -136,6 +170,7 @@ def _build_options(request: DecomposeRequest) -> Options:
         min_glue_mm2=request.min_glue_mm2,
         seed=request.seed,
         faithful=request.faithful,
+        fit_first_layer=quality is not None and quality.fits_first_layer,
         best=BestOptions(request.budget_s),
         parallelobox=ParalleloboxOptions(request.tries, score),
     )
@@ -154,7 +189,8 @@ def _empty_for_parts(out: Path) -> None:
         out.mkdir(parents=True, exist_ok=True)
         own_files = {REPORT, PICTURE, ASSEMBLY, INSTRUCTIONS}
         if report.is_file():
-            own_files |= {str(part.get("file")) for part in json.loads(report.read_text())["parts"]}
+            parts = json.loads(report.read_text())["parts"]
+            own_files |= {str(part.get(key)) for part in parts for key in ("file", "gcode")}
         foreign_files = sorted(path.name for path in out.iterdir() if path.name not in own_files)
         if foreign_files:
             raise Refused(

@@ -1,0 +1,149 @@
+"""Slices of a decomposition's parts, and cuts moved by their times (`farm decompose --slice`)."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from concurrent.futures import Executor, ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from decompose.errors import DecomposeError
+from decompose.export import write_decomposition
+from decompose.files.names import REPORT
+from decompose.geometry import Model
+from decompose.print_time import CostModel
+from decompose.relevel import relevel_planes
+from decompose.results import Decomposition
+from drivers.printers import RoomBox
+from farm.planning.error_translation import translate_errors
+from farm.planning.part_records import DecomposedPart, SliceTask
+from farm.planning.parts.slice_part import slice_part
+from slicing.plate import PlateResult
+from slicing.settings import Resources, SettingsRequest, find_engine, resolve_settings
+
+MAX_RELEVELS = 2  # after the first, the times of the parts are accurate
+
+
+@dataclass(frozen=True, slots=True)
+class SlicedParts:
+    """A decomposition whose files are in a folder, and the slice of each of its parts."""
+
+    decomposition: Decomposition
+    slices: tuple[PlateResult, ...]
+
+    @property
+    def times_s(self) -> tuple[float, ...]:
+        """Sliced time of each part."""
+        return tuple(result.sliced_s for result in self.slices)
+
+
+@dataclass(frozen=True, slots=True)
+class PartSlicer:
+    """Slices parts for equal printers.
+
+    Attributes
+    ----------
+    request
+        Printer, quality and brim.
+    room
+        Boxes of the bed that a part may fill.
+    cache
+        Folder of earlier slices; None for none.
+    """
+
+    request: SettingsRequest
+    resources: Resources
+    room: tuple[RoomBox, ...]
+    cache: Path | None
+
+    def slice_parts(self, decomposition: Decomposition, folder: Path) -> SlicedParts:
+        """Write a decomposition into a folder, and slice its parts side by side.
+
+        Raises
+        ------
+        FarmError
+            `engine` or `slice` with CuraEngine's error, `settings` for an unknown quality.
+        """
+        with translate_errors():
+            stored = write_decomposition(decomposition, folder)
+            settings, engine = resolve_settings(self.request, self.resources), find_engine()
+        parts = [DecomposedPart.from_part(part, folder) for part in stored.parts]
+        tasks = [
+            SliceTask(
+                part=part.id,
+                stl=part.stl,
+                request=self.request,
+                resources=self.resources,
+                settings=settings,
+                room=self.room,
+                engine=engine,
+                out=folder / f"{part.id}.gcode",
+                cache=self.cache,
+                print_options=part.print_options,
+            )
+            for part in parts
+        ]
+        with ThreadPoolExecutor(os.cpu_count()) as threads:
+            return SlicedParts(stored, tuple(threads.map(slice_part, tasks)))
+
+
+def level_by_slices(
+    model: Model,
+    decomposition: Decomposition,
+    slicer: PartSlicer,
+    cost: CostModel,
+    executor: Executor,
+    work: Path,
+) -> SlicedParts:
+    """Slice all parts, and move the cuts as long as the slowest slice ends sooner by it.
+
+    Parameters
+    ----------
+    model, cost, executor
+        Those of the decomposition.
+    work
+        Folder for the files of each round.
+
+    Raises
+    ------
+    FarmError
+        A part cannot be sliced (`PartSlicer.slice_parts`).
+    """
+    best = slicer.slice_parts(decomposition, work / "0")
+    for number in range(1, MAX_RELEVELS + 1):
+        try:
+            moved = relevel_planes(model, best.decomposition, best.times_s, cost, executor)
+        except DecomposeError:  # the parts are valid without moved cuts
+            break
+        if moved is None or moved.faults:
+            break
+        again = slicer.slice_parts(moved, work / str(number))
+        if max(again.times_s) >= max(best.times_s):
+            break
+        best = again
+    return best
+
+
+def write_sliced(sliced: SlicedParts, out: Path) -> dict[str, Any]:
+    """Write parts, G-code, report and picture into a folder; returns the report with the slices.
+
+    Parameters
+    ----------
+    sliced
+        Parts whose G-code lies in another folder.
+    out
+        The folder.
+    """
+    stored = write_decomposition(sliced.decomposition, out)
+    report = stored.as_dict()
+    for part, result in zip(report["parts"], sliced.slices, strict=True):
+        part["gcode"] = f"{part['id']}.gcode"
+        part["sliced_s"] = result.sliced_s
+        part["grams"], part["filament_mm"] = result.grams, result.filament_mm
+        shutil.copyfile(result.gcode, out / part["gcode"])
+    report["sliced_makespan_s"] = max(sliced.times_s)
+    (out / REPORT).write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
+    return report

@@ -1,0 +1,105 @@
+"""`farm decompose --slice`: G-code of each part, and cuts moved only where the slowest slice ends sooner."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+import trimesh
+
+from decompose.decompose import decompose_model
+from decompose.errors import GeometryError
+from decompose.geometry import Model, Solid
+from decompose.options import Engine, Options
+from decompose.print_time import CostModel, Recipe
+from decompose.printers import PrinterRoom
+from farm.errors import FarmError
+from farm.planning.local import sliced_parts
+from farm.planning.local.decompose_file import decompose_to_folder
+from farm.planning.local.sliced_parts import SlicedParts, level_by_slices
+from tests.farm.planning.local.test_decompose_file import USUAL, DecomposeRequest
+
+
+def request(**options) -> DecomposeRequest:
+    return DecomposeRequest(**{**USUAL, "printers": 2, "sliced": True, **options})
+
+
+def test_slices_are_beside_the_parts_and_replaced(tmp_path):
+    bar, out = tmp_path / "bar.stl", tmp_path / "out"
+    trimesh.creation.box((40.0, 12.0, 4.0)).export(bar)
+    report = decompose_to_folder(bar, out, request(quality="paper"), tmp_path / "cache")
+    stored = json.loads((out / "decomposition.json").read_text())
+    assert stored["parts"] == report["parts"]
+    assert report["sliced_makespan_s"] == max(part["sliced_s"] for part in report["parts"])
+    for part in report["parts"]:
+        assert part["sliced_s"] == pytest.approx(part["estimated_s"], rel=0.25)
+        assert part["grams"] > 0.0
+        assert b"G1" in (out / part["gcode"]).read_bytes()
+    unsliced = decompose_to_folder(bar, out, request(sliced=False))
+    assert "sliced_makespan_s" not in unsliced
+    assert not list(out.glob("*.gcode"))
+
+
+def test_quality_decides_the_price(tmp_path):
+    bar = tmp_path / "bar.stl"
+    trimesh.creation.box((40.0, 12.0, 4.0)).export(bar)
+    prices = [
+        decompose_to_folder(bar, tmp_path / quality, request(sliced=False, quality=quality))["makespan_s"]
+        for quality in ("glue", "paper")
+    ]
+    assert prices[0] != prices[1]
+    with pytest.raises(FarmError, match="best-of-all"):
+        decompose_to_folder(bar, tmp_path / "none", request(quality="best-of-all"))
+
+
+class Slicer:
+    """A slicer with a table of times, round by round."""
+
+    def __init__(self, *rounds_s) -> None:
+        self.rounds_s = list(rounds_s)
+        self.folders: list[str] = []
+
+    def slice_parts(self, decomposition, folder: Path) -> SlicedParts:
+        self.folders.append(folder.name)
+        times_s = self.rounds_s[len(self.folders) - 1]
+        return SlicedParts(decomposition, tuple(SimpleNamespace(sliced_s=time_s) for time_s in times_s))
+
+
+@pytest.fixture(scope="module")
+def cut():
+    rooms = [PrinterRoom(name, ((200.0, 200.0, 200.0),)) for name in "ab"]
+    model = Model(Solid.box((0, 0, 0), (120, 30, 20)), (), 1.0)
+    options = Options(Engine.GUILLOTINE, 4, prove=False)
+    return decompose_model(model, rooms, options, CostModel.from_recipe(Recipe()))
+
+
+@pytest.mark.parametrize(
+    ("moves", "rounds_s", "kept_s", "folders"),
+    [
+        ([1, 2], [(90.0, 100.0), (96.0, 95.0), (95.5, 95.2)], (95.5, 95.2), ["0", "1", "2"]),
+        ([1], [(90.0, 100.0), (101.0, 90.0)], (90.0, 100.0), ["0", "1"]),
+        ([None], [(90.0, 100.0)], (90.0, 100.0), ["0"]),
+        ([GeometryError("wall", None, "thin")], [(90.0, 100.0)], (90.0, 100.0), ["0"]),
+        (["faulty"], [(90.0, 100.0)], (90.0, 100.0), ["0"]),
+    ],
+    ids=["twice", "not sooner", "no gain", "broken rule", "bad to glue"],
+)
+def test_cuts_are_moved_while_the_slowest_slice_ends_sooner(
+    cut, tmp_path, monkeypatch, moves, rounds_s, kept_s, folders
+):
+    slicer, pending = Slicer(*rounds_s), list(moves)
+
+    def relevel(model, previous, times_s, cost, executor):
+        assert times_s == rounds_s[len(slicer.folders) - 1]
+        move = pending.pop(0)
+        if isinstance(move, Exception):
+            raise move
+        return move and replace(previous, faults=("is a sliver",) if move == "faulty" else ())
+
+    monkeypatch.setattr(sliced_parts, "relevel_planes", relevel)
+    best = level_by_slices(None, cut, slicer, None, None, tmp_path)
+    assert best.times_s == kept_s
+    assert slicer.folders == folders
