@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from base64 import b64encode
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -12,14 +13,26 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from decompose.assembly import AssemblyStep
+from decompose.export.layout import draw_layout, name_printer, sort_by_use
+from decompose.export.page_check import find_page_faults
 from decompose.export.picture import short_label
 from decompose.export.step_picture import draw_steps
+from decompose.pieces import Joint
 from decompose.results import Decomposition
 
 
 @cache
 def _templates() -> Environment:
     return Environment(loader=PackageLoader("decompose.export"), autoescape=True, undefined=StrictUndefined)
+
+
+@dataclass(frozen=True, slots=True)
+class Pictures:
+    """Pictures of a page, as PNG: each step, all parts pulled apart, and all parts as they were printed."""
+
+    steps: Sequence[bytes] = ()
+    overview: bytes | None = None
+    layout: bytes | None = None
 
 
 def write_instructions(decomposition: Decomposition, path: Path, overview: Path | None = None) -> None:
@@ -34,28 +47,34 @@ def write_instructions(decomposition: Decomposition, path: Path, overview: Path 
     overview
         PNG of the parts with their numbers.
     """
-    page = render_instructions(
-        decomposition, draw_steps(decomposition), None if overview is None else overview.read_bytes()
+    pictures = Pictures(
+        draw_steps(decomposition),
+        None if overview is None else overview.read_bytes(),
+        draw_layout(decomposition.parts, _order_parts(decomposition)),
     )
+    page = render_instructions(decomposition, pictures)
+    faults = find_page_faults(page, decomposition)
+    if faults:
+        page = render_instructions(decomposition, pictures, faults)
     path.write_text(page, encoding="utf-8")
 
 
-def render_instructions(
-    decomposition: Decomposition, pictures: Sequence[bytes], overview: bytes | None
-) -> str:
+def render_instructions(decomposition: Decomposition, pictures: Pictures, faults: Sequence[str] = ()) -> str:
     """Render the page.
 
     Parameters
     ----------
+    decomposition
+        Its parts with their names.
     pictures
-        PNG of each step, in order.
-    overview
-        PNG of the parts with their numbers.
+        Pictures of its steps and parts.
+    faults
+        Faults of the page itself, which it tells first (`find_page_faults`).
     """
     assembly = decomposition.assembly
     steps = [
         _describe_step(number, step, decomposition, picture)
-        for number, (step, picture) in enumerate(zip(assembly.steps, pictures, strict=True), 1)
+        for number, (step, picture) in enumerate(zip(assembly.steps, pictures.steps, strict=True), 1)
     ]
     return (
         _templates()
@@ -65,23 +84,40 @@ def render_instructions(
             steps=steps,
             levels=assembly.levels,
             locked=[_name_parts(decomposition, group) for group in assembly.locked],
-            overview=None if overview is None else _embed(overview),
+            overview=_embed(pictures.overview),
+            layout=_embed(pictures.layout),
+            minutes=_minutes(assembly.total_s),
+            least_minutes=_minutes(assembly.critical_s),
+            seam_mm=f"{decomposition.seam_mm():,.0f}",
+            thin_rims=decomposition.describe_thin_rims(),
+            faults=faults,
         )
     )
 
 
+def _order_parts(decomposition: Decomposition) -> list[int]:
+    return sort_by_use(decomposition.parts, decomposition.assembly.part_order)
+
+
 def _list_parts(decomposition: Decomposition) -> list[dict[str, Any]]:
-    """Describe each part, with the first step that uses it."""
+    """Describe each part in the order of use, with the first step that uses it."""
     first: dict[int, int] = {}
     for number, step in enumerate(decomposition.assembly.steps, 1):
         for part in (*step.moved, *step.fixed):
             first.setdefault(part, number)
     rows = []
-    for index, piece in enumerate(decomposition.parts):
+    for index in _order_parts(decomposition):
+        piece = decomposition.parts[index]
         vertices, _ = piece.printing_mesh()
-        size = " x ".join(f"{extent:.0f}" for extent in np.ptp(vertices, axis=0))
-        volume = f"{piece.solid.volume_mm3 / 1000.0:.1f}"
-        rows.append({"id": piece.id, "size": size, "volume": volume, "step": str(first.get(index, ""))})
+        rows.append(
+            {
+                "id": piece.id,
+                "printer": name_printer(piece),
+                "size": " x ".join(f"{extent:.0f}" for extent in np.ptp(vertices, axis=0)),
+                "volume": f"{piece.solid.volume_mm3 / 1000.0:.1f}",
+                "step": str(first.get(index, "")),
+            }
+        )
     return rows
 
 
@@ -89,34 +125,45 @@ def _describe_step(
     number: int, step: AssemblyStep, decomposition: Decomposition, picture: bytes
 ) -> dict[str, Any]:
     joints = [decomposition.joints[joint] for joint in step.joints]
-    min_mm2 = decomposition.options.min_glue_mm2
+    least_mm2 = decomposition.options.min_glue_mm2
+    fixed = ", ".join(_name_parts(decomposition, step.fixed))
     rest = ", ".join(_name_parts(decomposition, step.rests_on))
     return {
         "number": number,
         "level": step.level,
         "picture": _embed(picture),
         "moved": ", ".join(_name_parts(decomposition, step.moved)),
-        "fixed": ", ".join(_name_parts(decomposition, step.fixed)),
+        "fixed": fixed,
         "slides": step.slides,
+        "minutes": _minutes(step.work_s),
+        "seam_mm": f"{decomposition.seam_mm(step.joints if decomposition.seams else ()):,.0f}",
         "support": (
-            f"The other body stands on {rest}, with the joint upwards."
+            f"Before that, put {fixed} down with the joint upwards: it stands"
+            + (f" on {rest}." if len(step.fixed) > 1 else ".")
             if rest
-            else "Hold the other body: it does not stand with the joint upwards."
+            else f"Hold {fixed}: it does not stand with the joint upwards."
         ),
-        "joints": [
-            {
-                "name": "-".join(short_label(decomposition.parts[part].id) for part in (joint.a, joint.b)),
-                "area": f"{joint.area_mm2:,.0f}",
-                "weak": "" if joint.holds(min_mm2) else "holds nothing by itself",
-            }
-            for joint in joints
-        ],
+        "joints": [_describe_joint(joint, decomposition, least_mm2) for joint in joints],
     }
+
+
+def _describe_joint(joint: Joint, decomposition: Decomposition, least_mm2: float) -> dict[str, str]:
+    ids = _name_parts(decomposition, (joint.a, joint.b))
+    return {
+        "parts": " ".join(ids),
+        "name": "-".join(map(short_label, ids)),
+        "area": f"{joint.area_mm2:,.0f}",
+        "weak": "" if joint.holds(least_mm2) else "holds nothing by itself",
+    }
+
+
+def _minutes(seconds: float) -> str:
+    return f"{max(1.0, seconds / 60.0):.0f}"
 
 
 def _name_parts(decomposition: Decomposition, numbers: Sequence[int]) -> list[str]:
     return [decomposition.parts[number].id for number in numbers]
 
 
-def _embed(png: bytes) -> str:
-    return "data:image/png;base64," + b64encode(png).decode("ascii")
+def _embed(png: bytes | None) -> str | None:
+    return None if png is None else "data:image/png;base64," + b64encode(png).decode("ascii")

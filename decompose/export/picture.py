@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from io import BytesIO
 from pathlib import Path
 from textwrap import fill
 from typing import Any
@@ -104,3 +105,13 @@ def white_outline() -> list[Any]:
     from matplotlib.patheffects import withStroke  # slow to load
 
     return [withStroke(linewidth=2.5, foreground="white")]
+
+
+def encode_png(figure: Any) -> bytes:
+    """Encode a figure as a PNG of 128 colours, which is small."""
+    from PIL import Image  # comes with matplotlib; slow to load
+
+    file, small = BytesIO(), BytesIO()
+    figure.savefig(file)
+    Image.open(file).convert("RGB").quantize(128).save(small, "PNG", optimize=True)
+    return small.getvalue()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from io import BytesIO
 from itertools import product
 from typing import Any
 
@@ -14,7 +13,14 @@ import shapely
 from decompose.arrays import Floats
 from decompose.assembly import AssemblyStep
 from decompose.export.glb import find_moves
-from decompose.export.picture import AZIMUTH_DEG, make_figure, part_colours, short_label, write_labels
+from decompose.export.picture import (
+    AZIMUTH_DEG,
+    encode_png,
+    make_figure,
+    part_colours,
+    short_label,
+    write_labels,
+)
 from decompose.export.raster import Drawing, Shape, draw, make_camera
 from decompose.geometry import triangulate
 from decompose.pieces import JointFace, find_cut_faces
@@ -113,7 +119,7 @@ def draw_step(
     figure, axes = make_figure(drawing)
     write_labels(axes, drawing, labels)
     _draw_arrow(axes, drawing, step, decomposition, apart_mm)
-    return _write_png(figure)
+    return encode_png(figure)
 
 
 def _fill(face: JointFace, outward: Floats) -> Floats:
@@ -147,15 +153,6 @@ def _draw_arrow(
         xytext=start,
         arrowprops={"arrowstyle": "-|>", "lw": 4, "mutation_scale": 25, "color": "black"},
     )
-
-
-def _write_png(figure: Any) -> bytes:
-    from PIL import Image  # comes with matplotlib; slow to load
-
-    file, small = BytesIO(), BytesIO()
-    figure.savefig(file)
-    Image.open(file).convert("RGB").quantize(128).save(small, "PNG", optimize=True)
-    return small.getvalue()
 
 
 def draw_steps(decomposition: Decomposition) -> list[bytes]:

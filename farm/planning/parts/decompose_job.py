@@ -19,7 +19,7 @@ from decompose.options import BestOptions, Engine, Options
 from decompose.print_time import CostModel, Recipe
 from decompose.printers import PrinterRoom
 from decompose.progress import listen_to_progress
-from decompose.results import Decomposition
+from decompose.results import Decomposition, Part
 from farm.errors import ErrorCode, FarmError
 from farm.planning.decompose_progress import ProgressFile
 from farm.planning.error_translation import translate_errors
@@ -75,7 +75,8 @@ def decompose_job(task: DecomposeTask) -> DecomposedJob:
                 decomposition = cutter.cut_for_one() or cutter.cut_for_worthwhile()
             else:
                 decomposition = cutter.cut_for_all()
-        decomposed = write_decomposed(decomposition, model, task.folder)
+        reassigned = replace(decomposition, parts=_reassign_parts(decomposition.parts, task))
+        return write_decomposed(reassigned, model, task.folder)
     except NoFit as error:
         if error.printers_needed is not None and error.printers_needed > len(rooms):
             raise TooFewPrinters(str(error), error.printers_needed) from error
@@ -83,7 +84,6 @@ def decompose_job(task: DecomposeTask) -> DecomposedJob:
     except Exception:
         with translate_errors():
             raise
-    return replace(decomposed, parts=_reassign_parts(decomposed.parts, task))
 
 
 def write_decomposed(decomposition: Decomposition, model: Model, folder: Path) -> DecomposedJob:
@@ -99,7 +99,7 @@ def write_decomposed(decomposition: Decomposition, model: Model, folder: Path) -
     )
 
 
-def _reassign_parts(parts: Sequence[DecomposedPart], task: DecomposeTask) -> tuple[DecomposedPart, ...]:
+def _reassign_parts(parts: Sequence[Part], task: DecomposeTask) -> tuple[Part, ...]:
     """Reassign the largest loads to the fastest among printers that differ only in speed."""
     loads_s: dict[str, float] = {}
     for part in parts:

@@ -83,7 +83,7 @@ def test_parts_of_a_body_move_as_one(parts: list[Part], assembly: Assembly) -> N
     for k, step in enumerate(assembly.steps):
         still = [n for n in range(len(parts)) if n not in step.moved]
         assert np.array_equal(offsets[k, still], offsets[k + 1, still])
-        assert np.ptp(offsets[k + 1][list((*step.moved, *step.fixed))], axis=0) == pytest.approx(np.zeros(3))
+        assert np.ptp(offsets[k + 1][[*step.moved, *step.fixed]], axis=0) == pytest.approx(np.zeros(3))
         assert offsets[k, step.moved] - offsets[k + 1, step.moved] == pytest.approx(
             np.tile(moves[k], (len(step.moved), 1))
         )

@@ -6,6 +6,7 @@ import base64
 import re
 from dataclasses import replace
 from io import BytesIO
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,7 +14,10 @@ from PIL import Image
 
 from decompose.assembly import Assembly
 from decompose.decompose import decompose_model
-from decompose.export.instructions import render_instructions
+from decompose.export.instructions import Pictures, render_instructions, write_instructions
+from decompose.export.layout import draw_layout
+from decompose.export.page_check import find_page_faults
+from decompose.export.picture import part_colours
 from decompose.export.raster import make_camera
 from decompose.export.step_picture import (
     GLUE_COLOUR,
@@ -74,18 +78,20 @@ def count_glue(picture: Image.Image) -> int:
 
 
 def test_the_page_names_every_part_and_joint_once_and_loads_nothing(table: Decomposition) -> None:
-    page = render_instructions(table, draw_steps(table), None)
-    rows = re.findall(r"<tr><td>(p\d+)</td>", page)
-    assert rows == [part.id for part in table.parts]
-    names = re.findall(r"<tr><td>(\d+-\d+)</td>", page)
+    page = render_instructions(table, Pictures(draw_steps(table)))
+    rows = re.findall(r"<tr[^>]*><td>(p\d+)</td>", page)
+    assert rows == [table.parts[number].id for number in table.assembly.part_order]
+    assert sorted(rows) == [part.id for part in table.parts]
+    names = re.findall(r"<tr[^>]*><td>(\d+-\d+)</td>", page)
     assert len(names) == len(table.joints) and len(set(names)) == len(names)
     assert all(source.startswith("data:") for source in re.findall(r'(?:src|href)="([^"]*)"', page))
     assert "url(" not in page and "<script" not in page and "@import" not in page
     assert len(pictures_of(page)) == len(table.parts) - 1
+    assert find_page_faults(page, table) == []
 
 
 def test_every_picture_shows_where_the_glue_goes(table: Decomposition) -> None:
-    page = render_instructions(table, draw_steps(table), None)
+    page = render_instructions(table, Pictures(draw_steps(table)))
     assert [count_glue(picture) > 200 for picture in pictures_of(page)] == [True] * len(table.assembly.steps)
 
 
@@ -109,5 +115,39 @@ def test_view_before_is_kept_or_approached(table: Decomposition) -> None:
 
 
 def test_parts_without_an_order_are_named(table: Decomposition) -> None:
-    page = render_instructions(replace(table, assembly=Assembly((), ((0, 1),))), [], None)
+    page = render_instructions(replace(table, assembly=Assembly((), ((0, 1),))), Pictures())
     assert "p01, p02 cannot be joined" in page
+
+
+def test_check_of_the_page_tells_what_is_missing_doubled_or_loaded(table: Decomposition) -> None:
+    page = render_instructions(table, Pictures(draw_steps(table)))
+    name = table.parts[0].id
+    assert find_page_faults(page.replace(f'data-part="{name}"', ""), table) == [f"part {name} is missing"]
+    row = re.search(r"<tr data-joint.*?</tr>", page, re.S)
+    assert row is not None
+    [doubled] = find_page_faults(page.replace(row[0], 2 * row[0]), table)
+    assert doubled.startswith("joint p") and doubled.endswith("is named too often")
+    remote = page.replace("<h1>", '<img src="https://example.org/x.png"><h1>')
+    assert find_page_faults(remote, table) == ["it loads https://example.org/x.png"]
+    styled = page.replace("<style>", "<style>@import 'x';")
+    assert find_page_faults(styled, table) == ["its style loads something"]
+
+
+def test_page_with_a_fault_says_so_first(
+    table: Decomposition, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(
+        "decompose.export.instructions.find_page_faults", lambda *_: ["joint p01 p02 is missing"]
+    )
+    write_instructions(table, tmp_path / "page.html")
+    page = (tmp_path / "page.html").read_text()
+    assert page.index("is not complete") < page.index("joint p01 p02 is missing") < page.index("Step 1")
+
+
+def test_layout_shows_every_part_in_its_colour(table: Decomposition) -> None:
+    picture = Image.open(BytesIO(draw_layout(table.parts, table.assembly.part_order))).convert("RGB")
+    pixels = np.asarray(picture, dtype=np.float64) / 255.0
+    for colour in part_colours(len(table.parts)):
+        shares = pixels / colour
+        alike = (np.ptp(shares, axis=2) < 0.05) & (shares.max(axis=2) > 0.45)
+        assert alike.sum() > 300

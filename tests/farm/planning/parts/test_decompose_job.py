@@ -10,6 +10,7 @@ import trimesh
 from decompose.engines.guillotine import exact_search, plane_shift
 from decompose.engines.parallelobox import search as parallelobox_search
 from decompose.errors import NoFit
+from decompose.files.names import REPORT
 from decompose.pieces import cut_box
 from decompose_tasks import decompose_task, fleet, slice_tasks
 from drivers.clock import Clock
@@ -48,6 +49,8 @@ def test_model_for_one_printer_stays_whole_unless_more_are_requested(files, tmp_
     assert [part.printer for part in decompose_job(decompose_task(box, files, tmp_path)).parts] == ["p0"]
     slow = replace(decompose_task(box, files, tmp_path), time_factors={"p0": 1.1})
     assert [part.printer for part in decompose_job(slow).parts] == ["p1"]
+    report = json.loads((slow.folder / REPORT).read_text())
+    assert [part["printer"] for part in report["parts"]] == ["p1"]
     given = replace(decompose_task(box, files, tmp_path), options=JobOptions(printers=2))
     assert len(decompose_job(given).parts) == 2
 

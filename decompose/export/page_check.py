@@ -1,0 +1,66 @@
+"""Check of the page of instructions, by reading it: nothing is missing, nothing is loaded."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from html.parser import HTMLParser
+
+from decompose.results import Decomposition
+
+_LOADS = ("src", "href", "srcset", "poster", "action", "background")
+
+
+class _Reader(HTMLParser):
+    """Collects what a page is about (attributes `data-KIND`), and addresses that it loads."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.named: Counter[tuple[str, str]] = Counter()
+        self.loaded: list[str] = []
+
+    def handle_starttag(self, tag: str, attributes: list[tuple[str, str | None]]) -> None:
+        if tag in ("script", "link", "iframe", "object", "embed"):
+            self.loaded.append(f"<{tag}>")
+        for name, value in attributes:
+            if name.startswith("data-"):
+                self.named[name.removeprefix("data-"), value or ""] += 1
+            elif name in _LOADS and not (value or "").startswith(("data:", "#")):
+                self.loaded.append(value or "")
+
+
+def find_page_faults(page: str, decomposition: Decomposition) -> list[str]:
+    """Find what is missing on a page of instructions, named twice, unknown, or loaded.
+
+    Parameters
+    ----------
+    page
+        HTML.
+    decomposition
+        What it is about; parts without an order may lack joints.
+
+    Returns
+    -------
+    list of str
+        A clause for each fault.
+    """
+    reader = _Reader()
+    reader.feed(page)
+    reader.close()
+    expected = Counter(_list_expected(decomposition))
+    faults = [f"{kind} {name} is missing" for kind, name in expected - reader.named]
+    faults += [f"{kind} {name} is named too often" for kind, name in reader.named - expected]
+    faults += [f"it loads {address[:80]}" for address in reader.loaded]
+    if "url(" in page or "@import" in page:
+        faults.append("its style loads something")
+    return faults
+
+
+def _list_expected(decomposition: Decomposition) -> Iterator[tuple[str, str]]:
+    names = [part.id for part in decomposition.parts]
+    for name in names:
+        yield "part", name
+    for number, step in enumerate(decomposition.assembly.steps, 1):
+        yield "step", str(number)
+        for joint in (decomposition.joints[j] for j in step.joints):
+            yield "joint", f"{names[joint.a]} {names[joint.b]}"
