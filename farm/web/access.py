@@ -54,7 +54,7 @@ _OPERATE = (
     "/printers/{name}/maintained",
     "/outage/confirm",
 )
-_PAGES = (
+PAGES = (
     "/",
     "/timeline",
     "/printers/{name}",
@@ -79,7 +79,7 @@ OPEN = frozenset(
 """Routes that need no key; they show nothing of the farm."""
 ROLES: dict[tuple[str, str], Role] = {
     **{("GET", path): Role.LOOK for path in (METRICS, SCHEMA, SCHEMA_PAGE)},
-    **{("GET", path): Role.LOOK for path in _PAGES},
+    **{("GET", path): Role.LOOK for path in PAGES},
     ("POST", "/logout"): Role.LOOK,
     **{("GET", NETWORK_PREFIX + path): Role.LOOK for path in _LOOK},
     **{("POST", NETWORK_PREFIX + path): Role.PRINT for path in _PRINT},

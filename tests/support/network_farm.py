@@ -1,4 +1,4 @@
-"""A farm with one idle printer, as callers of every kind reach it over the network."""
+"""A farm whose first printer is idle, as callers of every kind reach it over the network."""
 
 import asyncio
 
@@ -35,18 +35,17 @@ class Clock:
 class NetworkFarm:
     """Controller and application for the network, with commands to make callers."""
 
-    def __init__(self, folder, web=None, fleet=None):
+    def __init__(self, folder, web=None, fleet=None, printers=("a",)):
         self.state = StateFolder(folder / "state")
         self.state.make()
         self.store = Store(self.state.books)
         self.clock = Clock()
-        rows = [{"name": "a", "model": MODEL, "port": f"sim://{MODEL}"}]
+        rows = [{"name": name, "model": MODEL, "port": f"sim://{MODEL}"} for name in printers]
         sections = {"fleet": fleet or {}, "web": web or {}, "printers": rows}
         self.controller = Controller(Fleet.model_validate(sections), self.store, self.clock, bed_boxes)
         self.controller.start(RecordedEffects())
-        self.controller.on_snapshot(
-            AgentSnapshot(printer="a", link=Link.READY, bed_clear=True, filament=FilamentState.PARKED)
-        )
+        ready = {"link": Link.READY, "bed_clear": True, "filament": FilamentState.PARKED}
+        self.controller.on_snapshot(AgentSnapshot(printer=printers[0], **ready))
         self.went_down = []
         self.user_roles = {}
         self.services = Services(

@@ -1,0 +1,212 @@
+"""Takes the pictures of the dashboard: a real daemon, simulated printers, and Chromium without a window.
+
+Usage: PYTHONPATH=tests/support python docs/screenshots.py [--only PAGE ...]
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import base64
+import io
+import json
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+from zoneinfo import ZoneInfo
+
+from PIL import Image
+
+from chromium import CHROMIUM, Chromium  # type: ignore[import-not-found]  # in tests/support
+
+ROOT = Path(__file__).resolve().parents[1]
+PICTURES = ROOT / "docs" / "pictures" / "dashboard"
+FARM = Path(sys.executable).with_name("farm")
+PORT = 8479
+SCALE = 120
+PATIENCE_S = 900.0
+WIDTHS_PX = (390, 1280, 1920)
+THEMES = ("light", "dark")
+HIGHEST_PX = 4000
+COLOURS = 64
+PAGES = {
+    "home": "/",
+    "submit": "/submit",
+    "job": "/jobs/1",
+    "timeline": "/timeline",
+    "what-if": "/timeline?job=2&to=last",
+    "printer": "/printers/um2-02",
+    "history": "/history",
+}
+ZONES = (
+    "Pacific/Auckland",
+    "Asia/Tokyo",
+    "Asia/Dubai",
+    "Europe/Berlin",
+    "America/New_York",
+    "America/Vancouver",
+)
+FLEET = """
+fleet:
+  name: lab
+  timezone: {zone}
+  time_scale: {scale}
+  currency: EUR
+  attended: ["mon-sun 07:00-20:00"]
+  quiet: ["23:00-06:00"]
+  compute: {{budget_s: 3}}
+web: {{listen: "127.0.0.1:{port}"}}
+defaults: {{material: generic_pla, colour: white, price_per_kg: 28.50}}
+printers:
+"""
+
+
+class Stage:
+    """A farm with simulated printers in a folder of its own.
+
+    Parameters
+    ----------
+    folder
+        For its state and its fleet file.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        models = ["ultimaker2_plus"] * 5 + ["ultimaker2_extended_plus"] * 2
+        rows = [
+            f'  - {{name: um2-{n:02d}, model: {model}, port: "sim://{model}?seed={n}"}}\n'
+            for n, model in enumerate(models, 1)
+        ]
+        text = FLEET.format(zone=find_afternoon(), scale=SCALE, port=PORT) + "".join(rows)
+        (folder / "fleet.yaml").write_text(text)
+
+    def farm(self, *arguments: str) -> str:
+        """Run a farm command, and return what it prints."""
+        command = [str(FARM), *arguments, "--state", str(self._folder / "state")]
+        command += ["--fleet", str(self._folder / "fleet.yaml")] if arguments[0] == "up" else []
+        return subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True).stdout
+
+    def read_status(self) -> Any:
+        """Return `farm status --json`."""
+        return json.loads(self.farm("status", "--json"))
+
+    def wait(self, what: str, condition: Callable[[Any], object]) -> None:
+        """Wait until the status is so."""
+        give_up_s = time.monotonic() + PATIENCE_S
+        print(f"waiting for {what} ...", flush=True)
+        while not condition(self.read_status()):
+            if time.monotonic() > give_up_s:
+                raise SystemExit(f"gave up waiting for {what}")
+            time.sleep(1.0)
+
+
+def find_afternoon() -> str:
+    """Return the zone in which it is closest to three in the afternoon: prints begin in attended hours."""
+    now_s = time.time()
+    return min(ZONES, key=lambda zone: abs(datetime.fromtimestamp(now_s, ZoneInfo(zone)).hour - 15))
+
+
+def set_stage(stage: Stage) -> None:
+    """Print a model, with a failure and a cleared bed, while other jobs wait."""
+    folder = Path(tempfile.mkdtemp())
+    aqueduct = str(folder / "aqueduct.stl")
+    subprocess.run([sys.executable, str(ROOT / "examples" / "make_aqueduct.py"), aqueduct], check=True)
+    stage.farm("up")
+    stage.wait("printers", lambda s: all(one["state"] == "idle" for one in s["printers"]))
+    stage.farm("submit", aqueduct, "--name", "Aqueduct", "--note", "for the exhibition")
+    stage.wait("the plan", lambda s: s["jobs"][0]["plates"])
+    for name, options in (
+        ("Model of a bridge", ["--longest-side", "150", "--copies", "4"]),
+        ("Viaduct", ["--longest-side", "120", "--copies", "2", "--hold"]),
+        ("Tomorrow's aqueduct", ["--longest-side", "140", "--copies", "2", "--overnight"]),
+    ):
+        stage.farm("submit", aqueduct, "--name", name, *options)
+    stage.wait("plans", lambda s: all(one["plates"] for one in s["jobs"]))
+    stage.wait("a print", lambda s: any(one["state"] == "printing" for one in s["printers"]))
+    busy = next(one["name"] for one in stage.read_status()["printers"] if one["state"] == "printing")
+    stage.farm("fail", busy, "--why", "the first layer came off")
+    stage.wait("the first part", lambda s: s["jobs"][0]["printed"] > 1)
+    done = [one for one in stage.read_status()["printers"] if (one["last"] or {}).get("state") == "done"]
+    stage.farm("cleared", done[0]["name"])
+    print("the stage is set", flush=True)
+
+
+async def take_pictures(address: str, profile: Path, names: list[str]) -> None:
+    """Take a picture of each page in each width and theme.
+
+    Parameters
+    ----------
+    address
+        A link that logs in.
+    profile
+        Folder for the browser's profile.
+    names
+        Pages, as in `PAGES`.
+    """
+    base = address.partition("/login/")[0]
+    PICTURES.mkdir(parents=True, exist_ok=True)
+    async with Chromium(profile, "") as browser:
+        await browser.open(address)
+        await browser.press("main button")
+        for theme in THEMES:
+            feature = {"name": "prefers-color-scheme", "value": theme}
+            await browser.call("Emulation.setEmulatedMedia", features=[feature])
+            for width_px in WIDTHS_PX:
+                await resize(browser, width_px, 900)
+                for name in names:
+                    await browser.open(base + PAGES[name])
+                    await asyncio.sleep(1.0 if name in ("job", "submit") else 0.3)  # scripts draw
+                    await save(browser, width_px, PICTURES / f"{name}-{width_px}-{theme}.png")
+        for message in browser.messages:
+            print(f"the browser says: {message}")
+
+
+async def resize(browser: Chromium, width_px: int, height_px: int) -> None:
+    """Set the size of the page's window."""
+    await browser.call(
+        "Emulation.setDeviceMetricsOverride",
+        width=width_px,
+        height=height_px,
+        deviceScaleFactor=1,
+        mobile=width_px < 600,
+    )
+
+
+async def save(browser: Chromium, width_px: int, path: Path) -> None:
+    """Save a picture of the whole page with few colours, as the repository keeps it."""
+    height_px = await browser.evaluate("document.documentElement.scrollHeight")
+    overflow_px = await browser.evaluate("document.documentElement.scrollWidth") - width_px
+    if overflow_px > 0:
+        print(f"{path.name}: {overflow_px} px wider than the window")
+    clip = {"x": 0, "y": 0, "width": width_px, "height": min(HIGHEST_PX, height_px), "scale": 1}
+    shot = await browser.call("Page.captureScreenshot", clip=clip, captureBeyondViewport=True)
+    picture = Image.open(io.BytesIO(base64.b64decode(shot["data"]))).convert("RGB")
+    picture.quantize(COLOURS, dither=Image.Dither.NONE).save(path, optimize=True)
+
+
+def main() -> int:
+    """Take the pictures. Returns an exit code."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--only", nargs="*", choices=PAGES, default=list(PAGES))
+    arguments = parser.parse_args()
+    if CHROMIUM is None:
+        print("pictures need a browser: apt-get install chromium")
+        return 1
+    with tempfile.TemporaryDirectory(prefix="farm-screenshots-") as folder:
+        stage = Stage(Path(folder))
+        try:
+            set_stage(stage)
+            link = json.loads(stage.farm("web", "--json"))["url"]
+            asyncio.run(take_pictures(link, Path(folder) / "profile", arguments.only))
+        finally:
+            stage.farm("down", "--now")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

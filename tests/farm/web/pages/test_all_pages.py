@@ -1,0 +1,191 @@
+"""Every page with every state, hold and fault, and with hostile names: rendered without a browser."""
+
+from html.parser import HTMLParser
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from dashboard_farm import submit
+from drivers.errors import Fault
+from farm.model import (
+    AgentSnapshot,
+    Bed,
+    FilamentState,
+    Hold,
+    HoldCode,
+    JobState,
+    KeyKind,
+    Link,
+    Outage,
+    Print,
+    PrintState,
+    Role,
+    Verdict,
+)
+from farm.state.books import put
+from farm.state.faults import OwnFault
+from farm.web.access import PAGES
+from network_farm import NetworkFarm
+
+LINKS, PRINTS = list(Link), [state for state in PrintState if not state.ended]
+FAULTS = [*Fault, *OwnFault]
+PRINTERS = [f"p{number:02d}" for number in range(len(LINKS) + len(PRINTS) + 4)]
+NOW_S = 1.7e9
+
+
+class Structure(HTMLParser):
+    """Elements of a page with the names of their attributes, and its text."""
+
+    def __init__(self, page):
+        super().__init__()
+        self.elements, self.texts, self.values = [], [], []
+        self.feed(page)
+        self.close()
+
+    def handle_starttag(self, tag, attributes):
+        self.elements.append((tag, *(name for name, _ in attributes)))
+        self.values += [value or "" for _, value in attributes]
+
+    def handle_data(self, data):
+        self.texts.append(data)
+
+    def handle_comment(self, data):
+        raise AssertionError(f"a comment on the page: {data!r}")
+
+
+def make_farm(folder):
+    return NetworkFarm(folder, fleet={"name": "lab", "attended": ["08:00-18:00"]}, printers=PRINTERS)
+
+
+def read_pages(farm, session, printers=PRINTERS):
+    """Return every page of the table of roles, for these printers and each job."""
+    books = farm.controller.books
+    pages = {}
+    for path in PAGES:
+        fields = {"{name}": printers, "{number}": sorted(books.jobs)}
+        field = next((one for one in fields if one in path), "")
+        for value in fields.get(field, [""]):
+            address = path.replace(field, str(value)) if field else path
+            if "{" in address:
+                continue
+            answer = farm.browse("GET", address, session)
+            assert answer.status_code == 200, (address, answer.text[-300:])
+            if answer.headers["content-type"].startswith("text/html"):
+                pages[address] = answer.text
+    return pages
+
+
+def attempt(number, printer, state, **changes):
+    """Return a print of the first plate of job 1."""
+    ended_s = NOW_S - 60.0 if state.ended else None
+    return Print(
+        id=f"print {number}", plate="1/01", job=1, printer=printer, number=number, state=state,
+        assigned_s=NOW_S - 4000.0, started_s=NOW_S - 3900.0, ended_s=ended_s, **changes,
+    )  # fmt: skip
+
+
+def make_gallery(farm, text="reason", name="bracket"):
+    """Put every state, hold and fault into the books and the telemetry of a farm, with these words."""
+    farm.controller.books = farm.initial_books
+    books = submit(farm.initial_books, 1, len(HoldCode), NOW_S - 5000.0, name=name, submitted_by=text)
+    for number in range(2, 2 + len(JobState)):
+        books = submit(books, number, 1, NOW_S - 5000.0, name=name)
+    for number, state in enumerate(JobState, 2):
+        options = books.jobs[number].options.model_copy(update={"note": text, "colour": text})
+        words = {"reason": text, "repairs": (text,), "hold": Hold(code=HoldCode.START_TIME, text=text)}
+        shown = {"state": state, "options": options, "paused": state is JobState.PRINTING, **words}
+        books = put(books, books.jobs[number].model_copy(update={**shown, "ended_s": NOW_S - 10.0}))
+    open_prints = [
+        attempt(number, printer, state, pause_requested=state is PrintState.PAUSED)
+        for number, (printer, state) in enumerate(zip(PRINTERS[len(LINKS) :], PRINTS, strict=False))
+    ]
+    ended_prints = [
+        attempt(100 + number, PRINTERS[0], PrintState.FAILED, fault=fault, reason=text, fail_reason=text)
+        for number, fault in enumerate(FAULTS)
+    ]
+    ended_prints += [
+        attempt(200 + number, PRINTERS[1], state, verdict=verdict, verdict_why=text)
+        for number, state in enumerate(state for state in PrintState if state.ended)
+        for verdict in (None, *Verdict)
+    ]
+    plate = books.plates["1/01"].model_copy(
+        update={"prints": tuple(one.id for one in (*ended_prints, *open_prints)), "warnings": (text,)}
+    )
+    books = put(books, *ended_prints, *open_prints, plate, Outage(id=1, at_s=NOW_S, printers=(PRINTERS[0],)))
+    beds = [*Bed, Bed.CLEAR]
+    for number, (printer, bed) in enumerate(zip(PRINTERS[-len(beds) :], beds, strict=True)):
+        changes = {"bed": bed, "filament": list(FilamentState)[number % 3], "attention_reason": text}
+        changes |= {"maintenance": text} if bed is Bed.CLEAR else {}
+        books = put(books, books.printers[printer].model_copy(update=changes))
+    farm.controller.books = books
+    for number, printer in enumerate(PRINTERS):
+        link = LINKS[number] if number < len(LINKS) else Link.BUSY
+        heat = {"nozzle_c": 210.0, "bed_c": 60.0, "nozzle_target_c": 200.0}
+        alarm = text if number == 3 else None
+        snapshot = AgentSnapshot(printer=printer, link=link, reason=text, alarm=alarm, **heat)
+        farm.controller.telemetry.store(snapshot, NOW_S)
+    holds = dict(zip(books.jobs[1].plates, (Hold(code=code, text=text) for code in HoldCode), strict=True))
+    farm.controller.plate_holds = lambda: holds
+
+
+@pytest.fixture(scope="module")
+def farm(tmp_path_factory):
+    farm = make_farm(tmp_path_factory.mktemp("farm"))
+    farm.initial_books = farm.controller.books
+    farm.session = farm.open_session()
+    session = next(key for key in farm.controller.books.keys.values() if key.kind is KeyKind.SESSION)
+    farm.initial_books = put(farm.initial_books, session)
+    yield farm
+    farm.store.close()
+
+
+def test_every_state_hold_and_fault_has_a_page(farm):
+    make_gallery(farm)
+    pages = read_pages(farm, farm.session)
+    assert {f"/printers/{name}" for name in PRINTERS} <= pages.keys()
+    faults = pages[f"/printers/{PRINTERS[0]}"]
+    assert sum(fault.replace("_", " ") in faults for fault in FAULTS) >= 10  # the last ten
+    for state in ("heating", "printing", "paused"):
+        assert any(f'class="state {state}"' in pages[f"/printers/{name}"] for name in PRINTERS), state
+    home = " ".join(Structure(pages["/"]).texts)
+    assert [state for state in JobState if state not in home] == []
+
+
+@pytest.mark.parametrize("role", [Role.LOOK, Role.PRINT])
+def test_pages_are_whole_for_other_roles(farm, role):
+    make_gallery(farm)
+    holder = next(key for key in farm.controller.books.keys.values() if key.kind is KeyKind.SESSION)
+    farm.controller.books = put(farm.controller.books, holder.model_copy(update={"role": role}))
+    assert read_pages(farm, farm.session)
+
+
+SOME = [PRINTERS[0], PRINTERS[1], PRINTERS[3], PRINTERS[-1]]
+"""Printers with faults, with bad parts, with an alarm, and in maintenance."""
+HOSTILE = st.text(
+    st.sampled_from("<>\"'&`={}%/\\;:()-!x \u202e\u00e9"), min_size=1, max_size=30
+) | st.sampled_from(
+    [
+        "<script>alert(1)</script>",
+        '"><img src=x onerror=alert(1)>',
+        "' onmouseover='alert(1)",
+        "</title></svg><style>*{display:none}</style>",
+        "{{ 7 * 7 }}{% raw %}",
+        "javascript:alert(1)",
+        "<!-- -->",
+        "&lt;b&gt;",
+        "</script><!--",
+    ]
+)
+
+
+@settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(HOSTILE, HOSTILE)
+def test_hostile_words_change_no_element_of_any_page(farm, text, name):
+    make_gallery(farm)
+    benign = {path: Structure(page) for path, page in read_pages(farm, farm.session, SOME).items()}
+    make_gallery(farm, f"x{text}x", f"x{name}x")
+    for path, page in read_pages(farm, farm.session, SOME).items():
+        found = Structure(page)
+        assert found.elements == benign[path].elements, path
+        assert not any(value.strip().lower().startswith("javascript:") for value in found.values)
