@@ -15,7 +15,7 @@ from pydantic import Base64Bytes, BaseModel, ConfigDict, Field, TypeAdapter
 
 AGENT_SOCKET = "agent.sock"  # in an agent's folder
 
-PROTOCOL = 3
+PROTOCOL = 4
 """Version of the protocol, increased when a request or a field is added, or has another meaning. Each
 snapshot has the version of its agent; the first agents sent none, and have version 1."""
 
@@ -256,6 +256,14 @@ class ListPrints(_Request):
     since_s: float  # the agent's clock
 
 
+class ListLines(_Request):
+    """List the last lines on the wire; nothing else changes."""
+
+    since: ClassVar[int] = 4
+    do: Literal["lines"] = "lines"
+    id: int
+
+
 class BedCleared(_Request):
     """Report that a person has cleared the bed; clears faults that needed a person."""
 
@@ -289,10 +297,19 @@ Request = (
     | ResumePrint
     | ForgetPrint
     | ListPrints
+    | ListLines
     | BedCleared
     | Commission
     | Shutdown
 )
+
+
+class WireLine(_AgentMessage):
+    """Line on the wire between an agent and its board."""
+
+    at_s: float  # the agent's clock
+    sent: bool  # to the board; else from it
+    text: str
 
 
 class Reply(_AgentMessage):
@@ -304,6 +321,7 @@ class Reply(_AgentMessage):
     late: bool = False  # the start arrived after its latest time and was refused
     snapshot: Snapshot | None = None
     prints: tuple[PrintSnapshot, ...] = ()  # of `ListPrints`, in order
+    lines: tuple[WireLine, ...] = ()  # of `ListLines`, oldest first
 
 
 def for_protocol(request: Request, protocol: int) -> str | None:

@@ -124,6 +124,7 @@ class Daemon:
             self._agents.replace,
             upkeep.prune,
             cameras.look,
+            self._agents.read_lines,
             inspections=self._inspections,
             streams=self._streams,
         )

@@ -12,7 +12,7 @@ from drivers.agent.idle_watch import CARD, IdleWatch
 from drivers.clock import Clock, wall_s
 from drivers.errors import AgentError, Fault, PortError, PortNotIdle
 from drivers.link import Connected, Event, Events, Link, LinkFault, OtherLine, Phase, Report
-from drivers.ports import Port, identify_device, open_port
+from drivers.ports import Port, RecordedPort, WireRecord, identify_device, open_port
 from drivers.printers import Profile
 from drivers.records import BoardState
 from drivers.safety import send_abort, send_abort_until_accepted
@@ -59,8 +59,8 @@ class Board:
         Finding of a heater of the idle board that is off and gets hotter; the recorder takes it over.
     returned
         True if the printer was reconnected or seen cold: later findings are new ones.
-    idle_watch, emulator
-        Watch over the idle board; status and bed of the emulator, if there is one.
+    idle_watch, emulator, wire
+        Watch over the idle board; status and bed of the emulator, if there is one; last bytes on the port.
     changed
         True if anything changed other than the next line of a program.
     """
@@ -92,6 +92,7 @@ class Board:
         self._url, self._folder, self._clock = url, folder, clock
         self._save, self._on_port_change = save, on_port_change
         self._port: Port | None = None
+        self.wire = WireRecord(clock.now)
         self._retry_wall_s = 0.0
         self._declared_idle = False  # a person confirmed that the port may be opened
         self._pulses_left = 0  # DTR pulses left before reset counts as failed
@@ -143,7 +144,8 @@ class Board:
                 raise PortNotIdle(MAY_PRINT)
             if not is_same_device:
                 self.idle_watch.filament.note_reset()
-            self._port = open_port(self._url, self._folder, self._clock, self._firmware.baud_rate)
+            port = open_port(self._url, self._folder, self._clock, self._firmware.baud_rate)
+            self._port = RecordedPort(port, self.wire)
             self.state.opened = device
         except PortError as error:
             self.needs_permission = isinstance(error, PortNotIdle)

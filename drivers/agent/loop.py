@@ -18,7 +18,7 @@ from drivers.agent.status import describe_link, list_prints, make_snapshot
 from drivers.clock import wall_s
 from drivers.errors import DriverError, TooLate
 from drivers.log_file import rotate_log
-from drivers.messages import ListPrints, Reply, Request, Snapshot
+from drivers.messages import ListLines, ListPrints, Reply, Request, Snapshot, WireLine
 from drivers.printers import PROFILES
 from drivers.records import AGENT_LOG, JOURNAL, Journal, StartFile
 
@@ -133,7 +133,9 @@ class Agent:
             is_late = isinstance(error, TooLate)
             return Reply(id=request.id, error=str(error), late=is_late, snapshot=self._snapshot())
         prints = list_prints(self._recorder, request.since_s) if isinstance(request, ListPrints) else ()
-        return Reply(id=request.id, snapshot=self._snapshot(), prints=prints)
+        lines = self._board.wire.list_lines() if isinstance(request, ListLines) else ()
+        listed = tuple(WireLine(at_s=one.at_s, sent=one.sent, text=one.text) for one in lines)
+        return Reply(id=request.id, snapshot=self._snapshot(), prints=prints, lines=listed)
 
     def _push(self) -> None:
         """Send a snapshot to all clients, at once after a change and otherwise at intervals."""

@@ -18,6 +18,7 @@ from drivers.messages import (
     ForgetPrint,
     Hello,
     LinkState,
+    ListLines,
     ListPrints,
     PausePrint,
     PrintPhase,
@@ -70,7 +71,7 @@ class RequestHandler:
             The disk failed.
         """
         match request:
-            case Hello() | ListPrints():
+            case Hello() | ListPrints() | ListLines():
                 pass
             case StartPrint():
                 self._start(request)

@@ -2,13 +2,17 @@
 
 from drivers.ports.port import NET, NetPort, Port, identify_device, open_port
 from drivers.ports.serial_port import Device, SerialPort, list_devices
+from drivers.ports.wire_record import Exchange, RecordedPort, WireRecord
 
 __all__ = [
     "NET",
     "Device",
+    "Exchange",
     "NetPort",
     "Port",
+    "RecordedPort",
     "SerialPort",
+    "WireRecord",
     "identify_device",
     "list_devices",
     "open_port",

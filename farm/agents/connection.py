@@ -287,6 +287,19 @@ class AgentConnection:
         except OSError as error:
             raise AgentError(f"{gcode}: cannot be read ({error})") from error
 
+    async def read_lines(self) -> list[m.WireLine]:
+        """Read the last lines on the wire, with times on the farm's clock.
+
+        Raises
+        ------
+        AgentError
+            The agent cannot be reached.
+        AgentTooOld
+            It keeps none.
+        """
+        reply = await self._client.request(m.ListLines(id=0))
+        return [line.model_copy(update={"at_s": line.at_s + self._ahead_s}) for line in reply.lines]
+
     async def replace(self) -> None:
         """Replace an idle agent by one of this version.
 

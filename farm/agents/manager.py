@@ -107,6 +107,16 @@ class AgentManager:
         except DriverError as error:
             raise Refused(str(error)) from error
 
+    async def read_lines(self, name: str) -> list[m.WireLine]:
+        """Read the last lines on the wire of a printer. Raises NoSuchThing or Refused."""
+        connection = self._connections.get(name)
+        if connection is None:
+            raise NoSuchThing(f"there is no enabled printer {name}; see `farm status`")
+        try:
+            return await connection.read_lines()
+        except DriverError as error:
+            raise Refused(f"the lines of {name} cannot be read: {error}") from error
+
     async def shut_down_agents(self) -> None:
         """End every agent, and switch the simulated printers off."""
         await asyncio.gather(*(connection.shut_down() for connection in self._connections.values()))

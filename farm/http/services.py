@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import farm
+from drivers.messages import WireLine
 from farm import api
 from farm.cameras import Image
 from farm.compute import Workers
@@ -29,6 +30,11 @@ async def refuse_replacing(name: str) -> None:
 async def refuse_looking(printer: str) -> Image:
     """Refuse to show a printer; for a farm without cameras."""
     raise NoSuchThing(f"{printer} has no camera")
+
+
+async def refuse_reading(printer: str) -> list[WireLine]:
+    """Refuse to read the wire of a printer; for a farm without agents."""
+    raise Refused(f"{printer} has no agent")
 
 
 async def refuse_pruning(by: str, dry_run: bool) -> api.Pruned:
@@ -81,6 +87,8 @@ class Services:
         Replaces the agent of an idle printer.
     look
         Returns a still by the camera of a printer.
+    read_lines
+        Reads the last lines on the wire of a printer.
     network
         State of the server for callers on the network.
     key_uses_s
@@ -107,6 +115,7 @@ class Services:
     replace_agent: Callable[[str], Awaitable[None]] = refuse_replacing
     prune: Callable[[str, bool], Awaitable[api.Pruned]] = refuse_pruning
     look: Callable[[str], Awaitable[Image]] = refuse_looking
+    read_lines: Callable[[str], Awaitable[list[WireLine]]] = refuse_reading
     network: NetworkState = field(default_factory=NetworkState)
     key_uses_s: dict[str, float] = field(default_factory=dict)
     inspections: dict[Path, str] = field(default_factory=dict)

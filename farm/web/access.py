@@ -65,6 +65,7 @@ PAGES = (
     "/jobs/{number}/report",
     "/jobs/{number}/stills/{name}",
 )
+OPERATOR_PAGES = ("/printers/{name}/wire",)
 OPEN = frozenset(
     {
         ("GET", LIVENESS),
@@ -80,6 +81,7 @@ OPEN = frozenset(
 ROLES: dict[tuple[str, str], Role] = {
     **{("GET", path): Role.LOOK for path in (METRICS, SCHEMA, SCHEMA_PAGE)},
     **{("GET", path): Role.LOOK for path in PAGES},
+    **{("GET", path): Role.OPERATE for path in OPERATOR_PAGES},
     ("POST", "/logout"): Role.LOOK,
     **{("GET", NETWORK_PREFIX + path): Role.LOOK for path in _LOOK},
     **{("POST", NETWORK_PREFIX + path): Role.PRINT for path in _PRINT},

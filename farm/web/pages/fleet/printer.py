@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime, tzinfo
+
+from drivers.messages import WireLine
 from farm.views.dashboard import PrinterPage
 from farm.web.notes import Note, Reader
 from farm.web.pages.rendering import render_page
@@ -23,3 +28,43 @@ def render_printer(page: PrinterPage, farm: str, zone: str, reader: Reader, note
     """
     path = f"/printers/{page.printer.name}"
     return render_page("printer.html", farm, path, reader, note, page=page, zone=zone)
+
+
+@dataclass(frozen=True, slots=True)
+class ShownLine:
+    """Line on the wire with its time of day."""
+
+    at: str
+    sent: bool
+    text: str
+
+
+def render_wire(
+    name: str,
+    lines: Sequence[WireLine],
+    farm: str,
+    zone: tzinfo,
+    reader: Reader,
+    problem: str | None = None,
+) -> str:
+    """Render the last lines on the wire of a printer.
+
+    Parameters
+    ----------
+    name
+        The printer.
+    lines
+        Oldest first, with times on the farm's clock.
+    farm, zone
+        Name and time zone of the fleet.
+    reader
+        Person who reads it.
+    problem
+        Why there are no lines.
+    """
+    shown = [
+        ShownLine(f"{datetime.fromtimestamp(one.at_s, zone):%H:%M:%S.%f}"[:-3], one.sent, one.text)
+        for one in lines
+    ]
+    path = f"/printers/{name}/wire"
+    return render_page("wire.html", farm, path, reader, name=name, lines=shown, problem=problem)

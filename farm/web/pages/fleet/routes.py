@@ -9,6 +9,7 @@ from typing import Annotated
 from fastapi import APIRouter, Query, Request, Response
 from fastapi.responses import FileResponse, HTMLResponse
 
+from drivers.messages import WireLine
 from farm import api
 from farm.control import find_successor
 from farm.errors import ErrorCode, FarmError, NoSuchThing, Refused
@@ -28,7 +29,7 @@ from farm.views.queue import list_queue
 from farm.web.callers import find_holder
 from farm.web.notes import Note, Notes, Reader
 from farm.web.pages.fleet.history import HistoryQuery, render_history
-from farm.web.pages.fleet.printer import render_printer
+from farm.web.pages.fleet.printer import render_printer, render_wire
 from farm.web.pages.fleet.timeline import TimelineQuery, render_timeline
 from farm.web.pages.page_route import PageRoute
 
@@ -77,6 +78,16 @@ def fleet_routes(services: Services, notes: Notes) -> APIRouter:
             controller.list_reservations().get(name),
         )
         return HTMLResponse(render_printer(page, fleet.name, fleet.timezone, reader, note))
+
+    @router.get("/printers/{name}/wire")
+    async def show_wire(request: Request, name: str) -> Response:
+        reader, problem, lines = Reader.for_holder(find_holder(request)), None, list[WireLine]()
+        controller.books.printer(name)
+        try:
+            lines = await services.read_lines(name)
+        except Refused as error:
+            problem = str(error)
+        return HTMLResponse(render_wire(name, lines, fleet.name, controller.fleet.zone, reader, problem))
 
     @router.get("/history")
     async def show_history(request: Request, query: Annotated[HistoryQuery, Query()]) -> Response:

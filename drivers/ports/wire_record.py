@@ -1,0 +1,114 @@
+"""Record of the last bytes on a port, in both directions, in memory alone."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from itertools import groupby
+
+from drivers.ports.port import Port
+
+_CHUNKS = 400
+_CHUNK_BYTES = 512
+_LONGEST_LINE = 200
+
+
+@dataclass(frozen=True, slots=True)
+class Exchange:
+    """Line on the wire: its time, whether it was sent to the board, and its text; other bytes as `\\x..`."""
+
+    at_s: float
+    sent: bool
+    text: str
+
+
+class WireRecord:
+    """Record of the last 400 reads and writes of a port.
+
+    Parameters
+    ----------
+    now
+        Returns the time on the farm's clock.
+    """
+
+    def __init__(self, now: Callable[[], float]) -> None:
+        self._now = now
+        self._chunks: deque[tuple[float, bool, bytes]] = deque(maxlen=_CHUNKS)
+
+    def add(self, sent: bool, data: bytes) -> None:
+        """Add bytes that were sent, or received."""
+        if data:
+            self._chunks.append((self._now(), sent, data[:_CHUNK_BYTES]))
+
+    def list_lines(self) -> list[Exchange]:
+        """List the lines, oldest first; the first one may have lost its beginning."""
+        return list(split_lines(self._chunks))
+
+
+def split_lines(chunks: Iterable[tuple[float, bool, bytes]]) -> Iterator[Exchange]:
+    """Split chunks into lines, each at the time of the first chunk of its direction that has a part of it."""
+    for sent, group in groupby(chunks, key=lambda chunk: chunk[1]):
+        began_s, partial = 0.0, b""
+        for at_s, _, data in group:
+            began_s = began_s if partial else at_s
+            *whole, partial = (partial + data).split(b"\n")
+            for line in whole:
+                yield _make_line(began_s, sent, line)
+                began_s = at_s
+        if partial:
+            yield _make_line(began_s, sent, partial)
+
+
+def _make_line(at_s: float, sent: bool, line: bytes) -> Exchange:
+    text = line.rstrip(b"\r").decode("ascii", "backslashreplace")
+    shown = "".join(c if c.isprintable() else f"\\x{ord(c):02x}" for c in text[:_LONGEST_LINE])
+    return Exchange(at_s, sent, shown)
+
+
+class RecordedPort:
+    """Port whose bytes are recorded.
+
+    Parameters
+    ----------
+    port
+        The port.
+    record
+        Gets what is read and written.
+    """
+
+    def __init__(self, port: Port, record: WireRecord) -> None:
+        self._port, self._record = port, record
+
+    def fileno(self) -> int:
+        """Return the descriptor to wait for."""
+        return self._port.fileno()
+
+    def read(self) -> bytes:
+        """Read what has arrived. Raises PortError."""
+        data = self._port.read()
+        self._record.add(False, data)
+        return data
+
+    def write(self, data: bytes) -> None:
+        """Write bytes, some of them later. Raises PortError."""
+        self._record.add(True, data)
+        self._port.write(data)
+
+    def write_now(self, data: bytes) -> None:
+        """Write bytes instead of those that wait. Raises PortError."""
+        self._record.add(True, data)
+        self._port.write_now(data)
+
+    @property
+    def write_pending(self) -> bool:
+        """True while bytes wait to be written."""
+        return self._port.write_pending
+
+    def reset(self) -> None:
+        """Reset the board. Raises PortError."""
+        self._port.reset()
+
+    def close(self) -> None:
+        """Close the port."""
+        self._port.close()
