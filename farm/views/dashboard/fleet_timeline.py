@@ -12,7 +12,7 @@ from farm.views.dashboard.axis import Mark, TimeAxis
 from farm.views.dashboard.fleet_plan import PLANNED, FleetPlan, PlannedPrint, list_spans, plan_fleet
 from farm.views.dashboard.what_if import Change, JobShift, try_change
 
-_WIDTH, _ROW, _LEFT, _RIGHT, _TOP = 1200, 30, 120, 30, 30  # px
+_WIDTH, _ROW, _LEFT, _RIGHT, _TOP = 1200, 30, 110, 30, 44  # px
 _BAR = 22
 _CHARACTER = 7.0  # approximate width of a character, px
 _AFTER_S = 1800.0
@@ -70,6 +70,7 @@ class Chart:
     height: int
     kinds: tuple[tuple[str, str], ...]
     width: int = _WIDTH
+    left: int = _LEFT
     top: int = _TOP
     bar_height: int = _BAR
 

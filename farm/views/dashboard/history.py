@@ -64,7 +64,7 @@ class HistoryView:
     hidden: int
 
 
-def describe_history(context: ViewContext, chosen: HistoryFilter, most: int = 100) -> HistoryView:
+def describe_history(context: ViewContext, chosen: HistoryFilter, max_rows: int = 100) -> HistoryView:
     """Describe ended prints with their figures.
 
     Parameters
@@ -73,7 +73,7 @@ def describe_history(context: ViewContext, chosen: HistoryFilter, most: int = 10
         The farm.
     chosen
         The prints to describe.
-    most
+    max_rows
         Number of prints, and of jobs, that are listed; the figures count all.
     """
     books, zone = context.books, context.fleet.zone
@@ -81,7 +81,7 @@ def describe_history(context: ViewContext, chosen: HistoryFilter, most: int = 10
     jobs = [
         job for job in map(books.job, sorted({one.job for one in prints}, reverse=True)) if job.state.ended
     ]
-    shown = prints[-most:]
+    shown = prints[-max_rows:]
     return HistoryView(
         now=context.format_time(context.now_s) or "",
         chosen=chosen,
@@ -90,7 +90,7 @@ def describe_history(context: ViewContext, chosen: HistoryFilter, most: int = 10
         by_printer=group_figures(prints, books.plates, lambda one: one.printer),
         by_material=group_figures(prints, books.plates, lambda one: books.plates[one.plate].material),
         by_month=group_figures(prints, books.plates, lambda one: name_month(one, zone)),
-        jobs=[_describe_outcome(context, job) for job in jobs[:most]],
+        jobs=[_describe_outcome(context, job) for job in jobs[:max_rows]],
         rows=[describe_ended_print(context, one) for one in reversed(shown)],
         hidden=len(prints) - len(shown),
     )

@@ -164,6 +164,10 @@ def test_agent_lists_its_prints_including_forgotten_ones(driven: Driven, tmp_pat
             (rig,) = listed(0.0)
             assert (rig.phase, rig.ended_s) == (m.PrintPhase.DONE, snapshot.print.ended_s)
             assert listed(snapshot.now_s + 1.0) == ()
+            lines = agent._answer(m.ListLines(id=5)).lines
+            assert ("ok", False) in [(line.text, line.sent) for line in lines]
+            assert any(line.sent and "G" in line.text for line in lines)
+            assert lines[-1].at_s <= snapshot.now_s + 60.0
             assert agent._answer(m.Shutdown(id=4)).error is None
 
     driven.do = do

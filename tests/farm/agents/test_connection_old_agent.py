@@ -189,6 +189,8 @@ def test_client_sends_an_older_agent_known_requests_only(tmp_path: Path):
             await client.request(start(not_after_s=1.0))
         with pytest.raises(AgentTooOld):
             await client.request(m.ListPrints(id=0, since_s=0.0))
+        with pytest.raises(AgentTooOld):
+            await client.request(m.ListLines(id=0))
         await client.close()
         server.close()
 

@@ -11,6 +11,7 @@ const readOffset = (iso) => {
 /** Show the times inside an element in the reader's zone, where that differs. */
 export const localiseTimes = (root) => {
   for (const element of root.querySelectorAll("time[datetime]")) {
+    if (element.closest("[data-farm-time]")) continue; // beside a chart in the fleet's zone
     const iso = element.getAttribute("datetime");
     const moment = new Date(iso);
     if (Number.isNaN(moment.getTime()) || -moment.getTimezoneOffset() === readOffset(iso)) continue;

@@ -50,7 +50,7 @@ def test_prints_are_chosen(chosen, prints):
 
 
 def test_long_history_is_shown_in_part_and_counted_in_full():
-    view = describe_history(make_context(books_of_ten_days(), NOW_S), HistoryFilter(), most=1)
+    view = describe_history(make_context(books_of_ten_days(), NOW_S), HistoryFilter(), max_rows=1)
     assert (len(view.rows), view.hidden, view.total.prints) == (1, 3, 4)
 
 

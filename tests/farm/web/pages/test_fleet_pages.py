@@ -1,10 +1,15 @@
 """Pages of the fleet: timeline, printers, history, as a browser asks for them."""
 
+import dataclasses
+
 import pytest
 
 from dashboard_farm import judge, print_plate, submit
+from drivers.messages import WireLine
+from farm.control import DryRuns
 from farm.model import AgentSnapshot, FilamentState, Link, Moment, PrintState, Role, Still
-from network_farm import NetworkFarm
+from farm.web import make_web_app
+from network_farm import HOST, NetworkFarm
 
 
 @pytest.fixture
@@ -129,3 +134,25 @@ def test_change_that_cannot_be_tried_is_explained_above_the_plan(busy_farm, quer
 )
 def test_errors_are_pages_in_words(busy_farm, path, status):
     assert "Traceback" not in read(busy_farm, path, status=status)
+
+
+def test_operator_reads_the_last_lines_on_the_wire(farm):
+    async def read_lines(name):
+        return [
+            WireLine(at_s=farm.clock.now_s, sent=True, text="M105 <b>"),
+            WireLine(at_s=0.0, sent=False, text="ok"),
+        ]
+
+    services = dataclasses.replace(farm.services, read_lines=read_lines)
+    farm.web = make_web_app(services, DryRuns(farm.controller), {HOST})
+    page = read(farm, "/printers/a/wire")
+    assert "23:13:20.000 &gt; M105 &lt;b&gt;" in page  # in Berlin
+    assert "&lt; ok" in page
+    for role in (Role.LOOK, Role.PRINT):
+        assert "needs a key with the role operate" in read(farm, "/printers/a/wire", role, status=403)
+        assert "/printers/a/wire" not in read(farm, "/printers/a", role)
+
+
+def test_wire_that_cannot_be_read_says_why(farm):
+    assert "a has no agent" in read(farm, "/printers/a/wire")
+    assert "no printer z" in read(farm, "/printers/z/wire", status=404)

@@ -1,0 +1,83 @@
+"""Record of the last bytes on a port."""
+
+from itertools import count, groupby
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivers.ports import RecordedPort, WireRecord
+from drivers.ports.wire_record import split_lines
+
+
+class LoopedPort:
+    """Port that answers each write with an `ok` in two pieces."""
+
+    write_pending = False
+
+    def __init__(self) -> None:
+        self.answers: list[bytes] = []
+
+    def fileno(self) -> int:
+        return 7
+
+    def read(self) -> bytes:
+        return self.answers.pop(0) if self.answers else b""
+
+    def write(self, data: bytes) -> None:
+        self.answers += [b"o", b"k\n"]
+
+    def write_now(self, data: bytes) -> None:
+        self.answers.clear()
+
+    def reset(self) -> None:
+        self.answers = [b"start\r\n"]
+
+    def close(self) -> None:
+        self.answers.clear()
+
+
+def record_port() -> tuple[RecordedPort, WireRecord]:
+    seconds = count()
+    record = WireRecord(lambda: float(next(seconds)))
+    return RecordedPort(LoopedPort(), record), record
+
+
+def test_lines_of_both_directions_are_in_order_with_their_times():
+    port, record = record_port()
+    port.write(b"N1 M105*38\n")
+    assert [port.read(), port.read(), port.read()] == [b"o", b"k\n", b""]
+    port.reset()
+    port.read()
+    port.write_now(b"M112\n")
+    assert [(one.at_s, one.sent, one.text) for one in record.list_lines()] == [
+        (0.0, True, "N1 M105*38"),
+        (1.0, False, "ok"),
+        (3.0, False, "start"),
+        (4.0, True, "M112"),
+    ]
+
+
+def test_record_is_bounded_in_number_and_length():
+    port, record = record_port()
+    for _ in range(10_000):
+        port.write(b"x" * 5000 + b"\n")
+        port.read()
+    assert len(record.list_lines()) <= 400
+    assert max(len(one.text) for one in record.list_lines()) == 200
+
+
+def test_bytes_that_are_no_text_are_shown_as_numbers():
+    port, record = record_port()
+    port.write(b"\x00\x1b[31m\xff<b>\n")
+    assert [one.text for one in record.list_lines()] == ["\\x00\\x1b[31m\\xff<b>"]
+
+
+@given(st.lists(st.tuples(st.booleans(), st.text("ab \n", max_size=12).map(str.encode)), max_size=30))
+def test_no_byte_of_a_line_is_lost(pieces):
+    lines = list(split_lines((float(n), *piece) for n, piece in enumerate(pieces)))
+    groups = [
+        (sent, b"".join(data for _, data in group)) for sent, group in groupby(pieces, key=lambda p: p[0])
+    ]
+    expected = [(sent, line.decode()) for sent, data in groups for line in data.split(b"\n")]
+    assert [(one.sent, one.text) for one in lines if one.text] == [one for one in expected if one[1]]
+    assert [one.at_s for one in lines] == sorted(one.at_s for one in lines)
