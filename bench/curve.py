@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from bench.print_time_parts import make_recipe
-from decompose.bound import makespan_bound
+from decompose.bound import bound_makespan
 from decompose.engines.guillotine import Partitioner, makespan_curve
 from decompose.geometry import load_model
 from decompose.options import Options
@@ -68,7 +68,7 @@ def main() -> None:
     report: dict[str, Any] = {"cells": grid.shape, "boxes": len(boxes.seconds), "stages": took}
     if timed("search", lambda: solver.find_min_makespan(asked.printers, 0.0)) is not None:
         makespan_s = solver.longest_s()
-        proven = timed("bound", lambda: makespan_bound(boxes, grid.needed, asked.printers, makespan_s))
+        proven = timed("bound", lambda: bound_makespan(boxes, grid.needed, asked.printers, makespan_s))
         report |= {"makespan_s": makespan_s, "bound_s": proven.seconds}
     report["peak_mb"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
     report["curve"] = [[point.printers, point.makespan_s] for point in points]

@@ -19,7 +19,7 @@ import time
 from pathlib import Path
 
 from drivers import messages as m
-from drivers.emulator.launch import alive, control, read_status
+from drivers.emulator.launch import control, is_running, read_status
 from drivers.remote import AgentClient, agent_pid, kill_agent
 
 MODEL = "ultimaker2_plus"
@@ -93,7 +93,7 @@ def measure(printers: int) -> dict[str, float]:
             os.kill(daemon, signal.SIGKILL)
             for folder in folders:
                 kill_agent(folder)
-                if alive(folder / "emulator"):
+                if is_running(folder / "emulator"):
                     control(folder / "emulator", "power_off")
     return {
         "printers": printers,

@@ -24,7 +24,7 @@ from collections import Counter
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
-from drivers.emulator.launch import Command, alive, control
+from drivers.emulator.launch import Command, control, is_running
 from drivers.errors import DriverError
 from drivers.printers import PROFILES
 from drivers.records import JOURNAL
@@ -301,7 +301,7 @@ class Night:
             for name in self.names:
                 kill_agent(self.state.agent(name))
         for name in self.names:
-            if alive(self._emulator(name)):
+            if is_running(self._emulator(name)):
                 try:
                     control(self._emulator(name), Command.POWER_OFF)
                 except DriverError as error:

@@ -23,7 +23,7 @@ from decompose.decompose import decompose_model
 from decompose.errors import DecomposeError
 from decompose.geometry import Model, Solid, load_model, round_triangles, write_stl
 from decompose.options import Options
-from decompose.print_time import POSE_ROTATIONS, CostModel, Recipe, measure_columns, pose_features
+from decompose.print_time import POSE_ROTATIONS, CostModel, Recipe, measure_columns, sum_pose_features
 from decompose.printers import PrinterRoom
 from drivers.printers import BEDS, PROFILES, part_room
 from farm.planning.parts.pricing import build_recipe
@@ -214,7 +214,7 @@ def measure(posed: Posed, setting: str, folder: Path, cache: Path | None) -> Row
     stl.unlink()
     out.unlink()
     cost = CostModel.from_recipe(build_recipe(settings, prelude_s=0.0))
-    (features,), (extents,) = pose_features(*posed.arrays, POSE_ROTATIONS[4:5], cost)
+    (features,), (extents,) = sum_pose_features(*posed.arrays, POSE_ROTATIONS[4:5], cost)
     unmarked = np.zeros(len(posed.corners), dtype=np.bool_)
     support = measure_columns(posed.corners.astype(np.float64), unmarked, cost.overhang_cos)
     figures = [*map(float, features), *map(float, extents)]

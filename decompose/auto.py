@@ -66,7 +66,7 @@ def decompose_auto(
     """Cut a model for as many of the first printers as suit a goal.
 
     The number is chosen from the curve of makespans of the first printers by the tables, with their rooms and
-    speeds; where that number is too small for the true parts, all printers are used.
+    speeds; if that number is too small for the true parts, all printers are used.
 
     Parameters
     ----------
@@ -80,7 +80,7 @@ def decompose_auto(
     Raises
     ------
     NoFit, GeometryError
-        As in `decompose.decompose_model`, where all of the printers are not enough.
+        As in `decompose.decompose_model`, if all of the printers are not enough.
     """
     validate_problem(model, tuple(printers), options)
     points = build_curve(Problem(model, tuple(printers), cost, options, executor))
@@ -95,7 +95,7 @@ def decompose_auto(
 
 
 def build_curve(problem: Problem) -> tuple[CurvePoint, ...]:
-    """Compute the makespan of the first 1, 2, ... printers by the tables, where they are enough.
+    """Compute the makespan of the first 1, 2, ... printers by the tables; too few printers are left out.
 
     Unequal printers are grouped in classes, on a coarser grid, since there are more ways to distribute parts
     among them; a number of printers of a class has their mean speed.
@@ -114,11 +114,16 @@ def build_curve(problem: Problem) -> tuple[CurvePoint, ...]:
     piece_times_s = [classes[i].time_factor for i in class_indices]
     real_s = [printer.time_factor for printer in printers]
     return tuple(
-        replace(p, makespan_s=p.makespan_s * _mean(real_s[: p.printers]) / _mean(piece_times_s[: p.printers]))
+        replace(
+            p,
+            makespan_s=p.makespan_s
+            * _compute_mean_factor(real_s[: p.printers])
+            / _compute_mean_factor(piece_times_s[: p.printers]),
+        )
         for p in points
     )
 
 
-def _mean(factors: Sequence[float]) -> float:
+def _compute_mean_factor(factors: Sequence[float]) -> float:
     """Compute the harmonic mean of time factors: parts that end together share the work by speed."""
     return len(factors) / sum(1.0 / factor for factor in factors)

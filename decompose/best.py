@@ -14,7 +14,7 @@ from time import perf_counter
 from scipy.spatial.transform import Rotation
 
 from decompose.errors import DecomposeError, GeometryError, ModelNotSolid, NoFit
-from decompose.grid import cell_counts
+from decompose.grid import count_cells
 from decompose.options import Engine
 from decompose.problem import FINEST, Effort, Problem
 from decompose.progress import report_progress
@@ -23,8 +23,8 @@ from decompose.results import Attempt, Decomposition
 BEST_ENGINES = (Engine.GUILLOTINE, Engine.PARALLELOBOX)
 OTHER_GRIDS = (1.1, 0.95, 0.9)  # cells along a side, relative to the first grid
 OTHER_YAWS_DEG = (45.0, 15.0, 75.0, 30.0, 60.0)  # about z: a quarter turn is the same grid again
-WORTH_TURNING = 0.01  # share of the makespan: cuts along a model's own sides are easier to glue
-MIN_GAIN = 0.03  # least possible gain, as a share of the makespan, for which another grid is tried
+MIN_TURNING_GAIN = 0.01  # share of the makespan: cuts along a model's own sides are easier to glue
+MIN_GAIN = 0.03  # minimum possible gain, as a share of the makespan, for which another grid is tried
 
 
 def find_best(problem: Problem, by_engine: Callable[[Problem], Decomposition]) -> Decomposition:
@@ -40,7 +40,7 @@ def find_best(problem: Problem, by_engine: Callable[[Problem], Decomposition]) -
     Raises
     ------
     NoFit, GeometryError, ModelNotSolid
-        Error of the first engine, where no engine has a result.
+        Error of the first engine, if no engine has a result.
     """
     options = problem.options
     trials = _Trials(problem, by_engine, options.best.budget_s)
@@ -68,7 +68,7 @@ class _Trials:
     failure: DecomposeError | None = None
 
     def result(self) -> Decomposition:
-        """Return the best result; raises the error of the first engine where there is none."""
+        """Return the best result; raises the error of the first engine if there is none."""
         if self.best is None:
             assert self.failure is not None  # the first engine is always tried
             raise self.failure
@@ -118,18 +118,18 @@ class _Trials:
             return True
         if yaw_deg and not self.yaw_deg:
             decomposition = replace(
-                decomposition, makespan_s=decomposition.makespan_s / (1.0 - WORTH_TURNING)
+                decomposition, makespan_s=decomposition.makespan_s / (1.0 - MIN_TURNING_GAIN)
             )
-        return _rank(decomposition) < _rank(self.best)
+        return _make_rank(decomposition) < _make_rank(self.best)
 
     def try_other_grids(self) -> None:
         """Try the guillotine engine on other grids, each once, while the possible gain is large enough."""
         problem, yaw_deg = rotate_about_z(self.problem, self.yaw_deg), self.yaw_deg
         extents_mm, first = problem.model.extents_mm, problem.granularity(problem.model)
-        shapes = {cell_counts(extents_mm, first)}
+        shapes = {count_cells(extents_mm, first)}
         for share in OTHER_GRIDS:
             cells = min(FINEST, round(share * first))
-            shape = cell_counts(extents_mm, cells)
+            shape = count_cells(extents_mm, cells)
             if self.best is not None and self.best.possible_gain(problem.printers) < MIN_GAIN:
                 break
             if shape not in shapes:
@@ -142,6 +142,6 @@ def rotate_about_z(problem: Problem, yaw_deg: float) -> Problem:
     return problem.rotate(Rotation.from_euler("z", yaw_deg, degrees=True).as_matrix())
 
 
-def _rank(result: Decomposition) -> tuple[bool, float, int]:
-    """Sort key of a result: less is better."""
+def _make_rank(result: Decomposition) -> tuple[bool, float, int]:
+    """Sort key of a result: lower is better."""
     return bool(result.faults), result.makespan_s, len(result.parts)

@@ -53,8 +53,8 @@ class NoFit(DecomposeError):
     Attributes
     ----------
     printers_needed
-        Fewest printers that would be enough, with more of the same kinds; or a lower bound on it. None where
-        it is not known, or where no number is enough.
+        Minimum number of printers of the same kinds that is enough, or a lower bound on it. None if
+        it is not known, or if no number is enough.
     """
 
     def __init__(self, message: str, printers_needed: int | None = None) -> None:
@@ -69,13 +69,13 @@ class NoFit(DecomposeError):
         sides_mm = list(extents_mm)
         longest = max(1, math.floor(max(sides_mm) * (printers / needed) ** (1.0 / 3.0)))
         return cls(
-            f"{size_text(sides_mm)} mm needs {needed} parts, each on a printer of its own, and there are "
+            f"{format_size(sides_mm)} mm needs {needed} parts, each on a printer of its own, and there are "
             f"{printers}: free {more}, or try --longest-side {longest}",
             needed,
         )
 
 
-def size_text(sides_mm: Iterable[float]) -> str:
+def format_size(sides_mm: Iterable[float]) -> str:
     """Format the sides of a box in whole mm, for a message."""
     return " x ".join(f"{side:.0f}" for side in sides_mm)
 
@@ -102,7 +102,7 @@ class GeometryError(DecomposeError):
     rule
         Short name of the rule, see `Rule`.
     part
-        Part at fault, where it is one part.
+        Part at fault, if it is one part.
     """
 
     def __init__(self, rule: str, part: str | None, problem: str) -> None:

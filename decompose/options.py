@@ -80,9 +80,9 @@ class Options:
     granularity
         Cube root of the number of grid cells: a name of `grid.GRANULARITY`, a number, or ``auto``.
     min_wall_mm
-        Least thickness of the wall that is left where the inside is not printed.
+        Minimum thickness of the wall that is left where the inside is not printed.
     min_glue_mm2
-        Least area of a joint that counts as holding; it must also be two walls wide.
+        Minimum area of a joint that counts as holding; it must also be two walls wide.
     seed
         Seed of the random numbers of the engines; the guillotine engine uses none.
     faithful

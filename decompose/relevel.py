@@ -51,8 +51,8 @@ def relevel_planes(
     Returns
     -------
     Decomposition | None
-        The same number of parts, with the times of the cost. None where the gain would not be worth slicing
-        again, or where another engine than `guillotine` cut the parts.
+        The same number of parts, with the times of the cost. None if the gain would not be worth slicing
+        again, or if another engine than `guillotine` cut the parts.
 
     Raises
     ------
@@ -102,7 +102,7 @@ def _cut_previous_boxes(
 ) -> list[list[Piece]] | None:
     """Cut the boxes of a decomposition again; each piece gets the time ratio of slice to price.
 
-    `sliced_s` is in seconds, in the order of the parts. None where the boxes hold other parts than before.
+    `sliced_s` is in seconds, in the order of the parts. None if the boxes hold other parts than before.
     """
     if len(sliced_s) != len(cutting.cut_for):
         return None

@@ -60,13 +60,13 @@ def hold(path: Path) -> int | None:
     return descriptor
 
 
-def sign(descriptor: int) -> None:
+def write_pid(descriptor: int) -> None:
     """Write the process id into the lock file, so that `kill_holder` can kill this process."""
     os.pwrite(descriptor, b"%-*d" % (_PID_BYTES, os.getpid()), 0)
 
 
 def find_holder(path: Path) -> int | None:
-    """Return the id of the process that holds the lock; None if it is free or unsigned."""
+    """Return the id of the process that holds the lock; None if it is free or has no id."""
     try:
         pid = int(path.read_bytes())
     except (OSError, ValueError):

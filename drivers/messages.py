@@ -94,12 +94,12 @@ class Heater(_AgentMessage):
 
 
 class PrintReadings(BaseModel):
-    """Values of a print that people see and that decide nothing.
+    """Values of a print that are only shown to people.
 
     `farm.model.AgentPrint` and `farm.api.PrintProgress` inherit them: a new one reaches `--json` by itself.
     """
 
-    layer: int | None = None  # from 1; null before the file's first has begun
+    layer: int | None = None  # from 1; null before the first layer of the file
     z_mm: float | None = None  # of that layer
     feature: str | None = None  # type of the current lines, as Cura names it: WALL-OUTER, FILL, ...
 
@@ -130,7 +130,7 @@ class PrintSnapshot(PrintReadings, _AgentMessage):
 
 
 class PrinterReadings(BaseModel):
-    """Values of a printer that people see and that decide nothing.
+    """Values of a printer that are only shown to people.
 
     `farm.model.AgentSnapshot` and `farm.api.PrinterView` inherit them: a new one reaches `--json` by itself.
     """

@@ -37,7 +37,7 @@ class AssemblyStep:
     direction
         (3,) unit vector in the model's frame: the moved body comes from there, against this direction.
     joints
-        Joints that are glued; none where a loose body is only laid in.
+        Joints that are glued; none if a loose body is only laid in.
     glue_mm2
         Area of these joints.
     slides
@@ -93,7 +93,7 @@ class Assembly:
 
     @property
     def critical_s(self) -> float:
-        """Least time with any number of hands: the longest chain of work and drying."""
+        """Minimum time with any number of hands: the longest chain of work and drying."""
         return critical_path_s([step.work for step in self.steps])
 
     @property
@@ -123,7 +123,7 @@ def plan_assembly(
     joints
         Joints of `pieces.find_joints`, in the same frame.
     min_glue_mm2
-        Least area of a joint that counts as holding.
+        Minimum area of a joint that counts as holding.
 
     Returns
     -------

@@ -11,7 +11,7 @@ from decompose.arrays import Floats
 from decompose.geometry import Solid, convex_outline, half_planes
 
 ON_TABLE_MM = 0.1  # points this near to the lowest one touch the table
-STEADY_MM = 2.0  # least distance of the centre of mass inside the rim of what touches the table
+STEADY_MM = 2.0  # minimum distance of the centre of mass inside the rim of what touches the table
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -14,7 +14,7 @@ DRY_S = 120.0
 CLEAN_S = 30.0  # to take the brim off a part, when it is used for the first time
 HANDLE_S = 45.0  # to find two bodies, try them dry, and read the page
 HOLD_S = 30.0  # until the glue holds by itself
-UNSTEADY_S = 30.0  # more, where the lower body does not stand
+UNSTEADY_S = 30.0  # more, if the lower body does not stand
 JOINT_S = 10.0  # to line up one more joint
 GLUE_S_PER_MM2 = 0.005  # to spread the glue
 
@@ -55,7 +55,7 @@ class Work:
 def order_steps(works: Sequence[Work], dry_s: float = DRY_S) -> list[tuple[int, float]]:
     """Order steps so that a person works while glue dries.
 
-    The next step is the first one in the given order whose bodies are dry; where none are, the one whose
+    The next step is the first one in the given order whose bodies are dry; if none are, the one whose
     bodies dry first.
 
     Parameters

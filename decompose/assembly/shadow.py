@@ -28,7 +28,7 @@ class Shadow:
     first
         Numbers of the first line along both axes across.
     low, high
-        (lines, lines) least and greatest coordinate along the axis, mm; inf and -inf where there is none.
+        (lines, lines) least and greatest coordinate along the axis, mm; inf and -inf if there is none.
     """
 
     first: tuple[int, int]

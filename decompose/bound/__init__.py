@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from decompose.bound.makespan import makespan_bound, surface_bound_s
+from decompose.bound.makespan import bound_by_surface_s, bound_makespan
 
 __all__ = [
-    "makespan_bound",
-    "surface_bound_s",
+    "bound_by_surface_s",
+    "bound_makespan",
 ]

@@ -68,7 +68,7 @@ def _is_replaced(tables: Tables, limit_s: float, box: Box, shape: Shape) -> bool
 
 
 @jit
-def _largest(tables: Tables, limit_s: float, shape: Shape, boxes: npt.NDArray[np.int16]) -> int:
+def _find_largest_boxes(tables: Tables, limit_s: float, shape: Shape, boxes: npt.NDArray[np.int16]) -> int:
     """Fill in the boxes within the limit that no box one layer larger replaces; return their number.
 
     Parameters
@@ -168,7 +168,7 @@ def _sum_over_cells(shares: Floats, corners: Ints, steps: Floats, covered: Float
 
 
 class _Programme(NamedTuple):
-    """Linear programme: cover cells by the least sum of shares of boxes, times their pieces.
+    """Linear programme: cover cells with the minimum sum of shares of boxes, times their pieces.
 
     Attributes
     ----------
@@ -245,7 +245,7 @@ def _advance(p: _Programme, work: _Workspace, balance: float, current: _Iterate,
 
 
 @jit
-def _feasibility_divisors(p: _Programme, work: _Workspace, at: _Iterate) -> tuple[float, float]:
+def _find_feasibility_divisors(p: _Programme, work: _Workspace, at: _Iterate) -> tuple[float, float]:
     """Find the divisors that make an iterate feasible: its weights by the first, its shares by the second.
 
     The first is the greatest weight per piece in any box, the second the least sum of shares over a needed
@@ -282,7 +282,7 @@ def _search(p: _Programme, work: _Workspace, printers: int, current: _Iterate) -
             _advance(p, work, balance, current, mean)
         closest, restart = np.inf, mean
         for iterate in (_Iterate(current.shares.copy(), current.weights.copy()), mean):
-            heaviest_box, least_covered_cell = _feasibility_divisors(p, work, iterate)
+            heaviest_box, least_covered_cell = _find_feasibility_divisors(p, work, iterate)
             low, high = (
                 iterate.weights.sum() / heaviest_box,
                 (iterate.shares * p.pieces).sum() / least_covered_cell,
@@ -355,8 +355,8 @@ def cover_cells(boxes: BoxTables, needed: Bools, limit_s: float, printers: int, 
     """
     largest = np.zeros((int((boxes.seconds <= limit_s).sum()), 6), np.int16)
     tables = (boxes.seconds, boxes.trimmed, boxes.pieces)
-    largest = largest[: _largest(tables, limit_s, boxes.shape, largest)].copy()
-    corners = _corners(largest.astype(np.int64), boxes.shape)
+    largest = largest[: _find_largest_boxes(tables, limit_s, boxes.shape, largest)].copy()
+    corners = _find_corners(largest.astype(np.int64), boxes.shape)
     overlap = np.zeros(needed.shape)
     _sum_over_cells(np.ones(len(largest)), corners, np.zeros([n + 1 for n in boxes.shape]), overlap)
     uncovered = needed & (overlap < 0.5)
@@ -372,7 +372,7 @@ def cover_cells(boxes: BoxTables, needed: Bools, limit_s: float, printers: int, 
     return Covering(best.weights, largest, best.shares)
 
 
-def _corners(boxes: Ints, shape: tuple[int, int, int]) -> Ints:
+def _find_corners(boxes: Ints, shape: tuple[int, int, int]) -> Ints:
     """Find the corners (k, 8) of boxes (k, 6) in a table one longer each way, the four that add first."""
     _, ny, nz = shape
     x0, y0, z0, x1, y1, z1 = boxes.T

@@ -27,8 +27,8 @@ from decompose.jit import jit
 from decompose.print_time import MAX_INSET_SHARE, CostModel
 
 UNIT = 1 << 24  # the weight of a whole part, once weights are rounded to whole numbers
-LIMITS = 30  # greatest number of times T that are tried
-FIRST = 0.95  # share of a good partition's makespan at which the search for its bound begins
+MAX_LIMITS = 30  # maximum number of times T that are tried
+FIRST_SHARE = 0.95  # share of a good partition's makespan at which the search for its bound begins
 TOLERANCE = 0.005  # accuracy of the bound, as a share of it
 
 
@@ -49,7 +49,7 @@ class Bound:
 
 
 @jit
-def _proven_s(
+def _find_proven_s(
     sat: Ints,
     printers: int,
     makespan_s: float,
@@ -84,15 +84,15 @@ def _proven_s(
     return proven
 
 
-def _proof(boxes: BoxTables, weights: Floats, printers: int, makespan_s: float) -> Bound:
+def _compute_bound(boxes: BoxTables, weights: Floats, printers: int, makespan_s: float) -> Bound:
     """Compute the bound that weights prove."""
     whole = np.floor(weights * UNIT).astype(np.int64)
     sat = np.pad(whole, ((1, 0),) * 3).cumsum(axis=0).cumsum(axis=1).cumsum(axis=2)
     tables = (boxes.seconds, boxes.trimmed, boxes.pieces)
-    return Bound(_proven_s(sat, printers, makespan_s, *tables), whole)
+    return Bound(_find_proven_s(sat, printers, makespan_s, *tables), whole)
 
 
-def makespan_bound(boxes: BoxTables, needed: Bools, printers: int, makespan_s: float) -> Bound:
+def bound_makespan(boxes: BoxTables, needed: Bools, printers: int, makespan_s: float) -> Bound:
     """Prove a lower bound on the longest time of any box, over all partitions into boxes, guillotine or not.
 
     Parameters
@@ -103,7 +103,7 @@ def makespan_bound(boxes: BoxTables, needed: Bools, printers: int, makespan_s: f
     needed
         (nx, ny, nz) cells that must be in some box; at least one.
     printers
-        The greatest number of pieces.
+        Maximum number of pieces.
     makespan_s
         Longest time, by the tables, of a partition into that many pieces.
 
@@ -114,15 +114,15 @@ def makespan_bound(boxes: BoxTables, needed: Bools, printers: int, makespan_s: f
         remaining error of the programmes.
     """
     weights = needed * (printers / needed.sum())
-    low = _proof(boxes, weights, printers, makespan_s)
-    high, limit = makespan_s, FIRST * makespan_s
-    for _ in range(LIMITS):
+    low = _compute_bound(boxes, weights, printers, makespan_s)
+    high, limit = makespan_s, FIRST_SHARE * makespan_s
+    for _ in range(MAX_LIMITS):
         if high <= low.seconds * (1.0 + TOLERANCE):
             break
         if limit <= low.seconds:
             limit = (low.seconds + high) / 2.0
         weights = cover_cells(boxes, needed, limit, printers, weights).weights
-        proof = _proof(boxes, weights, printers, makespan_s)
+        proof = _compute_bound(boxes, weights, printers, makespan_s)
         low = max(low, proof, key=lambda bound: bound.seconds)
         if proof.seconds <= limit:
             high = limit
@@ -130,7 +130,7 @@ def makespan_bound(boxes: BoxTables, needed: Bools, printers: int, makespan_s: f
     return low
 
 
-def surface_bound_s(area_mm2: float, volume_mm3: float, printers: int, cost: CostModel) -> float:
+def bound_by_surface_s(area_mm2: float, volume_mm3: float, printers: int, cost: CostModel) -> float:
     """Compute a lower bound in s on the makespan of any partition that prints a surface and a volume.
 
     At best all of the surface is level skin, or the flattest slope without skin; cuts, supports, brims and
@@ -142,7 +142,7 @@ def surface_bound_s(area_mm2: float, volume_mm3: float, printers: int, cost: Cos
     area_mm2, volume_mm3
         Original surface, and volume of the solid that has to be printed.
     printers
-        The greatest number of parts.
+        Maximum number of parts.
     cost
         Print time of a part.
 

@@ -36,7 +36,7 @@ def find_moves(parts: Sequence[Part], steps: Sequence[AssemblyStep]) -> Floats:
     Returns
     -------
     ndarray
-        (steps, 3) mm, from where the body ends to where it begins.
+        (steps, 3) mm, from if the body ends to where it begins.
     """
     moves = np.zeros((len(steps), 3))
     for row, step in zip(moves, steps, strict=True):

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 
 from decompose.errors import ModelTooDetailed
 
-BYTES_PER_TRIANGLE = 1500  # greatest memory for reading and repairing, measured per triangle
+BYTES_PER_TRIANGLE = 1500  # maximum memory for reading and repairing, measured per triangle
 OTHER_BYTES = 256 * 2**20  # memory of a process with the libraries that this needs
 HEAD_BYTES = 64 * 1024
 """Number of first bytes of a file that suffice here."""

@@ -16,7 +16,7 @@ from decompose.files.triangle_limit import (
     is_binary_stl,
 )
 
-MAX_CORNERS = 10_000  # greatest number in one face: more triangles about one corner take hours to repair
+MAX_CORNERS = 10_000  # maximum number in one face: more triangles about one corner take hours to repair
 LONGEST_PLY_HEADER_BYTES = HEAD_BYTES
 
 _COMMENTS = (b"#", b"comment")
@@ -64,7 +64,7 @@ def check_limits(name: str, data: bytes, suffix: str, memory_bytes: int | None) 
 
 
 def count_triangles(data: bytes, suffix: str) -> int:
-    """Count the triangles or faces that a file gives; 0 where it does not say."""
+    """Count the triangles or faces that a file gives; 0 if it does not say."""
     match suffix:
         case ".stl":
             return header_face_count(data) if is_binary_stl(data) else data.count(b"endloop")
@@ -74,7 +74,7 @@ def count_triangles(data: bytes, suffix: str) -> int:
 
 
 def _count_corners(data: bytes) -> int:
-    """Count the corners of the largest face of a text file; 0 where each has at most `MAX_CORNERS`."""
+    """Count the corners of the largest face of a text file; 0 if each has at most `MAX_CORNERS`."""
     if b"\\" in data:
         data = _CONTINUED.sub(b" ", data)
     ends = np.flatnonzero(np.frombuffer(data, np.uint8) == ord("\n"))

@@ -99,7 +99,7 @@ def resolve_overlaps(solid: Solid) -> tuple[Solid, float]:
     -------
     tuple
         The solid that counts once where limbs overlapped, and the volume in mm3 that had counted more than
-        once; the same solid and 0 where nothing overlaps, or where all overlaps are folds of one limb.
+        once; the same solid and 0 if nothing overlaps, or if all overlaps are folds of one limb.
     """
     before = find_overlaps(solid)
     united = solid

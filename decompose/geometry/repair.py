@@ -30,8 +30,8 @@ from decompose.jit import jit
 
 NEAR_SHARE = 0.005  # of the longest side: the surface may move by this
 LOST_SHARE = 0.02  # of the surface may be further than that from the repaired one and not inside it
-NEW_SHARE = 0.20  # greatest share of new surface in the repaired one
-EXTENT_SHARE = 0.05  # greatest change of the size, as a share of it
+NEW_SHARE = 0.20  # maximum share of new surface in the repaired one
+EXTENT_SHARE = 0.05  # maximum change of the size, as a share of it
 SAMPLES = 40_000  # number of points on a surface to which distances are measured
 PROBES = 5_000  # number of points from which they are measured
 WELD_SHARES = (1e-7, 1e-6, 1e-5)  # of the longest side: gaps that rounding leaves between triangles
@@ -193,14 +193,14 @@ def _volume_mm3(body: Any) -> float:
 
 
 def _shells(body: Any) -> list[Any] | None:
-    """Split a body into surfaces by `split_shells`, None where it cannot take them apart."""
+    """Split a body into surfaces by `split_shells`, None if it cannot take them apart."""
     faces = orient_faces(np.asarray(body.faces))
     shells = None if faces is None else split_shells(np.asarray(body.vertices), faces)
     return None if shells is None else [trimesh.Trimesh(*shell, process=False) for shell in shells]
 
 
 def _mesh_fix(body: Any) -> Any:
-    """Close a body and turn it outward by MeshFix; None where nothing closed is left of it."""
+    """Close a body and turn it outward by MeshFix; None if nothing closed is left of it."""
     faces = np.array(body.faces)[body.unique_faces()]
     if len(faces) < 4:
         return None

@@ -54,7 +54,7 @@ def split_shells(vertices: Floats, faces: Ints) -> list[tuple[Floats, Ints]] | N
     Returns
     -------
     list or None
-        None where not as many faces begin solid as end it around an edge.
+        None if not as many faces begin solid as end it around an edge.
     """
     tail, head, face = _half_edges(faces)
     order, starts, counts = _by_edge(tail, head)
@@ -214,7 +214,7 @@ def _around_edge(
 ) -> tuple[Ints, Bools] | None:
     """Sort the half-edges (k,) of an edge by angle; also which of them (k,) begin solid, the others end it.
 
-    The first one begins solid where there was the least. None where not as many begin solid as end it.
+    The first one begins solid where there was the least. None if not as many begin solid as end it.
     """
     start, end = min(tail[around[0]], head[around[0]]), max(tail[around[0]], head[around[0]])
     along = vertices[end] - vertices[start]

@@ -118,9 +118,9 @@ class Solid:
         return Solid(_check_status(self.manifold.simplify(tolerance_mm), "simplifying a solid"))
 
     def gap_mm(self, other: Solid, up_to_mm: float) -> float:
-        """Measure the least distance to another solid, exact between their triangles; 0 where they meet.
+        """Measure the least distance to another solid, exact between their triangles; 0 if they meet.
 
-        At most `up_to_mm`, also where the two are further apart.
+        At most `up_to_mm`, also if the two are further apart.
         """
         return float(self.manifold.min_gap(other.manifold, up_to_mm))
 

@@ -16,7 +16,7 @@ from decompose.files.triangle_limit import STL_COUNT_BYTES, STL_FACE_BYTES, STL_
 def round_triangles(vertices: Floats, faces: Ints) -> npt.NDArray[np.float32] | None:
     """Round triangles (m, 3, 3) to the format's precision, without those that collapse in it.
 
-    None where the surface would not stay closed: features thinner than the precision touch.
+    None if the surface would not stay closed: features thinner than the precision touch.
 
     Parameters
     ----------

@@ -22,7 +22,7 @@ MAX_MIRRORED = 1000  # number of vertices whose mirror images are measured, for 
 FEW_MIRRORED = 300  # the same for one of many parts
 TOLERANCE = 0.01  # of the diagonal of the model's box
 SAME_AXIS_RAD = 0.01  # a normal closer to an axis than this is replaced by the axis where that is as good
-APART_RAD = 0.5  # least angle between the normals of two planes of one part
+APART_RAD = 0.5  # minimum angle between the normals of two planes of one part
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +76,7 @@ class _Cloud:
 
 
 def find_mirror(vertices: Floats, rng: np.random.Generator, tolerance: float = TOLERANCE) -> Mirror | None:
-    """Find the best plane of symmetry of vertices, None where it is not good enough.
+    """Find the best plane of symmetry of vertices, None if it is not good enough.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ def draw_mirrors(vertices: Floats, rng: np.random.Generator, most: int) -> list[
     vertices, rng
         As in `find_mirror`.
     most
-        Greatest number of planes; their normals differ from each other.
+        Maximum number of planes; their normals differ from each other.
     """
     cloud = _Cloud(vertices, rng, FEW_MIRRORED)
     ranked = sorted((cloud.error_mm(n), tuple(n)) for n in cloud.draw_normals())
@@ -120,7 +120,7 @@ def find_good_mirrors(
     vertices, rng, tolerance
         As in `find_mirror`.
     most
-        Greatest number of planes; their normals differ from each other.
+        Maximum number of planes; their normals differ from each other.
     samples
         Number of normals in a round.
     """

@@ -12,9 +12,9 @@ from decompose.grid.grid import (
     Grid,
     GridRules,
     build_grid,
-    cell_counts,
+    count_cells,
     fill_grid,
-    flat_coordinates,
+    find_flat_coordinates,
 )
 from decompose.grid.needed_cells import SAME_MM, NeededCells, refine_cells
 
@@ -34,9 +34,9 @@ __all__ = [
     "box_at",
     "box_index",
     "build_grid",
-    "cell_counts",
+    "count_cells",
     "fill_grid",
-    "flat_coordinates",
+    "find_flat_coordinates",
     "index_of",
     "interval",
     "price_boxes",

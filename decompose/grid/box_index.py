@@ -42,11 +42,13 @@ def box_at(index: int, shape: Shape) -> Box:
     _, ny, nz = shape
     index, iz = divmod(index, nz * (nz + 1) // 2)
     ix, iy = divmod(index, ny * (ny + 1) // 2)
-    (x0, x1), (y0, y1), (z0, z1) = (interval_ends(i, n) for i, n in zip((ix, iy, iz), shape, strict=True))
+    (x0, x1), (y0, y1), (z0, z1) = (
+        find_interval_ends(i, n) for i, n in zip((ix, iy, iz), shape, strict=True)
+    )
     return x0, y0, z0, x1, y1, z1
 
 
-def interval_ends(interval: int, n: int) -> tuple[int, int]:
+def find_interval_ends(interval: int, n: int) -> tuple[int, int]:
     """Find the ends of an interval of n cells by its index: the inverse of `interval`."""
     length = 1
     while interval >= n - length + 1:

@@ -31,9 +31,9 @@ class BoxTables:
     Attributes
     ----------
     seconds
-        (boxes,) print time in the best pose that fits; +inf where none fits, or it was not computed.
+        (boxes,) print time in the best pose that fits; +inf if none fits, or it was not computed.
     trimmed
-        (boxes,) index of the box about its needed cells, -1 where it has none.
+        (boxes,) index of the box about its needed cells, -1 if it has none.
     pieces
         (boxes,) number of connected pieces of the solid in it, by the grid.
     cut_mm2
@@ -75,14 +75,14 @@ def _clear_ends(ends: Floats) -> None:
 
 @jit
 def _widen_ends(ends: Floats, added: Floats) -> None:
-    """Widen ends (12,) so that they hold others (12,) too."""
+    """Widen ends (12,) to include others (12,)."""
     for k in range(3):
         ends[k], ends[k + 3] = min(ends[k], added[k]), max(ends[k + 3], added[k + 3])
         ends[k + 6], ends[k + 9] = min(ends[k + 6], added[k + 6]), max(ends[k + 9], added[k + 9])
 
 
 @jit
-def _cell_ends(needed: Bools, extents: Floats) -> Floats:
+def _find_cell_ends(needed: Bools, extents: Floats) -> Floats:
     """Find the ends (nx, ny, nz, 12) of each cell: of its solid in mm, and of the needed cell, in cells.
 
     Columns 0-2 and 6-8 are the least x, y and z, 3-5 and 9-11 the greatest; 1e9 and -1e9 for no cell.
@@ -103,7 +103,7 @@ def _cell_ends(needed: Bools, extents: Floats) -> Floats:
 
 
 @jit
-def _cut_areas(cuts: tuple[Floats, Floats, Floats], box: Box, areas: Floats) -> float:
+def _fill_cut_areas(cuts: tuple[Floats, Floats, Floats], box: Box, areas: Floats) -> float:
     """Fill in the cut areas (6,) in mm2 of a box's sides, -x +x -y +y -z +z, and return their sum.
 
     cuts: for each axis the summed-area table of `Grid.cuts` over the two other axes.
@@ -120,7 +120,7 @@ def _cut_areas(cuts: tuple[Floats, Floats, Floats], box: Box, areas: Floats) -> 
 
 @jit
 def _min_price(prices: Prices, rooms: Floats, sums: Floats, ends_mm: Floats, areas: Floats) -> float:
-    """Price a box in the best axis pose that fits all rooms, in seconds; +inf where none does.
+    """Price a box in the best axis pose that fits all rooms, in seconds; +inf if none does.
 
     rooms: (rooms, boxes, 3) in mm. sums: (SUMS,) over its cells, see `grid.clipping`. ends_mm: (12,); 0-5 are
     its extents. areas: (6,) of its cut sides in mm2.
@@ -161,7 +161,7 @@ class Contents(NamedTuple):
 
 
 class Pricing(NamedTuple):
-    """Rooms (rooms, boxes, 3) in mm, of `room_array`; cut areas, as `_cut_areas` takes them; and prices."""
+    """Rooms (rooms, boxes, 3) in mm, of `list_rooms`; cut areas, as `_cut_areas` takes them; and prices."""
 
     rooms: Floats
     cuts: tuple[Floats, Floats, Floats]
@@ -207,7 +207,7 @@ def _price_all(needed: Bools, sums: Floats, extents: Floats, pricing: Pricing, p
         Filled in.
     """
     nx, ny, nz = shape = needed.shape
-    ends = _cell_ends(needed, extents)
+    ends = _find_cell_ends(needed, extents)
     row = Contents(np.zeros((ny, nz, sums.shape[3])), np.zeros((ny, nz, 12)))
     layer = Contents(np.zeros((nz, sums.shape[3])), np.zeros((nz, 12)))
     for x0 in range(nx):
@@ -248,11 +248,11 @@ def _price_column(
             least = (int(e[6]), int(e[7]), int(e[8]), int(e[9]), int(e[10]), int(e[11]))
             priced.trimmed[box] = index_of(least, shape)
             if priced.trimmed[box] == box:
-                priced.cut_mm2[box] = _cut_areas(pricing.cuts, sides, areas)
+                priced.cut_mm2[box] = _fill_cut_areas(pricing.cuts, sides, areas)
                 priced.seconds[box] = _min_price(pricing.prices, pricing.rooms, s, e, areas)
 
 
-def room_array(printers: Sequence[PrinterRoom]) -> Floats:
+def list_rooms(printers: Sequence[PrinterRoom]) -> Floats:
     """List the distinct rooms of printers (rooms, boxes, 3) in mm, padded with boxes that nothing fits."""
     distinct = sorted({p.boxes for p in printers})
     most = max(len(boxes) for boxes in distinct)
@@ -283,7 +283,7 @@ def price_boxes(grid: Grid, printers: Sequence[PrinterRoom], cost: CostModel) ->
     priced = Priced(
         np.full(total, np.inf, np.float32), np.full(total, -1, np.int32), np.zeros(total, np.float32)
     )
-    pricing = Pricing(room_array(printers), cuts, cost.prices())
+    pricing = Pricing(list_rooms(printers), cuts, cost.prices())
     _price_all(grid.needed, grid.sums, grid.extents, pricing, priced)
     pieces = np.ones(total, np.int16)
     count_pieces(grid.shape, grid.bodies, priced.trimmed, priced.seconds, pieces)

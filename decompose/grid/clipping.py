@@ -35,7 +35,7 @@ class CellContents(NamedTuple):
     sums
         (nx, ny, nz, SUMS) of `Grid`, without the volume.
     extents
-        (nx, ny, nz, 6) least and greatest x, y, z of the surface in mm; +inf, -inf where there is none.
+        (nx, ny, nz, 6) least and greatest x, y, z of the surface in mm; +inf, -inf if there is none.
     """
 
     area: Floats
@@ -60,7 +60,7 @@ def _unit_normal(triangle: Floats, normal: Floats) -> bool:
 
 
 @jit
-def _slab_range(planes: Floats, polygon: Floats, axis: int) -> tuple[int, int]:
+def _find_slabs(planes: Floats, polygon: Floats, axis: int) -> tuple[int, int]:
     """Find the first and last slab between planes (n + 1,) that a polygon (k, 3) crosses along an axis."""
     lo, hi = np.inf, -np.inf
     for i in range(len(polygon)):
@@ -92,7 +92,7 @@ def _clip(polygon: Floats, axis: int, at_mm: float, above: bool, clipped: Floats
 
 
 @jit
-def _area_and_centre(polygon: Floats, normal: Floats, centre: Floats) -> float:
+def _measure_polygon(polygon: Floats, normal: Floats, centre: Floats) -> float:
     """Compute the area in mm2 of a plane polygon (k, 3) with a unit normal (3,), by a fan of triangles.
 
     centre: (3,) filled in with its centroid times its area.
@@ -129,7 +129,7 @@ def _add_fragment(
     skin_cos, overhang_cos = cosines
     x, y, z = cell[0], cell[1], cell[2]
     centre = np.zeros(3)
-    whole = _area_and_centre(polygon, normal, centre)
+    whole = _measure_polygon(polygon, normal, centre)
     if not whole > MIN_FRAGMENT_MM2:
         return
     centre /= whole
@@ -184,7 +184,7 @@ def clip_into_cells(triangles: Floats, planes: Planes, skin_cos: float, overhang
         while axis >= 0:  # walk the slabs of x, within each those of y, within each those of z
             polygon = polygons[axis, : count[axis]]
             if entering:
-                at[axis], last[axis] = _slab_range(planes[axis], polygon, axis)
+                at[axis], last[axis] = _find_slabs(planes[axis], polygon, axis)
                 entering = False
             if at[axis] > last[axis]:
                 axis -= 1

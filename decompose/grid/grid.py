@@ -25,7 +25,7 @@ MAX_BOXES = 10_000_000  # all boxes of the grid are held in memory
 MIN_CELL_MM = 4.0
 FINER, MAX_FINE_CELLS = 3, 500_000  # division of cells to tell their bodies apart
 CLEAR_MM = 2.0
-"""Distance that a grid plane keeps from flat faces where it can, so that no slivers are left and no face is
+"""Distance that a grid plane keeps from flat faces if possible, so that no slivers are left and no face is
 taken for a cut."""
 
 
@@ -70,13 +70,13 @@ class Grid:
     cells
         `Cell` classes.
     needed
-        Cells that must be printed: those with surface, and those of the wall behind it.
+        Cells that must be printed: those that contain surface, and those of the wall behind it.
     sums
         (nx, ny, nz, SUMS), see the column constants.
     area
         (nx, ny, nz) of the model's surface in a cell, in mm2.
     extents
-        (nx, ny, nz, 6): least x, y, z and greatest x, y, z of the solid in a cell; +inf, -inf where empty.
+        (nx, ny, nz, 6): least x, y, z and greatest x, y, z of the solid in a cell; +inf, -inf if empty.
     surface
         The same for the model's surface alone.
     cuts
@@ -107,7 +107,7 @@ class Grid:
         return lo, hi
 
 
-def flat_coordinates(triangles: Floats, axis: int) -> npt.NDArray[Any]:
+def find_flat_coordinates(triangles: Floats, axis: int) -> npt.NDArray[Any]:
     """Find the coordinates (k,) at which the mesh has faces square to an axis, sorted.
 
     Parameters
@@ -145,8 +145,8 @@ def place_planes(lo_mm: float, hi_mm: float, count: int, flats: npt.NDArray[Any]
     return planes
 
 
-def cell_counts(size_mm: Floats, granularity: int) -> tuple[int, int, int]:
-    """Count cells along each axis: near-cubes, granularity cubed of them, fewer where they get too small.
+def count_cells(size_mm: Floats, granularity: int) -> tuple[int, int, int]:
+    """Count cells along each axis: near-cubes, granularity cubed of them, fewer if they get too small.
 
     Parameters
     ----------
@@ -183,9 +183,10 @@ def build_grid(
         Axis, and coordinate in mm to which the nearest inner plane of the grid is moved.
     """
     lo, hi = triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))
-    counts = cell_counts(hi - lo, granularity)
+    counts = count_cells(hi - lo, granularity)
     px, py, pz = (
-        place_planes(float(lo[a]), float(hi[a]), counts[a], flat_coordinates(triangles, a)) for a in range(3)
+        place_planes(float(lo[a]), float(hi[a]), counts[a], find_flat_coordinates(triangles, a))
+        for a in range(3)
     )
     planes = (px, py, pz)
     if plane_at is not None and counts[plane_at[0]] > 1:
@@ -235,7 +236,7 @@ def fill_grid(triangles: Floats, planes: tuple[Floats, Floats, Floats], rules: G
     cells[area > 0.0] = Cell.BOUNDARY
     needed = cells != Cell.EXTERNAL
     if not rules.keep_interior:
-        needed = (cells == Cell.BOUNDARY) | _wall(cells, surface, planes, rules.min_wall_mm)
+        needed = (cells == Cell.BOUNDARY) | _find_wall(cells, surface, planes, rules.min_wall_mm)
     cut_areas = (cuts[0], cuts[1], cuts[2])
     bodies = _find_bodies(extents, cut_areas, 1)
     return Grid(planes, cells, needed, sums, area, extents, surface, cut_areas, bodies)
@@ -254,7 +255,7 @@ def divide_planes(planes: Floats, times: int) -> Floats:
     return np.append((planes[:-1, None] + np.diff(planes)[:, None] * shares).ravel(), planes[-1])
 
 
-def _wall(
+def _find_wall(
     cells: npt.NDArray[np.int8], surface: Floats, planes: tuple[Floats, ...], min_wall_mm: float
 ) -> Bools:
     """Find the internal cells that may be nearer to the surface than min_wall_mm.

@@ -33,7 +33,7 @@ def refine_cells(
     keep_interior
         Every internal cell is needed.
     max_cells
-        Greatest number of cells in total, unless the grid itself has more.
+        Maximum number of cells in total, unless the grid itself has more.
     """
     times = max(1, min(MAX_FINER, int((max_cells / grid.needed.size) ** (1.0 / 3.0))))
     px, py, pz = (divide_planes(planes, times) for planes in grid.planes)

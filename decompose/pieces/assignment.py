@@ -45,7 +45,7 @@ def assign_bottleneck(seconds: Floats) -> list[int] | None:
     Parameters
     ----------
     seconds
-        (parts, printers) time of each part on each printer; +inf where it does not fit.
+        (parts, printers) time of each part on each printer; +inf if it does not fit.
 
     Returns
     -------

@@ -17,7 +17,7 @@ from decompose.pieces.piece import ON_PLANE_MM, find_cut_faces
 
 SLIVER_MM = 8.0  # a piece that a cut leaves thinner than this is lost, bent or glued at an angle
 TWO_WALLS_MM = 0.8  # two walls of a 0.4 mm nozzle: a thinner piece has no interior
-FLAKE_SHARE = 0.25  # least share of a flake's surface that is cut
+FLAKE_SHARE = 0.25  # minimum share of a flake's surface that is cut
 SAME_DIGITS = 6  # decimals of normal and distance in which two pieces' planes agree
 
 
@@ -93,7 +93,7 @@ class Joint:
         """
         return self.area_mm2 >= min_glue_mm2 and (min_glue_mm2 <= 0.0 or self.width_mm >= TWO_WALLS_MM)
 
-    def weakness(self, min_glue_mm2: float) -> str:
+    def describe_weakness(self, min_glue_mm2: float) -> str:
         """Give the reason why the joint does not count, as the end of a sentence."""
         if self.area_mm2 < min_glue_mm2:
             return f"is held by {self.area_mm2:.1f} mm2 of glue, less than {min_glue_mm2:g} mm2"
@@ -118,7 +118,7 @@ def find_joints(pieces: Sequence[CutSolid]) -> list[Joint]:
     """
     sides: dict[tuple[float, ...], list[tuple[int, _Side]]] = defaultdict(list)
     for number, piece in enumerate(pieces):
-        for plane, side in _cut_sides(piece.solid, piece.planes).items():
+        for plane, side in _find_cut_sides(piece.solid, piece.planes).items():
             sides[plane].append((number, side))
     joint_faces: dict[tuple[int, int], list[JointFace]] = defaultdict(list)
     for name, faces in sides.items():
@@ -130,10 +130,16 @@ def find_joints(pieces: Sequence[CutSolid]) -> list[Joint]:
                 if shared.area > 0.0:
                     normal, offset_mm = side.plane[:3], float(side.plane[3])
                     joint_faces[min(a, b), max(a, b)].append(
-                        JointFace(normal, offset_mm, _plane_axes(np.array(name[:3])), shared)
+                        JointFace(normal, offset_mm, _choose_plane_axes(np.array(name[:3])), shared)
                     )
     return [
-        Joint(a, b, sum(f.area_mm2 for f in faces), max(_width_mm(f.outline) for f in faces), tuple(faces))
+        Joint(
+            a,
+            b,
+            sum(f.area_mm2 for f in faces),
+            max(_measure_width_mm(f.outline) for f in faces),
+            tuple(faces),
+        )
         for (a, b), faces in sorted(joint_faces.items())
     ]
 
@@ -152,9 +158,9 @@ def find_faults(
     pieces
         In one frame, cut at planes.
     min_glue_mm2
-        Least area of a joint that counts as holding.
+        Minimum area of a joint that counts as holding.
     touching
-        Joints of `find_joints`, where they are known already.
+        Joints of `find_joints`, if they are known already.
     """
     faults = [Fault(i, reason) for i, piece in enumerate(pieces) if (reason := _describe_sliver(piece))]
     touching = find_joints(pieces) if touching is None else touching
@@ -165,8 +171,8 @@ def _find_loose_pieces(
     volumes_mm3: Sequence[float], touching: Sequence[Joint], min_glue_mm2: float
 ) -> list[Fault]:
     """Find, for each group that only weak joints hold to its body, the smallest piece with such a joint."""
-    body = _groups(len(volumes_mm3), touching)
-    components = _groups(len(volumes_mm3), [j for j in touching if j.holds(min_glue_mm2)])
+    body = _label_groups(len(volumes_mm3), touching)
+    components = _label_groups(len(volumes_mm3), [j for j in touching if j.holds(min_glue_mm2)])
     weight = np.bincount(components, weights=volumes_mm3)
     heaviest = {
         int(b): max(np.unique(components[body == b]), key=lambda g: weight[g]) for b in np.unique(body)
@@ -178,11 +184,11 @@ def _find_loose_pieces(
             if components[joint.a] != components[joint.b] and group != heaviest[int(body[piece])]:
                 candidate = (volumes_mm3[piece], piece, joint)
                 weak[group] = min(weak.get(group, candidate), candidate, key=lambda fault: fault[:2])
-    return [Fault(piece, joint.weakness(min_glue_mm2)) for _, piece, joint in weak.values()]
+    return [Fault(piece, joint.describe_weakness(min_glue_mm2)) for _, piece, joint in weak.values()]
 
 
 def _describe_sliver(piece: CutSolid) -> str:
-    """Find the reason why a piece is a sliver; empty if it is none."""
+    """Find the reason why a piece is a sliver; empty if it is not one."""
     vertices, faces = piece.solid.arrays()
     for plane in piece.planes:
         off_mm = vertices @ plane[:3] - plane[3]
@@ -198,7 +204,7 @@ def _describe_sliver(piece: CutSolid) -> str:
     return ""
 
 
-def _groups(count: int, touching: Sequence[Joint]) -> Ints:
+def _label_groups(count: int, touching: Sequence[Joint]) -> Ints:
     pairs = np.array([(j.a, j.b) for j in touching], dtype=np.int64).reshape(-1, 2)
     return label_components(count, pairs[:, 0], pairs[:, 1])
 
@@ -211,7 +217,7 @@ class _Side:
     area: shapely.Geometry
 
 
-def _cut_sides(solid: Solid, planes: Floats) -> dict[tuple[float, ...], _Side]:
+def _find_cut_sides(solid: Solid, planes: Floats) -> dict[tuple[float, ...], _Side]:
     """Find the faces of a solid on each plane, in its coordinates, by the plane's rounded name."""
     vertices, faces = solid.arrays()
     sides: dict[tuple[float, ...], _Side] = {}
@@ -223,7 +229,7 @@ def _cut_sides(solid: Solid, planes: Floats) -> dict[tuple[float, ...], _Side]:
         sign = -1.0 if plane[int(np.abs(plane[:3]).argmax())] < 0.0 else 1.0
         name = np.round(sign * plane, SAME_DIGITS) + 0.0
         corners = np.round(
-            (vertices @ _plane_axes(name[:3]).T)[flat], SAME_DIGITS
+            (vertices @ _choose_plane_axes(name[:3]).T)[flat], SAME_DIGITS
         )  # a value next to 0 has no inverse
         rings = shapely.polygons(np.concatenate([corners, corners[:, :1]], axis=1))
         section = shapely.union_all(rings[shapely.area(rings) > 0.0])
@@ -232,13 +238,13 @@ def _cut_sides(solid: Solid, planes: Floats) -> dict[tuple[float, ...], _Side]:
     return sides
 
 
-def _plane_axes(normal: Floats) -> Floats:
+def _choose_plane_axes(normal: Floats) -> Floats:
     """Choose two unit vectors (2, 3) in the plane with a unit normal."""
     side = np.cross(np.eye(3)[int(np.abs(normal).argmin())], normal)
     axes: Floats = np.stack([side, np.cross(normal, side)]) / np.linalg.norm(side)
     return axes
 
 
-def _width_mm(face: shapely.Geometry) -> float:
+def _measure_width_mm(face: shapely.Geometry) -> float:
     areas = [g for g in getattr(face, "geoms", [face]) if g.geom_type == "Polygon"]
     return max(2.0 * float(shapely.maximum_inscribed_circle(g).length) for g in areas)

@@ -27,12 +27,12 @@ class Piece:
     planes
         (k, 4) rows nx, ny, nz, d with unit n: the planes n.x = d that it was cut at.
     boxes_mm
-        (b, 2, 3) corners of the axis-aligned boxes that it was cut from; none where it was cut in another
+        (b, 2, 3) corners of the axis-aligned boxes that it was cut from; none if it was cut in another
         way. The solid outside of all boxes was left out.
     printer
         Printer that it is cut for; None: any, so that it has to fit them all.
     time_ratio
-        Sliced time over the price, where a slicer has shown it.
+        Sliced time over the price, if a slicer has shown it.
     """
 
     solid: Solid
@@ -63,7 +63,7 @@ def cut_box(solid: Solid, lo_mm: npt.ArrayLike, hi_mm: npt.ArrayLike) -> list[Pi
         (3,) corners of the box.
     """
     box = np.array([lo_mm, hi_mm], dtype=np.float64)
-    planes = box_planes(box)
+    planes = list_box_planes(box)
     return [Piece(piece, planes, box[None]) for piece in solid.clip(*box).pieces()]
 
 
@@ -82,7 +82,7 @@ def cut_cells(solid: Solid, grid: Grid, box: Box) -> list[Piece]:
     return cut_box(solid, *grid.bounds_mm(box))
 
 
-def box_planes(box_mm: Floats) -> Floats:
+def list_box_planes(box_mm: Floats) -> Floats:
     """List the planes (6, 4) of the sides of a box (2, 3)."""
     return np.array([[*np.eye(3)[axis], box_mm[side, axis]] for side in range(2) for axis in range(3)])
 

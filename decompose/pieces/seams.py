@@ -1,4 +1,4 @@
-"""Seams: the lines on the outer surface where two parts meet, and where a part ends there in a thin edge."""
+"""Seams: the lines on the outer surface where two parts meet, and if a part ends there in a thin edge."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Seam:
 
 
 def describe_thin_rims(names: Sequence[str], joints: Sequence[Joint], seams: Sequence[Seam]) -> str:
-    """Describe thin rims in a sentence; empty where there are none of `NOTABLE_MM`.
+    """Describe thin rims in a sentence; empty if there are none of `NOTABLE_MM`.
 
     Parameters
     ----------

@@ -7,7 +7,7 @@ from decompose.print_time.cost import MAX_INSET_SHARE, CostModel, Prices, price
 from decompose.print_time.footing import REFERENCE_SHRINKAGE
 from decompose.print_time.orientation import find_best_pose
 from decompose.print_time.pose import TOUCHED_MM2, PartMesh, Pose, measure_pose
-from decompose.print_time.pose_prices import POSE_ROTATIONS, axis_prices_s, pose_features
+from decompose.print_time.pose_prices import POSE_ROTATIONS, price_axis_poses_s, sum_pose_features
 from decompose.print_time.recipe import ADDITIVE, FACTORS, SUPPORT, Recipe, time_terms
 from decompose.print_time.steady_pose import find_steady_pose, steady_limit_s
 
@@ -24,13 +24,13 @@ __all__ = [
     "Pose",
     "Prices",
     "Recipe",
-    "axis_prices_s",
     "find_best_pose",
     "find_steady_pose",
     "measure_columns",
     "measure_pose",
-    "pose_features",
     "price",
+    "price_axis_poses_s",
     "steady_limit_s",
+    "sum_pose_features",
     "time_terms",
 ]

@@ -99,8 +99,8 @@ def sweep_columns(triangles: Floats, marked: Floats, rays: Rays, height: float, 
         for above in range(level, LEVELS):
             passing[above] += ending[level]
     carried = step * np.sqrt(1.0 - overhang_cos * overhang_cos) / overhang_cos
-    towers_mm, edges_mm2 = _towers(runs, supports, carried, step)
-    islands_mm = _islands_mm(runs, rays.shape, height)
+    towers_mm, edges_mm2 = _sum_towers_mm(runs, supports, carried, step)
+    islands_mm = _sum_islands_mm(runs, rays.shape, height)
     return Sweep(touched, passing, propped, supports, towers_mm, edges_mm2, islands_mm)
 
 
@@ -188,7 +188,7 @@ def _add(sums: Floats, level: int, place: tuple[float, float], bottom: float, to
 
 
 @jit
-def _towers(runs: Runs, supports: Floats, carried: float, step: float) -> tuple[float, float]:
+def _sum_towers_mm(runs: Runs, supports: Floats, carried: float, step: float) -> tuple[float, float]:
     """Sum the height of air under runs of solid that neither a run nor a support beside them carries.
 
     If runs begin beside each other on about one level, in an edge, the first of them counts, and of the
@@ -240,7 +240,7 @@ def _towers(runs: Runs, supports: Floats, carried: float, step: float) -> tuple[
 
 
 @jit
-def _islands_mm(runs: Runs, shape: tuple[int, int], height: float) -> float:
+def _sum_islands_mm(runs: Runs, shape: tuple[int, int], height: float) -> float:
     """Sum the number of islands but one, of solid and of support, over the height in mm.
 
     Parameters
@@ -278,7 +278,7 @@ def _islands_mm(runs: Runs, shape: tuple[int, int], height: float) -> float:
                     u, v = (i, j - 1) if n == 3 else (i - 1, j - 1 + n)
                     if u < 0 or v < 0 or v >= row or kind[u * row + v] != kind[index]:
                         continue
-                    a, b = _root(parent, index), _root(parent, u * row + v)
+                    a, b = _find_root(parent, index), _find_root(parent, u * row + v)
                     if a != b:
                         parent[a] = b
                         islands -= 1
@@ -287,7 +287,7 @@ def _islands_mm(runs: Runs, shape: tuple[int, int], height: float) -> float:
 
 
 @jit
-def _root(parent: Ints, at: int) -> int:
+def _find_root(parent: Ints, at: int) -> int:
     """Find the root of an element in a forest of parents (elements,) int64."""
     while parent[at] != at:
         parent[at] = parent[parent[at]]

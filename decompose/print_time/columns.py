@@ -81,25 +81,25 @@ def measure_columns(triangles: Floats, marked: Bools, overhang_cos: float, count
     area = step**2
     return Columns(
         support_mm3=float(sums.supports_mm.sum() * area),
-        support_side_mm2=_side_mm2(sums.supports_mm, step) + sums.edges_mm2,
+        support_side_mm2=_sum_side_mm2(sums.supports_mm, step) + sums.edges_mm2,
         towers_mm=sums.towers_mm,
         islands_mm=sums.islands_mm,
         propped_mm2=float(sums.propped.sum() * area),
-        props_mm=origin + step * _row_ends(sums.propped),
+        props_mm=origin + step * _find_row_ends(sums.propped),
         touched_mm2=float(sums.touched * area),
         volumes_mm3=sums.levels[:, 3] * area,
         centres_mm=sums.levels[:, :3] / mass,
     )
 
 
-def _row_ends(marked: Bools) -> Floats:
+def _find_row_ends(marked: Bools) -> Floats:
     """Find the indices (p, 2) of the first and the last column marked in each row."""
     rows = np.flatnonzero(marked.any(axis=1))
     first, last = marked.argmax(axis=1), marked.shape[1] - 1 - marked[:, ::-1].argmax(axis=1)
     return np.concatenate([np.stack([rows, ends[rows]], axis=1) for ends in (first, last)]).astype(np.float64)
 
 
-def _side_mm2(heights_mm: Floats, step_mm: float) -> float:
+def _sum_side_mm2(heights_mm: Floats, step_mm: float) -> float:
     """Sum the upright area between columns (nx, ny) of different heights; slopes count along the grid."""
     heights = np.pad(heights_mm, 1)
     steps = np.abs(np.diff(heights, axis=0)).sum() + np.abs(np.diff(heights, axis=1)).sum()

@@ -26,7 +26,7 @@ Additive = tuple[float, float, float, float, float]
 Extents = tuple[float, float, float]
 
 MAX_INSET_SHARE = 0.1
-"""Greatest share of the walls that insets take off: beyond it they are as thick as the part."""
+"""Maximum share of the walls that insets take off: beyond it they are as thick as the part."""
 
 
 @dataclass(frozen=True, slots=True)

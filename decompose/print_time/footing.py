@@ -16,7 +16,7 @@ SHARP_DEG = 120.0
 ROUNDED_MM = 1.0  # a corner that is rounded or chamfered by less is one corner
 
 # [assumed] Widths of brims.
-STEADY = 3.0  # greatest height of a part without a brim, over the width of its walls in the first layer
+STEADY = 3.0  # maximum height of a part without a brim, over the width of its walls in the first layer
 GOOD_CONTACT_MM2 = 400.0
 WARPS_MM = (60.0, 120.0)  # lengths of a base at which its corners begin to lift, and need the widest brim
 REFERENCE_SHRINKAGE = 0.007
@@ -53,7 +53,7 @@ class Footing:
     @classmethod
     def from_mesh(cls, triangles: Floats, props_mm: Floats) -> Footing:
         """Measure the footing of a closed mesh (m, 3, 3) in mm on z = 0 and of its supports at (p, 2)."""
-        contact_mm2, outline_mm, points = _first_layer(triangles)
+        contact_mm2, outline_mm, points = _measure_first_layer(triangles)
         rim = convex_outline(points)
         sides = np.diff(rim, axis=0, append=rim[:1])
         sides = sides[np.linalg.norm(sides, axis=1) > ROUNDED_MM]
@@ -100,7 +100,7 @@ class Footing:
         return -ELEPHANT_FOOT_MM if joined and self.wall_mm >= MIN_WALL_MM else 0.0
 
 
-def _first_layer(triangles: Floats) -> tuple[float, float, Floats]:
+def _measure_first_layer(triangles: Floats) -> tuple[float, float, Floats]:
     """Measure the first layer: area in mm2, length of the outline in mm, and points (n, 2) that span it."""
     low = triangles[triangles[:, :, 2].min(axis=1) < FIRST_LAYER_MM]
     across = np.cross(low[:, 1] - low[:, 0], low[:, 2] - low[:, 0])[:, 2] / 2.0
@@ -110,14 +110,15 @@ def _first_layer(triangles: Floats) -> tuple[float, float, Floats]:
     one_in_layer = z[:, 1] >= FIRST_LAYER_MM  # with one corner in the layer, with two
     two = ~one_in_layer & (z[:, 2] >= FIRST_LAYER_MM)
     share = np.ones(len(low))
-    share[one_in_layer] = _corner_share(z[one_in_layer])
-    share[two] = 1.0 - _corner_share(z[two][:, ::-1])
+    share[one_in_layer] = _compute_corner_share(z[one_in_layer])
+    share[two] = 1.0 - _compute_corner_share(z[two][:, ::-1])
     ends = np.concatenate(
         [
             np.stack(
-                [_crossing(corners[one_in_layer], 0, 1), _crossing(corners[one_in_layer], 0, 2)], axis=1
+                [_find_crossings(corners[one_in_layer], 0, 1), _find_crossings(corners[one_in_layer], 0, 2)],
+                axis=1,
             ),
-            np.stack([_crossing(corners[two], 0, 2), _crossing(corners[two], 1, 2)], axis=1),
+            np.stack([_find_crossings(corners[two], 0, 2), _find_crossings(corners[two], 1, 2)], axis=1),
         ]
     )
     # By the divergence theorem a section is the area that faces down below it, less the area that faces up.
@@ -126,14 +127,14 @@ def _first_layer(triangles: Floats) -> tuple[float, float, Floats]:
     return area_mm2, outline_mm, np.concatenate([corners[z < FIRST_LAYER_MM][:, :2], ends.reshape(-1, 2)])
 
 
-def _corner_share(z: Floats) -> Floats:
+def _compute_corner_share(z: Floats) -> Floats:
     """Compute the share of a triangle's area below the first layer, by heights (m, 3), corner first."""
     apex, b, c = z.T
     share: Floats = (FIRST_LAYER_MM - apex) ** 2 / ((b - apex) * (c - apex))
     return share
 
 
-def _crossing(corners: Floats, a: int, b: int) -> Floats:
+def _find_crossings(corners: Floats, a: int, b: int) -> Floats:
     """Find the points (m, 2) where the edges between two corners cross the first layer."""
     start, end = corners[:, a], corners[:, b]
     share = (FIRST_LAYER_MM - start[:, 2:]) / (end[:, 2:] - start[:, 2:])

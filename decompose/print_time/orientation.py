@@ -21,14 +21,14 @@ from decompose.jit import jit
 from decompose.print_time.columns import measure_columns
 from decompose.print_time.cost import CostModel
 from decompose.print_time.pose import COLUMN, PartMesh, Pose, measure_from_features
-from decompose.print_time.pose_prices import POSE_ROTATIONS, pose_features
+from decompose.print_time.pose_prices import POSE_ROTATIONS, sum_pose_features
 from decompose.printers import PrinterRoom
 
 HULL_FACETS, FLAT_FACES = 24, 12  # candidates of each kind, the largest first
 DISTINCT_DEG = 2.0  # directions closer than this are one candidate
 MAX_MEASURED = 24  # candidates that are measured, in the order of their prices
 FEW_COLUMNS = 1_500  # for an estimate
-CERTAIN_SHARE = 0.8  # of an estimated support that is surely needed
+CERTAIN_SUPPORT_SHARE = 0.8  # of an estimated support that is surely needed
 DEGREES: Floats = np.radians(np.arange(90.0))
 
 
@@ -61,8 +61,8 @@ def find_best_pose(
     rotations = find_fitting_rotations(vertices, faces, printers)
     if not len(rotations):
         return None
-    hull = _hull_points(vertices)
-    features, extents = pose_features(vertices, faces, rotations, cost, hull)
+    hull = _select_hull_points(vertices)
+    features, extents = sum_pose_features(vertices, faces, rotations, cost, hull)
     thinnest = replace(cost, brim_mm=0.0) if fit_first_layer else cost
     min_s = [thinnest.price_s([*f[:COLUMN], 0.0], e) for f, e in zip(features, extents, strict=True)]
     max_s = [cost.price_s(f, e) for f, e in zip(features, extents, strict=True)]
@@ -73,8 +73,8 @@ def find_best_pose(
         if best is not None and best.rank[:3] == (0, 0.0, 0.0):
             if min_s[i] >= best.price_s or measured >= MAX_MEASURED:
                 continue
-            support_s = _support_s(vertices, faces, hull, rotations[i], cost)
-            if min_s[i] + CERTAIN_SHARE * support_s >= best.price_s:
+            support_s = _estimate_support_s(vertices, faces, hull, rotations[i], cost)
+            if min_s[i] + CERTAIN_SUPPORT_SHARE * support_s >= best.price_s:
                 continue
         pose = measure_from_features(mesh, rotations[i], features[i], cost, fit_first_layer)
         measured += 1
@@ -93,19 +93,21 @@ def find_fitting_rotations(vertices: Floats, faces: Ints, printers: Sequence[Pri
     printers
         Printers to fit; empty for a printer without limits.
     """
-    hull = _hull_points(vertices)
-    oriented = [_orient(up, hull, printers) for up in candidate_directions(vertices, faces)]
+    hull = _select_hull_points(vertices)
+    oriented = [_orient(up, hull, printers) for up in list_directions(vertices, faces)]
     return np.array([r for r in oriented if r is not None]).reshape(-1, 3, 3)
 
 
-def _support_s(vertices: Floats, faces: Ints, hull: Floats, rotation: Floats, cost: CostModel) -> float:
+def _estimate_support_s(
+    vertices: Floats, faces: Ints, hull: Floats, rotation: Floats, cost: CostModel
+) -> float:
     """Estimate the time of the support in a pose by few columns, without its islands."""
     triangles = (vertices @ rotation.T - (hull @ rotation.T).min(axis=0))[faces]
     columns = measure_columns(triangles, np.zeros(len(faces), np.bool_), cost.overhang_cos, FEW_COLUMNS)
     return cost.support_price_s(columns.support_mm3, columns.support_side_mm2, columns.towers_mm)
 
 
-def candidate_directions(vertices: Floats, faces: Ints) -> Floats:
+def list_directions(vertices: Floats, faces: Ints) -> Floats:
     """List directions (k, 3) to try as up: the axes, then away from hull facets and from large flat faces."""
     corners = vertices[faces]
     areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) / 2.0
@@ -117,7 +119,9 @@ def candidate_directions(vertices: Floats, faces: Ints) -> Floats:
     except QhullError:
         facets = np.zeros((0, 3))
     for normals, most in ((facets, HULL_FACETS), (areas, FLAT_FACES)):
-        directions = _add_distinct(directions, -_flats(normals), most, math.cos(math.radians(DISTINCT_DEG)))
+        directions = _add_distinct(
+            directions, -_find_flat_directions(normals), most, math.cos(math.radians(DISTINCT_DEG))
+        )
     return directions
 
 
@@ -143,7 +147,7 @@ def _add_distinct(known_directions: Floats, candidates: Floats, most: int, near_
     return directions[:count].copy()
 
 
-def _flats(areas: Floats) -> Floats:
+def _find_flat_directions(areas: Floats) -> Floats:
     """Sum area vectors (m, 3) by direction, and return the directions (k, 3), the largest sum first."""
     size = np.linalg.norm(areas, axis=1)
     areas = areas[size > 0.0]
@@ -158,8 +162,8 @@ def _flats(areas: Floats) -> Floats:
     return directions
 
 
-def _hull_points(points: Floats) -> Floats:
-    """Select the points of (n, d) that span their convex hull; all where they span no volume."""
+def _select_hull_points(points: Floats) -> Floats:
+    """Select the points of (n, d) that span their convex hull; all if they span no volume."""
     with suppress(QhullError):
         points = points[ConvexHull(points).vertices]
     return points
@@ -186,10 +190,10 @@ def _orient(up: Floats, hull: Floats, printers: Sequence[PrinterRoom]) -> Floats
         angles = np.insert(angles, 0, 0.0)
     for angle, (width, depth) in zip(angles, rectangles(rim, angles).tolist(), strict=True):
         if all(printer.fits(width, depth, height) for printer in printers):
-            return np.vstack([_plane(angle) @ np.array([x, y]), up])
+            return np.vstack([_turn_plane(angle) @ np.array([x, y]), up])
     return None
 
 
-def _plane(angle: float) -> Floats:
+def _turn_plane(angle: float) -> Floats:
     """Turn x and y by an angle in radians: rows (2, 2)."""
     return np.array([[math.cos(angle), math.sin(angle)], [-math.sin(angle), math.cos(angle)]])

@@ -12,7 +12,7 @@ from decompose.arrays import Bools, Floats, Ints
 from decompose.print_time.columns import Columns, measure_columns
 from decompose.print_time.cost import CostModel
 from decompose.print_time.footing import FIRST_LAYER_MM, Footing
-from decompose.print_time.pose_prices import pose_features, short_layers_s
+from decompose.print_time.pose_prices import price_short_layers_s, sum_pose_features
 from decompose.print_time.recipe import ADDITIVE
 
 COLUMN = ADDITIVE.index("column_mm3")  # the last: the support's volume, were it to reach the bed
@@ -21,7 +21,7 @@ TOUCHED_MM2 = 1.0  # less than this of a cut face under support is rounding
 # [assumed] A part stays upright while it sticks to the bed better than the nozzle pulls at its top and its
 # weight at its side. Support is made to be peeled off; the outer half of a brim is too thin to hold.
 MIN_CONTACT_MM2 = 4.0
-MIN_FOOT_MM = 0.8  # least `Footing.wall_mm`: the layer of an edge narrower than a line is not printed
+MIN_FOOT_MM = 0.8  # minimum `Footing.wall_mm`: the layer of an edge narrower than a line is not printed
 STICKS_N_MM2 = 0.05
 SUPPORTED_CONTACT_SHARE = 0.1  # share of that for the area that supports carry
 BRIM_FOOTING_SHARE = 0.5  # share of a brim's width that counts as footing
@@ -89,7 +89,7 @@ class Pose:
 
     @property
     def rank(self) -> tuple[int, float, float, float]:
-        """Sort key, less is better: standing, clean cut faces, time; where none stands, the least strain."""
+        """Sort key, lower is better: standing, clean cut faces, time; if none stands, the lowest strain."""
         touched = self.touched_mm2 if self.touched_mm2 > TOUCHED_MM2 else 0.0
         if self.stands:
             return (0, 0.0, touched, self.price_s)
@@ -119,7 +119,7 @@ def measure_pose(
     fit_first_layer
         Choose the brim and the first layer's expansion too.
     """
-    (features,), _ = pose_features(vertices, faces, rotation[None], cost)
+    (features,), _ = sum_pose_features(vertices, faces, rotation[None], cost)
     return measure_from_features(PartMesh(vertices, faces, cut), rotation, features, cost, fit_first_layer)
 
 
@@ -160,9 +160,9 @@ def measure_from_features(
         + cost.support_price_s(
             inside.support_mm3, inside.support_side_mm2, inside.towers_mm, inside.islands_mm
         )
-        + short_layers_s(triangles, cost),
+        + price_short_layers_s(triangles, cost),
         footing=footing,
-        strain=_strain(footing, inside, height, leans),
+        strain=_compute_strain(footing, inside, height, leans),
         lean_mm=leans[-1],
         support_mm3=inside.support_mm3,
         touched_mm2=inside.touched_mm2,
@@ -172,7 +172,7 @@ def measure_from_features(
     )
 
 
-def _strain(footing: Footing, inside: Columns, height_mm: float, leans_mm: Sequence[float]) -> float:
+def _compute_strain(footing: Footing, inside: Columns, height_mm: float, leans_mm: Sequence[float]) -> float:
     """Compute the worst ratio of the moments that pull a growing part over to the one that holds it."""
     area_mm2 = footing.contact_mm2 + SUPPORTED_CONTACT_SHARE * inside.propped_mm2
     holds = STICKS_N_MM2 * area_mm2 * footing.width_mm / 2.0

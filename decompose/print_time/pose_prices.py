@@ -20,26 +20,26 @@ SLABS = 32  # equal slabs of the height; all layers in one are taken as equal
 MAX_SLOWDOWN = 4.0  # times: walls of 40 to 50 mm/s are not printed at less than 10
 
 
-def pose_axes(pose: int) -> tuple[int, int, int]:
+def find_pose_axes(pose: int) -> tuple[int, int, int]:
     """Return the model axes that become width, depth and height in a pose."""
     up = pose // 2
     return ((up + 1) % 3, (up + 2) % 3, up)
 
 
-def _pose_rotation(pose: int) -> Floats:
+def _build_pose_rotation(pose: int) -> Floats:
     """Build the rotation (3, 3) of a pose: the bed's x, y and z in the model; odd poses are turned over."""
-    rotation = np.eye(3)[list(pose_axes(pose))]
+    rotation = np.eye(3)[list(find_pose_axes(pose))]
     if pose % 2:
         rotation[1:] *= -1.0
     return rotation
 
 
-POSE_ROTATIONS: Floats = np.array([_pose_rotation(pose) for pose in range(POSES)])
-"""Rotations (6, 3, 3) of the axis poses, as `pose_prices_s` takes them."""
+POSE_ROTATIONS: Floats = np.array([_build_pose_rotation(pose) for pose in range(POSES)])
+"""Rotations (6, 3, 3) of the axis poses, as `price_poses_s` takes them."""
 
 
 @jit
-def _surface_sums(
+def _sum_surfaces(
     faces: tuple[Floats, Floats, Floats], up: Floats, bed_mm: float, cosines: tuple[float, float]
 ) -> tuple[float, float, float, float]:
     """Sum the `ADDITIVE` features of faces, without the volume.
@@ -71,7 +71,7 @@ def _surface_sums(
     return lateral, skin, slope, column
 
 
-def pose_features(
+def sum_pose_features(
     vertices: Floats,
     faces: Ints,
     rotations: Floats,
@@ -87,7 +87,7 @@ def pose_features(
     rotations
         (k, 3, 3) The rows are the bed's x, y and z in the model's frame: ``v_bed = rotation @ v_model``.
     hull
-        (h, 3) vertices that span the convex hull, where they are known; with them it is faster.
+        (h, 3) vertices that span the convex hull, if they are known; with them it is faster.
     """
     corners = vertices[faces]
     cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -103,17 +103,17 @@ def pose_features(
         bottom = placed.min(axis=0)
         extents[i] = placed.max(axis=0) - bottom
         up = rotation[2]
-        features[i, 1:] = _surface_sums((normals, areas, centres), up, float(bottom[2]), cosines)
+        features[i, 1:] = _sum_surfaces((normals, areas, centres), up, float(bottom[2]), cosines)
     return features, extents
 
 
-def pose_prices_s(vertices: Floats, faces: Ints, rotations: Floats, cost: CostModel) -> Floats:
-    """Price a closed mesh in each of k poses, in seconds (k,); see `pose_features`."""
-    features, extents = pose_features(vertices, faces, rotations, cost)
+def price_poses_s(vertices: Floats, faces: Ints, rotations: Floats, cost: CostModel) -> Floats:
+    """Price a closed mesh in each of k poses, in seconds (k,); see `sum_pose_features`."""
+    features, extents = sum_pose_features(vertices, faces, rotations, cost)
     return np.array([cost.price_s(*pose) for pose in zip(features, extents, strict=True)])
 
 
-def axis_prices_s(vertices: Floats, faces: Ints, cost: CostModel) -> Floats:
+def price_axis_poses_s(vertices: Floats, faces: Ints, cost: CostModel) -> Floats:
     """Price a closed mesh in each axis pose, in seconds (6,).
 
     Parameters
@@ -123,13 +123,14 @@ def axis_prices_s(vertices: Floats, faces: Ints, cost: CostModel) -> Floats:
     cost
         Print time of a part.
     """
-    return pose_prices_s(vertices, faces, POSE_ROTATIONS, cost)
+    return price_poses_s(vertices, faces, POSE_ROTATIONS, cost)
 
 
-def short_layers_s(triangles: Floats, cost: CostModel) -> float:
+def price_short_layers_s(triangles: Floats, cost: CostModel) -> float:
     """Compute the extra time in seconds of short layers, beyond what `CostModel.price_s` covers.
 
-    That covers the mean of all layers only: of a part that tapers just the layers at the tip are slowed down.
+    That covers the mean of all layers only: in a part that tapers, only the layers at the tip are slowed
+    down.
 
     Parameters
     ----------
@@ -138,7 +139,7 @@ def short_layers_s(triangles: Floats, cost: CostModel) -> float:
     """
     height_mm = float(triangles[:, :, 2].max())
     slab_mm = height_mm / SLABS
-    lateral_mm2, section_mm2 = _by_slab(np.ascontiguousarray(triangles), height_mm)
+    lateral_mm2, section_mm2 = _sum_by_slab(np.ascontiguousarray(triangles), height_mm)
     walls_s = cost.lateral_s_mm2 * lateral_mm2
     inset_s = np.minimum(cost.inset_s_mm * slab_mm, MAX_INSET_SHARE * walls_s)
     lines_s = cost.volume_s_mm3 * slab_mm * section_mm2 + walls_s - inset_s
@@ -148,7 +149,7 @@ def short_layers_s(triangles: Floats, cost: CostModel) -> float:
 
 
 @jit
-def _by_slab(triangles: Floats, height: float) -> tuple[Floats, Floats]:
+def _sum_by_slab(triangles: Floats, height: float) -> tuple[Floats, Floats]:
     """Sum A sqrt(1 - n^2) over the faces in each slab (SLABS,), and the mean section of the solid there.
 
     The section at a height is the sum of A n over all faces above it, n being the upward part of a face's

@@ -21,7 +21,7 @@ skin_mm2, slope_mm2
     Sums of A |n| and of A sqrt(1 - n^2) over the faces so flat that they get top or bottom skin.
 column_mm3
     Sum of A |n| z over the faces that lean out further than the support angle, z being their height above the
-    bed: the support's volume, where it reaches the bed.
+    bed: the support's volume, if it reaches the bed.
 """
 
 
@@ -31,7 +31,7 @@ FEATURES = (
     *("support_mm3", "support_side_mm2", "towers_mm", "islands_mm"),
 )
 """All features. Those that do not add up are the height, the root of `skin_mm2`, the ring of the brim about
-the part's rectangle and, where the columns of a part are measured (`columns`), its islands, and its support
+the part's rectangle and, if the columns of a part are measured (`columns`), its islands, and its support
 in place of `column_mm3`."""
 
 
@@ -73,8 +73,8 @@ line of support grows to the whole face. Without it a face at just the support a
 one."""
 
 
-TURNED = 0.5
-"""Time that a line of infill loses where it turns along the wall, as a share of that where it ends."""
+TURN_TIME_SHARE = 0.5
+"""Time lost at a turn of an infill line along the wall, as a share of the time lost at its end."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,7 +133,7 @@ class Recipe:
 
     @property
     def skin_cos(self) -> float:
-        """Least |n| of faces with skin: there the next few layers cover less than the walls."""
+        """Minimum |n| of faces with skin: on flatter faces the next few layers cover less than the walls."""
         bare_mm = self.skin_layers * self.layer_height_mm
         return math.cos(math.atan(bare_mm / (self.walls_mm + self.line_width_mm / 2.0)))
 
@@ -181,6 +181,6 @@ def time_terms(recipe: Recipe) -> dict[str, Floats]:
         "support sides": vector(support_side_mm2=1.0 / (layer * r.support_mm_s) if supports else 0.0),
         "islands": vector(islands_mm=1.0 / layer, towers_mm=TOWER / layer if supports else 0.0),
         "brim": vector(brim_mm2=1.0 / (r.outer_line_width_mm * r.brim_mm_s)),
-        "infill ends": vector(lateral_mm2=ends * (TURNED if connected else 1.0)),
+        "infill ends": vector(lateral_mm2=ends * (TURN_TIME_SHARE if connected else 1.0)),
         "travel": vector(lateral_mm2=1.0 / (layer * r.travel_mm_s)),
     }

@@ -17,7 +17,7 @@ from decompose.print_time.cost import CostModel
 from decompose.print_time.footing import FIRST_LAYER_MM
 from decompose.print_time.orientation import find_fitting_rotations
 from decompose.print_time.pose import COLUMN, PartMesh, Pose, measure_from_features
-from decompose.print_time.pose_prices import pose_features
+from decompose.print_time.pose_prices import sum_pose_features
 from decompose.printers import PrinterRoom
 
 LOW_SLENDERNESS = 1.0  # of a cube: a part that is no taller for its foot is steady enough
@@ -66,7 +66,7 @@ def find_steady_pose(
     Returns
     -------
     Pose
-        The fastest pose, where none is much steadier, or where support would touch more of its cut faces.
+        The fastest pose, if none is much steadier, or where support would touch more of its cut faces.
     """
     if fastest.slenderness <= LOW_SLENDERNESS or limit_s < fastest.price_s:
         return fastest
@@ -76,7 +76,7 @@ def find_steady_pose(
     order = [i for i in np.argsort(slenderness, kind="stable") if slenderness[i] < worth]
     without_brim, measured = replace(cost, brim_mm=0.0), 0
     for i in order:
-        (features,), (extents,) = pose_features(mesh.vertices, mesh.faces, rotations[i : i + 1], cost)
+        (features,), (extents,) = sum_pose_features(mesh.vertices, mesh.faces, rotations[i : i + 1], cost)
         if without_brim.price_s([*features[:COLUMN], 0.0], extents) > limit_s:
             continue
         pose = measure_from_features(mesh, rotations[i], features, cost, fastest.brim_width_mm is not None)

@@ -11,8 +11,8 @@ from functools import cached_property
 import numpy as np
 
 from decompose.arrays import Floats
-from decompose.bound import makespan_bound, surface_bound_s
-from decompose.errors import DecomposeError, NoFit, size_text
+from decompose.bound import bound_by_surface_s, bound_makespan
+from decompose.errors import DecomposeError, NoFit, format_size
 from decompose.geometry import Model, Solid
 from decompose.grid import VOLUME, Box, BoxTables, Grid, GridRules, build_grid, price_boxes
 from decompose.options import Interior, Options
@@ -24,7 +24,7 @@ from decompose.problem.granularity import choose_granularity
 
 Posing = tuple[Solid, tuple[tuple[tuple[float, float, float], ...], ...]]  # a solid and the rooms to fit
 
-MAX_PARTS = 200  # greatest number of printers, or rounds, that a message suggests for a model
+MAX_PARTS = 200  # maximum number of printers, or rounds, that a message suggests for a model
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,10 +134,10 @@ class Problem:
         printers = len(self.printers)
         times_s = sorted((boxes.longest_s([box]) for box in partition), reverse=True)
         needed_mm3 = float(grid.sums[grid.needed][:, VOLUME].sum())
-        bound_s = surface_bound_s(self.model.solid.area_mm2, needed_mm3, printers, self.cost)
+        bound_s = bound_by_surface_s(self.model.solid.area_mm2, needed_mm3, printers, self.cost)
         if self.needs_proof(pieces):
             self.effort.record(Work.BOX_PROVEN, len(boxes.seconds))
-            bound_s = max(bound_s, makespan_bound(boxes, grid.needed, printers, times_s[0]).seconds)
+            bound_s = max(bound_s, bound_makespan(boxes, grid.needed, printers, times_s[0]).seconds)
         factors = sorted(printer.time_factor for printer in self.printers)
         ends_s = max(time_s * factor for time_s, factor in zip(times_s, factors, strict=False))
         return GridFigures(ends_s, self.fastest_factor * bound_s, grid.shape)
@@ -195,7 +195,7 @@ class Problem:
 class Partition:
     """Output of an engine: at most as many pieces as there are printers.
 
-    Each fits the printer that it is cut for; where it is cut for none, all of them.
+    Each fits the printer that it is cut for; if it is cut for none, all of them.
 
     Attributes
     ----------
@@ -254,7 +254,7 @@ def _refuse_too_long(model: Model, printers: tuple[PrinterRoom, ...]) -> None:
             least = math.ceil(solid_mm / reach_mm * len(printers))
             longest = max(1, math.floor(float(model.extents_mm.max()) * reach_mm / solid_mm / math.sqrt(3.0)))
             raise NoFit(
-                f"{size_text(model.extents_mm)} mm needs {least} parts at least, each on a printer of its "
+                f"{format_size(model.extents_mm)} mm needs {least} parts at least, each on a printer of its "
                 f"own, and there are {len(printers)}: free more printers, or try --longest-side {longest}",
                 least if least <= MAX_PARTS else None,
             )

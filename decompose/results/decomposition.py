@@ -42,7 +42,7 @@ class Part:
     stands
         Whether it stays upright while it is printed in its pose.
     small_foot_mm2
-        Area of its first layer, where that is small for its height; else None.
+        Area of its first layer, if that is small for its height; else None.
     """
 
     id: str
@@ -114,7 +114,7 @@ class Attempt:
     yaw_deg
         Angle by which the model was turned about z.
     makespan_s
-        None where nothing was found; `reason` has the cause.
+        None if nothing was found; `reason` has the cause.
     compute_s, effort_s
         Wall time; and the work that was counted, which is the same on every machine (`problem.Effort`).
     finished
@@ -148,7 +148,7 @@ class Cutting:
     printers
         Printers that were free.
     prices_s
-        Price of each part in the pose that it is printed in; empty where it is not known.
+        Price of each part in the pose that it is printed in; empty if it is not known.
     """
 
     granularity: str | int
@@ -289,11 +289,11 @@ class Decomposition:
         }
 
     def describe_thin_rims(self) -> str:
-        """Describe rims that are thinner than two lines, in a sentence; empty where there are none."""
+        """Describe rims that are thinner than two lines, in a sentence; empty if there are none."""
         return describe_thin_rims([part.id for part in self.parts], self.joints, self.seams)
 
     def describe_small_feet(self) -> str:
-        """Describe parts that are tall for a small first layer, in a sentence; empty where there are none."""
+        """Describe parts that are tall for a small first layer, in a sentence; empty if there are none."""
         feet = [f"{part.id} on {part.small_foot_mm2:.0f} mm2" for part in self.parts if part.small_foot_mm2]
         if not feet:
             return ""

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from decompose.arrays import Floats
-from decompose.bound import surface_bound_s
+from decompose.bound import bound_by_surface_s
 from decompose.errors import NoFit
 from decompose.options import Engine
 from decompose.pieces import (
@@ -80,7 +80,7 @@ def _build_decomposition(
     makespan_s = max(p.price_s * factors[p.printer] for p in parts)
     touching = find_joints(parts)
     rotation = partition.rotation @ problem.frame
-    bound_s = surface_bound_s(problem.model.solid.area_mm2, 0.0, len(problem.printers), problem.cost)
+    bound_s = bound_by_surface_s(problem.model.solid.area_mm2, 0.0, len(problem.printers), problem.cost)
     grid = partition.grid or GridFigures(makespan_s, problem.fastest_factor * bound_s, None)
     restored = tuple(_restore_frame(part, rotation) for part in parts)
     joints = tuple(joint.move(_inverse(rotation)) for joint in touching)

@@ -11,7 +11,7 @@ from pathlib import Path
 from drivers.agent.loop import Agent
 from drivers.agent.sleep_inhibitor import Inhibitor
 from drivers.errors import AgentError
-from drivers.locks import AGENT_LOCK, hold, is_held, sign
+from drivers.locks import AGENT_LOCK, hold, is_held, write_pid
 from drivers.printers import PROFILES
 from drivers.records import JOURNAL, StartFile, read_journal
 from drivers.safety import StopTarget, stop_board
@@ -56,7 +56,7 @@ def _take_lock(folder: Path) -> bool:
         raise
     if lock is not None:
         with suppress(OSError):  # a full disk: no print can start, but heaters must be switched off
-            sign(lock)
+            write_pid(lock)
     return lock is not None
 
 

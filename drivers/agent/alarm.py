@@ -12,7 +12,7 @@ from drivers.session import Session
 
 log = logging.getLogger(__name__)
 
-_NOT_OFF = "heaters were not shown off"
+_NOT_OFF = "heaters were not confirmed off"
 
 
 class Alarms:

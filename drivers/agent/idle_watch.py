@@ -31,7 +31,7 @@ class FilamentWatch:
     certain
         True if nothing can have moved the filament since it was recorded.
     rest
-        The answer to the position query that the predecessor saw; None if none counts.
+        The answer to the position query that the predecessor saw; None if it is not valid.
     """
 
     def __init__(self, certain: bool = False, rest: str | None = None) -> None:
@@ -43,15 +43,15 @@ class FilamentWatch:
         self.certain, self.rest = True, None
 
     def note_print(self) -> None:
-        """Let the position count at which the printer rests after this print."""
+        """Accept the position at which the printer rests after this print."""
         self._printed = True
 
     def note_reset(self) -> None:
-        """Let no position count before the next print: after a reset all positions are alike."""
+        """Ignore positions until the next print: after a reset all positions are alike."""
         self._printed, self.rest = False, None
 
     def forget(self) -> None:
-        """Doubt the journal: somebody used the printer."""
+        """Stop trusting the journal: somebody used the printer."""
         self.certain, self.rest = False, None
 
     def judge_position(self, answer: bytes) -> None:

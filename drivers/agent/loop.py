@@ -27,7 +27,7 @@ log = logging.getLogger(__name__)
 EMULATOR = "emulator"
 PUSH_S = 1.0  # wall seconds between snapshots while anything is warm or prints
 IDLE_PUSH_S = 5.0
-LOG_S = 60.0  # wall seconds between two looks at the size of the log
+LOG_S = 60.0  # wall seconds between two checks of the log's size
 WARM_C = 40.0
 
 
@@ -110,7 +110,7 @@ class Agent:
                 wake_wall_s = min(self._board.wake_wall_s(), self._push_wall_s, alarms_wall_s)
 
     def _limit_log(self) -> None:
-        """Rename the log if it is full; a look costs two microseconds."""
+        """Rename the log if it is full; a check takes two microseconds."""
         if wall_s() >= self._log_wall_s:
             self._log_wall_s = wall_s() + LOG_S
             rotate_log(self._folder / AGENT_LOG)

@@ -113,7 +113,7 @@ class RequestHandler:
         if request.print_id in saved.ended or (saved.print and saved.print.print_id == request.print_id):
             return  # a repeated request
         now_s = self._clock.now()
-        self._check_may_start(request, now_s)
+        self._check_can_start(request, now_s)
         snapshot = PrintSnapshot(
             print_id=request.print_id,
             phase=PrintPhase.SPOOLED,
@@ -134,7 +134,7 @@ class RequestHandler:
         self._journal.write(now_s, print=snapshot.model_dump(mode="json"), filament=request.filament.value)
         self._recorder.begin(program, request.filament, extruded=False, ends_by_s=request.ends_by_s)
 
-    def _check_may_start(self, request: StartPrint, now_s: float) -> None:
+    def _check_can_start(self, request: StartPrint, now_s: float) -> None:
         """Raise AgentError unless the printer is ready, its bed clear and its filament known."""
         if request.not_after_s is not None and now_s > request.not_after_s:
             late_s = now_s - request.not_after_s

@@ -80,7 +80,7 @@ class Server:
 
     def push(self, snapshot: Snapshot) -> None:
         """Send a snapshot to every client."""
-        line = _line(snapshot)
+        line = _encode_line(snapshot)
         for client in tuple(self._clients):
             self._send(client, line)
 
@@ -126,7 +126,7 @@ class Server:
         client = _Client(connection)
         self._clients[client] = None
         self._selector.register(connection, selectors.EVENT_READ, partial(self._ready, client))
-        self._send(client, _line(self._make_snapshot()))
+        self._send(client, _encode_line(self._make_snapshot()))
 
     def _ready(self, client: _Client, mask: int) -> None:
         if mask & selectors.EVENT_WRITE:
@@ -159,7 +159,7 @@ class Server:
                 log.warning("a client sent an invalid request: %s", error.errors()[0]["msg"])
                 self._drop(client)
                 return
-            self._send(client, _line(self._answer(request)))
+            self._send(client, _encode_line(self._answer(request)))
 
     def _send(self, client: _Client, data: bytes) -> None:
         if client not in self._clients:
@@ -187,5 +187,5 @@ class Server:
             client.socket.close()
 
 
-def _line(message: FromAgent) -> bytes:
+def _encode_line(message: FromAgent) -> bytes:
     return message.model_dump_json().encode() + b"\n"

@@ -13,7 +13,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from drivers.errors import AgentError, BadGcode
-from drivers.gcode import LONGEST_LINE_BYTES, Program, read_program
+from drivers.gcode import MAX_LINE_BYTES, Program, read_program
 from drivers.printers import Profile
 
 _PRINT_ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,127}")
@@ -92,7 +92,7 @@ class Spool:
         try:
             with source.open("rb") as raw:
                 # limits the memory for a binary file, which may be one long line
-                lines = hash_lines(iter(lambda: raw.readline(LONGEST_LINE_BYTES + 1), b""))
+                lines = hash_lines(iter(lambda: raw.readline(MAX_LINE_BYTES + 1), b""))
                 try:
                     program = read_program(lines, self._profile, _Copy(path))
                 except BadGcode as error:

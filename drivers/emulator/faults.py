@@ -1,7 +1,8 @@
-"""Faults to inject, by name, and the random draws for them.
+"""Faults to inject, by name, and the sampler that draws them at random.
 
-A new fault is a field of `Faults`, under its name in the url, and one place that applies it: `Dice` for
-faults of lines, `EmulatedBoard` for physical faults, `EmulatedFirmware` for what the board does by itself.
+A new fault is a field of `Faults`, under its name in the url, and one place that applies it: `FaultSampler`
+for faults of lines, `EmulatedBoard` for physical faults, `EmulatedFirmware` for what the board does by
+itself.
 """
 
 from __future__ import annotations
@@ -70,7 +71,7 @@ class Faults:
     levelled: int = 0  # hundredths of a millimetre by which the Z of M206 is below -10
 
     @property
-    def on_lines(self) -> bool:
+    def affects_lines(self) -> bool:
         """True if a fault may change any line."""
         samples = (
             self.checksum, self.no_number, self.no_checksum, self.wrong_number,
@@ -79,7 +80,7 @@ class Faults:
         return bool(any(samples) or self.stuck_after or self.due)
 
     @property
-    def on_bytes(self) -> bool:
+    def affects_bytes(self) -> bool:
         """True if a fault may change any byte."""
         return bool(self.noise or self.lost or self.doubled)
 
@@ -98,8 +99,8 @@ WEAK_NOZZLE_C, WEAK_BED_C = 140.0, 45.0
 DUE = tuple(field.name for field in fields(Faults) if field.name.endswith("_after"))
 
 
-class Dice:
-    """Random draws of faults, from a separate generator."""
+class FaultSampler:
+    """Sampler of random faults, with a generator of its own."""
 
     def __init__(self, faults: Faults, rng: random.Random) -> None:
         self._faults = faults
@@ -121,7 +122,7 @@ class Dice:
             return line[:at] + bytes((flipped,)) + line[at + 1 :]
         return line
 
-    def ok(self, text: bytes) -> bytes:
+    def garble_ok(self, text: bytes) -> bytes:
         """Return an ok as sent: unchanged, empty, or with another first letter."""
         faults = self._faults
         if faults.drop_ok and self._rng.random() < faults.drop_ok:

@@ -22,7 +22,7 @@ from drivers.emulator.status import EmulatorStatus, read_status
 from drivers.errors import PortError
 from drivers.locks import is_held
 
-__all__ = ["Command", "EmulatorStatus", "alive", "control", "launch", "read_status"]
+__all__ = ["Command", "EmulatorStatus", "control", "is_running", "launch", "read_status"]
 
 TTY = "tty"
 LOG = "emulator.log"
@@ -75,7 +75,7 @@ def launch(url: str, folder: Path, clock: Clock) -> Path:
     address = parse_url(url)
     folder.mkdir(parents=True, exist_ok=True)
     with _locked(folder / LAUNCH_LOCK):
-        if alive(folder):
+        if is_running(folder):
             return folder / TTY
         # This process forks the emulator and ends once the port exists.
         arguments = ["--model", address.profile.model, "--folder", str(folder.absolute()), "--detach"]
@@ -99,7 +99,7 @@ def launch(url: str, folder: Path, clock: Clock) -> Path:
     return folder / TTY
 
 
-def alive(folder: Path) -> bool:
+def is_running(folder: Path) -> bool:
     """Return True if an emulator of this folder is running, that is, if its lock is held."""
     return is_held(folder / ALIVE_LOCK)
 
@@ -132,7 +132,7 @@ def control(folder: Path, command: Command | str, **values: float | str) -> dict
 def _wait_for_end(folder: Path) -> None:
     """Wait until the lock is free: the process has ended and no longer changes its files."""
     until_s = time.monotonic() + CONTROL_TIMEOUT_S
-    while alive(folder):
+    while is_running(folder):
         if time.monotonic() > until_s:
             raise PortError(f"{folder}: the emulator does not end; see {folder / LOG}")
         time.sleep(0.005)

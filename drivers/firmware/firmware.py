@@ -61,8 +61,7 @@ class Firmware:
     ok_details
         Pattern of the text that may follow an ``ok``; group 1 is the line number. None if nothing follows.
     keep_alive
-        Beginning of a line that is said once a second as long as a command is carried out; None if none
-        is.
+        Beginning of the line that is sent once a second during a long command; None if there is none.
     fault_texts
         Texts that mark a line as a fault, in order: the first match counts.
     stop_moves

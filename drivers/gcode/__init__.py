@@ -3,7 +3,7 @@
 from drivers.gcode.filament_position import Moves, Point, measure_retraction, read_position
 from drivers.gcode.frame import add_frame, add_frames, checksum, remove_frame
 from drivers.gcode.program import (
-    LONGEST_LINE_BYTES,
+    MAX_LINE_BYTES,
     Heat,
     HeaterName,
     Program,
@@ -13,7 +13,7 @@ from drivers.gcode.program import (
 from drivers.gcode.timeline import Feature, Mark
 
 __all__ = [
-    "LONGEST_LINE_BYTES",
+    "MAX_LINE_BYTES",
     "Feature",
     "Heat",
     "HeaterName",

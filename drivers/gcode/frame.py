@@ -64,9 +64,9 @@ def add_frame(number: int, command: bytes) -> bytes:
 
 
 def add_frames(number: int, commands: Iterable[bytes]) -> list[bytes]:
-    """Do what `add_frame` does, for many commands at once, the first of which gets line number `number`.
+    """Apply `add_frame` to many commands at once; the first gets line number `number`.
 
-    Few lines have decimals that need a look, and the checksums of all beginnings are computed together.
+    Few lines have decimals that must be checked, and the checksums of all beginnings are computed together.
     """
     lines = [b"N%d %b*" % numbered for numbered in enumerate(commands, number)]
     text = b"".join(lines)

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from drivers.errors import BadGcode
 from drivers.firmware import Firmware
 
-LARGEST_NUMBER = 1e6
+MAX_NUMBER = 1e6
 """Upper bound of lengths, speeds and temperatures, so that commands computed from them fit a line."""
 
 # Nearly every line of a file is matched, and an empty branch is faster than "?". No possessive quantifiers:
@@ -78,7 +78,7 @@ def read_command(line: bytes, number: int, firmware: Firmware) -> Command | None
     if name in _DROPPED:
         return None
     if len(line) > firmware.command_bytes:
-        raise line_too_long(line, number, firmware.command_bytes)
+        raise make_length_error(line, number, firmware.command_bytes)
     if not (line.isascii() and line.decode("ascii").isprintable()):
         raise BadGcode(f"line {number}: not plain text: is this a G-code file?")
     for letter in b":N*":
@@ -99,11 +99,11 @@ def read_command(line: bytes, number: int, firmware: Firmware) -> Command | None
         raise BadGcode(f"line {number}: a letter without a number in {quote(line)}")
     text = b" ".join((name, *(letter + digits for letter, digits in pairs)))
     if len(text) > firmware.command_bytes:
-        raise line_too_long(text, number, firmware.command_bytes)
+        raise make_length_error(text, number, firmware.command_bytes)
     return Command(text, name, words)
 
 
-def read_number(text: bytes, line_number: int, limit: float = LARGEST_NUMBER) -> float:
+def read_number(text: bytes, line_number: int, limit: float = MAX_NUMBER) -> float:
     """Parse a number in a line.
 
     Raises
@@ -120,7 +120,7 @@ def read_number(text: bytes, line_number: int, limit: float = LARGEST_NUMBER) ->
     return number
 
 
-def line_too_long(line: bytes, number: int, limit_bytes: int) -> BadGcode:
+def make_length_error(line: bytes, number: int, limit_bytes: int) -> BadGcode:
     """Make the error for a line that the firmware would cut."""
     return BadGcode(f"line {number}: {len(line)} characters, and the printer takes {limit_bytes}: shorten it")
 

@@ -16,11 +16,11 @@ from typing import Protocol
 from zlib import crc32
 
 from drivers.errors import BadGcode, Unreadable
-from drivers.gcode.line import Command, is_plain_move, line_too_long, quote, read_command, read_number
+from drivers.gcode.line import Command, is_plain_move, make_length_error, quote, read_command, read_number
 from drivers.gcode.timeline import Mark, Timeline
 from drivers.printers import Profile
 
-LONGEST_LINE_BYTES = 65536
+MAX_LINE_BYTES = 65536
 """Limit of a line with its comment; no slicer writes longer ones."""
 
 _BLOCK_LINES = 256
@@ -90,9 +90,9 @@ class Program:
     heats
         Lines that set a temperature.
     home_line
-        First G28; `count` where there is none.
+        First G28; `count` if there is none.
     extrusion_line
-        First move with an E; `count` where there is none.
+        First move with an E; `count` if there is none.
     """
 
     store: ProgramStore
@@ -190,8 +190,8 @@ def read_program(raw_lines: Iterable[bytes], profile: Profile, store: ProgramSto
     reader = _Reader(profile, store or MemoryStore())
     limit_bytes, text = profile.firmware.command_bytes, reader.text
     for number, raw in enumerate(raw_lines, 1):
-        if len(raw) > LONGEST_LINE_BYTES:
-            raise line_too_long(raw, number, limit_bytes)
+        if len(raw) > MAX_LINE_BYTES:
+            raise make_length_error(raw, number, limit_bytes)
         line = raw.strip()
         if len(line) > limit_bytes or not is_plain_move(line):
             line = reader.read_line(line, number)

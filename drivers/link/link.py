@@ -15,7 +15,7 @@ from drivers.link.replies import Connected, Event, Events, LinkFault, OtherLine
 SILENT = "the board does not answer"
 SILENCE_S = 0.3  # until the first query; doubled with each query
 KEEP_ALIVE_S = 1.4  # the same for a firmware that sends a busy message every second while it works
-HINT_S = 0.05  # after something that could not be read and may have been an ok
+UNREADABLE_S = 0.05  # after something that could not be read and may have been an ok
 _LONGEST_ANSWER = 512
 
 
@@ -181,7 +181,7 @@ class Link:
                 self._handle_refusal(number, now_s)
         elif (number := replies.parse_last_line(answer, self._firmware)) is not None:
             if self._firmware.last_line_resends:
-                self._answer, self._answer_s, self._clean = number, now_s + self._hint_s, False
+                self._answer, self._answer_s, self._clean = number, now_s + self._unreadable_s, False
             else:
                 self._handle_last_line(number, now_s, events)
         elif replies.is_refusal(answer):
@@ -272,7 +272,7 @@ class Link:
         outbox = self._outbox
         resendable = outbox.holds(last + 1)
         confirmations = self._recovery.count_needed(self._firmware, outbox.moves, self._silence_s)
-        action, line = self._recovery.settle(last, self._make_place, confirmations, resendable)
+        action, line = self._recovery.decide(last, self._make_place, confirmations, resendable)
         if action is Action.QUERY_AGAIN:
             self._query(now_s)
             return
@@ -301,8 +301,8 @@ class Link:
     # --- time ---
 
     @property
-    def _hint_s(self) -> float:
-        return max(HINT_S, self._floor_s / 40)
+    def _unreadable_s(self) -> float:
+        return max(UNREADABLE_S, self._floor_s / 40)
 
     def tick(self, now_s: float) -> Events:
         """Do what is due at `now_s`."""
@@ -349,7 +349,7 @@ class Link:
     def _schedule_query(self, now_s: float) -> None:
         """Schedule a query soon, if a line is in flight and the board has room for a query."""
         if self._waiting and self._recovery.queries < MAX_QUERIES:
-            self._due_s = min(self._due_s, now_s + self._hint_s)
+            self._due_s = min(self._due_s, now_s + self._unreadable_s)
 
     @property
     def _make_place(self) -> Place:
@@ -371,7 +371,7 @@ class Link:
 
     def _transmit(self, line: bytes, now_s: float) -> None:
         self._waiting = self._clean = True
-        self._recovery.launch(now_s)
+        self._recovery.start_line(now_s)
         self._out += line
         self._due_s = now_s + self._silence_s
 

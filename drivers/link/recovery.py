@@ -85,7 +85,7 @@ class Recovery:
         self._contradictions = 0  # and how often that number changed
         self._repairs: deque[int] = deque(maxlen=NOISE_REPAIRS)
 
-    def launch(self, now_s: float) -> None:
+    def start_line(self, now_s: float) -> None:
         """Reset the state for a line that was just sent."""
         self.queries = self.confirmations = 0
         self.sent_s = now_s
@@ -127,7 +127,7 @@ class Recovery:
         return queried
 
     def match_answer(self, last: int, place: Place, waiting: bool) -> Action | None:
-        """Match an answer to its query; None if that was sent from the current place: `settle` it."""
+        """Match an answer to its query; None if that was sent from the current place: `decide` on it."""
         unanswered = self._unanswered
         while unanswered and 0 < unanswered[0].top < last:
             unanswered.popleft()  # its answer was lost
@@ -142,7 +142,7 @@ class Recovery:
         """Drop the unanswered queries: they were lost."""
         self._unanswered.clear()
 
-    def settle(self, last: int, place: Place, confirmations: float, resendable: bool) -> Verdict:
+    def decide(self, last: int, place: Place, confirmations: float, resendable: bool) -> Verdict:
         """Decide on the answer that `last` is the last accepted line, given after all sent lines had arrived.
 
         Parameters

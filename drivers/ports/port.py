@@ -88,7 +88,7 @@ class NetPort:
             self._remote.write(data)
 
     def write_now(self, data: bytes) -> None:
-        """Send bytes in place of those still queued on the other host. Raises PortError."""
+        """Discard the bytes still queued on the other host, and send these. Raises PortError."""
         self._remote.write_now(data)
 
     @property

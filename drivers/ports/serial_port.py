@@ -249,7 +249,7 @@ class RemotePort:
             raise PortError(f"{self._url}: went away ({error}); check its host and the network") from error
 
     def write_now(self, data: bytes) -> None:
-        """Send bytes in place of those still queued on the other host, if it can. Raises PortError."""
+        """Discard the bytes still queued on the other host, and send these, if it can. Raises PortError."""
         with suppress(serial.SerialException, OSError, ValueError):
             self._port.reset_output_buffer()
         self.write(data)

@@ -20,7 +20,7 @@ __all__ = [
     "Profile",
     "Rect",
     "RoomBox",
-    "firmware_of",
+    "find_firmware",
     "part_room",
     "place",
 ]
@@ -35,7 +35,7 @@ BEDS: dict[str, Profile] = {**PROFILES, ULTIMAKER2_GO.model: ULTIMAKER2_GO}
 """Printer models that can be sliced for."""
 
 
-def firmware_of(model: str) -> Firmware:
+def find_firmware(model: str) -> Firmware:
     """Look up the firmware of a model; an unknown model gets the most common one, so it can be stopped."""
     profile = BEDS.get(model)
     return ULTIMAKER2_FIRMWARE if profile is None else profile.firmware

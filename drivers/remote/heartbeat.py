@@ -6,7 +6,7 @@ host must not cost a print, so silence alone is not enough:
 1. Silence is counted in the intervals between the listener's own checks, each for a second at most: while the
    listener does not run, messages of the agent remain unread.
 2. After `SAMPLE_S` of silence the kernel is asked for the state of the agent's process, and again after
-   `WEDGED_S`.
+   `HUNG_S`.
 3. If it waited for a processor for half of the time between, or waits for a disk, it is starved, and the
    count restarts. Otherwise it was stopped, slept, or ran without sending: it hangs.
 
@@ -19,9 +19,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-SAMPLE_S, WEDGED_S = 15.0, 30.0
+SAMPLE_S, HUNG_S = 15.0, 30.0
 _STARVED_SHARE = 0.5
-_LONGEST_INTERVAL_S = 1.0
+_MAX_INTERVAL_S = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +64,7 @@ class Heartbeat:
         self._silent_s = 0.0
         self._first = None
 
-    def is_wedged(self, now_s: float, sample: Callable[[], ProcessSample | None]) -> bool:
+    def is_hung(self, now_s: float, sample: Callable[[], ProcessSample | None]) -> bool:
         """Add the time since the last call; return True if the agent hangs.
 
         Parameters
@@ -75,15 +75,15 @@ class Heartbeat:
             Samples the agent's process.
         """
         if self._checked_s is not None:
-            self._silent_s += min(now_s - self._checked_s, _LONGEST_INTERVAL_S)
+            self._silent_s += min(now_s - self._checked_s, _MAX_INTERVAL_S)
         self._checked_s = now_s
         if self._silent_s >= SAMPLE_S and self._first is None:
             self._first = sample()
-        if self._silent_s < WEDGED_S:
+        if self._silent_s < HUNG_S:
             return False
         first, last = self._first, sample()
         self.reset()
         if first is None or last is None:
             return False  # the process has ended
-        starved = last.waited_s - first.waited_s >= _STARVED_SHARE * (WEDGED_S - SAMPLE_S)
+        starved = last.waited_s - first.waited_s >= _STARVED_SHARE * (HUNG_S - SAMPLE_S)
         return not starved and last.state not in "DZ"

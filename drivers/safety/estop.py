@@ -22,7 +22,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from drivers.emulator.launch import TTY
-from drivers.emulator.launch import alive as emulator_alive
+from drivers.emulator.launch import is_running as emulator_is_running
 from drivers.errors import AgentError, DriverError, PortError
 from drivers.firmware import Firmware
 from drivers.gcode import HeaterName
@@ -30,7 +30,7 @@ from drivers.link import Connected, Event, Link, OtherLine, Report
 from drivers.link.dialogue import exchange
 from drivers.locks import AGENT_LOCK, hold, kill_holder
 from drivers.ports import NET, NetPort, Port, SerialPort
-from drivers.printers import firmware_of
+from drivers.printers import find_firmware
 from drivers.records import ESTOPPED, JOURNAL, Journal, StartFile
 from drivers.safety.abort import send_abort
 from drivers.safety.heater_watch import HeaterWatch
@@ -78,7 +78,7 @@ class StopTarget:
     @classmethod
     def of_agent(cls, start: StartFile, folder: Path) -> StopTarget:
         """Build the target from the start file of an agent in `folder`."""
-        return cls(start.printer, start.port, folder, firmware_of(start.model), start.power_off_cmd)
+        return cls(start.printer, start.port, folder, find_firmware(start.model), start.power_off_cmd)
 
 
 @dataclass(frozen=True, slots=True)
@@ -188,7 +188,7 @@ def _open(target: StopTarget) -> Port | None:
     path = Path(target.port)
     if target.port.startswith("sim://"):
         emulator = target.folder / EMULATOR
-        if not emulator_alive(emulator):
+        if not emulator_is_running(emulator):
             return None
         path = emulator / TTY
     elif target.port.startswith(NET):

@@ -17,7 +17,7 @@ from drivers.errors import Fault
 from drivers.gcode import HeaterName
 from drivers.link import Report
 
-PROGRESS_C = 1.0  # least progress within `HeaterRule.stall_s`
+PROGRESS_C = 1.0  # minimum progress within `HeaterRule.stall_s`
 GAP_S = 15.0
 RISES_C, RISES_S = 10.0, 10.0  # rise after so long without power; [assumed] larger than any overshoot
 SENSOR_BROKEN_C = 0.0  # below any room temperature: a shorted bed sensor, which the firmware does not report
@@ -242,7 +242,7 @@ class _RiseDetector:
         self.coolest_c = math.inf  # since it was shown to be off
 
     def check(self, now_c: float, target_c: float, now_s: float) -> bool:
-        """Return True where this report shows that the heater is stuck on."""
+        """Return True if this report shows that the heater is stuck on."""
         self._targets.append(target_c)
         if median(self._targets) != 0.0:
             self._since_s, self.coolest_c = math.nan, math.inf

@@ -75,7 +75,7 @@ def _cut(context: SessionContext, homed: bool) -> Script:
         for _ in range(TRIES):
             context.heaters_off = False
             try:
-                if (yield from _reset_and_show_off(context, homed)):
+                if (yield from _reset_and_confirm_off(context, homed)):
                     return
             except PrintEnded as ended:
                 if ended.fault is Fault.PORT_LOST:
@@ -83,12 +83,12 @@ def _cut(context: SessionContext, homed: bool) -> Script:
             if context.wants_power_off:
                 break
         context.ask_power_off()
-        context.reason = f"{context.reason}; heaters were not shown off: switch the printer off"
+        context.reason = f"{context.reason}; heaters were not confirmed off: switch the printer off"
     finally:
         context.link.ignore_faults = False
 
 
-def _reset_and_show_off(context: SessionContext, homed: bool) -> Answer:
+def _reset_and_confirm_off(context: SessionContext, homed: bool) -> Answer:
     """Reset the board and confirm its heaters off; then move away from the part, if that is safe."""
     firmware = context.firmware
     yield from connect(context)

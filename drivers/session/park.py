@@ -17,13 +17,13 @@ from drivers.session.heat import extrudes, heat, set_target
 
 PARKED_SLACK_MM = 0.25
 LIFT_MM = 10.0
-LAST_PUSH_MM = 6.5  # pushed only after the head is back: a full nozzle oozes while it travels
+LAST_EXTRUSION_MM = 6.5  # extruded only after the head is back: a full nozzle oozes while it travels
 PAUSE_LIMIT_S = 7200.0
 PAUSE_FEED_S = 4.0  # a command shows "Printing with USB" for 5 s, so nobody starts an SD print
 
 
 def unpark(context: SessionContext) -> Script:
-    """Push parked filament to the nozzle."""
+    """Move parked filament to the nozzle."""
     context.filament = Filament.UNKNOWN
     push = b"G1 F300 E%g" % context.profile.parked_mm
     yield from send(context, b"M82", b"G92 E0", push, b"G92 E0", context.firmware.wait_moves)
@@ -31,7 +31,7 @@ def unpark(context: SessionContext) -> Script:
 
 
 def park(context: SessionContext, back_mm: float, can_extrude: bool) -> Script:
-    """Retract the filament, which is `back_mm` back already (NaN: unknown), to its parked position."""
+    """Retract the filament from `back_mm` behind the nozzle (NaN: unknown) to its parked position."""
     parked_mm = context.profile.parked_mm
     if math.isnan(back_mm):
         context.filament = Filament.UNKNOWN
@@ -110,7 +110,7 @@ def _list_return_commands(moves: Moves, at: Point, parked_mm: float) -> list[byt
     """List the commands that push the filament, return to the part and restore the file's settings."""
     x, y, z, e = at
     push_mm = parked_mm - moves.retracted_mm
-    last_mm = min(LAST_PUSH_MM, push_mm)
+    last_mm = min(LAST_EXTRUSION_MM, push_mm)
     commands = [b"G91", b"G1 F300 E%.3f" % (push_mm - last_mm), b"G90"]
     commands += [b"G1 F9000 X%.3f Y%.3f" % (x, y), b"G1 F1200 Z%.3f" % z]
     commands += [b"G91", b"G1 F1500 E%.3f" % last_mm, b"G90", b"G92 E%.5f" % e]

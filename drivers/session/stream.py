@@ -22,7 +22,7 @@ def print_program(context: SessionContext, program: Program) -> Script:
     yield from arm_dead_man(context, HEAT_DEAD_MAN_S)
     cools = next((h.line for h in program.heats if _cools(h, program.extrusion_line)), program.count)
     at = 0
-    for stop, heat_command in _stops(program, cools):
+    for stop, heat_command in _list_stops(program, cools):
         yield from _stream(context, program, at, stop)
         at = stop
         if stop == program.home_line + 1:
@@ -44,7 +44,7 @@ def print_program(context: SessionContext, program: Program) -> Script:
     yield from _finish(context, program)
 
 
-def _stops(program: Program, cools: int) -> list[tuple[int, Heat | None]]:
+def _list_stops(program: Program, cools: int) -> list[tuple[int, Heat | None]]:
     """List the lines before which the stream stops, each with the heating that replaces it."""
     lines = (program.home_line + 1, program.extrusion_line, program.count)
     stops: dict[int, Heat | None] = dict.fromkeys(lines)
@@ -107,5 +107,5 @@ def _finish(context: SessionContext, program: Program) -> Script:
     if not (yield from confirm_off(context)):
         if context.report is not None and context.report.off:
             raise PrintEnded(Fault.HEATER_STUCK_ON, "a heater was not seen to cool at the end of the print")
-        raise PrintEnded(Fault.NO_ANSWER, "heaters were not shown off at the end of the print")
+        raise PrintEnded(Fault.NO_ANSWER, "heaters were not confirmed off at the end of the print")
     yield from arm_dead_man(context, 0.0)

@@ -15,7 +15,7 @@ from typing import Any, Protocol
 from drivers import messages as m
 from drivers.clock import Clock
 from drivers.emulator.launch import Command, control
-from drivers.emulator.launch import alive as emulator_alive
+from drivers.emulator.launch import is_running as emulator_is_running
 from drivers.errors import AgentError, AgentTooOld, DriverError
 from drivers.remote import (
     RETRY_S,
@@ -156,7 +156,7 @@ class AgentConnection:
     def _kill_if_hung(self) -> None:
         """Kill an agent that hangs; the next check starts another, which resets the board."""
         pid = agent_pid(self._folder)
-        if pid is not None and self._heartbeat.is_wedged(time.monotonic(), lambda: sample_process(pid)):
+        if pid is not None and self._heartbeat.is_hung(time.monotonic(), lambda: sample_process(pid)):
             self._log.error("its agent (pid %d) hangs: replacing it", pid)
             self._spawn_task(self._kill())
 
@@ -333,7 +333,7 @@ class AgentConnection:
         else:
             if self._process is not None:
                 await asyncio.to_thread(self._process.wait)
-        if emulator_alive(self._folder / _EMULATOR):
+        if emulator_is_running(self._folder / _EMULATOR):
             try:
                 await asyncio.to_thread(control, self._folder / _EMULATOR, Command.POWER_OFF)
             except DriverError as error:

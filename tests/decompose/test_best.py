@@ -14,7 +14,7 @@ from decompose.best import OTHER_GRIDS, OTHER_YAWS_DEG, find_best
 from decompose.decompose import decompose_model
 from decompose.errors import DecomposeError, GeometryError, ModelNotSolid, NoFit, Rule
 from decompose.geometry import Model, Solid
-from decompose.grid import cell_counts
+from decompose.grid import count_cells
 from decompose.options import BestOptions, Engine, Options
 from decompose.pieces import Fault
 from decompose.print_time import CostModel
@@ -84,8 +84,8 @@ def test_other_grids_are_tried_and_none_twice(cost: CostModel, result: Decomposi
     grids = [cells for _, cells in engines.tried[2:] if isinstance(cells, int)]
     turned = [(Engine.GUILLOTINE, "auto")] * len(OTHER_YAWS_DEG)
     assert engines.tried == FIRST_TWO + [(Engine.GUILLOTINE, cells) for cells in grids] + turned
-    shapes = [cell_counts(BLOCK.extents_mm, cells) for cells in grids]
-    shapes.append(cell_counts(BLOCK.extents_mm, problem(cost).granularity(BLOCK)))
+    shapes = [count_cells(BLOCK.extents_mm, cells) for cells in grids]
+    shapes.append(count_cells(BLOCK.extents_mm, problem(cost).granularity(BLOCK)))
     assert len({*shapes}) == len(shapes) > 1
     assert len(grids) <= len(OTHER_GRIDS)
     assert best.makespan_s == 1.2 * BOUND_S - max(grids)

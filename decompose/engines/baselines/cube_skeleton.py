@@ -34,8 +34,8 @@ from decompose.errors import NoFit
 from decompose.geometry import Solid, round_triangles
 from decompose.grid import Cell, Grid, GridRules, build_grid, fill_grid
 from decompose.options import Interior
-from decompose.pieces import Piece, box_planes, find_joints
-from decompose.print_time import axis_prices_s
+from decompose.pieces import Piece, find_joints, list_box_planes
+from decompose.print_time import price_axis_poses_s
 from decompose.problem import Partition, Problem
 from decompose.problem.fitting import (
     connected_pieces,
@@ -97,7 +97,7 @@ def _skeleton(cubes: list[Block], grid: Grid, problem: Problem) -> list[Piece]:
     pieces = []
     for cube in cubes:
         box = np.array(grid.bounds_mm(cube))
-        pieces += _fitting(Piece(Solid.box(*box), box_planes(box), box[None]), problem)
+        pieces += _fitting(Piece(Solid.box(*box), list_box_planes(box), box[None]), problem)
     return pieces
 
 
@@ -159,7 +159,7 @@ class _Merging:
         self.groups: dict[int, _Group] = {}
         for i, piece in enumerate(pieces):
             solid = piece.solid
-            seconds = float(axis_prices_s(*solid.arrays(), problem.cost).min())
+            seconds = float(price_axis_poses_s(*solid.arrays(), problem.cost).min())
             self.groups[i] = _Group([i], solid, seconds)
         self.touching: dict[int, set[int]] = defaultdict(set)
         for joint in find_joints(pieces):
@@ -174,7 +174,7 @@ class _Merging:
     def merge(self, a: int, b: int) -> bool:
         """Merge the second group into the first.
 
-        Return False where rounding keeps them apart on their cut, or where they would also meet along an
+        Return False if rounding keeps them apart on their cut, or if they would also meet along an
         edge, so that an STL of them would not be closed.
         """
         one, other = self.groups[a], self.groups[b]

@@ -8,8 +8,8 @@ import numpy as np
 
 from decompose.arrays import Bools, Floats
 from decompose.geometry import Solid
-from decompose.grid import CLEAR_MM, Cell, Grid, flat_coordinates
-from decompose.pieces import box_planes
+from decompose.grid import CLEAR_MM, Cell, Grid, find_flat_coordinates
+from decompose.pieces import list_box_planes
 
 Block = tuple[int, int, int, int, int, int]  # x0, y0, z0, x1, y1, z1 in cells, half-open
 
@@ -30,7 +30,7 @@ class Shell:
     planes
         (k, 4) rows nx, ny, nz, d: planes of the walls of the cavity.
     boxes_mm
-        (b, 2, 3) boxes about all that is left; none where nothing was removed.
+        (b, 2, 3) boxes about all that is left; none if nothing was removed.
     """
 
     solid: Solid
@@ -50,12 +50,12 @@ def hollow_model(solid: Solid, grid: Grid, cube: Block | None = None) -> Shell:
     holes = [np.array(grid.bounds_mm(block)) for block in blocks(cavity)]
     solid_boxes = np.array([grid.bounds_mm(block) for block in blocks(~cavity)])
     shell = solid.subtract(Solid.union([Solid.box(*hole) for hole in holes]))
-    planes = np.unique(np.concatenate([box_planes(hole) for hole in holes]), axis=0)
+    planes = np.unique(np.concatenate([list_box_planes(hole) for hole in holes]), axis=0)
     return Shell(shell, cavity, planes, solid_boxes)
 
 
 def remove_diagonals(cells: Bools, kept: Bools | None = None) -> Bools:
-    """Drop cells that meet others along an edge alone, where the remaining surface would touch itself.
+    """Drop cells that meet others along an edge alone, if the remaining surface would touch itself.
 
     Those of one box may be `kept`.
     """
@@ -98,7 +98,7 @@ def blocks(cells: Bools) -> list[Block]:
 
 
 def largest_cube(cells: Bools) -> Block | None:
-    """Find the largest cube of cells, the one nearest to their middle; None where there are no cells."""
+    """Find the largest cube of cells, the one nearest to their middle; None if there are no cells."""
     if not cells.any():
         return None
     edge = np.zeros([n + 1 for n in cells.shape], dtype=np.int64)  # of the largest cube that ends at a cell
@@ -153,13 +153,13 @@ def refine_cube(solid: Solid, cube_mm: Floats, cell_mm: float, wall_mm: float) -
 def planes_at(solid: Solid, grid: Grid, cube_mm: Floats) -> tuple[tuple[Floats, Floats, Floats], Block]:
     """Move the nearest planes of a grid to the sides of a cube (2, 3); the planes, and the cube in cells.
 
-    A side next to a flat face of the solid, where a plane would cut slivers off, is moved inwards.
+    A side next to a flat face of the solid, if a plane would cut slivers off, is moved inwards.
     """
     vertices, faces = solid.arrays()
     inwards_mm = min(2.0 * CLEAR_MM, float(np.ptp(cube_mm, axis=0).min()) / 3.0)
     planes, cells = [], []
     for axis, sides in enumerate(cube_mm.T.tolist()):
-        positions, flats = grid.planes[axis].copy(), flat_coordinates(vertices[faces], axis)
+        positions, flats = grid.planes[axis].copy(), find_flat_coordinates(vertices[faces], axis)
         low, high = (
             _find_clear_place(flats, at, by) for at, by in zip(sides, (inwards_mm, -inwards_mm), strict=True)
         )

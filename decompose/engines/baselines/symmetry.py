@@ -21,7 +21,7 @@ from decompose.arrays import Floats
 from decompose.errors import NoFit
 from decompose.geometry import Mirror, Solid, draw_mirrors, find_good_mirrors
 from decompose.pieces import Piece
-from decompose.print_time import axis_prices_s
+from decompose.print_time import price_axis_poses_s
 from decompose.problem import Partition, Problem
 from decompose.problem.fitting import (
     connected_pieces,
@@ -32,7 +32,7 @@ from decompose.problem.fitting import (
 )
 
 TREE_DEPTH = 3  # depth of the tree of cuts
-DRAWN_PLANES = 5  # greatest number of planes that are kept from a draw for a part
+DRAWN_PLANES = 5  # maximum number of planes that are kept from a draw for a part
 GOOD_PLANES = 3
 REFINING_SAMPLES = 25  # normals a round
 MIN_SHARE = 1.0 / 1.5  # of the mean part's volume, below which the authors' program makes no half
@@ -155,7 +155,7 @@ class _PublishedForm(_Form):
                 yield halves
 
     def cut_in_halves(self, part: _Part, mirror: Mirror) -> list[_Part]:
-        """Cut a part into two halves, connected or not; none where one of them is too small."""
+        """Cut a part into two halves, connected or not; none if one of them is too small."""
         halves = [self.part(piece) for piece in _halves(part.piece, mirror.normal, mirror.offset_mm)]
         is_even = len(halves) == 2 and all(half.price >= MIN_SHARE * self.mean_mm3 for half in halves)
         return halves if is_even else []
@@ -181,7 +181,7 @@ class _CorrectedForm(_Form):
     def part(self, piece: Piece) -> _Part:
         """Price a piece as a part."""
         needs = count_parts(piece.solid, self.problem.rooms)
-        seconds = float(axis_prices_s(*piece.solid.arrays(), self.problem.cost).min())
+        seconds = float(price_axis_poses_s(*piece.solid.arrays(), self.problem.cost).min())
         return _Part(piece, seconds / needs, needs)
 
     def list_cuts(self, part: _Part) -> Iterator[list[_Part]]:

@@ -17,7 +17,7 @@ from decompose.printers import PrinterRoom
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BoxPart:
-    """Content of a box, posed; `seconds` of its slowest piece on its printer, inf where one does not fit."""
+    """Content of a box, posed; `seconds` of its slowest piece on its printer, inf if one does not fit."""
 
     box_mm: Floats
     pieces: tuple[Piece, ...]
@@ -45,14 +45,14 @@ class BoxPart:
 
 
 def slowest_s(pieces: Sequence[Piece], poses: Sequence[Pose | None]) -> float:
-    """Compute the time in seconds of the slowest piece on its printer; inf where one has no pose."""
+    """Compute the time in seconds of the slowest piece on its printer; inf if one has no pose."""
     pairs = zip(pieces, poses, strict=True)
     times = [math.inf if pose is None else pose.price_s * piece.time_factor for piece, pose in pairs]
     return max(times, default=math.inf)
 
 
 def sorted_times_s(parts: Sequence[BoxPart]) -> list[float]:
-    """Sort the times of parts, the longest first; lexicographically less is better."""
+    """Sort the times of parts, the longest first; lexicographically lower is better."""
     return sorted((part.seconds for part in parts), reverse=True)
 
 
@@ -64,7 +64,7 @@ def longest_s(parts: Sequence[BoxPart]) -> float:
 def spare_length_mm(size_mm: Floats, rooms: Sequence[PrinterRoom]) -> Floats:
     """Compute the length (3,) that a part may gain along each axis alone, in all rooms.
 
-    inf where it fits one of them only when rotated off the axes: the length is not known then.
+    inf if it fits one of them only when rotated off the axes: the length is not known then.
     """
     most = np.full(3, math.inf)
     for room in rooms:

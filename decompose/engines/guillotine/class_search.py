@@ -15,13 +15,13 @@ from dataclasses import replace
 import numpy as np
 
 from decompose.arrays import Floats
-from decompose.bound import makespan_bound
+from decompose.bound import bound_makespan
 from decompose.engines.guillotine.exact_search import ExactSearch, build_tables, cut_for_uniform_printers
 from decompose.engines.guillotine.partitioner import OtherClass, Partitioner
 from decompose.engines.guillotine.plane_shift import shift_planes
 from decompose.engines.guillotine.printer_classes import PrinterClass, classify_printers, count_sums
 from decompose.engines.guillotine.recursion import UNREACHABLE
-from decompose.errors import NoFit, size_text
+from decompose.errors import NoFit, format_size
 from decompose.grid import Box, BoxTables, Grid, box_index
 from decompose.pieces import Piece, assign_bottleneck
 from decompose.printers import PrinterRoom
@@ -33,7 +33,7 @@ MAX_SUMS = 4e8  # of the search for classes, over all boxes: some seconds for ea
 MAX_ROUNDS, MAX_REJECTIONS = 4, 20  # number of rounds of true prices, and of rejected partitions
 GAIN = 0.995  # share of the makespan so far that a partition has to reach to be worth its search
 TOLERANCE = 0.003  # share of it to which the least makespan is found
-MAX_MORE = 32  # greatest number of printers that are added to a class where there are too few
+MAX_MORE = 32  # maximum number of printers that are added to a class where there are too few
 RETRY_RATIO = 1.01  # as in `exact_search`
 
 
@@ -207,7 +207,7 @@ class _ClassSearch(ExactSearch):
                 pieces=np.max([boxes.pieces for boxes in tables], axis=0),
             )
             problem.effort.record(Work.BOX_PROVEN, len(best.seconds))
-            proven = makespan_bound(best, grid.needed, len(problem.printers), makespan_s)
+            proven = bound_makespan(best, grid.needed, len(problem.printers), makespan_s)
             min_s = max(min_s, proven.seconds)
         return GridFigures(makespan_s, min_s, grid.shape)
 
@@ -236,7 +236,7 @@ def _too_few_error(problem: Problem, grid: Grid, shared: BoxTables) -> NoFit | N
     if total == 0:
         return None
     requests = [
-        f"{count} more with room for {size_text(np.max(printer_class.boxes, axis=0))} mm"
+        f"{count} more with room for {format_size(np.max(printer_class.boxes, axis=0))} mm"
         for count, printer_class in zip(shortage, classes, strict=True)
         if count
     ]

@@ -67,7 +67,7 @@ class _Narrowing:
         self.refuted_s[~feasible] = np.maximum(self.refuted_s[~feasible], limit_s)
 
     def next_limits(self) -> list[float]:
-        """Choose the next limits to solve for, in the widest gaps; none where all are narrow."""
+        """Choose the next limits to solve for, in the widest gaps; none if all are narrow."""
         is_reached = np.isfinite(self.reached_s)
         gaps: dict[tuple[float, float], float] = {}
         for low, high in zip(

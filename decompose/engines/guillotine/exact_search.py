@@ -12,12 +12,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from decompose.bound import surface_bound_s
+from decompose.bound import bound_by_surface_s
 from decompose.engines.guillotine.neighbourhood import improve_locally, sorted_times_s
 from decompose.engines.guillotine.partitioner import Partitioner
 from decompose.engines.guillotine.plane_shift import shift_planes
 from decompose.engines.guillotine.recursion import UNREACHABLE
-from decompose.errors import NoFit, size_text
+from decompose.errors import NoFit, format_size
 from decompose.grid import VOLUME, Box, BoxTables, Grid, box_index
 from decompose.pieces import Piece, cut_cells, find_faults
 from decompose.problem import Partition, Problem, Work
@@ -29,7 +29,7 @@ TOLERANCE_S = 1.0  # to which the least makespan by the tables is found
 SEARCH_SHARE = 0.6  # of the budget; the rest is left for windows and planes
 LATE_STEP = 0.02  # share of the makespan by which its limit grows when that is used up and nothing is found
 LOOSER = (0.1, 0.25, 0.4)  # of the way to the least makespan of one printer less
-LOOSEST = 1.06  # of the least makespan, where there is none for one printer less
+LOOSEST = 1.06  # of the least makespan, if there is none for one printer less
 CLOSE_RATIO = 1.03  # of the makespan to beat: a result that ends later is not improved further
 
 
@@ -66,7 +66,7 @@ def build_tables(problem: Problem) -> tuple[Grid, BoxTables, float]:
     problem.on_stage("boxes")
     needed_mm3 = float(grid.sums[grid.needed][:, VOLUME].sum())
     area_mm2 = problem.model.solid.area_mm2
-    return grid, boxes, surface_bound_s(area_mm2, needed_mm3, len(problem.printers), problem.cost)
+    return grid, boxes, bound_by_surface_s(area_mm2, needed_mm3, len(problem.printers), problem.cost)
 
 
 class ExactSearch:
@@ -236,8 +236,8 @@ class ExactSearch:
         if printers_needed >= UNREACHABLE:
             min_mm = max(float(np.diff(planes).max()) for planes in self.grid.planes)
             return NoFit(
-                f"{size_text(model.extents_mm)} mm is cut into blocks of {min_mm:.0f} mm at least, and a "
-                f"part has room for {size_text(problem.room_mm)} mm (clips and brim are off): printers with "
+                f"{format_size(model.extents_mm)} mm is cut into blocks of {min_mm:.0f} mm at least, and a "
+                f"part has room for {format_size(problem.room_mm)} mm (clips and brim are off): printers with "
                 f"room for {math.ceil(min_mm)} mm each way would be enough"
             )
         return NoFit.of_too_few(model.extents_mm, printers_needed, len(problem.printers))

@@ -61,7 +61,7 @@ def _join_ends(
     parts: tuple[int, int],
     joined: npt.NDArray[np.int16],
 ) -> bool:
-    """Join the ends of the two parts of a box; False where there is nothing to be covered in either.
+    """Join the ends of the two parts of a box; False if there is nothing to be covered in either.
 
     Parameters
     ----------
@@ -307,7 +307,7 @@ def improve_locally(
     partition
         A partition: trimmed boxes that do not overlap and cover every needed cell.
     printers
-        Greatest number of pieces; at least the present one.
+        Maximum number of pieces; at least the present one.
     effort
         Budget from which the work is taken.
     """
@@ -337,7 +337,7 @@ def improve_locally(
 
 
 def sorted_times_s(boxes: BoxTables, partition: Sequence[Box]) -> list[float]:
-    """Sort the times of a partition, the longest first; lexicographically less is better."""
+    """Sort the times of a partition, the longest first; lexicographically lower is better."""
     return sorted((_seconds(boxes, box) for box in partition), reverse=True)
 
 

@@ -1,6 +1,6 @@
 """Exact solver of the engine `guillotine`: the partition by recursive axis cuts that ends soonest.
 
-For a time T the fewest parts that cover all needed cells of a box are: none where it has no needed cell; one
+For a time T the fewest parts that cover all needed cells of a box are: none if it has no needed cell; one
 where it costs at most T and is one piece; else the best sum over all cuts across it. Bisection over T gives
 the least makespan for a number of printers. (Hierarchical bipartition HIER-OPT of Saule, Bas and Catalyurek
 2012, in three dimensions and with a cost that is not additive.)
@@ -113,7 +113,7 @@ class Partitioner:
     def counts(self) -> npt.NDArray[np.int16]:
         """Fewest parts (boxes,) of each box in the last solution, by the index of the box.
 
-        Besides the parts that go to all others, where there are any.
+        Besides the parts that go to all others, if there are any.
         """
         value = self._value[-len(self.boxes.seconds) :]
         if value.dtype == np.int64:
@@ -184,7 +184,7 @@ class Partitioner:
     ) -> float | None:
         """Find the least limit (to tolerance_s) at which a number of printers of the first class is enough.
 
-        Keeps its solution. None where there is no limit, or none up to max_s. Where the least limit is
+        Keeps its solution. None if there is no limit, or none up to max_s. Where the least limit is
         probably near min_s (`is_near`), limits above it are tried first, in steps that grow.
         """
         tables = (self.boxes, *(other.boxes for other in self.others))

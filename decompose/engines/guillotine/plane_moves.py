@@ -69,7 +69,7 @@ def _cells(box: Ints) -> tuple[slice, ...]:
 
 
 def group_faces(boxes_mm: Floats) -> Ints:
-    """Number the groups (n, 2, 3) in which the faces of boxes (n, 2, 3) move; -1 where a face is fixed.
+    """Number the groups (n, 2, 3) in which the faces of boxes (n, 2, 3) move; -1 if a face is fixed.
 
     A face is fixed where its group has no two faces on each other: no volume passes between boxes there. All
     faces of a group have the same axis and the same coordinate.
@@ -240,7 +240,7 @@ def solve_plane_shifts(
     Returns
     -------
     tuple
-        Shifts (groups,) in mm, and makespan in s; no shifts and inf where the programme has no solution.
+        Shifts (groups,) in mm, and makespan in s; no shifts and inf if the programme has no solution.
     """
     count, n = len(limits.low_mm), len(seconds)
     parts, sides, axes = np.nonzero(groups >= 0)

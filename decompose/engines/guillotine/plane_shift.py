@@ -39,7 +39,7 @@ from decompose.grid import (
     Cell,
     Grid,
     NeededCells,
-    flat_coordinates,
+    find_flat_coordinates,
     refine_cells,
 )
 from decompose.options import Interior
@@ -77,7 +77,7 @@ def shift_planes(problem: Problem, grid: Grid, cut: Mapping[Box, Sequence[Piece]
     -------
     list[Piece]
         As many pieces, and none slower than the slowest was; the same ones where nothing was gained. What
-        was in one box is in one box or, where it need not be printed (`grid.needed_cells`), in none.
+        was in one box is in one box or, if it need not be printed (`grid.needed_cells`), in none.
     """
     filled = fill_out_boxes(list(cut), grid.cells == Cell.EXTERNAL)
     return shift_box_planes(
@@ -151,7 +151,7 @@ class _PlaneShift:
         self.axes[self.groups[self.groups >= 0]] = np.argwhere(self.groups >= 0)[:, 2]
         self.reach_mm = (REACH * cell_mm)[self.axes]
         vertices, faces = problem.model.solid.arrays()
-        self.flats_mm = [flat_coordinates(vertices[faces], axis) for axis in range(3)]
+        self.flats_mm = [find_flat_coordinates(vertices[faces], axis) for axis in range(3)]
         self.near = [  # clipped solids that no face ever leaves
             problem.model.solid.clip(lo - cell_mm, hi + cell_mm) for lo, hi in self.start_mm
         ]

@@ -13,7 +13,7 @@ UNREACHABLE = 16_000  # more parts than any fleet has printers; twice as many fi
 PART = 1 << 46  # digit of the parts in a key
 SECOND = 1 << 20  # digit of the seconds, rounded; the rest counts the area of the cuts
 AREA_MM2 = 64.0  # unit of that area
-MAX_S = 1e6  # greatest time of a box in a key, so that the digits do not overlap
+MAX_S = 1e6  # maximum time of a box in a key, so that the digits do not overlap
 
 Table = npt.NDArray[np.int16] | Ints
 

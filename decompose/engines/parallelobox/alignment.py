@@ -1,6 +1,6 @@
 """Orientation step of the paper: the frame in which the grid is built over a model.
 
-Its plane of symmetry lies on an axis, where it has one; among the remaining frames, that of its oriented
+Its plane of symmetry lies on an axis, if it has one; among the remaining frames, that of its oriented
 bounding box is taken where faces overhang less in it. The paper also moves the centroid to the origin, which
 has no effect here: the grid reaches from one end of the model to the other.
 """
@@ -16,7 +16,7 @@ from trimesh.bounds import oriented_bounds
 
 from decompose.arrays import Floats
 from decompose.geometry import Model, convex_outline, find_mirror, rotation_to_axis, smallest_rectangle
-from decompose.grid import CLEAR_MM, flat_coordinates
+from decompose.grid import CLEAR_MM, find_flat_coordinates
 from decompose.print_time import POSE_ROTATIONS
 
 WORTH_TURNING = 0.95  # share of the original overhang: where more remains, a model is not turned
@@ -32,7 +32,7 @@ class AlignedModel:
     rotation
         (3, 3) ``v_aligned = rotation @ v_model``.
     mirror
-        The axis and the coordinate in mm of its plane of symmetry; None where it has none.
+        The axis and the coordinate in mm of its plane of symmetry; None if it has none.
     """
 
     model: Model
@@ -64,7 +64,7 @@ def align_model(model: Model, seed: int, overhang_cos: float) -> AlignedModel:
         return AlignedModel(model, rotation, None)
     at_mm = mirror.offset_mm * float(np.sign(mirror.normal[axis]))
     vertices, faces = model.solid.arrays()
-    if (np.abs(flat_coordinates(vertices[faces], axis) - at_mm) < CLEAR_MM).any():
+    if (np.abs(find_flat_coordinates(vertices[faces], axis) - at_mm) < CLEAR_MM).any():
         return AlignedModel(model, rotation, None)
     return AlignedModel(model, rotation, (axis, at_mm))
 

@@ -80,7 +80,7 @@ def draw_seed_sets(source: SeedSource, printers: int, tries: int, seed: int, run
     source
         Points to cluster, and cells that may be seeds.
     printers, tries
-        Greatest number of seeds, and draws of each number.
+        Maximum number of seeds, and draws of each number.
     seed
         Seed of the random numbers.
     run
@@ -116,7 +116,7 @@ def run_attempts(
 
 
 def _attempt(seeds: Seeds, terrain: Terrain, printers: int, score: Score) -> BlockPartition | None:
-    """Make one attempt; None where it needs more parts than there are printers."""
+    """Make one attempt; None if it needs more parts than there are printers."""
     blocks, owner = grow_blocks(seeds, terrain, score)
     filled = fill_voids(blocks, owner, terrain, printers - _parts(blocks, terrain))
     if filled is None or _parts(filled, terrain) > printers:

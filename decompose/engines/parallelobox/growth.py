@@ -37,7 +37,7 @@ def grown_box_index(
     seconds: npt.NDArray[np.float32],
     pieces: npt.NDArray[np.int16],
 ) -> int:
-    """Find the index of the box that a block grows to, -1 where a hard constraint forbids it.
+    """Find the index of the box that a block grows to, -1 if a hard constraint forbids it.
 
     Parameters
     ----------
@@ -87,7 +87,7 @@ def claim_cells(block: Ints, number: int, owner: Ints) -> None:
 
 @jit
 def _proximity(blocks: Ints, number: int, direction: int, cells: int) -> float:
-    """Compute S_prox: 0.5 where another block in front touches, 1 where none is within the grid's length.
+    """Compute S_prox: 0.5 where another block in front touches, 1 if none is within the grid's length.
 
     The gap is the L1 distance of the centres less half the sizes, as in the paper. The paper's program
     divides it by the grid's length and adds 0.5: else a touching block would bar every growth.
@@ -249,7 +249,7 @@ def fill_voids(blocks: Ints, owner: Ints, terrain: Terrain, most: int) -> Ints |
     Returns
     -------
     Ints or None
-        (n, 6) all blocks, or None where more would be needed.
+        (n, 6) all blocks, or None if more would be needed.
     """
     tables = (terrain.needed, terrain.seconds, terrain.pieces)
     covered, fillers = _fill(owner, *tables, len(blocks), most)

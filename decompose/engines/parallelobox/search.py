@@ -51,7 +51,7 @@ def cut_by_parallelobox(problem: Problem) -> Partition:
     Raises
     ------
     NoFit
-        No attempt covers the model; unless faithful, also where none of the best can be glued well.
+        No attempt covers the model; unless faithful, also if none of the best can be glued well.
     """
     spaces = _build_search_spaces(problem)
     candidates: list[_Candidate] = []
@@ -105,7 +105,7 @@ class _Candidate:
     fault: str
 
     def rank(self) -> tuple[bool, float]:
-        """Sort key, less is better."""
+        """Sort key, lower is better."""
         return bool(self.fault), self.ends_s
 
     @property
@@ -188,7 +188,7 @@ def _list_halves(space: _SearchSpace, points: Floats, printers: int) -> Iterator
 
 
 def _grow_half(half: Half, space: _SearchSpace, problem: Problem) -> GrownHalf:
-    """Make the attempts on one half, from the same seeds; none where the budget is too small for them."""
+    """Make the attempts on one half, from the same seeds; none if the budget is too small for them."""
     terrains, points, printers = half
     options = problem.options
     clustered = len(points) * options.parallelobox.tries * printers * (printers + 1) // 2
@@ -240,7 +240,7 @@ def _find_soonest(ranked: Ranked, space: _SearchSpace, problem: Problem) -> list
 
 
 def _cut_candidate(boxes: list[Box], space: _SearchSpace, problem: Problem) -> _Candidate | None:
-    """Cut and pose a partition; None where it has more pieces than there are printers."""
+    """Cut and pose a partition; None if it has more pieces than there are printers."""
     new = sum(box not in space.cut for box in boxes)
     problem.effort.record(Work.FACE_CUT, new * space.aligned.model.solid.faces)
     cut = {box: space.pieces(box) for box in boxes}

@@ -24,9 +24,9 @@ class Terrain:
     needed
         (nx, ny, nz) cells that must be covered.
     barred
-        (nx, ny, nz) cells that no block may take: those of the other half, where the model was cut in two.
+        (nx, ny, nz) cells that no block may take: those of the other half, if the model was cut in two.
     seconds
-        (boxes,) of `Boxes`: +inf where a box does not fit.
+        (boxes,) of `Boxes`: +inf if a box does not fit.
     pieces
         (boxes,) of `Boxes`.
     printing

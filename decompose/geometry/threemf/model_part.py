@@ -77,7 +77,7 @@ class ObjectRecord:
 
 @dataclass(slots=True)
 class ModelPart:
-    """Content of a model part; `unit` is None where it is not given."""
+    """Content of a model part; `unit` is None if it is not given."""
 
     unit: str | None = None
     objects: dict[str, ObjectRecord] = field(default_factory=dict)

@@ -156,11 +156,11 @@ def retract(machine: Machine, line: bytes, now_s: float) -> None:
     machine.queue(x, y, z, distance_mm, RETRACT_MM_S, now_s)
 
 
-def absolute(machine: Machine, line: bytes, now_s: float) -> None:
+def set_axis_mode(machine: Machine, line: bytes, now_s: float) -> None:
     machine.relative = value(line, b"G") == 91
 
 
-def extruder_mode(machine: Machine, line: bytes, now_s: float) -> None:
+def set_extruder_mode(machine: Machine, line: bytes, now_s: float) -> None:
     machine.relative_e = value(line, b"M") == 83
 
 
@@ -179,7 +179,7 @@ def hang(machine: Machine, line: bytes, now_s: float) -> Work:
         yield math.inf
 
 
-def motors_off(machine: Machine, line: bytes, now_s: float) -> Work:
+def switch_motors_off(machine: Machine, line: bytes, now_s: float) -> Work:
     if b"S" not in line:
         yield from wait_for_moves(machine)
         machine.streaming = False
@@ -194,7 +194,7 @@ def stop_moves(machine: Machine, line: bytes, now_s: float) -> None:
     machine.quick_stop(now_s)
 
 
-def dead_man(machine: Machine, line: bytes, now_s: float) -> None:
+def set_dead_man(machine: Machine, line: bytes, now_s: float) -> None:
     seconds = value(line, b"S")
     if seconds is not None:
         machine.armed_s = now_s
@@ -258,7 +258,7 @@ def wait_bed(machine: Machine, line: bytes, now_s: float) -> Work:
         yield now_s
 
 
-def temperatures(machine: Machine, now_s: float, decimals: int = 1) -> bytes:
+def format_temperatures(machine: Machine, now_s: float, decimals: int = 1) -> bytes:
     """Format the answer to ``M105``, which begins with its ok."""
     nozzle, bed = machine.board.nozzle, machine.board.bed
     return b"ok T:%.*f /%.*f B:%.*f /%.*f @:%d B@:%d\n" % (
@@ -279,7 +279,7 @@ def report_position(machine: Machine, line: bytes, now_s: float) -> None:
     position = [a - b for a, b in zip(machine.planner.position(now_s), machine.shift, strict=True)]
     machine.say(
         b"X:%.2fY:%.2fZ:%.2fE:%.2f Count X: %.2fY:%.2fZ:%.2f\n"
-        % (*map(_zero, machine.at), *map(_zero, position[:3]))
+        % (*map(_drop_sign_of_zero, machine.at), *map(_drop_sign_of_zero, position[:3]))
     )
 
 
@@ -348,7 +348,7 @@ def allow_cold(machine: Machine, line: bytes, now_s: float) -> None:
     machine.extrude_min_c = value(line, b"S") or 0.0
 
 
-def _zero(number: float) -> float:
+def _drop_sign_of_zero(number: float) -> float:
     """Turn a negative zero into 0."""
     return 0.0 if abs(number) < 0.005 else number
 
@@ -359,14 +359,14 @@ SHARED_G: Mapping[int, Command] = {2: move_arc, 3: move_arc, 4: dwell, 28: home,
 SHARED_M: Mapping[int, Command] = {
     0: hang,
     1: hang,
-    18: motors_off,
+    18: switch_motors_off,
     20: list_card,
     21: init_card,
     27: report_card,
-    82: extruder_mode,
-    83: extruder_mode,
-    84: motors_off,
-    85: dead_man,
+    82: set_extruder_mode,
+    83: set_extruder_mode,
+    84: switch_motors_off,
+    85: set_dead_man,
     92: set_limits,
     104: set_nozzle,
     109: wait_nozzle,

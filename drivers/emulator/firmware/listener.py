@@ -13,7 +13,7 @@ from abc import ABC, abstractmethod
 from collections import deque
 from enum import StrEnum
 
-from drivers.emulator.faults import Dice, Faults
+from drivers.emulator.faults import Faults, FaultSampler
 from drivers.emulator.firmware import wording
 from drivers.emulator.firmware.dialect import Dialect
 from drivers.emulator.firmware.machine import Machine, value
@@ -55,11 +55,11 @@ class Listener(ABC):
         self.dialect = dialect
         self.lines = 0
         self.errors = 0
-        self.noise = Noise(faults, rng) if faults.on_bytes else None
+        self.noise = Noise(faults, rng) if faults.affects_bytes else None
         self.phase = Phase.BOOTLOADER
         self._faults = faults
-        self._faults_on_lines = faults.on_lines
-        self._dice = Dice(faults, rng)
+        self._affects_lines = faults.affects_lines
+        self._sampler = FaultSampler(faults, rng)
         self._out: list[bytes] = []
         self._time_s = 0.0
         self._drop_input()
@@ -90,7 +90,7 @@ class Listener(ABC):
         """Read a well-formed numbered move as the slow path would; return False if that has to be taken."""
         receiver = self._receiver
         move = receiver.move()
-        if move is None or self._faults_on_lines:
+        if move is None or self._affects_lines:
             return False
         n, f, x, y, z, e, check = move.groups()
         machine = self.machine
@@ -141,10 +141,10 @@ class Listener(ABC):
 
     def _accept(self, line: bytes) -> None:
         """Check number and checksum, and buffer the line or refuse it."""
-        if self._faults_on_lines:
-            if self._dice.swallows_ok():
+        if self._affects_lines:
+            if self._sampler.swallows_ok():
                 return
-            line = self._dice.disturb(line)
+            line = self._sampler.disturb(line)
         line = line.partition(b"\0")[0]
         star = line.find(b"*")
         if b"N" in line:
@@ -159,7 +159,7 @@ class Listener(ABC):
             if int(value(line, b"*") or 0.0) != checksum(line[:star]):
                 self._refuse(wording.CHECKSUM)
                 return
-            if (n == self._stuck_number or self._dice.refuses_line()) and b"M110" not in line:
+            if (n == self._stuck_number or self._sampler.refuses_line()) and b"M110" not in line:
                 self._refuse(wording.CHECKSUM)
                 return
             self._last_number = n
@@ -180,7 +180,7 @@ class Listener(ABC):
                 self._acknowledge()
         self._buffer.append(line)
         self.lines += 1
-        if self._faults_on_lines:
+        if self._affects_lines:
             self._trigger_due_faults()
 
     def _refuse(self, reason: bytes) -> None:
@@ -192,7 +192,7 @@ class Listener(ABC):
         self._say(b"Resend: %d\n" % (self._last_number + 1))
         if not self._faults.mute_resend:
             self.machine.last_command_s = max(self.machine.last_command_s, self._time_s)
-            self._say(self._dice.ok(wording.OK))
+            self._say(self._sampler.garble_ok(wording.OK))
 
     # --- messages ---
 
@@ -212,7 +212,7 @@ class Listener(ABC):
                 self.dialect.buffer_lines - len(self._buffer),
             )
             text = b"ok N%d P%d B%d\n" % (self._number, *free)
-        self._say(self._dice.ok(text))
+        self._say(self._sampler.garble_ok(text))
 
     def _error(self, text: bytes) -> None:
         self.errors += 1

@@ -14,7 +14,7 @@ from drivers.emulator.firmware.commands import (
     SHARED_M,
     Commands,
     Work,
-    temperatures,
+    format_temperatures,
 )
 from drivers.emulator.firmware.dialect import Dialect
 from drivers.emulator.firmware.machine import Machine, value
@@ -134,7 +134,7 @@ MARLIN2 = Dialect(
     },
     banner=banner,
     late_banner=b"echo:No media\n",
-    report=partial(temperatures, decimals=2),
+    report=partial(format_temperatures, decimals=2),
     buffer_lines=4,
     line_ends=b"\n\r",
     comment_spans_lines=False,

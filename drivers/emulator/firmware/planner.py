@@ -18,9 +18,9 @@ from drivers.printers import Profile
 # Moves that are queued before the next one waits: 17 are acknowledged at once
 # (docs/explanation/ultimaker2-serial.md, section 2).
 CAPACITY = 16
-STAND_MM_S = 0.05  # MINIMUM_PLANNER_SPEED: below this the firmware treats the head as stopped
+STANDSTILL_MM_S = 0.05  # MINIMUM_PLANNER_SPEED: below this the firmware treats the head as stopped
 SHORT_S = 0.020  # M205 B: shorter moves are slowed down while the queue is less than half full
-DROP_STEPS = 5  # shorter moves are not executed, but added to the next one
+MIN_STEPS = 5  # shorter moves are not executed, but added to the next one
 
 Point = tuple[float, float, float, float]  # x, y, z, e in mm
 
@@ -66,20 +66,20 @@ class Block:
         self.a = a
         self.gain_2 = 2.0 * a * mm  # largest change of the squared speed over the block
         self.max_entry_2 = max_entry * max_entry
-        self.entry_2 = min(self.max_entry_2, STAND_MM_S * STAND_MM_S + self.gain_2)
+        self.entry_2 = min(self.max_entry_2, STANDSTILL_MM_S * STANDSTILL_MM_S + self.gain_2)
 
 
 class Planner:
     """Queue of moves. Times are in seconds of the caller's clock and never decrease.
 
-    Parameters
-    ----------
-    limits
-        Read at every move, so that M-codes may change them.
-    start
-        Position of head and feeder.
-    moved
-        Called with (e_mm, z_mm) for every move that ended and turned the feeder.
+        Parameters
+        ----------
+        limits
+            Read at every move, so that M-codes may change them.
+        start
+            Position of head and feeder.
+    on_move
+            Called with (e_mm, z_mm) for every move that ended and turned the feeder.
     """
 
     def __init__(
@@ -146,10 +146,10 @@ class Planner:
             steps = limits.steps_per_mm
             if (
                 max(abs(dx) * steps[0], abs(dy) * steps[1], abs(dz) * steps[2], abs(de) * steps[3])
-                <= DROP_STEPS
+                <= MIN_STEPS
             ):
                 return
-            if max(abs(dx) * steps[0], abs(dy) * steps[1], abs(dz) * steps[2]) <= DROP_STEPS:
+            if max(abs(dx) * steps[0], abs(dy) * steps[1], abs(dz) * steps[2]) <= MIN_STEPS:
                 mm = abs(de) or mm
         per_s = feedrate_mm_s / mm
         queued = len(self._blocks)
@@ -164,8 +164,8 @@ class Planner:
         v = mm * per_s
         a = limits.print_mm_s2 if dx or dy or dz else limits.retract_mm_s2
         if dz or abs(de) > mm * 0.5 or a > 4000.0:
-            a = self._acceleration(dx, dy, dz, de, mm, a)
-        self._append(Block(target, de, mm, v, a, self._junction(vx, vy, vz, ve, v)), now_s)
+            a = self._limit_acceleration(dx, dy, dz, de, mm, a)
+        self._append(Block(target, de, mm, v, a, self._limit_junction_speed(vx, vy, vz, ve, v)), now_s)
         self.target = target
         self._speed = (vx, vy, vz, ve)
         self._v = v
@@ -205,7 +205,7 @@ class Planner:
         self.target = self._head = position
         self.idle_since_s = now_s
 
-    def _acceleration(self, dx: float, dy: float, dz: float, de: float, mm: float, a: float) -> float:
+    def _limit_acceleration(self, dx: float, dy: float, dz: float, de: float, mm: float, a: float) -> float:
         """Limit the acceleration as the firmware does: by steps, relative to the axis with most steps."""
         limits = self.limits
         steps = [abs(d) * per for d, per in zip((dx, dy, dz, de), limits.steps_per_mm, strict=True)]
@@ -216,7 +216,7 @@ class Planner:
                 rate = bound * per
         return rate * mm / most
 
-    def _junction(self, vx: float, vy: float, vz: float, ve: float, v: float) -> float:
+    def _limit_junction_speed(self, vx: float, vy: float, vz: float, ve: float, v: float) -> float:
         """Compute the highest entry speed of the new move, in mm/s."""
         limits = self.limits
         if len(self._blocks) > 1:
@@ -272,7 +272,7 @@ class Planner:
             exit_2 = blocks[1].entry_2
             self._fixed = 2
         else:
-            exit_2 = min(STAND_MM_S, block.v) ** 2
+            exit_2 = min(STANDSTILL_MM_S, block.v) ** 2
             self._fixed = 1
         v0 = math.sqrt(block.entry_2)
         v1 = math.sqrt(exit_2)

@@ -6,14 +6,14 @@ from drivers.emulator.firmware.commands import (
     SHARED_G,
     SHARED_M,
     Commands,
-    absolute,
     beep,
+    format_temperatures,
     park,
     report_endstops,
     report_position,
     retract,
+    set_axis_mode,
     stop_moves,
-    temperatures,
 )
 from drivers.emulator.firmware.dialect import Dialect
 from drivers.emulator.firmware.machine import Machine
@@ -79,8 +79,8 @@ ULTIMAKER2 = Dialect(
             **SHARED_G,
             10: retract,
             11: retract,
-            90: absolute,
-            91: absolute,
+            90: set_axis_mode,
+            91: set_axis_mode,
         },
         m={
             **SHARED_M,
@@ -104,7 +104,7 @@ ULTIMAKER2 = Dialect(
     urgent={},
     banner=banner,
     late_banner=b"echo:SD init fail\n",
-    report=temperatures,
+    report=format_temperatures,
     buffer_lines=8,
     line_ends=b"\n\r:",
     comment_spans_lines=True,

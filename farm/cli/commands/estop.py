@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from drivers.printers import PROFILES, firmware_of
+from drivers.printers import PROFILES, find_firmware
 from farm.cli import completion
 from farm.cli.estop_socket import Report, StopReport, find_estop_socket, request_stop, serve_request
 from farm.cli.options import Json, with_places
@@ -160,7 +160,7 @@ def find_targets(places: Places) -> tuple[dict[str, Stop], FleetFileError | None
             remote = (section.host, section.host_command, fleet.fleet.name)
             targets[name] = _stop_remote(*remote, start)
         elif section.enabled and name not in targets:
-            folder, firmware = places.state.agent(name), firmware_of(section.model)
+            folder, firmware = places.state.agent(name), find_firmware(section.model)
             target = StopTarget(name, section.port, folder, firmware, relay)
             targets[name] = _stop_local(target)
     return targets, None

@@ -10,7 +10,7 @@ import typer
 from drivers.errors import DriverError
 from drivers.locks import AGENT_LOCK, is_held
 from drivers.ports import NET
-from drivers.printers import PROFILES, firmware_of
+from drivers.printers import PROFILES, find_firmware
 from farm.cli.client import Client
 from farm.cli.display import print_json
 from farm.cli.options import Json, with_places
@@ -121,7 +121,7 @@ def _commission(places: Places, sections: tuple[PrinterSection, ...], place: str
             print(f"{section.name}: its board restarts when DTR is pulsed, so it can be stopped")
             return
         folder = places.state.agent(section.name) if section is not None else None
-        firmware = firmware_of(_MODEL if section is None else section.model)
+        firmware = find_firmware(_MODEL if section is None else section.model)
         model = commission(section.port if section is not None else place, folder, firmware)
     except DriverError as error:
         raise Refused(str(error)) from error

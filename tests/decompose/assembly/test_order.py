@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from decompose.assembly import Assembly, find_order_faults, plan_assembly
 from decompose.geometry import Solid
-from decompose.pieces import Piece, box_planes, cut_box, find_joints, rotate_planes
+from decompose.pieces import Piece, cut_box, find_joints, list_box_planes, rotate_planes
 
 Span = tuple[tuple[float, float, float], tuple[float, float, float]]
 
@@ -20,7 +20,7 @@ Span = tuple[tuple[float, float, float], tuple[float, float, float]]
 def boxes(*spans: Span) -> list[Piece]:
     """Boxes as pieces that were cut at all their faces."""
     return [
-        Piece(Solid.box(lo, hi), box_planes(np.array([lo, hi], dtype=np.float64)), np.array([[lo, hi]]))
+        Piece(Solid.box(lo, hi), list_box_planes(np.array([lo, hi], dtype=np.float64)), np.array([[lo, hi]]))
         for lo, hi in spans
     ]
 

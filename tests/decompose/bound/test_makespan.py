@@ -11,12 +11,12 @@ from hypothesis import strategies as st
 from scipy.optimize import linprog
 
 from box_tables import Shape, every_box, tables
-from decompose.bound import makespan_bound, surface_bound_s
+from decompose.bound import bound_by_surface_s, bound_makespan
 from decompose.bound.makespan import TOLERANCE, Bound
 from decompose.engines.guillotine import Partitioner
 from decompose.geometry import Solid
 from decompose.grid import Box, BoxTables, box_index
-from decompose.print_time import CostModel, Recipe, axis_prices_s
+from decompose.print_time import CostModel, Recipe, price_axis_poses_s
 
 shapes = st.tuples(st.integers(1, 4), st.integers(1, 3), st.integers(1, 3))
 
@@ -36,7 +36,7 @@ def solved(boxes: BoxTables, needed: np.ndarray, printers: int) -> tuple[Bound, 
     solver = Partitioner(boxes)
     assume(needed.any())
     assume(solver.find_min_makespan(printers, 0.0, tolerance_s=1e-3) is not None)
-    return makespan_bound(boxes, needed, printers, solver.longest_s()), solver.longest_s()
+    return bound_makespan(boxes, needed, printers, solver.longest_s()), solver.longest_s()
 
 
 def min_makespan_by_recursion(boxes: BoxTables, needed: np.ndarray, printers: int) -> float:
@@ -122,7 +122,7 @@ def test_row_of_equal_cells_is_bounded_by_the_longest_share() -> None:
         at = box_index(box, shape)
         boxes.trimmed[at], boxes.pieces[at] = at, 1
         boxes.seconds[at] = 10.0 * (box[3] - box[0])
-    assert makespan_bound(boxes, needed, 3, 30.0).seconds == 30.0
+    assert bound_makespan(boxes, needed, 3, 30.0).seconds == 30.0
 
 
 def test_bound_exceeds_the_volume_bound_with_many_cells() -> None:
@@ -130,7 +130,7 @@ def test_bound_exceeds_the_volume_bound_with_many_cells() -> None:
     boxes, needed = tables((9, 8, 7), 3)
     solver = Partitioner(boxes)
     assert solver.find_min_makespan(20, 0.0) is not None
-    bound = makespan_bound(boxes, needed, 20, solver.longest_s())
+    bound = bound_makespan(boxes, needed, 20, solver.longest_s())
     assert 0.8 * solver.longest_s() <= bound.seconds <= solver.longest_s()
 
 
@@ -141,6 +141,6 @@ def test_slabs_of_a_block_never_end_before_the_bound(
 ) -> None:
     """Small slabs too, whose flat sides are all rim and whose walls are all inset."""
     cost = CostModel.from_recipe(Recipe(prelude_s=60.0))
-    slab = axis_prices_s(*Solid.box((0, 0, 0), (width, depth, height / slabs)).arrays(), cost)
+    slab = price_axis_poses_s(*Solid.box((0, 0, 0), (width, depth, height / slabs)).arrays(), cost)
     block = Solid.box((0, 0, 0), (width, depth, height))
-    assert slab.min() >= surface_bound_s(block.area_mm2, block.volume_mm3, slabs, cost)
+    assert slab.min() >= bound_by_surface_s(block.area_mm2, block.volume_mm3, slabs, cost)

@@ -14,7 +14,7 @@ import pytest
 from decompose.assembly import Assembly, plan_assembly
 from decompose.export.glb import find_moves, find_offsets, write_glb
 from decompose.geometry import Solid
-from decompose.pieces import box_planes, find_joints
+from decompose.pieces import find_joints, list_box_planes
 from decompose.results import Part
 
 
@@ -23,7 +23,7 @@ def parts() -> list[Part]:
     """Four quarters of a slab."""
     spans = [((x, y, 0.0), (x + 30.0, y + 30.0, 20.0)) for x in (0.0, 30.0) for y in (0.0, 30.0)]
     return [
-        Part(f"p{i + 1:02d}", Solid.box(*span), np.eye(4), 60.0, "um", planes=box_planes(np.array(span)))
+        Part(f"p{i + 1:02d}", Solid.box(*span), np.eye(4), 60.0, "um", planes=list_box_planes(np.array(span)))
         for i, span in enumerate(spans)
     ]
 

@@ -27,7 +27,7 @@ from decompose.export.step_picture import (
 )
 from decompose.geometry import Model, Solid
 from decompose.options import Engine, Options
-from decompose.pieces import box_planes, find_joints
+from decompose.pieces import find_joints, list_box_planes
 from decompose.print_time import CostModel
 from decompose.printers import PrinterRoom
 from decompose.results import Decomposition
@@ -57,7 +57,11 @@ def pinwheel(table: Decomposition) -> Decomposition:
     ]
     parts = []
     for number, span in enumerate(spans, 1):
-        own = {"id": f"p{number:02d}", "solid": Solid.box(*span), "planes": box_planes(np.array(span, float))}
+        own = {
+            "id": f"p{number:02d}",
+            "solid": Solid.box(*span),
+            "planes": list_box_planes(np.array(span, float)),
+        }
         parts.append(replace(table.parts[0], **own))
     joints = tuple(find_joints(parts))
     return replace(table.without_parts(), parts=tuple(parts), joints=joints).with_assembly()

@@ -20,12 +20,12 @@ from decompose.grid import (
     GridRules,
     box_index,
     build_grid,
-    cell_counts,
-    flat_coordinates,
+    count_cells,
+    find_flat_coordinates,
     price_boxes,
 )
 from decompose.grid.grid import place_planes
-from decompose.print_time import CostModel, Recipe, axis_prices_s
+from decompose.print_time import CostModel, Recipe, price_axis_poses_s
 from decompose.printers import PrinterRoom
 
 Triangles = np.ndarray
@@ -73,7 +73,7 @@ def test_sums_over_a_box_equal_those_of_the_cut_solid(
     assert np.allclose(extents[:, 3:].max(axis=0), inside.bounds_mm[1], atol=1e-9)
     # The table's cost is that of the solid in its best pose: every other term is checked by it.
     if boxes.trimmed[at] == at:
-        times = axis_prices_s(*inside.arrays(), recipe_cost)
+        times = price_axis_poses_s(*inside.arrays(), recipe_cost)
         assert boxes.seconds[at] == pytest.approx(times.min(), rel=1e-6)
         assert boxes.pieces[at] <= len(inside.pieces())
 
@@ -143,11 +143,11 @@ def test_planes_ascend_and_avoid_flat_faces(flats: list[float], count: int) -> N
 
 def test_flat_faces_of_a_box_are_found() -> None:
     vertices, faces = Solid.box((1, 2, 3), (4, 5, 6)).arrays()
-    assert [flat_coordinates(vertices[faces], a).tolist() for a in range(3)] == [[1, 4], [2, 5], [3, 6]]
+    assert [find_flat_coordinates(vertices[faces], a).tolist() for a in range(3)] == [[1, 4], [2, 5], [3, 6]]
 
 
 def test_counts_follow_the_shape() -> None:
-    assert cell_counts(np.array([300.0, 300.0, 300.0]), 15) == (15, 15, 15)
-    nx, ny, nz = cell_counts(np.array([355.0, 3.0, 355.0]), 15)
+    assert count_cells(np.array([300.0, 300.0, 300.0]), 15) == (15, 15, 15)
+    nx, ny, nz = count_cells(np.array([355.0, 3.0, 355.0]), 15)
     assert (ny, nx) == (1, nz)
-    assert cell_counts(np.array([1.0, 1.0, 1.0]), 15) == (1, 1, 1)
+    assert count_cells(np.array([1.0, 1.0, 1.0]), 15) == (1, 1, 1)

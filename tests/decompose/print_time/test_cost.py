@@ -19,12 +19,12 @@ from decompose.print_time import (
     POSE_ROTATIONS,
     CostModel,
     Recipe,
-    axis_prices_s,
-    pose_features,
     price,
+    price_axis_poses_s,
+    sum_pose_features,
     time_terms,
 )
-from decompose.print_time.pose_prices import pose_axes, pose_prices_s
+from decompose.print_time.pose_prices import find_pose_axes, price_poses_s
 from decompose.print_time.recipe import FEATURES
 from decompose.printers import PrinterRoom
 
@@ -49,7 +49,7 @@ def test_price_of_a_cube_equals_a_manual_calculation() -> None:
     ring = 8.0 * (2.0 * 20.0 + math.pi * 8.0)
     body = max(0.5 * 1000.0 + 0.25 * 400.0, 11.0 * 10.0)
     by_hand = 7.0 + body + 2.0 * 200.0 + 3.0 * ring
-    times = axis_prices_s(*Solid.box((5, 5, 5), (15, 15, 15)).arrays(), cost)
+    times = price_axis_poses_s(*Solid.box((5, 5, 5), (15, 15, 15)).arrays(), cost)
     assert times == pytest.approx([by_hand] * 6)  # its underside lies on the bed: no support
 
 
@@ -59,9 +59,11 @@ def test_needle_takes_the_least_time_of_its_layers() -> None:
     faster = replace(cost, min_s_mm=0.0)
     upright = POSE_ROTATIONS[4:5]
     body = cost.volume_s_mm3 * 540.0 + cost.lateral_s_mm2 * 720.0 * (1.0 - MAX_INSET_SHARE)
-    slowed = pose_prices_s(*needle.arrays(), upright, cost) - pose_prices_s(*needle.arrays(), upright, faster)
+    slowed = price_poses_s(*needle.arrays(), upright, cost) - price_poses_s(*needle.arrays(), upright, faster)
     assert slowed[0] == pytest.approx(5.0 * 60.0 / 0.25 - body)
-    assert axis_prices_s(*block.arrays(), cost) == pytest.approx(axis_prices_s(*block.arrays(), faster))
+    assert price_axis_poses_s(*block.arrays(), cost) == pytest.approx(
+        price_axis_poses_s(*block.arrays(), faster)
+    )
 
 
 def test_walls_inside_the_outline_are_shorter() -> None:
@@ -81,14 +83,14 @@ def test_walls_cover_the_rim_of_a_skin() -> None:
     cost = one(skin_s_mm2=1.0, skin_rim_s_mm=4.0)
     large, small = Solid.box((0, 0, 0), (50, 50, 1)), Solid.box((0, 0, 0), (2, 2, 1))
     upright = POSE_ROTATIONS[4:5]
-    assert pose_prices_s(*large.arrays(), upright, cost)[0] == pytest.approx(5000.0 - 4.0 * math.sqrt(5000.0))
-    assert pose_prices_s(*small.arrays(), upright, cost)[0] == 0.0
+    assert price_poses_s(*large.arrays(), upright, cost)[0] == pytest.approx(5000.0 - 4.0 * math.sqrt(5000.0))
+    assert price_poses_s(*small.arrays(), upright, cost)[0] == 0.0
 
 
 def test_only_overhangs_off_the_bed_cost_support() -> None:
     cost = one(overhang_s_mm3=1.0)
     table = Solid.union([Solid.box((0, 0, 0), (10, 10, 30)), Solid.box((0, 0, 30), (40, 10, 35))])
-    times = axis_prices_s(*table.arrays(), cost)
+    times = price_axis_poses_s(*table.arrays(), cost)
     assert times[4] == pytest.approx(30.0 * 10.0 * 30.0)  # upright: 300 mm2, 30 mm above the bed
     assert times[5] == pytest.approx(0.0)  # on its head
     assert times[2] == times[3] == pytest.approx(0.0)  # on its side
@@ -96,8 +98,8 @@ def test_only_overhangs_off_the_bed_cost_support() -> None:
 
 def test_slopes_up_to_45_degrees_need_no_support() -> None:
     cost = one(overhang_s_mm3=1.0)
-    assert axis_prices_s(*wedge(9.9).arrays(), cost)[4] == 0.0
-    assert axis_prices_s(*wedge(10.1).arrays(), cost)[4] == pytest.approx(5.0 * 10.1 * 5.0, rel=0.01)
+    assert price_axis_poses_s(*wedge(9.9).arrays(), cost)[4] == 0.0
+    assert price_axis_poses_s(*wedge(10.1).arrays(), cost)[4] == pytest.approx(5.0 * 10.1 * 5.0, rel=0.01)
 
 
 def test_slope_has_skin_if_its_steps_are_wider_than_the_walls() -> None:
@@ -105,7 +107,7 @@ def test_slope_has_skin_if_its_steps_are_wider_than_the_walls() -> None:
     cost = replace(one(slope_s_mm2=1.0), skin_cos=recipe.skin_cos)
     steepest = 4 * 0.2 / (2 * 0.35 + 0.35 / 2)  # height over width, where 4 layers leave just that bare
     for reach, skinned in ((10.0 / steepest - 0.1, False), (10.0 / steepest + 0.1, True)):
-        assert (axis_prices_s(*wedge(reach).arrays(), cost)[4] > 0.0) == skinned
+        assert (price_axis_poses_s(*wedge(reach).arrays(), cost)[4] > 0.0) == skinned
 
 
 @pytest.mark.parametrize(
@@ -158,8 +160,8 @@ def test_additive_features_add_up_over_a_cut(
     """Two halves have the features of the whole, and twice those of the cut: wall or skin by its slope."""
     rotations = Rotation.from_euler("xyz", [turn]).as_matrix()
     halves = lump.split(0, cut_mm)
-    whole, _ = pose_features(*lump.arrays(), rotations, cost)
-    parts = sum(pose_features(*half.arrays(), rotations, cost)[0] for half in halves)
+    whole, _ = sum_pose_features(*lump.arrays(), rotations, cost)
+    parts = sum(sum_pose_features(*half.arrays(), rotations, cost)[0] for half in halves)
     cut_mm2 = (sum(half.area_mm2 for half in halves) - lump.area_mm2) / 2.0
     n = abs(float(rotations[0, 2, 0]))
     upright = math.sqrt(1.0 - n * n)
@@ -174,8 +176,8 @@ def test_turning_part_and_bed_together_changes_nothing(
 ) -> None:
     vertices, faces = lump.arrays()
     pose, motion = Rotation.from_euler("xyz", [turns[:3], turns[3:]]).as_matrix()
-    still, extents = pose_features(vertices, faces, pose[None], cost)
-    moved, turned = pose_features(vertices @ motion.T + shift, faces, (pose @ motion.T)[None], cost)
+    still, extents = sum_pose_features(vertices, faces, pose[None], cost)
+    moved, turned = sum_pose_features(vertices @ motion.T + shift, faces, (pose @ motion.T)[None], cost)
     # A face at the very angle where skin or support begins may fall on either side of it.
     assert moved == pytest.approx(still, rel=2e-3)
     assert turned == pytest.approx(extents, abs=1e-6)
@@ -185,17 +187,17 @@ def test_axis_poses_are_priced_like_other_rotations(lump: Solid, cost: CostModel
     vertices, faces = lump.arrays()
     assert np.linalg.det(POSE_ROTATIONS) == pytest.approx([1.0] * 6)
     for pose, rotation in enumerate(POSE_ROTATIONS):
-        assert rotation[2, pose_axes(pose)[2]] == (-1.0 if pose % 2 else 1.0)
-    turned = axis_prices_s(vertices @ POSE_ROTATIONS[0].T, faces, cost)
-    assert turned[4] == pytest.approx(axis_prices_s(vertices, faces, cost)[0])
+        assert rotation[2, find_pose_axes(pose)[2]] == (-1.0 if pose % 2 else 1.0)
+    turned = price_axis_poses_s(vertices @ POSE_ROTATIONS[0].T, faces, cost)
+    assert turned[4] == pytest.approx(price_axis_poses_s(vertices, faces, cost)[0])
 
 
 def test_features_of_many_poses_come_in_their_order(lump: Solid, cost: CostModel) -> None:
     rotations = Rotation.random(40, random_state=3).as_matrix()
-    together, _ = pose_features(*lump.arrays(), rotations, cost)
+    together, _ = sum_pose_features(*lump.arrays(), rotations, cost)
     assert together.shape == (40, len(ADDITIVE))
     for i in (0, 17, 39):
-        alone, _ = pose_features(*lump.arrays(), rotations[i : i + 1], cost)
+        alone, _ = sum_pose_features(*lump.arrays(), rotations[i : i + 1], cost)
         assert together[i] == pytest.approx(alone[0])
 
 
@@ -204,8 +206,8 @@ def test_part_may_be_turned_about_the_vertical_only() -> None:
     assert room.fits(200.0, 100.0, 50.0)
     assert room.fits(100.0, 200.0, 50.0)
     assert not room.fits(100.0, 50.0, 200.0)
-    assert sorted(pose_axes(3)) == [0, 1, 2]
-    assert pose_axes(3)[2] == 1
+    assert sorted(find_pose_axes(3)) == [0, 1, 2]
+    assert find_pose_axes(3)[2] == 1
 
 
 def test_compiled_code_reads_prices_by_name() -> None:

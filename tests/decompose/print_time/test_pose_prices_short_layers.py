@@ -9,7 +9,7 @@ import pytest
 import trimesh
 
 from decompose.print_time import CostModel, Recipe, measure_pose
-from decompose.print_time.pose_prices import SLABS, _by_slab, short_layers_s
+from decompose.print_time.pose_prices import SLABS, _by_slab, price_short_layers_s
 
 COST = CostModel.from_recipe(Recipe())
 
@@ -37,7 +37,9 @@ def test_slabs_add_up_to_the_part() -> None:
 
 def test_equal_layers_are_covered_by_the_price() -> None:
     for side_mm in (4.0, 12.0, 60.0):
-        assert short_layers_s(pyramid(side_mm, 50.0, side_mm).triangles, COST) == pytest.approx(0.0, abs=1e-6)
+        assert price_short_layers_s(pyramid(side_mm, 50.0, side_mm).triangles, COST) == pytest.approx(
+            0.0, abs=1e-6
+        )
 
 
 def test_tip_is_slowed_down() -> None:
@@ -54,7 +56,7 @@ def test_tip_is_slowed_down() -> None:
     min_s = np.minimum(Recipe().min_layer_s, 4.0 * lines_s)
     expected_s = np.maximum(0.0, min_s - lines_s).sum()
     assert expected_s > 100.0
-    assert short_layers_s(tip.triangles, COST) == pytest.approx(expected_s, rel=0.03)
+    assert price_short_layers_s(tip.triangles, COST) == pytest.approx(expected_s, rel=0.03)
     pose = measure_pose(tip.vertices, tip.faces, np.zeros(len(tip.faces), np.bool_), np.eye(3), COST)
     hasty = CostModel.from_recipe(Recipe(min_layer_s=0.0))
     hurried = measure_pose(tip.vertices, tip.faces, np.zeros(len(tip.faces), np.bool_), np.eye(3), hasty)

@@ -13,8 +13,8 @@ import pytest
 from agent_with_emulator import MODEL, Printer, everything, gcode, printer, run
 from drivers import messages as m
 from drivers.agent.board import Board
-from drivers.emulator.launch import alive as emulator_alive
 from drivers.emulator.launch import control, launch, read_status
+from drivers.emulator.launch import is_running as emulator_is_running
 from drivers.errors import Fault
 from drivers.firmware import ULTIMAKER2
 from drivers.printers import PROFILES
@@ -79,7 +79,7 @@ def test_port_is_opened_after_a_person_confirms_the_printer_idle(
             await rig.ready()
         finally:
             await rig.close()
-            if emulator_alive(tmp_path / "emulator"):
+            if emulator_is_running(tmp_path / "emulator"):
                 control(tmp_path / "emulator", "power_off")
 
     run(scenario())
@@ -202,7 +202,7 @@ def test_hot_printer_that_disconnects_has_its_mains_cut_and_is_reported(tmp_path
             assert back.link is m.LinkState.FAULT and "mains" in str(back.reason)
         finally:
             await rig.close()
-            if emulator_alive(tmp_path / "emulator"):
+            if emulator_is_running(tmp_path / "emulator"):
                 control(tmp_path / "emulator", "power_off")
 
     run(scenario())

@@ -14,8 +14,8 @@ import pytest
 from agent_with_emulator import DEADLINE_S, MODEL, SCALE, gcode, printer, run, settled
 from drivers import messages as m
 from drivers.agent.loop import Agent
-from drivers.emulator.launch import alive as emulator_alive
 from drivers.emulator.launch import control, read_status
+from drivers.emulator.launch import is_running as emulator_is_running
 from drivers.errors import Fault, JournalError
 from drivers.records import Journal, StartFile
 
@@ -59,7 +59,7 @@ def driven(tmp_path: Path) -> Iterator[Driven]:
         signal.set_wakeup_fd(-1)
         for number, handler in handlers:
             signal.signal(number, handler)
-        if emulator_alive(tmp_path / "emulator"):
+        if emulator_is_running(tmp_path / "emulator"):
             control(tmp_path / "emulator", "power_off")
 
 

@@ -50,7 +50,7 @@ class ServerBench:
 
 @pytest.fixture
 def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[ServerBench]:
-    monkeypatch.setattr(module, "_line", lambda message: b"{}\n")
+    monkeypatch.setattr(module, "_encode_line", lambda message: b"{}\n")
     bench = ServerBench(tmp_path, monkeypatch)
     yield bench
     bench.server.close()

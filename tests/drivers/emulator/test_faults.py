@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.emulator.faults import Dice, Faults, parse_faults, parse_url
+from drivers.emulator.faults import Faults, FaultSampler, parse_faults, parse_url
 from drivers.emulator.hardware.wire import Wire
 from drivers.errors import PortError
 from drivers.printers import PROFILES
@@ -17,7 +17,7 @@ from drivers.printers import PROFILES
 def test_plain_url_has_no_faults() -> None:
     expected = parse_url("sim://ultimaker2_extended_plus")
     assert expected.profile.model == "ultimaker2_extended_plus"
-    assert expected.faults == Faults() and expected.seed == 0 and not expected.faults.on_lines
+    assert expected.faults == Faults() and expected.seed == 0 and not expected.faults.affects_lines
 
 
 def test_faults_may_be_named_in_two_ways() -> None:
@@ -52,7 +52,7 @@ def test_wrong_url_names_the_mistake_and_the_choices(url: str, message: str) -> 
 @given(st.binary(min_size=1, max_size=95), st.integers(0, 1000))
 @settings(deadline=None)
 def test_disturbed_line_differs_in_one_byte(line: bytes, seed: int) -> None:
-    disturbed = Dice(Faults(checksum=1.0), random.Random(seed)).disturb(line)
+    disturbed = FaultSampler(Faults(checksum=1.0), random.Random(seed)).disturb(line)
     assert len(disturbed) == len(line)
     assert sum(a != b for a, b in zip(line, disturbed, strict=True)) == 1
 

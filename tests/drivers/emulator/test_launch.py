@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from drivers.clock import Clock
-from drivers.emulator.launch import Command, alive, control, launch, read_status
+from drivers.emulator.launch import Command, control, is_running, launch, read_status
 from drivers.emulator.status import EmulatorStatus
 from drivers.errors import PortError
 
@@ -73,7 +73,7 @@ def printer(tmp_path: Path) -> Iterator[Printer]:
     # Deeper than a Unix socket's path may be long.
     printer = Printer(tmp_path / ("deep" * 20) / ("deeper" * 12))
     yield printer
-    if alive(printer.folder):
+    if is_running(printer.folder):
         control(printer.folder, Command.POWER_OFF)
 
 
@@ -156,7 +156,7 @@ def test_power_is_cut_and_restored(printer: Printer) -> None:
     link = printer.booted()
     link.ask(b"M104 S200")
     control(printer.folder, Command.POWER_OFF)
-    assert not alive(printer.folder)
+    assert not is_running(printer.folder)
     assert printer.status().nozzle_target_c == 0.0
     assert not (printer.folder / "tty").is_symlink()  # its number is soon somebody else's
     link.close()

@@ -1,16 +1,16 @@
 import os
 
 from drivers.remote import Heartbeat, sample_process
-from drivers.remote.heartbeat import SAMPLE_S, WEDGED_S, ProcessSample
+from drivers.remote.heartbeat import HUNG_S, SAMPLE_S, ProcessSample
 
 
-def silence_until_wedged_s(
-    samples: list[ProcessSample], step_s: float = 0.5, until_s: float = WEDGED_S + 5
+def silence_until_hung_s(
+    samples: list[ProcessSample], step_s: float = 0.5, until_s: float = HUNG_S + 5
 ) -> float | None:
     """Return the seconds of silence after which an agent is found wedged; None if it never is."""
     heartbeat, now_s = Heartbeat(), 100.0
     while now_s < 100.0 + until_s:
-        if heartbeat.is_wedged(now_s, lambda: samples.pop(0) if len(samples) > 1 else samples[0]):
+        if heartbeat.is_hung(now_s, lambda: samples.pop(0) if len(samples) > 1 else samples[0]):
             return now_s - 100.0
         now_s += step_s
     return None
@@ -18,22 +18,18 @@ def silence_until_wedged_s(
 
 def test_agent_that_stopped_sleeps_or_loops_is_wedged_after_half_a_minute():
     for state in "TSR":
-        assert silence_until_wedged_s([ProcessSample(state, 3.0)]) == WEDGED_S
+        assert silence_until_hung_s([ProcessSample(state, 3.0)]) == HUNG_S
 
 
 def test_agent_without_a_processor_or_waiting_for_a_disk_is_not_wedged():
-    share_s = WEDGED_S - SAMPLE_S
-    assert silence_until_wedged_s([ProcessSample("R", 3.0), ProcessSample("R", 3.0 + 0.6 * share_s)]) is None
-    assert (
-        silence_until_wedged_s([ProcessSample("R", 3.0), ProcessSample("R", 3.0 + 0.4 * share_s)]) == WEDGED_S
-    )
-    assert silence_until_wedged_s([ProcessSample("D", 3.0)]) is None
+    share_s = HUNG_S - SAMPLE_S
+    assert silence_until_hung_s([ProcessSample("R", 3.0), ProcessSample("R", 3.0 + 0.6 * share_s)]) is None
+    assert silence_until_hung_s([ProcessSample("R", 3.0), ProcessSample("R", 3.0 + 0.4 * share_s)]) == HUNG_S
+    assert silence_until_hung_s([ProcessSample("D", 3.0)]) is None
 
 
 def test_time_in_which_the_listener_did_not_run_does_not_count():
-    assert (
-        silence_until_wedged_s([ProcessSample("S", 0.0)], step_s=600.0, until_s=WEDGED_S * 600 - 1200) is None
-    )
+    assert silence_until_hung_s([ProcessSample("S", 0.0)], step_s=600.0, until_s=HUNG_S * 600 - 1200) is None
 
 
 def test_message_restarts_the_count():
@@ -41,12 +37,12 @@ def test_message_restarts_the_count():
     for second in range(200):
         if second % 20 == 0:
             heartbeat.reset()
-        assert not heartbeat.is_wedged(float(second), lambda: ProcessSample("S", 0.0))
+        assert not heartbeat.is_hung(float(second), lambda: ProcessSample("S", 0.0))
 
 
 def test_process_that_has_ended_is_not_wedged():
     heartbeat = Heartbeat()
-    assert not any(heartbeat.is_wedged(float(second), lambda: None) for second in range(100))
+    assert not any(heartbeat.is_hung(float(second), lambda: None) for second in range(100))
 
 
 def test_process_is_sampled_from_proc():

@@ -22,7 +22,7 @@ from drivers.safety import StopTarget, send_abort_until_accepted, stop_printer
 from firmware_host import Host, numbered
 
 MOVE_S = 2.0
-LONGEST_LINE_BYTES = 95  # with its newline
+MAX_LINE_BYTES = 95  # with its newline
 BLOCKED = 18  # moves that fill the planner, and one that waits for room
 
 
@@ -84,10 +84,10 @@ def test_truncated_line_before_the_abort_costs_one_more_move_at_most(cut_off: st
 
 
 def test_longest_line_the_abort_and_a_poll_fit_into_the_receive_buffer():
-    assert LONGEST_LINE_BYTES + len(ULTIMAKER2.abort_unnumbered) + len(b"M105\n") <= RING_BYTES
+    assert MAX_LINE_BYTES + len(ULTIMAKER2.abort_unnumbered) + len(b"M105\n") <= RING_BYTES
     host = busy_host()
-    line = numbered(host.n + 1, "G1 X90 " + " " * 80)[: LONGEST_LINE_BYTES - 1]
-    host.put(line.ljust(LONGEST_LINE_BYTES - 1))
+    line = numbered(host.n + 1, "G1 X90 " + " " * 80)[: MAX_LINE_BYTES - 1]
+    host.put(line.ljust(MAX_LINE_BYTES - 1))
     host.firmware.feed(ULTIMAKER2.abort_unnumbered, host.now_s)
     link = Link(ULTIMAKER2)
     link.on_opened(host.now_s, ULTIMAKER2.abort_unnumbered)

@@ -20,10 +20,10 @@ import pytest
 from agent_with_emulator import Printer, settled
 from drivers import messages as m
 from drivers.clock import Clock
-from drivers.emulator.launch import alive as emulator_alive
 from drivers.emulator.launch import control, launch, read_status
+from drivers.emulator.launch import is_running as emulator_is_running
 from drivers.firmware import ULTIMAKER2
-from drivers.locks import AGENT_LOCK, find_holder, hold, is_held, kill_holder, sign
+from drivers.locks import AGENT_LOCK, find_holder, hold, is_held, kill_holder, write_pid
 from drivers.records import ESTOPPED, Journal, StartFile
 from drivers.remote import AgentClient, is_alive, spawn_agent
 from drivers.safety import StopTarget, estop, heater_watch, list_targets, stop_printer
@@ -108,7 +108,7 @@ def test_printer_with_a_hung_agent_is_stopped_and_needs_attention_afterwards(
     finally:
         process.kill()
         process.wait(10.0)
-        if emulator_alive(folder / "emulator"):
+        if emulator_is_running(folder / "emulator"):
             control(folder / "emulator", "power_off")
 
 
@@ -255,7 +255,7 @@ def test_lock_names_its_holder(tmp_path: Path):
     assert find_holder(path) is None
     lock = hold(path)
     assert lock is not None
-    sign(lock)
+    write_pid(lock)
     assert is_held(path) and hold(path) is None
     assert find_holder(path) == os.getpid()
     size = path.stat().st_size
@@ -267,7 +267,7 @@ def test_lock_names_its_holder(tmp_path: Path):
     lock = hold(path)
     assert lock is not None
     assert find_holder(path) is None  # nobody signed yet
-    sign(lock)
+    write_pid(lock)
     assert find_holder(path) == os.getpid()
     assert path.stat().st_size == size  # a full disk has no room for more
     os.close(lock)

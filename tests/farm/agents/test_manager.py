@@ -70,7 +70,7 @@ async def wait_until_ready(links: AgentManager, listener: RecordingListener, old
 @pytest.mark.system
 def test_wedged_agent_is_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(heartbeat, "SAMPLE_S", 1.0)
-    monkeypatch.setattr(heartbeat, "WEDGED_S", 8.0)
+    monkeypatch.setattr(heartbeat, "HUNG_S", 8.0)
     state, fleet, listener = simulated_farm(tmp_path)
 
     async def scenario() -> None:

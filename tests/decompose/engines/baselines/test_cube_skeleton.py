@@ -26,9 +26,9 @@ from decompose.engines.baselines.hollow import (
 )
 from decompose.errors import NoFit
 from decompose.geometry import Model, Solid, round_triangles
-from decompose.grid import CLEAR_MM, Cell, GridRules, build_grid, fill_grid, flat_coordinates
+from decompose.grid import CLEAR_MM, Cell, GridRules, build_grid, fill_grid, find_flat_coordinates
 from decompose.options import Engine, Interior, Options
-from decompose.pieces import Piece, box_planes
+from decompose.pieces import Piece, list_box_planes
 from decompose.print_time import CostModel
 from decompose.printers import PrinterRoom
 from decompose.problem import Problem
@@ -146,7 +146,7 @@ def test_planes_of_the_grid_go_to_the_sides_of_the_refined_cube(cost: CostModel)
     moved = np.array([[planes[a][cube[a]] for a in range(3)], [planes[a][cube[a + 3]] for a in range(3)]])
     assert (moved[0] >= cube_mm[0]).all() and (moved[1] <= cube_mm[1]).all()
     for axis in range(3):
-        flats = flat_coordinates(vertices[faces], axis)
+        flats = find_flat_coordinates(vertices[faces], axis)
         assert np.abs(moved[:, axis, None] - flats).min(initial=np.inf) >= CLEAR_MM - 1e-9
     before = grid.bounds_mm(started)
     assert np.prod(moved[1] - moved[0]) > 1.1 * np.prod(before[1] - before[0])
@@ -185,7 +185,7 @@ def test_cubes_are_compared_by_the_times_of_their_pieces(
 
     def cubes(*sizes_mm: float) -> tuple[Piece, ...]:
         boxes = [np.array([(0.0,) * 3, (size,) * 3]) for size in sizes_mm]
-        return tuple(Piece(Solid.box(*box), box_planes(box), box[None]) for box in boxes)
+        return tuple(Piece(Solid.box(*box), list_box_planes(box), box[None]) for box in boxes)
 
     equal, unequal = cubes(55.0, 55.0), cubes(60.0, 30.0)
     slow, quick = replace(ROOM, name="slow", time_factor=1.5), replace(ROOM, name="quick", time_factor=0.5)
@@ -247,7 +247,7 @@ def test_pieces_that_would_meet_along_an_edge_stay_apart(cost: CostModel) -> Non
     boxes = np.array(
         [[(0, 0, 0), (10, 10, 10)], [(10, 10, 0), (20, 20, 10)], [(0, 0, 10), (20, 20, 20)]], dtype=float
     )
-    pieces = [Piece(Solid.box(*box), box_planes(box), box[None]) for box in boxes]
+    pieces = [Piece(Solid.box(*box), list_box_planes(box), box[None]) for box in boxes]
     model = Model(Solid.union([piece.solid for piece in pieces]), (), 1.0)
     merging = _Merging(pieces, Problem(model, tuple(printers(1)), cost, MENDED))
     merging.merge_to(1)

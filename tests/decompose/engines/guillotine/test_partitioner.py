@@ -16,7 +16,7 @@ from decompose.engines.guillotine import Partitioner
 from decompose.engines.guillotine.partitioner import OtherClass
 from decompose.engines.guillotine.recursion import AREA_MM2, UNREACHABLE
 from decompose.grid import Box, BoxTables, box_at, box_index
-from decompose.grid.boxes import room_array
+from decompose.grid.boxes import list_rooms
 from decompose.pieces import assign_bottleneck
 from decompose.printers import PrinterRoom
 
@@ -331,7 +331,7 @@ def test_turned_or_mirrored_model_takes_the_same_time(
 
 
 def test_every_room_limits_the_parts() -> None:
-    rooms = room_array(
+    rooms = list_rooms(
         [PrinterRoom("a", ((1.0, 2.0, 3.0),)), PrinterRoom("b", ((4.0, 5.0, 6.0), (7.0, 1.0, 1.0)))]
     )
     assert rooms.shape == (2, 2, 3)

@@ -14,7 +14,7 @@ from decompose.engines.guillotine import plane_shift
 from decompose.engines.guillotine.box_part import BoxPart
 from decompose.engines.guillotine.plane_shift import _PlaneShift, shift_planes
 from decompose.geometry import Model, Solid
-from decompose.grid import CLEAR_MM, Box, NeededCells, flat_coordinates
+from decompose.grid import CLEAR_MM, Box, NeededCells, find_flat_coordinates
 from decompose.options import Engine, Interior, Options
 from decompose.pieces import Piece, cut_cells
 from decompose.print_time import CostModel, Pose
@@ -284,7 +284,7 @@ def test_keeps_clear_of_a_flat_face(cost: CostModel) -> None:
     thirds = [0, nx // 3, 2 * nx // 3, nx]
     before, after = run(task, [(a, 0, 0, b, ny, nz) for a, b in pairwise(thirds)])
     vertices, faces = bar.arrays()
-    flats = flat_coordinates(vertices[faces], 0)
+    flats = find_flat_coordinates(vertices[faces], 0)
     moved = {float(piece.boxes_mm[0, 0, 0]) for piece in after} - {
         float(piece.boxes_mm[0, 0, 0]) for piece in before
     }

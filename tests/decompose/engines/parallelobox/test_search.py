@@ -22,7 +22,7 @@ from decompose.engines.parallelobox.terrain import SPEED_MM_S, Terrain, paper_te
 from decompose.errors import NoFit
 from decompose.geometry import Model, Solid, find_mirror, rotation_to_axis
 from decompose.grid import BoxTables, Cell, Grid, GridRules, box_index, build_grid, price_boxes
-from decompose.grid.box_index import interval_ends
+from decompose.grid.box_index import find_interval_ends
 from decompose.options import Engine, Options, ParalleloboxOptions, Score
 from decompose.print_time import CostModel
 from decompose.printers import PrinterRoom
@@ -206,7 +206,7 @@ def test_prices_of_the_paper_equal_those_of_the_solid_in_a_box(
         sizes = [n * (n + 1) // 2 for n in shape]
         rest, iz = divmod(int(at), sizes[2])
         ix, iy = divmod(rest, sizes[1])
-        spans = [interval_ends(i, n) for i, n in zip((ix, iy, iz), shape, strict=True)]
+        spans = [find_interval_ends(i, n) for i, n in zip((ix, iy, iz), shape, strict=True)]
         x, y, z = spans
         box = (x[0], y[0], z[0], x[1], y[1], z[1])
         piece: Solid = ball.solid.clip(*ball_grid.bounds_mm(box))

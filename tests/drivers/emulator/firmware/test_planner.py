@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.emulator.firmware.planner import CAPACITY, STAND_MM_S, Limits, Planner, Point
+from drivers.emulator.firmware.planner import CAPACITY, STANDSTILL_MM_S, Limits, Planner, Point
 from drivers.printers import PROFILES
 
 PROFILE = PROFILES["ultimaker2_plus"]
@@ -37,7 +37,7 @@ class Bench:
         return self.planner.idle_since_s
 
 
-def trapezoid_s(mm: float, v: float, a: float, entry: float, leave: float = STAND_MM_S) -> float:
+def trapezoid_s(mm: float, v: float, a: float, entry: float, leave: float = STANDSTILL_MM_S) -> float:
     """Time of a straight move, by the schoolbook."""
     ramps_mm = (2 * v * v - entry**2 - leave**2) / (2 * a)
     if ramps_mm <= mm:

@@ -12,7 +12,7 @@ import trimesh
 
 from decompose.geometry import Solid, round_triangles, write_stl
 from decompose.print_time import POSE_ROTATIONS, CostModel
-from decompose.print_time.pose_prices import pose_prices_s
+from decompose.print_time.pose_prices import price_poses_s
 from drivers.printers import PROFILES
 from farm.config import PrinterSection
 from farm.planning.parts.pricing import build_recipe
@@ -63,9 +63,9 @@ def test_prelude_is_counted_once_in_a_price(settings_of):
     with_prelude = CostModel.from_recipe(build_recipe(settings, prelude_s))
     layers_only = CostModel.from_recipe(build_recipe(settings, prelude_s=0.0))
     cube = Solid.box((0, 0, 0), (20, 20, 20)).arrays()
-    layers_s = pose_prices_s(*cube, UPRIGHT, layers_only)[0]
+    layers_s = price_poses_s(*cube, UPRIGHT, layers_only)[0]
     whole_s = plate_seconds(PROFILES[section.model], layers_s, settings.nozzle_c, settings.bed_c)
-    assert pose_prices_s(*cube, UPRIGHT, with_prelude)[0] == pytest.approx(whole_s)
+    assert price_poses_s(*cube, UPRIGHT, with_prelude)[0] == pytest.approx(whole_s)
     assert replace(with_prelude, fixed_s=0.0) == layers_only
 
 
@@ -118,7 +118,7 @@ def test_prices_are_those_of_the_engine(how, settings_of, tmp_path):
         request = PlateRequest(
             stl=stl, settings=settings, out=stl.with_suffix(".gcode"), engine=engine, bed=BED
         )
-        priced_s = pose_prices_s(vertices, faces, UPRIGHT, cost)[0]
+        priced_s = price_poses_s(vertices, faces, UPRIGHT, cost)[0]
         errors.append(priced_s / slice_plate(request).sliced_s - 1.0)
     assert mean(map(abs, errors)) < 0.04, errors
     assert max(map(abs, errors)) < 0.1, errors
