@@ -1,4 +1,4 @@
-"""Drawing of triangles into a picture: flat colours, light from one side, outlines if the depth jumps."""
+"""Drawing of triangles into a picture: flat colours, light from one side, outlines where the depth jumps."""
 
 from __future__ import annotations
 

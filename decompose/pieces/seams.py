@@ -1,4 +1,4 @@
-"""Seams: the lines on the outer surface where two parts meet, and if a part ends there in a thin edge."""
+"""Seams: the lines on the outer surface where two parts meet, and where a part ends there in a thin edge."""
 
 from __future__ import annotations
 

@@ -13,8 +13,8 @@ from typing import Any
 
 from drivers import messages as m
 from drivers.clock import Clock
-from drivers.emulator.launch import alive as emulator_alive
 from drivers.emulator.launch import control, read_status
+from drivers.emulator.launch import is_running as emulator_is_running
 from drivers.emulator.status import EmulatorStatus
 from drivers.remote import AgentClient, spawn_agent
 
@@ -115,7 +115,7 @@ class Printer:
             self.process.kill()
         if self.process is not None:
             self.process.wait(10.0)
-        if emulator_alive(self.folder / "emulator"):
+        if emulator_is_running(self.folder / "emulator"):
             control(self.folder / "emulator", "power_off")
 
 

@@ -10,7 +10,7 @@ import sys
 import time
 from pathlib import Path
 
-from drivers.emulator.launch import Command, alive, control
+from drivers.emulator.launch import Command, control, is_running
 from drivers.emulator.status import read_status
 from drivers.remote import kill_agent
 
@@ -99,5 +99,5 @@ class RealFarm:
             for agent in self.state.glob("agents/*/"):
                 kill_agent(agent)
         for name in self.printers:
-            if alive(self.emulator(name)):
+            if is_running(self.emulator(name)):
                 control(self.emulator(name), Command.POWER_OFF)

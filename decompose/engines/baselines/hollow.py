@@ -55,7 +55,7 @@ def hollow_model(solid: Solid, grid: Grid, cube: Block | None = None) -> Shell:
 
 
 def remove_diagonals(cells: Bools, kept: Bools | None = None) -> Bools:
-    """Drop cells that meet others along an edge alone, if the remaining surface would touch itself.
+    """Drop cells that meet others along an edge alone, where the remaining surface would touch itself.
 
     Those of one box may be `kept`.
     """
@@ -153,7 +153,7 @@ def refine_cube(solid: Solid, cube_mm: Floats, cell_mm: float, wall_mm: float) -
 def planes_at(solid: Solid, grid: Grid, cube_mm: Floats) -> tuple[tuple[Floats, Floats, Floats], Block]:
     """Move the nearest planes of a grid to the sides of a cube (2, 3); the planes, and the cube in cells.
 
-    A side next to a flat face of the solid, if a plane would cut slivers off, is moved inwards.
+    A side next to a flat face of the solid, where a plane would cut slivers off, is moved inwards.
     """
     vertices, faces = solid.arrays()
     inwards_mm = min(2.0 * CLEAR_MM, float(np.ptp(cube_mm, axis=0).min()) / 3.0)

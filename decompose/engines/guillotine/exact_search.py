@@ -237,7 +237,7 @@ class ExactSearch:
             min_mm = max(float(np.diff(planes).max()) for planes in self.grid.planes)
             return NoFit(
                 f"{format_size(model.extents_mm)} mm is cut into blocks of {min_mm:.0f} mm at least, and a "
-                f"part has room for {format_size(problem.room_mm)} mm (clips and brim are off): printers with "
-                f"room for {math.ceil(min_mm)} mm each way would be enough"
+                f"part has room for {format_size(problem.room_mm)} mm (clips and brim are off): printers "
+                f"with room for {math.ceil(min_mm)} mm each way would be enough"
             )
         return NoFit.of_too_few(model.extents_mm, printers_needed, len(problem.printers))

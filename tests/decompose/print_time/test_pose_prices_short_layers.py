@@ -9,7 +9,7 @@ import pytest
 import trimesh
 
 from decompose.print_time import CostModel, Recipe, measure_pose
-from decompose.print_time.pose_prices import SLABS, _by_slab, price_short_layers_s
+from decompose.print_time.pose_prices import SLABS, _sum_by_slab, price_short_layers_s
 
 COST = CostModel.from_recipe(Recipe())
 
@@ -26,7 +26,7 @@ def test_slabs_add_up_to_the_part() -> None:
     ball = trimesh.creation.icosphere(3, 20.0)
     ball.apply_translation([3.0, -2.0, -ball.bounds[0, 2]])
     height_mm = float(ball.bounds[1, 2])
-    lateral_mm2, section_mm2 = _by_slab(ball.triangles.copy(), height_mm)
+    lateral_mm2, section_mm2 = _sum_by_slab(ball.triangles.copy(), height_mm)
     upright = ball.area_faces * np.sqrt(np.maximum(0.0, 1.0 - ball.face_normals[:, 2] ** 2))
     assert lateral_mm2.sum() == pytest.approx(upright.sum())
     assert section_mm2.sum() * height_mm / SLABS == pytest.approx(ball.volume, rel=0.01)

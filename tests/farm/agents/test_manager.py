@@ -11,8 +11,8 @@ import pytest
 
 from drivers import messages as m
 from drivers.clock import Clock
-from drivers.emulator.launch import alive as emulator_alive
 from drivers.emulator.launch import control, launch
+from drivers.emulator.launch import is_running as emulator_is_running
 from drivers.remote import agent_pid, heartbeat, is_alive, kill_agent
 from farm.agents import connection
 from farm.agents.connection import AgentConnection
@@ -92,7 +92,7 @@ def test_wedged_agent_is_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
         number = agent_pid(state.agent("a"))
         if number is not None:
             os.kill(number, signal.SIGKILL)
-        if emulator_alive(state.agent("a") / "emulator"):
+        if emulator_is_running(state.agent("a") / "emulator"):
             control(state.agent("a") / "emulator", "power_off")
 
 
@@ -357,7 +357,7 @@ def test_idle_agent_is_replaced_without_a_change_to_its_printer(tmp_path: Path):
             first = await wait_until_ready(links, listener)
             await links.replace("a")
             assert await wait_until_ready(links, listener, first) == agent_pid(state.agent("a"))
-            assert emulator_alive(state.agent("a") / "emulator")
+            assert emulator_is_running(state.agent("a") / "emulator")
         finally:
             await links.shut_down_agents()
             await links.close()

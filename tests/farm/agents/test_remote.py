@@ -18,8 +18,8 @@ import pytest
 
 from drivers import messages as m
 from drivers.clock import Clock
-from drivers.emulator.launch import alive as emulator_alive
 from drivers.emulator.launch import control, launch, read_status
+from drivers.emulator.launch import is_running as emulator_is_running
 from drivers.errors import AgentError
 from drivers.records import StartFile
 from drivers.remote import BridgeRequest, BridgeTask, agent_pid, client, is_alive
@@ -177,7 +177,7 @@ def way(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.Monk
         number = agent_pid(agent)
         if number is not None:
             os.kill(number, signal.SIGKILL)
-        if emulator_alive(agent / "emulator"):
+        if emulator_is_running(agent / "emulator"):
             control(agent / "emulator", "power_off")
 
 
