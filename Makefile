@@ -13,14 +13,18 @@ LOCK_OPTIONS := --quiet --generate-hashes --allow-unsafe --strip-extras --all-bu
 	--no-emit-index-url --no-emit-find-links --no-emit-trusted-host --no-emit-options
 
 .PHONY: install demo test test-system test-waiting test-rest test-newest fresh interop peers check docs mutants lock \
-	clean engine deb test-deb wheel
+	clean engine pages deb test-deb wheel
 .DELETE_ON_ERROR:
 
-install: engine $(VENV)/.compiled
+install: engine pages $(VENV)/.compiled
 
 # CuraEngine and the settings of the same version; quick where they are there.
 engine:
 	@slicing/install-cura.sh .cura/resources
+
+# The scripts of the pages with their libraries; without node or a network the pages do without.
+pages: $(VENV)/.installed
+	@deploy/build-pages.sh $(BIN)/python
 
 $(VENV)/.installed: requirements.lock pyproject.toml deploy/install-venv.sh
 	@PYTHON=$(PYTHON) deploy/install-venv.sh $(VENV)
@@ -70,14 +74,14 @@ fresh:
 	@deploy/fresh.sh $(if $(filter no,$(SHM)),--no-shm) $(if $(KEEP),--keep $(KEEP)) $(COMMANDS)
 
 # build/dist/farm_VERSION_amd64.deb for Debian 12; `make test-deb`, as root, installs, upgrades and purges it in a new one.
-deb: engine $(VENV)/.installed
+deb: engine pages $(VENV)/.installed
 	@deploy/debian/build.sh
 
 test-deb: deb
 	@deploy/debian/test.sh
 
 # The wheel, and the versions that it is tested with, for pipx and uv.
-wheel: $(VENV)/.installed
+wheel: pages $(VENV)/.installed
 	rm -rf build/lib build/bdist.*
 	$(BIN)/python -m pip --disable-pip-version-check wheel --quiet --no-deps --no-build-isolation -w build/dist .
 	sed -n 's/^\([A-Za-z0-9_.-]*==[^ ]*\).*/\1/p' requirements.lock > build/dist/constraints.txt

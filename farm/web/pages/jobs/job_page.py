@@ -90,7 +90,7 @@ def render_job_page(data: JobData, farm: str, reader: Reader, note: Note | None 
         gantt=draw_job_gantt(data, now),
         curve=draw_job_curve(data, now) if job.options.dry_run else None,
         curve_job=data.curve_job or job.id,
-        figures=list_figures(job),
+        figures=[(name, text) for name, text in list_figures(job) if text != "-"],
         report=data.report,
         model=_MODEL if _MODEL in data.files else None,
         picture=_PICTURE if _PICTURE in data.files else None,

@@ -1,0 +1,164 @@
+// The parts of a job: coloured by state or printer, drawn apart, or in the steps of their assembly.
+
+import { AnimationMixer, Box3, Color, Vector3 } from "three";
+import { GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
+import { Stage, readColour } from "./stage.js";
+
+const STATES = {
+  waiting: "--part-waiting", printing: "--part-printing", printed: "--part-printed", good: "--part-good",
+  bad: "--part-bad", failed: "--part-failed", cancelled: "--part-cancelled",
+};
+const GOLDEN = 0.618; // neighbouring numbers get distant hues
+const STEP_S = 1.5; // of each step in the animation (decompose/export/glb.py)
+
+/** Return the rows of the parts by name. */
+const findRows = () => new Map([...document.querySelectorAll("tr[data-part]")].map((row) => [row.dataset.part, row]));
+
+const hueOf = (number) => new Color().setHSL((number * GOLDEN) % 1, 0.5, 0.55);
+
+/** Add an input with its label. */
+const addInput = (place, words, attributes, act) => {
+  const label = document.createElement("label");
+  const input = Object.assign(document.createElement("input"), attributes);
+  label.append(attributes.type === "radio" ? input : `${words} `, attributes.type === "radio" ? ` ${words}` : input);
+  input.addEventListener("input", () => act(input));
+  place.append(label);
+  return input;
+};
+
+class JobView {
+  constructor(place, gltf) {
+    this.stage = new Stage(place, "The parts of this job. The arrow keys turn them; the table has them in words.");
+    this.rows = findRows();
+    this.parts = new Map();
+    this.stage.content.add(gltf.scene);
+    gltf.scene.updateMatrixWorld(true);
+    gltf.scene.traverse((mesh) => {
+      if (!mesh.isMesh) return;
+      mesh.material = mesh.material.clone();
+      const centre = new Box3().setFromBufferAttribute(mesh.geometry.attributes.position).getCenter(new Vector3());
+      this.parts.set(mesh.name, { mesh, centre, home: mesh.position.clone() });
+    });
+    const middle = new Vector3();
+    for (const { centre } of this.parts.values()) middle.addScaledVector(centre, 1 / this.parts.size);
+    for (const part of this.parts.values()) part.away = part.centre.clone().sub(middle);
+    this.clip = gltf.animations[0];
+    this.mixer = this.clip ? new AnimationMixer(gltf.scene) : null;
+    this.mixer?.clipAction(this.clip).play();
+    this.by = "state";
+    this.picked = null;
+    this.addControls(place);
+    this.setApart(0.35);
+    this.paint();
+    this.stage.frame();
+    this.stage.onPick((mesh) => this.pick(mesh?.name ?? null, true));
+  }
+
+  addControls(place) {
+    const controls = document.createElement("div");
+    controls.className = "fields";
+    this.apart = addInput(controls, "Apart", { type: "range", min: 0, max: 100, value: 35 }, (input) => {
+      if (this.step) this.step.value = this.step.max;
+      this.setApart(input.value / 100);
+    });
+    if (this.clip) {
+      const steps = Math.round(this.clip.duration / STEP_S);
+      this.step = addInput(controls, "Assembly", { type: "range", min: 0, max: steps, value: steps }, (input) => {
+        this.apart.value = 0;
+        this.setStep(Number(input.value));
+      });
+    }
+    for (const [by, words] of [["state", "Colour by state"], ["printer", "by printer"]]) {
+      addInput(controls, words, { type: "radio", name: "colour-by", checked: by === this.by }, () => {
+        this.by = by;
+        this.paint();
+      });
+    }
+    this.key = document.createElement("p");
+    this.key.className = "key";
+    this.words = document.createElement("p");
+    this.words.setAttribute("role", "status");
+    place.append(controls, this.key, this.words);
+    for (const [name, row] of this.rows) this.addButton(name, row);
+    const table = document.querySelector("table.parts");
+    if (table) {
+      const watch = { attributeFilter: ["data-kind", "data-printer"], childList: true, subtree: true };
+      new MutationObserver(() => this.follow()).observe(table, watch);
+    }
+  }
+
+  /** Make the name of a part a button that shows it. */
+  addButton(name, row) {
+    const cell = row.querySelector("th");
+    if (!cell || !this.parts.has(name) || cell.querySelector("button")) return;
+    const button = document.createElement("button");
+    button.type = "button";
+    button.className = "plain";
+    button.append(...cell.childNodes);
+    button.addEventListener("click", () => this.pick(name, false));
+    cell.append(button);
+  }
+
+  /** Follow rows that were replaced, or changed their state. */
+  follow() {
+    this.rows = findRows();
+    for (const [name, row] of this.rows) this.addButton(name, row);
+    this.paint();
+  }
+
+  setApart(share) {
+    for (const { mesh, home, away } of this.parts.values()) mesh.position.copy(home).addScaledVector(away, 1.2 * share);
+    this.stage.requestFrame();
+  }
+
+  setStep(number) {
+    for (const { mesh, home } of this.parts.values()) mesh.position.copy(home);
+    const end = Math.min(number * STEP_S, this.clip.duration - 1e-3);
+    this.mixer.setTime(end);
+    this.stage.requestFrame();
+  }
+
+  /** Colour all parts, and say what the colours mean. */
+  paint() {
+    const printers = [...new Set([...this.rows.values()].map((row) => row.dataset.printer))].sort();
+    const meanings = new Map();
+    for (const [name, { mesh }] of this.parts) {
+      const row = this.rows.get(name);
+      const kind = row?.dataset.kind ?? "cut into smaller parts";
+      const words = this.by === "state" || !row ? kind : row.dataset.printer;
+      const colour = this.by === "printer" && row
+        ? hueOf(printers.indexOf(row.dataset.printer))
+        : readColour(STATES[kind] ?? "--part-cancelled");
+      meanings.set(words, colour);
+      mesh.material.color.copy(colour);
+      mesh.material.emissive.set(name === this.picked ? 0x555522 : 0);
+    }
+    this.key.replaceChildren(...[...meanings].sort().map(([words, colour]) => {
+      const entry = document.createElement("span");
+      const patch = document.createElement("i");
+      patch.style.background = `#${colour.getHexString()}`;
+      entry.append(patch, ` ${words}`);
+      return entry;
+    }));
+    this.stage.requestFrame();
+  }
+
+  /** Mark a part here and in the table; null for none. */
+  pick(name, shouldScroll) {
+    this.rows.get(this.picked)?.classList.remove("picked");
+    this.picked = name;
+    const row = this.rows.get(name);
+    row?.classList.add("picked");
+    if (shouldScroll) row?.scrollIntoView({ block: "nearest" });
+    this.words.textContent = row ? `${name}: ${row.dataset.kind}, ${row.dataset.printer}` : name ?? "";
+    this.paint();
+  }
+}
+
+/** Show the model that the element names, in place of its picture. */
+export const showJob = async (place) => {
+  const gltf = await new GLTFLoader().loadAsync(place.dataset.model);
+  const picture = place.querySelector("img");
+  new JobView(place, gltf);
+  picture?.remove();
+};

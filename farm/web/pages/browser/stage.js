@@ -1,0 +1,104 @@
+// A view of meshes that can be turned, drawn only when something has changed.
+
+import {
+  AmbientLight, Box3, Color, DirectionalLight, Group, PerspectiveCamera, Raycaster, Scene, Vector2, Vector3, WebGLRenderer,
+} from "three";
+import { OrbitControls } from "three/addons/controls/OrbitControls.js";
+
+const FIELD_OF_VIEW_DEG = 35;
+const MARGIN = 1.15;
+const CLICK_PX = 4; // a pointer that moved further has turned the view
+
+/** Return the value of a colour of the style sheet. */
+export const readColour = (name) => new Color(getComputedStyle(document.documentElement).getPropertyValue(name).trim());
+
+export class Stage {
+  /** @param {HTMLElement} place element that is filled; its text describes the view. */
+  constructor(place, label) {
+    this.renderer = new WebGLRenderer({ antialias: true });
+    this.canvas = this.renderer.domElement;
+    this.canvas.setAttribute("role", "img");
+    this.canvas.setAttribute("aria-label", label);
+    this.canvas.tabIndex = 0;
+    place.append(this.canvas);
+    this.scene = new Scene();
+    this.content = new Group();
+    const sun = new DirectionalLight(0xffffff, 2.2);
+    sun.position.set(0.5, 1, 0.8);
+    this.camera = new PerspectiveCamera(FIELD_OF_VIEW_DEG, 1, 1, 1e5);
+    this.camera.add(sun);
+    this.scene.add(this.content, this.camera, new AmbientLight(0xffffff, 1.4));
+    this.controls = new OrbitControls(this.camera, this.canvas);
+    this.controls.addEventListener("change", () => this.requestFrame());
+    this.canvas.addEventListener("keydown", (event) => this.turn(event));
+    new ResizeObserver(() => this.resize()).observe(place);
+    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.requestFrame());
+    this.waiting = false;
+    this.resize();
+  }
+
+  /** Draw at the next frame, once. */
+  requestFrame() {
+    if (this.waiting) return;
+    this.waiting = true;
+    requestAnimationFrame(() => {
+      this.waiting = false;
+      this.scene.background = readColour("--card");
+      this.renderer.render(this.scene, this.camera);
+    });
+  }
+
+  resize() {
+    const width = this.canvas.parentElement.clientWidth;
+    const height = Math.round(Math.min(0.7 * innerHeight, 0.66 * width));
+    this.renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
+    this.renderer.setSize(width, height);
+    this.camera.aspect = width / height;
+    this.camera.updateProjectionMatrix();
+    this.requestFrame();
+  }
+
+  /** Move the camera so that the content fills the view. */
+  frame() {
+    const box = new Box3().setFromObject(this.content);
+    if (box.isEmpty()) return;
+    const centre = box.getCenter(new Vector3());
+    const radius = box.getSize(new Vector3()).length() / 2;
+    const narrow = Math.min(1, this.camera.aspect);
+    const distance = (MARGIN * radius) / Math.sin((FIELD_OF_VIEW_DEG * Math.PI) / 360) / narrow;
+    this.camera.near = distance / 100;
+    this.camera.far = distance * 10;
+    this.camera.position.copy(centre).add(new Vector3(0.55, 0.5, 0.8).normalize().multiplyScalar(distance));
+    this.camera.updateProjectionMatrix();
+    this.controls.target.copy(centre);
+    this.controls.update();
+    this.requestFrame();
+  }
+
+  /** Call a function with the mesh under the pointer, or null, at each click. */
+  onPick(act) {
+    let start = null;
+    this.canvas.addEventListener("pointerdown", (event) => { start = [event.clientX, event.clientY]; });
+    this.canvas.addEventListener("pointerup", (event) => {
+      if (!start || Math.hypot(event.clientX - start[0], event.clientY - start[1]) > CLICK_PX) return;
+      const area = this.canvas.getBoundingClientRect();
+      const at = new Vector2(
+        (2 * (event.clientX - area.left)) / area.width - 1, 1 - (2 * (event.clientY - area.top)) / area.height,
+      );
+      const caster = new Raycaster();
+      caster.setFromCamera(at, this.camera);
+      act(caster.intersectObject(this.content, true).find((hit) => hit.object.isMesh)?.object ?? null);
+    });
+  }
+
+  /** Turn the view by the arrow keys. */
+  turn(event) {
+    const step = { ArrowLeft: [0.15, 0], ArrowRight: [-0.15, 0], ArrowUp: [0, -0.15], ArrowDown: [0, 0.15] }[event.key];
+    if (!step) return;
+    event.preventDefault();
+    this.controls.rotateLeft(step[0]);
+    this.controls.rotateUp(step[1]);
+    this.controls.update();
+    this.requestFrame();
+  }
+}

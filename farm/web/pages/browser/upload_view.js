@@ -1,0 +1,137 @@
+// A chosen model beside the printers' build volumes, before it is sent: nothing of it leaves the browser here.
+
+import {
+  Box3, BoxGeometry, Color, EdgesGeometry, GridHelper, Group, LineBasicMaterial, LineSegments, Mesh,
+  MeshStandardMaterial, Vector3,
+} from "three";
+import { strFromU8, unzipSync } from "three/addons/libs/fflate.module.js";
+import { ThreeMFLoader } from "three/addons/loaders/3MFLoader.js";
+import { OBJLoader } from "three/addons/loaders/OBJLoader.js";
+import { PLYLoader } from "three/addons/loaders/PLYLoader.js";
+import { STLLoader } from "three/addons/loaders/STLLoader.js";
+import { Stage, readColour } from "./stage.js";
+
+const LARGEST_BYTES = 300e6; // a larger one is only checked by the farm
+const UNITS_MM = { micron: 0.001, millimeter: 1, centimeter: 10, inch: 25.4, foot: 304.8, meter: 1000 };
+
+const wrap = (geometry) => new Group().add(new Mesh(geometry));
+
+/** Return the unit of a 3MF file in mm. */
+const readUnit = (content) => {
+  const files = unzipSync(new Uint8Array(content), { filter: ({ name }) => name.toLowerCase().endsWith(".model") });
+  const units = Object.values(files).map((file) => /<model\b[^>]*\bunit="(\w+)"/.exec(strFromU8(file.subarray(0, 4096)))?.[1]);
+  return UNITS_MM[units.find(Boolean) ?? "millimeter"] ?? 1;
+};
+
+const READERS = {
+  stl: (content) => wrap(new STLLoader().parse(content)),
+  ply: (content) => wrap(new PLYLoader().parse(content)),
+  obj: (content) => new OBJLoader().parse(new TextDecoder().decode(content)),
+  "3mf": (content) => {
+    const group = new ThreeMFLoader().parse(content);
+    group.scale.setScalar(readUnit(content));
+    return new Group().add(group);
+  },
+};
+
+/** Find the scale of a model by the form: a longest side counts more than a unit. */
+const findScale = (form, longest) => {
+  const side = Number(form.elements.longest_side_mm.value);
+  return side > 0 ? side / longest : Number(form.elements.scale.value);
+};
+
+const format = (lengths) => `${lengths.map((mm) => (mm < 10 ? mm.toFixed(1) : Math.round(mm))).join(" × ")} mm`;
+
+/** Say how a model compares with the build volumes; it may be turned. */
+const compare = (size, beds) => {
+  const lengths = [...size].sort((a, b) => a - b);
+  const fitting = beds.filter(([, ...bed]) => bed.sort((a, b) => a - b).every((mm, axis) => lengths[axis] <= mm));
+  if (Math.max(...size) < 5) return "That is tiny: is its unit another one?";
+  if (Math.max(...size) > 5000) return "That is longer than 5 m: is its unit another one?";
+  return fitting.length
+    ? `It may fit as one part on ${fitting.map(([name]) => name).join(", ")}.`
+    : "It is larger than any printer: it is cut into parts.";
+};
+
+class UploadView {
+  constructor(place, form, beds) {
+    Object.assign(this, { place, form, beds, stage: null, model: null });
+    this.words = document.getElementById("size");
+    form.elements.file.addEventListener("change", () => this.read(form.elements.file.files[0]));
+    for (const name of ["scale", "longest_side_mm"]) form.elements[name].addEventListener("input", () => this.show());
+    const drop = form.querySelector(".drop");
+    const isOver = (event, over) => { event.preventDefault(); drop.classList.toggle("over", over); };
+    drop.addEventListener("dragover", (event) => isOver(event, true));
+    drop.addEventListener("dragleave", (event) => isOver(event, false));
+    drop.addEventListener("drop", (event) => {
+      isOver(event, false);
+      form.elements.file.files = event.dataTransfer.files;
+      this.read(form.elements.file.files[0]);
+    });
+  }
+
+  async read(file) {
+    this.model = null;
+    this.place.hidden = true;
+    this.words.textContent = "";
+    const reader = READERS[file?.name.split(".").pop().toLowerCase()];
+    if (!file || !reader) return;
+    if (file.size > LARGEST_BYTES) {
+      this.words.textContent = "It is too large to be shown here.";
+      return;
+    }
+    try {
+      this.model = reader(await file.arrayBuffer());
+      this.show(true);
+    } catch (error) {
+      this.words.textContent = `It cannot be shown here (${error.message}); the farm checks it.`;
+    }
+  }
+
+  show(isNew = false) {
+    if (!this.model) return;
+    this.model.scale.setScalar(1);
+    this.model.position.set(0, 0, 0);
+    const raw = new Box3().setFromObject(this.model).getSize(new Vector3());
+    const scale = findScale(this.form, Math.max(...raw));
+    const size = raw.toArray().map((mm) => mm * scale);
+    this.words.textContent = `${format(size)}. ${compare(size, this.beds)}`;
+    this.place.hidden = false;
+    this.stage ??= new Stage(this.place, "The model beside the printers' build volume");
+    this.draw(scale, isNew);
+  }
+
+  /** Stand the model in the middle of the largest bed; z is up. */
+  draw(scale, isNew) {
+    const { content } = this.stage;
+    content.clear();
+    content.rotation.x = -Math.PI / 2;
+    this.model.scale.setScalar(scale);
+    content.add(this.model);
+    content.updateMatrixWorld(true);
+    const box = new Box3().setFromObject(this.model); // in the world: y is up
+    this.model.position.set(-(box.min.x + box.max.x) / 2, (box.min.z + box.max.z) / 2, -box.min.y);
+    const material = new MeshStandardMaterial({ color: readColour("--accent"), roughness: 0.8 });
+    this.model.traverse((mesh) => {
+      if (!mesh.isMesh) return;
+      if (!mesh.geometry.attributes.normal) mesh.geometry.computeVertexNormals();
+      mesh.material = material;
+    });
+    const [, width, depth, height] = this.beds.reduce((a, b) => (a[1] * a[2] * a[3] > b[1] * b[2] * b[3] ? a : b));
+    const edges = new EdgesGeometry(new BoxGeometry(width, depth, height));
+    const room = new LineSegments(edges, new LineBasicMaterial({ color: readColour("--faint") }));
+    room.position.z = height / 2;
+    const grid = new GridHelper(Math.max(width, depth), 10, new Color(readColour("--line")), readColour("--line"));
+    grid.rotation.x = Math.PI / 2;
+    content.add(room, grid);
+    this.stage.resize();
+    if (isNew) this.stage.frame();
+    this.stage.requestFrame();
+  }
+}
+
+/** Show the file that a person chooses or drops. */
+export const showUpload = async (place) => {
+  const beds = JSON.parse(place.dataset.beds);
+  if (beds.length) new UploadView(place, document.getElementById("submit"), beds);
+};

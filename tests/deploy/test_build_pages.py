@@ -1,0 +1,54 @@
+"""The bundle of the pages: what it is made of, and what it weighs."""
+
+import gzip
+import json
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+SOURCES = ROOT / "farm/web/pages/browser"
+SCRIPT = "deploy/build-pages.sh"
+LARGEST_BYTES = 250_000
+
+
+def test_libraries_are_pinned_by_hashes_and_name_no_host():
+    text = (SOURCES / "package-lock.json").read_text()
+    packages = {name: one for name, one in json.loads(text)["packages"].items() if name}
+    assert packages
+    assert all(one["integrity"].startswith("sha512-") for one in packages.values())
+    assert "resolved" not in text
+    assert "http" not in json.dumps([one.get("version") for one in packages.values()])
+    wanted = json.loads((SOURCES / "package.json").read_text())
+    for name, version in {**wanted["dependencies"], **wanted["devDependencies"]}.items():
+        assert packages[f"node_modules/{name}"]["version"] == version
+
+
+def test_bundle_is_small_and_comes_with_the_licence():
+    bundle = ROOT / "farm/web/pages/built/viewer.js"
+    if not bundle.exists():
+        pytest.skip("the scripts of the pages are not built: make pages")
+    assert len(gzip.compress(bundle.read_bytes())) < LARGEST_BYTES
+    assert "MIT License" in bundle.with_name("three.LICENSE.txt").read_text()
+
+
+def test_installation_goes_on_without_node(tmp_path):
+    place = tmp_path / "checkout"
+    (place / "deploy").mkdir(parents=True)
+    shutil.copy(ROOT / SCRIPT, place / "deploy")
+    shutil.copytree(SOURCES, place / "farm/web/pages/browser")
+    tools = tmp_path / "tools"  # all that the script needs but npm
+    tools.mkdir()
+    for name in ("bash", "cat", "cp", "cut", "dirname", "env", "mkdir", "sha256sum"):
+        (tools / name).symlink_to(shutil.which(name))
+    (tools / "python").write_text("#!/bin/sh\nexit 1\n")  # pip has no network
+    (tools / "python").chmod(0o755)
+    run = subprocess.run(
+        [place / SCRIPT, "python"], env={**os.environ, "PATH": str(tools)}, capture_output=True, text=True
+    )
+    assert run.returncode == 0, run.stderr
+    assert "The pages work without their 3D view" in run.stderr
+    assert not list((place / "farm/web/pages/built").iterdir())
