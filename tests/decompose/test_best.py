@@ -120,7 +120,7 @@ def test_other_grids_are_not_tried_for_small_gains(cost: CostModel, result: Deco
 
 
 @pytest.mark.parametrize(("printers", "options"), [(20, {"granularity": 8}), (1, {})])
-def test_requested_grid_is_the_only_one(
+def test_only_the_requested_grid_is_tried(
     printers: int, options: dict[str, object], cost: CostModel, result: Decomposition
 ) -> None:
     engines = Engines(result, far)
@@ -150,7 +150,7 @@ def test_other_grids_are_tried_at_the_best_angle(cost: CostModel, result: Decomp
 
 
 @pytest.mark.parametrize(("share", "taken"), [(0.995, False), (0.985, True)])
-def test_turned_cuts_need_a_minimum_gain(
+def test_rotated_cuts_need_a_minimum_gain(
     share: float, taken: bool, cost: CostModel, result: Decomposition
 ) -> None:
     busy = replace(result, sum_s=20.0 * 0.98 * BOUND_S)  # other grids are not tried
@@ -160,7 +160,7 @@ def test_turned_cuts_need_a_minimum_gain(
     assert [a.makespan_s for a in best.attempts[2:]] == [share * BOUND_S] * len(OTHER_YAWS_DEG)
 
 
-def test_parts_of_a_turned_model_lie_in_the_model_as_it_was(cost: CostModel) -> None:
+def test_parts_of_a_rotated_model_are_in_the_original_frame(cost: CostModel) -> None:
     """A bar that fits two printers only along its own length: the parts are in its own frame."""
     turn = Rotation.from_euler("z", 45.0, degrees=True).as_matrix()
     bar = replace(BLOCK, solid=BLOCK.solid.rotate(turn))

@@ -87,9 +87,7 @@ def test_too_few_printers_are_reported_with_the_required_number(
         decompose_model(ball, [PrinterRoom(f"toy-{i}", ((5.0, 5.0, 5.0),)) for i in range(40)], COARSE, cost)
 
 
-def test_printer_may_be_there_for_several_rounds(
-    ball: Model, fleet: list[PrinterRoom], cost: CostModel
-) -> None:
+def test_printer_may_print_in_several_rounds(ball: Model, fleet: list[PrinterRoom], cost: CostModel) -> None:
     result = decompose_model(ball, fleet[:3] * 3, COARSE, cost)
     counts = [[p.printer for p in result.parts].count(r.name) for r in fleet[:3]]
     assert sum(counts) == len(result.parts) > 3
@@ -140,7 +138,7 @@ def test_invalid_wall_is_refused(lump: Solid, fleet: list[PrinterRoom], cost: Co
         decompose_model(Model(lump, (), 1.0), fleet, Options(min_wall_mm=float("nan")), cost)
 
 
-def test_written_parts_go_back_into_the_model(
+def test_written_parts_fit_together_to_the_model(
     lump: Solid, fleet: list[PrinterRoom], cost: CostModel, tmp_path: Path
 ) -> None:
     result = write_decomposition(

@@ -31,7 +31,7 @@ def read_only(monkeypatch: pytest.MonkeyPatch) -> set[Path]:
     return folders
 
 
-def test_code_is_kept_beside_the_sources_where_they_can_be_written(tmp_path: Path) -> None:
+def test_code_is_stored_beside_writable_sources(tmp_path: Path) -> None:
     assert find_code_folder(tmp_path / "installed", [tmp_path / "own"]) == tmp_path / "installed"
     assert not (tmp_path / "own").exists()
 
@@ -51,9 +51,7 @@ def test_installed_code_is_copied_for_a_user_who_may_not_write_it(
     assert (own / "grid" / "rays.nbc").exists()  # it is not copied again
 
 
-def test_home_that_cannot_be_written_leaves_a_folder_of_the_process(
-    tmp_path: Path, read_only: set[Path]
-) -> None:
+def test_unwritable_home_falls_back_to_a_temporary_folder(tmp_path: Path, read_only: set[Path]) -> None:
     (tmp_path / "file").write_text("no folder")
     read_only.add(tmp_path / "installed")
     others = [tmp_path / "file" / "own", tmp_path / "scratch"]

@@ -92,7 +92,7 @@ def test_second_relevel_continues_from_the_first(cut: Decomposition, cost: CostM
     assert took_s(twice, number_in(twice, once, 2), 1.3).max() < took_s(once, 2, 1.3).max()
 
 
-def test_turned_model_is_relevelled_in_its_frame(cost: CostModel) -> None:
+def test_rotated_model_is_relevelled_in_its_own_frame(cost: CostModel) -> None:
     from decompose.decompose import _by_engine
 
     task = rotate_about_z(Problem(MODEL, ROOMS, cost, OPTIONS), -20.0)

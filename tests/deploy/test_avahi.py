@@ -9,7 +9,7 @@ from farm.web.slicers.octoprint_views import API_VERSION, SERVER_VERSION
 FILE = Path(__file__).parents[2] / "deploy" / "avahi" / "farm.service"
 
 
-def test_announcement_is_what_slicers_look_for_at_the_usual_port():
+def test_announcement_has_the_service_type_and_port_of_slicers():
     (service,) = ElementTree.parse(FILE).getroot().findall("service")
     assert service.findtext("type") == "_octoprint._tcp"
     assert int(service.findtext("port")) == WebSection().address[1]

@@ -61,7 +61,7 @@ def test_bad_subject_is_refused_and_named(repository: Repository, subject: str):
     assert commit[:9] in result.stderr and subject in result.stderr
 
 
-def test_shallow_clone_without_the_base_is_checked_as_far_as_it_goes(repository: Repository, tmp_path: Path):
+def test_shallow_clone_without_the_base_is_checked(repository: Repository, tmp_path: Path):
     base = repository.git("rev-parse", "HEAD")
     repository.commit("One")
     repository.commit("Two")

@@ -104,7 +104,7 @@ def test_apt_refuses_another_python_and_another_cura():
         assert wanted in depends
 
 
-def test_agents_are_found_whoever_started_them():
+def test_running_agents_of_every_user_are_found():
     """A daemon on another host starts agents in a user's folder; a removal must not take their program."""
     text = (DEBIAN / "prerm").read_text()
     [function] = re.findall(r"(?ms)^agents_run\(\) \{$.*?^\}$", text)
@@ -118,7 +118,7 @@ def test_agents_are_found_whoever_started_them():
     assert "um2-09" not in subprocess.run(script, capture_output=True, text=True, check=True).stdout
 
 
-def test_purge_leaves_a_checkout_in_its_place_alone():
+def test_purge_does_not_remove_a_checkout():
     text = (DEBIAN / "postrm").read_text()
     assert text.index("/opt/farm/.git") < text.index("rm -rf")
 

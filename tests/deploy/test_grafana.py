@@ -31,7 +31,7 @@ def labels(tmp_path):
     return found
 
 
-def test_every_expression_asks_for_metrics_and_labels_that_there_are(labels):
+def test_every_expression_uses_existing_metrics_and_labels(labels):
     expressions = [target for panel in PANELS for target in panel["targets"]]
     assert len(expressions) > 10
     for target in expressions:
@@ -42,7 +42,7 @@ def test_every_expression_asks_for_metrics_and_labels_that_there_are(labels):
     assert "printer" in labels["farm_printer_info"]
 
 
-def test_panels_have_ids_of_their_own_and_do_not_overlap():
+def test_panels_have_unique_ids_and_do_not_overlap():
     assert len({panel["id"] for panel in PANELS}) == len(PANELS)
     cells = [
         (x, y)

@@ -20,13 +20,13 @@ class TestInstall:
         assert host.run()[0] == 0
         assert (host.state / "calls").read_text() == calls  # the second time asks nobody
 
-    def test_lists_that_are_empty_are_refreshed_once(self, tmp_path):
+    def test_empty_package_lists_are_refreshed_once(self, tmp_path):
         code, _, calls = Host(tmp_path, apt="5.0", lists=False).run()
         assert code == 0
         assert calls.count("update") == 1
 
     @pytest.mark.parametrize("version", ["4.13", "5.0", "5.2"])
-    def test_given_engine_that_fits_is_used(self, tmp_path, version):
+    def test_configured_engine_of_a_supported_version_is_used(self, tmp_path, version):
         host = Host(tmp_path)
         engine = host.engine(version, tmp_path / "mine")
         given = resources(tmp_path / "cura", version)
@@ -42,7 +42,7 @@ class TestInstall:
             ("5.0", None, "is not Cura's resources folder"),
         ],
     )
-    def test_given_engine_that_does_not_fit_is_refused(self, tmp_path, engine, settings, wrong):
+    def test_configured_engine_of_another_version_is_refused(self, tmp_path, engine, settings, wrong):
         host = Host(tmp_path)
         folder = resources(tmp_path / "cura", settings) if settings else tmp_path
         program = host.engine(engine, tmp_path / "mine")

@@ -86,7 +86,7 @@ def test_setup_installs_what_the_doctor_misses(environment: Path, tmp_path: Path
     assert f"ok       code: the planning code is compiled in {environment}" in after
 
 
-def test_setup_says_what_is_missing_where_there_is_no_apt(environment: Path, tmp_path: Path):
+def test_setup_names_missing_packages_without_apt(environment: Path, tmp_path: Path):
     shutil.rmtree(environment / "share", ignore_errors=True)
     code, output = run(environment, Host(tmp_path), "setup")
     assert code == 1

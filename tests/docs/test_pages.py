@@ -43,7 +43,7 @@ def test_wrong_command_and_a_wrong_option_are_found():
     assert mistakes_in(text) == ["farm sumbit", "farm submit --overnite"]
 
 
-def test_readme_submits_a_file_that_is_there_or_was_made_before():
+def test_readme_submits_existing_or_generated_files_only():
     text = (ROOT / "README.md").read_text(encoding="utf-8")
     lines = [line for block in re.findall(r"```\n(.*?)```", text, re.DOTALL) for line in block.splitlines()]
     created = set[str]()

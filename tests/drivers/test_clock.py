@@ -10,7 +10,7 @@ moments = st.floats(0, 4e9)
 
 
 @given(scale=st.floats(1, 1000), anchor_s=moments, wall_s=moments)
-def test_wall_and_farm_time_are_each_other_s_inverse(scale: float, anchor_s: float, wall_s: float):
+def test_wall_and_farm_time_are_inverse_conversions(scale: float, anchor_s: float, wall_s: float):
     clock = Clock(scale, anchor_s)
     assert clock.wall(clock.farm(wall_s)) == pytest.approx(wall_s, abs=1e-2)
     assert clock.farm(anchor_s) == anchor_s

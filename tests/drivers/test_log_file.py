@@ -41,7 +41,7 @@ def test_only_the_newest_logs_are_kept(tmp_path: Path):
     assert results == {"daemon.log": "", "daemon.log.1": "8", "daemon.log.2": "7", "daemon.log.3": "6"}
 
 
-def test_log_below_the_limit_or_missing_stays_as_it_is(tmp_path: Path):
+def test_missing_or_small_log_is_unchanged(tmp_path: Path):
     path = tmp_path / "agent.log"
     assert not rotate_log(path, 100)
     path.write_text("short")
@@ -49,7 +49,7 @@ def test_log_below_the_limit_or_missing_stays_as_it_is(tmp_path: Path):
     assert [log.name for log in tmp_path.iterdir()] == ["agent.log"]
 
 
-def test_on_a_full_disk_the_log_stays(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_full_disk_leaves_the_log_unchanged(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     path = tmp_path / "agent.log"
     path.write_text("x" * 100)
 

@@ -299,7 +299,7 @@ def test_camera_has_an_address_by_http(tmp_path, url):
         "[pass-w0rd]",
     ],
 )
-def test_other_addresses_of_a_camera_are_refused_without_showing_them(tmp_path, url):
+def test_invalid_camera_addresses_are_refused_without_showing_them(tmp_path, url):
     with pytest.raises(FleetFileError, match=r"fleet.yaml:3: defaults.camera: must be the address") as error:
         load(tmp_path, GOOD.replace("colour: red", f'camera: "{url}"'))
     assert "pass-w0rd" not in str(error.value)

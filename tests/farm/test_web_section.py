@@ -23,7 +23,7 @@ TLS = {"cert": "c.pem", "key": "k.pem"}
         ({"url": "http://farm.lab:81", "tls": TLS}, "http://farm.lab:81", False),
     ],
 )
-def test_url_for_browsers(keys, url, encrypted):
+def test_url_for_browsers_follows_from_the_section(keys, url, encrypted):
     section = WebSection.model_validate(keys)
     assert (section.find_browser_url("pc-b"), section.is_encrypted) == (url, encrypted)
 

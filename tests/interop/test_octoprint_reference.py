@@ -124,7 +124,7 @@ def compare(own, other, needed):
 
 
 @pytest.mark.parametrize("title", ANSWERS)
-def test_answer_is_a_part_of_octoprint_s(title, octoprint, ours):
+def test_answer_is_a_subset_of_the_one_of_octoprint(title, octoprint, ours):
     (method, path, body), needed = ANSWERS[title]
     own, other = ours.ask(method, path, **body), octoprint.ask(method, path.removeprefix(ONE), **body)
     assert own.status_code == other.status_code, (own.text, other.text)
@@ -138,7 +138,7 @@ def test_answer_is_a_part_of_octoprint_s(title, octoprint, ours):
 
 
 @pytest.mark.parametrize("title", REFUSALS)
-def test_refusal_has_octoprint_s_status_or_the_one_in_the_table(title, octoprint, ours):
+def test_refusal_has_the_status_of_octoprint_or_of_the_table(title, octoprint, ours):
     (method, path, body), differs = REFUSALS[title]
     own, other = ours.ask(method, path, **body), octoprint.ask(method, path, **body)
     assert own.status_code == (differs or other.status_code), (own.text, other.text)

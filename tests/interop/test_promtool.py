@@ -30,7 +30,7 @@ def test_metrics_follow_the_rules_for_names(tmp_path):
     assert run("check", "metrics", text="farm_wrong_total 1 2 3\n").returncode != 0
 
 
-def test_alert_rules_are_valid_and_use_only_metrics_that_there_are(tmp_path):
+def test_alert_rules_are_valid_and_use_existing_metrics_only(tmp_path):
     checked = run("check", "rules", str(RULES))
     assert checked.returncode == 0, checked.stdout + checked.stderr
     text = ScrapedFarm(tmp_path).scrape()

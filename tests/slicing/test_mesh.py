@@ -54,7 +54,7 @@ def merged(corners):
 @pytest.mark.parametrize(
     "mesh", [trimesh.creation.icosphere(2, 60.0), slab((100.0, 80.0), (90.0, 85.0), 40.0)]
 )
-def test_same_part_but_for_hundredths_of_a_mm(mesh):
+def test_waved_part_differs_by_hundredths_of_a_mm_only(mesh):
     new = merged(read_triangles(write_triangles(add_waves(np.asarray(mesh.triangles)))))
     assert new.is_watertight
     assert new.volume == pytest.approx(mesh.volume, rel=2e-4)
@@ -63,7 +63,7 @@ def test_same_part_but_for_hundredths_of_a_mm(mesh):
     assert away_mm.max() <= 1.01 * np.hypot(WAVE_MM, WAVE_MM)
 
 
-def test_corners_lie_on_the_crests():
+def test_corners_of_a_waved_part_lie_on_the_crests():
     """So that a flat side is straight from crest to trough, and no longer."""
     block = trimesh.creation.box((130.0, 40.0, 10.0))
     new = merged(add_waves(np.asarray(block.triangles)))

@@ -19,7 +19,7 @@ from slicing.plate import slice_plate
 from slicing.slice_store import write_atomically
 
 
-def test_cube_of_50_mm_at_the_papers_settings(request_for, settings_of):
+def test_cube_of_50_mm_with_the_settings_of_the_paper(request_for, settings_of):
     """The checksum of the whole chain: other settings give up to six times this time."""
     result = slice_plate(request_for(trimesh.creation.box((50, 50, 50)), settings=settings_of("paper")))
     assert int(result.sliced_s) == 4906
@@ -172,7 +172,7 @@ def test_repeated_slice_runs_no_engine(request_for, cube_20, tmp_path, settings_
         slice_plate(replace(request, bed=((-5.0, -5.0, 5.0, 5.0, 205.0),)))
 
 
-def test_full_disk_is_named_with_the_file_that_has_no_room(tmp_path, monkeypatch):
+def test_error_for_a_full_disk_names_the_file(tmp_path, monkeypatch):
     def full(*_):
         raise OSError(errno.ENOSPC, "No space left on device")
 

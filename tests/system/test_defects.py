@@ -104,7 +104,7 @@ def test_missing_file_is_refused(shared_farm, tmp_path):
     assert "no such file" in one_line(result.stderr)
 
 
-def test_daemon_unreachable(make_farm, bar):
+def test_unreachable_daemon_is_reported(make_farm, bar):
     farm = make_farm({"one": SIM})
     for arguments in (("submit", bar), ("status",), ("status", 1, "--json"), ("down",)):
         result = farm.run(*arguments)
@@ -112,7 +112,7 @@ def test_daemon_unreachable(make_farm, bar):
         assert "farm up" in one_line(result.stderr)
 
 
-def test_fleet_with_an_unknown_key(make_farm):
+def test_unknown_key_in_the_fleet_file_is_reported(make_farm):
     farm = make_farm({"one": SIM})
     farm.fleet.write_text(farm.fleet.read_text().replace("name: one", "name: one, colur: red"))
     result = farm.run("up")
@@ -120,7 +120,7 @@ def test_fleet_with_an_unknown_key(make_farm):
     assert re.search(r"fleet.yaml:3: printers.0.colur: unknown key", one_line(result.stderr))
 
 
-def test_fleet_with_an_unknown_material(make_farm):
+def test_unknown_material_in_the_fleet_file_is_reported(make_farm):
     farm = make_farm({"one": SIM})
     farm.fleet.write_text(farm.fleet.read_text().replace("name: one", "name: one, material: PLAA"))
     result = farm.run("up")
@@ -131,7 +131,7 @@ def test_fleet_with_an_unknown_material(make_farm):
     )
 
 
-def test_two_printers_on_one_port(make_farm, tmp_path):
+def test_two_printers_on_one_port_are_refused(make_farm, tmp_path):
     farm = make_farm({"one": (MODEL, "/dev/ttyACM0"), "two": (MODEL, "/dev/ttyACM0")})
     result = farm.run("up")
     assert result.returncode == 2
@@ -148,7 +148,7 @@ def test_missing_port_is_reported(make_farm, tmp_path):
     assert farm.status()["todo"][0]["code"] == "connect"
 
 
-def test_cura_engine_missing(make_farm, bar, tmp_path):
+def test_missing_cura_engine_is_reported(make_farm, bar, tmp_path):
     farm = make_farm({"one": SIM})
     farm.up(FARM_CURA_ENGINE=str(tmp_path / "no-engine"))
     result = farm.run("submit", bar, "--wait")
@@ -156,7 +156,7 @@ def test_cura_engine_missing(make_farm, bar, tmp_path):
     assert "FARM_CURA_ENGINE" in one_line(result.stderr)
 
 
-def test_cura_engine_failing(make_farm, bar, tmp_path):
+def test_failing_cura_engine_is_reported(make_farm, bar, tmp_path):
     engine = tmp_path / "engine"
     failing = "[ $1 = help ] && exec CuraEngine help; echo 'out of memory' >&2; exit 1"
     engine.write_text(f"#!/bin/sh\n{failing}\n")
@@ -169,7 +169,7 @@ def test_cura_engine_failing(make_farm, bar, tmp_path):
     assert farm.job()["state"] == "failed"
 
 
-def test_part_that_fits_no_printer(make_farm, tmp_path):
+def test_part_that_fits_no_printer_is_refused(make_farm, tmp_path):
     farm = make_farm({"one": SIM})
     # A printer so small that nothing printable is left of its bed within the clips and the brim.
     farm.fleet.write_text(farm.fleet.read_text().replace("name: one", "name: one, volume_mm: [20, 20, 20]"))

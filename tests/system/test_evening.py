@@ -36,7 +36,7 @@ def list_prints(job):
     return [attempt for part in job["parts"] for attempt in part["prints"]]
 
 
-def test_jobs_are_planned_while_all_beds_are_taken_and_a_dry_run_while_a_large_model_is(evening, bar, models):
+def test_jobs_and_dry_runs_are_planned_while_printers_and_workers_are_busy(evening, bar, models):
     farm = evening
     farm.ok("submit", bar, "--engine", "guillotine")
     wait_for("both printers to print", lambda: len(list_prints(farm.job())) == 2)

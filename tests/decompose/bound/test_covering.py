@@ -15,7 +15,7 @@ shapes = st.tuples(st.integers(1, 5), st.integers(1, 4), st.integers(1, 4))
 
 @settings(max_examples=30, deadline=None)
 @given(shape=shapes, seed=st.integers(0, 10**6), limit_s=st.floats(100.0, 1500.0))
-def test_shares_cover_and_weights_overrun_no_box(shape: Shape, seed: int, limit_s: float) -> None:
+def test_shares_cover_all_cells_and_weights_exceed_no_box(shape: Shape, seed: int, limit_s: float) -> None:
     boxes, needed = tables(shape, seed)
     needed[0, 0, 0] = True
     boxes.trimmed[box_index((0, 0, 0, 1, 1, 1), shape)] = box_index((0, 0, 0, 1, 1, 1), shape)

@@ -92,7 +92,7 @@ def test_weights_prove_the_bound(shape: Shape, seed: int, printers: int) -> None
 
 @settings(max_examples=25, deadline=None)
 @given(shape=shapes, seed=st.integers(0, 10**6), printers=st.integers(1, 6))
-def test_bound_equals_that_of_the_full_programme(shape: Shape, seed: int, printers: int) -> None:
+def test_bound_equals_that_of_the_complete_linear_programme(shape: Shape, seed: int, printers: int) -> None:
     """All boxes at once, where weights of at most one part a cell are looked for."""
     boxes, needed = tables(shape, seed)
     bound, _ = solved(boxes, needed, printers)

@@ -38,7 +38,7 @@ def test_face_of_a_million_corners_is_refused(suffix: str) -> None:
         check_limits("a", polygon(1_000_000, suffix), suffix, None)
 
 
-def test_face_over_several_lines_is_one_face_and_a_long_comment_is_none() -> None:
+def test_face_on_several_lines_counts_once_and_a_comment_is_ignored() -> None:
     face = polygon(1_000_000, ".obj").replace(b" 1 2", b" \\\n1 2")
     with pytest.raises(ModelUnreadable, match="1000000 corners"):
         check_limits("a", face, ".obj", None)

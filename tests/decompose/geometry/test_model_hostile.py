@@ -72,7 +72,7 @@ def test_invalid_sizes_are_refused(
     assert "\n" not in str(raised.value)
 
 
-def test_speck_beside_a_point_is_refused(tmp_path: Path) -> None:
+def test_tiny_model_with_a_distant_point_is_refused(tmp_path: Path) -> None:
     """Triangles too small to be told apart, far from one another."""
     specks = np.concatenate([ball(1e-10), ball(1e-10) + 50.0])
     with pytest.raises(ModelNotSolid):
@@ -134,7 +134,7 @@ def test_ply_with_a_false_header_is_refused(tmp_path: Path, encoding: str, true:
     assert "\n" not in str(raised.value)
 
 
-def test_bytes_behind_the_triangles_of_an_stl_are_left_out(tmp_path: Path) -> None:
+def test_bytes_after_the_triangles_of_an_stl_are_ignored(tmp_path: Path) -> None:
     path = tmp_path / "ball.stl"
     write_stl(path, ball().astype(np.float32))
     whole = load_model(path)

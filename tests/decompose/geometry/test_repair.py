@@ -49,7 +49,9 @@ def test_touching_bodies_are_separated(where: tuple[float, ...], pieces: int) ->
 
 @settings(max_examples=30, deadline=None)
 @given(st.lists(st.tuples(*[st.integers(0, 3)] * 3), min_size=1, max_size=12, unique=True), st.data())
-def test_cubes_in_a_lattice_are_their_union(places: list[tuple[int, int, int]], data: st.DataObject) -> None:
+def test_touching_cubes_of_a_lattice_are_united(
+    places: list[tuple[int, int, int]], data: st.DataObject
+) -> None:
     """They share faces, edges and corners; some are turned inside out, as triangles without order are not."""
     cubes = [block(tuple(10.0 * p for p in place), tuple(10.0 * p + 10.0 for p in place)) for place in places]
     order = data.draw(st.permutations(range(12 * len(cubes))))
@@ -65,7 +67,7 @@ def overlapping_at_an_edge() -> np.ndarray:
     return np.concatenate([first, second])
 
 
-def test_bodies_that_overlap_and_share_an_edge_are_their_union() -> None:
+def test_overlapping_bodies_with_a_common_edge_are_united() -> None:
     """Closed, though solid and air do not alternate around the shared edge."""
     triangles = overlapping_at_an_edge()
     solid, repairs = close_surface("hair", triangles)
@@ -100,7 +102,7 @@ def test_two_open_shells_through_one_another_are_closed_and_joined() -> None:
     assert any("12 open edges" in r and "% of the surface is new" in r for r in repairs)
 
 
-def test_open_ends_of_a_pipe_are_rings() -> None:
+def test_open_ends_of_a_pipe_are_closed_by_rings() -> None:
     pipe = trimesh.creation.annulus(r_min=20.0, r_max=25.0, height=100.0)
     triangles = np.array(pipe.triangles)
     ends = np.ptp(triangles[:, :, 2], axis=1) < 1e-9
@@ -117,7 +119,7 @@ def test_gaps_that_rounding_left_are_welded() -> None:
     assert repairs == ["Joined vertices within 0.0001 mm of each other."]
 
 
-def test_cup_of_one_layer_is_refused() -> None:
+def test_cup_without_wall_thickness_is_refused() -> None:
     """Filling it would invent a lid, and a cup is no plug."""
     with pytest.raises(ModelNotSolid, match=r"would invent 2\d %"):
         close_surface("cup", without_lid(block((0, 0, 0), (100, 100, 50)), 2, 50.0))
@@ -134,7 +136,7 @@ def test_one_sided_surfaces_are_not_oriented() -> None:
     assert shells.orient_faces(band) is None
 
 
-def test_rims_of_holes_that_meet_in_a_vertex_come_apart() -> None:
+def test_holes_that_share_a_vertex_get_separate_rims() -> None:
     """Two opposite triangles of an octahedron's top are gone: both holes have its tip."""
     corners = np.array([[0, 0, 1], [1, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0], [0, 0, -1]], dtype=float)
     whole = np.array([[0, 1, 2], [0, 2, 3], [0, 3, 4], [0, 4, 1], [5, 2, 1], [5, 3, 2], [5, 4, 3], [5, 1, 4]])

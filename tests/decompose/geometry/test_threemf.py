@@ -40,7 +40,7 @@ def refused(data: bytes, kind: type[DecomposeError] = ModelUnreadable) -> str:
 
 
 @pytest.mark.parametrize(("unit", "factor"), [(None, 1.0), *model_part.UNITS_MM.items()])
-def test_unit_of_the_file_is_converted_to_mm(unit: str | None, factor: float) -> None:
+def test_unit_of_a_3mf_file_is_converted_to_mm(unit: str | None, factor: float) -> None:
     data = package_bytes(model_xml([object_xml(1, BOX)], ['objectid="1"'], unit))
     triangles, notes = read_3mf("a.3mf", data)
     np.testing.assert_allclose(np.ptp(triangles, axis=(0, 1)), np.array([10, 20, 30]) * factor)
@@ -58,7 +58,7 @@ def test_only_objects_placed_by_the_build_are_read() -> None:
     )
 
 
-def test_point_is_a_row_that_is_multiplied_from_the_left() -> None:
+def test_transform_is_applied_to_points_as_row_vectors() -> None:
     """As the specification has it: x and y exchanged by the matrix 0 1 0 -1 0 0 0 0 1."""
     items = ['objectid="1" transform="0 1 0 -1 0 0 0 0 1 0 0 0"']
     triangles, _ = read_3mf("a.3mf", package_bytes(model_xml([object_xml(1, BOX)], items)))
@@ -114,7 +114,7 @@ def test_modifiers_of_a_slicer_are_a_warning(settings_text: str) -> None:
     assert "modifiers" in read_3mf("a.3mf", package_bytes(model, marked))[1][0]
 
 
-def test_file_of_another_program_is_the_same_solid(tmp_path: Path) -> None:
+def test_file_of_another_program_gives_the_same_solid(tmp_path: Path) -> None:
     """A whole way through the reader of models, with a scale beside the unit."""
     path = tmp_path / "ball.3mf"
     ball = mesh_xml(trimesh.creation.icosphere(2, 1.0))

@@ -80,7 +80,9 @@ def test_sums_over_a_box_equal_those_of_the_cut_solid(
 
 @settings(max_examples=40, deadline=None)
 @given(data=st.data())
-def test_rods_in_one_cell_are_counted_apart(data: st.DataObject, recipe_cost: CostModel) -> None:
+def test_separate_rods_in_one_cell_are_counted_separately(
+    data: st.DataObject, recipe_cost: CostModel
+) -> None:
     """Nine rods on a plate, some in one cell: without the plate each is a piece."""
     rods = [
         Solid.box((x, y, 5.0), (x + 4.0, y + 4.0, 90.0)) for x in (3.0, 15.0, 27.0) for y in (3.0, 15.0, 27.0)
@@ -97,7 +99,7 @@ def test_rods_in_one_cell_are_counted_apart(data: st.DataObject, recipe_cost: Co
 
 @settings(max_examples=20, deadline=None)
 @given(axis=st.integers(0, 2), data=st.data())
-def test_cut_areas_equal_those_of_a_real_cut(axis: int, data: st.DataObject, grid: Grid, lump: Solid) -> None:
+def test_cut_areas_match_a_real_cut(axis: int, data: st.DataObject, grid: Grid, lump: Solid) -> None:
     plane = data.draw(st.integers(1, grid.shape[axis] - 1))
     below, above = lump.split(axis, float(grid.planes[axis][plane]))
     cut = (below.area_mm2 + above.area_mm2 - lump.area_mm2) / 2.0
@@ -146,7 +148,7 @@ def test_flat_faces_of_a_box_are_found() -> None:
     assert [find_flat_coordinates(vertices[faces], a).tolist() for a in range(3)] == [[1, 4], [2, 5], [3, 6]]
 
 
-def test_counts_follow_the_shape() -> None:
+def test_cell_counts_follow_the_proportions_of_the_model() -> None:
     assert count_cells(np.array([300.0, 300.0, 300.0]), 15) == (15, 15, 15)
     nx, ny, nz = count_cells(np.array([355.0, 3.0, 355.0]), 15)
     assert (ny, nx) == (1, nz)

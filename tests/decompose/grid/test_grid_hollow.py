@@ -37,7 +37,9 @@ def turned_block() -> Solid:
 
 @pytest.mark.parametrize("min_wall_mm", [3.0, 10.0, 25.0])
 @pytest.mark.parametrize("shape", [ball, tube, block, turned_block])
-def test_hollow_keeps_the_wall(shape: Callable[[], Solid], min_wall_mm: float, cost: CostModel) -> None:
+def test_hollow_leaves_the_minimum_wall(
+    shape: Callable[[], Solid], min_wall_mm: float, cost: CostModel
+) -> None:
     solid = shape()
     vertices, faces = solid.arrays()
     grid = build_grid(vertices[faces], 14, GridRules(min_wall_mm, False, cost.overhang_cos, cost.skin_cos))
@@ -51,7 +53,7 @@ def test_hollow_keeps_the_wall(shape: Callable[[], Solid], min_wall_mm: float, c
     assert min_wall_mm - 1e-6 <= gap_mm <= min_wall_mm + np.sqrt(3.0) * cell_mm
 
 
-def test_grid_without_a_wall_or_with_the_interior_kept(cost: CostModel) -> None:
+def test_grid_supports_no_wall_and_a_kept_interior(cost: CostModel) -> None:
     vertices, faces = block().arrays()
     bare = build_grid(vertices[faces], 10, GridRules(0.0, False, cost.overhang_cos, cost.skin_cos))
     kept = build_grid(vertices[faces], 10, GridRules(25.0, True, cost.overhang_cos, cost.skin_cos))

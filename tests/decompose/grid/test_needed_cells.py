@@ -64,7 +64,7 @@ def test_cells_near_the_surface_are_needed(turn: Rotation, count: int, wall_mm: 
     assert (depths_mm(cells.needed).min(axis=0) <= np.sqrt(3.0) * (wall_mm + 2.0 * cell_mm)).all()
 
 
-def test_interior_is_needed_where_it_is_kept(cost: CostModel) -> None:
+def test_kept_interior_is_needed(cost: CostModel) -> None:
     triangles = block(Rotation.from_rotvec([0.3, 0.2, 0.1]))
     grid = grid_of(triangles, cost, 6, 10.0, keep=True)
     kept, left = (refine_cells(grid, triangles, 10.0, keep, 200_000) for keep in (True, False))

@@ -18,7 +18,9 @@ from decompose.printers import PrinterRoom
 @given(
     parts=st.integers(1, 4), spare=st.integers(-1, 2), fits=st.floats(0.3, 1.0), seed=st.integers(0, 10**6)
 )
-def test_last_part_ends_as_soon_as_it_can(parts: int, spare: int, fits: float, seed: int) -> None:
+def test_assignment_minimises_the_end_of_the_last_part(
+    parts: int, spare: int, fits: float, seed: int
+) -> None:
     rng = np.random.default_rng(seed)
     printers = max(1, parts + spare)
     seconds = np.outer(rng.integers(1, 9, parts) * 100.0, rng.choice([0.9, 1.0, 1.2], printers))

@@ -45,7 +45,7 @@ def test_two_halves_have_one_joint() -> None:
     assert joint.width_mm == pytest.approx(30.0, rel=0.02)
 
 
-def test_plane_that_is_given_twice_counts_once() -> None:
+def test_duplicate_plane_counts_once() -> None:
     item, other = cut(block((0, 0, 0), (60, 40, 30)), x=(25.0,))
     twice = Piece(item.solid, np.concatenate([item.planes, -item.planes]), item.boxes_mm)
     (joint,) = find_joints([twice, other])
@@ -223,7 +223,7 @@ def corners(face: JointFace) -> Floats:
 
 
 @given(st.floats(0.0, 6.3), st.tuples(*[st.floats(-300.0, 300.0)] * 3))
-def test_moved_joint_has_its_corners_moved(angle: float, offset: tuple[float, float, float]) -> None:
+def test_moving_a_joint_moves_its_corners(angle: float, offset: tuple[float, float, float]) -> None:
     (joint,) = find_joints(cut(block((0, 0, 0), (60, 40, 30)), x=(25.0,)))
     transform = np.eye(4)
     transform[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]

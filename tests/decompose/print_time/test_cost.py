@@ -53,7 +53,7 @@ def test_price_of_a_cube_equals_a_manual_calculation() -> None:
     assert times == pytest.approx([by_hand] * 6)  # its underside lies on the bed: no support
 
 
-def test_needle_takes_the_least_time_of_its_layers() -> None:
+def test_needle_takes_the_minimum_time_of_its_layers() -> None:
     cost = CostModel.from_recipe(Recipe(min_layer_s=5.0))
     needle, block = Solid.box((0, 0, 0), (3, 3, 60)), Solid.box((0, 0, 0), (60, 60, 60))
     faster = replace(cost, min_s_mm=0.0)
@@ -171,7 +171,7 @@ def test_additive_features_add_up_over_a_cut(
 
 @settings(max_examples=25, deadline=None)
 @given(turns=st.tuples(*[st.floats(-math.pi, math.pi)] * 6), shift=st.tuples(*[st.floats(-1e3, 1e3)] * 3))
-def test_turning_part_and_bed_together_changes_nothing(
+def test_rotating_part_and_bed_together_changes_no_price(
     turns: tuple[float, ...], shift: tuple[float, float, float], lump: Solid, cost: CostModel
 ) -> None:
     vertices, faces = lump.arrays()
@@ -192,7 +192,7 @@ def test_axis_poses_are_priced_like_other_rotations(lump: Solid, cost: CostModel
     assert turned[4] == pytest.approx(price_axis_poses_s(vertices, faces, cost)[0])
 
 
-def test_features_of_many_poses_come_in_their_order(lump: Solid, cost: CostModel) -> None:
+def test_features_are_returned_in_the_order_of_the_poses(lump: Solid, cost: CostModel) -> None:
     rotations = Rotation.random(40, random_state=3).as_matrix()
     together, _ = sum_pose_features(*lump.arrays(), rotations, cost)
     assert together.shape == (40, len(ADDITIVE))

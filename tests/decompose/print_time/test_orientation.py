@@ -117,7 +117,7 @@ def test_edge_is_not_used_as_footing() -> None:
     assert not pose.stands
 
 
-def test_turning_the_model_turns_the_pose() -> None:
+def test_rotating_the_model_rotates_the_pose() -> None:
     solid = Solid.union([tee(), Solid.box((-5, -15, 0), (20, 10, 8))])
     here, there = laid(solid), laid(turned(solid))
     assert there.price_s == pytest.approx(here.price_s, rel=0.01)
@@ -142,7 +142,7 @@ def test_no_support_touches_a_cut_face_where_another_pose_fits() -> None:
     assert abs(up_of(free)[2]) < 0.9
 
 
-def test_least_touched_cut_face_is_preferred() -> None:
+def test_pose_with_the_least_support_on_cut_faces_is_preferred() -> None:
     """On the large slab, support hangs under and stands on no more than the small one's area."""
     solid = spool()
     cut = level_faces(solid, inner=True)

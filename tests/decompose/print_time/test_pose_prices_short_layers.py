@@ -42,7 +42,7 @@ def test_equal_layers_are_covered_by_the_price() -> None:
         )
 
 
-def test_tip_is_slowed_down() -> None:
+def test_short_layers_of_a_tip_are_slowed_down() -> None:
     """Layer by layer, from what the lines of each take."""
     side_mm, height_mm, top_mm, layer_mm = 40.0, 120.0, 2.0, Recipe().layer_height_mm
     tip = pyramid(side_mm, height_mm, top_mm)
@@ -64,7 +64,7 @@ def test_tip_is_slowed_down() -> None:
 
 
 @pytest.mark.parametrize(("layer_mm", "angle_deg"), [(0.25, 45.0), (0.1, 45.0), (0.25, 60.0)])
-def test_face_at_just_the_support_angle_is_supported(layer_mm: float, angle_deg: float) -> None:
+def test_face_at_exactly_the_support_angle_is_supported(layer_mm: float, angle_deg: float) -> None:
     """As CuraEngine does, for rounding; a part took a third longer than its price, which did not know it."""
     cost = CostModel.from_recipe(Recipe(layer_height_mm=layer_mm, support_angle_deg=angle_deg))
     assert (

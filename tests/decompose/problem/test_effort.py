@@ -137,6 +137,6 @@ def test_sum_of_work_is_independent_of_order(work: list[tuple[Work, int]], budge
 
 
 @given(shape=st.tuples(st.integers(1, 4), st.integers(1, 4), st.integers(1, 4)))
-def test_search_makes_one_sum_per_cut_of_each_box(shape: tuple[int, int, int]) -> None:
+def test_search_computes_one_sum_per_cut_of_each_box(shape: tuple[int, int, int]) -> None:
     spans = [[b - a for a in range(n) for b in range(a + 1, n + 1)] for n in shape]
     assert count_cuts(shape) == sum(x + y + z - 3 for x in spans[0] for y in spans[1] for z in spans[2])

@@ -65,7 +65,9 @@ def good(model: Model, grid: Grid, halves: list[Box]) -> Decomposition:
     return replace(base.without_parts(), parts=tuple(parts))
 
 
-def test_good_result_passes(good: Decomposition, model: Model, grid: Grid, halves: list[Box]) -> None:
+def test_valid_result_passes_all_rules(
+    good: Decomposition, model: Model, grid: Grid, halves: list[Box]
+) -> None:
     coverage = check_result(good.parts, in_mm(grid, halves), model, PRINTERS, 5.0)
     assert coverage.surface_error < 1e-9
     assert coverage.overlap_mm3 == 0.0

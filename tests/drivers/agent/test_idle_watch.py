@@ -29,14 +29,14 @@ def test_move_after_the_first_answer_is_detected():
     assert [watch.judge_answer(text)[1] for text in (HOME, AWAY, AWAY)] == [None, None, MOVED]
 
 
-def test_position_after_a_reset_is_no_move():
+def test_position_after_a_reset_is_not_a_move():
     watch = IdleWatch()
     watch.judge_answer(HOME)
     watch.reset()
     assert [watch.judge_answer(AWAY), watch.judge_answer(AWAY)] == [(True, None), (True, None)]
 
 
-def test_print_from_the_card_is_detected_until_it_has_ended():
+def test_print_from_the_sd_card_is_detected_until_it_ends():
     watch = IdleWatch()
     assert watch.judge_answer(b"Not SD printing") == (True, None)
     assert watch.judge_answer(b"Card error:1") == (True, None) and not watch.card
@@ -46,7 +46,7 @@ def test_print_from_the_card_is_detected_until_it_has_ended():
     assert watch.judge_answer(b"echo:SD init fail") == (False, None)
 
 
-def test_heater_switched_on_by_a_person_is_detected_but_no_garbled_report():
+def test_manually_heated_nozzle_is_detected_but_a_garbled_report_is_ignored():
     watch = IdleWatch()
     cold, hot = Report(21.0, 0.0, 21.0, 0.0), Report(21.0, 180.0, 21.0, 0.0)
     assert [watch.judge_report(r)[0] for r in (cold, hot, cold, hot, hot)] == [None, None, None, None, HEATED]

@@ -78,7 +78,7 @@ def test_overwritten_copy_is_not_printed(tmp_path: Path):
         program.lines(0, 1)
 
 
-def test_files_of_other_prints_are_deleted(tmp_path: Path):
+def test_files_of_all_other_prints_are_deleted(tmp_path: Path):
     source = tmp_path / "a.gcode"
     source.write_bytes(b"G28\n")
     spool = Spool(tmp_path / "spool", ULTIMAKER2_PLUS)

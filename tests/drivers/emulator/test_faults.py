@@ -20,7 +20,7 @@ def test_plain_url_has_no_faults() -> None:
     assert expected.faults == Faults() and expected.seed == 0 and not expected.faults.affects_lines
 
 
-def test_faults_may_be_named_in_two_ways() -> None:
+def test_faults_have_two_notations() -> None:
     plain = parse_url("sim://ultimaker2_plus?checksum=0.01&dead_bed=1&reset_after=500&seed=7")
     named = parse_url("sim://ultimaker2_plus?fault=checksum:0.01,dead_bed&fault=reset_after:500&seed=7")
     assert plain.faults == named.faults == Faults(checksum=0.01, dead_bed=True, reset_after=500)
@@ -43,7 +43,7 @@ def test_faults_may_be_named_in_two_ways() -> None:
         ("sim://ultimaker2_plus?seed=x", "seed 'x' is not a whole number"),
     ],
 )
-def test_wrong_url_names_the_mistake_and_the_choices(url: str, message: str) -> None:
+def test_error_for_an_invalid_url_names_the_mistake_and_the_choices(url: str, message: str) -> None:
     with pytest.raises(PortError, match=r"^[^\n]*$") as raised:
         parse_url(url)
     assert message in str(raised.value)

@@ -58,7 +58,7 @@ def test_interrupted_move_decides_the_retraction(
 
 
 @given(st.lists(st.sampled_from((1.0, 0.5, -2.0, 2.0, 0.0)), min_size=1, max_size=60), st.booleans())
-def test_earlier_lines_do_not_matter_and_both_modes_agree(feeds: list[float], relative: bool):
+def test_retraction_is_independent_of_earlier_lines_and_of_the_mode(feeds: list[float], relative: bool):
     e_mm = retracted_mm = 0.0
     moves = []
     for i, feed in enumerate(feeds):

@@ -135,13 +135,13 @@ def test_line_without_room_for_a_blank_keeps_its_length():
 
 
 @given(st.binary(min_size=1, max_size=128))
-def test_running_checksums_are_those_of_each_beginning(line):
+def test_running_checksums_match_each_prefix(line):
     assert list(running_checksums(line)) == [reduce(xor, line[: at + 1]) for at in range(len(line))]
 
 
 @given(st.integers(0, 9_999_000), st.lists(numbered().map(lambda line: line[1]), max_size=30))
 @example(3, [b"G1 X1.5", COLLIDING, b"M117 1. *2.30 *", b"M105", b"G1 Y.0000000000 E1.1234567"])
-def test_lines_framed_together_equal_lines_framed_singly(number, commands):
+def test_lines_framed_together_equal_lines_framed_one_by_one(number, commands):
     frames = [add_frame(at, command) for at, command in enumerate(commands, number)]
     assert add_frames(number, commands) == frames
 

@@ -13,7 +13,7 @@ LINES = st.tuples(st.sampled_from(["G0", "G1", "G01", "G92"]), st.lists(WORDS, m
 
 
 @pytest.mark.parametrize("line", [b"G1 X", b"G1 X1 Y", b"G1 F1500 X1 E", b"G1 X1 Y2 E-", b"G1 X1234567"])
-def test_letters_without_a_number_make_no_plain_move(line: bytes) -> None:
+def test_move_with_a_letter_without_a_number_is_not_plain(line: bytes) -> None:
     """The firmware takes such a letter for 0."""
     assert not is_plain_move(line)
 

@@ -25,7 +25,7 @@ def test_frames_equal_those_of_the_documentation():
 
 @given(count=st.integers(1, 700), piece=st.sampled_from([1, 2, 7, 10_000]))
 @settings(max_examples=25, deadline=None)
-def test_over_a_clean_wire_every_line_is_carried_out_once_and_nothing_is_repeated(count: int, piece: int):
+def test_clean_wire_executes_every_line_once_without_resends(count: int, piece: int):
     bench = Bench(Wire(0.0, 0.0, piece, 0)).boot()
     program = lines(count)
     stream(bench, program)
@@ -36,7 +36,7 @@ def test_over_a_clean_wire_every_line_is_carried_out_once_and_nothing_is_repeate
     assert not bench.faults()
 
 
-def test_line_that_is_sent_again_is_counted_once():
+def test_resent_line_is_counted_once():
     class Losing(Wire):
         """Loses the third line, whole."""
 
@@ -58,7 +58,7 @@ def test_line_that_is_sent_again_is_counted_once():
     seed=st.integers(0, 2**32),
 )
 @settings(max_examples=150, deadline=None)
-def test_over_a_lossy_wire_lines_are_carried_out_once_in_order_or_the_link_ends_in_a_named_fault(
+def test_lossy_wire_executes_lines_once_in_order_or_ends_in_a_named_fault(
     count: int, lost: float, changed: float, piece: int, seed: int
 ):
     bench = Bench(Wire(lost, changed, piece, seed)).boot()
@@ -115,7 +115,7 @@ def test_board_that_does_not_restart_is_queried_and_connected():
     assert [e.restarted for e in bench.events if isinstance(e, Connected)] == [False]
 
 
-def test_silent_board_ends_in_no_answer_and_nothing_more_is_sent():
+def test_silent_board_fails_with_no_answer_and_is_sent_nothing_more():
     bench = Bench().boot()
     bench.run()
     bench.firmware.mute = True
@@ -126,7 +126,7 @@ def test_silent_board_ends_in_no_answer_and_nothing_more_is_sent():
     assert bench.link.deadline_s == math.inf
 
 
-def test_late_board_is_queried_and_nothing_is_sent_twice():
+def test_slow_board_is_queried_and_no_line_is_sent_twice():
     bench = Bench().boot()
     bench.run()
     stream(bench, lines(50))
@@ -142,7 +142,7 @@ def test_late_board_is_queried_and_nothing_is_sent_twice():
     assert bench.link.repeated == 0
 
 
-def test_patience_is_short_again_after_an_ordinary_ok():
+def test_time_out_is_reset_by_an_ordinary_ok():
     bench = Bench().boot()
     bench.run()
     stream(bench, lines(50))
@@ -154,7 +154,7 @@ def test_patience_is_short_again_after_an_ordinary_ok():
         assert bench.link.deadline_s == pytest.approx(bench.now_s + SILENCE_S)
 
 
-def test_query_with_a_flipped_bit_is_no_command():
+def test_query_with_a_flipped_bit_is_not_executed():
     query = ULTIMAKER2.last_line_query
     for at in range(len(query)):
         for bit in range(8):
@@ -190,7 +190,7 @@ def test_command_that_waits_for_moves_has_a_longer_time_out(command: bytes, pati
     assert silence_s(Bench().boot(), command) == pytest.approx(patience_s, abs=0.1)
 
 
-def test_questions_behind_a_line_fit_into_the_ring_of_the_board():
+def test_queries_after_a_line_fit_the_ring_buffer_of_the_board():
     bench = Bench().boot()
     bench.run()
     bench.link.send(bench.now_s, b"G1 X" + b"1" * (ULTIMAKER2.command_bytes - 4))
@@ -228,7 +228,7 @@ def test_splitting_answers_loses_no_byte(line: bytes):
     assert b"".join(replies.split_answers(line, ULTIMAKER2)) == line
 
 
-def test_ok_that_is_glued_to_the_end_stops_counts():
+def test_ok_without_a_newline_after_m119_counts():
     bench = Bench().boot()
     bench.link.send(bench.now_s, b"M119", b"G1 X1")
     bench.run()
@@ -340,7 +340,7 @@ def test_polls_between_the_lines_change_neither_their_order_nor_the_count(
             assert bench.link.repeated == 0
 
 
-def test_distant_last_line_is_accepted_when_reported_twice():
+def test_unexpected_last_line_is_accepted_when_reported_twice():
     """One digit of it may be garbled; a board that was reset says the same once more."""
     program, bench = lines(120), Bench().boot()
     stream(bench, program)
@@ -357,7 +357,7 @@ def test_distant_last_line_is_accepted_when_reported_twice():
     assert bench.link.phase is Phase.DEAD
 
 
-def test_board_with_contradicting_last_lines_is_given_up():
+def test_link_gives_up_on_contradicting_last_lines():
     bench = Bench().boot()
     stream(bench, lines(120))
     bench.run(until_s=0.8)

@@ -71,7 +71,7 @@ def test_polls_keep_the_order_of_lines_and_are_not_counted(
     assert len(board.link._outbox._frames) < 400  # a print has a million lines
 
 
-def test_report_of_an_earlier_poll_is_no_answer_to_one_that_was_refused():
+def test_late_report_does_not_answer_a_refused_poll():
     board = Board(1e9)
     while board.step():
         pass

@@ -19,7 +19,7 @@ SELDOM = 30  # of the lines that are no moves
 
 
 @pytest.mark.parametrize("name", KINDS)
-def test_fault_stops_the_head_briefly_and_repeats_nothing(name: str):
+def test_transmission_fault_stops_the_head_briefly_and_repeats_no_line(name: str):
     faults = SELDOM if name.startswith("M") else OFTEN
     outcome = run(KINDS[name], faults, seed=0)
     assert outcome.fault is None
@@ -44,9 +44,7 @@ def test_print_is_exact_and_continues_within_3_s_after_any_damage(name: str, see
 )
 @example(moves=[0.5, 180.0] + [0.5] * 18, feed_mm_min=120, hits=set())
 @settings(max_examples=60, deadline=None)
-def test_behind_slow_moves_nothing_is_sent_twice_and_a_lost_ok_costs_nothing(
-    moves: list[float], feed_mm_min: int, hits: set[int]
-):
+def test_lost_ok_during_slow_moves_causes_no_resend(moves: list[float], feed_mm_min: int, hits: set[int]):
     """Up to 90 s a move: the board is silent for as long, and is asked meanwhile."""
     places = [20.0 + (mm if at % 2 else 0.0) for at, mm in enumerate(moves)]
     program = [b"G1 F%d X%.1f" % (feed_mm_min, x) for x in places]

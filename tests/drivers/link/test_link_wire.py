@@ -96,7 +96,7 @@ def printed(
 )
 @example(count=120, noise=0.0002, lost=0.0002, doubled=0.002, piece=7, late_s=0.0, seed=580706)  # two spaces
 @settings(max_examples=80, deadline=None)
-def test_every_line_is_carried_out_once_in_order_and_unaltered_or_the_link_ends_in_a_named_fault(
+def test_noisy_wire_executes_lines_once_unaltered_or_ends_in_a_named_fault(
     count: int, noise: float, lost: float, doubled: float, piece: int, late_s: float, seed: int
 ):
     path = [b"G1 X%d.%02d Y%d E%d" % (i % 200, i % 97, i % 190, i) for i in range(1, count)]
@@ -149,6 +149,6 @@ def test_long_print_over_a_slightly_damaged_wire_ends_exactly(seed: int):
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_link_is_given_up_over_a_very_noisy_wire(seed: int):
+def test_link_gives_up_on_a_very_noisy_wire(seed: int):
     outcome = soak(20_000, 0.001, seed)
     assert outcome.fault == Fault.NOISY_LINE

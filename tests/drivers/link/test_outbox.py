@@ -36,7 +36,7 @@ def test_lines_behind_a_slow_move_have_its_time_limit():
     assert waits[QUEUED_LINES + 1 :] == [LINE_S] * 3
 
 
-def test_slowest_of_the_moves_that_are_queued_counts():
+def test_time_limit_follows_the_slowest_queued_move():
     _, waits = sent([FAST, SLOWER, SLOW, FAST])
     assert waits == [LINE_S, *[pytest.approx(60 * REACH_MM / 30)] * 3]
 
@@ -47,14 +47,14 @@ def test_line_keeps_its_time_limit_if_a_poll_takes_its_number(before):
     assert sent(plain, [before])[1] == sent(plain)[1]
 
 
-def test_line_can_be_sent_again_while_it_is_kept():
+def test_line_can_be_resent_while_it_is_kept():
     outbox, _ = sent([b"G90"] * 200)
     assert [number for number in range(201) if outbox.holds(number)] == list(range(201 - HISTORY_LINES, 201))
     first, _ = sent([b"G90"])
     assert first.holds(0) and not first.holds(-1)
 
 
-def test_plain_ok_is_no_answer_to_a_poll_though_the_next_line_is_encoded():
+def test_plain_ok_does_not_answer_a_poll_with_the_next_line_encoded():
     """`take_encoded` is what a link sends on a plain ok without looking at anything else."""
     outbox, _ = sent([])
     outbox.queue((FAST,) * 9)
@@ -65,11 +65,11 @@ def test_plain_ok_is_no_answer_to_a_poll_though_the_next_line_is_encoded():
     assert outbox.take_next() is not None and outbox.take_encoded() is not None
 
 
-def test_all_questions_fit_into_the_boards_ring_behind_the_longest_line():
+def test_all_queries_fit_the_ring_buffer_after_the_longest_line():
     assert LINE_BYTES + 1 + MAX_QUERIES * len(ULTIMAKER2.last_line_query) <= RING_BYTES
 
 
-def test_silent_board_is_given_up_after_its_start_and_four_queries():
+def test_link_gives_up_on_a_silent_board_after_four_queries():
     link, now_s = Link(ULTIMAKER2), 0.0
     link.on_opened(now_s)
     while link.phase is not Phase.DEAD:
@@ -94,7 +94,7 @@ def test_resend_is_accepted_after_two_unanswered_queries():
     assert questions == 2
 
 
-def test_refusal_without_a_number_leaves_the_questions_open():
+def test_refusal_without_a_number_leaves_queries_pending():
     recovery, place = Recovery(), Place(5, 0, 5, 0)
     recovery.note_query(place, 0.0)
     recovery.note_query(place, 0.0)
@@ -106,5 +106,5 @@ def test_refusal_without_a_number_leaves_the_questions_open():
 
 
 @pytest.mark.parametrize(("nozzle_c", "bed_c", "off"), [(0, 0, True), (1, 0, False), (0, 1, False)])
-def test_heat_is_off_where_both_targets_are_0(nozzle_c, bed_c, off):
+def test_heaters_are_off_if_both_targets_are_0(nozzle_c, bed_c, off):
     assert Report(200.0, nozzle_c, 60.0, bed_c).off is off

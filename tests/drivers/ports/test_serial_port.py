@@ -38,7 +38,7 @@ def read_bytes(fd: int, count: int) -> bytes:
     return data
 
 
-def test_bytes_go_both_ways_and_an_empty_port_gives_none(ends: tuple[int, Path]):
+def test_bytes_pass_in_both_directions_and_an_empty_port_returns_none(ends: tuple[int, Path]):
     master, path = ends
     port = SerialPort(path, ULTIMAKER2.baud_rate)
     try:
@@ -79,13 +79,13 @@ def test_port_of_a_disconnected_printer_raises(ends: tuple[int, Path]):
 
 
 @pytest.mark.parametrize("url", ["socket://printer:5000", "telnet://printer:5000", "sim://mendel"])
-def test_ports_that_cannot_be_printed_over_are_refused_in_one_line(url: str, tmp_path: Path):
+def test_unsupported_ports_are_refused_in_one_line(url: str, tmp_path: Path):
     with pytest.raises(PortError) as refused:
         find_device(url, tmp_path, Clock())
     assert "\n" not in str(refused.value)
 
 
-def test_path_that_is_no_port_is_refused(tmp_path: Path):
+def test_path_that_is_not_a_port_is_refused(tmp_path: Path):
     plain = tmp_path / "file"
     plain.write_text("")
     for path in (tmp_path / "none", plain):
@@ -93,7 +93,7 @@ def test_path_that_is_no_port_is_refused(tmp_path: Path):
             SerialPort(find_device(str(path), tmp_path, Clock()), ULTIMAKER2.baud_rate)
 
 
-def test_reset_of_a_printer_that_went_away_is_a_port_error(ends: tuple[int, Path]):
+def test_reset_of_a_disconnected_printer_is_a_port_error(ends: tuple[int, Path]):
     port = SerialPort(ends[1], ULTIMAKER2.baud_rate)
     try:
         os.close(ends[0])
@@ -131,7 +131,7 @@ def test_urgent_bytes_do_not_discard_bytes_that_were_sent(ends: tuple[int, Path]
         port.close()
 
 
-def test_write_to_a_stalled_board_is_given_up(ends: tuple[int, Path], monkeypatch: pytest.MonkeyPatch):
+def test_write_to_a_stalled_board_times_out(ends: tuple[int, Path], monkeypatch: pytest.MonkeyPatch):
     port, looks = SerialPort(ends[1], ULTIMAKER2.baud_rate), iter(range(1000))
     monkeypatch.setattr("drivers.ports.serial_port.time.monotonic", lambda: float(next(looks)))
     monkeypatch.setattr(SerialPort, "_count_queued", lambda _: 1)

@@ -11,7 +11,7 @@ sizes = st.floats(1.0, 400.0)
 
 
 @given(models, st.floats(0.0, 30.0))
-def test_box_of_the_room_with_its_brim_is_on_the_bed_and_off_the_clips(model: str, brim_mm: float):
+def test_room_with_a_brim_is_on_the_bed_and_off_the_clips(model: str, brim_mm: float):
     profile = BEDS[model]
     width, depth = profile.bed_mm
     bed = Rect(-width / 2, -depth / 2, width / 2, depth / 2)
@@ -39,7 +39,7 @@ def test_placed_part_lies_in_a_box_of_the_room(model: str, extents_mm: tuple[flo
     assert any(box.rect.grown(slack).contains(part) and box.height_mm + slack >= dz for box in room)
 
 
-def test_room_of_a_2_plus_with_a_brim_of_8_mm():
+def test_room_of_an_ultimaker_2_plus_with_an_8_mm_brim():
     sizes_mm = [box.size_mm for box in part_room(PROFILES["ultimaker2_plus"], 8.0)]
     assert (207.0, 191.0, 205.0) in sizes_mm
     assert any(depth == 207.0 and width <= 165.0 for width, depth, _ in sizes_mm)

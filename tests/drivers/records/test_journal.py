@@ -14,7 +14,7 @@ from drivers.errors import JournalError
 from drivers.records import Alarm, BoardState, Journal, JournalState
 
 
-def test_truncated_journal_is_read_to_its_last_whole_record(tmp_path: Path):
+def test_truncated_journal_is_read_to_its_last_complete_record(tmp_path: Path):
     path = tmp_path / "journal.jsonl"
     ended = m.PrintSnapshot(print_id="p-1", phase=m.PrintPhase.DONE)
     opened = m.PrintSnapshot(print_id="p-2", phase=m.PrintPhase.HEATING)
@@ -34,9 +34,7 @@ def test_truncated_journal_is_read_to_its_last_whole_record(tmp_path: Path):
     assert Journal(path).state.board.attention_reason is None
 
 
-def test_on_a_full_disk_writing_fails_and_the_records_stay_whole(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_full_disk_fails_the_write_and_keeps_the_records(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     path = tmp_path / "journal.jsonl"
     journal = Journal(path)
     journal.write(1.0, filament="parked")

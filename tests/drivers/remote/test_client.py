@@ -40,7 +40,7 @@ def test_unknown_fields_are_ignored_in_snapshots_and_refused_in_requests():
         m.request_adapter.validate_python({"do": "hello", "id": 1, "loudly": True})
 
 
-def test_message_that_cannot_be_read_still_counts_as_a_sign_of_life(tmp_path: Path):
+def test_unreadable_message_counts_as_a_sign_of_life(tmp_path: Path):
     received: list[bool] = []
 
     async def speak(_: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:

@@ -16,19 +16,19 @@ def silence_until_hung_s(
     return None
 
 
-def test_agent_that_stopped_sleeps_or_loops_is_wedged_after_half_a_minute():
+def test_stopped_sleeping_or_looping_agent_is_hung_after_half_a_minute():
     for state in "TSR":
         assert silence_until_hung_s([ProcessSample(state, 3.0)]) == HUNG_S
 
 
-def test_agent_without_a_processor_or_waiting_for_a_disk_is_not_wedged():
+def test_agent_waiting_for_a_processor_or_disk_is_not_hung():
     share_s = HUNG_S - SAMPLE_S
     assert silence_until_hung_s([ProcessSample("R", 3.0), ProcessSample("R", 3.0 + 0.6 * share_s)]) is None
     assert silence_until_hung_s([ProcessSample("R", 3.0), ProcessSample("R", 3.0 + 0.4 * share_s)]) == HUNG_S
     assert silence_until_hung_s([ProcessSample("D", 3.0)]) is None
 
 
-def test_time_in_which_the_listener_did_not_run_does_not_count():
+def test_time_without_a_running_listener_does_not_count():
     assert silence_until_hung_s([ProcessSample("S", 0.0)], step_s=600.0, until_s=HUNG_S * 600 - 1200) is None
 
 
@@ -40,7 +40,7 @@ def test_message_restarts_the_count():
         assert not heartbeat.is_hung(float(second), lambda: ProcessSample("S", 0.0))
 
 
-def test_process_that_has_ended_is_not_wedged():
+def test_ended_process_is_not_hung():
     heartbeat = Heartbeat()
     assert not any(heartbeat.is_hung(float(second), lambda: None) for second in range(100))
 

@@ -138,7 +138,7 @@ def test_emergency_stop_sends_the_abort_before_it_waits(tmp_path: Path, silent_b
     assert not (stopped.seen_off or stopped.still) and "not seen to stand still" in stopped.text
 
 
-def test_board_that_shows_nothing_is_halted_where_its_firmware_can(tmp_path: Path, silent_board):
+def test_unresponsive_board_is_halted_by_its_firmware(tmp_path: Path, silent_board):
     url, master = silent_board
     stopped = stop_printer(StopTarget("a", url, tmp_path / "a", MARLIN2), show_s=0.0)
     assert everything(master) == b"\nM410\nM104 S0\nM140 S0\nM107\n" + b"\nM112\n"

@@ -218,9 +218,7 @@ def test_heater_that_does_not_cool_is_not_reported_as_off(
         os.close(master)
 
 
-def test_agent_of_another_user_means_that_the_printer_is_not_seen_off(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_agent_of_another_user_leaves_the_stop_unconfirmed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     def denied(path: Path) -> bool:
         raise PermissionError(13, "Permission denied", str(path))
 

@@ -55,7 +55,7 @@ def test_healthy_heater_causes_no_finding(name: HeaterName, set_c: float, every_
 @pytest.mark.parametrize(
     ("name", "fails_at_c", "within_s"), [(NOZZLE, 150.0, 80.0), (BED, 45.0, 170.0), (NOZZLE, 30.0, 80.0)]
 )
-def test_heater_that_stops_getting_warmer_is_found(name: HeaterName, fails_at_c: float, within_s: float):
+def test_heater_that_stops_warming_is_found(name: HeaterName, fails_at_c: float, within_s: float):
     watch, curve = HeaterWatch(4.0), Curve(name)
     set_c = 210.0 if name is NOZZLE else 60.0
     now_s, failed_s = 0.0, math.nan
@@ -89,7 +89,7 @@ def test_heater_that_leaves_its_target_is_found(name: HeaterName, on: bool):
 
 
 @pytest.mark.parametrize("name", [NOZZLE, BED])
-def test_off_is_confirmed_by_falling_temperatures_only(name: HeaterName):
+def test_only_falling_temperatures_confirm_a_heater_off(name: HeaterName):
     warm_c = 200.0 if name is NOZZLE else 60.0
     falls, stays, late = HeaterWatch(4.0), HeaterWatch(4.0), HeaterWatch(4.0)
     curve, repeated = Curve(name, warm_c), Curve(name, warm_c)

@@ -48,7 +48,7 @@ def test_extended_with_a_plain_banner_is_detected_by_its_height():
     assert "315" in str(rig.session.context.reason) and b"M104 S210" not in rig.sent
 
 
-def test_file_that_homes_its_axes_one_by_one_is_no_other_printer():
+def test_file_that_homes_axes_one_by_one_is_accepted():
     text = gcode().replace("\nG28\nG1", "\nG28 X0 Y0\nG28 Z0\nG1")
     assert_ended_off(Rig(text=text).run(), PrintPhase.DONE, None)
 

@@ -146,7 +146,7 @@ def print_again(rig: Rig) -> float:
 
 @pytest.mark.parametrize("lines", [0, 12, 60, 137])
 @pytest.mark.parametrize("way", WAYS, ids=lambda way: way.__name__)
-def test_next_print_finds_the_filament_or_requests_a_person(way: Way, lines: int):
+def test_next_print_knows_the_filament_or_asks_for_a_person(way: Way, lines: int):
     rig = ended(way, lines, 0.7, hopping(50))
     if rig.session.context.filament is not Filament.UNKNOWN:
         assert abs(print_again(rig)) <= NEAR_MM

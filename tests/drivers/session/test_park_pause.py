@@ -81,7 +81,7 @@ def test_head_leaves_a_part_above_those_that_are_finished(cancel: bool):
     assert rig.session.context.phase is (PrintPhase.CANCELLED if cancel else PrintPhase.DONE)
 
 
-def test_cancel_at_the_lowest_place_of_the_bed_does_not_drive_it_further():
+def test_cancel_with_the_bed_at_its_lowest_does_not_lower_it_further():
     rig = Rig()
     rig.run(until=lambda: rig.session.context.streamed > rig.program.home_line + 1)
     rig.session.cancel("no more", rig.now_s)
@@ -107,7 +107,7 @@ def test_pause_before_the_first_extrusion_is_ignored(lines: int):
 
 
 @pytest.mark.parametrize("layers", [True, False])
-def test_head_passes_over_the_highest_part_also_where_the_file_names_no_layers(layers: bool):
+def test_head_clears_the_highest_part_without_layer_comments(layers: bool):
     moves = ["G1 F3000 X90 Y50 E1", "G0 F9000 Z80", "G1 F3000 X90 Y80 E2", "G0 F9000 X150 Y150 Z0.27"]
     moves += [f"G1 F3000 X{150 + i % 2} Y150 E{2 + 0.1 * i:.1f}" for i in range(300)]
     text = GCODE.format(moves="\n".join(moves), end=25.5)
@@ -118,7 +118,7 @@ def test_head_passes_over_the_highest_part_also_where_the_file_names_no_layers(l
 
 
 @pytest.mark.parametrize("steps", range(12))
-def test_pause_during_the_end_of_heat_pushes_no_cold_filament(steps: int):
+def test_pause_during_cooling_extrudes_no_cold_filament(steps: int):
     ends = Rig().program.lines(0, 10_000).index(b"M104 S0")
     rig = Rig().printing(ends - 2)
     for _ in range(steps):

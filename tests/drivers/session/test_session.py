@@ -14,7 +14,7 @@ from drivers.session import Pace
 from print_rig import GCODE, Rig, assert_ended_off, gcode, hopping
 
 
-def test_print_goes_through_its_phases_to_heaters_shown_off_and_filament_parked():
+def test_print_passes_its_phases_and_ends_with_heaters_off_and_filament_parked():
     rig = Rig().run()
     assert_ended_off(rig, PrintPhase.DONE, None)
     assert rig.phases == [
@@ -34,7 +34,7 @@ def test_file_s_waits_are_never_sent_and_the_dead_man_is_armed_before_any_heat()
 
 
 @pytest.mark.parametrize(("filament", "pushes"), [(Filament.PARKED, 1), (Filament.AT_NOZZLE, 0)])
-def test_parked_filament_is_pushed_back_once(filament: Filament, pushes: int):
+def test_parked_filament_is_unparked_once(filament: Filament, pushes: int):
     rig = Rig(filament=filament).run()
     assert rig.sent.count(b"G1 F300 E20") == pushes
 
@@ -142,7 +142,7 @@ def test_recoverable_faults_print_the_same_part(faults: Faults):
     assert bad.firmware.board.filament_mm == pytest.approx(good.firmware.board.filament_mm, abs=0.01)
 
 
-def test_firmware_that_stopped_and_acknowledges_everything_is_found_by_its_targets():
+def test_stopped_firmware_is_detected_by_its_targets():
     """Its words are lost on the way; every move is answered with ok, and none is made."""
     rig = Rig(Faults(stop_after=700), text=gcode(1000))
     listen = rig.link.receive
@@ -257,7 +257,7 @@ def test_cancel_parks_the_filament_from_any_state(after_s: float):
     ("end", "filament"),
     [("", Filament.UNKNOWN), ("G1 E200\n", Filament.AT_NOZZLE), ("G1 E180\n", Filament.PARKED)],
 )
-def test_at_the_end_the_filament_is_where_the_file_left_it(end: str, filament: Filament):
+def test_filament_position_after_a_print_follows_the_file(end: str, filament: Filament):
     text = gcode().replace("G91\nG1 F1500 E-13.5\nG90\n", end)
     rig = Rig(text=text).run()
     assert_ended_off(rig, PrintPhase.DONE, None)

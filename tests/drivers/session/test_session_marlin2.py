@@ -73,7 +73,7 @@ def test_part_is_exact_where_lines_or_answers_are_lost(faults: dict[str, float],
     assert printer.firmware.board.filament_mm == pytest.approx(400.0 + 12.5, abs=0.01)
 
 
-def test_slow_move_is_waited_for_as_long_as_the_board_is_at_work():
+def test_slow_move_has_no_time_out_while_the_board_is_busy():
     slow = gcode(60).replace("F3000", "F120")  # 20 s each, and the planner is full
     printer = Rig(Faults(), slow, "creality_ender3", profile=ENDER3).run()
     assert_ended_off(printer, PrintPhase.DONE, None)
@@ -118,14 +118,14 @@ def test_dead_man_ends_the_heat_of_a_host_that_died():
     assert firmware.phase is Phase.HALTED and printer.targets() == (0.0, 0.0)
 
 
-def test_board_that_halted_is_reset_and_seen_off():
+def test_halted_board_is_reset_and_confirmed_off():
     printer = rig(kill_after=150).run()
     assert_ended_off(printer, PrintPhase.FAILED, Fault.KILL)
     assert printer.firmware.phase is Phase.RUNNING
     assert b"G28 Z0" not in printer.sent  # its switch is down at the bed, below the part
 
 
-def test_head_stays_where_it_is_after_a_reset_in_a_cancel():
+def test_head_does_not_move_after_a_reset_in_a_cancel():
     printer = rig(silent_after=150).printing(60)
     printer.session.cancel("enough", printer.now_s)
     printer.run()

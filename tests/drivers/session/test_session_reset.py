@@ -35,7 +35,7 @@ def test_returned_port_is_reset_and_confirmed_off():
     assert_ended_off(rig.run(), PrintPhase.FAILED, Fault.PORT_LOST)
 
 
-def test_without_a_program_the_board_is_reset_and_the_agent_s_death_is_the_reason():
+def test_session_without_a_program_resets_the_board_and_names_the_dead_agent():
     rig = Rig()
     rig.firmware.board.set_nozzle(210.0, rig.now_s)
     rig.session = Session(SessionContext(rig.link, None, PLUS, Filament.AT_NOZZLE, Pace(), rig.now_s))
@@ -51,7 +51,7 @@ def test_second_print_on_a_link_begins_with_new_counts():
     assert repeated.context.streamed == 0
 
 
-def test_dead_man_is_shorter_once_hot_shorter_in_a_pause_and_off_when_cold():
+def test_dead_man_time_depends_on_heat_and_pause_and_is_off_when_cold():
     rig = Rig(text=gcode(200)).printing(100)
     rig.session.pause(rig.now_s)
     rig.run(until=lambda: rig.session.context.phase is PrintPhase.PAUSED and rig.targets()[0] == 0.0)
@@ -77,7 +77,7 @@ def test_heat_up_that_takes_longer_than_the_dead_man_does_not_trip_it(monkeypatc
     assert_ended_off(rig.run(), PrintPhase.DONE, None)
 
 
-def test_host_that_dies_hot_leaves_a_board_that_ends_its_heat_by_itself():
+def test_board_ends_its_heat_after_its_host_died():
     rig = Rig(text=gcode(200)).printing(100)
     dead_s = rig.now_s
     while (due_s := rig.firmware.deadline_s()) < dead_s + 1000.0:

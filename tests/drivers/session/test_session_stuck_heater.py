@@ -106,7 +106,7 @@ def test_stuck_nozzle_heater_is_found_while_the_bed_heats():
     assert rig.firmware.board.nozzle.temperature_c(rig.now_s) < 80.0
 
 
-def test_sensor_that_breaks_is_a_suspicion_that_a_cooling_heater_lifts():
+def test_suspicion_by_a_broken_sensor_ends_when_the_heater_cools():
     rig = Rig(Faults(stop_after=700), text=gcode(1000))
     rig.run(until=lambda: rig.session.context.phase is PrintPhase.ENDING)
     assert rig.session.context.suspicion is not None

@@ -68,7 +68,7 @@ async def wait_until_ready(links: AgentManager, listener: RecordingListener, old
 
 
 @pytest.mark.system
-def test_wedged_agent_is_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_hung_agent_is_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(heartbeat, "SAMPLE_S", 1.0)
     monkeypatch.setattr(heartbeat, "HUNG_S", 8.0)
     state, fleet, listener = simulated_farm(tmp_path)
@@ -279,9 +279,7 @@ class TalkingClient(FakeClient):
         pass
 
 
-def test_internal_error_does_not_end_the_listening_to_an_agent(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_internal_error_does_not_stop_listening_to_an_agent(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(connection, "RETRY_S", 0.001)
 
     class Faulty(RecordingListener):

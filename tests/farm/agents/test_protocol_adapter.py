@@ -29,7 +29,7 @@ def trusted(message, simulated=False, bed_cleared=False):
 
 
 @pytest.mark.parametrize("field", ["alarm", "bed_unknown_reason"])
-def test_cleared_bed_is_kept_over_an_earlier_snapshot(field):
+def test_earlier_snapshot_does_not_undo_a_cleared_bed(field):
     """Such a snapshot left its agent before the command arrived: the alarm in it is out of date."""
     message = snapshot(alarm="the nozzle stays hot", doubt="the board was reset")
     assert getattr(trusted(message), field) is not None

@@ -34,12 +34,12 @@ def test_jpeg_and_png_are_images():
         (make_jpeg() + bytes(LARGEST_IMAGE_BYTES), "larger than 5 MB"),
     ],
 )
-def test_other_bytes_are_no_image(content, why):
+def test_other_bytes_are_not_an_image(content, why):
     with pytest.raises(NoImage, match=why):
         read_image(content)
 
 
-def test_many_short_segments_are_not_followed():
+def test_number_of_segments_is_limited():
     segment = b"\xff\xe1" + struct.pack(">H", 2)
     with pytest.raises(NoImage, match="no valid JPEG"):
         read_image(b"\xff\xd8" + segment * 1000 + make_jpeg()[2:])
@@ -52,6 +52,6 @@ def test_any_bytes_are_an_image_or_refused(body, magic):
 
 
 @given(st.integers(0, 12))
-def test_beginning_of_an_image_is_taken_at_any_length(length):
+def test_truncated_image_header_is_handled_at_any_length(length):
     check_beginning(make_png()[:length])
     check_beginning(make_jpeg()[:length])

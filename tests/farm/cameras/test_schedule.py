@@ -108,5 +108,5 @@ def test_still_is_taken_once():
     assert books.prints["x"].stills == (later,)  # one for each moment at most
 
 
-def test_printer_without_a_camera_is_left_alone():
+def test_printer_without_a_camera_is_not_polled():
     assert find(open_print(), report(2), cameras=frozenset({"b", "new"})) == []

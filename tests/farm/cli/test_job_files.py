@@ -97,7 +97,7 @@ def test_link_in_the_folder_is_replaced_and_not_followed(tmp_path):
         *("é.stl", "x" * 200, "C:evil"),
     ],
 )
-def test_name_that_is_no_plain_file_name_is_refused_and_nothing_is_written(tmp_path, name):
+def test_unsafe_file_name_is_refused_and_nothing_is_written(tmp_path, name):
     folder = tmp_path / "folder"
     with pytest.raises(FarmError, match="no valid name"):
         fetch_files(FakeClient({"p01.stl": b"solid", name: b"evil"}), 3, folder)
@@ -111,7 +111,7 @@ def test_damaged_content_leaves_no_file(tmp_path, sent):
     assert read(tmp_path) == {}
 
 
-def test_lost_connection_leaves_the_files_before_and_no_half(tmp_path):
+def test_lost_connection_keeps_complete_files_only(tmp_path):
     class Lost(FakeClient):
         def download(self, number, name, write):
             if self.downloads:
@@ -130,6 +130,6 @@ def test_folder_that_cannot_be_made_is_named(tmp_path):
         fetch_files(FakeClient(), 3, tmp_path / "file" / "folder")
 
 
-def test_report_needs_pictures_and_parts_alone(tmp_path):
+def test_report_needs_pictures_and_parts_only(tmp_path):
     fetch_files(FakeClient(), 3, tmp_path, select=is_picture)
     assert sorted(read(tmp_path)) == ["assembly.png", "p01.stl"]

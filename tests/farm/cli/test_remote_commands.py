@@ -62,12 +62,12 @@ def test_local_command_refuses_a_url_with_the_reason(run, command):
 
 
 @pytest.mark.parametrize("command", sorted(set(LOCAL_COMMANDS) - LOCAL_IN_NEED))
-def test_variable_of_another_farm_never_leads_to_a_change_here(run, command, monkeypatch):
+def test_farm_url_of_another_farm_changes_nothing_here(run, command, monkeypatch):
     monkeypatch.setenv("FARM_URL", URL)
     assert isinstance(run(command).exception, Refused)
 
 
-def test_variable_of_another_farm_does_not_refuse_an_emergency_stop(run, monkeypatch):
+def test_farm_url_of_another_farm_allows_an_emergency_stop(run, monkeypatch):
     monkeypatch.setenv("FARM_URL", URL)
     result = run("estop", "--json")
     assert not isinstance(result.exception, Refused) or "own host" not in str(result.exception)

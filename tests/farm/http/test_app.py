@@ -124,7 +124,7 @@ def endless_body(taken):
 
 
 @pytest.mark.parametrize("path", ["/printers/a/fail", "/down", "/jobs/1/approve", "/jobs/1/parts/p1/reprint"])
-def test_endless_body_is_refused_without_further_reading(daemon, path):
+def test_endless_body_is_refused_without_being_read_further(daemon, path):
     taken = []
     answer = ask(daemon, "POST", path, content=endless_body(taken))
     assert sum(taken) <= LARGEST_BODY_BYTES + 4096
@@ -160,7 +160,7 @@ def test_upload_beyond_the_quota_is_refused_before_it_is_sent(daemon, monkeypatc
     assert submit(daemon, stl()).status_code == 200
 
 
-def test_abandoned_upload_is_refused_and_leaves_no_file(daemon):
+def test_incomplete_upload_is_refused_and_leaves_no_file(daemon):
     """Ctrl-C at `farm submit`: the connection ends in the middle of the body."""
     words = [{"type": "http.request", "body": b"solid", "more_body": True}, {"type": "http.disconnect"}]
     body_bytes = []

@@ -101,7 +101,7 @@ async def ask(path, *pieces):
     return message
 
 
-def test_idle_connections_are_closed_for_a_request(tmp_path):
+def test_idle_connections_are_closed_to_serve_a_request(tmp_path):
     async def scenario(server, path):
         idle = [await asyncio.open_unix_connection(path) for _ in range(40)]
         for _, writer in idle[::2]:
@@ -114,7 +114,7 @@ def test_idle_connections_are_closed_for_a_request(tmp_path):
     serve(tmp_path, 4, scenario)
 
 
-def test_connection_whose_client_does_not_read_is_closed_for_a_request(tmp_path):
+def test_connection_of_a_client_that_does_not_read_is_closed_to_serve_a_request(tmp_path):
     async def story(server, path):
         unread = [await asyncio.open_unix_connection(path, limit=1) for _ in range(4)]
         for _, writer in unread:

@@ -133,7 +133,7 @@ class SlowFile(io.BytesIO):
         return super().write(content)
 
 
-def test_a_slow_disk_keeps_an_upload_waiting_and_nothing_else(tmp_path, monkeypatch):
+def test_slow_disk_delays_its_upload_only(tmp_path, monkeypatch):
     file, large = SlowFile(), b"x" * 2**21
     upload = Upload("a", 3 * len(large), tmp_path / "upload", GB)
     monkeypatch.setattr(Path, "open", lambda *_: file)

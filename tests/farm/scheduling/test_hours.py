@@ -36,7 +36,7 @@ def test_invalid_window_is_refused_with_an_example(text):
         parse_window(text)
 
 
-def test_spans_over_midnight_and_over_the_week():
+def test_spans_may_cross_midnight_and_the_end_of_the_week():
     night = hours("fri 22:00-06:00", "sat 06:00-08:00")
     begin, end = at("2026-11-20 22:00"), at("2026-11-21 08:00")
     assert night.span(at("2026-11-21 05:00")) == (begin, end)
@@ -64,7 +64,7 @@ def test_length_of_a_night_changes_with_daylight_saving():
     assert lengths == [7, 9, 8]
 
 
-def test_edges_skipped_or_repeated_by_the_clock():
+def test_window_edges_in_skipped_or_repeated_hours():
     skipped = hours("01:30-04:00").span(at("2026-03-29 03:00"))
     assert skipped == (at("2026-03-29 02:30"), at("2026-03-29 04:00"))
     twice = hours("00:30-01:30").span(at("2026-10-25 01:10", fold=1))

@@ -51,7 +51,7 @@ def test_past_or_invalid_time_is_refused(text):
         ("2026-10-25T02:40:00+01:00", "2026-10-26T02:30:00+01:00"),
     ],
 )
-def test_time_in_a_skipped_or_repeated_hour(now, then):
+def test_time_in_a_skipped_or_repeated_hour_is_resolved(now, then):
     at_s = parse_moment_s("02:30", datetime.fromisoformat(now).timestamp(), BERLIN)
     assert at_s == datetime.fromisoformat(then).timestamp()
 

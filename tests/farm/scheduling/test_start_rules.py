@@ -214,7 +214,7 @@ def test_hold_has_a_code_and_a_reason(what, where, start_rules, code, message):
     assert only(plate("1/01", "a"), printer("a")) == "a"
 
 
-def test_short_reel_is_named_besides_another_hold():
+def test_short_reel_is_named_in_addition_to_another_hold():
     short = printer("b", grams=10.0)
     busy = printer("a", booked=True, free_s=FRIDAY + HOUR)
     hold = assign([plate("1/01", "a", grams=20.0)], [busy, short], rules(), FRIDAY)[1]["1/01"]
@@ -267,7 +267,7 @@ def test_spares_are_kept_for_plates_that_failed():
     assert given_[0].printer == "c"
 
 
-def test_reel_with_the_needed_grams_is_enough():
+def test_reel_with_enough_grams_is_accepted():
     waiting, on = plate("p1", "a", grams=200.0), printer("a")
     needed = needed_grams(waiting)
     assert short_of_filament(waiting, on, needed) is None

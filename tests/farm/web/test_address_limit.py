@@ -89,7 +89,7 @@ async def wait_until(condition):
         await asyncio.sleep(0.0)
 
 
-def test_idle_connections_of_a_client_give_way_to_its_own_and_not_to_those_of_others():
+def test_idle_connections_are_closed_for_their_own_client_only():
     async def story(server, at):
         other = await connect(at, "127.0.0.2", HALF)
         await wait_until(lambda: len(server.connections) == 1)

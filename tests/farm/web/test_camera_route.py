@@ -36,7 +36,7 @@ def test_still_is_sent_as_an_image_that_is_not_kept(farm):
     assert answer.headers["x-content-type-options"] == "nosniff"
 
 
-def test_camera_that_does_not_answer_is_told_with_503(farm):
+def test_unanswered_camera_request_gets_status_503(farm):
     async def look(printer):
         raise FarmError(f"the camera of {printer}: it does not answer", ErrorCode.UNREACHABLE)
 
@@ -45,6 +45,6 @@ def test_camera_that_does_not_answer_is_told_with_503(farm):
     assert (answer.status_code, answer.json()["error"]) == (503, "the camera of a: it does not answer")
 
 
-def test_printer_without_a_camera_is_told_with_404(farm):
+def test_printer_without_a_camera_gets_status_404(farm):
     answer = farm.ask("GET", CAMERA, farm.add(Role.LOOK).text)
     assert answer.status_code == 404 and "no camera" in answer.json()["error"]

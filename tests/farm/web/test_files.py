@@ -28,7 +28,7 @@ def farm(tmp_path):
     farm.store.close()
 
 
-def test_files_that_are_there_are_listed_and_sent_with_their_hash(farm):
+def test_existing_files_are_listed_and_sent_with_their_hash(farm):
     key = farm.add_key(Role.LOOK)
     (listed,) = farm.ask("GET", FILES, key).json()["files"]
     assert listed["name"] == "p01.stl"
@@ -49,7 +49,7 @@ def test_files_that_are_there_are_listed_and_sent_with_their_hash(farm):
         *("", "%00", "p01.stl%00", "%2fetc%2fpasswd", "....//secret.txt", "p01.STL"),
     ],
 )
-def test_other_names_bring_nothing(farm, name):
+def test_other_file_names_are_not_found(farm, name):
     answer = farm.ask("GET", f"{FILES}/{name}", farm.add_key(Role.LOOK))
     assert answer.status_code == 404
 

@@ -82,7 +82,7 @@ def is_guarded(request):
     return (request.method, request.path) in ROLES
 
 
-def test_requests_of_those_who_may_only_look_change_nothing(farm):
+def test_requests_with_the_role_look_change_nothing(farm):
     revoked = farm.add(Role.OPERATE, "revoked")
     farm.keys.revoke(revoked.id, "ann")
     look = farm.add(Role.LOOK).text
@@ -96,7 +96,7 @@ def test_requests_of_those_who_may_only_look_change_nothing(farm):
     assert served == {"look"}
 
 
-def test_requests_of_those_who_may_everything_do_not_fail(farm):
+def test_requests_with_every_role_do_not_fail(farm):
     keys = {str(role): farm.add(role).text for role in (Role.PRINT, Role.OPERATE)}
     events = len(farm.store.events())
     answers = run(farm, keys, 250, seed=2)

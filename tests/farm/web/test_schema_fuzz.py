@@ -36,7 +36,7 @@ def farm(tmp_path):
 
 
 @pytest.mark.parametrize("mode", GenerationMode)
-def test_requests_from_the_description_are_answered_as_it_says(farm, mode):
+def test_generated_requests_get_answers_that_match_the_description(farm, mode):
     key = farm.add(Role.OPERATE).text
     schema = schemathesis.openapi.from_dict(farm.ask("GET", SCHEMA, key).json())
     operations = [result.ok() for result in schema.get_all_operations()]

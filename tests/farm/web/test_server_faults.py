@@ -43,7 +43,7 @@ def test_missing_certificate_is_named(tmp_path):
     assert "No such file" in problem
 
 
-def test_unexpected_error_is_reported_and_closing_goes_on():
+def test_unexpected_error_is_reported_and_closing_continues():
     def fail():
         raise RuntimeError("no books")
 

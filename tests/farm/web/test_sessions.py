@@ -241,7 +241,7 @@ def test_session_is_served_though_its_extension_cannot_be_written(farm, monkeypa
     assert farm.browse("GET", "/", text).status_code == 200
 
 
-def test_ten_wrong_sessions_have_to_wait_but_a_valid_one_does_not(farm):
+def test_ten_wrong_sessions_are_delayed_but_a_valid_one_is_not(farm):
     text = farm.open_session()
     answers = [farm.browse("GET", "/", "nonsense").status_code for _ in range(11)]
     assert answers == [401] * 10 + [429]

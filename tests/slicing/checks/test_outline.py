@@ -133,14 +133,14 @@ def broken(change):
     ],
     ids=["nothing", "no hole", "shifted", "shrunk", "something beside it"],
 )
-def test_layer_that_is_not_the_model_is_refused(change, message):
+def test_layer_that_differs_from_the_model_is_refused(change, message):
     with pytest.raises(SliceRejected, match=message) as refused:
         checked(TUBE, broken(change))
     assert refused.value.rule is Rule.OUTLINE
     assert "repair the mesh" in str(refused.value)
 
 
-def test_top_that_is_missing_is_refused():
+def test_missing_top_is_refused():
     layers = [list(rings(shape)) for shape in shapes_of(TUBE)]
     with pytest.raises(SliceRejected, match="leaves out"):
         checked(TUBE, layers[:20])

@@ -141,7 +141,7 @@ def test_one_rectangle_of_the_bed_must_contain_the_print():
 @pytest.mark.parametrize(
     "line", ["[WARNING] Mesh has disconnected faces!", "[WARNING] Face count reported: 1"]
 )
-def test_warnings_of_half_a_mesh_refuse(line):
+def test_warnings_of_an_incomplete_mesh_refuse_the_slice(line):
     with pytest.raises(SliceRejected) as refused:
         check_log(f"Starting slice...\n{line}\nPrint time (s): 3\n")
     assert refused.value.rule is Rule.BROKEN_MESH
@@ -163,6 +163,6 @@ def test_number_of_removed_layers_is_read_from_the_log():
     assert count_removed_layers("Layer count: 9\n") == 0
 
 
-def test_refusal_passes_between_processes():
+def test_refusal_can_be_sent_between_processes():
     refused = pickle.loads(pickle.dumps(SliceRejected(Rule.COLD, "why")))
     assert (refused.rule, str(refused)) == (Rule.COLD, "the slice was rejected (cold): why")

@@ -24,7 +24,7 @@ def test_section_of_a_box_with_a_hole():
 
 @settings(deadline=None, max_examples=40)
 @given(st.integers(0, 10_000), st.floats(-20, 20), st.floats(-20, 20))
-def test_sections_add_up_to_volume_and_move_along(seed, x_mm, y_mm):
+def test_sections_add_up_to_the_volume_and_follow_a_move(seed, x_mm, y_mm):
     rng = np.random.default_rng(seed)
     mesh = trimesh.convex.convex_hull(rng.uniform(-10, 10, (12, 3)))
     mesh.apply_translation((x_mm, y_mm, 0))

@@ -38,7 +38,7 @@ def test_time_is_distributed_by_the_duration_of_moves():
     assert left == [line for line in TWO_LAYERS.splitlines() if b"TIME" not in line]
 
 
-def test_file_without_times_stays_as_it_is():
+def test_file_without_times_is_unchanged():
     bare = TWO_LAYERS.replace(b";TIME_ELAPSED", b";NOTHING")
     assert add_times(bare, read_toolpath(bare)) == bare
 

@@ -35,7 +35,7 @@ def test_head_approaches_the_first_point_from_above():
     assert moves[0][:2] == moves[1][:2] == (100.0, 100.0)
 
 
-def test_position_after_the_start_does_not_matter():
+def test_position_after_the_start_script_is_irrelevant():
     """PrusaSlicer raises it, then draws back, before it goes to the first point."""
     lines = marlin(start=["G28", "M109 S200", "G1 X5 Y5 Z0.3 F3000"], relative=True)
     at = lines.index(";LAYER:0") + 1
@@ -126,7 +126,7 @@ def prints(draw):
 
 @given(prints())
 @settings(max_examples=40, deadline=None)
-def test_print_is_the_same_in_every_dialect(layers):
+def test_print_is_the_same_in_every_dialect_of_gcode(layers):
     expected = [move for layer in layers for move in layer if move[3]]
     no_comments = marlin(layers, comments=False)
     for lines in (marlin(layers), marlin(layers, relative=True), ultigcode(layers), no_comments):

@@ -11,7 +11,7 @@ from slicing.own_gcode import MAX_LINE_BYTES
 
 
 @pytest.mark.parametrize("tail", [[], ["G1 E0 F1500"]])
-def test_start_that_draws_the_filament_out_of_the_hot_end_is_refused(tail):
+def test_start_that_retracts_the_filament_out_of_the_hot_end_is_refused(tail):
     start = [";FLAVOR:Marlin", "G28", "M109 S200", "G92 E0", "G1 E-60 F1500", "M82", "G92 E-60"]
     lines = marlin(start=start)
     at = lines.index(";LAYER:0")
@@ -26,7 +26,7 @@ def test_start_that_leaves_the_head_in_the_bed_is_refused(z, message):
     refused(marlin([], tail=tail), message)
 
 
-def test_objects_one_after_the_other_are_printed_only_as_high_as_the_head_clears_them():
+def test_sequential_objects_are_limited_to_the_clearance_of_the_head():
     def two(layers):
         return marlin(after(square(layers=layers), square(at_mm=170.0, layers=2)))
 
@@ -125,7 +125,7 @@ def test_command_that_changes_the_meaning_is_refused_in_the_start_too(line):
         ([line for line in ultigcode() if "LAYER" not in line], "start of its print"),
     ],
 )
-def test_file_that_means_something_else_is_refused(lines, message):
+def test_file_with_another_meaning_is_refused(lines, message):
     refused(lines, message)
 
 

@@ -41,7 +41,7 @@ def test_move_through_printed_lines_is_refused(way, hit):
         safe(take(lines))
 
 
-def test_head_reaches_as_far_as_curas_definition_says():
+def test_extent_of_the_head_matches_the_definition_of_cura():
     clearance = Clearance(slack_mm=0.4, head=UM2_PLUS.head)
     clearance.add([100.0, 100.0, 9.0], [100.5, 100.0, 9.0])
 
@@ -55,7 +55,7 @@ def test_head_reaches_as_far_as_curas_definition_says():
     assert [hits(*at) for at in ((100, 133), (100, 136), (100, 87), (100, 84))] == [True, False, True, False]
 
 
-def test_objects_one_after_the_other_need_the_heads_width_between_them():
+def test_sequential_objects_need_the_width_of_the_head_between_them():
     def two(at_mm, layers):
         return marlin(after(square(layers=layers), square(at_mm=at_mm, layers=2)))
 

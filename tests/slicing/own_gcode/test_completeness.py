@@ -98,7 +98,7 @@ def test_count_of_each_slicer_is_known(count):
     assert take([*lines, count.replace("100", "60")]).layers == 60
 
 
-def test_layers_of_objects_one_after_the_other_are_counted_for_each():
+def test_layers_of_sequential_objects_are_counted_per_object():
     first, second = square(layers=3), square(at_mm=170.0, layers=3)
     lines = marlin([*first, *second])
     for number in (3, 4, 5):
@@ -122,7 +122,7 @@ def test_empty_layers_that_cura_omits_are_a_warning():
 
 @given(data=st.data())
 @settings(max_examples=20, deadline=None)
-def test_file_that_lost_layers_is_refused_though_its_end_is_whole(data):
+def test_file_with_missing_layers_and_an_intact_end_is_refused(data):
     """All filament of what is missing would come in one move; of the last layers alone the count tells."""
     lines = whole("ultigcode").splitlines(keepends=True)
     starts = [at for at, line in enumerate(lines) if line.startswith(b";LAYER:")]
@@ -164,7 +164,7 @@ def test_filament_that_a_slicer_names_is_in_its_file(slicer):
 @pytest.mark.parametrize("slicer", ["cura 5", "ultigcode", "prusaslicer"])
 @given(data=st.data())
 @settings(max_examples=25, deadline=None)
-def test_file_that_lost_any_of_its_layers_is_refused_where_it_names_its_filament(slicer, data):
+def test_file_with_stated_filament_is_refused_if_any_layer_is_missing(slicer, data):
     """The last ones, and those of relative E, too."""
     lines = with_figures(slicer).splitlines(keepends=True)
     starts = [at for at, line in enumerate(lines) if line.startswith((b";LAYER:", b";LAYER_CHANGE"))]

@@ -56,7 +56,7 @@ def with_header(lines, *figures):
 
 
 @pytest.mark.parametrize("relative", [False, True])
-def test_lowest_and_the_highest_layer_are_where_the_slicer_says(relative):
+def test_lowest_and_highest_layer_match_the_figures_of_the_slicer(relative):
     whole = with_header(marlin(SMALL, relative=relative), "LAYER_COUNT:20", "MINZ:0.2", "MAXZ:4")
     assert safe(take(whole))
     refused(without(whole, 0), "Z 0.2, and it begins at Z 0.4|the first move that feeds")
@@ -73,7 +73,7 @@ def test_hop_above_the_highest_layer_is_not_a_layer():
     refused(without(whole, 18, 19), "up to Z 5, and it ends at Z 3.6")
 
 
-def test_last_layer_ends_at_the_time_that_the_slicer_says():
+def test_end_of_the_last_layer_matches_the_time_of_the_slicer():
     figures = f"TIME:200 MATERIAL:{round(take(ultigcode(SMALL)).filament_mm * FILAMENT_MM2)}".split()
     whole = [line for line in ultigcode(SMALL) if not line.startswith((";TIME:", ";MATERIAL:"))]
     whole[1:1] = [f";{figure}" for figure in figures]
@@ -122,7 +122,7 @@ lengths_mm = st.floats(0.05, 100.0)
     layers=st.lists(st.lists(lengths_mm, min_size=2, max_size=5), min_size=3, max_size=6),
     lost=st.integers(1, 4),
 )
-def test_gap_is_a_loss_where_the_move_after_it_feeds_too_much(flow, layers, lost):
+def test_gap_is_a_loss_if_the_next_move_extrudes_too_much(flow, layers, lost):
     """E is written to 1e-5 mm, and one layer is left out: with its filament, or without."""
     lost = min(lost, len(layers) - 2)
     lost_mm = flow * sum(layers[lost])

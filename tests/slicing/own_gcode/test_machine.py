@@ -63,7 +63,7 @@ def test_another_machine_with_its_origin_elsewhere_is_refused():
     assert warnings([line.replace("-100x-100,", "0x0,") for line in lines])
 
 
-def test_another_machine_has_to_show_its_filament():
+def test_file_for_another_machine_must_state_its_filament():
     """E for filament of 1.75 mm would press 2.3 times as much."""
     assert warnings(marlin(THIN)) == [
         "Warning: its lines have 2.3 times the section of a line as wide as the nozzle: was it sliced for "

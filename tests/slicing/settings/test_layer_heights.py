@@ -49,7 +49,7 @@ def test_every_part_of_some_layers_is_printed_to_its_height(share, case):
 
 @given(st.floats(1.0, HIGHEST_MM), cases)
 @example(156.94921875, (0.4, LayerHeights(0.3, 0.2)))  # the first layer changes by 4 % exactly
-def test_first_layer_changes_only_where_the_others_cannot_reach_the_height(height_mm, case):
+def test_first_layer_changes_only_if_the_others_cannot_reach_the_height(height_mm, case):
     nozzle_mm, heights = case
     result = fitted(height_mm, nozzle_mm, heights)
     alone = fit_heights(height_mm, heights, max_first_mm=0.0)

@@ -62,7 +62,7 @@ def test_settings_of_the_program_are_reserved(resources, key, value, reason):
     assert reason in message
 
 
-def test_settings_of_qualities_are_hardly_reserved(resources):
+def test_few_settings_of_qualities_are_reserved(resources):
     keys = {key for quality in resources.profiles("quality", "ultimaker2_plus") for key in quality.values}
     assert {key for key in keys if find_reserved_reason(key)} == {"acceleration_enabled", "jerk_enabled"}
 
@@ -120,7 +120,7 @@ def test_derived_invalid_value_is_refused_with_its_cause(resources):
     )
 
 
-def test_no_infill_and_whole_infill_are_within_the_limits(resources):
+def test_no_infill_and_full_infill_are_within_the_limits(resources):
     for percent in ("0", "100"):
         request = SettingsRequest(UM2_PLUS, overrides={"infill_sparse_density": percent})
         assert resolve_settings(request, resources).extruder["infill_sparse_density"] == f"{percent}.0"

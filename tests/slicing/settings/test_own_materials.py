@@ -94,7 +94,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("case", REFUSED)
-def test_file_that_is_no_good_material_is_refused_with_the_reason(write, case):
+def test_invalid_material_file_is_refused_with_the_reason(write, case):
     text, expected_text = REFUSED[case]
     with pytest.raises(BadSetting) as error:
         resolve_settings(REQUEST, write(text))

@@ -43,7 +43,7 @@ def test_quality_paper_has_the_settings_of_the_paper(resources, settings_of):
 @pytest.mark.parametrize(
     ("model", "height"), [("ultimaker2_plus", "205"), ("ultimaker2_extended_plus", "305")]
 )
-def test_every_quality_on_every_printer(settings_of, quality, model, height):
+def test_every_quality_resolves_for_every_printer(settings_of, quality, model, height):
     s = settings_of(quality, model)
     assert s.global_["machine_height"] == height
     assert s.global_["machine_gcode_flavor"] == "RepRap (Marlin/Sprinter)"
@@ -88,7 +88,7 @@ def test_temperatures_reach_the_start_code(settings_of):
 
 
 @pytest.mark.parametrize("material", ["generic_pla", "generic_tpu", "generic_nylon", "generic_pc"])
-def test_glue_has_its_brim_also_where_cura_s_profile_counts_lines(resources, material):
+def test_glue_keeps_its_brim_if_the_profile_of_cura_counts_lines(resources, material):
     cooler = {"default_material_print_temperature": "240"}
     request = SettingsRequest(UM2_PLUS, material=material, overrides=cooler)
     s = resolve_settings(request, resources)
@@ -97,13 +97,13 @@ def test_glue_has_its_brim_also_where_cura_s_profile_counts_lines(resources, mat
     assert narrow.brim_width_mm == pytest.approx(lines_mm(narrow, 3.0))
 
 
-def test_without_a_brim_nothing_is_printed_around(settings_of):
+def test_width_of_brim_and_skirt_follows_the_adhesion_type(settings_of):
     assert settings_of(adhesion_type="none").brim_width_mm == 0.0
     assert settings_of(adhesion_type="skirt").brim_width_mm > 0.0
 
 
 @pytest.mark.parametrize("nozzle_mm", [0.25, 0.6, 0.8])
-def test_other_nozzles_have_their_line_widths(resources, nozzle_mm):
+def test_size_of_another_nozzle_reaches_the_settings(resources, nozzle_mm):
     s = resolve_settings(SettingsRequest(UM2_PLUS, nozzle_mm=nozzle_mm), resources)
     assert s.extruder["machine_nozzle_size"] == f"{nozzle_mm}"
 
@@ -187,7 +187,7 @@ def test_missing_files_are_reported(tmp_path):
 
 
 @pytest.mark.parametrize("height_mm", [2.5, 9.99, 40.93, 123.45])
-def test_skins_stay_as_thick_as_promised_where_layers_are_fitted(resources, height_mm):
+def test_skins_keep_their_thickness_with_fitted_layers(resources, height_mm):
     request = SettingsRequest(UM2_PLUS)
     every = resolve_settings(request, resources)
     part = resolve_settings(request, resources, PartSettings(height_mm=height_mm))
@@ -207,7 +207,7 @@ def test_skins_stay_as_thick_as_promised_where_layers_are_fitted(resources, heig
         ("glue", {"slicing_tolerance": "inclusive"}),
     ],
 )
-def test_only_glue_fits_its_layers_and_not_where_a_person_has_chosen_them(resources, quality, overrides):
+def test_only_quality_glue_fits_layers_unless_a_person_sets_them(resources, quality, overrides):
     request = SettingsRequest(UM2_PLUS, quality, overrides=overrides)
     part = resolve_settings(request, resources, PartSettings(height_mm=40.93))
     every = resolve_settings(request, resources)

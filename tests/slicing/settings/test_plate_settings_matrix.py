@@ -91,7 +91,7 @@ def test_violations_of_cura_s_own_profiles_are_listed(resources, model):
     assert beyond <= CURA_S
 
 
-def test_brand_has_the_qualities_of_its_kind_where_it_has_none_of_its_own(resources):
+def test_brand_without_qualities_has_those_of_its_kind(resources):
     brand, generic = (
         resolve_settings(SettingsRequest(UM2_PLUS, "glue", material), resources)
         for material in ("ultimaker_cpe_plus_black", "generic_cpe_plus")

@@ -80,7 +80,7 @@ def test_largest_cube_is_found(shape: tuple[int, int, int], seed: int, share: fl
 
 @settings(max_examples=80, deadline=None)
 @given(shape=shapes, seed=st.integers(0, 10**6), share=st.floats(0.0, 1.0))
-def test_cells_meet_in_faces(shape: tuple[int, int, int], seed: int, share: float) -> None:
+def test_cells_of_the_shell_meet_in_faces_only(shape: tuple[int, int, int], seed: int, share: float) -> None:
     before = np.random.default_rng(seed).random(shape) < share
     cells = remove_diagonals(before)
     assert not (cells & ~before).any()
@@ -127,7 +127,7 @@ def test_cube_in_a_block_grows_until_it_reaches_the_wall(
     assert (near[0] >= started[0] - 2.0).all() and (near[1] <= started[1] + 2.0).all()
 
 
-def test_planes_of_the_grid_go_to_the_sides_of_the_refined_cube(cost: CostModel) -> None:
+def test_grid_planes_lie_on_the_sides_of_the_refined_cube(cost: CostModel) -> None:
     """A ball on a plate whose upper face lies where the cube has its lower side."""
     body = ball(100.0).solid
     vertices, faces = body.arrays()
@@ -157,7 +157,7 @@ def test_planes_of_the_grid_go_to_the_sides_of_the_refined_cube(cost: CostModel)
 
 
 @pytest.mark.parametrize(("share", "taken"), [(0.4, 1), (1.3, 0)])
-def test_cube_with_the_earlier_end_is_used(
+def test_cube_whose_parts_end_first_is_used(
     share: float, taken: int, cost: CostModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A ball takes a cube that is refined to be smaller; not one that is larger."""
@@ -228,7 +228,7 @@ def test_faithful_form_reproduces_the_published_parts(cost: CostModel) -> None:
         decompose_model(ball(330.0), printers(26), faithful, cost)
 
 
-def test_model_too_thin_for_a_cube(cost: CostModel) -> None:
+def test_model_too_thin_for_a_cube_is_refused(cost: CostModel) -> None:
     sheet = Model(Solid.box((0, 0, 0), (400, 150, 3)), (), 1.0)
     result = decompose_model(sheet, printers(4), MENDED, cost)
     assert 2 <= len(result.parts) <= 4

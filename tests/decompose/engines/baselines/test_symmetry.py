@@ -66,7 +66,7 @@ def test_solid_is_cut_by_an_oblique_plane(
     assert uncut == pytest.approx(lump.area_mm2, rel=1e-7)
 
 
-def test_parts_required_by_the_room() -> None:
+def test_number_of_parts_required_by_the_room_is_computed() -> None:
     size = np.array([450.0, 100.0, 300.0])
     assert count_blocks(size, [ROOM]) == (3, 1, 2)
     tall = PrinterRoom("tall", ((206.9, 190.9, 305.0),))
@@ -82,7 +82,7 @@ def test_films_on_a_cut_are_ignored() -> None:
     assert [piece.solid.volume_mm3 for piece in result] == pytest.approx([1000.0])
 
 
-def test_plane_keeps_clear_of_faces() -> None:
+def test_cut_plane_keeps_its_distance_from_faces() -> None:
     step = Solid.union([Solid.box((0, 0, 0), (100, 40, 40)), Solid.box((0, 0, 0), (50, 40, 90))])
     along = np.array([1.0, 0.0, 0.0])
     assert place_clear_of_faces(step, along, 30.0) == 30.0
@@ -109,7 +109,7 @@ def test_planes_of_symmetry_differ_and_the_best_is_first() -> None:
 
 
 @pytest.mark.parametrize("options", [MENDED, FAITHFUL])
-def test_parts_add_up_and_are_the_same_each_time(options: Options, cost: CostModel) -> None:
+def test_parts_add_up_to_the_model_and_are_deterministic(options: Options, cost: CostModel) -> None:
     """An egg, whose halves are in one piece wherever it is cut."""
     egg = trimesh.creation.icosphere(2, 50.0)
     model = Model(Solid.from_arrays(egg.vertices * (1.0, 1.3, 1.7), egg.faces), (), 1.0)
@@ -121,14 +121,14 @@ def test_parts_add_up_and_are_the_same_each_time(options: Options, cost: CostMod
     assert [p.solid.volume_mm3 for p in repeated.parts] == [p.solid.volume_mm3 for p in result.parts]
 
 
-def test_room_forces_cuts(rough_ball: Model, cost: CostModel) -> None:
+def test_model_larger_than_the_room_is_cut(rough_ball: Model, cost: CostModel) -> None:
     result = decompose_model(rough_ball, printers(9), MENDED, cost)
     assert 8 <= len(result.parts) <= 9
     for part in result.parts:
         assert ROOM.fits(*(np.ptp(part.printing_mesh()[0], axis=0) - 1e-6))
 
 
-def test_parts_that_do_not_fit_are_counted(rough_ball: Model, cost: CostModel) -> None:
+def test_parts_that_do_not_fit_are_counted_in_the_error(rough_ball: Model, cost: CostModel) -> None:
     with pytest.raises(NoFit, match=r"4 of the 4 parts that symmetry makes for 4 printers fit none"):
         decompose_model(rough_ball, printers(4), FAITHFUL, cost)
     with pytest.raises(NoFit, match="need at least 8 parts, and there are 4 printers") as raised:

@@ -46,7 +46,7 @@ def tower() -> Model:
     return Model(Solid.box((0, 0, 0), (90, 90, 230)), (), 1.0)
 
 
-def test_part_may_use_the_height_of_its_printer(tower: Model, cost: CostModel) -> None:
+def test_part_may_use_the_full_height_of_its_printer(tower: Model, cost: CostModel) -> None:
     printers = [PrinterRoom("low", LOW), PrinterRoom("high", HIGH)]
     result = decompose_model(tower, printers, OPTIONS, cost)
     heights = {part.printer: np.ptp(part.printing_mesh()[0], axis=0)[2] for part in result.parts}

@@ -39,7 +39,7 @@ def work_s(search: ExactSearch, boxes: list[Box]) -> float:
     return float(sum(search.boxes.seconds[box_index(box, search.boxes.shape)] for box in boxes))
 
 
-def test_looser_partitions_are_complete_with_no_more_work(searched: tuple[ExactSearch, list[Box]]) -> None:
+def test_looser_partitions_are_complete_without_more_work(searched: tuple[ExactSearch, list[Box]]) -> None:
     search, best = searched
     results = [list(cut) for cut in search.looser_partitions(best)]
     assert 0 < len(results) <= len(LOOSER)
@@ -78,7 +78,7 @@ def test_earliest_end_after_plane_shifts_is_chosen(task: Problem, monkeypatch: p
     ("best_known_s", "budget_s", "thorough"),
     [(1.0, np.inf, True), (np.inf, 0.0, True), (np.inf, np.inf, False)],
 )
-def test_hopeless_partitions_are_not_searched(
+def test_partitions_far_above_the_best_are_not_improved(
     best_known_s: float, budget_s: float, thorough: bool, task: Problem, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def looser(self: ExactSearch, best: list[Box]) -> Iterator[dict[Box, list[Piece]]]:
@@ -91,7 +91,7 @@ def test_hopeless_partitions_are_not_searched(
 
 
 @pytest.mark.parametrize("budget_s", [np.inf, 0.0])
-def test_corrected_counts_cost_few_solves(
+def test_corrected_piece_counts_need_few_solves(
     budget_s: float, task: Problem, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Each correction begins at the makespan before, not at all prices, whether or not there is a budget."""
@@ -113,7 +113,9 @@ def test_corrected_counts_cost_few_solves(
     assert task.effort.cut_short == (budget_s == 0.0)
 
 
-def test_search_ends_with_its_share_of_the_budget(task: Problem, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_search_ends_when_its_share_of_the_budget_is_spent(
+    task: Problem, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A partition is known, and the next ones would be corrected for ever."""
     corrections = 0
 

@@ -78,7 +78,7 @@ def even(shape: Shape) -> BoxTables:
 
 @pytest.mark.parametrize("axis", [0, 1, 2])
 @pytest.mark.parametrize("mirrored", [0, 1])
-def test_finds_a_pinwheel_that_no_guillotine_cut_makes(axis: int, mirrored: int) -> None:
+def test_pinwheel_without_a_guillotine_cut_is_found(axis: int, mirrored: int) -> None:
     shape: list[int] = [3, 3, 3]
     shape[axis] = 1
     boxes = even((shape[0], shape[1], shape[2]))
@@ -91,7 +91,7 @@ def test_finds_a_pinwheel_that_no_guillotine_cut_makes(axis: int, mirrored: int)
     assert improve_locally(boxes, [(0, 0, 0, *boxes.shape)], 1) == [(0, 0, 0, *boxes.shape)]
 
 
-def test_moves_a_face_and_uses_a_spare_printer() -> None:
+def test_face_is_moved_and_a_spare_printer_is_used() -> None:
     boxes = even((6, 2, 1))
     uneven: list[Box] = [(0, 0, 0, 5, 2, 1), (5, 0, 0, 6, 2, 1)]
     assert sorted_times_s(boxes, improve_locally(boxes, uneven, 2)) == [6.0, 6.0]

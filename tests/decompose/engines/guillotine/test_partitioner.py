@@ -56,7 +56,7 @@ shapes = st.tuples(st.integers(1, 4), st.integers(1, 3), st.integers(1, 3))
 
 @settings(max_examples=40, deadline=None)
 @given(shape=shapes, seed=st.integers(0, 10**6), share=st.floats(0.05, 1.2))
-def test_fewest_parts_at_a_limit(shape: Shape, seed: int, share: float) -> None:
+def test_minimum_number_of_parts_at_a_time_limit(shape: Shape, seed: int, share: float) -> None:
     boxes, needed = tables(shape, seed)
     limit = share * 130.0 * float(np.prod(shape))
     solver = Partitioner(boxes)
@@ -97,7 +97,7 @@ def test_ties_are_broken_by_work_then_by_cut_area(shape: Shape, seed: int, share
 
 @settings(max_examples=25, deadline=None)
 @given(shape=shapes, seed=st.integers(0, 10**6), printers=st.integers(1, 6))
-def test_least_makespan_is_least(shape: Shape, seed: int, printers: int) -> None:
+def test_minimum_makespan_equals_an_exhaustive_search(shape: Shape, seed: int, printers: int) -> None:
     boxes, needed = tables(shape, seed)
     limits = np.unique(boxes.seconds[np.isfinite(boxes.seconds)])
     reachable = [t for t in limits if fewest_by_recursion(boxes, needed, float(t)) <= printers]
@@ -110,7 +110,7 @@ def test_least_makespan_is_least(shape: Shape, seed: int, printers: int) -> None
 
 @settings(max_examples=25, deadline=None)
 @given(shape=shapes, seed=st.integers(0, 10**6), printers=st.integers(1, 6), share=st.floats(0.0, 1.0))
-def test_least_makespan_is_the_same_from_any_lower_bound(
+def test_minimum_makespan_is_independent_of_the_lower_bound(
     shape: Shape, seed: int, printers: int, share: float
 ) -> None:
     boxes, _ = tables(shape, seed)
@@ -237,7 +237,7 @@ def random_partition(
 
 @settings(max_examples=40, deadline=None)
 @given(shape=st.tuples(*[st.integers(1, 6)] * 3), seed=st.integers(0, 10**6), share=st.floats(0.05, 0.8))
-def test_no_partition_by_random_cuts_is_better(shape: Shape, seed: int, share: float) -> None:
+def test_random_cuts_give_no_better_partition(shape: Shape, seed: int, share: float) -> None:
     boxes, needed = tables(shape, seed)
     rng = np.random.default_rng(seed)
     result = random_partition(boxes, (0, 0, 0, *shape), share * 130.0 * float(np.prod(shape)), rng)
@@ -283,7 +283,7 @@ def greedy_partition(boxes: BoxTables, printers: int) -> list[Box]:
 
 @settings(max_examples=40, deadline=None)
 @given(shape=st.tuples(*[st.integers(1, 6)] * 3), seed=st.integers(0, 10**6), printers=st.integers(1, 12))
-def test_no_greedy_partition_is_better(shape: Shape, seed: int, printers: int) -> None:
+def test_greedy_cuts_give_no_better_partition(shape: Shape, seed: int, printers: int) -> None:
     boxes, _ = tables(shape, seed)
     result = greedy_partition(boxes, printers)
     assume(result and np.isfinite(boxes.longest_s(result)))

@@ -46,7 +46,7 @@ def guillotine(rng: np.random.Generator, box: Box, cuts: int) -> list[Box]:
 
 @settings(max_examples=80, deadline=None)
 @given(seed=st.integers(0, 10**6), cuts=st.integers(1, 4))
-def test_any_move_of_all_groups_at_once_keeps_a_full_partition(seed: int, cuts: int) -> None:
+def test_simultaneous_moves_of_all_groups_keep_a_complete_partition(seed: int, cuts: int) -> None:
     rng = np.random.default_rng(seed)
     boxes = in_mm(guillotine(rng, (0, 0, 0, 6, 6, 6), cuts))
     cells = NeededCells(PLANES, np.ones((6, 6, 6), dtype=bool))
@@ -103,7 +103,7 @@ def test_boxes_grow_over_free_empty_cells_only(seed: int, cuts: int) -> None:
     assert empty[after > before].all()
 
 
-def test_invalid_partition() -> None:
+def test_overlapping_or_incomplete_boxes_are_no_partition() -> None:
     cells = NeededCells(PLANES, np.ones((6, 6, 6), dtype=bool))
     whole = np.array([[[0.0, 0.0, 0.0], [60.0, 60.0, 60.0]]])
     assert cells.is_partition(whole)
@@ -121,7 +121,7 @@ def test_plane_stops_before_flat_faces(flats: list[float], old: float, new: floa
         assert place == new
 
 
-def test_load_is_balanced_through_a_box_between() -> None:
+def test_load_is_balanced_across_a_box_in_between() -> None:
     moves, seconds = solve_plane_shifts(
         np.array([20.0, 14.0, 8.0]), SLOPES, ROW, ShiftLimits(FREE, FREE, -FAR, FAR)
     )

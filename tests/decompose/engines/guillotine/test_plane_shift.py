@@ -56,7 +56,7 @@ def cone() -> Solid:
     return Solid.from_arrays(corners, faces)
 
 
-def test_cone_is_cut_where_both_ends_take_equally_long(cone: Solid, cost: CostModel) -> None:
+def test_cone_is_cut_into_two_parts_of_equal_time(cone: Solid, cost: CostModel) -> None:
     task = problem(cone, cost, 2, cells=2)
     nx, ny, nz = task.build_grid(task.model).shape
     middle = nx // 2
@@ -164,7 +164,7 @@ def test_useless_round_is_not_repeated_after_the_budget(
     assert task.effort.cut_short
 
 
-def test_unmoved_longest_part_does_not_stop_other_faces(
+def test_fixed_longest_part_does_not_stop_other_faces(
     cone: Solid, cost: CostModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """No round is made again that would be the same."""
@@ -247,7 +247,7 @@ def test_lid_moves_into_the_hollow_behind_it(cost: CostModel) -> None:
     assert 24.0 <= after[0].boxes_mm[0, 1, 2] < 32.0
 
 
-def test_another_search_begins_where_one_has_ended(
+def test_next_search_continues_from_the_result_of_the_last(
     cone: Solid, cost: CostModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A plane with a short reach gets to its best place in several searches, if requested."""
@@ -274,7 +274,7 @@ def test_time_ratio_of_a_slice_is_used(cone: Solid, cost: CostModel) -> None:
     assert a_s == pytest.approx(1.3 * b_s, rel=0.02)
 
 
-def test_keeps_clear_of_a_flat_face(cost: CostModel) -> None:
+def test_shifted_plane_keeps_its_distance_from_a_flat_face(cost: CostModel) -> None:
     """The thick end of a bar begins near where the planes would go: none comes close to its shoulder."""
     bar = Solid.union(
         [Solid.box((0.0, 0.0, 0.0), (300.0, 40.0, 40.0)), Solid.box((0.0, -20.0, -20.0), (95.0, 60.0, 60.0))]
@@ -293,7 +293,7 @@ def test_keeps_clear_of_a_flat_face(cost: CostModel) -> None:
     assert longest_s(task, after) < longest_s(task, before)
 
 
-def test_part_that_has_to_fit_stays_in_its_printer(cost: CostModel) -> None:
+def test_shifted_part_still_fits_its_printer(cost: CostModel) -> None:
     """The thin end is quicker, but is as long as a printer already."""
     bar = Solid.union(
         [Solid.box((0.0, 10.0, 10.0), (280.0, 50.0, 50.0)), Solid.box((215.0, 0.0, 0.0), (400.0, 60.0, 60.0))]
@@ -309,7 +309,7 @@ def test_part_that_has_to_fit_stays_in_its_printer(cost: CostModel) -> None:
 
 @settings(max_examples=5, deadline=None)
 @given(at=st.tuples(st.integers(1, 5), st.integers(1, 5), st.integers(1, 5)))
-def test_shifted_planes_are_never_slower_nor_incomplete(
+def test_shifted_planes_give_a_complete_and_no_slower_partition(
     lump: Solid, cost: CostModel, at: tuple[int, int, int]
 ) -> None:
     task = problem(lump, cost, 8, cells=6)

@@ -24,7 +24,7 @@ def test_equal_printers_are_one_class() -> None:
     assert (only.boxes, only.time_factor, only.count) == (PLUS, 1.1, 5)
 
 
-def test_rooms_are_classes_and_small_differences_of_speed_are_none() -> None:
+def test_different_rooms_are_classes_but_similar_speeds_are_not() -> None:
     fleet = printers(*[(PLUS, 1.0 + 0.002 * i) for i in range(8)], *[(EXTENDED, 1.0)] * 3)
     result = classify_printers(fleet, 100.0)
     assert [(item.boxes, item.count) for item in result] == [(PLUS, 8), (EXTENDED, 3)]

@@ -172,7 +172,7 @@ def test_seeds_spread_over_the_surface(ball_grid: Grid, ball_points: np.ndarray)
 
 
 @pytest.mark.parametrize("score", Score.BOTH.readings)
-def test_attempts_cover_the_model_and_are_the_same_each_time(
+def test_attempts_cover_the_model_and_are_deterministic(
     score: Score, ball_grid: Grid, ball_boxes: BoxTables, ball_points: np.ndarray
 ) -> None:
     terrain = time_terrain(ball_grid, ball_boxes)
@@ -196,7 +196,7 @@ def test_attempts_cover_the_model_and_are_the_same_each_time(
     assert result != run_attempts(others, terrain, 14, score)
 
 
-def test_prices_of_the_paper_equal_those_of_the_solid_in_a_box(
+def test_prices_of_the_paper_match_the_solid_in_each_box(
     ball: Model, ball_grid: Grid, ball_boxes: BoxTables
 ) -> None:
     terrain = paper_terrain(ball_grid, ball_boxes)
@@ -285,7 +285,7 @@ def test_engine_returns_checked_parts(
     assert repeated.makespan_s == result.makespan_s
 
 
-def test_option_faithful_has_the_settings_of_the_paper(
+def test_option_faithful_uses_the_settings_of_the_paper(
     skewed: Model, plus_room: PrinterRoom, cost: CostModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Very fine, three tries, symmetry, an overhang tolerance of 1 degree, both speeds 20 mm/s; not infill,
@@ -338,7 +338,7 @@ def test_result_is_never_worse_than_the_faithful_one(
     assert own.makespan_s <= faithful.makespan_s or (faithful.faults and not own.faults)
 
 
-def test_model_is_turned_for_its_overhangs(cost: CostModel) -> None:
+def test_model_is_rotated_to_reduce_its_overhangs(cost: CostModel) -> None:
     """A crooked block without symmetry, which overhangs nowhere once it stands straight."""
     solid = Solid.union([Solid.box((0, 0, 0), (90, 60, 40)), Solid.box((0, 0, 0), (30, 20, 80))])
     solid = Solid.union([solid, Solid.box((0, 0, 0), (50, 60, 55))])

@@ -102,7 +102,7 @@ def test_answers_equal_those_of_the_firmware(host: Host, line: str, answer: list
     assert host.say(line) == answer
 
 
-def test_m115_reports_no_capabilities(host: Host) -> None:
+def test_m115_lists_no_capabilities(host: Host) -> None:
     message = host.say("M115")
     assert message[0].startswith(
         "FIRMWARE_NAME:Marlin Ultimaker2; Sprinter/grbl mashup for gen6 FIRMWARE_URL:"
@@ -158,7 +158,7 @@ def test_extrusion_of_a_metre_is_refused(host: Host) -> None:
     assert host.put("G1 E1001 F300") == ["ok", "echo: too long extrusion prevented"]
 
 
-def test_moves_are_acknowledged_when_parsed_other_commands_when_done(host: Host) -> None:
+def test_moves_are_acknowledged_when_read_and_commands_after_execution(host: Host) -> None:
     """The oks of both moves come before the answer to the M105 in front of them."""
     assert host.put("G28", "M105", "G1 X10 F6000", "M114", "G1 X20") == ["ok", "ok"]
     message = host.wait(30.0)
@@ -166,7 +166,7 @@ def test_moves_are_acknowledged_when_parsed_other_commands_when_done(host: Host)
     assert message[3:] == ["ok"]
 
 
-def test_seventeen_moves_are_acknowledged_at_once_then_one_for_each_that_ends(host: Host) -> None:
+def test_seventeen_moves_are_acknowledged_at_once_then_one_per_finished_move(host: Host) -> None:
     oks = 0
     for k in range(40):
         if host.put(f"G1 X{20 if k % 2 else 220} F6000") != ["ok"]:
@@ -256,7 +256,7 @@ def test_m109_reports_each_second_and_holds_three_seconds(host: Host) -> None:
     assert len(message) - 1 == int(expected_s)
 
 
-def test_m109_waits_for_cooling_down_too(host: Host) -> None:
+def test_m109_also_waits_for_cooling(host: Host) -> None:
     host.warm(200.0)
     started_s = host.now_s
     host.say("M109 S100")
@@ -264,7 +264,7 @@ def test_m109_waits_for_cooling_down_too(host: Host) -> None:
     assert host.board.nozzle.temperature_c(host.now_s) < 101.0
 
 
-def test_m190_reports_the_bed_and_is_done_at_once_when_hotter(host: Host) -> None:
+def test_m190_reports_the_bed_and_finishes_at_once_if_hotter(host: Host) -> None:
     message = host.say("M190 S40", 5000)
     assert message[0].startswith("T:21.00 E:0 B:21.") and message[-1] == "ok"
     assert host.put("M190 S30") == ["ok"]

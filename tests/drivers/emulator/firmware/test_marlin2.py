@@ -50,7 +50,7 @@ def test_busy_board_reads_lines_and_sends_busy_messages(host: Host):
     assert host.wait(6.0) == ["echo:busy: processing"] * 4 + ["ok"]
 
 
-def test_ok_names_its_line_where_that_is_built_in():
+def test_advanced_ok_contains_the_line_number():
     host = Host(MODEL, Faults(advanced_ok=True))
     assert host.number("M400") == ["ok N1 P15 B4"]
     assert host.number("M105")[0].startswith("ok T:")

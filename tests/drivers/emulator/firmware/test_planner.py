@@ -70,7 +70,7 @@ def test_feeder_keeps_its_speed_limit() -> None:
 
 @given(pieces=st.integers(2, 60), v=st.sampled_from([20.0, 60.0, 150.0]))
 @settings(max_examples=40, deadline=None)
-def test_line_in_pieces_takes_about_as_long_as_in_one(pieces: int, v: float) -> None:
+def test_split_line_takes_about_as_long_as_a_whole_one(pieces: int, v: float) -> None:
     whole, cut = Bench(), Bench()
     whole.go((180, 100, 50, 4), v)
     for k in range(1, pieces + 1):
@@ -93,7 +93,7 @@ moves = st.lists(
 
 @given(moves=moves, v=st.floats(1, 300))
 @settings(max_examples=150, deadline=None)
-def test_any_moves_end_where_they_should_and_never_too_early(moves: list[Point], v: float) -> None:
+def test_moves_end_at_their_target_and_never_early(moves: list[Point], v: float) -> None:
     bench = Bench()
     min_s, here = 0.0, START
     for target in moves:

@@ -18,7 +18,7 @@ def unretract(host: Host) -> None:
         host.say(line)
 
 
-def test_bringing_parked_filament_to_the_nozzle_leaves_the_bed_clear(host: Host) -> None:
+def test_unparking_filament_leaves_the_bed_clear(host: Host) -> None:
     assert host.board.filament_end_mm == -20.0
     for line in ("G28", "G1 Z5 F2400"):
         host.say(line)
@@ -46,7 +46,7 @@ def test_purging_with_the_bed_lowered_keeps_the_bed_clear(host: Host) -> None:
     assert host.board.bed_clear
 
 
-def test_retraction_and_its_end_move_the_filament_and_print_nothing(host: Host) -> None:
+def test_retraction_moves_the_filament_and_prints_nothing(host: Host) -> None:
     unretract(host)
     for line in ("G1 Z0.3 F9000", "G10", "M400"):
         host.say(line)

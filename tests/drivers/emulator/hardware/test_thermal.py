@@ -22,7 +22,7 @@ def test_new_heater_has_the_temperature_of_the_room_and_keeps_it() -> None:
 
 
 @given(target_c=st.floats(50, 260))
-def test_nozzle_reaches_its_target_when_its_model_says_and_holds_it(target_c: float) -> None:
+def test_nozzle_reaches_its_target_at_the_modelled_time_and_holds_it(target_c: float) -> None:
     heater = Heater(NOZZLE)
     heater.set_target(target_c, 0.0)
     needed_s = NOZZLE.seconds_to(target_c)
@@ -59,7 +59,7 @@ def test_bed_switches_each_five_seconds_and_stays_within_a_degree() -> None:
 
 
 @given(target_c=st.floats(30, 250), wait_s=st.floats(1, 2000))
-def test_without_power_it_cools_down_towards_the_room(target_c: float, wait_s: float) -> None:
+def test_unpowered_heater_cools_to_room_temperature(target_c: float, wait_s: float) -> None:
     heater = Heater(NOZZLE)
     heater.set_target(target_c, 0.0)
     top_c = heater.temperature_c(5000.0)

@@ -69,7 +69,7 @@ def test_link_expires_after_five_minutes(farm):
     assert list_events(farm, "SessionOpened") == []
 
 
-def test_excess_link_replaces_the_oldest_of_its_user(farm):
+def test_additional_link_replaces_the_oldest_of_its_user(farm):
     other = farm.sessions.make_link("bob", Role.PRINT)
     tokens = [farm.sessions.make_link("ann", Role.PRINT) for _ in range(50)]
     assert len(farm.sessions._links) == 6
@@ -112,7 +112,7 @@ def test_session_in_constant_use_is_extended_once_an_hour(farm):
     assert len(list_events(farm, "SessionExtended")) == 10
 
 
-def test_excess_session_ends_the_oldest_of_its_user(farm):
+def test_additional_session_ends_the_oldest_of_its_user(farm):
     other = farm.open_session("bob")
     texts = [farm.open_session() for _ in range(MAX_SESSIONS + 3) if farm.wait(1.0) is None]
     results = [farm.find(text) is not None for text in texts]

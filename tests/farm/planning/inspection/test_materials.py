@@ -62,7 +62,7 @@ def test_material_is_found_by_kind_or_file_with_its_colour(text, meant):
 
 
 @given(st.text(max_size=30))
-def test_any_text_is_a_known_material_or_none(text):
+def test_any_text_is_resolved_to_a_material_or_none(text):
     result = parse_material(text, KINDS)
     assert result is None or result.kind in KINDS.values()
 

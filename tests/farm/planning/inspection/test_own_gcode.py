@@ -206,7 +206,7 @@ def test_file_for_another_machine_is_a_warning_of_the_job(plan, inspect):
         assert notices[-1].startswith("Warning: it was sliced for 'MK3S'.")
 
 
-def test_time_is_that_of_the_firmwares_planner():
+def test_print_time_matches_the_planner_of_the_firmware():
     clock = FirmwareTime(PROFILES[LOW])
     clock.move(105.0, 50.0, 20.0, 0.0, 50.0)
     clock.wait(3.0)

@@ -58,7 +58,7 @@ def test_engine_is_selected_by_name(bar, tmp_path):
         ({"faithful": True}, "--faithful is for the engines of papers, not guillotine"),
     ],
 )
-def test_wrong_option_is_named(bar, tmp_path, wrong, message):
+def test_invalid_option_is_named(bar, tmp_path, wrong, message):
     with pytest.raises(FarmError, match=message):
         decompose_to_folder(bar, tmp_path / "out", DecomposeRequest(**USUAL | wrong))
     assert not (tmp_path / "out").exists()

@@ -36,7 +36,7 @@ def test_fewer_rounds_go_before_more_parts_and_all_printers_are_tried(copies, pr
 
 
 @given(st.lists(st.integers(), min_size=1, max_size=30), st.data())
-def test_share_of_each_kind_is_chosen(items, data):
+def test_share_of_copies_is_chosen_for_each_kind_of_printer(items, data):
     count = data.draw(st.integers(1, len(items)))
     chosen = choose_evenly(sorted(items), count)
     assert len(chosen) == count

@@ -70,7 +70,7 @@ def test_part_has_its_own_brim_first_layer_and_height(task):
 
 
 @pytest.mark.parametrize("material", ["generic_pla", "generic_abs"])
-def test_part_that_fills_its_room_still_fits(task, material):
+def test_part_that_fills_its_room_fits_after_enlarging(task, material):
     section = PrinterSection(name="a", model=MODEL, port=f"sim://{MODEL}", material=material)
     settings = resolve_settings(SettingsRequest(PRINTERS[MODEL], material=material), find_resources())
     x, y, _ = model_sizes(printer_room(section, settings.brim_width_mm), settings)[0]

@@ -85,7 +85,7 @@ def test_failed_part_is_cut_for_the_free_printers_and_held(tmp_path):
     assert printing(farm) == {"b": "1/01a", "c": "1/01b", "d": "1/01c"}
 
 
-def test_pieces_that_cannot_be_booked_are_made_again(tmp_path):
+def test_pieces_that_cannot_be_stored_are_planned_again(tmp_path):
     farm = make_farm(tmp_path, [PLUS] * 4, plates=1)
     fails(farm, "a", "1/01")
     farm.store._db.execute("PRAGMA query_only = 1")

@@ -36,7 +36,7 @@ def test_plan_is_revised_for_more_free_printers():
     assert choose(planned([8.0, 8.0], "ab"), fleet, "abc", "abcdefgh") == tuple("abcdefgh")
 
 
-def test_plan_stays_where_little_would_be_gained():
+def test_plan_stays_if_the_gain_is_small():
     fleet = [printer(name) for name in "abc"]
     assert choose(planned([2.0, 2.0], "ab"), fleet, "abc") is None
     assert choose(planned([8.0, 8.0], "ab"), fleet, "ab") is None
@@ -58,7 +58,7 @@ def test_fewer_parts_are_planned_for_unattended_nights():
     assert choose_revision(job, by_day, ["ab"]) is None
 
 
-def test_plan_with_a_deadline_that_is_met_stays():
+def test_plan_that_meets_its_deadline_stays():
     fleet = [printer(name) for name in "abcdefgh"]
     job = planned([8.0, 8.0], "ab", done_by_s=9 * HOUR)
     assert choose(job, fleet, "abcdefgh") is None

@@ -22,7 +22,7 @@ GB = 1e9
         (DiskUse(10 * GB, 0.0, 0.0, 0.0), math.inf),
     ],
 )
-def test_nights_are_derived_from_stored_events(use, nights):
+def test_nights_until_full_follow_from_stored_events(use, nights):
     assert nights_until_full(use, 50 * GB, 0.5 * GB) == pytest.approx(nights)
 
 

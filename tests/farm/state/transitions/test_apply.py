@@ -82,7 +82,7 @@ def test_unknown_entity_is_named(event):
         apply(event, printing())
 
 
-def test_rule_against_its_table_is_an_error():
+def test_state_outside_the_transition_table_is_an_error():
     books, _ = run(Books(), *fleet(Bed.UNKNOWN))
     started = job().model_copy(update={"state": "printing"})
     with pytest.raises(InvalidTransition, match="would be printing"):

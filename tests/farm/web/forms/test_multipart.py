@@ -43,14 +43,14 @@ CURA = write_form([field("path", "x/y"), file(), field("select", "true"), field(
 @pytest.mark.parametrize("form", [PRUSA, CURA], ids=["options first", "options last"])
 @settings(deadline=None)
 @given(data=st.data())
-def test_form_split_anywhere_reads_the_same(form, data):
+def test_form_is_read_independently_of_its_chunks(form, data):
     cuts = sorted(data.draw(st.lists(st.integers(0, len(form)), max_size=5)))
     reader, content = read(form, *cuts)
     assert content == CONTENT
     assert (reader.file_name, reader.fields["path"], reader.is_true("print")) == ("a.gcode", "x/y", True)
 
 
-def test_form_read_byte_by_byte_reads_the_same():
+def test_form_is_read_byte_by_byte():
     reader, content = read(PRUSA, *range(1, len(PRUSA)))
     assert (reader.file_name, content) == ("a.gcode", CONTENT)
 
@@ -63,7 +63,7 @@ def test_boundaries_of_qt_and_of_curl_are_read_quoted_or_not(boundary, quote):
     assert (reader.file_name, content) == ("Größe \N{OLD ITALIC LETTER A}.gcode", CONTENT)
 
 
-def test_cut_form_is_never_complete():
+def test_truncated_form_is_never_complete():
     whole = len(PRUSA) - 2  # the last line end may be missing
     for end in range(whole):
         with pytest.raises(BadForm, match="stopped before its end"):
@@ -83,7 +83,7 @@ def test_cut_form_is_never_complete():
         (b"no form at all", "cannot be read"),
     ],
 )
-def test_bad_form_is_refused_with_the_reason(form, reason):
+def test_malformed_form_is_refused_with_the_reason(form, reason):
     with pytest.raises(BadForm, match=reason):
         read(form)
 

@@ -41,7 +41,7 @@ def test_selecting_alone_prints_nothing_and_start_does(farm, key):
     assert not farm.booked[1].options.hold
 
 
-def test_another_caller_may_not_release_a_job_but_an_operator_may(farm, key):
+def test_only_the_sender_or_an_operator_may_release_a_job(farm, key):
     farm.upload(key)
     refused = select(farm, farm.add_key(Role.PRINT, "other"), "1/box.gcode", print=True)
     assert (refused.status_code, refused.headers["content-type"]) == (400, "text/plain")
@@ -51,7 +51,7 @@ def test_another_caller_may_not_release_a_job_but_an_operator_may(farm, key):
     assert not farm.booked[1].options.hold
 
 
-def test_where_each_job_is_approved_its_own_sender_may_not_release_it(tmp_path):
+def test_sender_may_not_release_a_job_that_needs_approval(tmp_path):
     farm = SlicerFarm(tmp_path, approve=True)
     key = farm.add_key(Role.PRINT)
     farm.upload(key, print="true")
@@ -59,7 +59,7 @@ def test_where_each_job_is_approved_its_own_sender_may_not_release_it(tmp_path):
     assert farm.booked[1].options.hold
 
 
-def test_an_ended_job_is_not_released(farm, key):
+def test_ended_job_is_not_released(farm, key):
     farm.upload(key)
     assert select(farm, key, "1/box.gcode").status_code == 204
     assert farm.ask("POST", "/api/job", key, json={"command": "cancel"}).status_code == 204
@@ -78,7 +78,7 @@ def test_pause_toggles_the_selected_job(farm, key):
     assert seen == [True, False, True, False]
 
 
-def test_commands_that_make_no_sense_are_refused_in_plain_text(farm, key):
+def test_unsupported_commands_are_refused_in_plain_text(farm, key):
     nothing = farm.ask("POST", "/api/job", key, json=START)
     assert (nothing.status_code, nothing.text[:20]) == (400, "no file is selected,")
     farm.upload(key)
@@ -109,7 +109,7 @@ def test_files_are_the_open_jobs_of_the_address(farm, key):
     assert (missing.status_code, missing.headers["content-type"]) == (404, "text/plain")
 
 
-def test_what_cura_asks_for_is_answered_at_both_addresses(farm):
+def test_requests_of_cura_are_answered_at_both_addresses(farm):
     key = farm.add_key(Role.LOOK, "laptop")
     farm.ready("b", nozzle_c=24.5, bed_c=23.0)
     for prefix, name in (("", farm.controller.fleet.fleet.name), ("/to/b", "b")):

@@ -57,7 +57,7 @@ def test_farm_that_approves_every_job_prints_none_at_once(make):
 
 
 @pytest.mark.parametrize("name", ["a.stl", "a.obj", "a.ply", "a.3mf"])
-def test_models_are_taken_too(make, name):
+def test_models_are_accepted_as_well(make, name):
     farm = make()
     assert farm.upload(farm.add_key(Role.PRINT), name, print="true").status_code == 201
     assert farm.booked[1].name == name

@@ -37,20 +37,20 @@ def test_progress_adds_up_to_the_whole_print():
     assert (begun["completion"], begun["printTime"]) == (0.0, None)
 
 
-def test_without_a_job_the_names_are_there_and_empty():
+def test_view_without_a_job_has_empty_fields():
     shown = views.describe_current_job(None, None)
     assert shown["job"]["file"]["name"] is None
     assert shown["progress"]["printTimeLeft"] is None
     assert shown["state"] == "Operational"
 
 
-def test_the_farm_is_always_ready_as_it_takes_jobs_at_any_time():
+def test_farm_always_reports_ready():
     flags = views.describe_state(None)["state"]["flags"]
     wanted = ("error", "closedOrError", "paused", "pausing", "printing", "cancelling", "ready", "operational")
     assert [flags[name] for name in wanted] == [False] * 6 + [True] * 2
 
 
-def test_the_profile_of_the_farm_is_what_each_printer_can_print():
+def test_profile_of_the_farm_is_what_each_printer_can_print():
     sections = [
         PrinterSection(name=name, model=model, port=f"sim://{model}")
         for name, model in (("a", "ultimaker2_extended_plus"), ("b", "ultimaker2_plus"))
@@ -64,7 +64,7 @@ def test_the_profile_of_the_farm_is_what_each_printer_can_print():
     assert tall["volume"]["height"] == 305.0
 
 
-def test_a_file_is_found_by_number_and_name_or_as_the_newest_of_its_name():
+def test_file_is_found_by_number_and_name_or_as_the_newest_of_its_name():
     jobs = {
         n: job(n).model_copy(update={"name": name, "submitted_by": by})
         for n, name, by in (
