@@ -33,7 +33,8 @@ for version in 3.13 3.12; do
     say "$("$venv/bin/python" -VV)"
     # A long traceback reads the arguments of frames, which crashes CPython 3.13.0.
     test() { "$venv/bin/python" -m pytest -m "not system" -p no:cacheprovider --tb=short "$@"; }
-    test tests/decompose > "$venv/decompose.log" 2>&1 & decompose=$!
+    # Each engine is run by the other tests of decompose; its kernels are machine code, whichever Python calls them.
+    test tests/decompose --ignore=tests/decompose/engines > "$venv/decompose.log" 2>&1 & decompose=$!
     failed=0
     test tests --ignore=tests/decompose || failed=1
     wait "$decompose" || failed=1
