@@ -12,7 +12,7 @@ SOURCES := farm drivers decompose slicing
 LOCK_OPTIONS := --quiet --generate-hashes --allow-unsafe --strip-extras --all-build-deps --no-header \
 	--no-emit-index-url --no-emit-find-links --no-emit-trusted-host --no-emit-options
 
-.PHONY: install demo test test-system test-waiting test-rest test-newest fresh interop peers check docs mutants lock \
+.PHONY: install demo test test-system test-waiting test-rest test-newest fresh interop peers check docs screenshots mutants lock \
 	clean engine pages deb test-deb wheel
 .DELETE_ON_ERROR:
 
@@ -107,6 +107,10 @@ check: $(VENV)/.installed-dev
 docs: $(VENV)/.installed-dev
 	$(SITE)
 	@echo "The documentation is in build/docs/index.html"
+
+# Pictures of the dashboard: a daemon, simulated printers and Debian's Chromium; five minutes.
+screenshots: $(VENV)/.installed-dev engine
+	PYTHONPATH=tests/support $(BIN)/python docs/screenshots.py
 
 # Deliberate faults in the rules that prints depend on, and which of them no test sees: about half an hour.
 mutants: $(VENV)/mutants/.installed

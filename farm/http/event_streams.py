@@ -25,6 +25,9 @@ class EventLog(Protocol):
     def read_events(self, after: int, most: int) -> Sequence[EventRow]:
         """Read events after a number, oldest first. Raises StoreError."""
 
+    def read_upkeep(self, printer: str, most: int) -> Sequence[EventRow]:
+        """Read events on the upkeep of a printer, newest first. Raises StoreError."""
+
 
 class NoEvents:
     """Empty log."""
@@ -34,6 +37,10 @@ class NoEvents:
         return 0
 
     def read_events(self, after: int, most: int) -> Sequence[EventRow]:
+        """Return nothing."""
+        return ()
+
+    def read_upkeep(self, printer: str, most: int) -> Sequence[EventRow]:
         """Return nothing."""
         return ()
 

@@ -163,7 +163,7 @@ def put(books: Books, *entities: Entity) -> Books:
         return changed.setdefault(kind, dict(getattr(books, kind)))
 
     for entity in entities:
-        kind, key = _locate(entity)
+        kind, key = locate_entity(entity)
         if changed.get(kind, getattr(books, kind)).get(key) is entity:
             continue
         table(kind)[key] = entity
@@ -198,7 +198,8 @@ def _order_key(attempt: Print) -> tuple[int, float]:
     return attempt.number, attempt.ended_s or 0.0
 
 
-def _locate(entity: Entity) -> tuple[str, object]:
+def locate_entity(entity: Entity) -> tuple[str, object]:
+    """Return the table of the books that has an entity, and its key there."""
     match entity:
         case Job():
             return "jobs", entity.id

@@ -52,6 +52,22 @@ _FIELDS = (
 )
 READ_EVENTS = f"SELECT seq, at_s, kind, {', '.join(_FIELDS)} FROM event WHERE seq > ? ORDER BY seq LIMIT ?"
 """Query for events after a number, at most so many. SQLite picks the fields: bodies may have megabytes."""
+_UPKEEP = (
+    "MaintenanceStarted",
+    "MaintenanceEnded",
+    "ReelLoaded",
+    "PrinterLost",
+    "PrinterAlarmed",
+    "BedBecameUnknown",
+)
+_SEARCHED = 20_000
+READ_UPKEEP = (
+    f"SELECT seq, at_s, kind, {', '.join(_FIELDS)} FROM event "
+    f"WHERE seq > (SELECT coalesce(max(seq), 0) FROM event) - {_SEARCHED} "
+    f"AND kind IN ({', '.join(repr(kind) for kind in _UPKEEP)}) AND json_extract(body, '$.printer') = ? "
+    "ORDER BY seq DESC LIMIT ?"
+)
+"""Query for events on the upkeep of a printer, the newest first, among the last 20,000 of all."""
 
 
 def make_row(values: Sequence[Any]) -> EventRow:

@@ -13,9 +13,9 @@ from typing import Self, TypeVar
 from pydantic import ValidationError
 
 from farm.errors import FarmError
-from farm.model import Entity, Job, Key, Outage, Part, Plate, Print, Printer
-from farm.state.books import Books, changed_entities, removed_keys
-from farm.state.event_rows import READ_EVENTS, EventRow, make_row
+from farm.model import Entity, Key
+from farm.state.books import Books, changed_entities, locate_entity, removed_keys
+from farm.state.event_rows import READ_EVENTS, READ_UPKEEP, EventRow, make_row
 from farm.state.events import BooksRestored, Event
 from farm.state.lifecycles import InvalidTransition
 from farm.state.storage.migrations import (
@@ -277,7 +277,7 @@ class Store:
                     body = entity.model_dump_json()
                     self._db.execute(
                         f"INSERT OR REPLACE INTO {TABLES[type(entity)]} VALUES (?, ?, ?)",
-                        (_key(entity), body, zlib.crc32(body.encode())),
+                        (str(locate_entity(entity)[1]), body, zlib.crc32(body.encode())),
                     )
                 for key in removed_keys(before, after):
                     self._db.execute(f"DELETE FROM {TABLES[Key]} WHERE id = ?", (key.id,))
@@ -300,8 +300,15 @@ class Store:
 
     def read_events(self, after: int, most: int) -> list[EventRow]:
         """Read events after a number, oldest first, as all users may see them. Raises StoreError."""
+        return self._read_rows(READ_EVENTS, after, most)
+
+    def read_upkeep(self, printer: str, most: int) -> list[EventRow]:
+        """Read events on the upkeep of a printer, newest first. Raises StoreError."""
+        return self._read_rows(READ_UPKEEP, printer, most)
+
+    def _read_rows(self, query: str, *values: object) -> list[EventRow]:
         try:
-            return [make_row(row) for row in self._db.execute(READ_EVENTS, (after, most))]
+            return [make_row(row) for row in self._db.execute(query, values)]
         except sqlite3.Error as error:
             raise StoreError(f"the event log cannot be read: {error}") from error
 
@@ -384,12 +391,3 @@ def _make_private(path: Path) -> None:
     for suffix in ("", "-wal", "-shm"):
         with suppress(OSError):  # missing, or owned by another user
             path.with_name(path.name + suffix).chmod(0o600)
-
-
-def _key(entity: Entity) -> str:
-    match entity:
-        case Printer():
-            return entity.name
-        case Job() | Part() | Plate() | Print() | Outage() | Key():
-            return str(entity.id)
-    raise TypeError(f"the store has no table for {type(entity).__name__}")

@@ -8,9 +8,11 @@ from dataclasses import dataclass
 from farm import api
 from farm.errors import NoSuchThing
 from farm.model import Hold, Print, Temperatures
+from farm.state.event_rows import EventRow
 from farm.views.context import ViewContext
 from farm.views.dashboard.figures import Figures, sum_figures
 from farm.views.dashboard.temperature_chart import TemperatureChart, lay_out_temperatures
+from farm.views.events import describe_event
 from farm.views.history import list_prints
 from farm.views.printers import describe_printer
 from farm.views.tasks import list_tasks
@@ -50,7 +52,7 @@ class PrinterPage:
         What people have to do at it.
     chart
         Temperatures of the last hours; None if there are none since the daemon started.
-    prints, faults
+    prints, faults, upkeep
         The last ones, the newest first.
     """
 
@@ -62,12 +64,14 @@ class PrinterPage:
     figures: Figures
     prints: list[api.PrintRow]
     faults: list[FaultView]
+    upkeep: list[api.EventView]
 
 
 def describe_printer_page(
     context: ViewContext,
     name: str,
     readings: Sequence[Temperatures],
+    upkeep: Sequence[EventRow],
     hold: Hold | None,
     kept_for: str | None = None,
 ) -> PrinterPage:
@@ -81,6 +85,8 @@ def describe_printer_page(
         The printer.
     readings
         Its temperatures, oldest first.
+    upkeep
+        Events on its upkeep, newest first.
     hold, kept_for
         As in `describe_printer`.
 
@@ -104,6 +110,7 @@ def describe_printer_page(
         figures=sum_figures(name, prints, context.books.plates),
         prints=list(reversed(list_prints(context, None, name, None, _PRINTS))),
         faults=_list_faults(context, prints),
+        upkeep=[describe_event(context, row) for row in upkeep],
     )
 
 

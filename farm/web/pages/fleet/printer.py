@@ -11,6 +11,16 @@ from farm.views.dashboard import PrinterPage
 from farm.web.notes import Note, Reader
 from farm.web.pages.rendering import render_page
 
+UPKEEP = {
+    "MaintenanceStarted": "taken out of use",
+    "MaintenanceEnded": "back in use",
+    "ReelLoaded": "reel loaded",
+    "PrinterLost": "connection lost",
+    "PrinterAlarmed": "alarm",
+    "BedBecameUnknown": "bed unknown",
+}
+"""Words for the kinds of events on the upkeep of a printer."""
+
 
 def render_printer(page: PrinterPage, farm: str, zone: str, reader: Reader, note: Note | None = None) -> str:
     """Render the page of a printer.
@@ -27,7 +37,7 @@ def render_printer(page: PrinterPage, farm: str, zone: str, reader: Reader, note
         Message about the reader's last action.
     """
     path = f"/printers/{page.printer.name}"
-    return render_page("printer.html", farm, path, reader, note, page=page, zone=zone)
+    return render_page("printer.html", farm, path, reader, note, page=page, zone=zone, upkeep_words=UPKEEP)
 
 
 @dataclass(frozen=True, slots=True)

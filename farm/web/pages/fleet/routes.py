@@ -33,6 +33,7 @@ from farm.web.pages.fleet.printer import render_printer, render_wire
 from farm.web.pages.fleet.timeline import TimelineQuery, render_timeline
 from farm.web.pages.page_route import PageRoute
 
+_MAX_UPKEEP = 15
 _IMAGES = {".jpg": "image/jpeg", ".jpeg": "image/jpeg", ".png": "image/png"}
 
 
@@ -74,6 +75,7 @@ def fleet_routes(services: Services, notes: Notes) -> APIRouter:
             context,
             name,
             controller.telemetry.list_temperatures(name),
+            services.streams.log.read_upkeep(name, _MAX_UPKEEP),
             None if printer is None else printer.obstacle(),
             controller.list_reservations().get(name),
         )

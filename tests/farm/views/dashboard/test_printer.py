@@ -21,7 +21,7 @@ def failed_books():
 
 
 def describe(books, name="a", readings=()):
-    return describe_printer_page(make_context(books, NOW_S), name, readings, None)
+    return describe_printer_page(make_context(books, NOW_S), name, readings, (), None)
 
 
 def test_fault_is_shown_with_what_was_seen():

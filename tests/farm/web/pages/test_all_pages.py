@@ -37,7 +37,7 @@ FILES = ("/jobs/{number}/instructions",)
 
 
 class Structure(HTMLParser):
-    """Elements of a page with the names of their attributes, and its text."""
+    """Elements of a page with the names of their attributes, its comments, and its text."""
 
     def __init__(self, page):
         super().__init__()
@@ -53,7 +53,7 @@ class Structure(HTMLParser):
         self.texts.append(data)
 
     def handle_comment(self, data):
-        raise AssertionError(f"a comment on the page: {data!r}")
+        self.elements.append(("comment", data))
 
 
 def make_farm(folder):

@@ -7,6 +7,7 @@ import pytest
 from dashboard_farm import judge, print_plate, submit
 from drivers.messages import WireLine
 from farm.control import DryRuns
+from farm.http import EventStreams
 from farm.model import AgentSnapshot, FilamentState, Link, Moment, PrintState, Role, Still
 from farm.web import make_web_app
 from network_farm import HOST, NetworkFarm
@@ -156,3 +157,20 @@ def test_operator_reads_the_last_lines_on_the_wire(farm):
 def test_wire_that_cannot_be_read_says_why(farm):
     assert "a has no agent" in read(farm, "/printers/a/wire")
     assert "no printer z" in read(farm, "/printers/z/wire", status=404)
+
+
+def test_upkeep_of_a_printer_is_shown_from_the_event_log(farm):
+    services = dataclasses.replace(farm.services, streams=EventStreams(farm.store))
+    farm.web = make_web_app(services, DryRuns(farm.controller), {HOST})
+    session = farm.open_session()
+    for path, data in (
+        ("maintenance", {"why": "a new <nozzle>"}),
+        ("maintained", {}),
+        ("load", {"grams": "750"}),
+    ):
+        farm.browse("POST", f"/printers/a/{path}", session, data=data)
+    page = read(farm, "/printers/a")
+    words = ["reel loaded", "back in use", "taken out of use", "a new &lt;nozzle&gt;"]
+    places = [page.index(one) for one in words]
+    assert places == sorted(places)
+    assert "<td>ann</td>" in page
