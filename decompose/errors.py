@@ -91,6 +91,12 @@ class Rule(StrEnum):
     SURFACE = "surface"  # the original surface is covered exactly once
     WALL = "wall"  # hollows keep their distance from the original surface
     INSIDE = "inside"  # parts and hollows together are the model, no more
+    # Pins and marks; a part that breaks these is printed without them.
+    DRILLED = "drilled"  # nothing but the holes and marks is removed, and a part stays one piece
+    SKIN = "skin"  # they keep a wall to the outside, to other faces and to each other
+    PINNED = "pinned"  # each pin goes in, and no body fits turned around or at a foreign place
+    ORDER = "order"  # each pin is along the direction of its step
+    SUPPORT_FREE = "support-free"  # their ceilings need no support
     STL = "stl"  # the file, read back, is watertight and has the part's volume
 
 

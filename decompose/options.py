@@ -9,6 +9,9 @@ from typing import Any
 MIN_GLUE_MM2 = 25.0
 """Area of a joint of 5 x 5 mm, which holds a hand-sized part."""
 BUDGET_S = 20.0
+FILAMENT_MM = 2.85
+PIN_FIT_MM = 0.4
+"""[assumed] Width of a printed hole across its flats beyond a pin of filament that fits it."""
 
 
 class Engine(StrEnum):
@@ -72,6 +75,30 @@ class ParalleloboxOptions:
 
 
 @dataclass(frozen=True, slots=True)
+class ConnectorOptions:
+    """Holes for pins, and marks, on the faces that are glued.
+
+    Attributes
+    ----------
+    pin_mm
+        Diameter of the pins; None: no pins.
+    pin_fit_mm
+        Width of a hole across its flats beyond the pin.
+    marks
+        Whether the numbers of the parts are cut into these faces.
+    """
+
+    pin_mm: float | None = None
+    pin_fit_mm: float = PIN_FIT_MM
+    marks: bool = False
+
+    @property
+    def is_empty(self) -> bool:
+        """Check whether the parts stay as they were cut."""
+        return self.pin_mm is None and not self.marks
+
+
+@dataclass(frozen=True, slots=True)
 class Options:
     """Options of a decomposition.
 
@@ -93,6 +120,8 @@ class Options:
         Prove the lower bound by linear programming, which takes some seconds; without it the gap is wide.
     best, parallelobox
         Options of these engines.
+    connectors
+        Pins and marks.
     """
 
     engine: Engine = Engine.BEST
@@ -106,6 +135,7 @@ class Options:
     prove: bool = True
     best: BestOptions = BestOptions()
     parallelobox: ParalleloboxOptions = ParalleloboxOptions()
+    connectors: ConnectorOptions = ConnectorOptions()
 
     def as_dict(self) -> dict[str, Any]:
         """Build the object for decomposition.json: flat, with the options of all engines."""
@@ -122,4 +152,7 @@ class Options:
             "fit_first_layer": self.fit_first_layer,
             "budget_s": self.best.budget_s,
             "prove": self.prove,
+            "pin_mm": self.connectors.pin_mm,
+            "pin_fit_mm": self.connectors.pin_fit_mm,
+            "marks": self.connectors.marks,
         }

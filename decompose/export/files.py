@@ -11,7 +11,7 @@ from decompose.export.instructions import write_instructions
 from decompose.export.picture import draw_assembly
 from decompose.files.names import ASSEMBLY, INSTRUCTIONS, PICTURE, REPORT
 from decompose.geometry import write_stl
-from decompose.results import Decomposition, check_stl
+from decompose.results import Decomposition, check_stl, connect_parts
 
 
 def write_decomposition(decomposition: Decomposition, folder: Path) -> Decomposition:
@@ -20,7 +20,7 @@ def write_decomposition(decomposition: Decomposition, folder: Path) -> Decomposi
     Returns
     -------
     Decomposition
-        The same, with the parts' file names and the assembly.
+        The same, with the parts' file names, the assembly, pins and marks.
 
     Raises
     ------
@@ -29,12 +29,13 @@ def write_decomposition(decomposition: Decomposition, folder: Path) -> Decomposi
     """
     folder.mkdir(parents=True, exist_ok=True)
     parts = []
-    for part in decomposition.parts:
+    connected = connect_parts(decomposition.with_assembly())
+    for part in connected.parts:
         stored_part = replace(part, file=f"{part.id}.stl")
         write_stl(folder / stored_part.file, stored_part.stl_triangles())
         check_stl(folder / stored_part.file, stored_part)
         parts.append(stored_part)
-    stored = replace(decomposition, parts=tuple(parts)).with_assembly()
+    stored = replace(connected, parts=tuple(parts))
     text = json.dumps(stored.as_dict(), indent=1) + "\n"
     (folder / REPORT).write_text(text, encoding="utf-8")
     draw_assembly(stored.parts, folder / PICTURE)

@@ -15,8 +15,8 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from decompose.assembly import AssemblyStep
 from decompose.export.layout import draw_layout, name_printer, sort_by_use
 from decompose.export.page_check import find_page_faults
-from decompose.export.picture import short_label
 from decompose.export.step_picture import draw_steps
+from decompose.files.names import short_label
 from decompose.pieces import Joint
 from decompose.results import Decomposition
 

@@ -10,11 +10,11 @@ from decompose.export.picture import (
     encode_png,
     make_figure,
     part_colours,
-    short_label,
     white_outline,
     write_labels,
 )
 from decompose.export.raster import Shape, draw, make_camera
+from decompose.files.names import short_label
 from decompose.results import Part
 
 WIDER = 1.5  # columns over rows

@@ -13,6 +13,7 @@ from scipy.ndimage import distance_transform_edt, find_objects
 
 from decompose.arrays import Floats
 from decompose.export.raster import Drawing, Shape, draw, make_camera
+from decompose.files.names import short_label
 from decompose.results import Part
 
 EXPLODE = 0.28  # move of parts from the middle, as a share of their distance to it
@@ -30,11 +31,6 @@ def part_colours(count: int) -> Floats:
     i = np.arange(count)
     saturation, value = 0.35 + 0.15 * (i % 3), 0.95 - 0.12 * (i // 3 % 2)
     return np.asarray(hsv_to_rgb(np.stack([(0.58 + GOLDEN * i) % 1.0, saturation, value], axis=1)))
-
-
-def short_label(part: str) -> str:
-    """Return the number in a part's id: 7 for p07."""
-    return part.lstrip("p").lstrip("0") or part
 
 
 def draw_assembly(parts: Sequence[Part], path: Path, longest_px: int = 1100) -> None:

@@ -18,10 +18,10 @@ from decompose.export.picture import (
     encode_png,
     make_figure,
     part_colours,
-    short_label,
     write_labels,
 )
 from decompose.export.raster import Drawing, Shape, draw, make_camera
+from decompose.files.names import short_label
 from decompose.geometry import triangulate
 from decompose.pieces import JointFace, find_cut_faces
 from decompose.results import Decomposition

@@ -1,4 +1,9 @@
-"""File names of a decomposition, apart so that reading them loads nothing else."""
+"""Names of files and parts of a decomposition, apart so that reading them loads nothing else."""
 
 REPORT, PICTURE, ASSEMBLY = "decomposition.json", "assembly.png", "assembly.glb"
 INSTRUCTIONS = "instructions.html"
+
+
+def short_label(part: str) -> str:
+    """Return the number in a part's id: 7 for p07."""
+    return part.lstrip("p").lstrip("0") or part

@@ -6,6 +6,7 @@ is checked and raises.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -66,6 +67,29 @@ class Solid:
         merged = manifold3d.Manifold.batch_boolean([s.manifold for s in solids], manifold3d.OpType.Add)
         return cls(_check_status(merged, "joining solids"))
 
+    @classmethod
+    def hull(cls, points_mm: Floats) -> Solid:
+        """Build the convex hull of points (n, 3)."""
+        return cls(_check_status(manifold3d.Manifold.hull_points(points_mm), "building a hull"))
+
+    @classmethod
+    def prism(cls, rings_mm: Sequence[Floats], frame: Floats, from_mm: float, to_mm: float) -> Solid:
+        """Extrude a flat outline.
+
+        Parameters
+        ----------
+        rings_mm
+            Closed lines (n, 2) in u and w, of which no two cross; those inside of others bound holes.
+        frame
+            (3, 3) rows: orthonormal u, w and n.
+        from_mm, to_mm
+            Coordinates along n where it begins and ends.
+        """
+        section = manifold3d.CrossSection(list(rings_mm), manifold3d.FillRule.EvenOdd)
+        upright = manifold3d.Manifold.extrude(section, to_mm - from_mm)
+        placed = upright.transform(np.column_stack([frame.T, frame[2] * from_mm]))
+        return cls(_check_status(placed, "extruding an outline"))
+
     @property
     def is_empty(self) -> bool:
         return bool(self.manifold.is_empty())
@@ -123,6 +147,18 @@ class Solid:
         At most `up_to_mm`, also if the two are further apart.
         """
         return float(self.manifold.min_gap(other.manifold, up_to_mm))
+
+    def project(self, frame: Floats) -> list[Floats]:
+        """Project along the third row of an orthonormal frame (3, 3) onto the first two.
+
+        Returns
+        -------
+        list of Floats
+            Rings (n, 2) of the outline, holes with the opposite orientation.
+        """
+        placed = self.manifold.transform(np.column_stack([frame, np.zeros(3)]))
+        outline = manifold3d.CrossSection(placed.project().to_polygons(), manifold3d.FillRule.Positive)
+        return [np.asarray(ring, dtype=np.float64) for ring in outline.to_polygons()]
 
     def split(self, axis: int, at_mm: float) -> tuple[Solid, Solid]:
         """Split into the parts below and above an axis plane."""

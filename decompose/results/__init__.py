@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from decompose.results.check import check_result, check_stl
+from decompose.results.connect import connect_parts
 from decompose.results.decomposition import Attempt, Coverage, Cutting, Decomposition, Part
 from decompose.results.finish import apply_time_ratios, finish_result
 
@@ -15,5 +16,6 @@ __all__ = [
     "apply_time_ratios",
     "check_result",
     "check_stl",
+    "connect_parts",
     "finish_result",
 ]

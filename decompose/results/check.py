@@ -162,7 +162,7 @@ def check_stl(path: Path, part: Part) -> None:
     mesh: Any = trimesh.load(path, force="mesh", process=True)
     if not mesh.is_watertight:
         raise GeometryError(Rule.STL, part.id, f"{path.name}, read back, is not watertight")
-    volume = part.solid.volume_mm3
+    volume = part.printed.volume_mm3
     if abs(mesh.volume - volume) > STL_VOLUME_SHARE * volume:
         raise GeometryError(
             Rule.STL, part.id, f"{path.name}, read back, has {mesh.volume:.3f} mm3 instead of {volume:.3f}"

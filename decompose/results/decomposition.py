@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from decompose.arrays import Floats, Ints
 from decompose.assembly import Assembly, AssemblyStep, find_order_faults, plan_assembly
+from decompose.connectors import Connectors, describe_connectors
 from decompose.engines.guillotine import CurvePoint
 from decompose.errors import GeometryError, Rule
 from decompose.geometry import Solid, round_triangles
@@ -43,6 +44,8 @@ class Part:
         Whether it stays upright while it is printed in its pose.
     small_foot_mm2
         Area of its first layer, if that is small for its height; else None.
+    drilled
+        The solid with its holes and marks, where it has any: the one that is printed.
     """
 
     id: str
@@ -56,6 +59,12 @@ class Part:
     planes: Floats = field(default_factory=lambda: np.zeros((0, 4)))
     stands: bool = True
     small_foot_mm2: float | None = None
+    drilled: Solid | None = None
+
+    @property
+    def printed(self) -> Solid:
+        """Solid that is printed, with holes and marks."""
+        return self.solid if self.drilled is None else self.drilled
 
     @property
     def rotation(self) -> Floats:
@@ -64,7 +73,7 @@ class Part:
 
     def printing_mesh(self, tolerance_mm: float = 0.0) -> tuple[Floats, Ints]:
         """Return vertices and faces in printing pose: centred on the bed's origin, standing flat on z = 0."""
-        solid = self.solid.simplify(tolerance_mm) if tolerance_mm > 0.0 else self.solid
+        solid = self.printed.simplify(tolerance_mm) if tolerance_mm > 0.0 else self.printed
         vertices, faces = solid.arrays()
         placed = (vertices - self.to_model[:3, 3]) @ self.to_model[:3, :3]
         placed[np.abs(placed[:, 2]) < ON_BED_MM, 2] = 0.0
@@ -86,8 +95,8 @@ class Part:
             "to_model": self.to_model.tolist(),
             "min_mm": lo.tolist(),
             "max_mm": hi.tolist(),
-            "volume_mm3": self.solid.volume_mm3,
-            "area_mm2": self.solid.area_mm2,
+            "volume_mm3": self.printed.volume_mm3,
+            "area_mm2": self.printed.area_mm2,
             "estimated_s": self.price_s,
             "printer": self.printer,
             "brim_width_mm": self.brim_width_mm,
@@ -187,6 +196,8 @@ class Decomposition:
         are written (`with_assembly`), as most results are only compared.
     seams
         Seam of each of `joints`; measured with the assembly.
+    connectors
+        Pins and marks on the joints, from `connect_parts`.
     faults
         Slivers, and parts that joints of enough glue do not hold. A result with any is rejected, except
         from the baselines and with `--faithful`, which report them.
@@ -220,6 +231,7 @@ class Decomposition:
     joints: tuple[Joint, ...] = ()
     assembly: Assembly = field(default_factory=Assembly)
     seams: tuple[Seam, ...] = ()
+    connectors: Connectors = field(default_factory=Connectors)
     faults: tuple[Fault, ...] = ()
     curve: tuple[CurvePoint, ...] = ()
     cutting: Cutting | None = None
@@ -234,7 +246,9 @@ class Decomposition:
 
     def without_parts(self) -> Decomposition:
         """Return the figures of the result alone, for another process."""
-        return replace(self, parts=(), joints=(), assembly=Assembly(), seams=(), faults=())
+        return replace(
+            self, parts=(), joints=(), assembly=Assembly(), seams=(), connectors=Connectors(), faults=()
+        )
 
     def with_assembly(self) -> Decomposition:
         """Return the result with its assembly planned; an order that its replay refutes is none.
@@ -285,6 +299,7 @@ class Decomposition:
                 "steps": [self._step_as_dict(n, step) for n, step in enumerate(self.assembly.steps, 1)],
                 "locked": [self._name_parts(parts) for parts in self.assembly.locked],
             },
+            "connectors": describe_connectors(self.connectors, [part.id for part in self.parts], self.joints),
             "faults": [{"part": self.parts[f.piece].id, "what": f.reason} for f in self.faults],
         }
 

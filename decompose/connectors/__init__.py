@@ -1,0 +1,24 @@
+"""Connectors of the parts: pins in holes, and marks that name the parts, on the faces that are glued."""
+
+from __future__ import annotations
+
+from decompose.connectors.faces import Blank, rings_of
+from decompose.connectors.pins import pairs_of
+from decompose.connectors.plan import drill, plan_connectors
+from decompose.connectors.records import Connectors, Mark, Pin, Tool, distance_mm
+from decompose.connectors.report import describe_connectors, list_cuts
+
+__all__ = [
+    "Blank",
+    "Connectors",
+    "Mark",
+    "Pin",
+    "Tool",
+    "describe_connectors",
+    "distance_mm",
+    "drill",
+    "list_cuts",
+    "pairs_of",
+    "plan_connectors",
+    "rings_of",
+]

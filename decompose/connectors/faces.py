@@ -1,0 +1,148 @@
+"""Room for tools on the faces of joints: where a tool stays inside of both parts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import shapely
+
+from decompose.arrays import Floats
+from decompose.connectors.records import RIM_MM, Tool
+from decompose.geometry import Solid
+from decompose.pieces import Joint, JointFace
+
+SKIN_MM = 0.05  # depth from which a part is examined: at the face itself rounding leaves films
+AREA_MM2 = 1e-3  # less is rounding
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Blank:
+    """Part without holes.
+
+    Attributes
+    ----------
+    name
+        Short name, as it is written on the part.
+    solid
+        In the frame of the joints, mm.
+    up
+        (3,) the bed's up in the part's pose, in the same frame.
+    """
+
+    name: str
+    solid: Solid
+    up: Floats
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Side:
+    """One part at a face of a joint.
+
+    Attributes
+    ----------
+    part
+        Number of the part.
+    joint
+        Number of the joint.
+    face
+        The face.
+    sign
+        1 where the part lies on the side of the face's normal, else -1.
+    """
+
+    part: int
+    joint: int
+    face: JointFace
+    sign: float
+
+    @property
+    def into(self) -> Floats:
+        """Unit vector (3,) from the face into the part."""
+        return self.sign * self.face.normal
+
+    def flatten(self, points_mm: Floats) -> Floats:
+        """Compute the coordinates (..., 2) of points (..., 3) in the plane of the face."""
+        return points_mm @ self.face.axes.T
+
+    def lift(self, flat_mm: Floats) -> Floats:
+        """Compute the points (..., 3) on the face with coordinates (..., 2)."""
+        return flat_mm @ self.face.axes + self.face.offset_mm * self.face.normal
+
+
+def find_sides(blanks: Sequence[Blank], number: int, joint: Joint) -> list[tuple[Side, Side]]:
+    """Find both sides of each face of a joint; faces with a part on both of their sides are left out."""
+    sides = []
+    for face in joint.faces:
+        signs = []
+        for part in (joint.a, joint.b):
+            off_mm = blanks[part].solid.arrays()[0] @ face.normal - face.offset_mm
+            high, low = float(off_mm.max()), float(off_mm.min())
+            signs.append(1.0 if low > -SKIN_MM else -1.0 if high < SKIN_MM else 0.0)
+        if signs[0] * signs[1] < 0.0:
+            sides.append((Side(joint.a, number, face, signs[0]), Side(joint.b, number, face, signs[1])))
+    return sides
+
+
+@dataclass(slots=True)
+class Room:
+    """Parts with the tools placed so far, and the room that is left for others."""
+
+    blanks: Sequence[Blank]
+    tools: list[Tool] = field(default_factory=list)
+    _solid_at: dict[tuple[int, float, int], shapely.Geometry] = field(default_factory=dict)
+
+    def find_room(self, side: Side, depth_mm: float) -> shapely.Geometry:
+        """Find the area of a face below which a part is solid to a depth and a rim, and free of other tools.
+
+        Returns
+        -------
+        shapely.Geometry
+            In the coordinates of the face. Tools have to keep `RIM_MM` from its border.
+        """
+        room = self._find_solid(side, depth_mm)
+        for tool in self.tools:
+            if tool.part != side.part:
+                continue
+            heights_mm = tool.points_mm @ side.into - side.sign * side.face.offset_mm
+            if heights_mm.min() < depth_mm + RIM_MM and heights_mm.max() > -RIM_MM:
+                room = room - shapely.MultiPoint(side.flatten(tool.points_mm)).convex_hull
+        return room
+
+    def _find_solid(self, side: Side, depth_mm: float) -> shapely.Geometry:
+        key = (side.part, round(depth_mm, 3), id(side.face))
+        if key not in self._solid_at:
+            self._solid_at[key] = _solid_below(self.blanks[side.part].solid, side, depth_mm)
+        return self._solid_at[key]
+
+
+def _solid_below(solid: Solid, side: Side, depth_mm: float) -> shapely.Geometry:
+    """Find the area of a face below which a solid has no gap, by a slab and the outline of what it lacks."""
+    outline = side.face.outline
+    frame = np.vstack([side.face.axes, side.face.normal])
+    ends = side.face.offset_mm + side.sign * np.array([SKIN_MM, depth_mm + RIM_MM])
+    slab = Solid.prism(rings_of(outline), frame, float(ends.min()), float(ends.max()))
+    lacking = slab.subtract(solid)
+    if lacking.is_empty:
+        return outline
+    return outline - polygons_of(lacking.project(frame))
+
+
+def rings_of(outline: shapely.Geometry) -> list[Floats]:
+    """List the rings (n, 2) of all polygons of a geometry."""
+    polygons = [g for g in getattr(outline, "geoms", [outline]) if g.geom_type == "Polygon"]
+    return [
+        np.asarray(ring.coords)[:-1]
+        for polygon in polygons
+        for ring in (polygon.exterior, *polygon.interiors)
+    ]
+
+
+def polygons_of(rings: Sequence[Floats]) -> shapely.Geometry:
+    """Build a geometry from rings (n, 2), of which those inside of others bound holes."""
+    faces = [shapely.Polygon(ring) for ring in rings if len(ring) > 2]
+    outline: shapely.Geometry = shapely.Polygon()
+    for face in sorted(faces, key=lambda polygon: -polygon.area):
+        outline = outline.symmetric_difference(shapely.make_valid(face))
+    return outline

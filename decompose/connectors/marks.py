@@ -1,0 +1,212 @@
+"""Places of marks: on both faces of each joint the numbers of its parts, and an arrow up."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+
+from decompose.arrays import Floats
+from decompose.assembly import Assembly
+from decompose.connectors.faces import Room, Side, find_sides
+from decompose.connectors.records import RIM_MM, Mark
+from decompose.connectors.strokes import GRID_HIGH, draw_strokes, text_width
+from decompose.connectors.tools import GROOVE_SIN, LIP_MM, make_groove, overhang_sin
+from decompose.pieces import Joint
+
+SIZES_MM = ((8.0, 0.6), (6.0, 0.5), (5.0, 0.45))  # height of letters, depth of their grooves
+ARROW = "^"
+ARROW_CELL = 7.0  # width of the arrow's cell on the grid of the letters
+DOTS = 3
+DOT_PITCH = 4.0  # of dots, on the grid of the letters
+GRID_MM = 2.0  # pitch of the places that are tried
+LEVEL = 0.99  # cosine to the vertical from which a face is level, and the arrow points to the back
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Text:
+    """Strokes (k, 2, 2) around the origin in mm, and the half extents (2,) of their box."""
+
+    text: str
+    height_mm: float
+    depth_mm: float
+    strokes_mm: Floats
+    half_mm: Floats
+
+
+def place_marks(
+    room: Room, joints: Sequence[Joint], assembly: Assembly
+) -> tuple[list[Mark], list[tuple[int, str]]]:
+    """Place the marks of all joints, and add their grooves to the room's tools.
+
+    Returns
+    -------
+    list of Mark
+        In the order of the joints.
+    list of (int, str)
+        Joints of which a face has no mark, with the reason.
+    """
+    steps = {joint: number for number, step in enumerate(assembly.steps) for joint in step.joints}
+    marks: list[Mark] = []
+    unmarked = []
+    for number, joint in enumerate(joints):
+        pairs = sorted(find_sides(room.blanks, number, joint), key=lambda pair: -pair[0].face.area_mm2)
+        placed = _mark_joint(room, pairs, 1 + steps.get(number, 0) % DOTS)
+        marks += placed
+        if len(placed) < 2:
+            hangs = any(_hangs(room, side) for pair in pairs[:1] for side in pair)
+            unmarked.append((number, "a face hangs over in its part's pose" if hangs else "too small"))
+    return marks + _number_parts(room, joints, marks), unmarked
+
+
+def _mark_joint(room: Room, pairs: Sequence[tuple[Side, Side]], dots: int) -> list[Mark]:
+    """Mark the largest face that takes the text on both of its sides; else each side that does, or dots."""
+    best: list[Mark] = []
+    for pair in pairs:
+        marks = [
+            _place(room, side, _write(room.blanks[side.part].name, room.blanks[other.part].name))
+            for side, other in (pair, pair[::-1])
+        ]
+        placed = [mark for mark in marks if mark is not None]
+        if len(placed) > len(best):
+            best = placed
+        if len(best) == 2:
+            break
+    if not best and pairs:
+        dotted = [_place(room, side, [_draw_dots(dots)]) for side in pairs[0]]
+        best = [mark for mark in dotted if mark is not None]
+    for mark in best:
+        room.tools += mark.grooves
+    return best
+
+
+def _number_parts(room: Room, joints: Sequence[Joint], marks: Sequence[Mark]) -> list[Mark]:
+    """Write the part's own number where no mark of it has letters."""
+    lettered = {mark.part for mark in marks if mark.text.strip(".")}
+    added = []
+    for part, blank in enumerate(room.blanks):
+        if part in lettered:
+            continue
+        sides = [
+            side
+            for number, joint in enumerate(joints)
+            if part in (joint.a, joint.b)
+            for pair in find_sides(room.blanks, number, joint)
+            for side in pair
+            if side.part == part
+        ]
+        texts = [_lay_out(blank.name, size, "") for size in SIZES_MM]
+        for side in sorted(sides, key=lambda side: -side.face.area_mm2):
+            mark = _place(room, side, texts)
+            if mark is not None:
+                room.tools += mark.grooves
+                added.append(mark)
+                break
+    return added
+
+
+def _write(own: str, neighbour: str) -> list[_Text]:
+    """List the ways to write a code, the most legible first."""
+    code = f"{own}-{neighbour}"
+    return [*(_lay_out(code, size, ARROW) for size in SIZES_MM), _lay_out(code, SIZES_MM[-1], "")]
+
+
+def _lay_out(code: str, size_mm: tuple[float, float], arrow: str) -> _Text:
+    height_mm, depth_mm = size_mm
+    strokes, width = draw_strokes(code), text_width(code)
+    if arrow:
+        left, right = np.array([[ARROW_CELL / 2.0, 0.0], [width / 2.0, 0.0]])
+        strokes = np.concatenate([strokes - left, draw_strokes(arrow) + right])
+        width += ARROW_CELL
+    scale = height_mm / GRID_HIGH
+    half = np.array([width, GRID_HIGH]) * scale / 2.0
+    return _Text(code + arrow, height_mm, depth_mm, strokes * scale, half)
+
+
+def _draw_dots(count: int) -> _Text:
+    height_mm, depth_mm = SIZES_MM[-1]
+    pitch_mm = DOT_PITCH * height_mm / GRID_HIGH
+    centres = np.zeros((count, 2, 2))
+    centres[:, :, 0] = ((np.arange(count) - (count - 1) / 2.0) * pitch_mm)[:, None]
+    return _Text(
+        "." * count, 2.0 * depth_mm, depth_mm, centres, np.array([(count - 1) * pitch_mm / 2.0, 0.0])
+    )
+
+
+def _hangs(room: Room, side: Side) -> bool:
+    """Check whether a groove in any direction on a face would need support."""
+    cone = make_groove(side.part, np.zeros((2, 3)), side.into)
+    return overhang_sin(cone.points_mm, side.into, room.blanks[side.part].up) > GROOVE_SIN
+
+
+def _place(room: Room, side: Side, texts: Sequence[_Text]) -> Mark | None:
+    """Place the first text that finds room on a side of a joint, level or upright."""
+    if _hangs(room, side):
+        return None
+    depth_mm = max(text.depth_mm for text in texts)
+    free = room.find_room(side, depth_mm)
+    upward = _find_upward(side)
+    for text in texts:
+        for turn in range(2):
+            frame = _text_frame(side, upward, turn)
+            local = shapely.transform(free, lambda flat, frame=frame: side.lift(flat) @ frame[:2].T)
+            middle = _find_middle(local, text.half_mm + text.depth_mm + LIP_MM + RIM_MM)
+            if middle is None:
+                continue
+            flat = _keep_arrow_up(text, turn) + middle
+            return _engrave(room, side, text, flat @ frame[:2] + side.face.offset_mm * side.face.normal)
+    return None
+
+
+def _keep_arrow_up(text: _Text, turn: int) -> Floats:
+    """Turn the arrow of a text that is turned itself, so that it points up all the same."""
+    if not turn or not text.text.endswith(ARROW):
+        return text.strokes_mm
+    count = len(draw_strokes(ARROW))
+    arrow = text.strokes_mm[-count:]
+    centre = np.array([text.half_mm[0] - ARROW_CELL / 2.0 * text.height_mm / GRID_HIGH, 0.0])
+    turned = (arrow - centre) @ np.array([[0.0, -1.0], [1.0, 0.0]]) + centre
+    return np.concatenate([text.strokes_mm[:-count], turned])
+
+
+def _engrave(room: Room, side: Side, text: _Text, lines_mm: Floats) -> Mark | None:
+    grooves = tuple(make_groove(side.part, line, side.into, text.depth_mm) for line in lines_mm)
+    up = room.blanks[side.part].up
+    if any(overhang_sin(groove.points_mm, side.into, up) > GROOVE_SIN for groove in grooves):
+        return None
+    return Mark(side.part, side.joint, text.text, text.height_mm, lines_mm, grooves)
+
+
+def _find_upward(side: Side) -> Floats:
+    """Find the direction (3,) on a face that the arrow shows: up in the model, on level faces back."""
+    target = np.eye(3)[1 if abs(side.face.normal[2]) > LEVEL else 2]
+    flat = target - (target @ side.face.normal) * side.face.normal
+    return np.asarray(flat / np.linalg.norm(flat))
+
+
+def _text_frame(side: Side, upward: Floats, turn: int) -> Floats:
+    """Return rows x, y and the direction out of the face, as one who looks at the face reads the text."""
+    out = -side.into
+    right = np.cross(upward, out)
+    return np.stack([upward, -right, out]) if turn else np.stack([right, upward, out])
+
+
+def _find_middle(room: shapely.Geometry, half_mm: Floats) -> Floats | None:
+    """Find the place (2,) of a rectangle in an area, as near to the widest place as can be."""
+    areas = [g for g in getattr(room, "geoms", [room]) if g.geom_type == "Polygon" and g.area > 0.0]
+    if not areas:
+        return None
+    widest = shapely.maximum_inscribed_circle(max(areas, key=lambda area: area.area)).coords[0]
+    low_x, low_y, high_x, high_y = room.bounds
+    low, high = np.array([low_x, low_y]) + half_mm, np.array([high_x, high_y]) - half_mm
+    if (low > high).any():
+        return None
+    spans = [np.append(np.arange(a, b, GRID_MM), [b, (a + b) / 2.0]) for a, b in zip(low, high, strict=True)]
+    centres = np.array(np.meshgrid(*spans)).reshape(2, -1).T
+    centres = centres[np.argsort(np.linalg.norm(centres - widest, axis=1), kind="stable")]
+    shapely.prepare(room)
+    boxes = shapely.box(*(centres - half_mm).T, *(centres + half_mm).T)
+    inside = np.flatnonzero(shapely.contains(room, boxes))
+    return None if not len(inside) else np.asarray(centres[inside[0]])

@@ -1,0 +1,300 @@
+"""Places of pins: for each step of the assembly two far apart, and more where the glue is far from them.
+
+The two differ in depth, so that a body that is turned half around stays open by millimetres; and no two steps
+have their pins at the same distance, so that a body fits nowhere else.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from scipy.spatial.distance import cdist
+
+from decompose.arrays import Floats
+from decompose.assembly import Assembly, AssemblyStep
+from decompose.connectors.faces import Room, Side, find_sides
+from decompose.connectors.records import RIM_MM, Pin, Tool, distance_mm
+from decompose.connectors.tools import make_hole
+from decompose.options import ConnectorOptions
+from decompose.pieces import Joint
+
+DEPTHS = (2.45, 1.4)  # of the two holes in diameters of the pin
+END_MM = 0.5  # free at each end of a pin
+DISTINCT_MM = 0.7  # least difference between the distances of two pairs, besides twice the fit
+NEAREST_PAIR_MM = 8.0  # nearer to each other, two pins fix no angle
+FAR_PAIR_MM = 80.0  # further apart, one hole is a slot
+SLOT_MM = 0.25  # by which it is longer both ways: 0.2 % of shrinkage and the play of the pins
+REACH_MM = 60.0  # glue further from each pin gets another
+NEAR_SHARE = 0.95  # share of a step's glue that has to be nearer
+GLUE_MM, PLACES_MM = 5.0, 15.0  # pitches of the points of glue, and of the places that are tried for it
+MOST_FURTHER = 8  # pins of a step besides the two
+WORTH_MM2 = 100.0  # glue for which another pin is worthwhile
+COMFORT_MM, COMFORT_SHARE = 2.0, 0.8  # further inside, where that keeps this share of the distance
+ROUND_MM = 0.03  # by which an inner corner of a buffer may be cut
+CORNER_MM = 0.5  # corners of a hull that stand out by less are left out
+ALONG = 0.999
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Site:
+    """Face that closes along the direction of a step: the side of the moved part, and of the other."""
+
+    moved: Side
+    fixed: Side
+
+
+def place_pins(
+    room: Room, joints: Sequence[Joint], assembly: Assembly, options: ConnectorOptions, min_glue_mm2: float
+) -> tuple[list[Pin], list[tuple[int, str]]]:
+    """Place the pins of all steps, and add their holes to the room's tools.
+
+    Returns
+    -------
+    list of Pin
+        In the order of the steps.
+    list of (int, str)
+        Steps without a pin, with the reason.
+    """
+    pins: list[Pin] = []
+    unpinned = []
+    for number, step in enumerate(assembly.steps):
+        held = [j for j in step.joints if joints[j].holds(min_glue_mm2)]
+        sites = [site for j in held for site in _find_sites(room, j, joints[j], step)]
+        placer = _Placer(room, number, step, sites, options)
+        placed = placer.place(_pair_distances_mm(pins))
+        pins += placed
+        if not placed:
+            reason = "too small for a pin" if sites else "no glued face closes along its normal"
+            unpinned.append((number, reason))
+    return pins, unpinned
+
+
+def pairs_of(pins: Sequence[Pin]) -> dict[int, tuple[Pin, Pin]]:
+    """Find the pair of each step that has one: the deep pin, and the first of the shallow ones."""
+    by_step: dict[int, list[Pin]] = {}
+    for pin in pins:
+        by_step.setdefault(pin.step, []).append(pin)
+    deepest = max((pin.depth_mm for pin in pins), default=0.0)
+    return {
+        step: (own[0], own[1])
+        for step, own in by_step.items()
+        if len(own) > 1 and own[0].depth_mm == deepest and own[1].depth_mm < deepest
+    }
+
+
+def _pair_distances_mm(pins: Sequence[Pin]) -> list[float]:
+    return [distance_mm(*pair) for pair in pairs_of(pins).values()]
+
+
+def _find_sites(room: Room, number: int, joint: Joint, step: AssemblyStep) -> list[_Site]:
+    sites = []
+    for one, other in find_sides(room.blanks, number, joint):
+        moved, fixed = (one, other) if one.part in step.moved else (other, one)
+        if float(moved.into @ step.direction) > ALONG:
+            sites.append(_Site(moved, fixed))
+    return sites
+
+
+@dataclass(frozen=True, slots=True)
+class _Placer:
+    """Places pins of one step on its sites."""
+
+    room: Room
+    number: int
+    step: AssemblyStep
+    sites: list[_Site]
+    options: ConnectorOptions
+
+    def place(self, taken_mm: Sequence[float]) -> list[Pin]:
+        """Place all pins of the step; the distance of its pair differs from those taken."""
+        deep, shallow = (self._find_places(index) for index in range(2))
+        pins = self._place_pair(deep, shallow, taken_mm) or self._place_one(deep, shallow)
+        for _ in range(MOST_FURTHER if pins else 0):
+            further = self._place_further(pins)
+            if further is None:
+                break
+            pins.append(further)
+        return pins
+
+    @property
+    def _distinct_mm(self) -> float:
+        return 2.0 * self.options.pin_fit_mm + DISTINCT_MM
+
+    def _size_mm(self, index: int) -> tuple[float, float]:
+        """Width across the flats and depth of the deep hole (0) or the shallow one (1)."""
+        pin_mm = self.options.pin_mm or 0.0
+        return pin_mm + self.options.pin_fit_mm, DEPTHS[index] * pin_mm
+
+    def _find_places(self, index: int) -> list[shapely.Geometry]:
+        """Find for each site where the axis of a pin may be, in the coordinates of its face."""
+        return [
+            shapely.intersection_all([self._find_axes(side, index) for side in (site.moved, site.fixed)])
+            for site in self.sites
+        ]
+
+    def _find_axes(self, side: Side, index: int) -> shapely.Geometry:
+        tool = make_hole(side.part, np.zeros(3), side.into, self._up(side), self._size_mm(index), np.zeros(3))
+        if tool is None:
+            return shapely.Polygon()
+        outline = shapely.MultiPoint(side.flatten(tool.points_mm))
+        centre = shapely.minimum_bounding_circle(outline).centroid
+        slack_mm = ROUND_MM + (SLOT_MM if index == 1 else 0.0)
+        radius_mm = shapely.minimum_bounding_radius(outline) + RIM_MM + slack_mm
+        room = self.room.find_room(side, float((tool.points_mm @ side.into).max()))
+        return shapely.transform(room.buffer(-radius_mm), lambda at: at - (centre.x, centre.y))
+
+    def _up(self, side: Side) -> Floats:
+        return self.room.blanks[side.part].up
+
+    def _place_pair(
+        self, deep: list[shapely.Geometry], shallow: list[shapely.Geometry], taken_mm: Sequence[float]
+    ) -> list[Pin]:
+        """Place a deep and a shallow pin as far apart as can be, at a distance of their own."""
+        widest = self._farthest(deep, shallow)
+        if widest is None:
+            return []
+        inner = [[place.buffer(-COMFORT_MM) for place in places] for places in (deep, shallow)]
+        comfortable = self._farthest(*inner)
+        if comfortable is not None and comfortable[0] >= COMFORT_SHARE * widest[0]:
+            widest = comfortable
+        apart_mm, (site, at), (other, end) = widest
+        for back_mm in np.arange(0.0, apart_mm - NEAREST_PAIR_MM, 0.5):
+            moved = end + (at - end) * back_mm / np.linalg.norm(at - end)
+            new_mm = self._across_mm(at, moved)
+            if any(abs(new_mm - known_mm) < self._distinct_mm for known_mm in taken_mm):
+                continue
+            if not shallow[other].contains(shapely.Point(self.sites[other].moved.flatten(moved))):
+                continue
+            long = self._make_pin(site, at, 0, np.zeros(3))
+            if long is None:
+                return []
+            self.room.tools += long.holes
+            short = self._make_pin(other, moved, 1, self._slot(at, moved))
+            if short is not None:
+                self.room.tools += short.holes
+                return [long, short]
+            del self.room.tools[-2:]
+        return []
+
+    def _slot(self, at: Floats, end: Floats) -> Floats:
+        across = (end - at) - ((end - at) @ self.step.direction) * self.step.direction
+        apart_mm = float(np.linalg.norm(across))
+        return SLOT_MM * across / apart_mm if apart_mm > FAR_PAIR_MM else np.zeros(3)
+
+    def _farthest(
+        self, deep: list[shapely.Geometry], shallow: list[shapely.Geometry]
+    ) -> tuple[float, tuple[int, Floats], tuple[int, Floats]] | None:
+        """Find the farthest pair of a deep and a shallow place: their distance, sites and points."""
+        ends = [self._corners(places) for places in (deep, shallow)]
+        if not all(len(sites) for sites, _ in ends):
+            return None
+        apart = cdist(*(self._flat(points) for _, points in ends))
+        first, second = np.unravel_index(int(apart.argmax()), apart.shape)
+        if apart[first, second] < NEAREST_PAIR_MM:
+            return None
+        (sites, points), (others, other_points) = ends
+        return (
+            float(apart[first, second]),
+            (sites[first], points[first]),
+            (others[second], other_points[second]),
+        )
+
+    def _corners(self, places: list[shapely.Geometry]) -> tuple[list[int], Floats]:
+        """List the corners of the convex hull of each site's places, as points (n, 3), and their sites."""
+        sites: list[int] = []
+        points = [np.zeros((0, 3))]
+        for number, place in enumerate(places):
+            corners = shapely.get_coordinates(place.buffer(-ROUND_MM).convex_hull.simplify(CORNER_MM))
+            sites += [number] * len(corners)
+            points.append(self.sites[number].moved.lift(corners))
+        return sites, np.concatenate(points)
+
+    def _flat(self, points_mm: Floats) -> Floats:
+        return points_mm - np.outer(points_mm @ self.step.direction, self.step.direction)
+
+    def _across_mm(self, at: Floats, end: Floats) -> float:
+        return float(np.linalg.norm(self._flat((at - end)[None])))
+
+    def _place_one(self, deep: list[shapely.Geometry], shallow: list[shapely.Geometry]) -> list[Pin]:
+        """Place one pin in the middle of the widest place, deep if it can be."""
+        for index, places in enumerate((deep, shallow)):
+            areas = [(p, n) for n, place in enumerate(places) for p in _polygons(place)]
+            if areas:
+                area, number = max(areas, key=lambda pair: pair[0].area)
+                middle = shapely.maximum_inscribed_circle(area).coords[0]
+                pin = self._make_pin(
+                    number, self.sites[number].moved.lift(np.array(middle)), index, np.zeros(3)
+                )
+                if pin is not None:
+                    self.room.tools += pin.holes
+                    return [pin]
+        return []
+
+    def _place_further(self, pins: Sequence[Pin]) -> Pin | None:
+        """Place a shallow pin where most glue is far from the others; None where none is worthwhile."""
+        glue = np.concatenate([_sample(site.moved, site.moved.face.outline, GLUE_MM) for site in self.sites])
+        far = glue[cdist(glue, [pin.at_mm for pin in pins]).min(axis=1) > REACH_MM]
+        if len(far) <= (1.0 - NEAR_SHARE) * len(glue):
+            return None
+        places = self._find_places(1)
+        sites, corners = self._corners(places)
+        inside = [
+            _sample(site.moved, place.buffer(-ROUND_MM), PLACES_MM)
+            for site, place in zip(self.sites, places, strict=True)
+        ]
+        sites += [number for number, points in enumerate(inside) for _ in points]
+        points = np.concatenate([corners, *inside])
+        gains_mm2 = (cdist(points, far) < REACH_MM).sum(axis=1) * GLUE_MM**2
+        for best in np.argsort(-gains_mm2, kind="stable").tolist():
+            if gains_mm2[best] < WORTH_MM2:
+                break
+            pin = self._make_pin(sites[best], points[best], 1, np.zeros(3))
+            if pin is not None:
+                self.room.tools += pin.holes
+                return pin
+        return None
+
+    def _make_pin(self, number: int, at: Floats, index: int, slot: Floats) -> Pin | None:
+        """Make a pin with its holes; None where one does not print without support, or has no room."""
+        site = self.sites[number]
+        width_mm, depth_mm = self._size_mm(index)
+        holes: list[Tool] = []
+        for side, stretch in ((site.moved, slot), (site.fixed, np.zeros(3))):
+            hole = make_hole(side.part, at, side.into, self._up(side), (width_mm, depth_mm), stretch)
+            if hole is None or not self._has_room(side, hole):
+                return None
+            holes.append(hole)
+        return Pin(
+            step=self.number,
+            joint=site.moved.joint,
+            at_mm=at,
+            axis=self.step.direction,
+            diameter_mm=self.options.pin_mm or 0.0,
+            depth_mm=depth_mm,
+            length_mm=2.0 * (depth_mm - END_MM),
+            slotted=bool(slot.any()),
+            holes=(holes[0], holes[1]),
+        )
+
+    def _has_room(self, side: Side, hole: Tool) -> bool:
+        reach_mm = float((hole.points_mm @ side.into).max()) - side.sign * side.face.offset_mm
+        outline = shapely.MultiPoint(side.flatten(hole.points_mm)).convex_hull
+        return bool(self.room.find_room(side, reach_mm).contains(outline.buffer(RIM_MM)))
+
+
+def _sample(side: Side, area: shapely.Geometry, pitch_mm: float) -> Floats:
+    """List points (n, 3) of a square grid inside an area of a face; at least one, unless it is empty."""
+    if area.is_empty:
+        return np.zeros((0, 3))
+    low_x, low_y, high_x, high_y = area.bounds
+    spans = (np.arange(a + pitch_mm / 2.0, b, pitch_mm) for a, b in ((low_x, high_x), (low_y, high_y)))
+    grid = np.array(np.meshgrid(*spans)).reshape(2, -1).T
+    inside = grid[shapely.contains_xy(area, grid)]
+    return side.lift(inside if len(inside) else shapely.get_coordinates(area.representative_point()))
+
+
+def _polygons(geometry: shapely.Geometry) -> list[shapely.Polygon]:
+    return [g for g in getattr(geometry, "geoms", [geometry]) if g.geom_type == "Polygon" and g.area > 0.0]

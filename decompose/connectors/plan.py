@@ -1,0 +1,59 @@
+"""Pins and marks of all parts, and the parts with their holes and grooves."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from decompose.assembly import Assembly
+from decompose.connectors.faces import Blank, Room
+from decompose.connectors.marks import place_marks
+from decompose.connectors.pins import place_pins
+from decompose.connectors.records import Connectors
+from decompose.geometry import Solid
+from decompose.options import ConnectorOptions
+from decompose.pieces import Joint
+
+
+def plan_connectors(
+    blanks: Sequence[Blank],
+    joints: Sequence[Joint],
+    assembly: Assembly,
+    options: ConnectorOptions,
+    min_glue_mm2: float,
+) -> Connectors:
+    """Place pins, then marks beside them.
+
+    Parameters
+    ----------
+    blanks
+        Parts with their poses.
+    joints, assembly
+        Of these parts, in the same frame.
+    options
+        Diameter and fit of the pins, and whether there are marks.
+    min_glue_mm2
+        Least area of a joint that counts as holding.
+    """
+    room = Room(blanks)
+    pins, unpinned = (
+        ([], []) if options.pin_mm is None else place_pins(room, joints, assembly, options, min_glue_mm2)
+    )
+    marks, unmarked = place_marks(room, joints, assembly) if options.marks else ([], [])
+    return Connectors(tuple(pins), tuple(marks), tuple(unpinned), tuple(unmarked))
+
+
+def drill(blanks: Sequence[Blank], connectors: Connectors) -> list[Solid]:
+    """Cut the holes and grooves out of the parts.
+
+    Raises
+    ------
+    ModelNotSolid
+        An operation on solids failed.
+    """
+    tools: list[list[Solid]] = [[] for _ in blanks]
+    for tool in connectors.tools:
+        tools[tool.part].append(Solid.hull(tool.points_mm))
+    return [
+        blank.solid.subtract(Solid.union(own)) if own else blank.solid
+        for blank, own in zip(blanks, tools, strict=True)
+    ]

@@ -1,0 +1,139 @@
+"""Records of connectors: pins, marks, and the tools that cut their holes and grooves."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from decompose.arrays import Floats
+
+RIM_MM = 1.2  # least distance of a tool from the outside of its part, and from another tool
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tool:
+    """Convex body that is cut out of a part.
+
+    Attributes
+    ----------
+    part
+        Number of the part.
+    points_mm
+        (n, 3) its corners, in the frame of the parts. It reaches a little out of the face that it opens at.
+    into
+        (3,) unit vector from that face into the part.
+    face_mm
+        Coordinate of that face along `into`.
+    """
+
+    part: int
+    points_mm: Floats
+    into: Floats
+    face_mm: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pin:
+    """Loose pin, which sits in two parts.
+
+    Attributes
+    ----------
+    step, joint
+        Numbers of the step of the assembly that closes over it, and of its joint.
+    at_mm
+        (3,) point on its axis, in the plane of the joint.
+    axis
+        (3,) unit vector: the direction of the step.
+    depth_mm
+        Depth of its hole in each part.
+    length_mm
+        Length to which it is cut; the rest of the holes stays free.
+    slotted
+        Whether one of its holes is longer towards the other pin, as the distance may shrink.
+    holes
+        Holes in the moved part, and in the fixed one.
+    """
+
+    step: int
+    joint: int
+    at_mm: Floats
+    axis: Floats
+    diameter_mm: float
+    depth_mm: float
+    length_mm: float
+    slotted: bool
+    holes: tuple[Tool, Tool]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Mark:
+    """Text in V grooves on a face that is glued.
+
+    Attributes
+    ----------
+    part, joint
+        Numbers of the part that carries it, and of the joint.
+    text
+        Numbers of the part and its neighbour, and `^`, which points to the top of the model (on level faces,
+        to its back); or only full stops: as many dots on both faces of a joint, where no digits fit.
+    height_mm
+        Height of its letters.
+    lines_mm
+        (k, 2, 3) strokes on the face.
+    grooves
+        Their tools.
+    """
+
+    part: int
+    joint: int
+    text: str
+    height_mm: float
+    lines_mm: Floats
+    grooves: tuple[Tool, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Connectors:
+    """Pins and marks of all parts.
+
+    Attributes
+    ----------
+    pins, marks
+        In the order of the steps, and of the joints.
+    unpinned
+        Steps without a pin, with the reason.
+    unmarked
+        Joints without a mark on one of their faces, with the reason.
+    failures
+        Sentences about what was left out because it broke a rule.
+    """
+
+    pins: tuple[Pin, ...] = ()
+    marks: tuple[Mark, ...] = ()
+    unpinned: tuple[tuple[int, str], ...] = ()
+    unmarked: tuple[tuple[int, str], ...] = ()
+    failures: tuple[str, ...] = ()
+
+    @property
+    def tools(self) -> list[Tool]:
+        """Tools of all pins and marks."""
+        return [
+            *(hole for pin in self.pins for hole in pin.holes),
+            *(groove for mark in self.marks for groove in mark.grooves),
+        ]
+
+    def without_part(self, part: int, reason: str) -> Connectors:
+        """Return the connectors without those that cut a part or reach into it; the reason is kept."""
+        return replace(
+            self,
+            pins=tuple(pin for pin in self.pins if all(hole.part != part for hole in pin.holes)),
+            marks=tuple(mark for mark in self.marks if mark.part != part),
+            failures=(*self.failures, reason),
+        )
+
+
+def distance_mm(a: Pin, b: Pin) -> float:
+    """Measure the distance of two pins across their axis."""
+    apart = a.at_mm - b.at_mm
+    return float(np.linalg.norm(apart - (apart @ a.axis) * a.axis))

@@ -1,0 +1,65 @@
+"""Connectors as the object for decomposition.json."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from typing import Any
+
+from decompose.connectors.records import Connectors, Mark, Pin
+from decompose.pieces import Joint
+
+
+def list_cuts(pins: Sequence[Pin]) -> list[tuple[float, int]]:
+    """List the lengths to which pins are cut, in mm, the longest first, with their numbers."""
+    return sorted(Counter(round(pin.length_mm, 1) for pin in pins).items(), reverse=True)
+
+
+def describe_connectors(
+    connectors: Connectors, names: Sequence[str], joints: Sequence[Joint]
+) -> dict[str, Any]:
+    """Describe pins, marks, and what has none.
+
+    Parameters
+    ----------
+    connectors
+        Those of a decomposition.
+    names
+        Ids of its parts.
+    joints
+        Its joints.
+    """
+
+    def name_joint(number: int) -> list[str]:
+        return [names[joints[number].a], names[joints[number].b]]
+
+    return {
+        "pins": [
+            {"id": number, "joint": name_joint(pin.joint), **_describe_pin(pin)}
+            for number, pin in enumerate(connectors.pins, 1)
+        ],
+        "cut_list": [{"length_mm": length, "count": count} for length, count in list_cuts(connectors.pins)],
+        "marks": [
+            {"part": names[mark.part], "joint": name_joint(mark.joint), **_describe_mark(mark)}
+            for mark in connectors.marks
+        ],
+        "unpinned": [{"step": step + 1, "reason": reason} for step, reason in connectors.unpinned],
+        "unmarked": [{"joint": name_joint(joint), "reason": reason} for joint, reason in connectors.unmarked],
+        "failures": list(connectors.failures),
+    }
+
+
+def _describe_pin(pin: Pin) -> dict[str, Any]:
+    return {
+        "step": pin.step + 1,
+        "at_mm": pin.at_mm.tolist(),
+        "axis": (pin.axis + 0.0).tolist(),  # no -0
+        "diameter_mm": pin.diameter_mm,
+        "depth_mm": pin.depth_mm,
+        "length_mm": pin.length_mm,
+        "kind": "slot" if pin.slotted else "round",
+    }
+
+
+def _describe_mark(mark: Mark) -> dict[str, Any]:
+    return {"text": mark.text, "height_mm": mark.height_mm, "lines_mm": mark.lines_mm.tolist()}

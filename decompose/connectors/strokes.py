@@ -1,0 +1,81 @@
+"""Letters of straight strokes, for grooves: on a grid 4 wide and 6 high, without a font."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from decompose.arrays import Floats
+
+GRID_HIGH = 6.0
+GRID_WIDE = 4.0
+ADVANCE = 5.6  # from one letter to the next
+
+# Each letter: polylines of points x, y as pairs of digits.
+_LETTERS = {
+    "0": "10 30 41 45 36 16 05 01 10",
+    "1": "15 26 20",
+    "2": "05 16 36 45 44 00 40",
+    "3": "05 16 36 45 44 33 13|33 42 41 30 10 01",
+    "4": "30 36 02 42",
+    "5": "46 06 03 33 42 41 30 00",
+    "6": "46 16 05 01 10 30 41 42 33 03",
+    "7": "06 46 10",
+    "8": "13 04 05 16 36 45 44 33 13 02 01 10 30 41 42 33",
+    "9": "00 30 41 45 36 16 05 04 13 43",
+    "-": "13 33",
+    "^": "20 26|04 26 44",
+    ".": "20",
+    "A": "00 26 40|12 32",
+    "B": "03 33 44 45 36 06 00 30 41 42 33",
+    "C": "45 36 16 05 01 10 30 41",
+    "D": "00 06 26 44 42 20 00",
+    "E": "46 06 00 40|03 33",
+    "F": "46 06 00|03 33",
+    "G": "45 36 16 05 01 10 30 41 43 23",
+    "H": "00 06|40 46|03 43",
+    "I": "20 26",
+    "J": "46 41 30 10 01",
+    "K": "00 06|46 03 40",
+    "L": "06 00 40",
+    "M": "00 06 23 46 40",
+    "N": "00 06 40 46",
+    "O": "00 06 46 40 00",
+    "P": "00 06 36 45 44 33 03",
+    "Q": "10 30 41 45 36 16 05 01 10|22 40",
+    "R": "00 06 36 45 44 33 03|23 40",
+    "S": "45 36 16 05 04 13 33 42 41 30 10 01",
+    "T": "06 46|26 20",
+    "U": "06 01 10 30 41 46",
+    "V": "06 20 46",
+    "W": "06 10 23 30 46",
+    "X": "00 46|06 40",
+    "Y": "06 23 46|23 20",
+    "Z": "06 46 00 40",
+}
+
+
+def text_width(text: str) -> float:
+    """Compute the width of a text on the grid."""
+    return ADVANCE * (len(text) - 1) + GRID_WIDE
+
+
+def draw_strokes(text: str) -> Floats:
+    """Draw a text with its middle at the origin.
+
+    Parameters
+    ----------
+    text
+        Digits, letters, `-`, `.` and `^`; letters are drawn as capitals, others as a gap.
+
+    Returns
+    -------
+    Floats
+        (k, 2, 2) ends of the strokes, x to the right and y up. A dot is a stroke without length.
+    """
+    strokes: list[list[list[float]]] = []
+    for number, letter in enumerate(text.upper()):
+        for line in filter(None, _LETTERS.get(letter, "").split("|")):
+            points = [[float(at[0]) + ADVANCE * number, float(at[1])] for at in line.split()]
+            strokes += [list(pair) for pair in zip(points, points[1:] or points, strict=False)]
+    middle = np.array([text_width(text) / 2.0, GRID_HIGH / 2.0])
+    return np.asarray(np.array(strokes).reshape(-1, 2, 2) - middle)

@@ -1,0 +1,101 @@
+"""Shapes of holes and grooves that print without support in the pose of their part."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from scipy.spatial import ConvexHull
+
+from decompose.arrays import Floats
+from decompose.connectors.records import Tool
+
+LIP_MM = 0.1  # reach of a tool out of its face, so that no film is left
+HOLE_SIN = math.sin(
+    math.radians(40.0)
+)  # steepest ceiling of a hole, as the sine of its angle to the vertical
+GROOVE_SIN = math.sin(math.radians(47.5))  # of a groove; the slicer supports from 50 degrees
+GROOVE_MM = 0.6  # depth of a groove, and half its width: its sides slope by 45 degrees
+_MOUTH = -0.99  # cosine between a side of a tool and the direction into the part, from which it is the mouth
+
+# Roof and tip of a hole in its inner radii, the least material first. The roof runs along the hole, upwards
+# across it; the tip rises from its end.
+_CEILINGS = ((0.0, 0.0), (1.9, 0.0), (0.0, 1.75), (1.9, 1.75), (1.9, 3.0), (2.2, 3.5), (2.6, 4.5))
+_CORNERS = np.deg2rad(90.0 + 60.0 * np.arange(6))
+_CONE = np.deg2rad(45.0 * np.arange(8))
+
+
+def make_hole(
+    part: int, at_mm: Floats, into: Floats, up: Floats, size_mm: tuple[float, float], stretch_mm: Floats
+) -> Tool | None:
+    """Make a hexagonal hole with the ceiling that its part's pose needs.
+
+    A hexagon has corners for air and glue, and holds a round pin in six lines.
+
+    Parameters
+    ----------
+    part
+        Number of the part.
+    at_mm
+        (3,) point where the axis meets the face.
+    into
+        (3,) unit vector of the axis, into the part.
+    up
+        (3,) the bed's up in the part's pose, in the same frame.
+    size_mm
+        Width across the flats, and depth.
+    stretch_mm
+        (3,) by which it is longer both ways across the axis; 0 for a hexagon.
+
+    Returns
+    -------
+    Tool | None
+        None where no such shape prints without support.
+    """
+    width_mm, depth_mm = size_mm
+    inner_mm = width_mm / 2.0
+    upwards, across = _across(into, up)
+    ring = (upwards * np.sin(_CORNERS)[:, None] + across * np.cos(_CORNERS)[:, None]) * (
+        inner_mm / math.cos(math.pi / 6.0)
+    )
+    ring = np.concatenate([ring + stretch_mm, ring - stretch_mm]) if stretch_mm.any() else ring
+    for roof, tip in _CEILINGS:
+        section = np.vstack([ring, roof * inner_mm * upwards]) if roof else ring
+        points = np.concatenate([section - LIP_MM * into, section + depth_mm * into])
+        if tip:
+            points = np.vstack([points, depth_mm * into + tip * inner_mm * up])
+        if overhang_sin(points, into, up) <= HOLE_SIN:
+            return Tool(part, points + at_mm, into, float(at_mm @ into))
+    return None
+
+
+def make_groove(part: int, ends_mm: Floats, into: Floats, depth_mm: float = GROOVE_MM) -> Tool:
+    """Make a V groove along a stroke with ends (2, 3), or a cone where they are equal."""
+    along = ends_mm[1] - ends_mm[0]
+    if not along.any():
+        along = np.cross(into, np.eye(3)[int(np.abs(into).argmin())])
+    first = along / np.linalg.norm(along)
+    second = np.cross(into, first)
+    rim = (first * np.cos(_CONE)[:, None] + second * np.sin(_CONE)[:, None]) * (depth_mm + LIP_MM)
+    cone = np.vstack([rim - LIP_MM * into, depth_mm * into])
+    points = np.concatenate([cone + end for end in np.unique(ends_mm, axis=0)])
+    return Tool(part, points, into, float(ends_mm[0] @ into))
+
+
+def overhang_sin(points_mm: Floats, into: Floats, up: Floats) -> float:
+    """Compute the sine of the angle to the vertical of the flattest ceiling of a convex tool (n, 3).
+
+    The mouth is left out. Negative where nothing hangs over.
+    """
+    normals = ConvexHull(points_mm).equations[:, :3]
+    sides = normals[normals @ into > _MOUTH]
+    return float((sides @ up).max())
+
+
+def _across(into: Floats, up: Floats) -> tuple[Floats, Floats]:
+    """Choose unit vectors across a hole: as far upwards as can be, and level."""
+    upwards = up - (up @ into) * into
+    if np.linalg.norm(upwards) < 1e-6:
+        upwards = np.cross(np.eye(3)[int(np.abs(into).argmin())], into)
+    upwards = upwards / np.linalg.norm(upwards)
+    return upwards, np.cross(into, upwards)

@@ -1,0 +1,83 @@
+"""Pins and marks of a result: placed, cut, and checked."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from decompose.connectors import Blank, Connectors, drill, plan_connectors
+from decompose.errors import DecomposeError
+from decompose.files.names import short_label
+from decompose.results.connector_rules import ConnectorFault, DrilledParts
+from decompose.results.decomposition import Decomposition
+
+HOLE_S, MARK_S = 45.0, 30.0  # print time of a hole, and of a mark
+
+
+def connect_parts(decomposition: Decomposition) -> Decomposition:
+    """Cut holes for pins, and marks, into the parts of a result whose assembly is planned.
+
+    A failure leaves parts as they were: those that break a rule get neither holes nor marks, and the
+    reason is in `Connectors.failures`.
+
+    Parameters
+    ----------
+    decomposition
+        With `Decomposition.with_assembly`.
+
+    Returns
+    -------
+    Decomposition
+        With `Part.drilled` and `connectors`; the same where the options want neither pins nor marks.
+    """
+    options = decomposition.options
+    if options.connectors.is_empty or len(decomposition.parts) < 2:
+        return decomposition
+    blanks = [Blank(short_label(p.id), p.solid, p.rotation[2]) for p in decomposition.parts]
+    try:
+        connectors = plan_connectors(
+            blanks, decomposition.joints, decomposition.assembly, options.connectors, options.min_glue_mm2
+        )
+        for _ in range(len(blanks)):
+            drilled = drill(blanks, connectors)
+            parts = DrilledParts(
+                blanks, drilled, decomposition.joints, decomposition.assembly.steps, connectors
+            )
+            faults = list(parts.find_faults())
+            if not faults:
+                break
+            connectors = _leave_out(connectors, faults, decomposition)
+        else:
+            raise DecomposeError("the rules of pins and marks are broken again and again")
+    except (DecomposeError, ValueError, ArithmeticError) as error:  # shapely's errors are ValueErrors
+        failure = f"no pins and marks: {error}"
+        return replace(decomposition, connectors=Connectors(failures=(failure,)))
+    cut = {tool.part for tool in connectors.tools}
+    return replace(
+        decomposition,
+        connectors=connectors,
+        parts=tuple(
+            replace(part, drilled=solid, price_s=part.price_s + _price_s(connectors, i)) if i in cut else part
+            for i, (part, solid) in enumerate(zip(decomposition.parts, drilled, strict=True))
+        ),
+    )
+
+
+def _price_s(connectors: Connectors, part: int) -> float:
+    holes = sum(hole.part == part for pin in connectors.pins for hole in pin.holes)
+    return HOLE_S * holes + MARK_S * sum(mark.part == part for mark in connectors.marks)
+
+
+def _leave_out(
+    connectors: Connectors, faults: list[ConnectorFault], decomposition: Decomposition
+) -> Connectors:
+    """Take the connectors of parts at fault out; where no part is named, all pins."""
+    for fault in faults:
+        if fault.part is None:
+            reason = f"no pins: {fault.problem} (rule {fault.rule})"
+            connectors = replace(connectors, pins=(), failures=(*connectors.failures, reason))
+        else:
+            name = decomposition.parts[fault.part].id
+            reason = f"{name} has no holes and marks: {fault.problem} (rule {fault.rule})"
+            if reason not in connectors.failures:
+                connectors = connectors.without_part(fault.part, reason)
+    return connectors

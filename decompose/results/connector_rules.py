@@ -1,0 +1,199 @@
+"""Rules of pins and marks, checked on the drilled parts, independently of the search for their places."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+import shapely
+
+from decompose.arrays import Floats
+from decompose.assembly import AssemblyStep
+from decompose.connectors import Blank, Connectors, Pin, Tool, distance_mm, pairs_of, rings_of
+from decompose.errors import Rule
+from decompose.geometry import Solid
+from decompose.pieces import Joint
+
+EPS_MM3 = 1e-3  # rounding of an operation on solids
+RIM_MM = 1.15  # least wall around a tool, and between two: the rim of the search less its rounding
+FILM_MM = 0.06  # depth at a face that rounding may leave undecided
+HOLE_DEG, GROOVE_DEG = 40.5, 48.0  # flattest ceilings, from the vertical; supports begin at 50
+SIDE = -0.99
+COAXIAL = 1.0 - 1e-9
+OPEN_MM = 1.0  # gap by which a body that is turned half around has to stay open
+
+
+@dataclass(frozen=True, slots=True)
+class ConnectorFault:
+    """Rule that connectors break; `part` is None where it concerns the pins of several."""
+
+    rule: Rule
+    part: int | None
+    problem: str
+
+
+@dataclass(frozen=True, slots=True)
+class DrilledParts:
+    """Parts before and after drilling, with what was planned for them."""
+
+    blanks: Sequence[Blank]
+    drilled: Sequence[Solid]
+    joints: Sequence[Joint]
+    steps: Sequence[AssemblyStep]
+    connectors: Connectors
+
+    def find_faults(self) -> Iterator[ConnectorFault]:
+        """Check all rules, part by part, then pin by pin."""
+        groups: dict[int, list[_Group]] = {}
+        for group in self._groups():
+            groups.setdefault(group.tools[0].part, []).append(group)
+        for part, own in sorted(groups.items()):
+            for rule, problem in self._check_part(part, own):
+                yield ConnectorFault(rule, part, problem)
+        for pin in self.connectors.pins:
+            for rule, problem in self._check_pin(pin):
+                yield ConnectorFault(rule, pin.holes[0].part, problem)
+        for problem in find_wrong_fits(self.connectors.pins):
+            yield ConnectorFault(Rule.PINNED, None, problem)
+
+    def _groups(self) -> Iterator[_Group]:
+        for pin in self.connectors.pins:
+            for hole in pin.holes:
+                yield _Group((hole,), self.joints[pin.joint], math.radians(HOLE_DEG), "hole")
+        for mark in self.connectors.marks:
+            yield _Group(mark.grooves, self.joints[mark.joint], math.radians(GROOVE_DEG), "mark")
+
+    def _check_part(self, part: int, groups: Sequence[_Group]) -> Iterator[tuple[Rule, str]]:
+        blank, drilled = self.blanks[part].solid, self.drilled[part]
+        tools = [Solid.union([Solid.hull(tool.points_mm) for tool in group.tools]) for group in groups]
+        removed = blank.subtract(drilled)
+        if drilled.subtract(blank).volume_mm3 > EPS_MM3:
+            yield Rule.DRILLED, "material was added"
+        if removed.subtract(Solid.union(tools)).volume_mm3 > EPS_MM3:
+            yield Rule.DRILLED, "more was removed than the holes and marks"
+        if len(drilled.pieces()) != 1:
+            yield Rule.DRILLED, "it is not one piece any more"
+        sleeves = Solid.union([group.sleeve() for group in groups])
+        if sleeves.subtract(blank).volume_mm3 > EPS_MM3:
+            yield Rule.SKIN, f"the wall around a hole or mark is thinner than {RIM_MM:g} mm"
+        if any(not group.is_hidden() for group in groups):
+            yield Rule.SKIN, "a hole or mark is not inside of its joint"
+        if any(a.gap_mm(b, RIM_MM) < RIM_MM - FILM_MM for a, b in combinations(tools, 2) if _near(a, b)):
+            yield Rule.SKIN, "two holes or marks are too near to each other"
+        for group in groups:
+            steepest = group.overhang(self.blanks[part].up)
+            if steepest > group.limit:
+                yield Rule.SUPPORT_FREE, f"a {group.kind} hangs over by {math.degrees(steepest):.0f} degrees"
+
+    def _check_pin(self, pin: Pin) -> Iterator[tuple[Rule, str]]:
+        step = self.steps[pin.step]
+        moved, fixed = pin.holes
+        along = moved.into @ step.direction, -fixed.into @ step.direction, pin.axis @ step.direction
+        if min(along) < COAXIAL or moved.part not in step.moved or fixed.part not in step.fixed:
+            yield Rule.ORDER, f"a pin of step {pin.step + 1} is not along its direction"
+        circle = shapely.Point(pin.at_mm @ _across(pin.axis).T).buffer(pin.diameter_mm / 2.0)
+        middle_mm = float(pin.at_mm @ pin.axis)
+        rod = _extrude(circle, pin.axis, middle_mm - pin.length_mm / 2.0, middle_mm + pin.length_mm / 2.0)
+        for hole in pin.holes:
+            if rod.intersect(self.drilled[hole.part]).volume_mm3 > EPS_MM3:
+                yield Rule.PINNED, f"a pin of step {pin.step + 1} does not go into its hole"
+
+
+def find_wrong_fits(pins: Sequence[Pin]) -> list[str]:
+    """Find pairs of pins that let a body in turned half around, or at the place of another step.
+
+    Parameters
+    ----------
+    pins
+        Those of all steps, in order; the first two of a step locate it.
+    """
+    faults = []
+    pairs = pairs_of(pins)
+    for step, (deep, shallow) in pairs.items():
+        open_mm = deep.length_mm - deep.depth_mm - shallow.depth_mm
+        if open_mm < OPEN_MM:
+            faults.append(f"step {step + 1} can be turned half around")
+    for (step, pair), (other, others) in combinations(pairs.items(), 2):
+        play_mm = 2.0 * max(_play_mm(pin) for pin in (*pair, *others))
+        if abs(distance_mm(*pair) - distance_mm(*others)) <= play_mm:
+            faults.append(f"bodies of the steps {step + 1} and {other + 1} fit each other")
+    return faults
+
+
+def _play_mm(pin: Pin) -> float:
+    """Measure how far a pin can move across its holes, by the narrowest width of the fixed one."""
+    across = _across(pin.axis)
+    hole = shapely.MultiPoint((pin.holes[1].points_mm - pin.at_mm) @ across.T).convex_hull
+    inner_mm = shapely.Point(0.0, 0.0).distance(hole.exterior)
+    return float(2.0 * inner_mm - pin.diameter_mm)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Group:
+    """Tools of one hole or mark, its joint, and the flattest ceiling (radians from the vertical)."""
+
+    tools: tuple[Tool, ...]
+    joint: Joint
+    limit: float
+    kind: str
+
+    def _outline(self) -> shapely.Geometry:
+        across = _across(self.tools[0].into)
+        hulls = [shapely.MultiPoint(tool.points_mm @ across.T).convex_hull for tool in self.tools]
+        return shapely.union_all(hulls).buffer(RIM_MM)
+
+    def sleeve(self) -> Solid:
+        """Build the tools with the wall around them, from just below the face."""
+        first = self.tools[0]
+        reach_mm = max(float((tool.points_mm @ first.into).max()) for tool in self.tools)
+        return _extrude(self._outline(), first.into, first.face_mm + FILM_MM, reach_mm + RIM_MM)
+
+    def is_hidden(self) -> bool:
+        """Check that the mouths with their rim lie in a face of the joint."""
+        into = self.tools[0].into
+        across = _across(into)
+        outline = self._outline()
+        for face in self.joint.faces:
+            along = float(face.normal @ into)
+            if abs(along) < COAXIAL or abs(face.offset_mm * along - self.tools[0].face_mm) > 1e-6:
+                continue
+            placed = shapely.transform(
+                face.outline,
+                lambda flat, face=face: (flat @ face.axes + face.offset_mm * face.normal) @ across.T,
+            )
+            if placed.buffer(FILM_MM).contains(outline):
+                return True
+        return False
+
+    def overhang(self, up: Floats) -> float:
+        """Compute the angle of the flattest ceiling from the vertical, from the triangles of the tools."""
+        steepest = -1.0
+        for tool in self.tools:
+            vertices, faces = Solid.hull(tool.points_mm).arrays()
+            a, b, c = (vertices[faces[:, k]] for k in range(3))
+            normals = np.cross(b - a, c - a)
+            sizes = np.linalg.norm(normals, axis=1)
+            normals = normals[sizes > 1e-6] / sizes[sizes > 1e-6, None]
+            sides = normals[normals @ tool.into > SIDE]
+            steepest = max(steepest, float((sides @ up).max()))
+        return math.asin(min(1.0, steepest))
+
+
+def _near(a: Solid, b: Solid) -> bool:
+    """Check whether the boxes of two solids are nearer than the wall."""
+    (a_low, a_high), (b_low, b_high) = a.bounds_mm, b.bounds_mm
+    return bool((np.maximum(a_low, b_low) - np.minimum(a_high, b_high)).max() < RIM_MM)
+
+
+def _across(axis: Floats) -> Floats:
+    """Choose two unit vectors (2, 3) so that they and the axis are a right-handed frame."""
+    first = np.cross(np.eye(3)[int(np.abs(axis).argmin())], axis)
+    first /= np.linalg.norm(first)
+    return np.stack([first, np.cross(axis, first)])
+
+
+def _extrude(outline: shapely.Geometry, axis: Floats, from_mm: float, to_mm: float) -> Solid:
+    return Solid.prism(rings_of(outline), np.vstack([_across(axis), axis]), from_mm, to_mm)

@@ -1,0 +1,151 @@
+"""Places of pins and marks on boxes whose joints are known."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from decompose.assembly import plan_assembly
+from decompose.connectors import Blank, Connectors, distance_mm, drill, pairs_of, plan_connectors
+from decompose.geometry import Solid
+from decompose.options import ConnectorOptions
+from decompose.pieces import Piece, find_joints, list_box_planes
+from decompose.results.connector_rules import DrilledParts
+
+ALL = ConnectorOptions(2.85, 0.4, marks=True)
+UPRIGHT = np.array([0.0, 0.0, 1.0])
+Span = tuple[tuple[float, ...], tuple[float, ...]]
+
+
+def boxes(*spans: Span) -> list[Piece]:
+    return [
+        Piece(Solid.box(lo, hi), list_box_planes(np.array([lo, hi], dtype=np.float64)), np.array([[lo, hi]]))
+        for lo, hi in spans
+    ]
+
+
+def plan(
+    pieces: Sequence[Piece], ups: Sequence[np.ndarray] | None = None, options: ConnectorOptions = ALL
+) -> tuple[Connectors, DrilledParts]:
+    """Plan connectors, drill the parts, and check that no rule is broken."""
+    joints = find_joints(pieces)
+    assembly = plan_assembly(pieces, joints)
+    ups = ups or [UPRIGHT] * len(pieces)
+    blanks = [Blank(str(n), p.solid, up) for n, (p, up) in enumerate(zip(pieces, ups, strict=True), 1)]
+    connectors = plan_connectors(blanks, joints, assembly, options, 25.0)
+    parts = DrilledParts(blanks, drill(blanks, connectors), joints, assembly.steps, connectors)
+    assert list(parts.find_faults()) == []
+    return connectors, parts
+
+
+HALVES = boxes(((0, 0, 0), (60, 40, 20)), ((0, 0, 20), (60, 40, 50)))
+
+
+def test_two_halves_get_a_deep_and_a_shallow_pin_in_opposite_corners():
+    connectors, _ = plan(HALVES)
+    deep, shallow = connectors.pins
+    assert deep.depth_mm > shallow.depth_mm + 2.0
+    assert distance_mm(deep, shallow) > 0.75 * np.hypot(60.0, 40.0)
+    assert [deep.at_mm[2], shallow.at_mm[2]] == pytest.approx([20.0, 20.0])
+    assert not connectors.unpinned and not connectors.unmarked
+
+
+def test_marks_read_from_outside_and_their_arrows_agree():
+    connectors, _ = plan(boxes(((0, 0, 0), (30, 60, 60)), ((30, 0, 0), (60, 60, 60))))
+    assert [mark.text for mark in connectors.marks] == ["1-2^", "2-1^"]
+    for mark, out in zip(connectors.marks, (1.0, -1.0), strict=True):
+        right = np.cross(UPRIGHT, [out, 0.0, 0.0])
+        ends = mark.lines_mm @ right
+        assert ends[0].max() < ends[-1].min()  # the first digit is left of the arrow
+        shaft, *wings = mark.lines_mm[-3:]
+        tip = max(shaft, key=lambda end: end[2])
+        assert all(np.linalg.norm(wing - tip, axis=1).min() < 1e-9 for wing in wings)
+
+
+def test_arrow_of_a_turned_text_still_points_up():
+    narrow = boxes(((0, 0, 0), (30, 14, 70)), ((30, 0, 0), (60, 14, 70)))
+    connectors, _ = plan(narrow, options=ConnectorOptions(marks=True))
+    mark = connectors.marks[0]
+    assert np.ptp(mark.lines_mm[..., 2]) > 25.0  # the text runs upwards
+    shaft, first, second = mark.lines_mm[-3:]
+    assert shaft[:, 1] == pytest.approx(shaft[0, 1]) and np.ptp(shaft[:, 2]) > 3.0
+    tip = shaft[shaft[:, 2].argmax()]
+    assert all(np.linalg.norm(wing - tip, axis=1).min() < 1e-9 for wing in (first, second))
+
+
+def test_thin_joint_has_neither_pins_nor_digits_and_this_is_said():
+    connectors, parts = plan(boxes(((0, 0, 0), (60, 40, 3)), ((60, 0, 0), (120, 40, 3))))
+    assert not connectors.pins and not connectors.tools
+    assert [reason for _, reason in connectors.unpinned] == ["too small for a pin"]
+    assert [reason for _, reason in connectors.unmarked] == ["too small"]
+    assert parts.drilled[0].volume_mm3 == pytest.approx(7200.0)
+
+
+def test_small_joint_is_marked_by_as_many_dots_on_both_faces():
+    connectors, _ = plan(boxes(((0, 0, 0), (30, 7, 7)), ((30, 0, 0), (60, 7, 7))))
+    texts = [mark.text for mark in connectors.marks]
+    assert texts == [".", "."]
+
+
+def test_hollow_below_a_joint_keeps_pins_off():
+    low, high = HALVES
+    hollow = Solid.box((10, 5, 2), (58, 38, 17.5))
+    low = Piece(low.solid.subtract(hollow), low.planes, low.boxes_mm)
+    connectors, _ = plan([low, high])
+    for pin in connectors.pins:
+        x, y, _ = pin.at_mm
+        assert not (8.0 < x < 60.0 and 3.0 < y < 40.0) or pin.depth_mm < 0.0
+
+
+def test_face_that_leans_over_in_its_pose_is_not_marked():
+    leaning = np.array([0.0, 0.6, -0.8])
+    connectors, _ = plan(HALVES, [leaning, UPRIGHT])
+    assert {mark.part for mark in connectors.marks} == {1}
+    assert connectors.unmarked == ((0, "a face hangs over in its part's pose"),)
+    assert len(connectors.pins) == 2  # their holes have a roof that follows the pose
+
+
+def test_large_joint_has_pins_near_all_of_its_glue():
+    connectors, _ = plan(boxes(((0, 0, 0), (200, 200, 30)), ((0, 0, 30), (200, 200, 60))))
+    at = np.array([pin.at_mm[:2] for pin in connectors.pins])
+    grid = np.array(np.meshgrid(np.arange(2.5, 200, 5), np.arange(2.5, 200, 5))).reshape(2, -1).T
+    near = np.linalg.norm(grid[:, None] - at, axis=2).min(axis=1) < 60.0
+    assert near.mean() >= 0.95
+    assert connectors.pins[1].slotted
+
+
+def test_slide_gets_pins_only_along_its_direction():
+    wheel = boxes(
+        ((0, 0, 0), (80, 40, 40)),
+        ((80, 0, 0), (120, 80, 40)),
+        ((40, 80, 0), (120, 120, 40)),
+        ((0, 40, 0), (40, 120, 40)),
+        ((40, 40, 0), (80, 80, 40)),
+    )
+    connectors, parts = plan(wheel)
+    for pin in connectors.pins:
+        assert abs(pin.axis @ parts.steps[pin.step].direction) == pytest.approx(1.0)
+    assert len(connectors.pins) >= 2
+
+
+@settings(deadline=None, max_examples=6)
+@given(st.randoms(use_true_random=False), st.integers(2, 5))
+def test_random_partitions_break_no_rule_and_no_two_pairs_are_alike(random, cuts: int) -> None:  # type: ignore[no-untyped-def]
+    spans = [(np.zeros(3), np.array([90.0, 80.0, 70.0]))]
+    for _ in range(cuts):
+        lo, hi = spans.pop(random.randrange(len(spans)))
+        axis = random.randrange(3)
+        at = lo[axis] + (hi[axis] - lo[axis]) * random.uniform(0.3, 0.7)
+        top, bottom = hi.copy(), lo.copy()
+        top[axis] = bottom[axis] = at
+        spans += [(lo, top), (bottom, hi)]
+    connectors, _ = plan(boxes(*((tuple(lo), tuple(hi)) for lo, hi in spans)))
+    distances = sorted(distance_mm(*pair) for pair in pairs_of(connectors.pins).values())
+    assert all(b - a > 1.0 for a, b in pairwise(distances))
+    steps = len(spans) - 1
+    assert len({pin.step for pin in connectors.pins} | {step for step, _ in connectors.unpinned}) == steps

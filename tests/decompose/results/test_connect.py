@@ -1,0 +1,182 @@
+"""Rules of pins and marks refuse what breaks them, and a failure leaves parts as they were cut."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from decompose.assembly import plan_assembly
+from decompose.connectors import Blank, Connectors, Pin, Tool, drill, plan_connectors
+from decompose.decompose import decompose_model
+from decompose.errors import ModelNotSolid, Rule
+from decompose.geometry import Model, Solid, write_stl
+from decompose.options import ConnectorOptions, Engine, Options
+from decompose.pieces import Piece, find_joints, list_box_planes
+from decompose.print_time import CostModel
+from decompose.printers import PrinterRoom
+from decompose.results import Decomposition, check_stl, connect, connect_parts
+from decompose.results.connector_rules import DrilledParts, find_wrong_fits
+
+ALL = ConnectorOptions(2.85, 0.4, marks=True)
+UP = np.array([0.0, 0.0, 1.0])
+
+
+@pytest.fixture(scope="module")
+def drilled() -> DrilledParts:
+    spans = [((0, 0, 0), (60, 40, 20)), ((0, 0, 20), (60, 40, 50)), ((0, 0, 50), (60, 40, 80))]
+    pieces = [
+        Piece(Solid.box(*span), list_box_planes(np.array(span, dtype=np.float64)), np.zeros((0, 2, 3)))
+        for span in spans
+    ]
+    joints = find_joints(pieces)
+    assembly = plan_assembly(pieces, joints)
+    blanks = [Blank(str(n), piece.solid, UP) for n, piece in enumerate(pieces, 1)]
+    connectors = plan_connectors(blanks, joints, assembly, ALL, 25.0)
+    return DrilledParts(blanks, drill(blanks, connectors), joints, assembly.steps, connectors)
+
+
+def change_pin(parts: DrilledParts, change: Callable[[Pin], Pin]) -> DrilledParts:
+    first, *rest = parts.connectors.pins
+    connectors = replace(parts.connectors, pins=(change(first), *rest))
+    return replace(parts, connectors=connectors, drilled=drill(parts.blanks, connectors))
+
+
+def move_hole(pin: Pin, offset: tuple[float, float, float]) -> Pin:
+    first, second = pin.holes
+    return replace(pin, holes=(replace(first, points_mm=first.points_mm + np.array(offset)), second))
+
+
+def shift_out(parts: DrilledParts) -> DrilledParts:
+    """Both holes and the pin move to within a millimetre of the part's side."""
+
+    def shift(pin: Pin) -> Pin:
+        offset = np.array([0.9 - min(hole.points_mm[:, 0].min() for hole in pin.holes), 0.0, 0.0])
+        first, second = (replace(hole, points_mm=hole.points_mm + offset) for hole in pin.holes)
+        return replace(pin, at_mm=pin.at_mm + offset, holes=(first, second))
+
+    return change_pin(parts, shift)
+
+
+def leave_undeclared(parts: DrilledParts) -> DrilledParts:
+    hole = Solid.box((25.0, 18.0, 5.0), (28.0, 21.0, 9.0))
+    return replace(parts, drilled=[parts.drilled[0].subtract(hole), *parts.drilled[1:]])
+
+
+def add_material(parts: DrilledParts) -> DrilledParts:
+    bump = Solid.box((59.0, 10.0, 5.0), (62.0, 12.0, 9.0))
+    return replace(parts, drilled=[Solid.union([parts.drilled[0], bump]), *parts.drilled[1:]])
+
+
+def turn_over(parts: DrilledParts) -> DrilledParts:
+    return replace(parts, blanks=[replace(blank, up=np.array([0.0, 0.8, -0.6])) for blank in parts.blanks])
+
+
+def part_holes(parts: DrilledParts) -> DrilledParts:
+    return change_pin(parts, lambda pin: move_hole(pin, (1.0, 1.0, 0.0)))
+
+
+def tilt_pin(parts: DrilledParts) -> DrilledParts:
+    return change_pin(parts, lambda pin: replace(pin, axis=np.array([1.0, 0.0, 0.0])))
+
+
+@pytest.mark.parametrize(
+    ("spoil", "rule"),
+    [
+        (leave_undeclared, Rule.DRILLED),
+        (add_material, Rule.DRILLED),
+        (shift_out, Rule.SKIN),
+        (turn_over, Rule.SUPPORT_FREE),
+        (part_holes, Rule.PINNED),
+        (tilt_pin, Rule.ORDER),
+    ],
+)
+def test_each_rule_refuses(
+    drilled: DrilledParts, spoil: Callable[[DrilledParts], DrilledParts], rule: Rule
+) -> None:
+    assert list(drilled.find_faults()) == []
+    assert rule in {fault.rule for fault in spoil(drilled).find_faults()}
+
+
+def test_pins_of_one_depth_or_of_one_distance_fit_wrongly(drilled: DrilledParts) -> None:
+    pins = drilled.connectors.pins
+    assert find_wrong_fits(pins) == []
+    same = [replace(pin, length_mm=2.0 * pin.depth_mm - 5.0) for pin in pins]
+    assert any("half around" in fault for fault in find_wrong_fits(same))
+    first = [pin for pin in pins if pin.step == 0][:2]
+    again = [replace(pin, step=1) for pin in first]
+    assert any("fit each other" in fault for fault in find_wrong_fits([*first, *again]))
+
+
+@pytest.fixture(scope="module")
+def halves() -> Decomposition:
+    model = Model(Solid.box((0, 0, 0), (80, 40, 30)), (), 1.0)
+    printers = [PrinterRoom(f"p{i}", ((50.0, 50.0, 50.0),)) for i in range(2)]
+    options = Options(Engine.GUILLOTINE, granularity=6, prove=False, connectors=ALL)
+    cost = CostModel(1.0, *[1e-3] * 7, brim_mm=0.0)
+    return decompose_model(model, printers, options, cost).with_assembly()
+
+
+def test_parts_are_written_with_their_holes_and_the_report_lists_them(
+    halves: Decomposition, tmp_path: Path
+) -> None:
+    stored = connect_parts(halves)
+    for part in stored.parts:
+        assert part.printed.volume_mm3 < part.solid.volume_mm3 - 100.0
+        write_stl(tmp_path / f"{part.id}.stl", part.stl_triangles())
+        check_stl(tmp_path / f"{part.id}.stl", part)
+    assert [part.price_s - old.price_s for part, old in zip(stored.parts, halves.parts, strict=True)] == [
+        2 * connect.HOLE_S + connect.MARK_S
+    ] * 2
+    report = json.loads(json.dumps(stored.as_dict()))["connectors"]
+    assert report["cut_list"] == [{"length_mm": 13.0, "count": 1}, {"length_mm": 7.0, "count": 1}]
+    assert [pin["kind"] for pin in report["pins"]] == ["round", "round"]
+    assert [mark["text"] for mark in report["marks"]] == ["1-2^", "2-1^"]
+    assert report["failures"] == report["unpinned"] == report["unmarked"] == []
+
+
+def test_without_options_parts_stay_as_they_were_cut(halves: Decomposition) -> None:
+    plain = replace(halves, options=replace(halves.options, connectors=ConnectorOptions()))
+    assert connect_parts(plain) is plain
+
+
+def test_parts_that_break_a_rule_stay_as_they_were_cut(
+    halves: Decomposition, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def plan_badly(*args: object) -> Connectors:
+        good = plan_connectors(*args)  # type: ignore[arg-type]
+        deep, shallow = good.pins
+        return replace(good, pins=(move_hole(deep, (0.0, 0.0, 50.0)), shallow))
+
+    monkeypatch.setattr(connect, "plan_connectors", plan_badly)
+    result = connect_parts(halves)
+    assert not result.connectors.pins
+    assert all("has no holes and marks" in failure for failure in result.connectors.failures)
+    assert any(part.drilled is None for part in result.parts)
+
+
+def test_failure_of_an_operation_leaves_all_parts_and_is_said(
+    halves: Decomposition, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*args: object) -> Connectors:
+        raise ModelNotSolid("cutting holes: the triangles bound no solid")
+
+    monkeypatch.setattr(connect, "plan_connectors", fail)
+    result = connect_parts(halves)
+    assert result.parts == halves.parts
+    [failure] = result.connectors.failures
+    assert failure.startswith("no pins and marks: cutting holes")
+
+
+def test_tool_that_opens_outside_of_its_joint_is_refused(drilled: DrilledParts) -> None:
+    mark = drilled.connectors.marks[0]
+    shifted = tuple(
+        Tool(t.part, t.points_mm + np.array([0.0, 30.0, 0.0]), t.into, t.face_mm) for t in mark.grooves
+    )
+    connectors = replace(drilled.connectors, marks=(replace(mark, grooves=shifted),))
+    parts = replace(drilled, connectors=connectors, drilled=drill(drilled.blanks, connectors))
+    assert Rule.SKIN in {fault.rule for fault in parts.find_faults()}
