@@ -28,7 +28,7 @@ def fleet() -> list[PrinterRoom]:
 
 @pytest.fixture(scope="session")
 def lump() -> Solid:
-    """Curved, with a hole, off the axes, and with flat faces too: 120 mm long."""
+    """Solid of 120 mm with curved and flat faces and a hole, off the axes."""
     ring = trimesh.creation.torus(40.0, 20.0, major_sections=40, minor_sections=20)
     ring.apply_transform(trimesh.transformations.rotation_matrix(0.6, [1.0, 0.5, 0.2]))
     return Solid.union(

@@ -111,7 +111,7 @@ def test_no_bound_is_proven_for_a_worse_result(cost: CostModel, result: Decompos
 
 
 def test_other_grids_are_not_tried_for_small_gains(cost: CostModel, result: Decomposition) -> None:
-    """All printers are used nearly to the end."""
+    """Decomposition in which all printers are busy nearly to the end."""
     engines = Engines(replace(result, sum_s=20.0 * 1.2 * BOUND_S), lambda _: 1.2 * 1.02 * BOUND_S)
     best = find_best(problem(cost), engines)
     assert engines.tried[:2] == FIRST_TWO
@@ -211,7 +211,7 @@ def test_result_is_kept_when_a_later_grid_fails(
 
 
 def test_slow_printers_have_less_to_gain(cost: CostModel, result: Decomposition) -> None:
-    """All are busy to the end, ten of them half as quick: were all quick, a quarter were to gain."""
+    """All printers are busy to the end and ten are half as fast; equal speeds would gain a quarter."""
     printers = tuple(replace(p, time_factor=2.0 if i < 10 else 1.0) for i, p in enumerate(ROOMS))
     engines = Engines(replace(result, sum_s=15.0 * 1.5 * BOUND_S), lambda _: 1.51 * BOUND_S)
     best = find_best(replace(problem(cost), printers=printers), engines)

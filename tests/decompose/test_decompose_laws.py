@@ -37,7 +37,7 @@ def model_of(blocks: Sequence[tuple[tuple[int, ...], tuple[int, ...]]], turn: tu
 
 
 def inside(points: np.ndarray, solid: Solid) -> np.ndarray:
-    """By winding numbers (van Oosterom and Strackee 1983), without the kernel that has cut it."""
+    """Check by winding numbers (van Oosterom and Strackee 1983), independently of the cutting kernel."""
     vertices, faces = solid.arrays()
     a, b, c = (vertices[faces[:, i]] - points[:, None] for i in range(3))
     x, y, z = (np.linalg.norm(v, axis=2) for v in (a, b, c))

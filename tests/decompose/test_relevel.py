@@ -39,7 +39,7 @@ def cut(cost: CostModel) -> Decomposition:
 
 
 def bare(cut: Decomposition) -> Decomposition:
-    """As it comes from another process."""
+    """Return the object as it arrives from another process."""
     return pickle.loads(pickle.dumps(cut.without_parts()))  # type: ignore[no-any-return]
 
 

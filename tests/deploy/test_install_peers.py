@@ -100,7 +100,7 @@ def test_missing_large_package_does_not_affect_the_others(install, tmp_path: Pat
 
 
 def test_server_with_fixed_paths_is_skipped(install, tmp_path: Path):
-    """From OpenSSH 9.8 on."""
+    """OpenSSH 9.8 and later put a program of the server at a fixed path."""
     program = tmp_path / "bin" / "dpkg-deb"
     program.write_text(
         program.read_text() + '\n[[ $2 != *openssh-server.deb ]] || put "$3/usr/lib/openssh/sshd-session"\n'

@@ -84,7 +84,7 @@ def octoprint(tmp_path_factory):
     server.close()
 
 
-class Ours:
+class FarmAnswers:
     """The farm, asked as OctoPrint is."""
 
     def __init__(self, folder):
@@ -99,7 +99,7 @@ class Ours:
 
 @pytest.fixture
 def ours(tmp_path):
-    return Ours(tmp_path)
+    return FarmAnswers(tmp_path)
 
 
 def list_types(value, at=""):

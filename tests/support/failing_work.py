@@ -21,22 +21,22 @@ def die(signal_number=signal.SIGKILL):
     os.kill(os.getpid(), signal_number)
 
 
-def complain():
+def raise_error():
     raise FarmError("no such thing")
 
 
-class Unspeakable(Exception):
+class UnpicklableError(Exception):
     """An exception that pickle cannot make again."""
 
     def __init__(self, one, two):
         super().__init__(one + two)
 
 
-def complain_unspeakably():
-    raise Unspeakable("this cannot ", "travel")
+def raise_unpicklable_error():
+    raise UnpicklableError("this cannot ", "travel")
 
 
-def hoard(gigabytes):
+def allocate_memory(gigabytes):
     return len(bytes(int(gigabytes * 2**30)))
 
 
@@ -48,8 +48,8 @@ def whoami():
     return os.getpid()
 
 
-def first_to_go():
-    """Return how readily the kernel kills this process when memory runs out."""
+def read_oom_score():
+    """Return the kernel's score for killing this process when memory runs out."""
     return int(Path("/proc/self/oom_score_adj").read_text())
 
 

@@ -94,20 +94,20 @@ class KilledFarm(RealFarm):
             except (OSError, http.client.HTTPException):
                 return None
 
-    def insist(self, method, path, body=None):
-        """The answer of the first daemon that lives to give it."""
+    def ask_until_answered(self, method, path, body=None):
+        """Return the answer of the first daemon that lives long enough to give it."""
         status, answer = self.answer(method, path, body)
         assert status == 200, answer
         return answer
 
     def answer(self, method, path, body=None):
-        """Its status and itself, whatever it is."""
+        """Return the status and the body of any answer."""
         return wait_for("an answer", lambda: self.ask(method, path, body))
 
     def submit(self, count, **options):
         """Submit so many jobs."""
         for number in range(self.submitted, self.submitted + count):
-            self.insist("POST", *self.submission(number, **options))
+            self.ask_until_answered("POST", *self.submission(number, **options))
         self.submitted += count
 
     def submission(self, number, **options):
@@ -118,15 +118,15 @@ class KilledFarm(RealFarm):
 
     def approve(self):
         """Let all that is held be printed."""
-        for job in self.insist("GET", "/status")["jobs"]:
-            self.insist("POST", f"/jobs/{job['id']}/approve", json.dumps({"plan": job["plan"]}))
+        for job in self.ask_until_answered("GET", "/status")["jobs"]:
+            self.ask_until_answered("POST", f"/jobs/{job['id']}/approve", json.dumps({"plan": job["plan"]}))
 
     def find_good(self, failing=()):
         """Find all jobs good as they are printed; `failing` are those of all prints begun that fail."""
         started = []
         give_up = time.monotonic() + PATIENCE_S
         while True:
-            view = self.insist("GET", "/status")
+            view = self.ask_until_answered("GET", "/status")
             if {job["state"] for job in view["jobs"]} == {"done"}:  # what has ended long ago is not shown
                 return
             assert time.monotonic() < give_up, (view, self.log())
@@ -153,7 +153,7 @@ class KilledFarm(RealFarm):
     # -- what became of it ------------------------------------------------------------------------------
 
     def journals(self):
-        """By print id: its printer, and the last that its agent wrote down of it."""
+        """Return the printer and the last journal record of each print, by print id."""
         results = {}
         for name in self.printers:
             for line in (self.state / "agents" / name / JOURNAL).read_text().splitlines():
@@ -163,7 +163,7 @@ class KilledFarm(RealFarm):
         return results
 
     def books(self):
-        """As a killed daemon left them; copied, as SQLite looks for them outside of a disk of its own."""
+        """Read a copy of the books that a killed daemon left."""
         copy = self.folder / "books"
         copy.mkdir()
         for end in ("", "-wal"):
@@ -172,7 +172,7 @@ class KilledFarm(RealFarm):
             return store.load()
 
     def check(self):
-        """No plate lost, none printed twice or on two printers, all times as the agents had them."""
+        """Assert that no plate is lost or printed twice, and that all times match the agents' records."""
         self.stop_keeping()
         books = self.books()
         assert len(books.jobs) == self.submitted

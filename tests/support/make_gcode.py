@@ -45,7 +45,7 @@ def after(first, second, above_mm=30.0):
 
 
 def marlin(layers=None, *, start=None, comments=True, relative=False, tail=None, body=()):
-    """As Cura writes for Marlin; `body` stands before the second layer."""
+    """Make G-code as Cura writes it for Marlin, with `body` before the second layer."""
     lines = [";FLAVOR:Marlin", "M140 S60", "M104 S205", "M190 S60", "M109 S205", "G28", *PURGE]
     if not comments:  # as Slic3r does, with no purge line
         lines = ["G28", "M190 S60", "M109 S205"]
@@ -67,7 +67,7 @@ def marlin(layers=None, *, start=None, comments=True, relative=False, tail=None,
 
 
 def ultigcode(layers=None, nozzle="0.4", body=()):
-    """As Cura writes for these printers: E in mm3, retractions by G10, nothing heated."""
+    """Make G-code as Cura writes it for these printers: E in mm3, retractions by G10, no heating."""
     lines = [";FLAVOR:UltiGCode", ";TIME:6666", ";MATERIAL:6666", ";MATERIAL2:0"]
     lines += [f";NOZZLE_DIAMETER:{nozzle}", ";Generated with Cura_SteamEngine 4.13.0", "M82", "G92 E0", "G10"]
     layers = square() if layers is None else layers

@@ -21,7 +21,7 @@ BUDGET_S = 2  # of the search for parts: little is gained on models as small
 
 
 def wait_for(what, condition, patience_s=PATIENCE_S):
-    """Poll a real process until it is so; the only clock in these tests is this deadline."""
+    """Poll until a condition of a real process is true, up to a deadline."""
     give_up = time.monotonic() + patience_s
     while time.monotonic() < give_up:
         value = condition()
@@ -94,7 +94,7 @@ class RealFarm:
         os.kill(self.status()["daemon"]["pid"], signal.SIGKILL)
 
     def end(self):
-        """Leave nothing running, whatever the test did."""
+        """End all processes of the farm."""
         if self.state.exists() and self.run("down", "--now").returncode != 0:
             for agent in self.state.glob("agents/*/"):
                 kill_agent(agent)

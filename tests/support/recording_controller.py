@@ -18,7 +18,7 @@ MODEL = InspectedSubmission("m.npz", ("closed 3 holes",), 1000.0)
 
 
 class RecordedEffects:
-    """Writes down instructions to agents, plans and replans."""
+    """Recorder of instructions to agents, plans and replans."""
 
     def __init__(self):
         self.instructions = []
@@ -79,7 +79,7 @@ class Farm(Commands):
         return self.controller.build_view_context(state)
 
     def report(self, name, *prints):
-        """An agent lists what it printed since the books were copied, and says how things are."""
+        """Report the prints of an agent since the books were copied, and its state."""
         facts = {"link": Link.READY, "agent_pid": 9, "filament": FilamentState.PARKED}
         message = AgentSnapshot(printer=name, print=prints[-1] if prints else None, **facts)
         self.controller.on_journal(message, prints)

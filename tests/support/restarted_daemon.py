@@ -24,7 +24,7 @@ LATER = "later"
 
 
 class NoWorkers:
-    """In the place of the daemon's worker processes."""
+    """Stand-in for the daemon's worker processes."""
 
     starting = None
     memory_bytes = 2**40
@@ -50,8 +50,8 @@ def tell(*words):
     os.write(sys.stdout.fileno(), f"dies {' '.join(words)}\n".encode())
 
 
-def doom(moment, what):
-    """Have this process die then."""
+def schedule_death(moment, what):
+    """Make this process die at a commit or at a time."""
     if moment == LATER:
         threading.Timer(what, lambda: (tell(LATER), die())).start()
         return
@@ -73,19 +73,19 @@ def doom(moment, what):
 
 
 def live(fate):
-    """The process of a daemon with this fate."""
+    """Process of a daemon that dies at a given commit."""
     pid = os.fork()
     if pid == 0:
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
         if fate is not None:
-            doom(*fate)
+            schedule_death(*fate)
         main()
         os._exit(0)
     return pid
 
 
 def keep(fates):
-    """Start one after the other, until one ends by itself or this process is told to end."""
+    """Start daemons one after another until one ends by itself or this process is ended."""
     signal.signal(signal.SIGTERM, lambda *_: sys.exit())
     farm.daemon.Workers = NoWorkers
     for fate in itertools.chain(fates, itertools.repeat(None)):

@@ -4,7 +4,7 @@ from farm.planning.plan import InspectedSubmission
 
 
 class SameProcess:
-    """Workers that work at once."""
+    """Workers that run each task at once."""
 
     starting = None
     memory_bytes = 2**40
@@ -17,7 +17,7 @@ class SameProcess:
 
 
 class AcceptAll(SameProcess):
-    """Workers that find every model good."""
+    """Workers that accept every model."""
 
     async def run(self, work, *args, limit=None):
         return InspectedSubmission(file="m.npz", scale=1.0, repairs=())

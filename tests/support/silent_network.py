@@ -1,6 +1,6 @@
-"""A way to another host over a network that can fall silent: packets are lost, and no connection is closed.
+"""Route to another host over a network that can lose all packets without closing a connection.
 
-`SilentWay` is the network and that host's sshd, in threads of the test; this file, run as a program, is ssh.
+`SilentRoute` is the network and the other host's sshd, in threads of the test. Run as a program, it is ssh.
 """
 
 import os
@@ -15,7 +15,7 @@ from pathlib import Path
 _STEP_S = 0.05
 
 
-class SilentWay:
+class SilentRoute:
     """Bytes dropped by `cut` are sent again after the repair, as TCP does; closed ends are noticed then."""
 
     def __init__(self) -> None:

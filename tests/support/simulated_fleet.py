@@ -34,7 +34,7 @@ NEXT = {
 
 
 class Killed(BaseException):
-    """The daemon got a SIGKILL."""
+    """Raised in place of a SIGKILL of the daemon."""
 
 
 class SteppingStore(Store):
@@ -56,7 +56,7 @@ class SteppingStore(Store):
 
 
 class Clock:
-    """Time that stands still until the world moves it."""
+    """Clock that advances only when the simulation moves it."""
 
     scale = 1.0
 
@@ -69,7 +69,7 @@ class Clock:
 
 @dataclass
 class Agent:
-    """A printer and its agent: one print at a time, known by its id; it forgets none before it is told to."""
+    """Printer and its agent: one print at a time, kept by its id until the daemon confirms its end."""
 
     name: str
     print_id: str | None = None
@@ -107,15 +107,15 @@ class Agent:
         return self.state not in (PrintState.ASSIGNED, PrintState.HEATING) and self.on_bed is not None
 
 
-class World:
-    """A job of so many plates on two printers, from its submission until a person has found all of it good.
+class FarmSimulation:
+    """Simulation of a job on two printers, from its submission until a person has found all parts good.
 
     Parameters
     ----------
     kills
-        At which commits, counted from 1, the daemon is killed; `after`: just after them.
+        Commits, counted from 1, at which the daemon is killed; `after`: just after them.
     fails
-        Which of all prints begun fail; `bad`: which of all that are done a person calls bad.
+        Numbers of the prints that fail; `bad`: numbers of the finished prints that a person finds bad.
     files
         How many different ones the plates have.
     """
@@ -144,7 +144,7 @@ class World:
         self.controller.start(self, self.store.copied_s)
 
     def restore(self, copy):
-        """The daemon dies, its books are damaged, and the next one has this copy of them."""
+        """Kill the daemon, and start the next one with a copy of its books."""
         self.store.close()
         for path in self.path.parent.glob(f"{self.path.name}*"):
             path.unlink()
@@ -155,7 +155,7 @@ class World:
         self.surviving(self.up)
 
     def surviving(self, doing):
-        """Do something with the daemon; where it is killed meanwhile, start it again. Whether it was done."""
+        """Call the daemon, and start it again if it is killed; return whether the call succeeded."""
         try:
             doing()
         except Killed:
@@ -186,7 +186,7 @@ class World:
     # -- printers and a person --------------------------------------------------------------------------
 
     def move(self):
-        """A minute passes: every print goes on a step, whether a daemon hears of it or not."""
+        """Advance every print by a minute, with or without a daemon."""
         self.clock.now_s += STEP_S
         for agent in self.agents.values():
             if agent.print_id is None or agent.state.ended:
@@ -231,7 +231,7 @@ class World:
         self.controller.on_snapshot(agent.snapshot())
 
     def tend(self):
-        """A person takes off what is done, and says how it is; a command that broke off is given again."""
+        """Clear finished prints and judge them, as a person does; repeat interrupted commands."""
         for agent in self.agents.values():
             entry = self.controller.books.printers.get(agent.name)
             printing = agent.print_id is not None and not agent.state.ended
@@ -254,7 +254,7 @@ class World:
                 self.made[mine[-1]][2] = verdict
 
     def step(self):
-        """One minute of everybody's."""
+        """Advance printers, person and daemon by one minute."""
         if not self.controller.books.jobs:
             self.surviving(lambda: self.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions()))
         self.tell()
@@ -262,7 +262,7 @@ class World:
         self.move()
 
     def run(self, patience=200):
-        """Until the job is done. Returns how many minutes it took."""
+        """Run until the job is done; return the number of minutes."""
         for minute in range(patience):
             self.step()
             if self.controller.books.jobs and self.controller.books.jobs[1].state is JobState.DONE:

@@ -23,12 +23,12 @@ class SlicerFarm(WebFarm):
 
     @property
     def booked(self):
-        """Jobs by number."""
+        """Return the jobs by number."""
         return self.controller.books.jobs
 
     @property
     def left_files(self):
-        """Names of the files in the folder of unfinished work."""
+        """List the files in the folder of unfinished uploads."""
         return sorted(path.name for path in self.state.work.iterdir())
 
     def upload(self, key, name="box.gcode", to=UPLOAD, content=CONTENT, **fields):

@@ -6,7 +6,7 @@ from pathlib import Path
 
 
 class SmallDisk:
-    """Mounted on a folder, in namespaces of its own: where the kernel grants those, no rights are needed.
+    """Disk mounted on a folder in separate namespaces, which needs no rights if the kernel allows those.
 
     Attributes
     ----------
@@ -32,7 +32,7 @@ class SmallDisk:
         self._folder = folder
 
     def command(self, command, read_only=False):
-        """A command that has the disk there; `read_only`: it cannot write on it."""
+        """Return a command that runs with the disk mounted; `read_only`: without write access."""
         entered = ["nsenter", "--preserve-credentials", "--user", "--mount", f"--target={self._holder.pid}"]
         if read_only:
             at = f"'{self._folder}'"
@@ -41,7 +41,7 @@ class SmallDisk:
         return [*entered, *map(str, command)]
 
     def fill(self):
-        """Leave not a byte."""
+        """Fill the disk completely."""
         with (self.seen / "ballast").open("ab", buffering=0) as file, contextlib.suppress(OSError):
             while True:
                 file.write(bytes(4096))

@@ -39,8 +39,8 @@ def farm(tmp_path):
 
 
 def tended(farm):
-    """Clear the beds that wait for it; return the prints whose first layer has begun."""
-    view = farm.insist("GET", "/status")
+    """Clear the beds that are to be cleared; return the prints whose first layer has begun."""
+    view = farm.ask_until_answered("GET", "/status")
     farm.clear_beds(view)
     prints = [printer["print"] for printer in view["printers"] if printer["print"]]
     return {rig["plate"] for rig in prints if rig["layer"]}
@@ -48,7 +48,7 @@ def tended(farm):
 
 def both_are_off(farm):
     """Read the targets from the boards."""
-    targets = [printer["targets"] for printer in farm.insist("GET", "/status")["printers"]]
+    targets = [printer["targets"] for printer in farm.ask_until_answered("GET", "/status")["printers"]]
     return all((target["nozzle_c"], target["bed_c"]) == (0.0, 0.0) for target in targets)
 
 
@@ -75,9 +75,9 @@ def test_full_disk_stops_and_loses_no_print(disk_farm):
     assert status == 500
     assert "No space left" in message["error"]
     assert "check its disk space" in message["error"]
-    assert len(farm.insist("GET", "/status")["jobs"]) == 2
+    assert len(farm.ask_until_answered("GET", "/status")["jobs"]) == 2
     wait_for("both to end, and nobody can write that down", lambda: both_are_off(farm))
-    (first, *_) = farm.insist("GET", "/status")["todo"]
+    (first, *_) = farm.ask_until_answered("GET", "/status")["todo"]
     assert first["code"] == "farm"
     assert "disk is full" in first["text"]
     assert "nothing is recorded until there is space" in first["text"]
@@ -91,7 +91,7 @@ def test_full_disk_stops_and_loses_no_print(disk_farm):
 
 
 def states(farm):
-    return {job["state"] for job in farm.insist("GET", "/status")["jobs"]}
+    return {job["state"] for job in farm.ask_until_answered("GET", "/status")["jobs"]}
 
 
 def test_damaged_database_is_restored_and_no_part_is_printed_twice(farm):

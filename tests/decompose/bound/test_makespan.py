@@ -40,7 +40,7 @@ def solved(boxes: BoxTables, needed: np.ndarray, printers: int) -> tuple[Bound, 
 
 
 def min_makespan_by_recursion(boxes: BoxTables, needed: np.ndarray, printers: int) -> float:
-    """Over all sets of boxes that cover the needed cells: among them all partitions, guillotine or not."""
+    """Search all sets of boxes that cover the needed cells, which include all partitions."""
     number = {tuple(map(int, cell)): 1 << i for i, cell in enumerate(np.argwhere(needed))}
     choices = []
     for box, seconds, pieces in printable(boxes):
@@ -78,7 +78,7 @@ def test_no_partition_is_below_the_bound(shape: Shape, seed: int, printers: int)
 @settings(max_examples=40, deadline=None)
 @given(shape=shapes, seed=st.integers(0, 10**6), printers=st.integers(1, 12))
 def test_weights_prove_the_bound(shape: Shape, seed: int, printers: int) -> None:
-    """Told again with whole numbers of any size: some part holds its share, and no quicker box does."""
+    """Recompute the bound with integers of any size: some part holds its share, and no faster box does."""
     boxes, needed = tables(shape, seed)
     bound, _ = solved(boxes, needed, printers)
     assert bound.weights.dtype == np.int64
@@ -93,7 +93,7 @@ def test_weights_prove_the_bound(shape: Shape, seed: int, printers: int) -> None
 @settings(max_examples=25, deadline=None)
 @given(shape=shapes, seed=st.integers(0, 10**6), printers=st.integers(1, 6))
 def test_bound_equals_that_of_the_complete_linear_programme(shape: Shape, seed: int, printers: int) -> None:
-    """All boxes at once, where weights of at most one part a cell are looked for."""
+    """Solve the linear programme for all boxes at once, with at most one part per cell."""
     boxes, needed = tables(shape, seed)
     bound, _ = solved(boxes, needed, printers)
     every = printable(boxes)
@@ -126,7 +126,7 @@ def test_row_of_equal_cells_is_bounded_by_the_longest_share() -> None:
 
 
 def test_bound_exceeds_the_volume_bound_with_many_cells() -> None:
-    """On a grid too large for a simplex method: within what fractions of boxes and the method lose."""
+    """The bound stays close on a grid that is too large for a simplex method."""
     boxes, needed = tables((9, 8, 7), 3)
     solver = Partitioner(boxes)
     assert solver.find_min_makespan(20, 0.0) is not None
@@ -139,7 +139,7 @@ def test_bound_exceeds_the_volume_bound_with_many_cells() -> None:
 def test_slabs_of_a_block_never_end_before_the_bound(
     width: float, depth: float, height: float, slabs: int
 ) -> None:
-    """Small slabs too, whose flat sides are all rim and whose walls are all inset."""
+    """Includes small slabs, whose sides consist only of rim and whose walls only of inset."""
     cost = CostModel.from_recipe(Recipe(prelude_s=60.0))
     slab = price_axis_poses_s(*Solid.box((0, 0, 0), (width, depth, height / slabs)).arrays(), cost)
     block = Solid.box((0, 0, 0), (width, depth, height))

@@ -24,7 +24,7 @@ def ball(radius: float = 20.0) -> np.ndarray:
 
 
 def write_obj(path: Path, triangles: np.ndarray) -> Path:
-    """In full double precision, which no STL holds."""
+    """Coordinates use full double precision, which an STL does not store."""
     corners = "".join(f"v {x!r} {y!r} {z!r}\n" for x, y, z in triangles.reshape(-1, 3).tolist())
     faces = "".join(f"f {i + 1} {i + 2} {i + 3}\n" for i in range(0, 3 * len(triangles), 3))
     path.write_text(corners + faces)

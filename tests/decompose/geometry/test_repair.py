@@ -52,7 +52,7 @@ def test_touching_bodies_are_separated(where: tuple[float, ...], pieces: int) ->
 def test_touching_cubes_of_a_lattice_are_united(
     places: list[tuple[int, int, int]], data: st.DataObject
 ) -> None:
-    """They share faces, edges and corners; some are turned inside out, as triangles without order are not."""
+    """Cubes share faces, edges and corners, and some of them are inside out."""
     cubes = [block(tuple(10.0 * p for p in place), tuple(10.0 * p + 10.0 for p in place)) for place in places]
     order = data.draw(st.permutations(range(12 * len(cubes))))
     solid, _ = close_surface("lattice", np.concatenate(cubes)[list(order)])

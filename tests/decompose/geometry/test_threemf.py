@@ -59,7 +59,7 @@ def test_only_objects_placed_by_the_build_are_read() -> None:
 
 
 def test_transform_is_applied_to_points_as_row_vectors() -> None:
-    """As the specification has it: x and y exchanged by the matrix 0 1 0 -1 0 0 0 0 1."""
+    """The matrix 0 1 0 -1 0 0 0 0 1 exchanges x and y, as in the specification."""
     items = ['objectid="1" transform="0 1 0 -1 0 0 0 0 1 0 0 0"']
     triangles, _ = read_3mf("a.3mf", package_bytes(model_xml([object_xml(1, BOX)], items)))
     np.testing.assert_allclose(np.ptp(triangles, axis=(0, 1)), [20, 10, 30])

@@ -99,7 +99,7 @@ def test_islands_are_separate_areas_of_a_layer() -> None:
 
 
 def test_slope_from_its_wall_needs_no_tower() -> None:
-    """It leans out by 40 degrees everywhere, and has a level edge below, supported by its wall."""
+    """The part leans out by 40 degrees, and its lower edge is supported by its wall."""
     corners = np.array([(0, y, z) for y in (0, 20) for z in (0, 40)] + [(24, y, 40) for y in (0, 20)], float)
     hull = trimesh.convex.convex_hull(np.vstack([corners, corners - [5.0, 0.0, 0.0]]))
     assert measure(Solid.from_arrays(hull.vertices, hull.faces)).towers_mm == 0.0

@@ -143,7 +143,7 @@ def test_no_support_touches_a_cut_face_where_another_pose_fits() -> None:
 
 
 def test_pose_with_the_least_support_on_cut_faces_is_preferred() -> None:
-    """On the large slab, support hangs under and stands on no more than the small one's area."""
+    """Support touches at most the area of the small slab on the large one."""
     solid = spool()
     cut = level_faces(solid, inner=True)
     pose = laid(solid, PrinterRoom("p", ((51.0, 51.0, 61.0),)), cut)
@@ -196,7 +196,7 @@ def test_convex_part_is_stable_and_fits(points: npt.NDArray[np.float64]) -> None
 
 
 def test_part_that_lies_on_a_slanting_side_is_written_flat_and_closed(tmp_path: Path) -> None:
-    """In single precision, where its corners round: those at the bed are at zero."""
+    """Corners at the bed are at zero after rounding to single precision."""
     solid = turned(Solid.box((0, 0, 0), (61.7, 47.3, 13.1)))
     model = Model(Solid.from_arrays(solid.arrays()[0].astype(np.float32), solid.arrays()[1]), (), 1.0)
     result = write_decomposition(decompose_model(model, [ROOM], Options(granularity=3), COST), tmp_path)

@@ -65,7 +65,7 @@ def test_short_layers_of_a_tip_are_slowed_down() -> None:
 
 @pytest.mark.parametrize(("layer_mm", "angle_deg"), [(0.25, 45.0), (0.1, 45.0), (0.25, 60.0)])
 def test_face_at_exactly_the_support_angle_is_supported(layer_mm: float, angle_deg: float) -> None:
-    """As CuraEngine does, for rounding; a part took a third longer than its price, which did not know it."""
+    """CuraEngine supports such a face because of rounding; prices without it were a third too low."""
     cost = CostModel.from_recipe(Recipe(layer_height_mm=layer_mm, support_angle_deg=angle_deg))
     assert (
         math.sin(math.radians(angle_deg - 1.6)) < cost.overhang_cos < math.sin(math.radians(angle_deg - 0.15))

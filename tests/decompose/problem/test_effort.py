@@ -28,7 +28,7 @@ from decompose.results import Decomposition
 COARSE = Options(granularity=5, parallelobox=ParalleloboxOptions(tries=1), prove=False, fit_first_layer=False)
 
 
-class LastFirst(Executor):
+class ReversedExecutor(Executor):
     """Does what it is given in the wrong order, all in one thread."""
 
     def map(self, fn: Callable[..., Any], *iterables: Iterable[Any], **_: Any) -> Iterator[Any]:
@@ -40,7 +40,7 @@ class LastFirst(Executor):
 
 
 def everything(result: Decomposition) -> list[Any]:
-    """All that a report says but how long it took."""
+    """Return a report without its durations."""
     untimed = [asdict(attempt) | {"compute_s": None} for attempt in result.attempts]
     parts = [(p.id, p.printer, p.price_s, p.to_model.tolist(), p.solid.arrays()) for p in result.parts]
     return [untimed, result.engine, result.makespan_s, result.lower_bound_s, result.cells, parts]
@@ -86,7 +86,7 @@ def test_result_is_independent_of_clock_and_threads(
     share: float, within: Within, whole: Decomposition, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     results = []
-    for step_s, executor in ((1e-9, None), (1e6, LastFirst()), (1.0, ThreadPoolExecutor(4))):
+    for step_s, executor in ((1e-9, None), (1e6, ReversedExecutor()), (1.0, ThreadPoolExecutor(4))):
         ticks = count(0.0, step_s)
         for module in (best, decompose_module):
             monkeypatch.setattr(module, "perf_counter", lambda ticks=ticks: next(ticks))

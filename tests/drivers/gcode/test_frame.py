@@ -22,7 +22,7 @@ LETTERS = [bytes([letter]) for letter in b"ABCDEFGHIJKLMOPQRSTUVWXYZ"]  # no N, 
 COLLIDING = b"G1 X10 Y112.30 E4.5"
 
 
-class Ear(EmulatedFirmware):
+class FirmwareReceiver(EmulatedFirmware):
     """The emulator's firmware up to the commands that it would carry out."""
 
     def __init__(self) -> None:
@@ -38,7 +38,7 @@ class Ear(EmulatedFirmware):
         return [line for line in self._buffer if any(letter in line for letter in b"GMT")]
 
 
-EAR = Ear()
+EAR = FirmwareReceiver()
 
 
 def meaning(line: bytes) -> dict[bytes, float]:

@@ -37,14 +37,14 @@ def test_clean_wire_executes_every_line_once_without_resends(count: int, piece: 
 
 
 def test_resent_line_is_counted_once():
-    class Losing(Wire):
+    class LossyWire(Wire):
         """Loses the third line, whole."""
 
         def carry(self, data: bytes) -> list[bytes]:
             lost = data.startswith(b"N3 ") and not bench.link.repeated
             return [] if lost else super().carry(data)
 
-    bench = Bench(Losing(0.0, 0.0, 10_000, 0)).boot()
+    bench = Bench(LossyWire(0.0, 0.0, 10_000, 0)).boot()
     stream(bench, lines(5))
     bench.run()
     assert (bench.link.repeated, len(bench.firmware.done)) == (1, 5)

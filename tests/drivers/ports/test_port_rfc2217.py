@@ -68,7 +68,7 @@ def url(tmp_path: Path) -> Iterator[str]:
 
 
 def _until_it_listens(number: int) -> None:
-    """By the kernel's list: a connection would open the port."""
+    """Check the kernel's list of sockets, as a connection would open the port."""
     until_s = time.monotonic() + DEADLINE_S
     while f":{number:04X} 00000000:0000 0A" not in Path("/proc/net/tcp").read_text():
         assert time.monotonic() < until_s

@@ -119,7 +119,7 @@ def test_urgent_bytes_replace_unsent_ones(ends: tuple[int, Path]):
 
 
 def test_urgent_bytes_do_not_discard_bytes_that_were_sent(ends: tuple[int, Path]):
-    """On a pseudo-terminal a flush would discard bytes that the kernel has not passed on yet."""
+    """A flush of a pseudo-terminal would discard bytes that are in transit."""
     master, path = ends
     port = SerialPort(path, ULTIMAKER2.baud_rate)
     try:

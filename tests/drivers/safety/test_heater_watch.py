@@ -128,7 +128,7 @@ def test_sensor_that_reads_below_freezing_is_broken_and_not_cold():
     st.lists(st.tuples(st.integers(0, 3), st.floats(0.0, 999.0)), max_size=30), st.sampled_from([NOZZLE, BED])
 )
 def test_garbled_report_among_good_ones_is_ignored(garbled: list[tuple[int, float]], name: HeaterName):
-    """At most every third is garbled: a report carries no checksum."""
+    """Reports have no checksum; at most every third one is garbled."""
     set_c = 210.0 if name is NOZZLE else 60.0
     watch, now_s = HeaterWatch(4.0), 0.0
     for good, bad_c in garbled:

@@ -38,30 +38,30 @@ def pause(rig: Rig, seconds: float) -> None:
     rig.run(until=lambda: rig.now_s >= until_s)
 
 
-def the_agent_is_killed(rig: Rig) -> None:
+def kill_agent(rig: Rig) -> None:
     """The next one knows the filament of the last journal record, and finds the print open."""
     written = rig.session.context.filament
     rig.link.on_closed()
     rig.session = Session(SessionContext(rig.link, None, PLUS, written, Pace(), rig.now_s))
 
 
-def the_port_is_lost_for_a_while(rig: Rig) -> None:
+def lose_port_temporarily(rig: Rig) -> None:
     rig.plugged = False
     rig.link.on_closed()
     rig.session.fail(Fault.PORT_LOST, "went away", rig.now_s)
     rig.back_s = rig.now_s + 10.0
 
 
-def somebody_turns_the_knob(rig: Rig) -> None:
+def turn_knob(rig: Rig) -> None:
     rig.firmware.board.set_nozzle(150.0, rig.now_s)
 
 
-def the_board_goes_mute_and_it_is_cancelled(rig: Rig) -> None:
+def mute_board_and_cancel(rig: Rig) -> None:
     rig.firmware.trigger_fault("silent_after", rig.now_s)
     cancelled(rig)
 
 
-def it_happens(name: str) -> Way:
+def cause_fault(name: str) -> Way:
     def way(rig: Rig) -> None:
         rig.firmware.trigger_fault(name, rig.now_s)
 
@@ -81,7 +81,7 @@ def cancelled_after_a_pause_of(seconds: float) -> Way:
 def killed_after_a_pause_of(seconds: float) -> Way:
     def way(rig: Rig) -> None:
         pause(rig, seconds)
-        the_agent_is_killed(rig)
+        kill_agent(rig)
 
     way.__name__ = f"killed_after_a_pause_of_{seconds:g}_s"
     return way
@@ -99,12 +99,12 @@ def cancelled_after_a_resume_of(seconds: float) -> Way:
     return way
 
 
-def nobody_resumes(rig: Rig) -> None:
+def let_pause_expire(rig: Rig) -> None:
     pause(rig, 60.0)
 
 
 EVERYDAY: list[Way] = [
-    finish_print, cancelled, nobody_resumes,
+    finish_print, cancelled, let_pause_expire,
     cancelled_after_a_pause_of(30.0), cancelled_after_a_pause_of(60.0),
 ]  # fmt: skip
 WAYS: list[Way] = [
@@ -112,11 +112,11 @@ WAYS: list[Way] = [
     *(cancelled_after_a_pause_of(seconds) for seconds in (0.0, 1.0, 3.0, 6.0)),
     *(cancelled_after_a_resume_of(seconds) for seconds in (0.0, 20.0, 40.0, 50.0, 52.0, 60.0)),
     *(killed_after_a_pause_of(seconds) for seconds in (3.0, 60.0)),
-    the_agent_is_killed,
-    the_port_is_lost_for_a_while,
-    somebody_turns_the_knob,
-    the_board_goes_mute_and_it_is_cancelled,
-    *(it_happens(name) for name in AFTER),
+    kill_agent,
+    lose_port_temporarily,
+    turn_knob,
+    mute_board_and_cancel,
+    *(cause_fault(name) for name in AFTER),
 ]
 
 

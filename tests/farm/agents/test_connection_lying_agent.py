@@ -88,7 +88,7 @@ def lines(snapshot_values):
 
 
 def look(controller, folder):
-    """All that is shown to people, and sent to them."""
+    """Render everything that is shown or sent to people."""
     view_context = controller.build_view_context(StateFolder(folder))
     shown = [describe_job(view_context, job) for job in controller.books.jobs.values()]
     shown += [describe_printer(view_context, section, None) for section in controller.fleet.printers]

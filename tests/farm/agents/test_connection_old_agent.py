@@ -200,11 +200,11 @@ def test_client_sends_an_older_agent_known_requests_only(tmp_path: Path):
 
 
 def test_new_request_is_not_sent_to_an_older_agent():
-    class Dance(m.Hello):
+    class ReplacementSteps(m.Hello):
         since: ClassVar[int] = m.PROTOCOL + 1
 
-    assert m.for_protocol(Dance(id=1), m.PROTOCOL) is None
-    assert m.for_protocol(Dance(id=1), m.PROTOCOL + 1) is not None
+    assert m.for_protocol(ReplacementSteps(id=1), m.PROTOCOL) is None
+    assert m.for_protocol(ReplacementSteps(id=1), m.PROTOCOL + 1) is not None
 
 
 @pytest.mark.parametrize("request_", [start(not_after_s=1.0, ends_by_s=2.0), m.Hello(id=3)])

@@ -282,7 +282,7 @@ class TalkingClient(FakeClient):
 def test_internal_error_does_not_stop_listening_to_an_agent(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(connection, "RETRY_S", 0.001)
 
-    class Faulty(RecordingListener):
+    class FaultyConnection(RecordingListener):
         words = 0
 
         def on_snapshot(self, snapshot: AgentSnapshot) -> None:
@@ -291,7 +291,7 @@ def test_internal_error_does_not_stop_listening_to_an_agent(tmp_path: Path, monk
                 raise ZeroDivisionError("a fault of ours")
             super().on_snapshot(snapshot)
 
-    async def main(listener: Faulty) -> None:
+    async def main(listener: FaultyConnection) -> None:
         link = AgentConnection("a", None, StateFolder(tmp_path), Clock(), listener)
         link._client = TalkingClient()  # type: ignore[assignment]
         listening = asyncio.ensure_future(link._listen())
@@ -302,7 +302,7 @@ def test_internal_error_does_not_stop_listening_to_an_agent(tmp_path: Path, monk
         link._stopping = True
         await listening
 
-    asyncio.run(main(Faulty()))
+    asyncio.run(main(FaultyConnection()))
 
 
 @pytest.mark.parametrize(("port", "bed_clear"), [("/dev/ttyACM0", None), (f"sim://{MODEL}", True)])

@@ -31,7 +31,7 @@ from farm.agents.manager import AgentManager
 from farm.config import Fleet, PrinterSection
 from farm.model import AgentPrint, AgentSnapshot, Link, PrintState
 from farm.paths import StateFolder
-from silent_network import SilentWay
+from silent_network import SilentRoute
 
 MODEL = "ultimaker2_plus"
 SCALE = 120.0
@@ -124,7 +124,7 @@ class Sshd:
         self._server = subprocess.Popen(words, stderr=subprocess.DEVNULL, start_new_session=True)
 
     def cut(self) -> None:
-        """No network: the server and every connection are gone, without a word to either end's program."""
+        """Network failure: server and connections end, and neither program is notified."""
         assert self._server is not None
         if self._server.poll() is not None:
             return
@@ -150,7 +150,7 @@ def _children(number: int) -> list[int]:
     return results
 
 
-class Silence(SilentWay):
+class SilentNetwork(SilentRoute):
     """Connection without an answer, which stays open."""
 
     def __init__(self, folder: Path) -> None:
@@ -182,11 +182,11 @@ def way(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.Monk
 
 
 @pytest.mark.system
-@pytest.mark.parametrize("way", [Pipe, Sshd, Silence], indirect=True)
+@pytest.mark.parametrize("way", [Pipe, Sshd, SilentNetwork], indirect=True)
 def test_print_survives_a_network_failure_of_ten_minutes(
     tmp_path: Path, way: Any, monkeypatch: pytest.MonkeyPatch
 ):
-    if isinstance(way, Silence):  # its ten minutes are five seconds of the wall
+    if isinstance(way, SilentNetwork):  # its ten minutes are five seconds of the wall
         monkeypatch.setattr(connection, "_SILENCE_S", 1.5)
         monkeypatch.setattr(connection, "_LONGEST_WAIT_S", 0.5)
         monkeypatch.setattr(client, "FIRST_MESSAGE_S", 10.0)
@@ -242,7 +242,7 @@ def test_print_survives_a_network_failure_of_ten_minutes(
             ended = await until(lambda s: s.print is not None and s.print.state.ended)
             assert ended.print is not None and ended.print.state is PrintState.DONE, ended
             assert agent_pid(there) == first
-            if isinstance(way, Silence):
+            if isinstance(way, SilentNetwork):
                 async with asyncio.timeout(DEADLINE_S):
                     while way.ended() < len(way.there) - 1:
                         await asyncio.sleep(0.05)

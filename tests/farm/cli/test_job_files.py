@@ -112,7 +112,7 @@ def test_damaged_content_leaves_no_file(tmp_path, sent):
 
 
 def test_lost_connection_keeps_complete_files_only(tmp_path):
-    class Lost(FakeClient):
+    class LostConnection(FakeClient):
         def download(self, number, name, write):
             if self.downloads:
                 write(b"G28")
@@ -120,7 +120,7 @@ def test_lost_connection_keeps_complete_files_only(tmp_path):
             super().download(number, name, write)
 
     with pytest.raises(FarmError, match="no daemon"):
-        fetch_files(Lost(), 3, tmp_path)
+        fetch_files(LostConnection(), 3, tmp_path)
     assert read(tmp_path) == {"p01.stl": PARTS["p01.stl"]}
 
 

@@ -115,11 +115,11 @@ def test_worker_that_ends_does_not_affect_other_work(pool, tmp_path, how):
 def test_error_is_transferred_between_processes_unchanged(pool):
     async def use(workers):
         with pytest.raises(FarmError, match="no such thing") as error:
-            await workers.run(work.complain)
+            await workers.run(work.raise_error)
         assert error.value.code is ErrorCode.FAILED
-        assert "in complain" in error.value.__notes__[0]
-        with pytest.raises(FarmError, match="Unspeakable: this cannot travel"):
-            await workers.run(work.complain_unspeakably)
+        assert "in raise_error" in error.value.__notes__[0]
+        with pytest.raises(FarmError, match="UnpicklableError: this cannot travel"):
+            await workers.run(work.raise_unpicklable_error)
 
     pool.run(use)
 
@@ -248,12 +248,12 @@ def test_groups_share_the_workers_evenly(pool, tmp_path):
 
 def test_oversized_model_ends_with_advice(pool):
     async def use(workers):
-        assert await workers.run(work.hoard, 0.1) > 10**8
+        assert await workers.run(work.allocate_memory, 0.1) > 10**8
         with pytest.raises(FarmError, match=r"not enough memory for decomposing \(.* 2.0 GB\)") as error:
-            await workers.run(work.hoard, 3.0, limit=DECOMPOSING)
+            await workers.run(work.allocate_memory, 3.0, limit=DECOMPOSING)
         assert error.value.code is ErrorCode.LIMIT
-        assert await workers.run(work.first_to_go) > work.first_to_go()
-        return await workers.run(work.hoard, 0.1)
+        assert await workers.run(work.read_oom_score) > work.read_oom_score()
+        return await workers.run(work.allocate_memory, 0.1)
 
     assert pool.run(use, memory_gb=2.0) > 10**8
 
@@ -280,7 +280,7 @@ def test_failed_worker_start_is_retried(pool, monkeypatch):
 
 
 def test_engine_is_not_bound_by_the_memory_limit_of_its_worker(pool, tmp_path):
-    """It reserves 9 MB for each of the 300 layers, of which it uses next to nothing."""
+    """The engine reserves 9 MB for each of 300 layers, and uses almost none of it."""
     trimesh.creation.box((8.0, 8.0, 60.0)).export(tmp_path / "rod.stl")
 
     async def use(workers):

@@ -249,7 +249,7 @@ def test_paused_print_is_a_task_with_its_time_limit(farm, plan):
 
 
 def test_temperatures_and_progress_run_no_scheduler(farm, plan, monkeypatch):
-    """They are shown at once, and cost the same however many plates wait."""
+    """Telemetry is shown at once, at a cost independent of the number of waiting plates."""
     farm.ready("a", "b")
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
     farm.controller.on_plan(1, plan)

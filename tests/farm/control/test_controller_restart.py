@@ -15,7 +15,7 @@ from farm.state.storage.store import Store, StoreError
 from farm.views import list_tasks
 from make_books import plan as planned
 from recording_controller import MODEL, PLUS, Farm
-from simulated_fleet import World
+from simulated_fleet import FarmSimulation
 
 PLATES = 3
 
@@ -43,7 +43,7 @@ def check(simulation):
 
 @pytest.fixture(scope="module")
 def undisturbed(tmp_path_factory):
-    simulation = World(tmp_path_factory.mktemp("undisturbed"), PLATES)
+    simulation = FarmSimulation(tmp_path_factory.mktemp("undisturbed"), PLATES)
     simulation.run()
     commits = simulation.commits
     check(simulation)
@@ -56,7 +56,7 @@ def test_no_state_is_lost_if_killed_at_any_commit(after, undisturbed, tmp_path):
     for number in range(1, undisturbed + 1):
         folder = tmp_path / str(number)
         folder.mkdir()
-        simulation = World(folder, PLATES, kills=[number], after=after)
+        simulation = FarmSimulation(folder, PLATES, kills=[number], after=after)
         simulation.run()
         assert simulation.restarts == 1
         check(simulation)
@@ -65,7 +65,7 @@ def test_no_state_is_lost_if_killed_at_any_commit(after, undisturbed, tmp_path):
 @settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(kills=st.sets(st.integers(4, 60), min_size=2, max_size=8), after=st.booleans())
 def test_no_state_is_lost_over_repeated_kills(kills, after, tmp_path_factory):
-    simulation = World(tmp_path_factory.mktemp("again"), PLATES, kills=kills, after=after)
+    simulation = FarmSimulation(tmp_path_factory.mktemp("again"), PLATES, kills=kills, after=after)
     simulation.run()
     check(simulation)
 
@@ -80,7 +80,7 @@ def test_no_state_is_lost_over_repeated_kills(kills, after, tmp_path_factory):
 )
 @pytest.mark.parametrize("first", range(0, 16, 5))
 def test_controller_continues_after_failed_commits(first, broken, repaired, message, tmp_path):
-    simulation = World(tmp_path, PLATES)
+    simulation = FarmSimulation(tmp_path, PLATES)
     tell, minutes = simulation.tell, itertools.count()
 
     def tell_while_broken():
@@ -97,7 +97,7 @@ def test_controller_continues_after_failed_commits(first, broken, repaired, mess
 
 
 def test_full_disk_is_reported_and_starts_nothing(tmp_path):
-    simulation = World(tmp_path, PLATES)
+    simulation = FarmSimulation(tmp_path, PLATES)
     simulation.tell()
     simulation.store._db.execute("PRAGMA max_page_count = 1")
     with pytest.raises(FarmError, match="full; nothing was started"):

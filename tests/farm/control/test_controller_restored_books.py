@@ -26,7 +26,7 @@ from farm.state.storage.store import copy_books
 from farm.views import list_tasks
 from make_books import plan as planned
 from recording_controller import MODEL, Farm
-from simulated_fleet import World
+from simulated_fleet import FarmSimulation
 
 PLATES = 4
 PLANNED_S = 1_790_000_000.0
@@ -77,9 +77,9 @@ def check(simulation):
 def test_restored_backup_neither_loses_nor_repeats_a_plate(
     copied, damaged, away, away_for, files, tmp_path_factory
 ):
-    """Even where a person approves at once what the books hold, and some agents are heard only later."""
+    """This holds even if a person approves at once and some agents connect later."""
     folder = tmp_path_factory.mktemp("copied")
-    simulation = World(folder, PLATES, bad=(), files=files)
+    simulation = FarmSimulation(folder, PLATES, bad=(), files=files)
     for _ in run(simulation, folder, copied, damaged, away, away_for):
         pass
     if files == PLATES:

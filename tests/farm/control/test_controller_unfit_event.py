@@ -13,12 +13,12 @@ def test_unfit_snapshot_is_logged_and_the_rest_continues(tmp_path, monkeypatch, 
     farm.ready("a", "b", bed_clear=False)
     observe = telemetry.observe_idle_printer
 
-    def lie(printer, snapshot, now_s):
+    def report_unfit_snapshot(printer, snapshot, now_s):
         if printer.name == "a":
             yield ev.PrinterAdded(at_s=now_s, printer="a", bed=Bed.CLEAR)
         yield from observe(printer, snapshot, now_s)
 
-    monkeypatch.setattr(telemetry, "observe_idle_printer", lie)
+    monkeypatch.setattr(telemetry, "observe_idle_printer", report_unfit_snapshot)
     before = farm.controller.books
     with caplog.at_level(logging.ERROR):
         farm.ready("a", nozzle_c=31.0)

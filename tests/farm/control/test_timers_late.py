@@ -88,7 +88,7 @@ def test_clock_step_takes_effect_at_once(begin, step_h):
 )
 @pytest.mark.parametrize("asleep", [False, True])
 def test_books_are_backed_up_once_a_night(begin, tmp_path, first, asleep):
-    """At four, in spring and autumn too; as soon as it can be where the host was asleep then."""
+    """Backups are at four, also when clocks change, or as soon as possible after the host slept."""
     time = begin(f"{first} 12:00")
     state = StateFolder(tmp_path)
     Store(state.books).close()

@@ -181,7 +181,7 @@ def test_plan_is_retried_after_a_full_disk(state, tmp_path, monkeypatch):
 
 
 def test_plan_that_cannot_be_recorded_fails_its_job(state, monkeypatch):
-    """It was left planning until the next daemon, with nothing but a line in the log."""
+    """Such a job stayed in planning until the next start of the daemon, with only a line in the log."""
     monkeypatch.setattr(PlanBuilder, "plan_model", lambda _: asyncio.sleep(0, object.__new__(Plan)))
     reports = []
 

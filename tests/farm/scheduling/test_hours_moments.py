@@ -58,7 +58,7 @@ def test_time_in_a_skipped_or_repeated_hour_is_resolved(now, then):
 
 @pytest.mark.parametrize(("day", "night_h"), [("2026-03-28", 9), ("2026-10-24", 11), ("2026-11-20", 10)])
 def test_length_of_a_night_follows_daylight_saving(day, night_h):
-    """From the end of attended hours, and from 22:00, to the same hour of the morning."""
+    """A night lasts from the end of attended hours, or from 22:00, to the same hour of the morning."""
     attended = Hours((parse_window("08:00-21:00"),), BERLIN)
     start_rules = StartRules(attended, Hours((), BERLIN))
     now_s = datetime.fromisoformat(f"{day} 18:00").replace(tzinfo=BERLIN).timestamp()

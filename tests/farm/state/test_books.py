@@ -122,7 +122,7 @@ def test_unknown_amounts_are_described():
         Books().printer("z")
 
 
-class AnyNight(RuleBasedStateMachine):
+class RandomNight(RuleBasedStateMachine):
     """Events in any order that the core could produce, with the store following along."""
 
     def __init__(self):
@@ -168,7 +168,7 @@ class AnyNight(RuleBasedStateMachine):
 
     @precondition(lambda self: any(p.state.ended for p in self.books.prints.values()))
     @rule(data=st.data(), state=st.sampled_from(PrintState))
-    def refuse_a_late_word(self, data, state):
+    def reject_late_verdict(self, data, state):
         name = data.draw(st.sampled_from([p.id for p in self.books.prints.values() if p.state.ended]))
         progress = ev.PrintProgressed(
             at_s=self.now, print_id=name, state=state, started_s=None, extruded=True
@@ -190,7 +190,7 @@ class AnyNight(RuleBasedStateMachine):
 
     @precondition(lambda self: self.books.plates)
     @rule(data=st.data(), repeated=st.booleans())
-    def cancel_or_ask_again(self, data, repeated):
+    def cancel_or_reprint(self, data, repeated):
         plate = self.books.plates[data.draw(st.sampled_from(sorted(self.books.plates)))]
         stands = self.books.plate_state(plate)
         if repeated and stands not in (PlateState.WAITING, PlateState.PRINTING):
@@ -210,12 +210,12 @@ class AnyNight(RuleBasedStateMachine):
         self.happen(ev.JobCancelled(at_s=self.now, job=data.draw(st.sampled_from(live))))
 
     @invariant()
-    def no_printer_is_booked_twice(self):
+    def check_no_printer_is_booked_twice(self):
         booked = [p.printer for p in self.books.open_prints()]
         assert len(booked) == len(set(booked))
 
     @invariant()
-    def no_plate_is_printed_twice(self):
+    def check_no_plate_is_printed_twice(self):
         for plate in self.books.plates.values():
             states = [p.state for p in self.books.prints_of(plate)]
             done = [p for p in self.books.prints_of(plate) if p.state is PrintState.DONE]
@@ -223,7 +223,7 @@ class AnyNight(RuleBasedStateMachine):
             assert sum(not s.ended for s in states) <= 1
 
     @invariant()
-    def no_plate_has_more_attempts_than_its_budget(self):
+    def check_attempts_within_budget(self):
         for plate in self.books.plates.values():
             prints = list(self.books.prints_of(plate))
             assert len(charged_failures(plate, prints)) <= ATTEMPTS
@@ -231,14 +231,14 @@ class AnyNight(RuleBasedStateMachine):
                 assert plate not in list(self.books.waiting_plates())
 
     @invariant()
-    def what_was_cancelled_is_not_tried(self):
+    def check_cancelled_plates_have_no_attempts(self):
         assert not any(plate.cancelled for plate in self.books.waiting_plates())
         for attempt in self.books.open_prints():
             if self.books.plates[attempt.plate].cancelled:
                 assert attempt.cancel_reason is not None
 
     @invariant()
-    def no_plate_is_lost(self):
+    def check_no_plate_is_lost(self):
         for item in self.books.jobs.values():
             stand = {self.books.plate_state(plate) for plate in self.books.plates_of(item)}
             coming = bool(stand & {PlateState.WAITING, PlateState.PRINTING})
@@ -255,11 +255,11 @@ class AnyNight(RuleBasedStateMachine):
                     assert not coming
 
     @invariant()
-    def an_outage_is_told_once(self):
+    def check_outage_is_notified_once(self):
         assert sum(outage.confirmed_s is None for outage in self.books.outages.values()) <= 1
 
     @invariant()
-    def a_bed_after_an_extrusion_is_not_clear_until_a_person_says_so(self):
+    def check_extrusion_makes_bed_unclear(self):
         for name, printer in self.books.printers.items():
             if self.books.open_print_on(name) and any(
                 p.extruded for p in self.books.open_prints() if p.printer == name
@@ -267,5 +267,5 @@ class AnyNight(RuleBasedStateMachine):
                 assert printer.bed is not Bed.CLEAR
 
 
-AnyNight.TestCase.settings = settings(max_examples=60, stateful_step_count=30, deadline=None)
-TestAnyNight = AnyNight.TestCase
+RandomNight.TestCase.settings = settings(max_examples=60, stateful_step_count=30, deadline=None)
+TestAnyNight = RandomNight.TestCase

@@ -111,7 +111,7 @@ def test_layers_of_sequential_objects_are_counted_per_object():
 
 
 def test_empty_layers_that_cura_omits_are_a_warning():
-    """As in the tip of a spire: the file is whole by its closing comment."""
+    """Empty layers in the tip of a spire are accepted if the closing comment is present."""
     lines = ultigcode(square(layers=20))
     counted = [line.replace("COUNT:20", "COUNT:24") for line in lines]
     assert "names 24 layers, and 20 of them are in it: Cura" in take(counted).notices[-1]
@@ -123,7 +123,7 @@ def test_empty_layers_that_cura_omits_are_a_warning():
 @given(data=st.data())
 @settings(max_examples=20, deadline=None)
 def test_file_with_missing_layers_and_an_intact_end_is_refused(data):
-    """All filament of what is missing would come in one move; of the last layers alone the count tells."""
+    """Missing filament would be extruded in one move; only the count reveals missing last layers."""
     lines = whole("ultigcode").splitlines(keepends=True)
     starts = [at for at, line in enumerate(lines) if line.startswith(b";LAYER:")]
     last = max(at for at, line in enumerate(lines) if line.startswith(b";TIME_ELAPSED:")) + 1
@@ -224,7 +224,7 @@ def test_last_line_without_a_newline_is_refused():
 
 @pytest.mark.parametrize("mm_a_layer", [0.6, 8.0, 16.0])
 def test_e_restarted_without_g92_is_refused_with_its_line(mm_a_layer):
-    """In a whole file of 100 layers the last 40 were dropped in silence."""
+    """The last 40 of 100 layers were dropped without a message."""
     lines, layers = marlin(square(side_mm=mm_a_layer / 4 / 0.0125, at_mm=20.0, layers=100)), 60
     at = lines.index(f";LAYER:{layers}")
     message = take([*lines[:at], "G92 E0", *renumbered(lines[at:])])

@@ -103,7 +103,7 @@ def test_large_loss_within_a_layer_is_detected(write):
 
 
 def test_thick_line_among_thin_ones_is_accepted():
-    """As variable widths of lines are: nothing is known to be missing."""
+    """Lines of variable width do not show that anything is missing."""
     for fed_mm, is_lost in ((0.3, False), (0.6, True)):
         gaps = LayerGaps(0.1)
         for number in range(4):

@@ -80,7 +80,7 @@ def test_every_height_is_fitted_or_reported(nozzle_mm, heights):
 
 
 def reached(heights, low, high):
-    """For every height from some layers on: whether first layers between these bring it to its 20 um."""
+    """First layers between these limits reach every height of several layers to within 20 um."""
     other, count = round(1000 * heights.other_mm), int(1000 * HIGHEST_MM)
     near = np.zeros(count + 1, dtype=bool)
     for layer in range(int(np.ceil(0.96 * other)), int(1.04 * other) + 1):

@@ -127,7 +127,7 @@ def test_no_infill_and_full_infill_are_within_the_limits(resources):
 
 
 def test_disabled_setting_is_not_a_violation(resources):
-    """Without support infill its zigzag would skip every 0th line, which is out of range, and not printed."""
+    """The support zigzag is not printed without support infill, so its out-of-range value is accepted."""
     request = SettingsRequest(UM2_PLUS, overrides={"support_infill_rate": "0"})
     assert resolve_settings(request, resources).extruder["support_zag_skip_count"] == "0"
 

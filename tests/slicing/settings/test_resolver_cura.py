@@ -36,7 +36,7 @@ def resources_of(version):
 
 
 def same(ours, cura):
-    """As the engine reads it: numbers to their last digit but one, words in any case."""
+    """Normalise a value as the engine reads it: numbers without their last digit, words in lower case."""
     try:
         return math.isclose(float(ours), float(cura), rel_tol=1e-9)
     except ValueError:

@@ -30,7 +30,7 @@ def ends_s(result: Decomposition, printers: Sequence[PrinterRoom]) -> dict[str, 
 
 
 def shared_s(model: Model, printers: Sequence[PrinterRoom], cost: CostModel) -> float:
-    """The makespan of a search that knows the room that all share alone, and takes all for equally quick."""
+    """Compute the makespan of a search that assumes the common room and equal speeds."""
     equal = tuple(replace(printer, time_factor=1.0) for printer in printers)
     problem = Problem(model, equal, cost, OPTIONS)
     poses = problem.find_poses(list(cut_for_uniform_printers(problem).pieces))
@@ -42,7 +42,7 @@ def shared_s(model: Model, printers: Sequence[PrinterRoom], cost: CostModel) -> 
 
 @pytest.fixture(scope="module")
 def tower() -> Model:
-    """Higher than two low printers, but not than a low and a high one."""
+    """Model higher than two low printers, but not than a low and a high one."""
     return Model(Solid.box((0, 0, 0), (90, 90, 230)), (), 1.0)
 
 

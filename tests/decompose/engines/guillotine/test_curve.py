@@ -52,7 +52,7 @@ def test_each_point_equals_a_separate_search(shape: Shape, seed: int) -> None:
 def test_each_point_of_unequal_printers_equals_a_separate_search(
     shape: Shape, seed: int, order: list[int], quicker: float
 ) -> None:
-    """The other class is as much quicker or slower, and some boxes fit one of the two alone."""
+    """The other class has another speed, and some boxes fit only one of the two."""
     first, needed = tables(shape, seed)
     rng = np.random.default_rng(seed)
     odd = np.where(rng.random((2, len(first.seconds))) < 0.2, np.inf, 1.0).astype(np.float32)

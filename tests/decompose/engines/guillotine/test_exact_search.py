@@ -57,7 +57,7 @@ def test_looser_partitions_are_complete_without_more_work(searched: tuple[ExactS
 
 
 def test_earliest_end_after_plane_shifts_is_chosen(task: Problem, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The second of the looser ones."""
+    """Return the second of the looser partitions."""
     ends: dict[int, float] = {}
     created: list[tuple[Piece, ...]] = []
 
@@ -116,7 +116,7 @@ def test_corrected_piece_counts_need_few_solves(
 def test_search_ends_when_its_share_of_the_budget_is_spent(
     task: Problem, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A partition is known, and the next ones would be corrected for ever."""
+    """A partition is known, and corrections of the next ones would never end."""
     corrections = 0
 
     def correct(self: ExactSearch, chosen: list[Box]) -> bool:

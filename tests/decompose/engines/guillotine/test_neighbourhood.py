@@ -68,7 +68,7 @@ def test_window_of_all_boxes_is_as_good_as_the_exact_search(shape: Shape, seed: 
 
 
 def even(shape: Shape) -> BoxTables:
-    """Every cell needed, and a box takes as long as it has cells."""
+    """Tables in which every cell is needed and the time of a box is its number of cells."""
     total = int(np.prod([n * (n + 1) // 2 for n in shape]))
     seconds = np.zeros(total, np.float32)
     for box in every_box(shape):
@@ -99,7 +99,7 @@ def test_face_is_moved_and_a_spare_printer_is_used() -> None:
 
 
 def test_l_shape_is_recut_between_other_boxes() -> None:
-    """The slow box and its neighbours are no box together, and what lies beside them is not touched."""
+    """The slow box and its neighbours do not form a box; other boxes stay as they are."""
     boxes = even((4, 4, 1))
     other: Box = (2, 2, 0, 4, 4, 1)
     ell: list[Box] = [(0, 0, 0, 4, 2, 1), (0, 2, 0, 2, 4, 1)]

@@ -127,7 +127,7 @@ def test_minimum_makespan_is_independent_of_the_lower_bound(
 def shares_by_recursion(
     classes: list[BoxTables], needed: np.ndarray, limit_s: float, most: int
 ) -> set[Parts]:
-    """Every way to share out the parts of a partition: how many go to each class, `most` of one at most."""
+    """List all ways to distribute the parts of a partition among the classes, at most `most` to each."""
 
     @cache
     def ways(box: Box) -> frozenset[Parts]:
@@ -152,7 +152,7 @@ def shares_by_recursion(
 
 
 def of_classes(shape: Shape, seed: int, number: int) -> tuple[list[BoxTables], np.ndarray]:
-    """The same boxes on printers that are quicker or slower, and do not have room for all of them."""
+    """Tables of the same boxes on printers of another speed that have no room for some of them."""
     boxes, needed = tables(shape, seed)
     rng = np.random.default_rng(seed)
     results = []
@@ -251,7 +251,7 @@ def test_random_cuts_give_no_better_partition(shape: Shape, seed: int, share: fl
 
 
 def greedy_partition(boxes: BoxTables, printers: int) -> list[Box]:
-    """The costliest box is cut where its costlier side costs least, as long as there are printers."""
+    """Cut the costliest box at its best plane as long as printers are left."""
 
     def tight(box: list[int]) -> Box | None:
         at = int(boxes.trimmed[box_index((*box,), boxes.shape)])  # type: ignore[arg-type]

@@ -75,7 +75,7 @@ def test_four_boxes_about_an_edge_share_one_of_their_planes() -> None:
 
 
 def test_face_moves_only_into_a_box_that_covers_it() -> None:
-    """The lower box is the narrower one: it cannot take anything that is needed of the upper one."""
+    """The lower box is narrower, so it cannot take over needed cells of the upper one."""
     boxes = [(0, 0, 0, 3, 6, 3), (0, 0, 3, 6, 6, 6)]
     needed = np.ones((6, 6, 6), dtype=bool)
     needed[3:, :, :3] = False

@@ -71,7 +71,7 @@ def test_cone_is_cut_into_two_parts_of_equal_time(cone: Solid, cost: CostModel) 
 def test_other_parts_are_balanced_if_one_pose_would_get_worse(
     cone: Solid, cost: CostModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The thin end, longer, would have to lie in another pose: it stays, and the other cut moves."""
+    """A longer thin end would need another pose, so it stays and the other cut moves."""
     task = problem(cone, cost, 3, cells=4)
     nx, ny, nz = task.build_grid(task.model).shape
     thirds = [0, nx // 3, 2 * nx // 3, nx]
@@ -143,7 +143,7 @@ def test_last_round_prices_every_part(cone: Solid, cost: CostModel, monkeypatch:
 def test_useless_round_is_not_repeated_after_the_budget(
     faulty: bool, cone: Solid, cost: CostModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """All that has moved is ten times slower in its true pose, or bad to glue."""
+    """Make every moved part ten times slower in its true pose, or bad to glue."""
     task = replace(problem(cone, cost, 2, cells=2), effort=Effort(0.0))
     grid = task.build_grid(task.model)
     pose = Problem.find_pose
@@ -167,7 +167,7 @@ def test_useless_round_is_not_repeated_after_the_budget(
 def test_fixed_longest_part_does_not_stop_other_faces(
     cone: Solid, cost: CostModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """No round is made again that would be the same."""
+    """An identical round is not repeated."""
     started = []
     monkeypatch.setattr(
         _PlaneShift, "_take_steps", lambda _, parts, slopes: started.append(len(parts)) or [*parts]
@@ -194,7 +194,7 @@ def test_only_broken_parts_are_recut_to_find_the_face(cone: Solid, cost: CostMod
 def test_new_pose_is_computed_once_and_recorded(
     cone: Solid, cost: CostModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """No part may stay in its pose: each is posed as soon as it has moved."""
+    """Every part gets a new pose as soon as it has moved."""
     measured, pose, posed = _PlaneShift._measure, Problem.find_pose, []
 
     def tall(self: _PlaneShift, piece: Piece, old: Pose) -> Pose:
@@ -233,7 +233,7 @@ def test_slower_of_two_printers_gets_less(cone: Solid, cost: CostModel) -> None:
 
 
 def test_lid_moves_into_the_hollow_behind_it(cost: CostModel) -> None:
-    """Two cells, of 45 mm, lie before the hollow, and a wall of 24 mm will do."""
+    """Two cells of 45 mm lie in front of the hollow, and a wall of 24 mm is enough."""
     block = Solid.box((0.0, 0.0, 0.0), (180.0, 180.0, 180.0))
     task = problem(block, cost, 6, cells=8, interior=Interior.LEAVE)
     task = replace(task, options=replace(task.options, min_wall_mm=24.0))
@@ -275,7 +275,7 @@ def test_time_ratio_of_a_slice_is_used(cone: Solid, cost: CostModel) -> None:
 
 
 def test_shifted_plane_keeps_its_distance_from_a_flat_face(cost: CostModel) -> None:
-    """The thick end of a bar begins near where the planes would go: none comes close to its shoulder."""
+    """No plane comes close to the shoulder where the thick end of a bar begins."""
     bar = Solid.union(
         [Solid.box((0.0, 0.0, 0.0), (300.0, 40.0, 40.0)), Solid.box((0.0, -20.0, -20.0), (95.0, 60.0, 60.0))]
     )
@@ -294,7 +294,7 @@ def test_shifted_plane_keeps_its_distance_from_a_flat_face(cost: CostModel) -> N
 
 
 def test_shifted_part_still_fits_its_printer(cost: CostModel) -> None:
-    """The thin end is quicker, but is as long as a printer already."""
+    """The thin end is faster to print, but already as long as a printer."""
     bar = Solid.union(
         [Solid.box((0.0, 10.0, 10.0), (280.0, 50.0, 50.0)), Solid.box((215.0, 0.0, 0.0), (400.0, 60.0, 60.0))]
     )

@@ -84,7 +84,7 @@ def test_blocks_are_disjoint_and_cover_the_cells(shape: Shape, seed: int, share:
 
 
 def simple(shape: Shape, seconds: np.ndarray, printing: np.ndarray) -> Terrain:
-    """All cells needed and free, all boxes in one piece, no overhang."""
+    """Terrain with all cells needed and free, all boxes in one piece, and no overhang."""
     pieces = np.ones(len(seconds), np.int16)
     return Terrain(np.ones(shape, bool), np.zeros(shape, bool), seconds, pieces, printing, 0 * printing)
 
@@ -107,7 +107,7 @@ def test_growth_stops_where_no_block_can_grow() -> None:
 
 @pytest.mark.parametrize(("score", "expected"), [(Score.LOW, [0, 1]), (Score.HIGH, [1, 2])])
 def test_both_readings_of_the_score_are_used(score: Score, expected: list[int]) -> None:
-    """A block in the middle of three cells: to the left is cheap, to the right dear."""
+    """Block in the middle of three cells: growth to the left is cheap, to the right expensive."""
     shape = (3, 1, 1)
     price = np.ones(6, np.float32)
     price[box_index((0, 0, 0, 2, 1, 1), shape)] = 2.0
@@ -330,7 +330,7 @@ def test_option_faithful_uses_the_settings_of_the_paper(
 def test_result_is_never_worse_than_the_faithful_one(
     skewed: Model, plus_room: PrinterRoom, cost: CostModel, seed: int, printers: int
 ) -> None:
-    """On a model that is cut at its plane of symmetry, turned, and large enough for a finer grid."""
+    """Compare both on a rotated model with a plane of symmetry that is large enough for a finer grid."""
     fleet = [replace(plus_room, name=str(i)) for i in range(printers)]
     options = Options(Engine.PARALLELOBOX, seed=seed, fit_first_layer=False, prove=False)
     faithful = decompose_model(skewed, fleet, replace(options, faithful=True), cost)

@@ -28,5 +28,5 @@ def test_planning_needs_no_semaphores(module: str) -> None:
 
 
 def test_joblib_warns_without_the_filter() -> None:
-    """Else the test above shows nothing."""
+    """Without the filter joblib warns, which makes the test above meaningful."""
     assert "serial mode" in import_without_semaphores("joblib").stderr

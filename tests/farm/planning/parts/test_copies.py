@@ -123,7 +123,7 @@ def test_more_plates_than_a_job_may_have_are_refused(tmp_path):
     st.lists(st.floats(0.8, 1.25), min_size=1, max_size=6),
 )
 def test_loads_are_balanced(tmp_path_factory, seconds, copies, factors):
-    """No printer ends later than the printer that ends first plus one plate: else that one would take it."""
+    """No printer ends later than the first one to end plus one plate."""
     speeds = {f"p{i}": factor for i, factor in enumerate(factors)}
     task = task_of({name: {} for name in speeds}, tmp_path_factory.getbasetemp(), speeds, copies=copies)
     plan = multiply_plan(one_copy(*seconds), task)

@@ -135,7 +135,7 @@ def test_speed_of_a_printer_depends_on_its_nozzle(bar, files, tmp_path, monkeypa
 
 
 def test_each_part_is_cut_and_sliced_for_the_printer_that_it_goes_to(files, tmp_path):
-    """As high as a 2+ and a 2+ Extended together: on what both have room for it is three parts."""
+    """A model as high as a 2+ and a 2+ Extended together, which needs three parts in their common room."""
     path = tmp_path / "upload.stl"
     trimesh.creation.box((80.0, 80.0, 480.0)).export(path)
     tower = inspect_model(path, "tower.stl", JobOptions(), files)

@@ -103,7 +103,7 @@ def cone():
     ids=["glue", "paper", "wide nozzle", "fine"],
 )
 def test_prices_are_those_of_the_engine(how, settings_of, tmp_path):
-    """No figure of these parts went into the factors."""
+    """The factors were fitted without these parts."""
     try:
         engine = find_engine()
     except EngineMissing as missing:

@@ -58,12 +58,12 @@ def night(tmp_path_factory):
     return Night(killed, history)
 
 
-def check(night, folder, harm):
+def check(night, folder, damage_database):
     """Open books after some harm was done to them. Whether they were put back; None if refused."""
     shutil.rmtree(folder, ignore_errors=True)
     shutil.copytree(night.folder, folder)
     state = StateFolder(folder)
-    harm(state)
+    damage_database(state)
     try:
         store, restored_s = open_books(state, NOW_S)
     except FarmError as error:
@@ -130,12 +130,12 @@ def test_every_changed_row_is_found(night, tmp_path):
     import sqlite3
 
     def change(table):
-        def harm(state):
+        def damage_database(state):
             with sqlite3.connect(state.books) as db:
                 db.execute(f"UPDATE {table} SET body = replace(body, '1', '2')")
             db.close()
 
-        return harm
+        return damage_database
 
     for table in ("job", "plate", "print"):
         assert check(night, tmp_path / table, change(table))

@@ -143,7 +143,7 @@ def make_answer(farm, headers):
 
 @pytest.mark.parametrize("headers", [{}, {"transfer-encoding": "chunked"}])
 def test_upload_longer_than_announced_leaves_nothing(make, headers):
-    """With both headers h11 reads chunks, of any length, beyond what was announced and admitted."""
+    """With both headers h11 reads chunks of any length, which may exceed the announced size."""
     farm = make()
     farm.send(UPLOAD, farm.add_key(Role.PRINT), [FORM, FORM], {**announce(10), **headers})
     assert not farm.booked and not list(farm.services.state.work.iterdir())
