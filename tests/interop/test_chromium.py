@@ -2,18 +2,14 @@
 
 import asyncio
 import os
-import socket
-from contextlib import asynccontextmanager, closing
 from pathlib import Path
 
 import pytest
 
 from chromium import CHROMIUM, Chromium
-from farm.config import WebSection
-from farm.http import NetworkState
 from farm.model import Role
-from farm.web import NetworkServer
 from network_farm import HOST, NetworkFarm
+from served_farm import serve
 
 pytestmark = [
     pytest.mark.system,
@@ -21,22 +17,6 @@ pytestmark = [
 ]
 PICTURES = os.environ.get("FARM_PICTURES")
 """Folder to keep pictures of the pages in."""
-
-
-@asynccontextmanager
-async def serve(farm):
-    """Serve a farm's pages on a free port; yield the port."""
-    with closing(socket.socket()) as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
-    state = NetworkState()
-    server = NetworkServer(WebSection(listen=f"127.0.0.1:{port}"), farm.web, 16, state)
-    server.start(lambda: True)
-    async with asyncio.timeout(30):
-        while server._server is None or not server._server.started:
-            await asyncio.sleep(0)
-    yield port
-    await server.close()
 
 
 async def take_picture(browser, name):

@@ -24,6 +24,7 @@ class Chromium:
 
     def __init__(self, profile, hosts):
         self._command = [CHROMIUM, "--headless=new", "--no-sandbox", "--disable-gpu", "--no-first-run"]
+        self._command += ["--enable-unsafe-swiftshader"]  # WebGL without a graphics card
         self._command += ["--remote-debugging-pipe", f"--user-data-dir={profile}", "--disable-dev-shm-usage"]
         self._command += [f"--host-resolver-rules={hosts}", "--window-size=1000,700"]
         self._numbers = itertools.count(1)
@@ -107,6 +108,23 @@ class Chromium:
     async def evaluate(self, expression):
         """Return the value of an expression on the page."""
         return (await self.call("Runtime.evaluate", expression=expression))["result"].get("value")
+
+    async def wait_for(self, expression):
+        """Wait until an expression on the page is true."""
+        async with asyncio.timeout(PATIENCE_S):
+            while not await self.evaluate(expression):
+                await asyncio.sleep(0)
+
+    async def choose_file(self, selector, path):
+        """Choose a file in a form."""
+        page = (await self.call("DOM.getDocument"))["root"]["nodeId"]
+        node = (await self.call("DOM.querySelector", nodeId=page, selector=selector))["nodeId"]
+        await self.call("DOM.setFileInputFiles", files=[str(path)], nodeId=node)
+
+    async def click(self, x, y):
+        """Click a point of the window."""
+        for kind in ("mousePressed", "mouseReleased"):
+            await self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
 
     async def read_text(self):
         """Return the text of the page."""

@@ -45,7 +45,8 @@ class JobView {
     this.clip = gltf.animations[0];
     this.mixer = this.clip ? new AnimationMixer(gltf.scene) : null;
     this.mixer?.clipAction(this.clip).play();
-    this.by = "state";
+    const kinds = new Set([...this.rows.values()].map((row) => row.dataset.kind));
+    this.by = kinds.size > 1 ? "state" : "printer"; // before it starts all are waiting
     this.picked = null;
     this.addControls(place);
     this.setApart(0.35);
@@ -56,7 +57,7 @@ class JobView {
 
   addControls(place) {
     const controls = document.createElement("div");
-    controls.className = "fields";
+    controls.className = "tools";
     this.apart = addInput(controls, "Apart", { type: "range", min: 0, max: 100, value: 35 }, (input) => {
       if (this.step) this.step.value = this.step.max;
       this.setApart(input.value / 100);

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from datetime import datetime
 
 from farm import api
-from farm.model import JobState, PlanProgress, PlanStep
+from farm.model import HoldCode, JobState, PlanProgress, PlanStep
 from farm.text import format_count, format_duration, format_mass, format_moment
 from farm.views.report import Gantt, lay_out_gantt, list_bars, list_expected_bars, list_figures
 from farm.web.notes import Note, Reader
@@ -85,7 +85,7 @@ def render_job_page(data: JobData, farm: str, reader: Reader, note: Note | None 
         is_planning=job.state in (JobState.QUEUED, JobState.PLANNING),
         actions=list_job_actions(job, reader.role),
         rows=list_part_rows(job, data.printers, ends, reader.role),
-        reasons=list_reasons(job),
+        reasons=list_reasons(job, timeline),
         changes=list_changes(job),
         gantt=draw_job_gantt(data, now),
         curve=draw_job_curve(data, now) if job.options.dry_run else None,
@@ -144,9 +144,13 @@ def estimate_share(progress: PlanProgress) -> float | None:
     return progress.share if progress.step is PlanStep.DECOMPOSING else None
 
 
-def list_reasons(job: api.JobView) -> list[str]:
-    """List in sentences why a job or its plates wait; equal ones once."""
-    reasons = [] if job.hold is None or job.state == JobState.QUEUED else [job.hold.text]
+def list_reasons(job: api.JobView, timeline: api.Timeline | None = None) -> list[str]:
+    """List in sentences why a job or its plates wait; equal ones once. That of the summary is left out."""
+    reasons = []
+    if timeline is not None and timeline.left:
+        reasons.append(f"no printer can print {shorten_names(timeline.left)}")
+    if job.hold is not None and job.state != JobState.QUEUED and job.hold.code is not HoldCode.APPROVAL:
+        reasons.append(job.hold.text)
     holds = ((plate.hold.text, plate.id) for plate in job.plates if plate.hold is not None)
     for text, plates in group_names(holds).items():
         if text not in reasons:

@@ -172,6 +172,25 @@ def test_plates_that_wait_for_the_same_reason_are_named_together():
     assert "its printers are busy" in render(replace(data, job=job))
 
 
+def test_plates_that_no_printer_can_take_are_named():
+    job = data_of(night_books(), hold=Hold(code=HoldCode.APPROVAL, text="held until it is approved")).job
+    timeline = api.Timeline(
+        job=1,
+        now=job.now,
+        plan="",
+        slots=[],
+        left=["1/01", "1/02"],
+        notices=[],
+        makespan_s=0.0,
+        lower_bound_s=0.0,
+        grams=0.0,
+        price=None,
+        currency=None,
+    )
+    assert list_reasons(job, timeline) == ["no printer can print 1/01..02"]  # the approval is in the summary
+    assert list_reasons(job) == []
+
+
 def test_assembly_shows_steps_joints_and_parts_without_an_order():
     page = render(replace(data_of(night_books()), files=("instructions.html",)))
     assert "Glue p02 to p01, p03; the faces slide along each other" in page

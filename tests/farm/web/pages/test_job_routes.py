@@ -1,19 +1,13 @@
 """Routes of a job's page and of the forms about its plan."""
 
-import hashlib
 import re
 
 import pytest
 
-from farm.control import JobCommands, PrinterCommands
-from farm.model import JobOptions, JobState, Role
-from farm.planning.plan import InspectedSubmission, Plan
-from make_books import plan
+from farm.model import JobState, Role
 from network_farm import NetworkFarm
+from planned_job import plan_job, submit_model
 
-MODEL = InspectedSubmission("m.npz", ("closed 3 holes",), 1.0)
-GCODE = b"G28\n"
-CURVE = '{"curve": [{"printers": 1, "makespan_s": 9.0}, {"printers": 2, "makespan_s": 5.0}]}'
 DRY = {"dry_run": True, "hold": True}
 
 
@@ -27,22 +21,6 @@ def farm(tmp_path):
 @pytest.fixture
 def ann(farm):
     return farm.open_session(Role.PRINT, "ann")
-
-
-def plan_job(farm, by="ann", **options):
-    """Submit a model and plan it; its files lie in the store."""
-    jobs = JobCommands(farm.controller, PrinterCommands(farm.controller))
-    number, _ = jobs.submit(f"request-{by}", "m.stl", MODEL, JobOptions(**options), by)
-    event = plan(number)
-    (farm.state.files / "g.gcode").write_bytes(GCODE)
-    (farm.state.files / "d.json").write_text(CURVE)
-    (farm.state.files / "i.html").write_text("<h1>glue</h1>")
-    (farm.state.files / "a.png").write_bytes(b"png")
-    sha256 = hashlib.sha256(GCODE).hexdigest()
-    plates = tuple(plate.model_copy(update={"sha256": sha256}) for plate in event.plates)
-    files = {"picture": "a.png", "decomposition": "d.json", "instructions": "i.html"}
-    farm.controller.on_plan(number, Plan(event.parts, plates, (), 1.0, 500.0, 100.0, **files))
-    return number
 
 
 def state_of(farm, number):
@@ -120,8 +98,7 @@ def test_job_that_does_not_exist_is_a_page(farm, ann, path, status):
 
 
 def test_job_without_a_plan_or_files_has_a_page(farm, ann):
-    jobs = JobCommands(farm.controller, PrinterCommands(farm.controller))
-    jobs.submit("r" * 8, "m.stl", MODEL, JobOptions(), "ann")
+    submit_model(farm)
     page = farm.browse("GET", "/jobs/1", ann)
     assert page.status_code == 200
     assert 'http-equiv="refresh"' in page.text

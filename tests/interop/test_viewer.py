@@ -1,0 +1,120 @@
+"""The 3D views in Chromium; skipped where it is missing, or three.js could not be had."""
+
+import asyncio
+
+import numpy as np
+import pytest
+import trimesh
+
+from chromium import CHROMIUM, Chromium
+from decompose.export import write_glb
+from decompose.geometry import Solid
+from decompose.results import Part
+from farm.model import Role
+from farm.web.pages.static_files import load_static_files
+from make_3mf import mesh_xml, model_xml, object_xml, package_bytes
+from network_farm import HOST, NetworkFarm
+from planned_job import plan_job
+from served_farm import serve
+
+pytestmark = [
+    pytest.mark.system,
+    pytest.mark.skipif(CHROMIUM is None, reason="apt-get install chromium"),
+    pytest.mark.skipif("viewer.js" not in load_static_files(), reason="make pages"),
+]
+WINDOW_PX = (1000, 700)
+WORDS = "document.querySelector('#viewer [role=status]').textContent"
+COLOURS = "[...document.querySelectorAll('#viewer .key span')].map((one) => one.textContent.trim()).join()"
+
+
+@pytest.fixture
+def glb(tmp_path):
+    """Return the GLB of two boxes side by side."""
+    boxes = [Solid.box((x, 0.0, 0.0), (x + 40.0, 60.0, 50.0)) for x in (0.0, 40.0)]
+    parts = [Part(f"p{n:02d}", box, np.eye(4), 0.0, "a") for n, box in enumerate(boxes, 1)]
+    write_glb(parts, tmp_path / "a.glb")
+    return (tmp_path / "a.glb").read_bytes()
+
+
+def browse(tmp_path, act, **job):
+    """Act in a browser in which ann has logged in."""
+
+    async def run():
+        farm = NetworkFarm(tmp_path)
+        if job:
+            plan_job(farm, **job)
+        async with serve(farm) as port, Chromium(tmp_path / "profile", f"MAP {HOST} 127.0.0.1") as browser:
+            base = f"http://127.0.0.1:{port}"
+            await browser.open(f"{base}/login/{farm.sessions.make_link('ann', Role.OPERATE)}")
+            await browser.press("button")
+            await act(browser, base)
+            assert not [one for one in browser.messages if "Content Security Policy" in one]
+        farm.store.close()
+
+    asyncio.run(run())
+
+
+def test_part_is_found_from_its_row_and_its_row_from_the_part(tmp_path, glb):
+    async def act(browser, base):
+        await browser.open(f"{base}/jobs/1")
+        await browser.wait_for("document.querySelector('#viewer canvas') !== null")
+        assert await browser.evaluate("document.querySelector('#viewer img')") is None
+        assert await browser.evaluate(COLOURS) == "printing,waiting"
+        await browser.evaluate("document.querySelectorAll('#viewer [type=radio]')[1].click()")
+        assert await browser.evaluate(COLOURS) == "a,b"
+        await browser.evaluate("document.querySelector('#p02 th button').click()")
+        picked = "document.querySelector('tr.picked').id"
+        assert await browser.evaluate(picked) == "p02"
+        assert await browser.evaluate(WORDS) == "p02: waiting, b"
+        await browser.evaluate("document.querySelector('#viewer').scrollIntoView()")
+        area = "document.querySelector('#viewer canvas').getBoundingClientRect()"
+        left, top, width, height = [
+            await browser.evaluate(f"{area}.{side}") for side in ("left", "top", "width", "height")
+        ]
+        await browser.click(left + 0.35 * width, top + 0.5 * height)
+        assert await browser.evaluate(picked) == "p01"
+        await browser.click(left + 2, top + 2)  # beside all parts
+        assert await browser.evaluate("document.querySelector('tr.picked')") is None
+
+    browse(tmp_path, act, glb=glb)
+
+
+def test_model_that_is_no_glb_leaves_the_picture(tmp_path):
+    async def act(browser, base):
+        await browser.open(f"{base}/jobs/1")
+        await browser.wait_for("document.querySelector('#viewer img') !== null")
+        assert "p02" in await browser.read_text()
+
+    browse(tmp_path, act, glb=b"no glb")
+
+
+def write_model(mesh, kind):
+    """Return a mesh as a file; as 3MF, in inches."""
+    if kind == "3mf":
+        return package_bytes(model_xml([object_xml(1, mesh_xml(mesh))], ['objectid="1"'], "inch"))
+    content = mesh.export(file_type=kind)
+    return content if isinstance(content, bytes) else content.encode()
+
+
+@pytest.mark.parametrize(
+    ("name", "unit", "words"),
+    [
+        ("a.stl", "1", "20 × 30 × 100 mm. It may fit as one part on Ultimaker 2+."),
+        ("a.obj", "10", "200 × 300 × 1000 mm. It is larger than any printer: it is cut into parts."),
+        ("a.ply", "1", "20 × 30 × 100 mm. It may fit as one part on Ultimaker 2+."),
+        ("a.3mf", "1", "508 × 762 × 2540 mm. It is larger than any printer: it is cut into parts."),  # inches
+    ],
+)
+def test_size_of_a_chosen_model_is_seen_before_it_is_sent(tmp_path, name, unit, words):
+    path = tmp_path / name
+    path.write_bytes(write_model(trimesh.creation.box((20.0, 30.0, 100.0)), path.suffix[1:]))
+
+    async def act(browser, base):
+        await browser.open(f"{base}/submit")
+        await browser.evaluate(f"document.querySelector('[name=scale]').value = '{unit}'")
+        await browser.choose_file("[name=file]", path)
+        await browser.wait_for("document.getElementById('size').textContent !== ''")
+        assert await browser.evaluate("document.getElementById('size').textContent") == words
+        assert await browser.evaluate("document.querySelector('#viewer canvas') !== null")
+
+    browse(tmp_path, act)

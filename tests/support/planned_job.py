@@ -1,0 +1,34 @@
+"""A job with a plan of two parts, whose files lie in the store of a farm."""
+
+import hashlib
+
+from farm.control import JobCommands, PrinterCommands
+from farm.model import JobOptions
+from farm.planning.plan import InspectedSubmission, Plan
+from make_books import plan
+
+MODEL = InspectedSubmission("m.npz", ("closed 3 holes",), 1.0)
+GCODE = b"G28\n"
+CURVE = '{"curve": [{"printers": 1, "makespan_s": 9.0}, {"printers": 2, "makespan_s": 5.0}]}'
+
+
+def submit_model(farm, by="ann", **options):
+    """Submit a model, and return the number of its job."""
+    jobs = JobCommands(farm.controller, PrinterCommands(farm.controller))
+    return jobs.submit(f"request-{by}", "m.stl", MODEL, JobOptions(**options), by)[0]
+
+
+def plan_job(farm, by="ann", glb=None, **options):
+    """Submit a model and plan it, and return the number of its job."""
+    number = submit_model(farm, by, **options)
+    event = plan(number)
+    files = {"picture": "a.png", "decomposition": "d.json", "instructions": "i.html"}
+    contents = {"g.gcode": GCODE, "d.json": CURVE.encode(), "i.html": b"<h1>glue</h1>", "a.png": b"png"}
+    if glb is not None:
+        files["assembly"], contents["a.glb"] = "a.glb", glb
+    for name, content in contents.items():
+        (farm.state.files / name).write_bytes(content)
+    sha256 = hashlib.sha256(GCODE).hexdigest()
+    plates = tuple(plate.model_copy(update={"sha256": sha256}) for plate in event.plates)
+    farm.controller.on_plan(number, Plan(event.parts, plates, (), 1.0, 500.0, 100.0, **files))
+    return number
