@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable
 from enum import StrEnum
 
@@ -55,23 +54,27 @@ class NoFit(DecomposeError):
     printers_needed
         Minimum number of printers of the same kinds that is enough, or a lower bound on it. None if
         it is not known, or if no number is enough.
+    is_too_large
+        A smaller model would fit (`advised_size` finds how large it may be).
     """
 
-    def __init__(self, message: str, printers_needed: int | None = None) -> None:
+    def __init__(
+        self, message: str, printers_needed: int | None = None, *, is_too_large: bool = False
+    ) -> None:
         super().__init__(message)
         self.printers_needed = printers_needed
+        self.is_too_large = is_too_large
 
     @classmethod
     def of_too_few(
         cls, extents_mm: Iterable[float], needed: int, printers: int, more: str = "more printers"
     ) -> NoFit:
-        """Build the error of parts that outnumber the printers: `more` to free, and a size to try."""
-        sides_mm = list(extents_mm)
-        longest = max(1, math.floor(max(sides_mm) * (printers / needed) ** (1.0 / 3.0)))
+        """Build the error of parts that outnumber the printers, `more` of which are to be freed."""
         return cls(
-            f"{format_size(sides_mm)} mm needs {needed} parts, each on a printer of its own, and there are "
-            f"{printers}: free {more}, or try --longest-side {longest}",
+            f"{format_size(extents_mm)} mm needs {needed} parts, each on a printer of its own, and there are "
+            f"{printers}: free {more}, or give a smaller --longest-side",
             needed,
+            is_too_large=True,
         )
 
 

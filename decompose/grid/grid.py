@@ -22,6 +22,7 @@ GRANULARITY = {
     "ucoarse": 2, "xcoarse": 3, "vcoarse": 8, "coarse": 9, "regular": 10, "fine": 12, "vfine": 15,
 }  # fmt: skip
 MAX_BOXES = 10_000_000  # all boxes of the grid are held in memory
+FLAT_BOXES_RATIO = 1.5  # boxes of a flat model over those of a cube with as many cells
 MIN_CELL_MM = 4.0
 FINER, MAX_FINE_CELLS = 3, 500_000  # division of cells to tell their bodies apart
 CLEAR_MM = 2.0
@@ -148,6 +149,8 @@ def place_planes(lo_mm: float, hi_mm: float, count: int, flats: npt.NDArray[Any]
 def count_cells(size_mm: Floats, granularity: int) -> tuple[int, int, int]:
     """Count cells along each axis: near-cubes, granularity cubed of them, fewer if they get too small.
 
+    There are fewer too where a flat model would have many times as many boxes of cells as a cube.
+
     Parameters
     ----------
     size_mm
@@ -156,9 +159,10 @@ def count_cells(size_mm: Floats, granularity: int) -> tuple[int, int, int]:
         Cube root of the number of cells wanted.
     """
     edge = max(MIN_CELL_MM, float(np.prod(size_mm) ** (1.0 / 3.0)) / granularity)
+    most_boxes = min(MAX_BOXES, FLAT_BOXES_RATIO * (granularity * (granularity + 1) // 2) ** 3)
     while True:
         nx, ny, nz = (max(1, round(float(s) / edge)) for s in size_mm)
-        if nx * (nx + 1) // 2 * (ny * (ny + 1) // 2) * (nz * (nz + 1) // 2) <= MAX_BOXES:
+        if nx * (nx + 1) // 2 * (ny * (ny + 1) // 2) * (nz * (nz + 1) // 2) <= most_boxes:
             return nx, ny, nz
         edge *= 1.03
 

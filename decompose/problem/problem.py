@@ -252,9 +252,9 @@ def _refuse_too_long(model: Model, printers: tuple[PrinterRoom, ...]) -> None:
         solid_mm = float(np.maximum(0.0, order[:, 1] - np.maximum(order[:, 0], before)).sum())  # without gaps
         if solid_mm > reach_mm:
             least = math.ceil(solid_mm / reach_mm * len(printers))
-            longest = max(1, math.floor(float(model.extents_mm.max()) * reach_mm / solid_mm / math.sqrt(3.0)))
             raise NoFit(
                 f"{format_size(model.extents_mm)} mm needs {least} parts at least, each on a printer of its "
-                f"own, and there are {len(printers)}: free more printers, or try --longest-side {longest}",
+                f"own, and there are {len(printers)}: free more printers, or give a smaller --longest-side",
                 least if least <= MAX_PARTS else None,
+                is_too_large=True,
             )

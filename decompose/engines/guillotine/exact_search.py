@@ -238,6 +238,7 @@ class ExactSearch:
             return NoFit(
                 f"{format_size(model.extents_mm)} mm is cut into blocks of {min_mm:.0f} mm at least, and a "
                 f"part has room for {format_size(problem.room_mm)} mm (clips and brim are off): printers "
-                f"with room for {math.ceil(min_mm)} mm each way would be enough"
+                f"with room for {math.ceil(min_mm)} mm each way would be enough",
+                is_too_large=True,
             )
         return NoFit.of_too_few(model.extents_mm, printers_needed, len(problem.printers))

@@ -10,8 +10,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from decompose.advised_size import advise_longest_side_mm
 from decompose.auto import CountGoal, decompose_auto
 from decompose.decompose import decompose_model
+from decompose.errors import NoFit
 from decompose.export import write_decomposition
 from decompose.files.names import ASSEMBLY, INSTRUCTIONS, PICTURE, REPORT
 from decompose.geometry import load_model
@@ -126,11 +128,19 @@ def decompose_to_folder(
         ]
         cost = CostModel.from_recipe(replace(build_recipe(settings, prelude_s=0.0), brim_mm=request.brim_mm))
         with ThreadPoolExecutor(os.cpu_count()) as executor:
-            if request.printers is None:
-                goal = CountGoal(request.clear_s, request.assemble_s)
-                decomposition = decompose_auto(model, rooms, options, cost, executor, goal)
-            else:
-                decomposition = decompose_model(model, rooms, options, cost, executor)
+            try:
+                if request.printers is None:
+                    goal = CountGoal(request.clear_s, request.assemble_s)
+                    decomposition = decompose_auto(model, rooms, options, cost, executor, goal)
+                else:
+                    decomposition = decompose_model(model, rooms, options, cost, executor)
+            except NoFit as error:
+                side_mm = None
+                if error.is_too_large:
+                    side_mm = advise_longest_side_mm(model, rooms, options, cost, executor)
+                if side_mm is None:
+                    raise
+                raise NoFit(f"{error} (--longest-side {side_mm} was tried, and fits)") from error
             if request.sliced:
                 with_brim = replace(wanted, overrides={"brim_width": f"{request.brim_mm:g}"})
                 slicer = PartSlicer(with_brim, resources, room, cache)

@@ -153,3 +153,9 @@ def test_cell_counts_follow_the_proportions_of_the_model() -> None:
     nx, ny, nz = count_cells(np.array([355.0, 3.0, 355.0]), 15)
     assert (ny, nx) == (1, nz)
     assert count_cells(np.array([1.0, 1.0, 1.0]), 15) == (1, 1, 1)
+
+
+@pytest.mark.parametrize("size_mm", [(450.0, 450.0, 1.0), (2000.0, 20.0, 20.0), (450.0, 100.0, 100.0)])
+def test_flat_model_has_about_as_many_boxes_as_a_cube(size_mm: tuple[float, float, float]) -> None:
+    boxes = np.prod([n * (n + 1) // 2 for n in count_cells(np.array(size_mm), 15)])
+    assert boxes <= 1.5 * (15 * 16 // 2) ** 3

@@ -62,3 +62,14 @@ def test_invalid_option_is_named(bar, tmp_path, wrong, message):
     with pytest.raises(FarmError, match=message):
         decompose_to_folder(bar, tmp_path / "out", DecomposeRequest(**USUAL | wrong))
     assert not (tmp_path / "out").exists()
+
+
+def test_refusal_says_a_size_that_fits(bar, tmp_path):
+    few = USUAL | {"printers": 1, "granularity": 3}
+    with pytest.raises(FarmError, match=r"--longest-side \d+ was tried, and fits") as refused:
+        decompose_to_folder(bar, tmp_path / "out", DecomposeRequest(**few))
+    side_mm = float(str(refused.value).split("(--longest-side ")[1].split()[0])
+    report = decompose_to_folder(
+        bar, tmp_path / "out", DecomposeRequest(**few | {"longest_side_mm": side_mm})
+    )
+    assert len(report["parts"]) == 1

@@ -1,0 +1,117 @@
+"""Size at which a model fits too few printers: searched on a coarse grid, and tried before it is said."""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Sequence
+from concurrent.futures import Executor
+from dataclasses import replace
+
+from decompose.decompose import decompose_model
+from decompose.engines.guillotine import Partitioner
+from decompose.errors import GeometryError, ModelNotSolid, NoFit
+from decompose.geometry import Model, Solid
+from decompose.options import BestOptions, Engine, Options
+from decompose.print_time import CostModel
+from decompose.printers import PrinterRoom
+from decompose.problem import Problem
+
+COARSE = 8  # cells of the grid that sizes are searched on, by their cube root
+HALVINGS = 8  # of the range of sizes
+CLOSE_RATIO = 1.005  # of two sizes between which none is tried
+TRIALS = 4  # with the options of the decomposition, each smaller than the one before
+TRIAL_STEP = 0.96  # from one to the next
+TRIAL_BUDGET_S = 2.0  # whether there is a result, not the best one
+
+
+def advise_longest_side_mm(
+    model: Model,
+    printers: Sequence[PrinterRoom],
+    options: Options,
+    cost: CostModel,
+    executor: Executor | None = None,
+) -> int | None:
+    """Find a longest side, in whole mm, with which a model that needs too many parts can be cut.
+
+    Parameters
+    ----------
+    model, printers, options, cost, executor
+        Those of the decomposition that failed.
+
+    Returns
+    -------
+    int | None
+        About the largest, for which there is a result; None where none was found.
+    """
+    longest_mm = float(model.extents_mm.max())
+    most = _find_scale(model, printers, options, cost)
+    if most is None:
+        return None
+    coarse = replace(options, granularity=COARSE)
+    low, high = 0.0, most * 1.15  # a part that lies askew fits more than the tables know
+    scale = most
+    for _ in range(HALVINGS):
+        if _has_result(model, scale, printers, coarse, cost, executor):
+            low = scale
+        else:
+            high = scale
+        if high <= low * CLOSE_RATIO:
+            break
+        scale = (low + high) / 2.0 if low else TRIAL_STEP * high
+    side_mm = math.floor((low or most) * longest_mm)
+    for _ in range(TRIALS):
+        if side_mm < 1:
+            break
+        if _has_result(model, side_mm / longest_mm, printers, options, cost, executor):
+            return side_mm
+        side_mm = math.floor(TRIAL_STEP * side_mm)
+    return None
+
+
+def _find_scale(
+    model: Model, printers: Sequence[PrinterRoom], options: Options, cost: CostModel
+) -> float | None:
+    """Find about the largest scale, below 1, at which the boxes of a coarse grid fit as many printers.
+
+    The grid stays, and rooms grow instead: what fits does not depend on times.
+    """
+    problem = Problem(model, tuple(printers), cost, replace(options, granularity=COARSE))
+    grid = problem.build_grid(model)
+    low, high = 0.0, 1.0
+    scale = min(1.0, max(problem.room_mm) / float(model.extents_mm.max()))  # about one part
+    for _ in range(HALVINGS):
+        boxes = problem.price_boxes(grid, [_grow(room, 1.0 / scale) for room in problem.rooms])
+        if Partitioner(boxes).solve(sys.float_info.max) <= len(printers):
+            low = scale
+        else:
+            high = scale
+        if high <= low * CLOSE_RATIO:
+            break
+        scale = (low + high) / 2.0
+    return low or None
+
+
+def _grow(room: PrinterRoom, scale: float) -> PrinterRoom:
+    """Scale the room of a printer."""
+    return replace(room, boxes=tuple((scale * x, scale * y, scale * z) for x, y, z in room.boxes))
+
+
+def _has_result(
+    model: Model,
+    scale: float,
+    printers: Sequence[PrinterRoom],
+    options: Options,
+    cost: CostModel,
+    executor: Executor | None,
+) -> bool:
+    """Check whether a scaled model can be cut for these printers, by a short search."""
+    vertices, faces = model.solid.arrays()
+    scaled = replace(model, solid=Solid.from_arrays(scale * vertices, faces))
+    engine = Engine.BEST if options.engine is Engine.GUILLOTINE else options.engine
+    short = replace(options, engine=engine, prove=False, best=BestOptions(TRIAL_BUDGET_S))
+    try:
+        decompose_model(scaled, printers, short, cost, executor)
+    except (NoFit, GeometryError, ModelNotSolid):
+        return False
+    return True

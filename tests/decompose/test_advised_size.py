@@ -1,0 +1,42 @@
+"""The size that a refusal advises can be cut, and little more could."""
+
+from __future__ import annotations
+
+import pytest
+
+from decompose.advised_size import advise_longest_side_mm
+from decompose.decompose import decompose_model
+from decompose.errors import NoFit
+from decompose.geometry import Model, Solid
+from decompose.options import Engine, Options
+from decompose.print_time import CostModel
+from decompose.printers import PrinterRoom
+from tests.decompose.conftest import PLUS
+
+OPTIONS = Options(Engine.GUILLOTINE, 4, prove=False)
+
+
+def block(size_mm: tuple[float, float, float]) -> Model:
+    return Model(Solid.box((0.0, 0.0, 0.0), size_mm), (), 1.0)
+
+
+@pytest.mark.parametrize(
+    ("size_mm", "printers", "least_mm", "most_mm"),
+    [
+        ((300.0, 300.0, 300.0), 4, 200, 207),  # by the cube root of the volume 238, which is refused
+        ((210.0, 210.0, 210.0), 2, 200, 207),  # and 166
+        ((2000.0, 20.0, 20.0), 3, 560, 640),
+    ],
+)
+def test_advised_size_can_be_cut(
+    size_mm: tuple[float, float, float], printers: int, least_mm: int, most_mm: int, cost: CostModel
+) -> None:
+    rooms = [PrinterRoom(str(number), PLUS) for number in range(printers)]
+    with pytest.raises(NoFit, match="give a smaller --longest-side") as refused:
+        decompose_model(block(size_mm), rooms, OPTIONS, cost)
+    assert refused.value.is_too_large
+    side_mm = advise_longest_side_mm(block(size_mm), rooms, OPTIONS, cost)
+    assert side_mm is not None
+    assert least_mm <= side_mm <= most_mm
+    x_mm, y_mm, z_mm = (side_mm / max(size_mm) * side for side in size_mm)
+    assert len(decompose_model(block((x_mm, y_mm, z_mm)), rooms, OPTIONS, cost).parts) <= printers
