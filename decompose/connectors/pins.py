@@ -162,7 +162,7 @@ class _Placer:
             widest = comfortable
         apart_mm, (site, at), (other, end) = widest
         for back_mm in np.arange(0.0, apart_mm - NEAREST_PAIR_MM, 0.5):
-            moved = end + (at - end) * back_mm / np.linalg.norm(at - end)
+            moved = end + self._flat((at - end)[None])[0] * back_mm / apart_mm  # stays in its plane
             new_mm = self._across_mm(at, moved)
             if any(abs(new_mm - known_mm) < self._distinct_mm for known_mm in taken_mm):
                 continue
