@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import inspect
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -11,6 +12,7 @@ from typing import Annotated, Any, Concatenate, ParamSpec
 
 import typer
 
+from decompose.options import FILAMENT_MM, MAX_PIN_MM, MIN_PIN_MM
 from farm.cli import completion
 from farm.errors import Refused
 from farm.paths import Places, find_places
@@ -55,6 +57,20 @@ Scale = Annotated[
     float | None, typer.Option(help="Scale the model by this factor: 1000 for a model in metres.")
 ]
 Quality = Annotated[str, typer.Option(help="glue, paper, or a quality of Cura's.")]
+Pins = Annotated[
+    str,
+    typer.Option(
+        help="Holes for pins in the glued faces: filament (2.85), a diameter in mm, or none. "
+        "Not with quality paper."
+    ),
+]
+PinFit = Annotated[
+    float, typer.Option(min=0, max=2, help="Width of a hole across its flats beyond the pin, mm.")
+]
+Marks = Annotated[
+    bool,
+    typer.Option("--marks/--no-marks", help="Cut part numbers into the glued faces. Not with quality paper."),
+]
 Printer = Annotated[str, typer.Argument(help="The printer.", autocompletion=completion.printers)]
 Job = Annotated[int, typer.Argument(help="The job.", autocompletion=completion.jobs)]
 
@@ -121,6 +137,33 @@ def _add_options(
         "return": None
     }
     return run  # type: ignore[return-value]
+
+
+def parse_pins(text: str) -> float | None:
+    """Parse `--pins`.
+
+    Returns
+    -------
+    float or None
+        Diameter of the pins in mm; None for ``none``.
+
+    Raises
+    ------
+    typer.BadParameter
+        If it is neither a word of these nor a diameter from 1 to 10 mm.
+    """
+    if text == "none":
+        return None
+    try:
+        pin_mm = FILAMENT_MM if text == "filament" else float(text)
+    except ValueError:
+        pin_mm = math.nan
+    if not MIN_PIN_MM <= pin_mm <= MAX_PIN_MM:
+        raise typer.BadParameter(
+            f"must be filament, none, or a diameter from {MIN_PIN_MM:g} to {MAX_PIN_MM:g} mm",
+            param_hint="--pins",
+        )
+    return pin_mm
 
 
 def parse_printer_count(text: str) -> int | None:

@@ -14,8 +14,19 @@ import typer
 from rich.markup import escape
 from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
+from decompose.options import PIN_FIT_MM, ConnectorOptions
 from farm.cli.display import open_console, print_json
-from farm.cli.options import Json, LongestSide, Quality, Scale, parse_printer_count
+from farm.cli.options import (
+    Json,
+    LongestSide,
+    Marks,
+    PinFit,
+    Pins,
+    Quality,
+    Scale,
+    parse_pins,
+    parse_printer_count,
+)
 from farm.errors import ErrorCode, FarmError
 from farm.text import format_count, format_duration
 from farm.wording import format_filament
@@ -49,6 +60,9 @@ def decompose(
         str, typer.Option(help="parallelobox: prefer a low or a high score, or try both.")
     ] = "both",
     faithful: Annotated[bool, typer.Option("--faithful", help="Follow the engine's paper exactly.")] = False,
+    pins: Pins = "none",
+    pin_fit: PinFit = PIN_FIT_MM,
+    marks: Marks = False,
     clear: Annotated[float, typer.Option(min=0, help="auto: time to clear a bed, s.")] = 120.0,
     assemble: Annotated[float, typer.Option(min=0, help="auto: time to glue a part, s.")] = 216.0,
     quality: Quality = "glue",
@@ -81,6 +95,7 @@ def decompose(
         assemble_s=assemble,
         quality=quality,
         sliced=slice_,
+        connectors=ConnectorOptions(parse_pins(pins), pin_fit, marks),
     )
     if slice_:
         signal.signal(signal.SIGTERM, _exit)
@@ -107,7 +122,7 @@ def summarise_decomposition(report: dict[str, Any], printers: int, out: Path) ->
     Returns
     -------
     list of str
-        At most eight lines. The efficiency E in the first is the paper's: the time of the uncut model over
+        At most nine lines. The efficiency E in the first is the paper's: the time of the uncut model over
         printers times makespan.
     """
     parts, makespan_s = report["parts"], report["makespan_s"]
@@ -141,8 +156,14 @@ def summarise_decomposition(report: dict[str, Any], printers: int, out: Path) ->
         about = format_duration(report["assembly"]["estimated_s"])
         assembly = f"{format_count(len(steps), 'step')} of assembly, about {about}"
         lines.append(f"{assembly}; {report['seam_mm']:.0f} mm of seam outside")
+    connectors = report["connectors"]
+    if connectors["pins"]:
+        cuts = ", ".join(f"{cut['count']} of {cut['length_mm']:g} mm" for cut in connectors["cut_list"])
+        diameter_mm = report["options"]["pin_mm"]
+        lines.append(f"{format_count(len(connectors['pins']), 'pin')} of {diameter_mm:g} mm: cut {cuts}")
     warnings = [f"{fault['part']} {fault['what']}" for fault in report["faults"]]
     warnings += [f"{part['id']} may fall over while it is printed" for part in parts if not part["stands"]]
+    warnings += connectors["failures"]
     warnings += [text for text in (report["thin_rims"], report["small_feet"]) if text]
     if warnings:
         others = f", and {len(warnings) - 3} more" if len(warnings) > 3 else ""

@@ -8,11 +8,23 @@ from typing import Annotated, Any
 import typer
 from pydantic import ValidationError
 
-from decompose.options import Engine
+from decompose.options import PIN_FIT_MM, Engine
 from farm import api
 from farm.cli.client import connect
 from farm.cli.display import show_timeline
-from farm.cli.options import Job, Json, LongestSide, Quality, Scale, parse_printer_count, with_farm
+from farm.cli.options import (
+    Job,
+    Json,
+    LongestSide,
+    Marks,
+    PinFit,
+    Pins,
+    Quality,
+    Scale,
+    parse_pins,
+    parse_printer_count,
+    with_farm,
+)
 from farm.cli.submission import Submitter, expand_patterns
 from farm.errors import ErrorCode, FarmError, Refused
 from farm.model import JobOptions
@@ -38,6 +50,9 @@ def submit(
     ] = None,
     colour: Annotated[str | None, typer.Option(help="Use only printers with this colour.")] = None,
     quality: Quality = "glue",
+    pins: Pins = "none",
+    pin_fit: PinFit = PIN_FIT_MM,
+    marks: Marks = False,
     priority: Annotated[int, typer.Option(help="Jobs of higher priority print first.")] = 0,
     at: Annotated[
         str | None, typer.Option(help="Start at this time: 22:00, fri 22:00, 2026-11-21T22:00.")
@@ -77,6 +92,9 @@ def submit(
         material=material,
         colour=colour,
         quality=quality,
+        pin_mm=parse_pins(pins),
+        pin_fit_mm=pin_fit,
+        marks=marks,
         priority=priority,
         at=at,
         overnight=overnight,

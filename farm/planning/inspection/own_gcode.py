@@ -276,6 +276,8 @@ def _check_options(options: JobOptions) -> None:
         "--scale": options.scale is not None,
         "--printers": options.printers not in (None, 1) and options.copies == 1,
         "--quality": options.quality != defaults.quality,
+        "--pins": options.pin_mm is not None,
+        "--marks": options.marks,
         "--engine": options.engine != defaults.engine,
     }
     flags = [flag for flag, is_given in given.items() if is_given]

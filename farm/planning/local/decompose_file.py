@@ -6,7 +6,7 @@ import json
 import os
 import tempfile
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,15 @@ from decompose.errors import NoFit
 from decompose.export import write_decomposition
 from decompose.files.names import ASSEMBLY, INSTRUCTIONS, PICTURE, REPORT
 from decompose.geometry import load_model
-from decompose.options import BestOptions, Engine, Interior, Options, ParalleloboxOptions, Score
+from decompose.options import (
+    BestOptions,
+    ConnectorOptions,
+    Engine,
+    Interior,
+    Options,
+    ParalleloboxOptions,
+    Score,
+)
 from decompose.print_time import CostModel
 from decompose.printers import PrinterRoom
 from drivers.printers import PROFILES, part_room
@@ -25,7 +33,7 @@ from farm.compute import process_bytes
 from farm.errors import ErrorCode, FarmError, Refused
 from farm.planning.error_translation import translate_errors
 from farm.planning.local.sliced_parts import PartSlicer, level_by_slices, write_sliced
-from farm.planning.parts.pricing import build_recipe
+from farm.planning.parts.pricing import build_recipe, select_connectors
 from farm.planning.printer_settings import model_sizes, slicing_printer
 from slicing.cache import trim_cache
 from slicing.settings import (
@@ -61,6 +69,8 @@ class DecomposeRequest:
         Quality by which parts are priced, and sliced.
     sliced
         Slice the parts, and move the cuts by their times.
+    connectors
+        Pins and marks.
     """
 
     printers: int | None
@@ -82,6 +92,7 @@ class DecomposeRequest:
     assemble_s: float
     quality: str = DEFAULT_QUALITY
     sliced: bool = False
+    connectors: ConnectorOptions = field(default_factory=ConnectorOptions)
 
 
 def decompose_to_folder(
@@ -171,6 +182,8 @@ def _build_options(request: DecomposeRequest) -> Options:
         raise FarmError(f"--engine {request.engine}: {engines}", ErrorCode.SETTINGS) from None
     if request.faithful and engine not in _ENGINES_OF_PAPERS:
         raise FarmError(f"--faithful is for the engines of papers, not {engine}", ErrorCode.SETTINGS)
+    if request.faithful and not request.connectors.is_empty:
+        raise FarmError("--faithful: its parts have neither --pins nor --marks", ErrorCode.SETTINGS)
     quality = FARM_QUALITIES.get(request.quality)
     return Options(
         engine=engine,
@@ -183,6 +196,7 @@ def _build_options(request: DecomposeRequest) -> Options:
         fit_first_layer=quality is not None and quality.fits_first_layer,
         best=BestOptions(request.budget_s),
         parallelobox=ParalleloboxOptions(request.tries, score),
+        connectors=select_connectors(request.connectors, request.quality),
     )
 
 

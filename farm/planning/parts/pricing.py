@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from decompose.options import Options
+from decompose.options import ConnectorOptions, Options
 from decompose.print_time import REFERENCE_SHRINKAGE, CostModel, Recipe
 from decompose.printers import PrinterRoom
 from farm.config import PrinterSection
@@ -53,9 +53,18 @@ def decomposition_options(options: JobOptions) -> Options:
     """Return the options with which a job's model is decomposed."""
     quality = FARM_QUALITIES.get(options.quality)
     fits = quality is not None and quality.fits_first_layer
+    connectors = ConnectorOptions(options.pin_mm, options.pin_fit_mm, options.marks)
     return Options(
-        options.engine, fit_first_layer=fits, prove=False
-    )  # no proof of the bound, as the user is waiting
+        options.engine,
+        fit_first_layer=fits,
+        prove=False,  # as the user is waiting
+        connectors=select_connectors(connectors, options.quality),
+    )
+
+
+def select_connectors(wanted: ConnectorOptions, quality: str) -> ConnectorOptions:
+    """Return the pins and marks of parts in a quality: none in `paper`, whose parts are as in the paper."""
+    return ConnectorOptions() if quality == "paper" else wanted
 
 
 def build_recipe(settings: EngineSettings, prelude_s: float) -> Recipe:

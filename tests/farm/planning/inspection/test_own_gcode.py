@@ -104,6 +104,7 @@ def test_file_is_stored_with_its_requirements(inspect, files):
         ({"scale": 2.0, "longest_side_mm": 9.0}, "--longest-side --scale:"),
         ({"printers": 2}, "--printers:"),
         ({"quality": "paper"}, "--quality:"),
+        ({"pin_mm": 2.85, "marks": True}, "--pins --marks:"),
         ({"engine": Engine.GUILLOTINE}, "--engine:"),
     ],
 )

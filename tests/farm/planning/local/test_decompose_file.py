@@ -7,6 +7,7 @@ import json
 import pytest
 import trimesh
 
+from decompose.options import ConnectorOptions
 from farm.errors import FarmError
 from farm.planning.local.decompose_file import DecomposeRequest, decompose_to_folder
 
@@ -54,6 +55,10 @@ def test_engine_is_selected_by_name(bar, tmp_path):
     [
         ({"engine": "saw"}, "--engine saw: best, guillotine, parallelobox, symmetry, cube-skeleton"),
         ({"engine": "parallelobox", "score": "up"}, "--score up: low, high or both"),
+        (
+            {"engine": "parallelobox", "faithful": True, "connectors": ConnectorOptions(2.85)},
+            "--faithful: its parts have neither --pins nor --marks",
+        ),
         ({"interior": "gone"}, "--interior gone: leave or keep"),
         ({"faithful": True}, "--faithful is for the engines of papers, not guillotine"),
     ],

@@ -11,11 +11,13 @@ import pytest
 import trimesh
 
 from decompose.geometry import Solid, round_triangles, write_stl
+from decompose.options import ConnectorOptions
 from decompose.print_time import POSE_ROTATIONS, CostModel
 from decompose.print_time.pose_prices import price_poses_s
 from drivers.printers import PROFILES
 from farm.config import PrinterSection
-from farm.planning.parts.pricing import build_recipe
+from farm.model import JobOptions
+from farm.planning.parts.pricing import build_recipe, decomposition_options
 from farm.planning.plate_times import plate_seconds, prelude_seconds
 from slicing.errors import EngineMissing
 from slicing.plate import PlateRequest, slice_plate
@@ -138,3 +140,9 @@ def test_measured_table_agrees_with_the_factors(settings_of):
     for level in ("held_out", "as_in_code"):
         for name in ("glue", "paper", "fine", "wide", "other"):
             assert figures[level][name]["mean_absolute_error"] < 0.05, (level, name)
+
+
+def test_pins_and_marks_are_for_glued_parts_and_not_for_those_of_the_paper():
+    options = JobOptions(pin_mm=2.85, pin_fit_mm=0.5, marks=True)
+    assert decomposition_options(options).connectors == ConnectorOptions(2.85, 0.5, marks=True)
+    assert decomposition_options(options.model_copy(update={"quality": "paper"})).connectors.is_empty
