@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from decompose.decompose import decompose_model
+from decompose.decompose import decompose_model, estimate_serial_s, simplify_for_price
 from decompose.errors import DecomposeError, NoFit
 from decompose.export import write_decomposition
 from decompose.geometry import Model, Solid
@@ -66,6 +66,19 @@ def test_interior_is_omitted_if_that_saves_time(fleet: list[PrinterRoom], cost: 
     assert volume < 0.95 * block.solid.volume_mm3
     assert sum(p.solid.volume_mm3 for p in full.parts) == pytest.approx(block.solid.volume_mm3)
     assert hollow.makespan_s < full.makespan_s
+
+
+def test_price_of_a_detailed_model_is_that_of_a_simpler_copy(
+    monkeypatch: pytest.MonkeyPatch, cost: CostModel
+) -> None:
+    ring = trimesh.creation.torus(60.0, 25.0, major_sections=160, minor_sections=80)
+    solid = Solid.from_arrays(ring.vertices, ring.faces)
+    assert simplify_for_price(solid) is solid
+    monkeypatch.setattr("decompose.decompose.PRICED_FACES", 22_000)
+    simple = simplify_for_price(solid)
+    assert simple.faces <= 22_000 < solid.faces
+    exact = estimate_serial_s(*solid.arrays(), cost, fit_first_layer=True)
+    assert estimate_serial_s(*simple.arrays(), cost, fit_first_layer=True) == pytest.approx(exact, rel=0.01)
 
 
 def test_too_few_printers_are_reported_with_the_required_number(
