@@ -1,0 +1,229 @@
+"""Decompositions of shapes that no one has tuned for: drawn by a seed, different with each.
+
+Usage: python -m bench.unseen [--seed 1] [--kinds organic,bust,...] [--printers 20] [--side 450]
+       [--budget 20] [--json]
+
+Each kind is a family: limbs of ellipsoids, a head of noise on shoulders, a lattice of struts, a thin shell, a
+block with bores, a flat sheet with ribs. Times are prices of the cost model, against the whole model in its
+best pose; nothing is sliced (`bench.decompose` does). `wall_s` is the time of this machine, `effort_s` the
+counted work.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import resource
+import sys
+from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict, dataclass
+from time import perf_counter
+
+import numpy as np
+from trimesh import creation
+
+from bench.shapes import ellipsoid, rod, solid
+from decompose.decompose import decompose_model
+from decompose.errors import DecomposeError
+from decompose.geometry import Model, Solid
+from decompose.options import BUDGET_S, BestOptions, Options
+from decompose.print_time import CostModel, Recipe
+from decompose.printers import PrinterRoom
+
+ROOM = ((206.9, 190.9, 205.0), (173.9, 197.9, 205.0), (164.9, 206.9, 205.0))  # an Ultimaker 2+ with its brim
+
+
+def organic(rng: np.random.Generator) -> Solid:
+    """Draw a body with limbs that bend and taper."""
+    bodies = [ellipsoid((0.0, 0.0, 0.0), tuple(rng.uniform(30.0, 60.0, 3)))]
+    for _ in range(int(rng.integers(4, 7))):
+        at, way = np.zeros(3), rng.normal(size=3)
+        for radius in np.linspace(22.0, rng.uniform(5.0, 9.0), 8):
+            way = way / np.linalg.norm(way) + rng.normal(scale=0.25, size=3)
+            after = at + 24.0 * way / np.linalg.norm(way)
+            bodies += [ellipsoid(tuple(after), (radius,) * 3), rod(tuple(at), tuple(after), float(radius))]
+            at = after
+    return Solid.union(bodies)
+
+
+def bust(rng: np.random.Generator) -> Solid:
+    """Draw a head with a rough face on shoulders, cut flat below."""
+    sphere = creation.icosphere(5, 1.0)
+    waves = rng.normal(scale=4.0, size=(24, 3))
+    phases = rng.uniform(0.0, 2.0 * math.pi, 24)
+    rough = np.sin(sphere.vertices @ waves.T + phases).sum(axis=1) / 24.0
+    sphere.vertices *= (1.0 + 0.35 * rough)[:, None] * rng.uniform(50.0, 70.0, 3)
+    sphere.apply_translation((0.0, 0.0, 130.0))
+    shoulders = ellipsoid((0.0, 0.0, 10.0), (55.0, float(rng.uniform(80.0, 110.0)), 60.0))
+    neck = rod((0.0, 0.0, 30.0), (0.0, 0.0, 110.0), float(rng.uniform(20.0, 30.0)))
+    ground = Solid.box((-300.0, -300.0, -300.0), (300.0, 300.0, 0.0))
+    return Solid.union([solid(sphere), shoulders, neck]).subtract(ground)
+
+
+def lattice(rng: np.random.Generator) -> Solid:
+    """Draw struts between the nodes of a crooked grid."""
+    nodes = {
+        (i, j, k): np.array([i, j, k]) * 60.0 + rng.uniform(-12.0, 12.0, 3)
+        for i in range(3)
+        for j in range(3)
+        for k in range(4)
+    }
+    radius = float(rng.uniform(4.0, 8.0))
+    struts = [ellipsoid(tuple(at), (1.2 * radius,) * 3) for at in nodes.values()]
+    for place, at in nodes.items():
+        for axis in range(3):
+            neighbour = tuple(n + (a == axis) for a, n in enumerate(place))
+            if neighbour in nodes:
+                struts.append(rod(tuple(at), tuple(nodes[neighbour]), radius))
+    return Solid.union(struts)
+
+
+def shell(rng: np.random.Generator) -> Solid:
+    """Draw a thin, open bowl with an uneven rim."""
+    radii = rng.uniform(70.0, 120.0, 3)
+    thick_mm = float(rng.uniform(2.5, 6.0))
+    bowl = ellipsoid((0.0, 0.0, 0.0), tuple(radii)).subtract(
+        ellipsoid((0.0, 0.0, 0.0), tuple(radii - thick_mm))
+    )
+    lean = rng.uniform(-0.3, 0.3, 2)
+    normal = np.array([*lean, 1.0]) / math.sqrt(1.0 + float(lean @ lean))
+    return bowl.split_by_plane(normal, float(rng.uniform(-20.0, 30.0)))[0]
+
+
+def mechanical(rng: np.random.Generator) -> Solid:
+    """Draw a block with pads, pockets and bores."""
+    size = rng.uniform(80.0, 220.0, 3)
+    bodies, bores = [Solid.box((0.0, 0.0, 0.0), tuple(size))], []
+    for _ in range(4):
+        lo = rng.uniform(0.0, 0.7, 3) * size
+        bodies.append(Solid.box(tuple(lo), tuple(lo + rng.uniform(20.0, 80.0, 3))))
+    for _ in range(6):
+        axis, through = int(rng.integers(3)), rng.uniform(0.2, 0.8, 3) * size
+        start, end = through.copy(), through.copy()
+        start[axis], end[axis] = -10.0, size[axis] + 10.0
+        bores.append(rod(tuple(start), tuple(end), float(rng.uniform(5.0, 22.0))))
+    return Solid.union(bodies).subtract(Solid.union(bores))
+
+
+def flat(rng: np.random.Generator) -> Solid:
+    """Draw a wide sheet with ribs."""
+    wide, deep = rng.uniform(200.0, 400.0, 2)
+    bodies = [Solid.box((0.0, 0.0, 0.0), (wide, deep, 3.0))]
+    for _ in range(5):
+        x, y = rng.uniform(0.0, 0.6, 2) * (wide, deep)
+        long_mm = float(rng.uniform(60.0, 140.0))
+        size = (long_mm, 4.0) if rng.random() < 0.5 else (4.0, long_mm)
+        bodies.append(Solid.box((x, y, 0.0), (x + size[0], y + size[1], float(rng.uniform(10.0, 30.0)))))
+    return Solid.union(bodies)
+
+
+KINDS: Mapping[str, Callable[[np.random.Generator], Solid]] = {
+    kind.__name__: kind for kind in (organic, bust, lattice, shell, mechanical, flat)
+}
+
+
+def draw_model(kind: str, seed: int, side_mm: float) -> Model:
+    """Draw a model of a kind with a longest side; the same seed draws the same model."""
+    drawn = KINDS[kind](np.random.default_rng([seed, sorted(KINDS).index(kind)]))
+    vertices, faces = drawn.arrays()
+    scale = side_mm / float(np.ptp(vertices, axis=0).max())
+    return Model(Solid.from_arrays(scale * vertices, faces), (), scale)
+
+
+@dataclass(frozen=True, slots=True)
+class Figures:
+    """Figures of one decomposition; those of the result are None where there was none, and `reason` says why.
+
+    Attributes
+    ----------
+    efficiency
+        Time of the whole in its best pose over printers times makespan.
+    balance
+        Mean over greatest time of the parts.
+    gap
+        Share by which the makespan on the grid exceeds its lower bound.
+    small_feet
+        Number of parts that stand high on a small foot.
+    peak_mb
+        Peak memory of the process so far.
+    """
+
+    kind: str
+    seed: int
+    triangles: int
+    parts: int | None
+    efficiency: float | None
+    balance: float | None
+    gap: float | None
+    small_feet: int | None
+    effort_s: float | None
+    wall_s: float
+    peak_mb: float
+    reason: str = ""
+
+
+def measure(kind: str, seed: int, printers: int, side_mm: float, budget_s: float) -> Figures:
+    """Decompose one model with default settings."""
+    model = draw_model(kind, seed, side_mm)
+    rooms = [PrinterRoom(str(number), ROOM) for number in range(printers)]
+    options = Options(best=BestOptions(budget_s))
+    began_s, result, reason = perf_counter(), None, ""
+    with ThreadPoolExecutor() as executor:
+        try:
+            result = decompose_model(model, rooms, options, CostModel.from_recipe(Recipe()), executor)
+        except DecomposeError as error:
+            reason = str(error)
+    wall_s = perf_counter() - began_s
+    peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+    if result is None:
+        nothing = (None,) * 6
+        return Figures(kind, seed, model.solid.faces, *nothing, wall_s, peak_mb, reason)
+    return Figures(
+        kind,
+        seed,
+        model.solid.faces,
+        len(result.parts),
+        result.serial_s / (printers * result.makespan_s),
+        result.sum_s / len(result.parts) / result.makespan_s,
+        result.gap,
+        sum(part.small_foot_mm2 is not None for part in result.parts),
+        sum(attempt.effort_s for attempt in result.attempts),
+        wall_s,
+        peak_mb,
+    )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--kinds", default=",".join(KINDS))
+    parser.add_argument("--printers", type=int, default=20)
+    parser.add_argument("--side", type=float, default=450.0)
+    parser.add_argument("--budget", type=float, default=BUDGET_S)
+    parser.add_argument("--json", action="store_true")
+    wanted = parser.parse_args()
+    rows = []
+    for kind in wanted.kinds.split(","):
+        row = measure(kind, wanted.seed, wanted.printers, wanted.side, wanted.budget)
+        rows.append(row)
+        if not wanted.json:
+            figures = row.reason or (
+                f"{row.parts} parts, E {row.efficiency:.3f}, balance {row.balance:.3f}, gap {row.gap:.1%}, "
+                f"{row.small_feet} small feet, effort {row.effort_s:.1f} s"
+            )
+            print(f"{kind:10} {row.triangles:7} faces: {figures}, {row.wall_s:.0f} s, {row.peak_mb:.0f} MB")
+            sys.stdout.flush()
+    found = [row.efficiency for row in rows if row.efficiency is not None]
+    mean = math.exp(sum(map(math.log, found)) / len(found)) if found else None
+    if wanted.json:
+        print(json.dumps({"models": [asdict(row) for row in rows], "efficiency": mean}, indent=1))
+    elif mean is not None:
+        print(f"E in the geometric mean {mean:.3f}, at worst {min(found):.3f}")
+
+
+if __name__ == "__main__":
+    main()
