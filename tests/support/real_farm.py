@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -29,6 +30,12 @@ def wait_for(what, condition, patience_s=PATIENCE_S):
             return value
         time.sleep(0.05)
     raise AssertionError(f"waited {patience_s:.0f} s for {what}")
+
+
+def free_port():
+    """Return a port of this host on which nothing listens."""
+    with socket.create_server(("127.0.0.1", 0)) as probe:
+        return probe.getsockname()[1]
 
 
 class RealFarm:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import json
 import os
 import signal
@@ -11,7 +12,8 @@ from pathlib import Path
 import pytest
 
 from drivers.emulator.launch import Command, control
-from real_farm import wait_for
+from fake_camera import make_png, run_camera
+from real_farm import free_port, wait_for
 
 pytestmark = pytest.mark.system
 
@@ -110,7 +112,51 @@ def test_submit_wait_continues_over_a_restart_of_the_daemon(farm, bar, tmp_path)
         assert json.load(out)["job"]["state"] == "printed"
 
 
-def test_printer_of_a_dead_agent_is_cooled(farm, bar):
+@pytest.fixture
+def watched_farm(make_farm):
+    """Two simulated printers with cameras, and a server for the network."""
+    model = "ultimaker2_plus"
+    with run_camera(lambda request: request.send(make_png())) as camera:
+        farm = make_farm({"one": (model, f"sim://{model}?seed=1"), "two": (model, f"sim://{model}?seed=2")})
+        farm.port = free_port()
+        web = f"web: {{listen: '127.0.0.1:{farm.port}'}}\n"
+        camera_url = f"defaults: {{camera: 'http://{camera.address}/{{printer}}.png'}}\n"
+        farm.fleet.write_text(farm.fleet.read_text() + web + camera_url)
+        farm.up()
+        yield farm
+        farm.end()
+
+
+def check_stills(job):
+    """Check the stills of a job's prints: of first layers, ends and failures. Returns their number."""
+    stills = []
+    for attempt in (attempt for part in job["parts"] for attempt in part["prints"]):
+        last = "failure" if attempt["state"] == "failed" else "end"
+        assert last in {still["moment"] for still in attempt["stills"]}
+        stills += attempt["stills"]
+    # at 150 times the speed the first layer is over in a moment, which a busy machine may miss
+    assert "first_layer" in {still["moment"] for still in stills}
+    assert all(Path(still["file"]).read_bytes() == make_png() for still in stills)
+    return len(stills)
+
+
+def check_fetched_files(farm, folder, stills):
+    """Check that another computer gets the files of job 1, and a report that shows its stills."""
+    key = folder / "key"
+    key.touch(mode=0o600)
+    key.write_text(farm.ok("key", "add", "laptop", "--role", "look"))
+    there = {"FARM_URL": f"http://127.0.0.1:{farm.port}", "FARM_KEY_FILE": str(key)}
+    wait_for("the server", lambda: "closed" not in farm.ok("key").splitlines()[0])
+    farm.ok("fetch", 1, "--out", folder / "job", **there)
+    fetched = {path.name for path in (folder / "job").iterdir()}
+    assert {"p01.stl", "p02.stl", "plate-01.gcode", "assembly.png", "instructions.html"} <= fetched
+    assert sum(name.startswith("print-") for name in fetched) == stills
+    report = (folder / "job" / "report.html").read_text()
+    assert report.count(base64.b64encode(make_png()).decode()) == stills
+
+
+def test_printer_of_a_dead_agent_is_cooled(watched_farm, bar, tmp_path):
+    farm = watched_farm
     farm.ok("submit", bar)
     wait_for("both printers to extrude", lambda: printing(farm) and extruding(farm, "one"))
     agent = farm.printer("one")["agent_pid"]
@@ -138,6 +184,7 @@ def test_printer_of_a_dead_agent_is_cooled(farm, bar):
     assert farm.job()["waits_for_person"]
     farm.ok("cleared", "one")
     wait_for("the second attempt", lambda: farm.job()["state"] == "printed")
+    check_fetched_files(farm, tmp_path, check_stills(farm.job()))
 
 
 def test_printer_reset_by_a_person_gets_no_plate_before_it_is_inspected(farm, bar):

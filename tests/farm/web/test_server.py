@@ -15,16 +15,10 @@ import pytest
 import trimesh
 
 from bench.web_load import list_beginnings
-from real_farm import RealFarm, wait_for
+from real_farm import RealFarm, free_port, wait_for
 
 pytestmark = pytest.mark.system
 HALF = b"GET /healthz HTTP/1.1\r\nHost: localhost\r\n"
-
-
-def free_port():
-    with closing(socket.socket()) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
 
 
 def make_certificate(folder):
