@@ -40,6 +40,7 @@ from farm.http import (
     EventStreams,
     PeerProtocol,
     Services,
+    StreamLimit,
     check_operators,
     connection_limit,
     descriptor_limit,
@@ -107,6 +108,7 @@ class Daemon:
         self._ending: asyncio.Task[None] | None = None
         self._inspections: dict[Path, str] = {}  # models that are being inspected
         self._streams = EventStreams(self._store)
+        self._page_streams = StreamLimit()
 
     # -- run --------------------------------------------------------------------------------------------
 
@@ -127,6 +129,7 @@ class Daemon:
             self._agents.read_lines,
             inspections=self._inspections,
             streams=self._streams,
+            page_streams=self._page_streams,
         )
         dry_runs = DryRuns(self._controller)
         most = self._limit_connections()
@@ -241,6 +244,7 @@ class Daemon:
     def _stop_work(self) -> None:
         """End all streams, and all work in workers; requests that wait for it are answered with an error."""
         self._streams.close()
+        self._page_streams.close()
         self._planner.stop()
         self._replan_worker.stop()
         self._workers.close()

@@ -209,6 +209,8 @@ class Todo(View):
     printers: list[str]
     text: str
     brief: str = ""  # the text in a few words
+    jobs: list[int] = Field(default_factory=list)  # that it is about
+    good: dict[str, str] = Field(default_factory=dict)  # by printer: a failed part that may be good
 
 
 class NightView(View):

@@ -26,6 +26,7 @@ from farm.http.event_streams import EventStreams
 from farm.http.routes.files import name_stored_files
 from farm.http.routes.status import describe_farm
 from farm.http.services import NetworkState, Services
+from farm.http.stream_limit import StreamLimit, StreamResponse
 from farm.http.uploads import Upload, Uploads, clean_name
 
 __all__ = [
@@ -39,6 +40,8 @@ __all__ = [
     "PeerProtocol",
     "Person",
     "Services",
+    "StreamLimit",
+    "StreamResponse",
     "Upload",
     "Uploads",
     "WaitingConnection",

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import asyncio
-from collections import Counter
-from collections.abc import AsyncIterator, Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import AsyncIterator, Callable, Sequence
 from typing import Protocol
 
-from farm.errors import Refused
+from farm.http.stream_limit import StreamLimit
 from farm.state.event_rows import EventRow
 
 _MAX_STREAMS_PER_CALLER = 4
@@ -45,8 +43,8 @@ class NoEvents:
         return ()
 
 
-class EventStreams:
-    """Open streams, whose number is limited; closing ends them all.
+class EventStreams(StreamLimit):
+    """Open streams of events, whose number is limited.
 
     Parameters
     ----------
@@ -59,29 +57,8 @@ class EventStreams:
     """
 
     def __init__(self, log: EventLog, most: int = 16, poll_s: float = 0.5) -> None:
-        self.log, self._most, self._poll_s = log, most, poll_s
-        self._callers: Counter[str] = Counter()
-        self._closing = asyncio.Event()
-
-    def close(self) -> None:
-        """End all streams."""
-        self._closing.set()
-
-    def check(self, caller: str) -> None:
-        """Raise Refused if a caller may not open another stream."""
-        if self._closing.is_set():
-            raise Refused("the daemon is ending")
-        if self._callers.total() >= self._most or self._callers[caller] >= _MAX_STREAMS_PER_CALLER:
-            raise Refused(f"too many event streams are open ({self._callers[caller]} of {caller}): end one")
-
-    @contextmanager
-    def count(self, caller: str) -> Iterator[None]:
-        """Count a stream of a caller while it is open."""
-        self._callers[caller] += 1
-        try:
-            yield
-        finally:
-            self._callers[caller] -= 1
+        super().__init__(most, _MAX_STREAMS_PER_CALLER)
+        self.log, self._poll_s = log, poll_s
 
     async def follow(
         self, after: int, is_allowed: Callable[[], bool], wait: bool
@@ -98,7 +75,7 @@ class EventStreams:
             Whether to go on when there are no more.
         """
         quiet = 0
-        while is_allowed() and not self._closing.is_set():
+        while is_allowed() and not self.is_closed:
             rows = list(self.log.read_events(after, _BATCH))
             if rows:
                 after, quiet = rows[-1].number, 0
@@ -110,6 +87,4 @@ class EventStreams:
             quiet += 1
             if quiet % _HEARTBEATS == 0:
                 yield []
-            with suppress(TimeoutError):
-                async with asyncio.timeout(self._poll_s):
-                    await self._closing.wait()
+            await self.wait(self._poll_s)

@@ -16,6 +16,7 @@ from farm.control import AppKeyRequests, Controller, SessionCommands
 from farm.errors import NoSuchThing, Refused
 from farm.http.callers import find_user_role
 from farm.http.event_streams import EventStreams, NoEvents
+from farm.http.stream_limit import StreamLimit
 from farm.http.uploads import Uploads
 from farm.model import Role
 from farm.paths import StateFolder
@@ -97,6 +98,8 @@ class Services:
         Names of the models that are being inspected, by the files of their uploads.
     streams
         Streams of the event log.
+    page_streams
+        Streams of pages in browsers.
     sessions
         Commands about sessions of browsers.
     uploads
@@ -120,6 +123,7 @@ class Services:
     key_uses_s: dict[str, float] = field(default_factory=dict)
     inspections: dict[Path, str] = field(default_factory=dict)
     streams: EventStreams = field(default_factory=lambda: EventStreams(NoEvents()))
+    page_streams: StreamLimit = field(default_factory=StreamLimit)
     app_key_requests: AppKeyRequests = field(default_factory=AppKeyRequests)
     find_user_role: Callable[[str, str | None], Role | None] = find_user_role
     sessions: SessionCommands = field(init=False)

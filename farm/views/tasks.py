@@ -68,7 +68,7 @@ def _list_farm_tasks(context: ViewContext) -> Iterator[api.Todo]:
     for number, progress in context.progress.items():
         if progress.step is PlanStep.NO_ROOM:
             text = f"free space on the disk of {context.state.root}: job {number} waits for it"
-            yield api.Todo(code="farm", printers=[], text=text)
+            yield api.Todo(code="farm", printers=[], text=text, jobs=[number])
 
 
 def _describe_outage(context: ViewContext, outage: Outage) -> api.Todo:
@@ -77,7 +77,8 @@ def _describe_outage(context: ViewContext, outage: Outage) -> api.Todo:
         "then `farm resume`"
     )
     text += "".join(_ask_whole(context, name) for name in outage.printers)
-    return api.Todo(code="outage", printers=list(outage.printers), text=text)
+    good = {name: part for name in outage.printers if (part := _find_whole_part(context, name))}
+    return api.Todo(code="outage", printers=list(outage.printers), text=text, good=good)
 
 
 def _list_printer_tasks(context: ViewContext, section: PrinterSection, lost: bool) -> Iterator[api.Todo]:
@@ -119,7 +120,10 @@ def _list_printer_tasks(context: ViewContext, section: PrinterSection, lost: boo
             )
             since_text = f" ({format_recent(at, now)})"
         text = f"inspect {name}: {reason}; then `farm cleared {name}`{ask}"
-        yield api.Todo(code="look", printers=[name], text=text, brief=f"{name}: {reason}{since_text}{ask}")
+        whole = _find_whole_part(context, name)
+        brief = f"{name}: {reason}{since_text}{ask}"
+        good = {} if whole is None else {name: whole}
+        yield api.Todo(code="look", printers=[name], text=text, brief=brief, good=good)
     elif attempt is not None:
         left_s, zone = context.remaining_s(attempt), context.fleet.zone
         yield from list_deadlines(attempt, context.reported_print(attempt), left_s, context.now_s, zone)
@@ -136,13 +140,20 @@ def _needs_clearing(context: ViewContext, printer: str) -> bool:
     return is_available and entry.bed is not Bed.CLEAR
 
 
+def _find_whole_part(context: ViewContext, printer: str) -> str | None:
+    """Return the part of a failed print on a bed that may be good; None if it cannot be."""
+    attempt = possibly_whole_print(context.books, printer)
+    return None if attempt is None else part_name(context.books, attempt)
+
+
 def _ask_whole(context: ViewContext, printer: str) -> str:
     """Ask whether the part of a failed print is good, and name the command; empty if it cannot be."""
-    attempt = possibly_whole_print(context.books, printer)
-    if attempt is None:
-        return ""
-    part = part_name(context.books, attempt)
-    return f"; if part {part} is good nevertheless: `farm cleared {printer} --good {part}`"
+    part = _find_whole_part(context, printer)
+    return (
+        ""
+        if part is None
+        else f"; if part {part} is good nevertheless: `farm cleared {printer} --good {part}`"
+    )
 
 
 def _format_heat(snapshot: AgentSnapshot) -> str:
@@ -218,13 +229,13 @@ def _list_held_jobs(books: Books) -> Iterator[api.Todo]:
             f"the database was restored from a backup: check which parts of {jobs} were printed since, "
             "`farm cancel JOB/PART` those, then `farm approve JOB`"
         )
-        yield api.Todo(code="restored", printers=[], text=text)
+        yield api.Todo(code="restored", printers=[], text=text, jobs=restored)
     for job in held:
         if not job.options.dry_run:
             grams = sum(plate.grams for plate in books.plates_of(job))
             subject = f"job {job.id} ({format_count(len(job.parts), 'part')}, {format_mass(grams)})"
             text = f"approve {subject}: `farm approve {job.id}`"
-            yield api.Todo(code="approve", printers=[], text=text, brief=subject)
+            yield api.Todo(code="approve", printers=[], text=text, brief=subject, jobs=[job.id])
 
 
 def _list_stopped_parts(books: Books) -> Iterator[api.Todo]:
@@ -243,7 +254,7 @@ def _list_stopped_parts(books: Books) -> Iterator[api.Todo]:
             subject = f"{format_count(len(names), 'part')} of job {job}"
             choice = f"print them again with `farm resume {job}`, or give one up with `farm cancel JOB/PART`"
         text = f"{subject} stopped by `farm estop`: {choice}"
-        yield api.Todo(code="stopped", printers=[], text=text, brief=subject)
+        yield api.Todo(code="stopped", printers=[], text=text, brief=subject, jobs=[job])
 
 
 def _list_reels(books: Books, plate_holds: Mapping[str, Hold]) -> Iterator[api.Todo]:

@@ -81,6 +81,7 @@ OPEN = frozenset(
 ROLES: dict[tuple[str, str], Role] = {
     **{("GET", path): Role.LOOK for path in (METRICS, SCHEMA, SCHEMA_PAGE)},
     **{("GET", path): Role.LOOK for path in PAGES},
+    ("GET", "/live"): Role.LOOK,
     **{("GET", path): Role.OPERATE for path in OPERATOR_PAGES},
     ("POST", "/logout"): Role.LOOK,
     **{("GET", NETWORK_PREFIX + path): Role.LOOK for path in _LOOK},

@@ -31,8 +31,10 @@ from farm.web.access import LIVENESS, METRICS, SCHEMA, SCHEMA_PAGE, find_role, i
 from farm.web.actions import job_forms, printer_forms
 from farm.web.address_limit import group_address
 from farm.web.callers import CallerFinder, KeyHolder, Visitor
+from farm.web.compression import PageCompression
 from farm.web.cookies import SessionCookie
 from farm.web.guard import Refusal, check_head, check_host, check_origin, check_page
+from farm.web.live import LivePages, live_routes
 from farm.web.metrics import CONTENT_TYPE, write_metrics
 from farm.web.notes import Notes
 from farm.web.openapi import describe_routes
@@ -75,6 +77,7 @@ def make_web_app(services: Services, dry_runs: DryRuns, names: Collection[str]) 
     )
     add_routes(app, services, dry_runs, NETWORK_PREFIX)
     add_slicer_routes(app, services)
+    app.add_middleware(PageCompression)
     app.add_middleware(
         BodyLimit,
         is_upload=lambda path: path in (NETWORK_PREFIX + UPLOAD_PATH, SUBMIT_PATH) or is_slicer_upload(path),
@@ -115,7 +118,9 @@ def _add_pages(app: FastAPI, services: Services, dry_runs: DryRuns) -> None:
     printers = PrinterCommands(services.controller)
     parts = PartCommands(services.controller, printers)
     jobs = JobCommands(services.controller, printers)
-    app.include_router(page_routes(services, notes))
+    live = LivePages(services.page_streams)
+    app.include_router(page_routes(services, notes, live))
+    app.include_router(live_routes(live, services.page_streams))
     app.include_router(fleet_routes(services, notes))
     app.include_router(job_pages(services, jobs, dry_runs, notes))
     app.include_router(printer_forms(printers, parts))

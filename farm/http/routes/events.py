@@ -3,40 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import AsyncIterator, Callable, Sequence
-from contextlib import AbstractContextManager
 from typing import Annotated
 
 from fastapi import APIRouter, Header, Query, Request
 from fastapi.responses import StreamingResponse
-from starlette.types import Receive, Scope, Send
 
 from farm import api
 from farm.errors import Refused
 from farm.http.callers import CallerName
 from farm.http.services import Services
+from farm.http.stream_limit import STREAM_TYPE, StreamResponse
 from farm.state.event_rows import EventRow
 from farm.views import describe_event
 
 _LARGEST_NUMBER = 2**63 - 1  # that SQLite knows
 _RETRY = "retry: 5000\n\n"  # milliseconds after which a browser connects again
 _HEARTBEAT = ":\n\n"
-_MEDIA_TYPE = "text/event-stream"
-_HEADERS = {"x-accel-buffering": "no"}  # a proxy must not hold events back
 _ANSWERS: dict[int | str, dict[str, object]] = {
-    200: {"content": {_MEDIA_TYPE: {"schema": {"type": "string"}}}}
+    200: {"content": {STREAM_TYPE: {"schema": {"type": "string"}}}}
 }
-
-
-class _EventResponse(StreamingResponse):
-    """Response that counts as an open stream while it is sent, even if its client has gone before."""
-
-    def __init__(self, content: AsyncIterator[str], counted: AbstractContextManager[None]) -> None:
-        super().__init__(content, media_type=_MEDIA_TYPE, headers=_HEADERS)
-        self._counted = counted
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        with self._counted:
-            await super().__call__(scope, receive, send)
 
 
 def event_routes(services: Services) -> APIRouter:
@@ -76,7 +61,7 @@ def event_routes(services: Services) -> APIRouter:
             async for rows in streams.follow(after, is_allowed, wait):
                 yield describe(rows)
 
-        return _EventResponse(write(), streams.count(by))
+        return StreamResponse(write(), streams.count(by))
 
     return router
 

@@ -7,7 +7,7 @@ from datetime import datetime
 from functools import cache, partial
 
 from jinja2 import Environment, PackageLoader, StrictUndefined, Template
-from markupsafe import Markup
+from markupsafe import Markup, escape
 
 from farm.model import Role
 from farm.text import format_duration, format_mass, format_moment
@@ -110,6 +110,7 @@ def _templates() -> Environment:
     environment.filters["degrees"] = _format_degrees
     environment.filters["share"] = partial(_format_known, format_share)
     environment.filters["deviation"] = partial(_format_known, format_deviation)
+    environment.filters["commands"] = format_commands
     environment.filters["words"] = describe_value
     environment.filters["state"] = format_state
     return environment
@@ -127,6 +128,15 @@ def format_time_element(at: str | None, now: str) -> Markup:
         return Markup("")
     text = format_moment(datetime.fromisoformat(at), datetime.fromisoformat(now))
     return Markup('<time datetime="{}">{}</time>').format(at, text)
+
+
+def format_commands(text: str) -> Markup:
+    """Format a sentence whose commands stand in backticks."""
+    pieces = text.split("`")
+    if len(pieces) % 2 == 0:  # a backtick of its own, as in the name of a model
+        return escape(text)
+    code = Markup("<code>{}</code>")
+    return Markup("").join(code.format(text) if at % 2 else text for at, text in enumerate(pieces))
 
 
 def format_state(state: str) -> Markup:

@@ -1,4 +1,4 @@
-"""Routes of pages for browsers: status, and the static files."""
+"""Routes of pages for browsers: Home, and the static files."""
 
 from __future__ import annotations
 
@@ -8,14 +8,15 @@ from fastapi.responses import HTMLResponse
 from farm.errors import NoSuchThing
 from farm.http import Services, describe_farm
 from farm.web.callers import find_holder
-from farm.web.notes import Notes, Reader
-from farm.web.pages.rendering import render_page
+from farm.web.live import LivePages, publish_page
+from farm.web.notes import Note, Notes, Reader
+from farm.web.pages.home import render_home
 from farm.web.pages.static_files import load_static_files
 
 _KEPT = "public, max-age=31536000, immutable"  # the address changes with the contents
 
 
-def page_routes(services: Services, notes: Notes) -> APIRouter:
+def page_routes(services: Services, notes: Notes, live: LivePages) -> APIRouter:
     """Return the routes of pages.
 
     Parameters
@@ -24,17 +25,21 @@ def page_routes(services: Services, notes: Notes) -> APIRouter:
         Components of the daemon.
     notes
         Notes to show above the pages.
+    live
+        Receives the pages that are kept up to date.
     """
     router = APIRouter(include_in_schema=False)
-    name = services.controller.fleet.fleet.name
+
+    def show_home(reader: Reader, _: str = "", note: Note | None = None) -> str:
+        return render_home(describe_farm(services), reader, note)
+
+    live.add("/", show_home)
 
     @router.get("/")
-    async def show_status(request: Request) -> Response:
+    async def home(request: Request) -> Response:
         holder = find_holder(request)
-        reader, note = Reader.for_holder(holder), notes.take(holder.key.id)
-        return HTMLResponse(
-            render_page("status.html", name, "/", reader, note, status=describe_farm(services))
-        )
+        page = show_home(Reader.for_holder(holder), note=notes.take(holder.key.id))
+        return HTMLResponse(publish_page(page))
 
     @router.get("/static/{name}")
     async def static_file(name: str, request: Request) -> Response:

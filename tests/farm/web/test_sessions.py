@@ -122,7 +122,7 @@ def test_page_shows_tasks_printers_jobs_and_user(tmp_path, role):
     for text in (
         "<title>Home – lab</title>",
         f"ann ({role})",
-        '<th scope="row">a</th>',
+        '<li class="card tile" id="printer-a">',
         "key laptop",
         "Log out",
     ):

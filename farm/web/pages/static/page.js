@@ -9,7 +9,7 @@ const readOffset = (iso) => {
 };
 
 /** Show the times inside an element in the reader's zone, where that differs. */
-export const localiseTimes = (root) => {
+const localiseTimes = (root) => {
   for (const element of root.querySelectorAll("time[datetime]")) {
     if (element.closest("[data-farm-time]")) continue; // beside a chart in the fleet's zone
     const iso = element.getAttribute("datetime");
@@ -23,3 +23,4 @@ export const localiseTimes = (root) => {
 };
 
 localiseTimes(document);
+document.addEventListener("fresh", (event) => localiseTimes(event.detail));

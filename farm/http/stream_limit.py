@@ -1,0 +1,78 @@
+"""Limit on the number of open streams, which all end when the daemon does."""
+
+from __future__ import annotations
+
+import asyncio
+from collections import Counter
+from collections.abc import AsyncIterator, Iterator
+from contextlib import AbstractContextManager, contextmanager, suppress
+
+from fastapi.responses import StreamingResponse
+from starlette.types import Receive, Scope, Send
+
+from farm.errors import Refused
+
+STREAM_TYPE = "text/event-stream"
+_HEADERS = {"x-accel-buffering": "no"}  # a proxy must not hold events back
+
+
+class StreamLimit:
+    """Counts open streams; closing ends them all.
+
+    Parameters
+    ----------
+    most
+        Most streams at a time.
+    most_of_one
+        Most streams of one caller.
+    """
+
+    def __init__(self, most: int = 100, most_of_one: int = 20) -> None:
+        self._most, self._most_of_one = most, most_of_one
+        self._callers: Counter[str] = Counter()
+        self._closing = asyncio.Event()
+
+    def close(self) -> None:
+        """End all streams."""
+        self._closing.set()
+
+    @property
+    def is_closed(self) -> bool:
+        """True once all streams are to end."""
+        return self._closing.is_set()
+
+    async def wait(self, seconds: float) -> None:
+        """Wait for a time, or until the streams are closed."""
+        with suppress(TimeoutError):
+            async with asyncio.timeout(seconds):
+                await self._closing.wait()
+
+    def check(self, caller: str) -> None:
+        """Raise Refused if a caller may not open another stream."""
+        if self.is_closed:
+            raise Refused("the daemon is ending")
+        if self._callers.total() >= self._most or self._callers[caller] >= self._most_of_one:
+            raise Refused(f"too many streams are open ({self._callers[caller]} of {caller}): end one")
+
+    @contextmanager
+    def count(self, caller: str) -> Iterator[None]:
+        """Count a stream of a caller while it is open."""
+        self._callers[caller] += 1
+        try:
+            yield
+        finally:
+            self._callers[caller] -= 1
+
+
+class StreamResponse(StreamingResponse):
+    """Server-sent events, counted as an open stream while they are sent, or until the client has gone."""
+
+    def __init__(
+        self, content: AsyncIterator[str] | AsyncIterator[bytes], counted: AbstractContextManager[None]
+    ) -> None:
+        super().__init__(content, media_type=STREAM_TYPE, headers=_HEADERS)
+        self._counted = counted
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        with self._counted:
+            await super().__call__(scope, receive, send)

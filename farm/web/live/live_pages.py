@@ -1,0 +1,169 @@
+"""Pages that are kept up to date: each is rendered once for all its viewers of a role, who get what changed.
+
+Nothing is rendered while nobody looks.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import logging
+import re
+import time
+from collections.abc import AsyncIterator, Callable
+from contextlib import suppress
+
+from farm.errors import FarmError, NoSuchThing
+from farm.http import StreamLimit
+from farm.model import Role
+from farm.web.live.fragments import MAIN, find_changes, split_page
+from farm.web.notes import Reader
+
+log = logging.getLogger(__name__)
+
+Render = Callable[[Reader, str], str]
+"""Renders a page for a reader, from the variable part of its path."""
+
+_PERIOD_S = 1.0
+_LARGEST_SHARE = 0.05  # of a core, that rendering may take
+_BEAT_S = 5.0
+_RETRY = b"retry: 3000\n\n"  # milliseconds after which a browser connects again
+_BEAT = b"event: beat\ndata:\n\n"
+
+
+class _Topic:
+    """One page for one role, as its viewers last saw it."""
+
+    def __init__(self, render: Callable[[], str]) -> None:
+        self._render = render
+        self.viewers, self.is_over = 0, False
+        self.fragments = split_page(render())
+        self.version, self._message = self.fragments.version, b""
+        self._before: str | None = None
+        self._change = asyncio.Event()
+
+    def refresh(self) -> None:
+        """Render again, and wake the viewers if something has changed."""
+        fragments = split_page(self._render())
+        changes = find_changes(self.fragments, fragments)
+        if changes:
+            self._before, self.version, self.fragments = self.version, fragments.version, fragments
+            self._message = format_changes(changes, self.version)
+            self.wake()
+
+    def wake(self) -> None:
+        """Wake all viewers."""
+        change, self._change = self._change, asyncio.Event()
+        change.set()
+
+    async def wait(self, seconds: float) -> None:
+        """Wait for the next change."""
+        with suppress(TimeoutError):
+            async with asyncio.timeout(seconds):
+                await self._change.wait()
+
+    def catch_up(self, version: str) -> bytes:
+        """Return what leads from a version to the present one: the last changes, or everything."""
+        if version == self.version:
+            return b""
+        if version == self._before:
+            return self._message
+        return format_changes({MAIN: self.fragments.html}, self.version)
+
+
+class LivePages:
+    """All pages that are kept up to date, by their paths.
+
+    Parameters
+    ----------
+    streams
+        Ends all streams when the daemon ends.
+    """
+
+    def __init__(self, streams: StreamLimit) -> None:
+        self._streams = streams
+        self._renders: list[tuple[re.Pattern[str], Render]] = []
+        self._topics: dict[tuple[str, Role], _Topic] = {}
+        self._refreshing: asyncio.Task[None] | None = None
+
+    def add(self, path: str, render: Render) -> None:
+        """Add a page, with at most one variable in its path, such as `/jobs/{number}`."""
+        self._renders.append((re.compile(re.sub(r"\{\w+\}", "([^/]+)", path)), render))
+
+    def join(self, path: str, role: Role) -> _Topic:
+        """Return a page for a role. Raises FarmError if there is no such page."""
+        topic = self._topics.get((path, role))
+        if topic is None:
+            topic = self._topics[path, role] = _Topic(self._find_render(path, role))
+        return topic
+
+    async def follow(
+        self, path: str, role: Role, version: str, is_allowed: Callable[[], bool]
+    ) -> AsyncIterator[bytes]:
+        """Yield the changes of a page as server-sent events, and a beat where there are none.
+
+        Parameters
+        ----------
+        path, role
+            The page, and the role of its viewer.
+        version
+            Version that the viewer has.
+        is_allowed
+            Returns whether the viewer may still see it.
+        """
+        topic = self.join(path, role)
+        topic.viewers += 1
+        self._start()
+        try:
+            yield _RETRY
+            while is_allowed() and not self._streams.is_closed and not topic.is_over:
+                message = topic.catch_up(version)
+                version = topic.version
+                yield message or _BEAT
+                if version == topic.version and not topic.is_over:  # else it changed while this was sent
+                    await topic.wait(_BEAT_S)
+        finally:
+            topic.viewers -= 1
+
+    def _find_render(self, path: str, role: Role) -> Callable[[], str]:
+        for pattern, render in self._renders:
+            found = pattern.fullmatch(path)
+            if found is not None:
+                reader, variable = Reader("", role), "".join(found.groups())
+                return lambda: render(reader, variable)
+        raise NoSuchThing(f"the page {path} is not kept up to date")
+
+    def _start(self) -> None:
+        if self._refreshing is None or self._refreshing.done():
+            self._refreshing = asyncio.get_running_loop().create_task(self._refresh())
+
+    async def _refresh(self) -> None:
+        """Render the pages that somebody looks at, until there are none."""
+        pause_s = _PERIOD_S
+        while self._topics:
+            await self._streams.wait(pause_s)
+            start_s = time.thread_time()
+            for key, topic in list(self._topics.items()):
+                if topic.viewers == 0 or self._streams.is_closed:
+                    del self._topics[key]
+                    topic.is_over = True
+                    topic.wake()
+                else:
+                    self._refresh_topic(key, topic)
+                await asyncio.sleep(0.0)  # other work between two pages
+            pause_s = max(_PERIOD_S, (time.thread_time() - start_s) / _LARGEST_SHARE)
+
+    def _refresh_topic(self, key: tuple[str, Role], topic: _Topic) -> None:
+        try:
+            topic.refresh()
+        except Exception as error:
+            if not isinstance(error, FarmError):  # such as a job that was pruned
+                log.exception("the page %s", key[0])
+            del self._topics[key]
+            topic.is_over = True
+            topic.wake()
+
+
+def format_changes(changes: dict[str, str], version: str) -> bytes:
+    """Format changes as one server-sent event, whose id is the version that they lead to."""
+    return f"id: {version}\ndata: {json.dumps(changes, ensure_ascii=False)}\n\n".encode()

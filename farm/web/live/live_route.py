@@ -1,0 +1,34 @@
+"""Route of the stream that keeps a page up to date."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from fastapi import APIRouter, Query, Request
+from fastapi.responses import StreamingResponse
+
+from farm.http import StreamLimit, StreamResponse
+from farm.web.callers import find_holder
+from farm.web.live.live_pages import LivePages
+
+_LONGEST = 200
+
+
+def live_routes(pages: LivePages, streams: StreamLimit) -> APIRouter:
+    """Return the route of the stream of changes."""
+    router = APIRouter(include_in_schema=False)
+
+    @router.get("/live", response_class=StreamingResponse)
+    async def live(
+        request: Request,
+        page: Annotated[str, Query(max_length=_LONGEST)] = "/",
+        version: Annotated[str, Query(max_length=_LONGEST)] = "",
+    ) -> StreamingResponse:
+        """Send the elements of a page that change, by their ids, as JSON; beats while nothing does."""
+        holder = find_holder(request)
+        streams.check(holder.name)
+        pages.join(page, holder.key.role)  # an error is an answer, and no stream
+        changes = pages.follow(page, holder.key.role, version, request.state.is_allowed)
+        return StreamResponse(changes, streams.count(holder.name))
+
+    return router

@@ -1,0 +1,250 @@
+"""Home: tasks of people first, then the printers by what ends first, then the jobs. Pure."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+
+from farm import api
+from farm.model import HoldCode, JobState, Link, PrintState
+from farm.text import format_count, format_mass
+from farm.web.notes import Note, Reader
+from farm.web.pages.rendering import render_page
+from farm.wording import format_planning, group_names, shorten_names
+
+_URGENT = ("alarm", "outage")
+_WITHOUT_HEAT = (Link.ABSENT, Link.STARTING, Link.CONNECTING)
+"""States of a printer whose temperatures are not known."""
+_MOST_ENDED = 8
+
+
+@dataclass(frozen=True, slots=True)
+class Bed:
+    """Bed to clear: its printer, the plate on it, and what is asked about that.
+
+    Attributes
+    ----------
+    printer
+        Name of the printer.
+    plate
+        The last plate that was printed on it; None if nothing was.
+    is_judged
+        Whether its part waits for a verdict.
+    good
+        A part whose print failed, but which may be good.
+    """
+
+    printer: str
+    plate: str | None
+    is_judged: bool
+    good: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """Task of a person.
+
+    Attributes
+    ----------
+    key
+        Name that stays the same while the task does.
+    code
+        That of the to-do list; `heat` for heaters that are on without a print.
+    text
+        What to do.
+    printers, jobs
+        Those that it is about.
+    beds
+        Beds that it ends with clearing.
+    """
+
+    key: str
+    code: str
+    text: str
+    printers: Sequence[str] = ()
+    jobs: Sequence[api.JobView] = ()
+    beds: Sequence[Bed] = ()
+
+    @property
+    def is_urgent(self) -> bool:
+        """True if somebody should go there now."""
+        return self.code in (*_URGENT, "heat")
+
+
+@dataclass(frozen=True, slots=True)
+class Tile:
+    """Printer, with the model that it prints and the expected end of that."""
+
+    printer: api.PrinterView
+    model: str
+    ends: str | None
+    is_hot: bool
+
+
+@dataclass(frozen=True, slots=True)
+class JobRow:
+    """Job, its progress in words, and why it or its plates wait."""
+
+    job: api.JobView
+    progress: str
+    waits: Sequence[str]
+
+
+def render_home(status: api.Status, reader: Reader, note: Note | None = None) -> str:
+    """Render Home.
+
+    Parameters
+    ----------
+    status
+        The farm.
+    reader
+        Person who reads it.
+    note
+        Message about the reader's last action.
+    """
+    jobs = [describe_job_row(job) for job in status.jobs]
+    ended = [row for row in jobs if JobState(row.job.state).ended and row.job.state != JobState.PRINTED]
+    return render_page(
+        "home.html",
+        status.fleet.name,
+        "/",
+        reader,
+        note,
+        now=status.fleet.now,
+        time_scale=status.fleet.time_scale,
+        tasks=list_home_tasks(status),
+        tiles=list_tiles(status),
+        jobs=[row for row in jobs if row not in ended],
+        ended=ended[-_MOST_ENDED:][::-1],
+        night=describe_night(status.night),
+    )
+
+
+def list_home_tasks(status: api.Status) -> list[Task]:
+    """List the tasks of people, most urgent first: those of the to-do list, and heat without a print."""
+    printers = {printer.name: printer for printer in status.printers}
+    jobs = {job.id: job for job in status.jobs}
+    keys = _make_keys(status.todo)
+    tasks = [_describe_task(key, todo, printers, jobs) for key, todo in zip(keys, status.todo, strict=True)]
+    alarms = {name for task in tasks if task.code == "alarm" for name in task.printers}
+    hot = [printer for printer in status.printers if is_hot(printer) and printer.name not in alarms]
+    heat = [Task(f"heat-{printer.name}", "heat", _describe_heat(printer), [printer.name]) for printer in hot]
+    urgent = [task for task in tasks if task.is_urgent]
+    return [*urgent, *heat, *(task for task in tasks if not task.is_urgent)]
+
+
+def _make_keys(todos: Iterable[api.Todo]) -> Iterator[str]:
+    """Yield a key for each task: its code and what it is about, with a number where that is not enough."""
+    seen = Counter[str]()
+    for todo in todos:
+        about = () if todo.code == "clear" else (*map(str, todo.jobs), *todo.printers)
+        key = "-".join((todo.code, *about))
+        seen[key] += 1
+        yield key if seen[key] == 1 else f"{key}-{seen[key]}"
+
+
+def is_hot(printer: api.PrinterView) -> bool:
+    """Return whether heaters are on, or were not seen off, while nothing is printed."""
+    known = printer.nozzle_c is not None and printer.state not in _WITHOUT_HEAT
+    return known and printer.print is None and not printer.heaters_off
+
+
+def _describe_heat(printer: api.PrinterView) -> str:
+    temperatures = (("nozzle", printer.nozzle_c), ("bed", printer.bed_c))
+    heat = ", ".join(f"{name} {now_c:.0f} °C" for name, now_c in temperatures if now_c is not None)
+    return f"Go to {printer.name}: nothing is printed, but its heaters have not been seen off ({heat})"
+
+
+def _describe_task(
+    key: str, todo: api.Todo, printers: dict[str, api.PrinterView], jobs: dict[int, api.JobView]
+) -> Task:
+    names, beds = todo.printers, list[Bed]()
+    text = todo.brief or todo.text
+    match todo.code:
+        case "clear":
+            text = f"Clear {format_count(len(names), 'bed')}"
+            beds = [describe_bed(printers[name]) for name in names]
+        case "look":
+            text = f"Inspect {names[0]}: {printers[names[0]].look or todo.brief}"
+            beds = [describe_bed(printers[name], todo.good.get(name)) for name in names]
+        case "outage":
+            lost = f"{' '.join(names)} were lost at the same time (power, USB hub or host?)"
+            text = f"{lost}: inspect them, then let them go on"
+        case "resume":
+            text = todo.text.partition(": `farm")[0]
+        case "approve":
+            text = f"Approve {text}"
+        case "stopped":
+            text = f"Decide on {text}, which the emergency stop ended"
+        case "alarm" | "farm":
+            text = todo.text
+        case "connect":
+            text = f"Connect {text}"
+    about = [jobs[number] for number in todo.jobs if number in jobs]
+    return Task(key, todo.code, text[:1].upper() + text[1:] if not names else text, names, about, beds)
+
+
+def describe_bed(printer: api.PrinterView, good: str | None = None) -> Bed:
+    """Describe what is on the bed of a printer, and what is asked about it."""
+    last = printer.last
+    is_judged = last is not None and last.state is PrintState.DONE and last.verdict is None
+    return Bed(printer.name, last.plate if last is not None else None, is_judged, good)
+
+
+def list_tiles(status: api.Status) -> list[Tile]:
+    """List the printers: the print that ends first in front, those without a print behind.
+
+    Ends are rounded to minutes, so that two printers do not change places all the time.
+    """
+    models, now = {job.id: job.name for job in status.jobs}, status.fleet.now
+    tiles = [
+        Tile(
+            printer,
+            models.get(printer.print.job, "") if printer.print else "",
+            _format_end(printer, now),
+            is_hot(printer),
+        )
+        for printer in status.printers
+    ]
+    return sorted(tiles, key=lambda tile: (tile.ends is None, tile.ends or "", tile.printer.name))
+
+
+def _format_end(printer: api.PrinterView, now: str) -> str | None:
+    if printer.print is None:
+        return None
+    end = datetime.fromisoformat(now) + timedelta(seconds=printer.print.remaining_s)
+    return (end + timedelta(seconds=30)).replace(second=0, microsecond=0).isoformat("T", "seconds")
+
+
+def describe_job_row(job: api.JobView) -> JobRow:
+    """Describe how far a job is, and why it or its plates wait."""
+    progress = format_planning(job.progress) if job.progress is not None else ""
+    if job.plates:
+        planned_again = f"; planned again: {progress}" if progress else ""
+        progress = f"{job.printed} of {format_count(len(job.plates), 'plate')} printed{planned_again}"
+    return JobRow(job, progress, list(_list_waits(job)))
+
+
+def _list_waits(job: api.JobView) -> Iterator[str]:
+    """List the reasons for which a job and its plates wait, each once."""
+    if job.error and job.state != JobState.CANCELLED:
+        yield job.reason or job.error
+    if job.hold is not None:
+        yield "waits for approval" if job.hold.code is HoldCode.APPROVAL else job.hold.text
+    holds = ((plate.hold.text, plate.id) for plate in job.plates if plate.hold is not None)
+    for text, plates in group_names(holds).items():
+        if job.hold is None or text != job.hold.text:
+            yield f"{shorten_names(plates)}: {text}"
+
+
+def describe_night(night: api.NightView | None) -> str | None:
+    """Describe the last night in a sentence."""
+    if night is None:
+        return None
+    counts = {"failed": night.failed, "still printing": night.printing, "not started": night.waiting}
+    others = "".join(f", {count} {words}" for words, count in counts.items() if count)
+    waste = f", {format_mass(night.wasted_grams)} of it wasted" if night.wasted_grams >= 0.5 else ""
+    plates = f"{night.printed} of {format_count(night.plates, 'plate')} printed{others}"
+    return f"{plates}; {format_mass(night.grams)} of filament{waste}"

@@ -1,0 +1,132 @@
+// Keeps a page up to date: one stream of server-sent events brings the elements that have changed.
+// Focus, open forms and what was typed stay. Other scripts hear of each new element by the event "fresh".
+
+const RETRY_MS = 3000;
+const SILENCE_MS = 15000;
+const STILL_MS = 5000;
+
+const main = document.getElementById("main");
+const page = document.body.dataset.live;
+let version = document.body.dataset.version;
+let source = null;
+let heard = Date.now();
+let retry = 0;
+
+const isAlike = (old, fresh) => old.nodeType === fresh.nodeType && old.nodeName === fresh.nodeName && !old.id && !fresh.id;
+
+const removeAndNext = (node) => {
+  const next = node.nextSibling;
+  node.remove();
+  return next;
+};
+
+const syncAttributes = (old, fresh) => {
+  for (const { name, value } of fresh.attributes) {
+    if (name === "src" && old.hasAttribute("data-still")) continue;
+    if (old.getAttribute(name) !== value) old.setAttribute(name, value);
+  }
+  for (const { name } of [...old.attributes]) {
+    if (!fresh.hasAttribute(name) && !(name === "open" && old.nodeName === "DETAILS")) old.removeAttribute(name);
+  }
+};
+
+/** Change an element into another one, keeping the nodes that stay. Elements with ids are found by these. */
+export const sync = (old, fresh) => {
+  if (old.nodeType !== Node.ELEMENT_NODE) {
+    if (old.data !== fresh.data) old.data = fresh.data;
+    return;
+  }
+  syncAttributes(old, fresh);
+  const known = new Map([...old.children].filter((one) => one.id).map((one) => [one.id, one]));
+  const wanted = new Set([...fresh.children].map((one) => one.id));
+  let at = old.firstChild;
+  for (const child of [...fresh.childNodes]) {
+    while (at && at.id && !wanted.has(at.id)) at = removeAndNext(at);
+    const same = child.id ? known.get(child.id) : at && isAlike(at, child) && at;
+    if (!same) {
+      old.insertBefore(child, at);
+      continue;
+    }
+    if (same === at) at = at.nextSibling;
+    else old.insertBefore(same, at);
+    sync(same, child);
+  }
+  while (at) at = removeAndNext(at);
+};
+
+const apply = (changes) => {
+  const focused = document.activeElement;
+  for (const [id, html] of Object.entries(changes)) {
+    const template = document.createElement("template");
+    template.innerHTML = html;
+    const fresh = template.content.firstElementChild;
+    document.dispatchEvent(new CustomEvent("fresh", { detail: fresh }));
+    const old = document.getElementById(id);
+    if (old) sync(old, fresh);
+  }
+  if (focused !== document.activeElement && focused.isConnected) focused.focus({ preventScroll: true });
+};
+
+// -- what is shown may be old ---------------------------------------------------------------------------------
+
+const warning = document.createElement("p");
+warning.className = "stale";
+warning.hidden = true;
+document.getElementById("notes").append(warning);
+
+const showStale = (isStale) => {
+  if (isStale && warning.hidden) {
+    const since = new Date(heard).toLocaleTimeString([], { hour12: false });
+    warning.textContent = `No news from the farm since ${since}. What you see may have changed; trying again.`;
+  }
+  warning.hidden = !isStale;
+  main.classList.toggle("old", isStale);
+};
+
+// -- the stream -------------------------------------------------------------------------------------------------
+
+const hear = () => {
+  heard = Date.now();
+  showStale(false);
+};
+
+const disconnect = () => {
+  clearTimeout(retry);
+  source?.close();
+  source = null;
+};
+
+const connect = () => {
+  disconnect();
+  if (document.hidden) return;
+  source = new EventSource(`/live?${new URLSearchParams({ page, version })}`);
+  source.onmessage = (event) => {
+    hear();
+    version = event.lastEventId;
+    apply(JSON.parse(event.data));
+  };
+  source.addEventListener("beat", hear);
+  source.onerror = () => {
+    disconnect();
+    showStale(true);
+    retry = setTimeout(connect, RETRY_MS);
+  };
+};
+
+const showStills = () => {
+  if (document.hidden) return;
+  for (const image of main.querySelectorAll("img[data-still]")) {
+    const { bottom, top } = image.getBoundingClientRect();
+    if (bottom > 0 && top < innerHeight) image.src = `${image.src.split("?")[0]}?at=${Date.now()}`;
+  }
+};
+
+if (page) {
+  document.addEventListener("visibilitychange", connect); // a hidden tab has no stream
+  addEventListener("pagehide", disconnect);
+  addEventListener("pageshow", (event) => event.persisted && connect());
+  addEventListener("online", connect);
+  setInterval(() => source && Date.now() - heard > SILENCE_MS && source.onerror(), 1000);
+  setInterval(showStills, STILL_MS);
+  connect();
+}

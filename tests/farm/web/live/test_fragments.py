@@ -1,0 +1,64 @@
+"""Pages split into fragments, and the changes between two renderings."""
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from farm.web.live.fragments import MAIN, find_changes, publish_page, split_page
+
+NAMES = st.lists(st.sampled_from(["a", "b-1", "c--", "printer-d"]), unique=True)
+TEXTS = st.text("ab<>&;-! \nü", max_size=8).map(lambda text: text.replace("<", "&lt;").replace(">", "&gt;"))
+
+
+def make_page(elements, around=""):
+    """Make a page as a template does."""
+    marked = "".join(
+        f'\n<!--live:{name}-->\n<li id="{name}">{text}</li>\n<!--/live-->' for name, text in elements.items()
+    )
+    body = (
+        f'<body data-live="/" data-version="">header<main id="main"><ul>{marked}</ul>{around}</main></body>'
+    )
+    return f"<html>{body}</html>"
+
+
+@st.composite
+def pages(draw):
+    return {name: draw(TEXTS) for name in draw(NAMES)}, draw(st.sampled_from(["", "x"]))
+
+
+def show(state, changes):
+    """Return the page of a browser after some changes, as elements by name in their order."""
+    if MAIN in changes:
+        return split_back(changes[MAIN])
+    return {name: changes.get(name, html) for name, html in state.items()}
+
+
+def split_back(main):
+    """Find the elements in the HTML of the main element."""
+    pieces = main.split('<li id="')[1:]
+    return {piece.partition('"')[0]: f'<li id="{piece.partition("</li>")[0]}</li>' for piece in pieces}
+
+
+@given(pages(), pages())
+def test_changes_lead_from_one_page_to_the_next(before, after):
+    old, new = (split_page(make_page(*page)) for page in (before, after))
+    changes = find_changes(old, new)
+    assert show(split_back(old.html), changes) == split_back(new.html) == dict(new.elements)
+    assert (changes == {}) == (before == after) == (old.version == new.version)
+
+
+@given(pages())
+def test_page_is_sent_without_marks_and_with_its_version(page):
+    sent = publish_page(make_page(*page))
+    assert "<!--" not in sent
+    assert f'data-version="{split_page(make_page(*page)).version}"' in sent
+    assert sent.startswith("<html><body data-live") and sent.endswith("</main></body></html>")
+    assert split_back(sent).keys() == page[0].keys()
+
+
+def test_one_change_is_one_element():
+    old, new = (split_page(make_page({"a": "1", "b": text})) for text in ("2", "3"))
+    assert find_changes(old, new) == {"b": '<li id="b">3</li>'}
+
+
+def test_page_without_a_version_is_sent_as_it_is():
+    assert publish_page("<main>x</main>") == "<main>x</main>"

@@ -1,0 +1,175 @@
+"""Streams that keep pages up to date: what viewers get, and when streams end."""
+
+import asyncio
+import json
+from contextlib import ExitStack
+
+import pytest
+
+from farm.errors import NoSuchThing
+from farm.http import StreamLimit
+from farm.model import Role
+from farm.web.live import LivePages
+from network_farm import NetworkFarm
+
+BEAT = b"event: beat\ndata:\n\n"
+
+
+class Page:
+    """A page of one number, which counts how often it is rendered."""
+
+    def __init__(self):
+        self.number, self.rendered, self.error = 0, 0, None
+
+    def render(self, reader, variable):
+        self.rendered += 1
+        if self.error is not None:
+            raise self.error
+        element = f'<p id="n">{self.number} {reader.role} {variable}</p>'
+        return f'<body><main id="main"><!--live:n-->{element}<!--/live--></main></body>'
+
+
+@pytest.fixture
+def page():
+    return Page()
+
+
+class QuickStreams(StreamLimit):
+    """Streams whose waits take no time; each round of renderings begins with one."""
+
+    rounds = 0
+
+    async def wait(self, seconds):
+        self.rounds += 1
+        await asyncio.sleep(0.0)
+
+
+def parse(message):
+    """Return the version and the changes of a message."""
+    fields = dict(line.split(": ", 1) for line in message.decode().strip().split("\n"))
+    return fields["id"], json.loads(fields["data"])
+
+
+async def read_changes(stream):
+    """Return the version and the changes of the next message that is no beat."""
+    while (message := await anext(stream)) == BEAT:
+        pass
+    return parse(message)
+
+
+def follow(pages, role=Role.LOOK, version="", path="/x/7", is_allowed=lambda: True):
+    return pages.follow(path, role, version, is_allowed)
+
+
+def run(page, scenario):
+    async def play():
+        streams = QuickStreams()
+        pages = LivePages(streams)
+        pages.add("/x/{number}", page.render)
+        async with asyncio.timeout(20):
+            await scenario(pages, streams)
+            streams.close()
+            if pages._refreshing is not None:
+                await pages._refreshing
+
+    asyncio.run(play())
+
+
+def test_viewer_gets_the_page_then_what_changes(page):
+    async def scenario(pages, _):
+        stream = follow(pages)
+        assert await anext(stream) == b"retry: 3000\n\n"
+        version, changes = parse(await anext(stream))
+        assert changes == {"main": '<main id="main"><p id="n">0 look 7</p></main>'}
+        page.number = 1
+        after, changes = await read_changes(stream)
+        assert changes == {"n": '<p id="n">1 look 7</p>'}
+        assert after != version
+        known = follow(pages, version=after)
+        await anext(known)
+        assert await anext(known) == BEAT
+        late = follow(pages, version="another")
+        await anext(late)
+        assert list(parse(await anext(late))[1]) == ["main"]
+        for one in (stream, known, late):
+            await one.aclose()
+
+    run(page, scenario)
+
+
+def test_page_is_rendered_once_for_all_viewers_of_a_role_and_never_for_none(page):
+    async def scenario(pages, limit):
+        streams = [follow(pages, role) for role in (Role.LOOK, Role.OPERATE) for _ in range(10)]
+        for stream in streams:
+            await anext(stream)
+            await anext(stream)
+        page.number = 1
+        seen = [await read_changes(stream) for stream in streams]
+        assert {text for _, changes in seen for text in changes.values()} == {
+            '<p id="n">1 look 7</p>',
+            '<p id="n">1 operate 7</p>',
+        }
+        assert page.rendered <= 2 * (limit.rounds + 1)  # two in a round, not twenty
+        for stream in streams:
+            await stream.aclose()
+        await pages._refreshing
+        before = page.rendered
+        await asyncio.sleep(0.0)
+        assert page.rendered == before
+
+    run(page, scenario)
+
+
+def test_streams_end_when_the_daemon_does_and_when_the_viewer_may_not_see_the_page(page):
+    async def scenario(pages, streams):
+        allowed = [True]
+        stream, other = follow(pages), follow(pages, is_allowed=lambda: allowed[0])
+        for one in (stream, other):
+            await anext(one)
+            await anext(one)
+        allowed[0] = False
+        page.number = 1
+        with pytest.raises(StopAsyncIteration):
+            await anext(other)
+        streams.close()
+        with pytest.raises(StopAsyncIteration):
+            await read_changes(stream)
+            await read_changes(stream)
+
+    run(page, scenario)
+
+
+@pytest.mark.parametrize("error", [NoSuchThing("it was pruned"), ValueError("a fault")])
+def test_page_that_cannot_be_rendered_ends_its_streams_and_can_be_opened_again(page, error):
+    async def scenario(pages, _):
+        stream = follow(pages)
+        await anext(stream)
+        await anext(stream)
+        page.error = error
+        with pytest.raises(StopAsyncIteration):
+            await read_changes(stream)
+        page.error = None
+        again = follow(pages)
+        await anext(again)
+        assert "main" in parse(await anext(again))[1]
+        await again.aclose()
+
+    run(page, scenario)
+
+
+def test_stream_over_http(tmp_path):
+    farm = NetworkFarm(tmp_path)
+    session = farm.open_session()
+    home = farm.browse("GET", "/", session).text
+    version = home.partition('data-version="')[2].partition('"')[0]
+    assert len(version) == 18
+    assert farm.browse("GET", "/live?page=/nothing", session).status_code == 404
+    with ExitStack() as open_streams:
+        for _ in range(20):
+            open_streams.enter_context(farm.services.page_streams.count("ann"))
+        refused = farm.browse("GET", "/live?page=/", session)
+    assert (refused.status_code, "too many streams" in refused.text) == (409, True)
+    farm.services.page_streams.close()
+    ended = farm.browse("GET", "/live?page=/", session)
+    assert (ended.status_code, "ending" in ended.text) == (409, True)
+    farm.store.close()

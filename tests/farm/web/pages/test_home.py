@@ -1,0 +1,163 @@
+"""Home: what is shown first, which buttons each role has, and heat that is not off."""
+
+import pytest
+
+from farm import api
+from farm.model import Bed, Hold, HoldCode, JobState, Role
+from farm.web.notes import Note, Reader
+from farm.web.pages.home import list_home_tasks, list_tiles, render_home
+from network_farm import NetworkFarm
+
+ANN = Reader("ann", Role.OPERATE)
+
+
+@pytest.fixture(scope="module")
+def status(tmp_path_factory):
+    farm = NetworkFarm(tmp_path_factory.mktemp("farm"))
+    key = farm.add(Role.PRINT).text
+    params = {"request_id": "r" * 8, "name": "box.stl", "size": 100}
+    farm.ask("POST", "/api/v1/jobs", key, params=params, content=b"x" * 100)
+    found = api.Status.model_validate(farm.ask("GET", "/api/v1/status", key).json())
+    farm.store.close()
+    return found
+
+
+def with_printers(status, *changes, todo=()):
+    """Return the status with a printer for each of the changes."""
+    printer = status.printers[0].model_copy(update={"heaters_off": True})
+    named = [printer.model_copy(update={"name": f"um2-{at}", **one}) for at, one in enumerate(changes, 1)]
+    return status.model_copy(update={"printers": named, "todo": list(todo)})
+
+
+def with_job(status, todo=(), **changes):
+    job = status.jobs[0].model_copy(update=changes)
+    return status.model_copy(update={"jobs": [job], "todo": list(todo)})
+
+
+def make_print(remaining_s, **changes):
+    values = {"job": 1, "plate": "1/01", "state": "printing", "progress": 0.5, "layers": 10}
+    return api.PrintProgress(**{**values, "remaining_s": remaining_s, "pause_ends": None, **changes})
+
+
+def make_last(state, verdict=None):
+    return api.LastPrint(plate="1/01", state=state, ended=None, off=None, verdict=verdict)
+
+
+def test_tiles_are_in_the_order_of_their_ends(status):
+    ends = (7200.0, None, 60.0, 7205.0)
+    printing = [{"print": None if left_s is None else make_print(left_s)} for left_s in ends]
+    tiles = list_tiles(with_printers(status, *printing))
+    assert [tile.printer.name for tile in tiles] == ["um2-3", "um2-1", "um2-4", "um2-2"]
+    assert tiles[0].model == "box.stl"
+
+
+@pytest.mark.parametrize(
+    ("changes", "is_shown"),
+    [
+        ({"nozzle_c": 180.0, "heaters_off": False}, True),
+        ({"nozzle_c": 180.0, "heaters_off": True}, False),
+        ({"nozzle_c": None, "heaters_off": False}, False),
+        ({"nozzle_c": 180.0, "heaters_off": False, "state": "absent"}, False),
+        ({"nozzle_c": 180.0, "heaters_off": False, "print": make_print(60.0)}, False),
+    ],
+)
+def test_heat_without_a_print_is_told_in_words_before_everything_else(status, changes, is_shown):
+    todo = [api.Todo(code="clear", printers=["um2-1"], text="")]
+    shown = with_printers(status, {"bed_c": 60.0, **changes}, todo=todo)
+    tasks = list_home_tasks(shown)
+    assert [task.code for task in tasks] == (["heat", "clear"] if is_shown else ["clear"])
+    page = render_home(shown, ANN)
+    assert ("heaters have not been seen off (nozzle 180 °C, bed 60 °C)" in page) == is_shown
+    assert ('class="hot"' in page) == is_shown
+
+
+TASKS = [
+    (api.Todo(code="alarm", printers=["um2-1"], text="go to um2-1 now: hot"), "go to um2-1 now: hot", ()),
+    (api.Todo(code="farm", printers=[], text="free space", jobs=[1]), "Free space", ()),
+    (
+        api.Todo(code="outage", printers=["um2-1"], text=""),
+        "um2-1 were lost at the same time",
+        ("/outage/confirm",),
+    ),
+    (
+        api.Todo(code="look", printers=["um2-1"], text="", good={"um2-1": "1/p01"}),
+        "Inspect um2-1: it jammed",
+        ("/printers/um2-1/cleared", 'name="good" value="1/p01"'),
+    ),
+    (
+        api.Todo(code="connect", printers=["um2-1"], text="", brief="um2-1: no answer"),
+        "Connect um2-1: no",
+        (),
+    ),
+    (
+        api.Todo(code="resume", printers=["um2-1"], text="resume um2-1 by 14:00: `farm resume um2-1`"),
+        "resume um2-1 by 14:00<",
+        ("/printers/um2-1/resume",),
+    ),
+    (api.Todo(code="clear", printers=["um2-1"], text=""), "Clear 1 bed", ("/printers/um2-1/cleared",)),
+    (
+        api.Todo(code="approve", printers=[], text="", brief="job 1 (2 parts)", jobs=[1]),
+        "Approve job 1 (2 parts)",
+        ("/jobs/1/approve", 'value="PLAN"'),
+    ),
+    (
+        api.Todo(code="stopped", printers=[], text="", brief="part 1/p01", jobs=[1]),
+        "Decide on part 1/p01",
+        (),
+    ),
+    (
+        api.Todo(code="reel", printers=["um2-1"], text="", brief="um2-1 has 5 g"),
+        "um2-1 has 5 g",
+        ("/printers/um2-1/load",),
+    ),
+]
+
+
+@pytest.mark.parametrize(("todo", "words", "forms"), TASKS, ids=[todo.code for todo, _, _ in TASKS])
+def test_each_task_has_words_and_the_form_that_does_it_for_operators(status, todo, words, forms):
+    shown = with_printers(with_job(status, plan="PLAN"), {"look": "it jammed"}, todo=[todo])
+    page = render_home(shown, ANN)
+    assert words in page
+    for form in forms:
+        assert form in page
+    looking = render_home(shown, Reader("bob", Role.LOOK))
+    assert words in looking
+    assert 'method="post"' not in looking.partition("<main")[2]
+
+
+@pytest.mark.parametrize(
+    ("last", "is_asked"),
+    [
+        (make_last("done"), True),
+        (make_last("done", "good"), False),
+        (make_last("failed"), False),
+        (None, False),
+    ],
+)
+def test_verdict_is_asked_for_a_part_that_waits_for_one(status, last, is_asked):
+    todo = [api.Todo(code="clear", printers=["um2-1"], text="")]
+    page = render_home(with_printers(status, {"last": last, "bed": Bed.NOT_CLEAR}, todo=todo), ANN)
+    assert ("part is good" in page) == ('name="bad"' in page) == is_asked
+    assert ("Bed is clear" in page) != is_asked
+
+
+def test_tasks_have_different_ids_even_if_they_are_alike(status):
+    todo = [api.Todo(code="farm", printers=[], text=text) for text in ("a", "b")]
+    tasks = list_home_tasks(status.model_copy(update={"todo": todo}))
+    assert len({task.key for task in tasks}) == 2
+
+
+def test_job_says_why_it_waits_and_ended_ones_are_below(status):
+    hold = Hold(code=HoldCode.START_TIME, text="starts at 20:00 (`--at`)")
+    waiting = render_home(with_job(status, hold=hold), ANN)
+    assert "<li>starts at 20:00 (<code>--at</code>)</li>" in waiting
+    held = Hold(code=HoldCode.APPROVAL, text="held until `farm approve 1`")
+    assert "<li>waits for approval</li>" in render_home(with_job(status, hold=held), ANN)
+    failed = render_home(with_job(status, state=JobState.FAILED, error="e", reason="<b>too thin</b>"), ANN)
+    assert "No job is open" in failed
+    assert failed.index("No job is open") < failed.index(">Ended<") < failed.index("box.stl")
+
+
+def test_note_is_above_the_page(status):
+    page = render_home(status, ANN, Note("<i> is refused", is_problem=True))
+    assert page.index("&lt;i&gt; is refused") < page.index("<main")

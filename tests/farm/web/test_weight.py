@@ -1,0 +1,59 @@
+"""Weight of the pages as they are sent, and what they load."""
+
+import gzip
+
+import pytest
+
+from farm import api
+from farm.model import Role
+from farm.web.live import publish_page
+from farm.web.notes import Reader
+from farm.web.pages.home import render_home
+from farm.web.pages.static_files import load_static_files
+from network_farm import NetworkFarm
+
+FIRST_PAGE_BYTES, WITH_VIEWER_BYTES = 60_000, 250_000
+
+
+def test_first_page_of_a_hundred_printers_is_light(tmp_path):
+    network = NetworkFarm(tmp_path)
+    key = network.add(Role.OPERATE).text
+    status = api.Status.model_validate(network.ask("GET", "/api/v1/status", key).json())
+    network.store.close()
+    progress = api.PrintProgress(
+        job=1, plate="1/01", state="printing", progress=0.5, remaining_s=4000.0, layers=9, pause_ends=None
+    )
+    printers = [
+        status.printers[0].model_copy(
+            update={"name": f"um2-{at:03d}", "print": progress, "nozzle_c": 180.0 + at, "bed_c": 60.0}
+        )
+        for at in range(100)
+    ]
+    page = publish_page(
+        render_home(status.model_copy(update={"printers": printers}), Reader("a", Role.OPERATE))
+    )
+    loaded = [one for name, one in load_static_files().items() if f"/static/{name}?" in page]
+    assert len(loaded) >= 4  # style sheet, icon and scripts
+    weight = len(gzip.compress(page.encode())) + sum(len(one.compressed) for one in loaded)
+    assert weight < FIRST_PAGE_BYTES
+
+
+def test_viewer_is_light():
+    viewer = load_static_files().get("viewer.js")
+    if viewer is None:
+        pytest.skip("the viewer is not built: `make pages`")
+    assert len(viewer.compressed) < WITH_VIEWER_BYTES - FIRST_PAGE_BYTES
+
+
+def test_page_is_compressed_for_clients_that_read_it(tmp_path):
+    network = NetworkFarm(tmp_path)
+    session = network.open_session()
+    page = network.browse("GET", "/", session)
+    assert page.headers["content-encoding"] == "gzip"
+    assert page.headers["vary"] == "accept-encoding"
+    plain = network.browse("GET", "/", session, {"accept-encoding": "identity"})
+    assert "content-encoding" not in plain.headers
+    assert int(plain.headers["content-length"]) == len(plain.content)
+    assert plain.text == page.text
+    assert "content-encoding" not in network.ask("GET", "/healthz").headers
+    network.store.close()
