@@ -1,0 +1,131 @@
+"""The dashboard in Chromium: accessibility, policy, live changes, lost connections, and no scripts."""
+
+import asyncio
+import json
+from pathlib import Path
+
+import pytest
+
+from chromium import CHROMIUM, Chromium
+from farm.model import Role
+from farm.state import events as ev
+from network_farm import HOST, NetworkFarm
+from planned_job import plan_job
+from served_farm import serve
+
+pytestmark = [
+    pytest.mark.system,
+    pytest.mark.skipif(CHROMIUM is None, reason="apt-get install chromium"),
+]
+AXE = Path(__file__).parents[2] / "build/pages/node_modules/axe-core/axe.min.js"
+PAGES = ("/", "/submit", "/jobs/1", "/timeline", "/printers/a", "/history")
+TASK = "document.querySelector('.task')"
+STALE = "document.querySelector('.stale')"
+HOSTS = "performance.getEntriesByType('resource').map((one) => new URL(one.name).host)"
+VIOLATIONS = """axe.run().then((found) => JSON.stringify(found.violations.map((one) =>
+    [one.id, one.nodes.slice(0, 3).map((node) => node.html.slice(0, 200))])))"""
+
+
+def make_bed_unknown(farm, reason="the lid was open"):
+    farm.controller.handle(ev.BedBecameUnknown(at_s=farm.clock.now(), printer="a", reason=reason))
+
+
+def browse(tmp_path, act):
+    """Act in a browser in which ann has logged in, at a farm with a task and a planned job."""
+
+    async def run():
+        farm = NetworkFarm(tmp_path)
+        plan_job(farm, hold=True)
+        make_bed_unknown(farm)
+        browser = Chromium(tmp_path / "profile", f"MAP {HOST} 127.0.0.1")
+        async with serve(farm) as port, browser:
+            base = f"http://127.0.0.1:{port}"
+            await browser.open(f"{base}/login/{farm.sessions.make_link('ann', Role.OPERATE)}")
+            await browser.press("button")
+            await act(farm, browser, base)
+            farm.services.page_streams.close()
+        assert not [one for one in browser.messages if "Content Security Policy" in one]
+        farm.store.close()
+
+    asyncio.run(run())
+
+
+@pytest.mark.skipif(not AXE.exists(), reason="make pages")
+def test_pages_are_accessible_load_nothing_from_elsewhere_and_fit_a_narrow_phone(tmp_path):
+    async def act(_, browser, base):
+        found = {}
+        for path in PAGES:
+            await browser.open(base + path)
+            assert set(await read(browser, HOSTS)) <= {base.removeprefix("http://")}, path
+            await browser.evaluate(AXE.read_text() + ";0")
+            for scheme in ("light", "dark"):
+                feature = {"name": "prefers-color-scheme", "value": scheme}
+                await browser.call("Emulation.setEmulatedMedia", features=[feature])
+                if violations := json.loads(await read(browser, VIOLATIONS)):
+                    found[path, scheme] = violations
+            size = {"width": 320, "height": 700, "deviceScaleFactor": 1, "mobile": True}
+            await browser.call("Emulation.setDeviceMetricsOverride", **size)
+            if await browser.evaluate("document.documentElement.scrollWidth") > 320:
+                found[path, "wide"] = True
+            await browser.call("Emulation.clearDeviceMetricsOverride")
+        assert found == {}
+
+    browse(tmp_path, act)
+
+
+async def read(browser, expression):
+    """Return the value of an expression, once it has one."""
+    answer = await browser.call(
+        "Runtime.evaluate", expression=expression, awaitPromise=True, returnByValue=True
+    )
+    assert "exceptionDetails" not in answer, answer
+    return answer["result"].get("value")
+
+
+def test_home_changes_by_itself_while_focus_and_what_is_typed_stay(tmp_path):
+    async def act(farm, browser, _):
+        await browser.evaluate("window.sameDocument = true; document.querySelector('nav a').focus()")
+        assert "the lid was open" in await browser.evaluate(f"{TASK}.innerText")
+        make_bed_unknown(farm, "its board was reset")
+        await browser.wait_for(f"{TASK}.innerText.includes('its board was reset')")
+        assert await browser.evaluate("document.activeElement.textContent") == "Home"
+        assert await browser.evaluate("window.sameDocument") is True
+
+    browse(tmp_path, act)
+
+
+def test_page_says_when_it_may_be_old_and_recovers(tmp_path):
+    async def act(farm, browser, _):
+        await browser.wait_for(f"{STALE} !== null && {STALE}.hidden")
+        streams = farm.services.page_streams
+        streams.close()
+        await browser.wait_for(f"!{STALE}.hidden")
+        assert "No news from the farm since" in await browser.evaluate(f"{STALE}.innerText")
+        make_bed_unknown(farm, "its board was reset")
+        streams._closing.clear()
+        await browser.wait_for(f"{STALE}.hidden && {TASK}.innerText.includes('its board was reset')")
+
+    browse(tmp_path, act)
+
+
+def test_forms_work_without_scripts_and_by_keyboard(tmp_path):
+    async def act(farm, browser, base):
+        await browser.call("Emulation.setScriptExecutionDisabled", value=True)
+        await browser.open(base)
+        focused = []
+        for _ in range(3):
+            await press_key(browser, "Tab", 9)
+            focused.append(await browser.evaluate("document.activeElement.textContent"))
+        assert focused == ["Skip to the content", "Home", "Submit"]
+        await browser.press(".task form[action='/printers/a/cleared'] button")
+        assert "a is clear." in await browser.read_text()
+        assert "Inspect a" not in await browser.read_text()
+
+    browse(tmp_path, act)
+
+
+async def press_key(browser, key, code):
+    """Press a key."""
+    named = {"key": key, "windowsVirtualKeyCode": code}
+    await browser.call("Input.dispatchKeyEvent", type="keyDown", **named)
+    await browser.call("Input.dispatchKeyEvent", type="keyUp", **named)
