@@ -9,7 +9,7 @@ from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from decompose.auto import CountGoal, decompose_auto
+from decompose.auto import CountGoal, build_curve, decompose_auto
 from decompose.decompose import decompose_model
 from decompose.errors import NoFit
 from decompose.export import write_decomposition
@@ -18,6 +18,7 @@ from decompose.jit import is_compiled
 from decompose.options import BestOptions, Engine, Options
 from decompose.print_time import CostModel, Recipe
 from decompose.printers import PrinterRoom
+from decompose.problem import Problem
 from decompose.progress import listen_to_progress
 from decompose.results import Decomposition, Part
 from farm.errors import ErrorCode, FarmError
@@ -75,6 +76,8 @@ def decompose_job(task: DecomposeTask) -> DecomposedJob:
                 decomposition = cutter.cut_for_one() or cutter.cut_for_worthwhile()
             else:
                 decomposition = cutter.cut_for_all()
+            if task.options.dry_run and task.options.printers is None and task.options.copies == 1:
+                decomposition = cutter.add_curve(decomposition)
         reassigned = replace(decomposition, parts=_reassign_parts(decomposition.parts, task))
         return write_decomposed(reassigned, model, task.folder)
     except NoFit as error:
@@ -147,6 +150,13 @@ class ModelCutter:
             except NoFit:
                 continue
         return None
+
+    def add_curve(self, decomposition: Decomposition) -> Decomposition:
+        """Add the curve of times over the number of printers, for a person who has not decided yet."""
+        if decomposition.curve:
+            return decomposition
+        problem = Problem(self.model, tuple(self.rooms), self.cost, self.options, self.executor)
+        return replace(decomposition, curve=build_curve(problem))
 
     def cut_for_copies(self, task: DecomposeTask) -> Decomposition:
         """Cut the model for a share of the printers, so that all copies print side by side.

@@ -55,6 +55,18 @@ def test_model_for_one_printer_stays_whole_unless_more_are_requested(files, tmp_
     assert len(decompose_job(given).parts) == 2
 
 
+def test_dry_run_of_a_whole_model_shows_what_more_printers_would_save(files, tmp_path):
+    path = tmp_path / "upload.stl"
+    trimesh.creation.box((60.0, 36.0, 28.0)).export(path)
+    box = inspect_model(path, "box.stl", JobOptions(), files)
+    work = replace(decompose_task(box, files, tmp_path), options=JobOptions(dry_run=True))
+    (whole,) = decompose_job(work).parts
+    curve = json.loads((work.folder / REPORT).read_text())["curve"]
+    assert [point["printers"] for point in curve] == [1, 2]
+    assert curve[0]["makespan_s"] == pytest.approx(whole.price_s, rel=0.3)
+    assert curve[1]["makespan_s"] < curve[0]["makespan_s"]
+
+
 def test_fewest_parts_in_time_are_cut(files, tmp_path):
     path = tmp_path / "upload.stl"
     trimesh.creation.box((110.0, 36.0, 28.0)).export(path)
