@@ -122,7 +122,7 @@ def _add_pages(app: FastAPI, services: Services, dry_runs: DryRuns) -> None:
     app.include_router(page_routes(services, notes, live))
     app.include_router(live_routes(live, services.page_streams))
     app.include_router(fleet_routes(services, notes))
-    app.include_router(job_pages(services, jobs, dry_runs, notes))
+    app.include_router(job_pages(services, jobs, dry_runs, notes, live))
     app.include_router(printer_forms(printers, parts))
     app.include_router(job_forms(services, jobs, parts))
 

@@ -10,6 +10,7 @@ from chromium import CHROMIUM, Chromium
 from decompose.export import write_glb
 from decompose.geometry import Solid
 from decompose.results import Part
+from farm.control import JobCommands, PrinterCommands
 from farm.model import Role
 from farm.web.pages.static_files import load_static_files
 from make_3mf import mesh_xml, model_xml, object_xml, package_bytes
@@ -47,7 +48,7 @@ def browse(tmp_path, act, **job):
             base = f"http://127.0.0.1:{port}"
             await browser.open(f"{base}/login/{farm.sessions.make_link('ann', Role.OPERATE)}")
             await browser.press("button")
-            await act(browser, base)
+            await act(browser, base, *([farm] if job else []))
             assert not [one for one in browser.messages if "Content Security Policy" in one]
         farm.store.close()
 
@@ -55,7 +56,7 @@ def browse(tmp_path, act, **job):
 
 
 def test_part_is_found_from_its_row_and_its_row_from_the_part(tmp_path, glb):
-    async def act(browser, base):
+    async def act(browser, base, _):
         await browser.open(f"{base}/jobs/1")
         await browser.wait_for("document.querySelector('#viewer canvas') !== null")
         assert await browser.evaluate("document.querySelector('#viewer img')") is None
@@ -79,8 +80,22 @@ def test_part_is_found_from_its_row_and_its_row_from_the_part(tmp_path, glb):
     browse(tmp_path, act, glb=glb)
 
 
+def test_view_stays_while_the_state_of_the_job_changes(tmp_path, glb):
+    async def act(browser, base, farm):
+        await browser.open(f"{base}/jobs/1")
+        await browser.wait_for("document.querySelector('#viewer canvas') !== null")
+        await browser.evaluate("window.isSame = true; document.querySelector('#p02 th button').click()")
+        jobs = JobCommands(farm.controller, PrinterCommands(farm.controller))
+        jobs.pause(1, True, "bob")
+        await browser.wait_for("document.querySelector('#state').textContent.includes('Paused')")
+        assert await browser.evaluate("window.isSame && document.querySelector('#viewer canvas') !== null")
+        assert await browser.evaluate("document.querySelector('tr.picked th button').textContent") == "p02"
+
+    browse(tmp_path, act, glb=glb)
+
+
 def test_model_that_is_no_glb_leaves_the_picture(tmp_path):
-    async def act(browser, base):
+    async def act(browser, base, _):
         await browser.open(f"{base}/jobs/1")
         await browser.wait_for("document.querySelector('#viewer img') !== null")
         assert "p02" in await browser.read_text()

@@ -103,7 +103,10 @@ class JobView {
   /** Follow rows that were replaced, or changed their state. */
   follow() {
     this.rows = findRows();
-    for (const [name, row] of this.rows) this.addButton(name, row);
+    for (const [name, row] of this.rows) {
+      this.addButton(name, row);
+      row.classList.toggle("picked", name === this.picked);
+    }
     this.paint();
   }
 

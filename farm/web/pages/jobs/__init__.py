@@ -6,6 +6,7 @@ from fastapi import APIRouter
 
 from farm.control import DryRuns, JobCommands
 from farm.http import Services
+from farm.web.live import LivePages
 from farm.web.notes import Notes
 from farm.web.pages.jobs.forms import plan_forms
 from farm.web.pages.jobs.routes import job_page_routes
@@ -14,7 +15,9 @@ from farm.web.pages.submit import submit_routes
 __all__ = ["job_pages"]
 
 
-def job_pages(services: Services, jobs: JobCommands, dry_runs: DryRuns, notes: Notes) -> APIRouter:
+def job_pages(
+    services: Services, jobs: JobCommands, dry_runs: DryRuns, notes: Notes, live: LivePages
+) -> APIRouter:
     """Return the routes of all pages of jobs, and of their forms.
 
     Parameters
@@ -23,9 +26,11 @@ def job_pages(services: Services, jobs: JobCommands, dry_runs: DryRuns, notes: N
         Components of the daemon.
     notes
         Notes to show above the pages.
+    live
+        Receives the pages that are kept up to date.
     """
     router = APIRouter(include_in_schema=False)
-    router.include_router(job_page_routes(services, dry_runs, notes))
+    router.include_router(job_page_routes(services, dry_runs, notes, live))
     router.include_router(plan_forms(services, jobs))
     router.include_router(submit_routes(services, jobs, notes))
     return router

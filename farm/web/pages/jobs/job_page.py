@@ -47,7 +47,7 @@ class JobData:
     files
         Names of its files.
     curve_job
-        Job whose report has the curve.
+        Job whose report has the curve; None for this one.
     """
 
     job: api.JobView
@@ -90,6 +90,7 @@ def render_job_page(data: JobData, farm: str, reader: Reader, note: Note | None 
         gantt=draw_job_gantt(data, now),
         curve=draw_job_curve(data, now) if job.options.dry_run else None,
         curve_job=data.curve_job or job.id,
+        is_live=data.curve_job is None,
         figures=[(name, text) for name, text in list_figures(job) if text != "-"],
         report=data.report,
         model=_MODEL if _MODEL in data.files else None,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import time
 from datetime import datetime
+from functools import lru_cache
 from pathlib import Path
 
 from fastapi import APIRouter, Request, Response
@@ -17,7 +18,8 @@ from farm.http import Services, describe_farm, name_stored_files
 from farm.views import describe_job, describe_timeline, list_history
 from farm.views.report import list_figures, render_page
 from farm.web.callers import find_holder
-from farm.web.notes import Notes, Reader
+from farm.web.live import LivePages, publish_page
+from farm.web.notes import Note, Notes, Reader
 from farm.web.pages.jobs.assembly import Report, parse_report
 from farm.web.pages.jobs.job_page import JobData, render_job_page
 from farm.web.pages.page_route import PageRoute
@@ -31,7 +33,7 @@ _DOCUMENT = {
 _MOST_PRINTS = 2000  # of other jobs, in a timeline
 
 
-def job_page_routes(services: Services, dry_runs: DryRuns, notes: Notes) -> APIRouter:
+def job_page_routes(services: Services, dry_runs: DryRuns, notes: Notes, live: LivePages) -> APIRouter:
     """Return the routes.
 
     Parameters
@@ -42,9 +44,24 @@ def job_page_routes(services: Services, dry_runs: DryRuns, notes: Notes) -> APIR
         Kept alive by pages that show them.
     notes
         Notes to show above the pages.
+    live
+        Receives the page, to keep it up to date.
     """
     router, controller = APIRouter(route_class=PageRoute, include_in_schema=False), services.controller
     farm = controller.fleet.fleet.name
+
+    def read_stored_report(number: int) -> Report:
+        stored = name_stored_files(controller.books, number).get(_REPORT)
+        return Report() if stored is None else _read_report(services.state.files / stored)
+
+    def show(reader: Reader, number: str, note: Note | None = None, curve: int | None = None) -> str:
+        report = read_stored_report(int(number))
+        if curve is not None and not report.curve:
+            report = report.model_copy(update={"curve": read_stored_report(curve).curve})
+        data = describe_job_page(services, int(number), report, curve)
+        return render_job_page(data, farm, reader, note)
+
+    live.add("/jobs/{number}", show)
 
     async def find_file(number: int, name: str) -> Path:
         stored = name_stored_files(controller.books, number).get(name)
@@ -53,23 +70,12 @@ def job_page_routes(services: Services, dry_runs: DryRuns, notes: Notes) -> APIR
             raise NoSuchThing(f"job {number} has no file {name}: it may have been pruned")
         return path
 
-    async def read_report(number: int) -> Report:
-        try:
-            path = await find_file(number, _REPORT)
-            return parse_report(await asyncio.to_thread(path.read_bytes))
-        except (NoSuchThing, OSError):
-            return Report()
-
     @router.get("/jobs/{number}")
     async def show_job(number: int, request: Request, curve: int | None = None) -> Response:
         holder = find_holder(request)
         dry_runs.keep(number, time.monotonic(), READING_S)
-        report = await read_report(number)
-        if curve is not None and not report.curve:
-            report = report.model_copy(update={"curve": (await read_report(curve)).curve})
-        data = describe_job_page(services, number, report, curve or number)
-        page = render_job_page(data, farm, Reader.for_holder(holder), notes.take(holder.key.id))
-        return HTMLResponse(page)
+        page = show(Reader.for_holder(holder), str(number), notes.take(holder.key.id), curve)
+        return HTMLResponse(publish_page(page))
 
     @router.get("/jobs/{number}/instructions")
     async def show_instructions(number: int) -> Response:
@@ -92,7 +98,16 @@ def job_page_routes(services: Services, dry_runs: DryRuns, notes: Notes) -> APIR
     return router
 
 
-def describe_job_page(services: Services, number: int, report: Report, curve_job: int) -> JobData:
+@lru_cache(maxsize=32)
+def _read_report(path: Path) -> Report:
+    """Read a report; a stored file never changes, and a page that is kept up to date shows it again."""
+    try:
+        return parse_report(path.read_bytes())
+    except OSError:
+        return Report()
+
+
+def describe_job_page(services: Services, number: int, report: Report, curve_job: int | None) -> JobData:
     """Collect the data of a job's page. Raises NoSuchThing for an unknown job."""
     controller = services.controller
     context = controller.build_view_context(services.state)
