@@ -1,6 +1,6 @@
 """Takes the pictures of the dashboard: a real daemon, simulated printers, and Chromium without a window.
 
-Usage: PYTHONPATH=tests/support python docs/screenshots.py [--only PAGE ...]
+Usage: PYTHONPATH=tests/support python docs/screenshots.py [--only PAGE ...] [--keep FOLDER]
 """
 
 from __future__ import annotations
@@ -77,6 +77,9 @@ class Stage:
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
+        self.is_set = (folder / "state" / "farm.db").exists()
+        if self.is_set:
+            return
         models = ["ultimaker2_plus"] * 5 + ["ultimaker2_extended_plus"] * 2
         rows = [
             f'  - {{name: um2-{n:02d}, model: {model}, port: "sim://{model}?seed={n}"}}\n'
@@ -136,13 +139,15 @@ def set_stage(stage: Stage) -> None:
     print("the stage is set", flush=True)
 
 
-async def take_pictures(address: str, profile: Path, names: list[str]) -> None:
+async def take_pictures(address: str, zone: str, profile: Path, names: list[str]) -> None:
     """Take a picture of each page in each width and theme.
 
     Parameters
     ----------
     address
         A link that logs in.
+    zone
+        Time zone of the browser.
     profile
         Folder for the browser's profile.
     names
@@ -156,6 +161,7 @@ async def take_pictures(address: str, profile: Path, names: list[str]) -> None:
         for theme in THEMES:
             feature = {"name": "prefers-color-scheme", "value": theme}
             await browser.call("Emulation.setEmulatedMedia", features=[feature])
+            await browser.call("Emulation.setTimezoneOverride", timezoneId=zone)
             for width_px in WIDTHS_PX:
                 await resize(browser, width_px, 900)
                 for name in names:
@@ -193,19 +199,32 @@ def main() -> int:
     """Take the pictures. Returns an exit code."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--only", nargs="*", choices=PAGES, default=list(PAGES))
+    parser.add_argument("--keep", type=Path, help="folder in which the farm stays up; the next run takes it")
     arguments = parser.parse_args()
     if CHROMIUM is None:
         print("pictures need a browser: apt-get install chromium")
         return 1
+    if arguments.keep is not None:
+        arguments.keep.mkdir(parents=True, exist_ok=True)
+        run_stage(Stage(arguments.keep), arguments.only, keep=True)
+        return 0
     with tempfile.TemporaryDirectory(prefix="farm-screenshots-") as folder:
-        stage = Stage(Path(folder))
-        try:
-            set_stage(stage)
-            link = json.loads(stage.farm("web", "--json"))["url"]
-            asyncio.run(take_pictures(link, Path(folder) / "profile", arguments.only))
-        finally:
-            stage.farm("down", "--now")
+        run_stage(Stage(Path(folder)), arguments.only)
     return 0
+
+
+def run_stage(stage: Stage, names: list[str], keep: bool = False) -> None:
+    """Set the stage, unless an earlier run has, take the pictures, and end the farm unless it is kept."""
+    try:
+        if not stage.is_set:
+            set_stage(stage)
+        link = json.loads(stage.farm("web", "--json"))["url"]
+        zone = stage.read_status()["fleet"]["timezone"]
+        with tempfile.TemporaryDirectory() as profile:
+            asyncio.run(take_pictures(link, zone, Path(profile), names))
+    finally:
+        if not keep:
+            stage.farm("down", "--now")
 
 
 if __name__ == "__main__":

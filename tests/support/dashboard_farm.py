@@ -65,4 +65,5 @@ def make_context(books, now_s, fleet=None, **changes):
 def make_situation(books, now_s, names="abc", attended=(), quiet=()):
     """Return the situation with all waiting plates of the books."""
     waiting = tuple(describe_plates(books.waiting_plates(), books))
-    return Situation(waiting, tuple(printer(n) for n in names), rules(attended, quiet), now_s)
+    fleet = tuple(printer(n, booked=books.open_print_on(n) is not None) for n in names)
+    return Situation(waiting, fleet, rules(attended, quiet), now_s)

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from farm.model import Print
-from farm.scheduling import Hours, Situation, forecast_prints
+from farm.scheduling import FleetPrinter, Hours, Situation, forecast_prints
 from farm.views.context import ViewContext
 from farm.views.report.gantt import name_outcome
 
@@ -59,7 +59,7 @@ def plan_fleet(context: ViewContext, situation: Situation, since_s: float) -> Fl
     since_s
         Prints that ended before are left out; seconds since the epoch.
     """
-    forecast = forecast_prints(situation, bounded=False)
+    forecast = forecast_prints(situation.with_printers(_update_ends(context, situation)), bounded=False)
     plates = context.books.plates
     planned = (
         PlannedPrint(
@@ -75,6 +75,15 @@ def plan_fleet(context: ViewContext, situation: Situation, since_s: float) -> Fl
     prints = [*_list_started(context, since_s), *planned]
     prints.sort(key=lambda one: (one.starts_s, one.printer))
     return FleetPlan(tuple(prints), forecast.left)
+
+
+def _update_ends(context: ViewContext, situation: Situation) -> tuple[FleetPrinter, ...]:
+    """Return the printers with the ends of their prints by progress, as the timeline draws them."""
+    return tuple(
+        printer if attempt is None else replace(printer, free_s=_end_s(context, attempt, context.now_s))
+        for printer in situation.printers
+        for attempt in [context.books.open_print_on(printer.name)]
+    )
 
 
 def _list_started(context: ViewContext, since_s: float) -> Iterator[PlannedPrint]:

@@ -1,5 +1,6 @@
 """Timeline of the fleet, and changes that are tried out."""
 
+import dataclasses
 from itertools import pairwise
 
 import pytest
@@ -16,7 +17,7 @@ from dashboard_farm import (
     submit,
 )
 from farm.errors import NoSuchThing
-from farm.model import PrintState
+from farm.model import AgentPrint, AgentSnapshot, Link, PrintState
 from farm.scheduling import Hours
 from farm.state import events as ev
 from farm.views.dashboard import Change, describe_fleet_timeline
@@ -136,3 +137,17 @@ def test_spans_are_apart_inside_of_the_time_and_agree_with_the_hours(texts, begi
 
 def test_always_attended_is_one_span():
     assert list_spans(Hours((parse_window("00:00-24:00"),), UTC), 0.0, 1e6) == [(0.0, 1e6)]
+
+
+def test_planned_print_does_not_begin_before_a_late_one_ends():
+    books = night()
+    late = AgentPrint(
+        print_id="running", state=PrintState.PRINTING, fault=None, reason=None, progress_s=1.0,
+        print_time_s=90.0, extruded=True, started_s=NOW_S - 5000.0, ended_s=None,
+    )  # fmt: skip
+    busy = AgentSnapshot(printer="a", link=Link.BUSY, print=late)
+    context = dataclasses.replace(make_context(books, NOW_S), snapshots={"a": busy})
+    rows = describe_fleet_timeline(context, make_situation(books, NOW_S, "a"), 3600.0).table
+    ends = {row.kind: row.ends for row in rows}
+    starts = [row.starts for row in rows if row.kind == "planned"]
+    assert min(starts) >= ends["printing"]
