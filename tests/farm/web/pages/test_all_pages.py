@@ -38,7 +38,7 @@ NOW_S = 1.7e9
 PAGES = sorted(
     path
     for method, path in ROLES.keys() - SLICER_ROLES.keys()
-    if method == "GET" and not path.startswith((NETWORK_PREFIX, METRICS, SCHEMA, SCHEMA_PAGE))
+    if method == "GET" and not path.startswith((NETWORK_PREFIX, METRICS, SCHEMA, SCHEMA_PAGE, "/live"))
 )
 FILES = ("/jobs/{number}/instructions",)
 """Pages that are files of a job, which the jobs here do not have."""
@@ -54,7 +54,8 @@ class Structure(HTMLParser):
         self.close()
 
     def handle_starttag(self, tag, attributes):
-        self.elements.append((tag, *(name for name, _ in attributes)))
+        if tag != "code" or attributes:  # words between backticks are shown as commands, whoever wrote them
+            self.elements.append((tag, *(name for name, _ in attributes)))
         self.values += [value or "" for _, value in attributes]
 
     def handle_data(self, data):
