@@ -45,7 +45,7 @@ from farm.errors import FarmError
 from farm.model import PartPrintOptions
 from farm.planning.part_records import SliceTask
 from farm.planning.parts.slice_part import slice_part
-from farm.planning.printer_settings import slicing_printer
+from farm.planning.printer_settings import build_slicing_printer
 from slicing.errors import SlicingError
 from slicing.plate import PlateRequest, slice_plate
 from slicing.settings import SettingsRequest, find_engine, find_resources, resolve_settings
@@ -139,7 +139,7 @@ def _warm(cost: CostModel, room: tuple[tuple[float, float, float], ...]) -> None
 
 def slice_parts(report: dict[str, Any], run: Run, folder: Path, cache: Path, jobs: int) -> list[float | None]:
     """Slice every part; return CuraEngine's times in seconds, None if a slice is refused."""
-    request = SettingsRequest(slicing_printer(BEDS[PRINTER]), quality=run.quality)
+    request = SettingsRequest(build_slicing_printer(BEDS[PRINTER]), quality=run.quality)
     settings = resolve_settings(request, find_resources())
     room = part_room(PROFILES[PRINTER], settings.brim_width_mm)
 
@@ -176,7 +176,7 @@ def slice_whole(run: Run, results: Path, cache: Path) -> float | None:
     stl = results / f"{run.path.stem}-whole.stl"
     mesh.export(stl)
     settings = resolve_settings(
-        SettingsRequest(slicing_printer(BEDS[PRINTER]), quality=run.quality), find_resources()
+        SettingsRequest(build_slicing_printer(BEDS[PRINTER]), quality=run.quality), find_resources()
     )
     out = stl.with_suffix(".gcode")
     request = PlateRequest(stl, settings, out, find_engine(), ANYWHERE, WHOLE_TIMEOUT_S, cache)

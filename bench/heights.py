@@ -12,7 +12,7 @@ import json
 import sys
 
 from drivers.printers import BEDS
-from farm.planning.printer_settings import slicing_printer
+from farm.planning.printer_settings import build_slicing_printer
 from slicing.settings import FARM_QUALITIES, SettingsRequest, find_resources, resolve_settings
 from slicing.settings.layer_heights import (
     EXACT_MM,
@@ -51,7 +51,7 @@ def main() -> int:
     for quality in (name for name, quality in FARM_QUALITIES.items() if quality.exact_height):
         for printer, nozzles in PRINTERS.items():
             for nozzle_mm in nozzles:
-                request = SettingsRequest(slicing_printer(BEDS[printer]), quality, nozzle_mm=nozzle_mm)
+                request = SettingsRequest(build_slicing_printer(BEDS[printer]), quality, nozzle_mm=nozzle_mm)
                 settings = resolve_settings(request, find_resources())
                 wanted = LayerHeights(settings.layer_height_0_mm, settings.layer_height_mm)
                 found = compute_shares(wanted, nozzle_mm, hundredths)

@@ -24,7 +24,7 @@ import trimesh
 
 from bench.slice_check import MOVE, make_models
 from drivers.printers import BEDS
-from farm.planning.printer_settings import slicing_printer
+from farm.planning.printer_settings import build_slicing_printer
 from slicing.checks.output import replace_header
 from slicing.engine import EngineLimits, run_engine
 from slicing.errors import EngineFailed, GcodeRefused
@@ -150,7 +150,7 @@ class Slicer:
         return out.gcode if self._raw else replace_header(out.gcode, out.log)
 
     def _resolve(self, overrides: dict[str, str]) -> EngineSettings:
-        printer = slicing_printer(BEDS["ultimaker2_plus"])
+        printer = build_slicing_printer(BEDS["ultimaker2_plus"])
         return resolve_settings(
             SettingsRequest(printer, "glue", "generic_pla", 0.4, overrides), self._resources
         )

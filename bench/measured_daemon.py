@@ -20,7 +20,7 @@ from farm.model import Job, JobOptions, Part, PartGeometry, Plate
 from farm.paths import Places, StateFolder
 from farm.state import Books
 from farm.state import events as ev
-from farm.state.books import changed_entities
+from farm.state.books import list_changed_entities
 from farm.state.storage import Store
 from farm.state.transitions import apply
 
@@ -110,7 +110,7 @@ class Measures:
         def call(store: Store, event: ev.Event, before: Books, after: Books) -> None:
             commit(store, event, before, after)
             begun_s = time.thread_time()
-            texts = [entity.model_dump_json() for entity in changed_entities(before, after)]
+            texts = [entity.model_dump_json() for entity in list_changed_entities(before, after)]
             size = len(event.model_dump_json()) + sum(map(len, texts))
             self.commit_bytes.append(size)
             self._starts = self._starts or isinstance(event, ev.PlateAssigned)

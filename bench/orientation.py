@@ -37,7 +37,7 @@ from decompose.printers import PrinterRoom
 from decompose.results import Part
 from drivers.printers import BEDS, PROFILES, part_room
 from farm.planning.parts.pricing import build_recipe
-from farm.planning.printer_settings import slicing_printer
+from farm.planning.printer_settings import build_slicing_printer
 from slicing.errors import SlicingError
 from slicing.plate import PlateRequest, slice_plate
 from slicing.settings import (
@@ -51,7 +51,7 @@ from slicing.settings import (
 
 Shapes = Mapping[str, Callable[[], Solid]]
 
-REQUEST = SettingsRequest(slicing_printer(BEDS[PRINTER]), "glue")
+REQUEST = SettingsRequest(build_slicing_printer(BEDS[PRINTER]), "glue")
 AS_IS = 4  # index into POSE_ROTATIONS: the model's own up
 
 

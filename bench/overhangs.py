@@ -22,7 +22,7 @@ import trimesh
 from bench.print_time_parts import ANYWHERE, PRINTER, measure_kinds_s
 from drivers.printers import BEDS
 from farm.planning.parts.pricing import build_recipe
-from farm.planning.printer_settings import slicing_printer
+from farm.planning.printer_settings import build_slicing_printer
 from slicing.plate import PlateRequest, slice_plate
 from slicing.settings import EngineSettings, SettingsRequest, find_engine, find_resources, resolve_settings
 
@@ -54,7 +54,7 @@ def find_angles(layer_mm: float, angle_deg: float, yaw_deg: float, folder: Path)
     """Find the largest angle without support and the smallest with support."""
     overrides = {"layer_height": layer_mm, "support_angle": angle_deg}
     settings = resolve_settings(
-        SettingsRequest(slicing_printer(BEDS[PRINTER]), "paper", overrides=overrides), find_resources()
+        SettingsRequest(build_slicing_printer(BEDS[PRINTER]), "paper", overrides=overrides), find_resources()
     )
     bare_deg, supported_deg = angle_deg - BELOW_DEG, angle_deg
     for _ in range(STEPS):

@@ -22,8 +22,8 @@ from drivers.clock import Clock
 from drivers.emulator.launch import Command, control
 from drivers.printers import BEDS, PROFILES
 from drivers.remote import AgentClient, spawn_agent
-from farm.planning.plate_times import plate_seconds
-from farm.planning.printer_settings import slicing_printer
+from farm.planning.plate_times import compute_plate_seconds
+from farm.planning.printer_settings import build_slicing_printer
 from slicing.plate import PlateRequest, PlateResult, slice_plate
 from slicing.settings import EngineSettings, SettingsRequest, find_engine, find_resources, resolve_settings
 
@@ -77,7 +77,7 @@ def main() -> None:
     parser.add_argument("--scale", type=float, default=60.0)
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
-    settings = resolve_settings(SettingsRequest(slicing_printer(BEDS[MODEL])), find_resources())
+    settings = resolve_settings(SettingsRequest(build_slicing_printer(BEDS[MODEL])), find_resources())
     rows: list[dict[str, Any]] = []
     with tempfile.TemporaryDirectory() as name:
         for side_mm in SIDES_MM:
@@ -87,7 +87,9 @@ def main() -> None:
             if end.phase is not m.PrintPhase.DONE or end.ended_s is None or end.started_s is None:
                 raise SystemExit(f"the print ended {end.phase}: {end.reason}")
             reached_s = end.ended_s - end.started_s
-            expected_s = plate_seconds(PROFILES[MODEL], plate.sliced_s, settings.nozzle_c, settings.bed_c)
+            expected_s = compute_plate_seconds(
+                PROFILES[MODEL], plate.sliced_s, settings.nozzle_c, settings.bed_c
+            )
             rows.append(
                 {
                     "cube_mm": side_mm,

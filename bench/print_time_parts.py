@@ -27,7 +27,7 @@ from decompose.print_time import POSE_ROTATIONS, CostModel, Recipe, measure_colu
 from decompose.printers import PrinterRoom
 from drivers.printers import BEDS, PROFILES, part_room
 from farm.planning.parts.pricing import build_recipe
-from farm.planning.printer_settings import slicing_printer
+from farm.planning.printer_settings import build_slicing_printer
 from slicing.errors import SlicingError
 from slicing.plate import PlateRequest, slice_plate
 from slicing.settings import EngineSettings, SettingsRequest, find_engine, find_resources, resolve_settings
@@ -107,7 +107,7 @@ def resolve_named_settings(name: str) -> EngineSettings:
     """Resolve one of SETTINGS."""
     quality, nozzle_mm, overrides = SETTINGS[name]
     request = SettingsRequest(
-        slicing_printer(BEDS[PRINTER]), quality, nozzle_mm=nozzle_mm, overrides=overrides
+        build_slicing_printer(BEDS[PRINTER]), quality, nozzle_mm=nozzle_mm, overrides=overrides
     )
     return resolve_settings(request, find_resources())
 

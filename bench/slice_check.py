@@ -21,7 +21,7 @@ import numpy as np
 import trimesh
 
 from drivers.printers import BEDS
-from farm.planning.printer_settings import slicing_printer
+from farm.planning.printer_settings import build_slicing_printer
 from slicing.errors import SliceRejected
 from slicing.plate import PlateRequest, slice_plate
 from slicing.settings import EngineSettings, SettingsRequest, find_engine, find_resources, resolve_settings
@@ -107,7 +107,11 @@ def main() -> None:
     models = {str(path): trimesh.load_mesh(path) for path in options.stl} or make_models()
     overrides = dict(pair.split("=", 1) for pair in options.set)
     wanted = SettingsRequest(
-        slicing_printer(BEDS["ultimaker2_plus"]), options.quality, "generic_pla", options.nozzle, overrides
+        build_slicing_printer(BEDS["ultimaker2_plus"]),
+        options.quality,
+        "generic_pla",
+        options.nozzle,
+        overrides,
     )
     settings = resolve_settings(wanted, find_resources())
     with tempfile.TemporaryDirectory() as name:

@@ -41,7 +41,7 @@ from farm.model import (
     Verdict,
 )
 from farm.paths import StateFolder
-from farm.planning import bed_boxes
+from farm.planning import list_bed_boxes
 from farm.state import Books
 from farm.state.storage import Store
 
@@ -113,7 +113,7 @@ async def measure(printers: int, jobs: int, times: int, folder: Path) -> dict[st
         {"printers": [{"name": n, "model": "ultimaker2_plus", "port": port} for n in names]}
     )
     clock = Clock()
-    controller = Controller(fleet, Store(folder / "farm.db"), clock, bed_boxes)
+    controller = Controller(fleet, Store(folder / "farm.db"), clock, list_bed_boxes)
     controller.stopping = True  # nothing is scheduled: only the answer is measured
     now_s = clock.now()
     entities = [entity for number in range(1, jobs + 1) for entity in make_job(number, jobs, names, now_s)]

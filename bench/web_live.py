@@ -30,7 +30,7 @@ from farm.control import Controller, DryRuns, KeyCommands
 from farm.http import NetworkState, Services
 from farm.model import AgentPrint, AgentSnapshot, FilamentState, Link, PrintState, Role
 from farm.paths import StateFolder
-from farm.planning import bed_boxes
+from farm.planning import list_bed_boxes
 from farm.planning.tasks import warm
 from farm.state.storage import open_books
 from farm.web import NetworkServer, make_web_app
@@ -84,7 +84,9 @@ async def serve(folder: Path, printers: int, pipe: Connection) -> None:
     rows = [{"name": name, "model": _MODEL, "port": f"sim://{_MODEL}"} for name in names]
     clock = RealClock()
     store, restored_s = open_books(state, clock.now())
-    controller = Controller(Fleet.model_validate({"web": web, "printers": rows}), store, clock, bed_boxes)
+    controller = Controller(
+        Fleet.model_validate({"web": web, "printers": rows}), store, clock, list_bed_boxes
+    )
     controller.start(NoEffects(), restored_s)
     for name in names:
         controller.on_snapshot(make_snapshot(name, None, 0.0))

@@ -30,10 +30,10 @@ from farm.config import Fleet
 from farm.control import Controller
 from farm.model import Bed, FilamentState, Job, JobOptions, PrintState
 from farm.paths import StateFolder
-from farm.planning import bed_boxes
+from farm.planning import list_bed_boxes
 from farm.state import Books
 from farm.state import events as ev
-from farm.state.retention import file_names_of_job, named_files
+from farm.state.retention import list_job_file_names, list_named_files
 from farm.state.storage import Store, list_files, read_books
 from farm.state.transitions import apply
 from farm.upkeep.upkeep import Upkeep
@@ -144,7 +144,7 @@ class Year:
         self.state.make()
         self.store, self.clock = Store(self.state.books), Calendar()
         fleet = Fleet.model_validate({"fleet": {"keep": keep}, "printers": []})
-        self.controller = Controller(fleet, self.store, self.clock, bed_boxes)
+        self.controller = Controller(fleet, self.store, self.clock, list_bed_boxes)
         self.controller.start(NoEffects())
         self.upkeep = Upkeep(self.controller, self.store, self.state, cast(Workers, StandIns()))
         self.prune_s: list[float] = []
@@ -183,7 +183,7 @@ class Year:
     def measure(self) -> dict[str, Any]:
         """Return the sizes at the end of the year; the store is closed."""
         files, books = list_files(self.state.files), self.controller.books
-        events, missing = len(self.store.events()), named_files(books) - files.keys()
+        events, missing = len(self.store.events()), list_named_files(books) - files.keys()
         self.store.close()
         (copy, *_), pruned = (
             sorted(self.state.backups.iterdir()),
@@ -222,7 +222,7 @@ def measure_job(state: StateFolder, number: int) -> dict[str, list[int]]:
         "assembly": [job.assembly or ""],
         "report": [job.decomposition or ""],
     }
-    assert {name for names in kinds.values() for name in names} == file_names_of_job(books, job)
+    assert {name for names in kinds.values() for name in names} == list_job_file_names(books, job)
     return {kind: [(state.files / name).stat().st_size for name in names] for kind, names in kinds.items()}
 
 

@@ -42,15 +42,15 @@ from farm.http import (
     Services,
     StreamLimit,
     check_operators,
-    connection_limit,
-    descriptor_limit,
+    compute_connection_limit,
     end_at_signals,
     listen,
     make_app,
+    read_descriptor_limit,
 )
 from farm.log_format import start_log
 from farm.paths import Places, StateFolder, read_anchor, write_anchor
-from farm.planning import JobPlanner, bed_boxes
+from farm.planning import JobPlanner, list_bed_boxes
 from farm.planning.replanning import ReplanWorker
 from farm.planning.tasks import warm
 from farm.state.storage import NightlyBackup, open_books
@@ -87,7 +87,7 @@ class Daemon:
         self._store, self._restored_s = open_books(self._state, self._clock.now())
         compute = fleet.fleet.compute
         self._workers = Workers(self._state.work / "workers", compute.workers, compute.memory_gb, warm)
-        controller = self._controller = Controller(fleet, self._store, self._clock, bed_boxes)
+        controller = self._controller = Controller(fleet, self._store, self._clock, list_bed_boxes)
         self._agents = AgentManager(fleet, self._state, self._clock, controller)
         self._planner = JobPlanner(
             self._state, self._workers, compute.budget_s, controller.on_plan, controller.on_plan_progress
@@ -173,7 +173,7 @@ class Daemon:
         servers = 1 if self._fleet.web is None else 2
         cameras = sum(printer.camera is not None for printer in self._fleet.printers)
         kept = len(self._fleet.printers) + cameras  # a camera needs fewer than a printer
-        return connection_limit(descriptor_limit() // servers, kept, workers)
+        return compute_connection_limit(read_descriptor_limit() // servers, kept, workers)
 
     def _make_server(self, app: FastAPI, limit: int) -> BoundedServer:
         """Make the server on the Unix socket."""

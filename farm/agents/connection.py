@@ -28,7 +28,12 @@ from drivers.remote import (
     sample_process,
     spawn_agent,
 )
-from farm.agents.protocol_adapter import clock_offset_s, to_agent_clock, to_farm_print, to_trusted_snapshot
+from farm.agents.protocol_adapter import (
+    compute_clock_offset_s,
+    to_agent_clock,
+    to_farm_print,
+    to_trusted_snapshot,
+)
 from farm.agents.remote import load_route
 from farm.config import PrinterSection
 from farm.errors import FarmError
@@ -178,7 +183,7 @@ class AgentConnection:
                         report = await anext(snapshots, None)
                     if report is None:
                         break
-                    self._offset_s = clock_offset_s(report, self._clock) - self._clock.ahead_s
+                    self._offset_s = compute_clock_offset_s(report, self._clock) - self._clock.ahead_s
                     if self._has_configured_port(report):
                         report = await self._import_journal(report)
                         self._report(self._convert_snapshot(report))

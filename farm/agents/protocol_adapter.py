@@ -28,7 +28,7 @@ _PHASES = {
 }
 
 
-def clock_offset_s(report: m.Snapshot, clock: Clock) -> float:
+def compute_clock_offset_s(report: m.Snapshot, clock: Clock) -> float:
     """Return the seconds by which the farm's clock is ahead of the agent's; 0 if delay may explain it.
 
     An agent's clock is never set: all steps since the daemon started are in the farm's.
@@ -116,7 +116,9 @@ def to_farm_snapshot(report: m.Snapshot, clock: Clock) -> AgentSnapshot:
         bed_unknown_reason=_line(report.bed_unknown_reason),
         alarm=_line(report.alarm),
         reset_verified=report.reset_verified,
-        print=None if report.print is None else to_farm_print(report.print, clock_offset_s(report, clock)),
+        print=None
+        if report.print is None
+        else to_farm_print(report.print, compute_clock_offset_s(report, clock)),
     )
 
 

@@ -1,4 +1,4 @@
-"""Cameras of printers: stills for people who look, and stills that are kept with each print."""
+"""Cameras of printers: stills for viewers, and stills that are kept with each print."""
 
 from __future__ import annotations
 

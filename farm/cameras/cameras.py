@@ -1,4 +1,4 @@
-"""Cameras of a fleet: stills for people who look, and stills that are kept with prints.
+"""Cameras of a fleet: stills for viewers, and stills that are kept with prints.
 
 It runs in the daemon's event loop. A camera that hangs costs one waiting task; the controller never waits
 for it.
@@ -42,7 +42,7 @@ async def _fetch_still(url: str) -> Image:
 
 @dataclass(slots=True)
 class _Camera:
-    """One camera: what is known of it, its last still, and the fetch that is under way."""
+    """One camera: its state, its last still, and the running fetch."""
 
     printer: str
     url: str
@@ -85,7 +85,7 @@ class Cameras:
         return len(self._cameras)
 
     async def look(self, printer: str) -> Image:
-        """Return a still that is two seconds old at most, for anybody who looks.
+        """Return a still that is two seconds old at most.
 
         Raises
         ------
@@ -110,7 +110,7 @@ class Cameras:
             raise FarmError(f"the camera of {printer}: {error}", ErrorCode.UNREACHABLE) from None
 
     def tick(self) -> None:
-        """Begin to fetch the stills that are to be kept now, and drop those that nobody looks at."""
+        """Begin to fetch the stills that are to be kept now, and drop those without viewers."""
         now_s = self._monotonic()
         for camera in self._cameras.values():
             if now_s - max(camera.looked_s, camera.latest_s) > _FORGET_S:
@@ -132,7 +132,7 @@ class Cameras:
         del self._keeping[printer]
 
     async def close(self) -> None:
-        """End what is under way."""
+        """Cancel all running fetches."""
         running = [camera.running for camera in self._cameras.values() if camera.running is not None]
         tasks = [*self._keeping.values(), *running]
         for task in tasks:
@@ -140,7 +140,7 @@ class Cameras:
         await asyncio.gather(*tasks, return_exceptions=True)
 
     def _begin(self, camera: _Camera) -> asyncio.Task[Image] | None:
-        """Begin to fetch a still; None if the camera was asked too lately."""
+        """Begin to fetch a still; None if the last request was too recent."""
         now_s = self._monotonic()
         if now_s < camera.state.next_s:
             return None

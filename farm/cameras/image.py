@@ -1,4 +1,4 @@
-"""Checks of the bytes that a camera has sent: only a JPEG or PNG of a sensible size is taken. Pure.
+"""Checks of the bytes that a camera has sent: only a JPEG or PNG of a sensible size is accepted. Pure.
 
 A still is never decoded here: its header gives the size.
 """
@@ -27,7 +27,7 @@ class CameraError(Exception):
 
 
 class NoImage(Exception):
-    """The bytes are no image that is taken; the message says why."""
+    """The bytes are not an accepted image; the message says why."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +48,7 @@ def check_beginning(beginning: bytes) -> None:
 
 
 def read_image(content: bytes) -> Image:
-    """Return the image that a body is.
+    """Read the image in a body.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Decisions on when a camera is asked for a still. Pure.
+"""Times at which stills are requested from a camera. Pure.
 
 A camera is asked while somebody looks, and at the moments of a print that are kept. It is never asked twice
 within two seconds, and one that does not answer is asked less and less often.
@@ -41,7 +41,7 @@ class CameraState:
     problem: str | None = None
 
     def begin(self, now_s: float) -> CameraState:
-        """Return the state after the begin of an attempt."""
+        """Return the state after the start of an attempt."""
         return replace(self, begun_s=now_s)
 
     def succeed(self) -> CameraState:

@@ -73,7 +73,7 @@ class EstopServer:
         self._accepts_from_s = -math.inf
 
     def serve_once(self, now_s: float, wait_s: float) -> None:
-        """Handle pending connections and requests; wait at most `wait_s` for connection."""
+        """Handle pending connections and requests; wait at most `wait_s` for a connection."""
         with selectors.DefaultSelector() as ready:
             if now_s >= self._accepts_from_s:
                 ready.register(self._listening, selectors.EVENT_READ)

@@ -1,6 +1,6 @@
 """Worker processes, each with limits on time and memory."""
 
-from farm.compute.memory import process_bytes
+from farm.compute.memory import read_process_bytes
 from farm.compute.worker_pool import CHECKING, DECOMPOSING, SLICING, Limit, Workers, WorkerShare
 
 __all__ = [
@@ -10,5 +10,5 @@ __all__ = [
     "Limit",
     "WorkerShare",
     "Workers",
-    "process_bytes",
+    "read_process_bytes",
 ]

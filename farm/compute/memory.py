@@ -6,12 +6,12 @@ import os
 import resource
 
 
-def machine_bytes() -> int:
+def read_machine_bytes() -> int:
     """Return the physical memory of this computer in bytes."""
     return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
 
 
-def process_bytes() -> int:
+def read_process_bytes() -> int:
     """Return the memory that this process may use in bytes: its limit (workers have one), or all."""
     soft, _ = resource.getrlimit(resource.RLIMIT_DATA)
-    return machine_bytes() if soft == resource.RLIM_INFINITY else min(soft, machine_bytes())
+    return read_machine_bytes() if soft == resource.RLIM_INFINITY else min(soft, read_machine_bytes())

@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar
 
-from farm.compute.memory import machine_bytes
+from farm.compute.memory import read_machine_bytes
 from farm.compute.worker_process import Raised, Warm, Worker
 from farm.errors import ErrorCode, FarmError
 
@@ -53,7 +53,7 @@ DECOMPOSING = Limit("decomposing", 1800.0)
 SLICING = Limit("slicing a part", 2400.0)  # above CuraEngine's own limit (slicing.plate)
 
 
-def memory_for_each(count: int, memory_gb: float | None) -> int:
+def compute_memory_for_each(count: int, memory_gb: float | None) -> int:
     """Return the memory in bytes that a worker may use.
 
     Parameters
@@ -65,7 +65,7 @@ def memory_for_each(count: int, memory_gb: float | None) -> int:
     """
     if memory_gb is not None:
         return int(memory_gb * _GB)
-    machine = machine_bytes()
+    machine = read_machine_bytes()
     return int(max(0.8 * machine / count, min(4 * _GB, machine / 2)))
 
 
@@ -88,7 +88,7 @@ class Workers:
     count
         Number of workers, without the one for urgent tasks; as many as cores by default.
     memory_gb
-        Memory limit of each; see `memory_for_each`.
+        Memory limit of each; see `compute_memory_for_each`.
     warm
         First call in every worker: imports the modules that tasks need.
     """
@@ -102,7 +102,7 @@ class Workers:
     ) -> None:
         count = count or len(os.sched_getaffinity(0))
         self._scratch = scratch
-        self._memory = memory_for_each(count, memory_gb)
+        self._memory = compute_memory_for_each(count, memory_gb)
         self._warm = warm
         self._closed = False
         self._threads = ThreadPoolExecutor(count + 1, thread_name_prefix="worker")

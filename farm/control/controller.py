@@ -51,14 +51,14 @@ from farm.scheduling import (
     find_plate_holds,
     find_print_limits,
 )
-from farm.state import events as ev
 from farm.state import (
-    fleet_with_reels,
+    apply_reels,
     import_agent_journal,
+    make_refused_print_end,
     outage_window_s,
-    refused_print_end,
     validate_books,
 )
+from farm.state import events as ev
 from farm.state.lifecycles import InvalidTransition
 from farm.state.storage import Store, StoreError
 from farm.state.transitions import apply
@@ -94,7 +94,7 @@ class Controller:
         self.stopping = False
         self.rules = StartRules.from_config(fleet.fleet)
         self.books = replace(store.load(), outage_window_s=outage_window_s(clock.scale))
-        self.fleet = fleet_with_reels(fleet, self.books.printers)
+        self.fleet = apply_reels(fleet, self.books.printers)
         self._configured_fleet = fleet
         self._store, self._situations = store, SituationBuilder(build_volumes)
         self._effects: Effects | None = None
@@ -166,7 +166,7 @@ class Controller:
             self._store.commit(event, self.books, changed_books)
             self.books = changed_books
             if isinstance(event, ev.ReelLoaded):
-                self.fleet = fleet_with_reels(self._configured_fleet, changed_books.printers)
+                self.fleet = apply_reels(self._configured_fleet, changed_books.printers)
             fields = event.model_dump_json(exclude={"at_s"}, exclude_none=True)
             log.info("%s %s", type(event).__name__, fields, extra=find_subjects(event, changed_books))
             for instruction in instructions:
@@ -309,7 +309,7 @@ class Controller:
         if attempt.state is not PrintState.ASSIGNED or not (late or self._refusals[print_id] >= REFUSALS):
             return
         printer = self.books.printer(attempt.printer)
-        self.handle(refused_print_end(attempt, printer, reason, late, self.clock.now()))
+        self.handle(make_refused_print_end(attempt, printer, reason, late, self.clock.now()))
 
     def unreported_since_s(self, printer: str) -> float | None:
         """Return the time since which an agent must first list its prints; None if it need not."""

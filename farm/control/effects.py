@@ -12,7 +12,7 @@ from farm.paths import StateFolder
 from farm.planning import JobPlanner, PlanRequest, list_job_files
 from farm.planning.replanning import ReplanTask, ReplanWorker, StartReplan
 from farm.scheduling import StartPlanning
-from farm.state import Books, fleet_with_reels
+from farm.state import Books, apply_reels
 from farm.state import events as ev
 from farm.state.storage import name_files
 
@@ -57,7 +57,7 @@ class FarmEffects:
                 self._agents.perform(effect, books, self._state.files)
 
     def _start_planning(self, order: StartPlanning, books: Books) -> None:
-        job, fleet = books.job(order.job), fleet_with_reels(self._fleet, books.printers)
+        job, fleet = books.job(order.job), apply_reels(self._fleet, books.printers)
         begins_s = max(self._clock.now(), job.not_before_s or 0.0)
         request = PlanRequest(
             job=job,
@@ -70,7 +70,7 @@ class FarmEffects:
         self._planner.start(request)
 
     def _start_replan(self, order: StartReplan, books: Books) -> None:
-        plate, fleet = books.plates[order.plate], fleet_with_reels(self._fleet, books.printers)
+        plate, fleet = books.plates[order.plate], apply_reels(self._fleet, books.printers)
         (part,) = (books.parts[name] for name in plate.parts)
         job = books.job(plate.job)
         task = ReplanTask(

@@ -14,7 +14,7 @@ from farm.paths import StateFolder
 from farm.planning import InspectedSubmission
 from farm.scheduling import StartRules, parse_moment_s
 from farm.state import events as ev
-from farm.state.storage import sha256_of
+from farm.state.storage import compute_sha256
 from farm.text import format_count
 from farm.views.queue import list_queue
 
@@ -40,7 +40,7 @@ class JobCommands:
         FarmError
             If the start time or the deadline is not in the future.
         """
-        start_and_deadline_s(options, self._controller.rules, self._controller.clock.now())
+        parse_start_and_deadline_s(options, self._controller.rules, self._controller.clock.now())
         if self._controller.stopping:
             raise Refused("the farm is shutting down: submit again after `farm up`")
 
@@ -69,7 +69,7 @@ class JobCommands:
             return existing_job, True
         controller = self._controller
         number, now_s = max(controller.books.jobs, default=0) + 1, controller.clock.now()
-        not_before_s, done_by_s = start_and_deadline_s(options, controller.rules, now_s)
+        not_before_s, done_by_s = parse_start_and_deadline_s(options, controller.rules, now_s)
         if controller.fleet.fleet.approve:
             options = options.model_copy(update={"hold": True})
         job = Job(
@@ -145,7 +145,7 @@ class JobCommands:
             raise Refused(f"the plan of job {number} is {job.plan}, not {plan}: check it again")
         for plate in list(self._controller.books.plates_of(job)):
             path = state.files / plate.gcode
-            if not path.is_file() or await asyncio.to_thread(sha256_of, path) != plate.sha256:
+            if not path.is_file() or await asyncio.to_thread(compute_sha256, path) != plate.sha256:
                 raise Refused(
                     f"plate {plate.id} has changed since it was planned: {path}; submit the model again"
                 )
@@ -250,7 +250,7 @@ def abort_prints(controller: Controller) -> None:
     )
 
 
-def start_and_deadline_s(
+def parse_start_and_deadline_s(
     options: JobOptions, rules: StartRules, now_s: float
 ) -> tuple[float | None, float | None]:
     """Parse the start time and the deadline of a job; None for an option that was not given.

@@ -14,8 +14,8 @@ from farm.scheduling import (
     JobAdmission,
     Situation,
     StartPlanning,
+    list_promised_printers,
     list_reservations,
-    promised_printers,
 )
 from farm.state import Books
 from farm.state import events as ev
@@ -59,7 +59,7 @@ class JobPlanning:
         reserved
             Printers for which plates are being replanned, with the plate.
         """
-        promised = promised_printers(self._admission.list_promises(books))
+        promised = list_promised_printers(self._admission.list_promises(books))
         revised = self.revisions.reserved_printers
         return {**promised, **revised, **list_reservations(situation, reserved)}
 
@@ -82,7 +82,7 @@ class JobPlanning:
         for decision in decisions:
             if isinstance(decision, StartPlanning):
                 yield ev.PlanningStarted(at_s=now_s, job=decision.job), decision
-            elif not decision.hold.same_reason(books.job(decision.job).hold):
+            elif not decision.hold.has_same_reason(books.job(decision.job).hold):
                 yield ev.JobHeld(at_s=now_s, job=decision.job, hold=decision.hold), None
 
     def begin(self, order: StartPlanning, now_s: float) -> None:

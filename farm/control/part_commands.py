@@ -8,7 +8,7 @@ from farm.control.controller import Controller
 from farm.control.printer_commands import PrinterCommands
 from farm.errors import NoSuchThing, Refused
 from farm.model import Plate
-from farm.state import PlateState, stopped_print
+from farm.state import PlateState, find_stopped_print
 from farm.state import events as ev
 from farm.text import parse_part_number
 
@@ -40,7 +40,7 @@ class PartCommands:
                 f"{entry.name} again; `farm report {job}` still shows how it was printed"
             )
         state = self._controller.books.plate_state(plate)
-        stopped = stopped_print(plate, self._controller.books.prints_of(plate))
+        stopped = find_stopped_print(plate, self._controller.books.prints_of(plate))
         if state in _PENDING and stopped is None:
             printer = self._printer_of(plate)
             raise Refused(f"part {plate.parts[0]} {_PENDING[state].format(printer=printer)}")

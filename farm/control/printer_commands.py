@@ -11,7 +11,7 @@ from farm.control.controller import Controller
 from farm.errors import Refused
 from farm.model import Print, PrintState, Reel, Verdict
 from farm.planning.inspection import complete_section
-from farm.state import PlateState, failed_print_on, part_name, reprinting_printers, section_with_reel
+from farm.state import PlateState, apply_reel, failed_print_on, list_reprinting_printers, part_name
 from farm.state import events as ev
 from farm.text import parse_part_number
 
@@ -82,7 +82,7 @@ class PrinterCommands:
         books = self._controller.books
         if good_print is not None:
             return api.Cleared(
-                good=part_name(books, good_print), printed_on=reprinting_printers(books, good_print)
+                good=part_name(books, good_print), printed_on=list_reprinting_printers(books, good_print)
             )
         plate = None if judged is None else books.plates[judged.plate]
         is_reprinted = plate is not None and books.plate_state(plate) in (
@@ -123,9 +123,7 @@ class PrinterCommands:
         )
         fleet_section = self._controller.fleet.fleet
         try:
-            loaded = await asyncio.to_thread(
-                complete_section, section_with_reel(section, reel), fleet_section
-            )
+            loaded = await asyncio.to_thread(complete_section, apply_reel(section, reel), fleet_section)
         except FieldError as error:
             raise Refused(f"{printer}: {error}") from error
         filament = {"material": loaded.material, "kind": loaded.material_kind, "colour": loaded.colour}

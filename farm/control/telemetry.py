@@ -16,8 +16,8 @@ from farm.state import (
     Books,
     detect_alarm,
     handle_unknown_print,
+    list_pending_instructions,
     observe_idle_printer,
-    pending_instructions,
     reconcile_print,
 )
 from farm.state import events as ev
@@ -179,7 +179,7 @@ def list_unconfirmed_instructions(
         ends_by_s = situation.rules.ends_by_s(printer, situation.now_s)
     else:
         ends_by_s = None if snapshot.print is None else snapshot.print.ends_by_s
-    for instruction in pending_instructions(attempt, snapshot, ends_by_s):
+    for instruction in list_pending_instructions(attempt, snapshot, ends_by_s):
         starts = isinstance(instruction, ev.SendStart)
         if not starts or (books.outage is None and may_start_now(attempt, books, situation)):
             yield instruction

@@ -42,7 +42,7 @@ from farm.paths import Places, StateFolder, read_anchor
 from farm.planning.inspection import complete_section
 from farm.state import Books
 from farm.state.retention import DiskUse
-from farm.state.storage import read_books, sha256_of
+from farm.state.storage import compute_sha256, read_books
 from farm.upkeep.disk_use import measure_disk
 from slicing.errors import SlicingError
 from slicing.settings import find_engine, find_resources
@@ -118,7 +118,7 @@ def _check_files(books: Books, state: StateFolder) -> FileFacts:
             checked += 1
             path = state.files / name
             try:
-                if sha256_of(path) != sha256:
+                if compute_sha256(path) != sha256:
                     changed.append(f"job {job.id}: {path}")
             except OSError:
                 missing.append(f"job {job.id}: {path}")

@@ -17,10 +17,10 @@ from farm.http.callers import (
 from farm.http.connections import (
     BoundedServer,
     WaitingConnection,
-    connection_limit,
-    descriptor_limit,
+    compute_connection_limit,
     end_at_signals,
     find_longest_waiting,
+    read_descriptor_limit,
 )
 from farm.http.event_streams import EventStreams
 from farm.http.routes.files import name_stored_files
@@ -48,9 +48,8 @@ __all__ = [
     "add_routes",
     "check_operators",
     "clean_name",
-    "connection_limit",
+    "compute_connection_limit",
     "describe_farm",
-    "descriptor_limit",
     "end_at_signals",
     "find_longest_waiting",
     "identify_caller",
@@ -59,4 +58,5 @@ __all__ = [
     "make_app",
     "make_problem",
     "name_stored_files",
+    "read_descriptor_limit",
 ]

@@ -35,7 +35,7 @@ class Caller(Protocol):
         """Name for the event log, and for other people."""
 
     def is_operator(self, group: str | None) -> bool:
-        """Return whether the caller may let printers go on; `group` is `fleet.operators`."""
+        """Return whether the caller may let printers continue; `group` is `fleet.operators`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +69,7 @@ class Person:
             return number == self.gid
 
 
-def session_role(caller: Caller, operators: str | None) -> Role:
+def find_session_role(caller: Caller, operators: str | None) -> Role:
     """Return the role of a caller's sessions; `operators` is `fleet.operators`."""
     return Role.OPERATE if caller.is_operator(operators) else Role.PRINT
 
@@ -92,7 +92,7 @@ def find_user_role(name: str, operators: str | None) -> Role | None:
         except KeyError:
             return None
         person = Person(user.pw_uid, user.pw_gid)
-    return session_role(person, operators)
+    return find_session_role(person, operators)
 
 
 class PeerProtocol(H11Protocol):
@@ -149,13 +149,13 @@ def identify_caller(request: Request) -> Caller:
     return caller
 
 
-def caller_name(request: Request) -> str:
+def find_caller_name(request: Request) -> str:
     """Return the name of the caller. Raises Refused if nobody is known."""
     return identify_caller(request).name
 
 
 def is_operator(request: Request) -> bool:
-    """Return whether the caller may let printers go on. Raises Refused if nobody is known."""
+    """Return whether the caller may let printers continue. Raises Refused if nobody is known."""
     return identify_caller(request).is_operator(_operators(request))
 
 
@@ -227,7 +227,7 @@ def _gid(group: str) -> int | None:
         return None
 
 
-CallerName = Annotated[str, Depends(caller_name)]
+CallerName = Annotated[str, Depends(find_caller_name)]
 """Parameter of a route open to every user: the name of the caller."""
 OperatorName = Annotated[str, Depends(operator_name)]
 """Parameter of a route for operators only (`fleet.operators`): the name of the caller."""

@@ -43,7 +43,7 @@ class WaitingConnection(Protocol):
         """Time since which it waits, on the event loop's clock; None if it does not."""
 
 
-def connection_limit(descriptors: int, printers: int, workers: int) -> int:
+def compute_connection_limit(descriptors: int, printers: int, workers: int) -> int:
     """Return the number of connections that leaves enough descriptors for agents and workers.
 
     Parameters
@@ -57,7 +57,7 @@ def connection_limit(descriptors: int, printers: int, workers: int) -> int:
     return max(_MIN_CONNECTIONS, min(MAX_CONNECTIONS, (descriptors - reserved) // _EACH_CONNECTION))
 
 
-def descriptor_limit() -> int:
+def read_descriptor_limit() -> int:
     """Return the number of descriptors that this process may have open."""
     soft, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
     return 2**20 if soft == resource.RLIM_INFINITY else soft
@@ -132,7 +132,7 @@ class BoundedServer(uvicorn.Server):
 
     @contextlib.contextmanager
     def capture_signals(self) -> Iterator[None]:
-        """Leave signals to `end_at_signals`.
+        """Do nothing: `end_at_signals` handles signals.
 
         uvicorn raises a signal again once the server has ended, which would end the process before it has
         closed its agents, workers and database; and a process has several servers.
@@ -221,7 +221,7 @@ class BoundedServer(uvicorn.Server):
                 self._rate_limited_log.warn(f"a connection was refused: {error!r}", loop.time())
 
     async def make_room(self, connection: socket.socket) -> None:
-        """Wait until a new connection may be served; close the one that has waited longest for its request.
+        """Wait until a new connection may be served; close the one that has waited longest for its client.
 
         Raises
         ------

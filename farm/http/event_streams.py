@@ -20,10 +20,10 @@ class EventLog(Protocol):
     def find_last_event(self) -> int:
         """Return the number of the last event. Raises StoreError."""
 
-    def read_events(self, after: int, most: int) -> Sequence[EventRow]:
+    def read_events(self, after: int, limit: int) -> Sequence[EventRow]:
         """Read events after a number, oldest first. Raises StoreError."""
 
-    def read_upkeep(self, printer: str, most: int) -> Sequence[EventRow]:
+    def read_upkeep(self, printer: str, limit: int) -> Sequence[EventRow]:
         """Read events on the upkeep of a printer, newest first. Raises StoreError."""
 
 
@@ -34,11 +34,11 @@ class NoEvents:
         """Return 0."""
         return 0
 
-    def read_events(self, after: int, most: int) -> Sequence[EventRow]:
+    def read_events(self, after: int, limit: int) -> Sequence[EventRow]:
         """Return nothing."""
         return ()
 
-    def read_upkeep(self, printer: str, most: int) -> Sequence[EventRow]:
+    def read_upkeep(self, printer: str, limit: int) -> Sequence[EventRow]:
         """Return nothing."""
         return ()
 
@@ -50,20 +50,20 @@ class EventStreams(StreamLimit):
     ----------
     log
         The event log.
-    most
+    limit
         Most streams at a time; one caller may have four.
     poll_s
         Seconds between two looks at the log.
     """
 
-    def __init__(self, log: EventLog, most: int = 16, poll_s: float = 0.5) -> None:
-        super().__init__(most, _MAX_STREAMS_PER_CALLER)
+    def __init__(self, log: EventLog, limit: int = 16, poll_s: float = 0.5) -> None:
+        super().__init__(limit, _MAX_STREAMS_PER_CALLER)
         self.log, self._poll_s = log, poll_s
 
     async def follow(
         self, after: int, is_allowed: Callable[[], bool], wait: bool
     ) -> AsyncIterator[list[EventRow]]:
-        """Yield events as they are committed; nothing now and then, while there are none.
+        """Yield events as they are committed, and an empty list at intervals while there are none.
 
         Parameters
         ----------

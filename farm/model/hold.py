@@ -56,6 +56,6 @@ class Hold(Entity):
     text: str
     reel: ShortReel | None = None
 
-    def same_reason(self, other: Hold | None) -> bool:
+    def has_same_reason(self, other: Hold | None) -> bool:
         """Return whether another hold differs at most in its sentence (a time, a printer)."""
         return other is not None and (self.code, self.reel) == (other.code, other.reel)

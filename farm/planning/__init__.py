@@ -18,7 +18,7 @@ from farm.planning.booking import list_job_files
 from farm.planning.job_planner import JobPlanner
 from farm.planning.plan import InspectedSubmission, Plan, PlanRequest, TooFewPrinters, step_file
 from farm.planning.planned_event import build_planned_event
-from farm.planning.printer_settings import bed_boxes
+from farm.planning.printer_settings import list_bed_boxes
 
 __all__ = [
     "InspectedSubmission",
@@ -26,8 +26,8 @@ __all__ = [
     "Plan",
     "PlanRequest",
     "TooFewPrinters",
-    "bed_boxes",
     "build_planned_event",
+    "list_bed_boxes",
     "list_job_files",
     "step_file",
 ]

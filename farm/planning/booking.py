@@ -11,7 +11,7 @@ from drivers.printers import PROFILES
 from farm.model import Job, Part, Plate
 from farm.planning.part_records import DecomposedPart, SlicedPart
 from farm.planning.plan import Plan, SlicedJob
-from farm.planning.plate_times import prelude_seconds
+from farm.planning.plate_times import compute_prelude_seconds
 from farm.state.storage import store_file
 
 MAX_WARNINGS = 3
@@ -128,7 +128,7 @@ def _serial_s(sliced: SlicedJob) -> float:
     Slicing the whole model would take minutes, for a printer that does not exist.
     """
     first = sliced.parts[0]
-    prelude_s = prelude_seconds(first.printer, first.task.settings)
+    prelude_s = compute_prelude_seconds(first.printer, first.task.settings)
     price_s = sum(part.part.price_s - prelude_s for part in sliced.parts)
     sliced_s = sum(float(part.result.sliced_s) for part in sliced.parts)
     return prelude_s + (sliced.decomposed.serial_price_s - prelude_s) * sliced_s / price_s

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from drivers.printers import PROFILES, RoomBox
 from farm.config import PrinterSection
 from farm.model import DEFAULT_PRINT_OPTIONS, PartGeometry, PartPrintOptions
-from farm.planning.plate_times import plate_seconds
+from farm.planning.plate_times import compute_plate_seconds
 from slicing.settings import EngineSettings, Resources, SettingsRequest
 
 if TYPE_CHECKING:  # the daemon uses results of workers without importing their modules
@@ -129,9 +129,9 @@ class SlicedPart:
     result: PlateResult
 
     def expected_s(self, time_factor: float = 1.0) -> float:
-        """Return the seconds from the first command of its print to the last, as `plate_seconds`."""
+        """Return the seconds from the first command of its print to the last, as `compute_plate_seconds`."""
         settings = self.task.settings
-        return plate_seconds(
+        return compute_plate_seconds(
             PROFILES[self.printer.model],
             self.result.sliced_s,
             settings.nozzle_c,

@@ -16,7 +16,7 @@ HOMING_S = 7.0
 """Time of the homing, during which the bed heats."""
 
 
-def plate_seconds(
+def compute_plate_seconds(
     profile: Profile, sliced_s: float, nozzle_c: float, bed_c: float, time_factor: float = 1.0
 ) -> float:
     """Return the seconds from the first command of a print to its last.
@@ -36,9 +36,9 @@ def plate_seconds(
     return START_S + bed_s + profile.nozzle.seconds_to(nozzle_c) + sliced_s * time_factor + END_S
 
 
-def prelude_seconds(section: PrinterSection, settings: EngineSettings) -> float:
+def compute_prelude_seconds(section: PrinterSection, settings: EngineSettings) -> float:
     """Return the seconds of a plate on a printer apart from its layers."""
-    return plate_seconds(PROFILES[section.model], 0.0, settings.nozzle_c, settings.bed_c)
+    return compute_plate_seconds(PROFILES[section.model], 0.0, settings.nozzle_c, settings.bed_c)
 
 
 def reassign_loads(

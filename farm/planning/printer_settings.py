@@ -14,7 +14,7 @@ from slicing.printer import HeadShape, MachineLimits, PrintCode, PrinterModel
 from slicing.settings import EngineSettings, Resources, SettingsRequest, find_resources, resolve_settings
 
 
-def matching_printers(printers: Sequence[PrinterSection], options: JobOptions) -> list[PrinterSection]:
+def list_matching_printers(printers: Sequence[PrinterSection], options: JobOptions) -> list[PrinterSection]:
     """Return the enabled printers with the material and the colour that a job needs, at least one.
 
     Raises
@@ -47,10 +47,10 @@ def _describe_filament(section: PrinterSection) -> str:
     return " ".join(filter(None, (section.colour, section.material_kind or section.material)))
 
 
-def settings_request(section: PrinterSection, quality: str) -> SettingsRequest:
+def build_settings_request(section: PrinterSection, quality: str) -> SettingsRequest:
     """Build the request for the slicer's settings on a printer, with supports, as the poses assume."""
     return SettingsRequest(
-        slicing_printer(PROFILES[section.model]),
+        build_slicing_printer(PROFILES[section.model]),
         quality,
         section.material,
         nozzle_mm=section.nozzle_mm,
@@ -61,7 +61,7 @@ def settings_request(section: PrinterSection, quality: str) -> SettingsRequest:
 def printer_settings(section: PrinterSection, quality: str, resources: Resources) -> EngineSettings:
     """Resolve the slicer's settings for a printer. Raises FarmError with code `settings`."""
     with translate_errors():
-        return resolve_settings(settings_request(section, quality), resources)
+        return resolve_settings(build_settings_request(section, quality), resources)
 
 
 def check_settings(printers: Sequence[PrinterSection], options: JobOptions) -> None:
@@ -75,11 +75,11 @@ def check_settings(printers: Sequence[PrinterSection], options: JobOptions) -> N
     """
     with translate_errors():
         resources = find_resources()
-    for section in matching_printers(printers, options):
+    for section in list_matching_printers(printers, options):
         printer_settings(section, options.quality, resources)
 
 
-def slicing_printer(profile: Profile) -> PrinterModel:
+def build_slicing_printer(profile: Profile) -> PrinterModel:
     """Convert a printer profile to the slicing package's model: limits, start and end code."""
     return PrinterModel(
         name=profile.model,
@@ -100,12 +100,12 @@ def slicing_printer(profile: Profile) -> PrinterModel:
     )
 
 
-def printer_room(section: PrinterSection, brim_mm: float) -> tuple[RoomBox, ...]:
+def find_printer_room(section: PrinterSection, brim_mm: float) -> tuple[RoomBox, ...]:
     """Return the boxes that a part with a brim of `brim_mm` may fill on a printer."""
     return part_room(PROFILES[section.model], brim_mm, section.volume_mm)
 
 
-def model_sizes(
+def list_model_sizes(
     room: tuple[RoomBox, ...], settings: EngineSettings
 ) -> tuple[tuple[float, float, float], ...]:
     """Return the sizes (x, y, z) in mm that a part may have in the model, before shrinkage is added."""
@@ -114,9 +114,9 @@ def model_sizes(
 
 
 @cache
-def bed_boxes(section: PrinterSection) -> tuple[tuple[float, float, float, float, float], ...]:
+def list_bed_boxes(section: PrinterSection) -> tuple[tuple[float, float, float, float, float], ...]:
     """Return the boxes that a printer prints in: min_x, min_y, max_x, max_y, height, bed-centred mm."""
     return tuple(
         (box.rect.min_x_mm, box.rect.min_y_mm, box.rect.max_x_mm, box.rect.max_y_mm, box.height_mm)
-        for box in printer_room(section, brim_mm=0.0)
+        for box in find_printer_room(section, brim_mm=0.0)
     )

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 from farm.planning.error_translation import translate_errors
 from farm.planning.part_records import SliceTask
-from farm.planning.printer_settings import printer_room, printer_settings, settings_request
+from farm.planning.printer_settings import build_settings_request, find_printer_room, printer_settings
 from slicing.settings import find_engine, find_resources
 
 
@@ -78,10 +78,10 @@ def build_slice_tasks(batch: SliceBatch) -> list[SliceTask]:
             SliceTask(
                 part=part.id,
                 stl=part.stl,
-                request=settings_request(section, batch.quality),
+                request=build_settings_request(section, batch.quality),
                 resources=resources,
                 settings=settings,
-                room=printer_room(section, settings.brim_width_mm),
+                room=find_printer_room(section, settings.brim_width_mm),
                 engine=engine,
                 out=batch.folder / f"{part.id}.gcode",
                 cache=batch.cache,

@@ -12,8 +12,8 @@ from farm.scheduling.admission import (
     StartPlanning,
     limit_availability,
     list_coming,
+    list_promised_printers,
     list_reservations,
-    promised_printers,
 )
 from farm.scheduling.assignment import Assignment, assign_plates, find_holds
 from farm.scheduling.forecast import ForecastCache, Slot, as_idle, forecast_prints, seconds_on
@@ -35,7 +35,7 @@ from farm.scheduling.situation_builder import (
     plate_requirements,
 )
 from farm.scheduling.spares import takes_spare
-from farm.scheduling.start_rules import StartRules, short_of_filament
+from farm.scheduling.start_rules import StartRules, find_filament_shortage
 
 __all__ = [
     "SPARE_USE",
@@ -64,6 +64,7 @@ __all__ = [
     "count_spares",
     "describe_capabilities",
     "describe_plates",
+    "find_filament_shortage",
     "find_holds",
     "find_next_change_s",
     "find_plate_holds",
@@ -73,12 +74,11 @@ __all__ = [
     "join_names",
     "limit_availability",
     "list_coming",
+    "list_promised_printers",
     "list_reservations",
     "may_start_now",
     "parse_moment_s",
     "plate_requirements",
-    "promised_printers",
     "seconds_on",
-    "short_of_filament",
     "takes_spare",
 ]

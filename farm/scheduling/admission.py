@@ -66,7 +66,7 @@ class JobRequest:
     starts_later: bool = False
 
     def limit(self, printers: int) -> int:
-        """Return how many of a number of printers the job may use."""
+        """Return the number of printers that the job may use, out of a given number."""
         return min(max(1, printers - self.spares), self.printers or printers)
 
 
@@ -105,10 +105,10 @@ class Availability:
 
     def with_promises(self, promises: Iterable[Promise]) -> Availability:
         """Return the availability with the printers of these promises reserved too."""
-        return replace(self, reservations={**promised_printers(promises), **self.reservations})
+        return replace(self, reservations={**list_promised_printers(promises), **self.reservations})
 
 
-def promised_printers(promises: Iterable[Promise]) -> dict[str, str]:
+def list_promised_printers(promises: Iterable[Promise]) -> dict[str, str]:
     """Return the printers of promises, each with its job."""
     return {name: f"job {promise.job}" for promise in promises for name in sorted(promise.printers)}
 

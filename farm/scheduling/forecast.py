@@ -10,10 +10,10 @@ from dataclasses import dataclass, replace
 
 from farm.model import Bed, FilamentState, HoldCode, Link
 from farm.scheduling.matching import Capabilities, FleetPrinter, WaitingPlate
-from farm.scheduling.plate_matching import FleetOrder, MatchingInputs, match_plates, queue_of
+from farm.scheduling.plate_matching import FleetOrder, MatchingInputs, group_by_job, match_plates
 from farm.scheduling.situation import Situation
 from farm.scheduling.spares import choose_spares
-from farm.scheduling.start_rules import StartRules, short_of_filament
+from farm.scheduling.start_rules import StartRules, find_filament_shortage
 from farm.state import Books
 
 CLEARING_S = 900.0
@@ -96,7 +96,7 @@ class _Simulation:
     def __init__(self, situation: Situation, coming: Sequence[FleetPrinter]) -> None:
         self.slots: list[Slot] = []
         self.queue = {
-            turn: {p.id: p for p in plates} for turn, plates in queue_of(situation.by_priority).items()
+            turn: {p.id: p for p in plates} for turn, plates in group_by_job(situation.by_priority).items()
         }
         self._rules, self._now_s, self._spares = situation.rules, situation.now_s, dict(situation.spares)
         self._left = Counter(plate.job for plate in situation.waiting)  # prints by job, with running ones
@@ -274,7 +274,7 @@ def _fitting(
             for kind, kind_plates in kinds.items()
             if plate.requirements.matches(kind)
             for printer in kind_plates
-            if short_of_filament(plate, printer, printer.grams) is None
+            if find_filament_shortage(plate, printer, printer.grams) is None
         ]
         for plate in plates
     }
@@ -311,7 +311,8 @@ def _lower_bound_s(
 
 
 def _filled_s(work_s: float, ready: Sequence[float]) -> float:
-    """Return when machines that are ready at these times (ascending) finish this amount of work."""
+    """Return the time at which machines that are ready at these times (ascending) finish this amount of
+    work."""
     level_s = ready[0]
     for count, following in enumerate([*ready[1:], float("inf")], 1):
         room_s = (following - level_s) * count

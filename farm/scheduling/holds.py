@@ -10,8 +10,8 @@ from farm.model import Hold, HoldCode, Job, JobState, Plate
 from farm.scheduling.matching import Capabilities, WaitingPlate
 from farm.scheduling.situation import Situation
 from farm.scheduling.spares import takes_spare
-from farm.scheduling.start_rules import short_of_filament
-from farm.state import LOSSES, Books, PlateState, stopped_print
+from farm.scheduling.start_rules import find_filament_shortage
+from farm.state import LOSSES, Books, PlateState, find_stopped_print
 
 
 def may_hold_back(books: Books, job: Job) -> bool:
@@ -70,7 +70,8 @@ def find_plate_holds(
 
 
 def _loss_window_end_s(books: Books, holds: Mapping[str, Hold]) -> float:
-    """Return when the first hold for a printer that was just lost ends; infinity if there is none."""
+    """Return the time at which the first hold for a printer that was just lost ends; infinity if there is
+    none."""
     lost = (books.plates[name].prints[-1] for name, hold in holds.items() if hold.code is HoldCode.JUST_LOST)
     ends_s = ((books.prints[name].ended_s or 0.0) + books.outage_window_s for name in lost)
     return math.nextafter(min(ends_s, default=math.inf), math.inf)
@@ -131,7 +132,7 @@ def _find_hold(books: Books, job: Job, plate: Plate, unreported: str, now_s: flo
     if job.paused:
         return Hold(code=HoldCode.PAUSED, text=f"job {job.id} is paused: `farm resume {job.id}`")
     part = plate.parts[0]
-    if (stopped := stopped_print(plate, books.prints_of(plate))) is not None:
+    if (stopped := find_stopped_print(plate, books.prints_of(plate))) is not None:
         text = f"`farm estop` stopped it on {stopped.printer}: `farm resume {part}` prints it again"
         return Hold(code=HoldCode.STOPPED, text=text)
     if plate.paused:
@@ -238,7 +239,7 @@ class HoldReasons:
     def _find_printer_hold(self, plate: WaitingPlate, name: str) -> Hold | None:
         """Return why a plate does not go to an idle and clear printer; None if another plate got it."""
         printer = self._situation.fleet[name]
-        reel_hold = short_of_filament(plate, printer, printer.grams)
+        reel_hold = find_filament_shortage(plate, printer, printer.grams)
         if reel_hold is not None:
             return reel_hold
         start = self._situation.rules.find_start(plate, printer, self._situation.now_s)

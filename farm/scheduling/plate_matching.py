@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from farm.scheduling.matching import Capabilities, FleetPrinter, WaitingPlate
 from farm.scheduling.spares import takes_spare
-from farm.scheduling.start_rules import StartRules, StartWindow, needed_grams
+from farm.scheduling.start_rules import StartRules, StartWindow, compute_needed_grams
 
 Turn = tuple[int, float, int]
 """Negative priority, rank and number of a job; the smallest is served first."""
@@ -76,7 +76,7 @@ class MatchingInputs:
     now_s: float
 
 
-def queue_of(plates: Iterable[WaitingPlate]) -> dict[Turn, list[WaitingPlate]]:
+def group_by_job(plates: Iterable[WaitingPlate]) -> dict[Turn, list[WaitingPlate]]:
     """Group plates by job, in the order in which they are served."""
     queue: dict[Turn, list[WaitingPlate]] = {}
     for plate in plates:
@@ -197,7 +197,7 @@ class _Matching:
 
     def _list_capable(self, plate: WaitingPlate) -> list[str]:
         """Return the free printers that can take a plate now, the lowest first."""
-        inputs, grams = self._inputs, needed_grams(plate)
+        inputs, grams = self._inputs, compute_needed_grams(plate)
         names: list[str] = []
         for kind in self._kinds:
             if (

@@ -261,21 +261,22 @@ class StartRules:
         return self.attended.span(at_s) is not None
 
     def bed_clear_s(self, ended_s: float, clearing_s: float) -> float:
-        """Return when the bed of an ended print can be clear, which needs a person to be present."""
+        """Return the time at which the bed of an ended print can be clear, which needs a person to be
+        present."""
         if not self.attended.windows or self.attended.span(ended_s) is not None:
             return ended_s + clearing_s
         next_span = self.attended.following(ended_s)
         return (next_span[0] if next_span is not None else ended_s) + clearing_s
 
 
-def needed_grams(plate: WaitingPlate) -> float:
+def compute_needed_grams(plate: WaitingPlate) -> float:
     """Return the grams that a reel must have for a plate, with the reserve."""
     return max(plate.grams * GRAMS_SHARE, plate.grams + MIN_GRAMS)
 
 
-def short_of_filament(plate: WaitingPlate, printer: FleetPrinter, grams: float | None) -> Hold | None:
+def find_filament_shortage(plate: WaitingPlate, printer: FleetPrinter, grams: float | None) -> Hold | None:
     """Return a hold if a reel has too few grams for a plate; None if it has enough, or is unknown."""
-    grams_needed = needed_grams(plate)
+    grams_needed = compute_needed_grams(plate)
     if grams is None or grams >= grams_needed:
         return None
     has, needs = f"{printer.name} has {grams:.0f} g", f"needs {grams_needed:.0f} g"

@@ -7,18 +7,23 @@ the books on disk.
 from farm.state.books import Books, put, replace_fields
 from farm.state.faults import BY_PEOPLE, LOSSES, OwnFault
 from farm.state.outage import outage_window_s
-from farm.state.plate_state import PlateState, stopped_print
+from farm.state.plate_state import PlateState, find_stopped_print
 from farm.state.reconciliation import (
     detect_alarm,
     handle_unknown_print,
     import_agent_journal,
+    list_pending_instructions,
+    make_refused_print_end,
     observe_idle_printer,
-    pending_instructions,
     reconcile_print,
-    refused_print_end,
 )
-from farm.state.reels import fleet_with_reels, section_with_reel
-from farm.state.salvaged_parts import failed_print_on, part_name, possibly_whole_print, reprinting_printers
+from farm.state.reels import apply_reel, apply_reels
+from farm.state.salvaged_parts import (
+    failed_print_on,
+    find_possibly_complete_print,
+    list_reprinting_printers,
+    part_name,
+)
 from farm.state.validation import validate_books
 
 __all__ = [
@@ -27,22 +32,22 @@ __all__ = [
     "Books",
     "OwnFault",
     "PlateState",
+    "apply_reel",
+    "apply_reels",
     "detect_alarm",
     "failed_print_on",
-    "fleet_with_reels",
+    "find_possibly_complete_print",
+    "find_stopped_print",
     "handle_unknown_print",
     "import_agent_journal",
+    "list_pending_instructions",
+    "list_reprinting_printers",
+    "make_refused_print_end",
     "observe_idle_printer",
     "outage_window_s",
     "part_name",
-    "pending_instructions",
-    "possibly_whole_print",
     "put",
     "reconcile_print",
-    "refused_print_end",
     "replace_fields",
-    "reprinting_printers",
-    "section_with_reel",
-    "stopped_print",
     "validate_books",
 ]

@@ -218,7 +218,7 @@ def locate_entity(entity: Entity) -> tuple[str, object]:
     raise TypeError(f"the books contain no {type(entity).__name__}")
 
 
-def changed_entities(before: Books, after: Books) -> Iterable[Entity]:
+def list_changed_entities(before: Books, after: Books) -> Iterable[Entity]:
     """Yield the entities of `after` that `before` does not have, or has with different fields."""
     for kind in ("jobs", "parts", "plates", "prints", "printers", "outages", "keys"):
         old, new = getattr(before, kind), getattr(after, kind)
@@ -226,7 +226,7 @@ def changed_entities(before: Books, after: Books) -> Iterable[Entity]:
             yield from (entity for key, entity in new.items() if old.get(key) is not entity)
 
 
-def removed_keys(before: Books, after: Books) -> Iterable[Key]:
+def list_removed_keys(before: Books, after: Books) -> Iterable[Key]:
     """Yield the keys of `before` that `after` does not have."""
     if after.keys is not before.keys:
         yield from (key for name, key in before.keys.items() if name not in after.keys)

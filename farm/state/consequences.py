@@ -7,7 +7,7 @@ from farm.model import Bed, Job, JobState, Outage, Plate, Print, Reopening
 from farm.state import events as ev
 from farm.state.books import Books, put, replace_fields
 from farm.state.outage import find_common_losses
-from farm.state.plate_state import PlateState, charged_failures, derive_job_state, successful_print
+from farm.state.plate_state import PlateState, derive_job_state, find_successful_print, list_charged_failures
 
 BY_A_PERSON = "cancelled by a person"
 
@@ -25,7 +25,9 @@ def update_job_state(books: Books, number: int, at_s: float, reopen: bool = Fals
         return books
     state = derive_job_state([books.plate_state(plate) for plate in books.plates_of(job)])
     ends_s = [
-        p.ended_s or 0.0 for plate in books.plates_of(job) if (p := successful_print(books.prints_of(plate)))
+        p.ended_s or 0.0
+        for plate in books.plates_of(job)
+        if (p := find_successful_print(books.prints_of(plate)))
     ]
     error, reason, ended_s = None, None, None
     match state:
@@ -46,7 +48,7 @@ def update_job_state(books: Books, number: int, at_s: float, reopen: bool = Fals
 
 def _describe_failures(books: Books, job: Job) -> str:
     out_of_attempts = [p for p in books.plates_of(job) if books.plate_state(p) is PlateState.OUT_OF_ATTEMPTS]
-    failed = charged_failures(out_of_attempts[0], books.prints_of(out_of_attempts[0]))
+    failed = list_charged_failures(out_of_attempts[0], books.prints_of(out_of_attempts[0]))
     more_plates = f" (and {len(out_of_attempts) - 1} more plates)" if len(out_of_attempts) > 1 else ""
     return (
         f"plate {out_of_attempts[0].id} failed {len(failed)} times, last on {failed[-1].printer}: "

@@ -28,18 +28,18 @@ class PlateState(StrEnum):
     REPLACED = "replaced"  # other plates are printed instead
 
 
-def successful_print(prints: Iterable[Print]) -> Print | None:
+def find_successful_print(prints: Iterable[Print]) -> Print | None:
     """Return the print that produced a plate's parts: done, and not judged bad; None if there is none."""
     return next((p for p in prints if p.state is PrintState.DONE and p.verdict is not Verdict.BAD), None)
 
 
-def stopped_print(plate: Plate, prints: Iterable[Print]) -> Print | None:
+def find_stopped_print(plate: Plate, prints: Iterable[Print]) -> Print | None:
     """Return the print that `farm estop` stopped, if its plate still waits for a decision; else None."""
     last = next(reversed(list(prints)), None)
     return last if plate.paused and last is not None and last.fault == Fault.ESTOP else None
 
 
-def charged_failures(plate: Plate, prints: Iterable[Print]) -> list[Print]:
+def list_charged_failures(plate: Plate, prints: Iterable[Print]) -> list[Print]:
     """Return the failures that count as attempts of a plate since its last reprint request."""
     counted = frozenset(plate.prints[plate.counted_from :])
     return [p for p in prints if p.id in counted and p.state is PrintState.FAILED and p.charged]
@@ -51,7 +51,7 @@ def derive_plate_state(plate: Plate, prints: Collection[Print]) -> PlateState:
         return PlateState.REPLACED
     if not prints:  # most of a large queue
         return PlateState.CANCELLED if plate.cancelled else PlateState.WAITING
-    success = successful_print(prints)
+    success = find_successful_print(prints)
     if success is not None:
         return PlateState.GOOD if success.verdict is Verdict.GOOD else PlateState.PRINTED
     if plate.cancelled:
@@ -59,7 +59,9 @@ def derive_plate_state(plate: Plate, prints: Collection[Print]) -> PlateState:
     if any(not p.state.ended for p in prints):
         return PlateState.PRINTING
     return (
-        PlateState.OUT_OF_ATTEMPTS if len(charged_failures(plate, prints)) >= ATTEMPTS else PlateState.WAITING
+        PlateState.OUT_OF_ATTEMPTS
+        if len(list_charged_failures(plate, prints)) >= ATTEMPTS
+        else PlateState.WAITING
     )
 
 

@@ -83,7 +83,7 @@ def _reconcile_unknown(attempt: Print, snapshot: AgentSnapshot, now_s: float) ->
     )
 
 
-def refused_print_end(
+def make_refused_print_end(
     attempt: Print, printer: Printer, reason: str, late: bool, now_s: float
 ) -> ev.PrintEnded:
     """Return the end of a print that its agent refused: failed, or cancelled if it arrived `late`."""
@@ -106,7 +106,7 @@ def _has_no_agent(snapshot: AgentSnapshot) -> bool:
     return snapshot.link is Link.ABSENT and snapshot.agent_pid is None
 
 
-def pending_instructions(
+def list_pending_instructions(
     attempt: Print, snapshot: AgentSnapshot, ends_by_s: float | None = None
 ) -> Iterator[ev.AnyInstruction]:
     """Derive the instructions that the agent of an open print has not carried out yet.

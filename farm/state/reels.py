@@ -8,7 +8,7 @@ from farm.config import Fleet, PrinterSection
 from farm.model import Plate, Printer, PrintState, Reel
 
 
-def used_grams(plate: Plate, state: PrintState, extruded: bool, share: float | None) -> float:
+def compute_used_grams(plate: Plate, state: PrintState, extruded: bool, share: float | None) -> float:
     """Compute the grams that an ended print used: those of the whole plate if its progress is unknown.
 
     Parameters
@@ -37,7 +37,7 @@ def mark_uncertain(reel: Reel | None) -> Reel | None:
     return reel.model_copy(update={"uncertain": True})
 
 
-def section_with_reel(section: PrinterSection, reel: Reel | None) -> PrinterSection:
+def apply_reel(section: PrinterSection, reel: Reel | None) -> PrinterSection:
     """Return the section of a printer with the loaded reel."""
     if reel is None:
         return section
@@ -46,10 +46,10 @@ def section_with_reel(section: PrinterSection, reel: Reel | None) -> PrinterSect
     return loaded.model_copy(update={"nozzle_mm": reel.nozzle_mm})
 
 
-def fleet_with_reels(fleet: Fleet, printers: Mapping[str, Printer]) -> Fleet:
+def apply_reels(fleet: Fleet, printers: Mapping[str, Printer]) -> Fleet:
     """Return the fleet with the loaded reels."""
     sections = tuple(
-        section_with_reel(section, entry.reel if (entry := printers.get(section.name)) is not None else None)
+        apply_reel(section, entry.reel if (entry := printers.get(section.name)) is not None else None)
         for section in fleet.printers
     )
     return fleet.model_copy(update={"printers": sections})

@@ -27,7 +27,7 @@ def failed_print_on(books: Books, printer: str) -> Print | None:
     return last if last.state in (PrintState.FAILED, PrintState.CANCELLED) and last.extruded else None
 
 
-def possibly_whole_print(books: Books, printer: str) -> Print | None:
+def find_possibly_complete_print(books: Books, printer: str) -> Print | None:
     """Return the failed print on a bed that may be complete, if its part is needed.
 
     It ran long enough. The progress at the death of an agent is unknown, but the time at which the next agent
@@ -42,11 +42,13 @@ def possibly_whole_print(books: Books, printer: str) -> Print | None:
     soonest_s = _MIN_TIME_SHARE * plate.sliced_s * books.printer(printer).time_factor
     if attempt.ended_s - attempt.started_s < soonest_s:
         return None
-    is_missing = any(books.plate_state(plate) in _UNPRINTED for plate in attempted_plates(books, attempt))
+    is_missing = any(
+        books.plate_state(plate) in _UNPRINTED for plate in list_attempted_plates(books, attempt)
+    )
     return attempt if is_missing else None
 
 
-def reprinting_printers(books: Books, attempt: Print) -> list[str]:
+def list_reprinting_printers(books: Books, attempt: Print) -> list[str]:
     """Return the printers that are printing a print's part again."""
     return sorted(
         attempt_again.printer
@@ -55,17 +57,17 @@ def reprinting_printers(books: Books, attempt: Print) -> list[str]:
     )
 
 
-def attempted_plates(books: Books, attempt: Print) -> Iterator[Plate]:
+def list_attempted_plates(books: Books, attempt: Print) -> Iterator[Plate]:
     """Yield the plates of which a print is an attempt; several if its part was recut."""
     return (p for p in books.plates_of(books.jobs[attempt.job]) if attempt.id in p.prints)
 
 
 def _reprints(books: Books, attempt: Print) -> list[Print]:
-    others = (p for plate in attempted_plates(books, attempt) for p in books.prints_of(plate))
+    others = (p for plate in list_attempted_plates(books, attempt) for p in books.prints_of(plate))
     return list({p.id: p for p in others if p.id != attempt.id and not p.state.ended}.values())
 
 
-def book_part_whole(books: Books, print_id: str, by: str, at_s: float) -> Result:
+def record_complete_part(books: Books, print_id: str, by: str, at_s: float) -> Result:
     """Record a failed print as done and good. Reprints that have not started are withdrawn."""
     attempt = books.prints[print_id]
     plate, printer = books.plates[attempt.plate], books.printer(attempt.printer)

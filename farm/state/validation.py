@@ -7,7 +7,7 @@ from collections.abc import Container, Iterable, Iterator
 
 from farm.model import Bed, JobState, Print, PrintState
 from farm.state.books import Books
-from farm.state.plate_state import ATTEMPTS, PlateState, charged_failures, derive_job_state
+from farm.state.plate_state import ATTEMPTS, PlateState, derive_job_state, list_charged_failures
 
 _SETTLED = (JobState.PRINTING, JobState.PRINTED, JobState.DONE, JobState.FAILED)
 """States of a job that are derived from its plates alone."""
@@ -76,7 +76,7 @@ def _plates(books: Books) -> Iterator[str]:
         current = [p for p in prints if not p.state.ended and not p.restored]
         if len(current) > 1:
             yield f"plate {plate.id}: it is printed on {' and '.join(p.printer for p in current)} at once"
-        if not plate.replaced_by and len(charged_failures(plate, prints)) > ATTEMPTS:
+        if not plate.replaced_by and len(list_charged_failures(plate, prints)) > ATTEMPTS:
             yield f"plate {plate.id}: it failed more than {ATTEMPTS} times"
         if plate.counted_from > len(plate.prints):
             yield f"plate {plate.id}: it counts from print {plate.counted_from} of {len(plate.prints)}"

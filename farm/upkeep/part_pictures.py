@@ -1,4 +1,4 @@
-"""Small pictures of parts, for the report of a job; they are kept when its files go."""
+"""Small pictures of parts, for the report of a job; they are kept when its files are deleted."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""Upkeep after each backup: old events, files of old jobs, slices. The books say first what goes."""
+"""Upkeep after each backup: old events, files of old jobs, slices. Deletions are committed before they are
+made."""
 
 from __future__ import annotations
 
@@ -20,11 +21,11 @@ from farm.state import events as ev
 from farm.state.retention import (
     KeepRules,
     describe_shortage,
-    file_names_of_job,
     find_need,
     list_deletable_files,
+    list_job_file_names,
     list_lost_jobs,
-    named_files,
+    list_named_files,
     select_jobs,
 )
 from farm.state.storage import (
@@ -33,10 +34,10 @@ from farm.state.storage import (
     StoredFile,
     StoreError,
     back_up,
-    backup_time_s,
     delete_files,
     list_backups,
     list_files,
+    parse_backup_time_s,
     unlink_missing_files,
 )
 from farm.state.transitions import apply
@@ -80,7 +81,7 @@ class Upkeep:
     # -- background -------------------------------------------------------------------------------------
 
     def begin(self) -> None:
-        """Finish what an earlier daemon began, in the background."""
+        """Finish the deletions of an earlier daemon, in the background."""
         self._spawn(self._finish())
 
     def tidy(self, backup: Path) -> None:
@@ -99,7 +100,7 @@ class Upkeep:
         controller.warn("disk", describe_shortage(str(self._state.root), use, self._keep_gb, reserve_gb))
 
     def stop(self) -> None:
-        """Stop; the next start finishes."""
+        """Stop; the next start finishes the deletions."""
         for task in self._tasks:
             task.cancel()
 
@@ -174,7 +175,7 @@ class Upkeep:
         """Delete what is no longer kept after a verified backup."""
         started_s = time.monotonic()
         events = await self._compact_events(backup)
-        jobs = await self._prune_jobs(backup_time_s(backup), by)
+        jobs = await self._prune_jobs(parse_backup_time_s(backup), by)
         freed = await self._finish()
         files = await asyncio.to_thread(list_files, self._state.files)
         await asyncio.to_thread(trim_cache, self._state.slices)
@@ -201,7 +202,7 @@ class Upkeep:
         return deleted
 
     async def _prune_jobs(self, backup_s: float, by: str) -> list[api.PrunedJob]:
-        """Commit which jobs lose their files, one after the other, with pictures of their parts."""
+        """Commit the jobs whose files are deleted, one after the other, with pictures of their parts."""
         controller = self._controller
         files = await asyncio.to_thread(list_files, self._state.files)
         pruned = []
@@ -253,7 +254,7 @@ class Upkeep:
         Files that no job has may belong to a database that a person puts back: they stay for `days`.
         """
         given_up = list_deletable_files(books)
-        unknown = files.keys() - given_up - named_files(books)
+        unknown = files.keys() - given_up - list_named_files(books)
         days_s = self._rules.days * _DAY_S / self._controller.clock.scale
         return [(given_up & files.keys(), GRACE_S), (frozenset(unknown), max(GRACE_S, days_s))]
 
@@ -264,7 +265,7 @@ class Upkeep:
         return select_jobs(books, sizes, self._rules, now_s, now_s if backup_s is None else backup_s)
 
     def _describe(self, job: Job, files: dict[str, StoredFile], books: Books) -> api.PrunedJob:
-        names = file_names_of_job(books, job)
+        names = list_job_file_names(books, job)
         return api.PrunedJob(
             id=job.id,
             name=job.name,

@@ -35,7 +35,7 @@ class ViewContext:
     def job_hold(self, job: Job) -> Hold | None:
         """Return why a job waits: the recorded reason, with the scheduler's latest sentence."""
         latest = self.job_holds.get(job.id)
-        return latest if latest is not None and latest.same_reason(job.hold) else job.hold
+        return latest if latest is not None and latest.has_same_reason(job.hold) else job.hold
 
     def format_time(self, at_s: float | None) -> str | None:
         """Format seconds since the epoch as ISO 8601 in the fleet's time zone."""

@@ -20,7 +20,7 @@ from farm.model import (
     Print,
     PrintState,
 )
-from farm.state import Books, part_name, possibly_whole_print, stopped_print
+from farm.state import Books, find_possibly_complete_print, find_stopped_print, part_name
 from farm.text import format_count, format_mass, format_moment, format_recent
 from farm.views.context import ViewContext
 
@@ -142,7 +142,7 @@ def _needs_clearing(context: ViewContext, printer: str) -> bool:
 
 def _find_whole_part(context: ViewContext, printer: str) -> str | None:
     """Return the part of a failed print on a bed that may be good; None if it cannot be."""
-    attempt = possibly_whole_print(context.books, printer)
+    attempt = find_possibly_complete_print(context.books, printer)
     return None if attempt is None else part_name(context.books, attempt)
 
 
@@ -242,7 +242,7 @@ def _list_stopped_parts(books: Books) -> Iterator[api.Todo]:
     """List the jobs with parts that `farm estop` stopped, until a person decides on them."""
     parts: dict[int, list[str]] = {}
     for plate in books.waiting_plates():
-        if stopped_print(plate, books.prints_of(plate)) is not None:
+        if find_stopped_print(plate, books.prints_of(plate)) is not None:
             parts.setdefault(plate.job, []).extend(plate.parts)
     for job, names in parts.items():
         if len(names) == 1:

@@ -1,4 +1,4 @@
-"""The daemon's door for callers on the network: keys, roles, and a second server."""
+"""The daemon's second server, for callers on the network: keys, roles and sessions."""
 
 from __future__ import annotations
 

@@ -137,7 +137,7 @@ class CallerFinder:
         return None if role is None else key.role.limit(role)
 
     def extend(self, session: Key) -> None:
-        """Put off the end of a session that is used; if that cannot be written, it ends sooner."""
+        """Extend a session that is used; if that cannot be written, it ends sooner."""
         try:
             self._services.sessions.extend(session)
         except FarmError as error:

@@ -4,7 +4,7 @@ from farm.config import Fleet
 from farm.model import JobOptions
 from farm.planning.part_records import SliceBatch, SlicedPart
 from farm.planning.plan import DecomposeTask, SlicedJob
-from farm.planning.plate_times import prelude_seconds
+from farm.planning.plate_times import compute_prelude_seconds
 from farm.planning.slice_batch import build_slice_tasks
 
 MODEL = "ultimaker2_plus"
@@ -49,7 +49,7 @@ def join_slices(work, cut, tasks, slices):
 def slice_late(work, cut, late_s):
     """A sliced job whose parts take the mean of their prices, but for the last part, which takes longer."""
     tasks = slice_tasks(work, cut)
-    prelude_s = prelude_seconds(work.printers[0], tasks[0].settings)
+    prelude_s = compute_prelude_seconds(work.printers[0], tasks[0].settings)
     seconds = [part.price_s - prelude_s for part in cut.parts]
     mean_s = sum(seconds) / len(seconds)
     seconds = [mean_s] * (len(seconds) - 1) + [mean_s + late_s]

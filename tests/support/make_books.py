@@ -5,7 +5,7 @@ import itertools
 from farm.model import Bed, FilamentState, Job, JobOptions, Key, Part, PartGeometry, Plate, PrintState, Role
 from farm.state import events as ev
 from farm.state.books import Books
-from farm.state.transitions import apply, undeclared_changes
+from farm.state.transitions import apply, list_undeclared_changes
 from farm.state.validation import validate_books
 
 PRINTERS = ("a", "b", "c")
@@ -77,7 +77,7 @@ def run(books, *events):
     for event in events:
         before = books
         books, more = apply(event, before)
-        assert undeclared_changes(event, before, books) == []
+        assert list_undeclared_changes(event, before, books) == []
         assert validate_books(books) == []
         instructions += more
     return books, instructions

@@ -10,7 +10,7 @@ from farm.control import Controller, DryRuns, KeyCommands
 from farm.http import Services, make_app
 from farm.model import AgentSnapshot, FilamentState, Link, Role
 from farm.paths import StateFolder
-from farm.planning.printer_settings import bed_boxes
+from farm.planning.printer_settings import list_bed_boxes
 from farm.state.storage.store import Store
 from farm.web import make_web_app
 from farm.web.cookies import SessionCookie
@@ -42,7 +42,7 @@ class NetworkFarm:
         self.clock = Clock()
         rows = [{"name": name, "model": MODEL, "port": f"sim://{MODEL}"} for name in printers]
         sections = {"fleet": fleet or {}, "web": web or {}, "printers": rows}
-        self.controller = Controller(Fleet.model_validate(sections), self.store, self.clock, bed_boxes)
+        self.controller = Controller(Fleet.model_validate(sections), self.store, self.clock, list_bed_boxes)
         self.controller.start(RecordedEffects())
         ready = {"link": Link.READY, "bed_clear": True, "filament": FilamentState.PARKED}
         self.controller.on_snapshot(AgentSnapshot(printer=printers[0], **ready))

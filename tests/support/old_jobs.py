@@ -4,7 +4,7 @@ import os
 
 from farm.model import JobState, Print, PrintState, Verdict
 from farm.state.books import Books, put, replace_fields
-from farm.state.retention import named_files
+from farm.state.retention import list_named_files
 from make_books import fleet, job, plan, run
 
 DAY_S = 86400.0
@@ -58,7 +58,7 @@ def with_prints(books):
 def write_files(books, state, size=1000, names=None):
     """Write every file that the books name, stored long ago."""
     state.files.mkdir(exist_ok=True)
-    for name in named_files(books) if names is None else names:
+    for name in list_named_files(books) if names is None else names:
         path = state.files / name
         path.write_bytes(b"x" * size)
         os.utime(path, (1000.0, 1000.0))

@@ -9,7 +9,7 @@ from farm.control.part_commands import PartCommands
 from farm.control.printer_commands import PrinterCommands
 from farm.model import AgentSnapshot, FilamentState, Link, Verdict
 from farm.planning.plan import InspectedSubmission
-from farm.planning.printer_settings import bed_boxes
+from farm.planning.printer_settings import list_bed_boxes
 from farm.planning.replanning.coordinator import StartReplan
 from farm.scheduling.admission import StartPlanning
 from farm.state.storage.store import Store
@@ -66,7 +66,9 @@ class Farm(Commands):
         self.effects = RecordedEffects()
         folder.mkdir(exist_ok=True)
         self.store = Store(folder / "farm.db")
-        self.controller = Controller(fleet(models, **fleet_options), self.store, clock or Clock(), bed_boxes)
+        self.controller = Controller(
+            fleet(models, **fleet_options), self.store, clock or Clock(), list_bed_boxes
+        )
         super().__init__(self.controller)
         self.controller.start(self.effects)
 

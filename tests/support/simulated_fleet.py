@@ -17,7 +17,7 @@ from farm.model import (
     Verdict,
 )
 from farm.planning.plan import Plan
-from farm.planning.printer_settings import bed_boxes
+from farm.planning.printer_settings import list_bed_boxes
 from farm.scheduling.admission import StartPlanning
 from farm.state import events as ev
 from farm.state.storage.store import Store
@@ -138,7 +138,7 @@ class FarmSimulation:
 
     def up(self):
         self.store = SteppingStore(self.path, self)
-        self.controller = Controller(fleet(), self.store, self.clock, bed_boxes)
+        self.controller = Controller(fleet(), self.store, self.clock, list_bed_boxes)
         commands = Commands(self.controller)
         self.jobs, self.clear_bed = commands.jobs, commands.clear_bed
         self.controller.start(self, self.store.copied_s)

@@ -11,7 +11,7 @@ import pytest
 
 from drivers import messages as m
 from drivers.records import JOURNAL, Journal
-from farm.state.storage.file_store import sha256_of, store_file
+from farm.state.storage.file_store import compute_sha256, store_file
 from farm.state.storage.store import Store
 from power_cut import PowerCut
 
@@ -62,7 +62,7 @@ def test_stored_file_is_complete(tmp_path, monkeypatch, suffix):
     created.write_bytes(os.urandom(100_000))
     name = store_file(folder / "files", created)
     left = disk.left(tmp_path / "left") / "files" / name
-    assert sha256_of(left) + suffix == name
+    assert compute_sha256(left) + suffix == name
 
 
 def test_database_is_synced_at_every_commit(tmp_path):

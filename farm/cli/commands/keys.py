@@ -10,7 +10,7 @@ import typer
 
 from farm import api
 from farm.cli.client import Client
-from farm.cli.display import Column, lay_out_table, open_console, print_json, terminal_width
+from farm.cli.display import Column, lay_out_table, open_console, print_json, read_terminal_width
 from farm.cli.notices import print_notice
 from farm.cli.options import Json, with_places
 from farm.model import KeyKind, Role
@@ -113,7 +113,7 @@ def _list(answer: api.Keys, json: bool) -> None:
         added, used = (format_time(time, answer.now) for time in (one.created, one.used))
         rows.append((one.id, one.name, str(one.kind), str(one.role), state, used, f"{added} by {one.by}"))
     screen = open_console()
-    for line in lay_out_table(_COLUMNS, rows, terminal_width(screen)):
+    for line in lay_out_table(_COLUMNS, rows, read_terminal_width(screen)):
         screen.print(line)
 
 

@@ -9,7 +9,7 @@ import typer
 from farm import api
 from farm.cli import completion
 from farm.cli.client import connect
-from farm.cli.display import open_console, print_json, terminal_width
+from farm.cli.display import open_console, print_json, read_terminal_width
 from farm.cli.display.table import Column, lay_out_table
 from farm.cli.options import Json, with_farm
 from farm.paths import Places
@@ -64,5 +64,5 @@ def queue(
         for place, entry in enumerate(answer.jobs, 1)
     ]
     screen = open_console()
-    for line in lay_out_table(_COLUMNS, rows, terminal_width(screen)):
+    for line in lay_out_table(_COLUMNS, rows, read_terminal_width(screen)):
         screen.print(line)

@@ -18,11 +18,11 @@ from farm.cli.display import (
     lay_out_table,
     open_console,
     print_json,
+    read_terminal_width,
     render_job,
     render_status,
     retry_over_restart,
     show_job,
-    terminal_width,
 )
 from farm.cli.notices import print_notice
 from farm.cli.options import Job, Json, with_farm
@@ -64,7 +64,7 @@ def status(
     else:
         view = client.status()
         screen = open_console()
-        print_json(view) if json else screen.print(render_status(view, terminal_width(screen)))
+        print_json(view) if json else screen.print(render_status(view, read_terminal_width(screen)))
 
 
 def _watch(client: Client, number: int | None) -> None:
@@ -120,7 +120,7 @@ def history(
         rows.append((*cells, row.note or "") if noted else cells)
     screen = open_console()
     columns = (*_HISTORY, _NOTE) if noted else _HISTORY
-    for line in lay_out_table(columns, rows, terminal_width(screen)):
+    for line in lay_out_table(columns, rows, read_terminal_width(screen)):
         screen.print(line)
     wasted = [row for row in answer.prints if row.wasted]
     grams = sum(row.grams for row in wasted)

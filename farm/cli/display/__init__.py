@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from farm.cli.display.console import open_console, print_json, terminal_width
+from farm.cli.display.console import open_console, print_json, read_terminal_width
 from farm.cli.display.job_page import render_job, show_job, show_result, show_submitted
 from farm.cli.display.progress import follow_job, retry_over_restart, show_progress, show_upload
 from farm.cli.display.status_page import render_status
@@ -15,6 +15,7 @@ __all__ = [
     "lay_out_table",
     "open_console",
     "print_json",
+    "read_terminal_width",
     "render_job",
     "render_status",
     "retry_over_restart",
@@ -24,5 +25,4 @@ __all__ = [
     "show_submitted",
     "show_timeline",
     "show_upload",
-    "terminal_width",
 ]

@@ -24,7 +24,7 @@ def open_console(stderr: bool = False) -> Console:
     return Console(stderr=stderr, highlight=False, markup=False, soft_wrap=True, width=width)
 
 
-def terminal_width(screen: Console) -> int | None:
+def read_terminal_width(screen: Console) -> int | None:
     """Return the columns of a terminal; None for a file or a pipe, where no line is broken."""
     return screen.width if screen.is_terminal else None
 

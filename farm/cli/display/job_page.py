@@ -7,7 +7,7 @@ from rich.table import Table
 from rich.text import Text
 
 from farm import api
-from farm.cli.display.console import ERROR, HEADING, WARNING, open_console, terminal_width
+from farm.cli.display.console import ERROR, HEADING, WARNING, open_console, read_terminal_width
 from farm.cli.display.table import Column, lay_out_table
 from farm.model import JobState, PrintState
 from farm.text import format_duration, format_mass
@@ -41,7 +41,7 @@ _PART_COLUMNS = (
 def show_job(view: api.JobView) -> None:
     """Print the page of a job."""
     screen = open_console()
-    screen.print(render_job(view, terminal_width(screen)))
+    screen.print(render_job(view, read_terminal_width(screen)))
 
 
 def show_submitted(view: api.JobView, wait: bool) -> None:
@@ -59,7 +59,7 @@ def show_submitted(view: api.JobView, wait: bool) -> None:
 def show_result(view: api.JobView) -> None:
     """Print the page of a job that has ended, and the next step."""
     screen = open_console()
-    screen.print(render_job(view, terminal_width(screen)))
+    screen.print(render_job(view, read_terminal_width(screen)))
     if view.state in (JobState.PRINTED, JobState.DONE):
         printers = " ".join(sorted({plate.printer for plate in view.plates}))
         screen.print(f"Next: remove the parts, then `farm cleared {printers}`.")

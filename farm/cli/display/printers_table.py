@@ -34,7 +34,8 @@ def lay_out_printers(printers: Sequence[api.PrinterView], now: str, width: int |
 
 
 def rank_urgency(printer: api.PrinterView) -> float:
-    """Rank a printer by when somebody is needed at it: those that need an action first, idle ones last."""
+    """Rank a printer by the time at which somebody is needed at it: those that need an action first, idle
+    ones last."""
     if _format_action(printer):
         return -1.0
     return printer.print.remaining_s if printer.print is not None else float("inf")

@@ -81,7 +81,7 @@ def _list_blocks(view: api.Status, width: int | None, height: int | None) -> lis
 
 
 def _is_over(job: api.JobView) -> bool:
-    """Return whether nothing of a job is left to do; a printed one waits for verdicts."""
+    """Return whether a job is finished; a printed one still waits for verdicts."""
     return JobState(job.state).ended and job.state != JobState.PRINTED
 
 

@@ -6,7 +6,7 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from farm import api
-from farm.cli.display.console import ERROR, open_console, terminal_width
+from farm.cli.display.console import ERROR, open_console, read_terminal_width
 from farm.cli.display.table import Column, lay_out_table
 from farm.text import format_count, format_duration
 from farm.wording import format_time, parse_time
@@ -27,7 +27,7 @@ _COLUMNS = (
 def show_timeline(view: api.Timeline) -> None:
     """Print the timeline of a job."""
     screen = open_console()
-    screen.print(render_timeline(view, terminal_width(screen)))
+    screen.print(render_timeline(view, read_terminal_width(screen)))
 
 
 def render_timeline(view: api.Timeline, width: int | None = None) -> RenderableType:

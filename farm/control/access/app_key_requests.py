@@ -66,7 +66,7 @@ class AppKeyRequests:
         return token
 
     def list_open(self, now_s: float) -> list[AppKeyRequest]:
-        """List the requests that nobody has answered."""
+        """List the unanswered requests."""
         self._requests = {token: one for token, one in self._requests.items() if now_s < one.ends_s}
         return [one for one in self._requests.values() if one.key is None]
 
@@ -98,7 +98,7 @@ class AppKeyRequests:
         self._requests = {token: one for token, one in self._requests.items() if one is not denied}
 
     def take_key(self, token: str, now_s: float) -> str | None:
-        """Return the granted key, once; None while nobody has answered. Raises NoSuchThing."""
+        """Return the granted key, once; None before the answer. Raises NoSuchThing."""
         self.list_open(now_s)
         request = self._requests.get(token)
         if request is None:

@@ -33,7 +33,7 @@ _TOKEN_BYTES = 32
 
 @dataclass(frozen=True, slots=True)
 class LoginLink:
-    """Link that opens a session once, for the user who asked for it, until a time on the farm's clock."""
+    """Link that opens a session once, for the user who requested it, until a time on the farm's clock."""
 
     user: str
     role: Role
@@ -51,7 +51,7 @@ def list_open_sessions(keys: Iterable[Key], now_s: float, caller: str | None = N
 
 
 def find_session_end(created_s: float, now_s: float, scale: float, key: Key | None = None) -> float:
-    """Return when a session ends that is used now, on the farm's clock.
+    """Return the end of a session that is used now, on the farm's clock.
 
     Parameters
     ----------
@@ -153,7 +153,7 @@ class SessionCommands:
         return text
 
     def extend(self, session: Key) -> None:
-        """Put off the end of a session that is used, at most once an hour."""
+        """Extend a session that is used, at most once an hour."""
         clock = self._controller.clock
         now_s = clock.now()
         key = self._controller.books.keys.get(session.opened_by or "")

@@ -44,7 +44,7 @@ def event_routes(services: Services) -> APIRouter:
         wait: bool = True,
         last_event_id: Annotated[int | None, Header(ge=0, le=_LARGEST_NUMBER)] = None,
     ) -> StreamingResponse:
-        """Send the events after a number, and new ones as they happen; without a number new ones alone.
+        """Send the events after a number, and new ones as they happen; without a number only new ones.
 
         Each is an EventView as JSON, with its number as the id. A stream ends when the daemon does, or when
         the key is revoked. With `wait=false` it ends after the last event.

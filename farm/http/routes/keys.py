@@ -1,4 +1,4 @@
-"""Routes of keys for callers on the network, and of sessions; on the Unix socket alone."""
+"""Routes of keys for callers on the network, and of sessions; only on the Unix socket."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from fastapi import APIRouter, Depends
 from farm import api
 from farm.control import LINK_S, KeyCommands
 from farm.errors import Refused
-from farm.http.callers import Caller, OperatorName, identify_caller, session_role
+from farm.http.callers import Caller, OperatorName, find_session_role, identify_caller
 from farm.http.services import Services
 from farm.views import list_keys
 
@@ -57,7 +57,7 @@ def key_routes(services: Services, keys: KeyCommands) -> APIRouter:
             )
         if network.problem is not None:
             raise Refused(f"the farm does not listen on the network: {network.problem}")
-        role = session_role(caller, controller.fleet.fleet.operators)
+        role = find_session_role(caller, controller.fleet.fleet.operators)
         token = services.sessions.make_link(caller.name, role)
         return api.LoginLink(
             url=f"{network.browser_url}/login/{token}", user=caller.name, role=role, valid_s=LINK_S

@@ -5,7 +5,7 @@ from __future__ import annotations
 from drivers.printers import PROFILES
 from farm.config import FieldError, FleetSection, PrinterSection
 from farm.planning.inspection.materials import choose_material
-from farm.planning.printer_settings import slicing_printer
+from farm.planning.printer_settings import build_slicing_printer
 from slicing.errors import BadSetting, SlicingError
 from slicing.settings import Resources, SettingsRequest, find_resources, resolve_settings
 
@@ -40,7 +40,7 @@ def complete_section(section: PrinterSection, fleet_section: FleetSection) -> Pr
     try:
         resources.machine(section.model)
         key = "material"
-        printer = slicing_printer(PROFILES[section.model])
+        printer = build_slicing_printer(PROFILES[section.model])
         named_material = choose_material(section.material, printer, section.nozzle_mm, resources)
         section = section.with_filament(
             named_material.name, named_material.kind, section.colour or named_material.colour

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from farm.config import PrinterSection
 from farm.model import JobOptions
-from farm.planning.printer_settings import matching_printers
+from farm.planning.printer_settings import list_matching_printers
 from slicing.errors import BadSetting, SlicingError
 from slicing.printer import PrinterModel
 from slicing.settings import Resources, SettingsRequest, find_resources, resolve_settings
@@ -133,7 +133,7 @@ def name_filament(options: JobOptions, printers: Sequence[PrinterSection], own: 
             if requested is not None:
                 filament = {"material": requested.name, "colour": options.colour or requested.colour}
                 options = options.model_copy(update=filament)
-    matching_printers(printers, options)
+    list_matching_printers(printers, options)
     return options
 
 

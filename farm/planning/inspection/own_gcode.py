@@ -18,9 +18,9 @@ from farm.errors import ErrorCode, FarmError
 from farm.model import JobOptions, OwnGcode, Part, PartGeometry, Plate
 from farm.planning.error_translation import translate_errors
 from farm.planning.plan import DecomposeTask, InspectedSubmission, Plan
-from farm.planning.plate_times import plate_seconds
-from farm.planning.printer_settings import bed_boxes, matching_printers, printer_settings
-from farm.state.storage import sha256_of, store_file
+from farm.planning.plate_times import compute_plate_seconds
+from farm.planning.printer_settings import list_bed_boxes, list_matching_printers, printer_settings
+from farm.state.storage import compute_sha256, store_file
 from slicing.errors import GcodeRefused
 from slicing.own_gcode import MAX_LINE_BYTES, AcceptedGcode, PrintTarget, accept_gcode, quote_text
 from slicing.settings import EngineSettings, find_resources
@@ -71,7 +71,7 @@ def inspect_gcode(
         with the line and the reason, `no_fit` if it fits no matching printer.
     """
     _check_options(options)
-    matching = matching_printers(printers, options)
+    matching = list_matching_printers(printers, options)
     accepted = _rewrite(path, matching[0], _common_nozzle_mm(matching), name)
     section = _find_fitting_printer(matching, accepted, name)
     requirements = _measure_needs(accepted, section)
@@ -133,10 +133,10 @@ def _book_gcode(
         id=part.plate,
         job=task.job,
         parts=(part.id,),
-        sha256=sha256_of(out),
+        sha256=compute_sha256(out),
         gcode=store_file(files, out),
         sliced_s=accepted.print_time_s,
-        expected_s=plate_seconds(
+        expected_s=compute_plate_seconds(
             profile, accepted.print_time_s, accepted.nozzle_c, accepted.bed_c, time_factor
         ),
         grams=grams,
@@ -249,7 +249,7 @@ def _describe_obstacle(section: PrinterSection, accepted: AcceptedGcode) -> str 
     if not any(
         x0 >= left - _SLACK_MM and y0 >= front - _SLACK_MM and x1 <= right + _SLACK_MM
         and y1 <= back + _SLACK_MM and z1 <= height + _SLACK_MM
-        for left, front, right, back, height in bed_boxes(section)
+        for left, front, right, back, height in list_bed_boxes(section)
     ):  # fmt: skip
         (left, front, _), (right, back, _) = accepted.min_mm, accepted.max_mm
         return (

@@ -29,12 +29,12 @@ from decompose.options import (
 from decompose.print_time import CostModel
 from decompose.printers import PrinterRoom
 from drivers.printers import PROFILES, part_room
-from farm.compute import process_bytes
+from farm.compute import read_process_bytes
 from farm.errors import ErrorCode, FarmError, Refused
 from farm.planning.error_translation import translate_errors
 from farm.planning.local.sliced_parts import PartSlicer, level_by_slices, write_sliced
 from farm.planning.parts.pricing import build_recipe, select_connectors
-from farm.planning.printer_settings import model_sizes, slicing_printer
+from farm.planning.printer_settings import build_slicing_printer, list_model_sizes
 from slicing.cache import trim_cache
 from slicing.settings import (
     DEFAULT_QUALITY,
@@ -125,16 +125,16 @@ def decompose_to_folder(
     _empty_for_parts(out)
     with translate_errors():
         resources = find_resources()
-        wanted = SettingsRequest(slicing_printer(profile), request.quality, supported=True)
+        wanted = SettingsRequest(build_slicing_printer(profile), request.quality, supported=True)
         settings = resolve_settings(wanted, resources)
         model = load_model(
             path,
             scale=request.scale,
             longest_side_mm=request.longest_side_mm,
-            memory_bytes=process_bytes(),
+            memory_bytes=read_process_bytes(),
         )
         rooms = [
-            PrinterRoom(str(number), model_sizes(room, settings))
+            PrinterRoom(str(number), list_model_sizes(room, settings))
             for number in range(request.printers or MAX_PRINTERS)
         ]
         cost = CostModel.from_recipe(replace(build_recipe(settings, prelude_s=0.0), brim_mm=request.brim_mm))

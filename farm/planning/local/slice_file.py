@@ -12,14 +12,14 @@ from typing import Any
 
 from decompose.geometry import Model, load_model
 from drivers.printers import BEDS, Profile, RoomBox, part_room, place
-from farm.compute import process_bytes
+from farm.compute import read_process_bytes
 from farm.errors import ErrorCode, FarmError
 from farm.planning.error_translation import translate_errors
 from farm.planning.inspection.materials import choose_material
 from farm.planning.part_records import SliceTask
 from farm.planning.parts.slice_part import settings_of, slice_part
-from farm.planning.plate_times import plate_seconds
-from farm.planning.printer_settings import slicing_printer
+from farm.planning.plate_times import compute_plate_seconds
+from farm.planning.printer_settings import build_slicing_printer
 from slicing.cache import trim_cache
 from slicing.errors import suggest_names
 from slicing.plate import PlateResult
@@ -115,7 +115,11 @@ def _find_settings(options: SliceOptions) -> tuple[Profile, SettingsRequest]:
     """Find the printer's profile, and build the request for its settings."""
     profile = _find_printer(options.printer_model)
     request = SettingsRequest(
-        slicing_printer(profile), options.quality, options.material, options.nozzle_mm, options.overrides
+        build_slicing_printer(profile),
+        options.quality,
+        options.material,
+        options.nozzle_mm,
+        options.overrides,
     )
     return profile, request
 
@@ -126,7 +130,7 @@ def _read_model(path: Path, options: SliceOptions, on_step: OnStep) -> Model:
         path,
         scale=options.scale,
         longest_side_mm=options.longest_side_mm,
-        memory_bytes=process_bytes(),
+        memory_bytes=read_process_bytes(),
         report=lambda step: on_step(f"{path.name}: {step}"),
     )
 
@@ -176,7 +180,7 @@ def _build_report(
         "repairs": list(model.repairs),
         "scale": model.scale,
         "print_time_s": result.sliced_s,
-        "estimated_s": plate_seconds(profile, result.sliced_s, settings.nozzle_c, settings.bed_c),
+        "estimated_s": compute_plate_seconds(profile, result.sliced_s, settings.nozzle_c, settings.bed_c),
         "filament_mm": result.filament_mm,
         "filament_mm3": result.filament_mm3,
         "grams": result.grams,

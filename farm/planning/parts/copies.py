@@ -11,7 +11,7 @@ from farm.config import PrinterSection
 from farm.errors import ErrorCode, FarmError
 from farm.model import Part, Plate
 from farm.planning.plan import DecomposeTask, Plan
-from farm.planning.printer_settings import bed_boxes
+from farm.planning.printer_settings import list_bed_boxes
 from farm.scheduling import describe_capabilities, plate_requirements
 
 T = TypeVar("T")
@@ -19,7 +19,7 @@ MAX_PLATES = 2000
 """Largest number of plates of a job with copies, for which every decision stays quick."""
 
 
-def iterate_part_counts(copies: int, printers: int, most: int) -> Iterator[tuple[int, int]]:
+def iterate_part_counts(copies: int, printers: int, max_parts: int) -> Iterator[tuple[int, int]]:
     """Yield numbers of rounds, the fewest first, each with the number of parts of a copy that fills them.
 
     Between two rounds a bed is cleared, which needs a person: fewer rounds go before more parts.
@@ -28,7 +28,7 @@ def iterate_part_counts(copies: int, printers: int, most: int) -> Iterator[tuple
     ----------
     copies, printers
         Number of copies, and of printers that print them.
-    most
+    max_parts
         Largest number of parts of a copy; the last that is yielded.
 
     Yields
@@ -37,9 +37,9 @@ def iterate_part_counts(copies: int, printers: int, most: int) -> Iterator[tuple
         Both ascending. The copies have at most `rounds * printers` parts in all.
     """
     rounds = parts = 0
-    while parts < most:
+    while parts < max_parts:
         rounds += 1
-        fitting = min(most, rounds * printers // copies)
+        fitting = min(max_parts, rounds * printers // copies)
         if fitting > parts:
             parts = fitting
             yield rounds, parts
@@ -111,7 +111,7 @@ def _choose_printers(plan: Plan, task: DecomposeTask) -> list[PrinterSection]:
 
 
 def _can_print(section: PrinterSection, plate: Plate) -> bool:
-    return plate_requirements(plate).matches(describe_capabilities(section, bed_boxes))
+    return plate_requirements(plate).matches(describe_capabilities(section, list_bed_boxes))
 
 
 def _move_plate(plate: Plate, section: PrinterSection, time_factor: float) -> Plate:

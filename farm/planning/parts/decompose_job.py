@@ -28,7 +28,7 @@ from farm.planning.inspection.inspect_submission import read_inspected
 from farm.planning.part_records import DecomposedPart
 from farm.planning.parts.copies import choose_evenly, iterate_part_counts
 from farm.planning.parts.cut_record import write_cut_record
-from farm.planning.parts.pricing import decomposition_options, price_rooms
+from farm.planning.parts.pricing import build_decompose_options, price_rooms
 from farm.planning.plan import DecomposedJob, DecomposeTask, TooFewPrinters
 from farm.planning.plate_times import reassign_loads
 from slicing.settings import find_resources
@@ -57,7 +57,7 @@ def decompose_job(task: DecomposeTask) -> DecomposedJob:
         resources = find_resources()
     rooms, cost = price_rooms(task.printers, task.time_factors, task.options.quality, resources, task.rounds)
     model = read_inspected(task.model)
-    options = decomposition_options(task.options)
+    options = build_decompose_options(task.options)
     if task.budget_s is not None:
         options = replace(options, best=BestOptions(task.budget_s))
     progress = ProgressFile(task.folder)

@@ -9,8 +9,8 @@ from decompose.print_time import REFERENCE_SHRINKAGE, CostModel, Recipe
 from decompose.printers import PrinterRoom
 from farm.config import PrinterSection
 from farm.model import JobOptions
-from farm.planning.plate_times import prelude_seconds
-from farm.planning.printer_settings import model_sizes, printer_room, printer_settings
+from farm.planning.plate_times import compute_prelude_seconds
+from farm.planning.printer_settings import find_printer_room, list_model_sizes, printer_settings
 from slicing.settings import FARM_QUALITIES, EngineSettings, Resources
 
 
@@ -33,7 +33,7 @@ def price_rooms(
         Number of times that each printer is listed.
     """
     settings = {section.name: printer_settings(section, quality, resources) for section in printers}
-    costs = [printer_cost(section, settings[section.name]) for section in printers]
+    costs = [build_printer_cost(section, settings[section.name]) for section in printers]
     times = {
         section.name: time_factors.get(section.name, 1.0) * time_ratio(cost, costs[0])
         for section, cost in zip(printers, costs, strict=True)
@@ -41,15 +41,15 @@ def price_rooms(
     # A coarser nozzle is faster, but was not requested: it must not move its printer to the front.
     fastest = sorted(printers, key=lambda section: time_factors.get(section.name, 1.0))
     rooms = [
-        PrinterRoom(section.name, model_sizes(room, settings[section.name]), times[section.name])
+        PrinterRoom(section.name, list_model_sizes(room, settings[section.name]), times[section.name])
         for _ in range(rounds)
         for section in fastest
-        for room in (printer_room(section, settings[section.name].brim_width_mm),)
+        for room in (find_printer_room(section, settings[section.name].brim_width_mm),)
     ]
     return rooms, costs[0]
 
 
-def decomposition_options(options: JobOptions) -> Options:
+def build_decompose_options(options: JobOptions) -> Options:
     """Return the options with which a job's model is decomposed."""
     quality = FARM_QUALITIES.get(options.quality)
     fits = quality is not None and quality.fits_first_layer
@@ -103,9 +103,9 @@ def build_recipe(settings: EngineSettings, prelude_s: float) -> Recipe:
     )
 
 
-def printer_cost(section: PrinterSection, settings: EngineSettings) -> CostModel:
+def build_printer_cost(section: PrinterSection, settings: EngineSettings) -> CostModel:
     """Return the cost model of a printer, heat-up, start and end code included."""
-    return CostModel.from_recipe(build_recipe(settings, prelude_seconds(section, settings)))
+    return CostModel.from_recipe(build_recipe(settings, compute_prelude_seconds(section, settings)))
 
 
 def time_ratio(cost: CostModel, reference: CostModel) -> float:

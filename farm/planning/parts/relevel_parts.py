@@ -11,7 +11,7 @@ from farm.planning.error_translation import translate_errors
 from farm.planning.inspection.inspect_submission import read_inspected
 from farm.planning.parts.cut_record import read_cut_record
 from farm.planning.parts.decompose_job import write_decomposed
-from farm.planning.parts.pricing import printer_cost, time_ratio
+from farm.planning.parts.pricing import build_printer_cost, time_ratio
 from farm.planning.plan import DecomposedJob, SlicedJob
 from farm.planning.printer_settings import printer_settings
 from slicing.settings import find_resources
@@ -44,7 +44,7 @@ def relevel_parts(sliced: SlicedJob, folder: Path) -> DecomposedJob | None:
     with translate_errors():
         resources = find_resources()
     costs = {
-        section.name: printer_cost(section, printer_settings(section, task.options.quality, resources))
+        section.name: build_printer_cost(section, printer_settings(section, task.options.quality, resources))
         for section in task.printers
     }
     cost = costs[task.printers[0].name]  # parts are priced with it, as in `price_rooms`

@@ -21,7 +21,7 @@ from farm.errors import ErrorCode, FarmError
 from farm.model import Part
 from farm.planning.error_translation import translate_errors
 from farm.planning.part_records import DecomposedPart
-from farm.planning.parts.pricing import decomposition_options, price_rooms
+from farm.planning.parts.pricing import build_decompose_options, price_rooms
 from farm.planning.replanning.replan import Pieces, ReplanTask
 from slicing.settings import find_resources
 
@@ -37,7 +37,7 @@ def cut_part(task: ReplanTask) -> Pieces:
     with translate_errors():
         resources = find_resources()
     rooms, cost = price_rooms(task.printers, task.time_factors, task.options.quality, resources)
-    options = replace(decomposition_options(task.options), interior=Interior.KEEP)  # no hollows
+    options = replace(build_decompose_options(task.options), interior=Interior.KEEP)  # no hollows
     whole = Model(_read_solid(task.files / task.part.file), (), 1.0)
     try:
         decomposition = decompose_auto(whole, rooms, options, cost)

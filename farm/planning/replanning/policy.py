@@ -18,9 +18,9 @@ from farm.scheduling import (
     Situation,
     WaitingPlate,
     assign_plates,
+    find_filament_shortage,
     forecast_prints,
     seconds_on,
-    short_of_filament,
 )
 
 MARGIN = 0.2
@@ -79,7 +79,7 @@ class ExpectedEnds:
         self._situation = situation
 
     def find(self, plate: WaitingPlate) -> float:
-        """Return when a plate ends, in the queue with all others; infinity if unknown."""
+        """Return the time at which a plate ends, in the queue with all others; infinity if unknown."""
         return self._ends_s.get(plate.id, float("inf"))
 
     @cached_property
@@ -95,12 +95,12 @@ class ExpectedEnds:
 
 
 def expected_end_s(plate: WaitingPlate, situation: Situation) -> float:
-    """Return when a waiting plate ends, in the queue with all others; infinity if unknown."""
+    """Return the time at which a waiting plate ends, in the queue with all others; infinity if unknown."""
     return ExpectedEnds(situation).find(plate)
 
 
 def end_in_one_piece_s(plate: WaitingPlate, situation: Situation) -> float:
-    """Return when a waiting plate's part ends in one piece, resliced if that is sooner."""
+    """Return the time at which a waiting plate's part ends in one piece, resliced if that is sooner."""
     other = _find_best_printer(plate, situation.free, situation)
     as_planned_s = expected_end_s(plate, situation)
     return as_planned_s if other is None else min(as_planned_s, _resliced_end_s(plate, other, situation))
@@ -212,7 +212,7 @@ def _find_best_printer(
 
 
 def _could_start(plate: WaitingPlate, printer: FleetPrinter, situation: Situation) -> bool:
-    has_filament = short_of_filament(plate, printer, printer.grams) is None
+    has_filament = find_filament_shortage(plate, printer, printer.grams) is None
     return has_filament and situation.can_start(plate, printer)
 
 

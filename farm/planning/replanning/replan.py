@@ -99,7 +99,7 @@ def book_resliced(task: ReplanTask, sliced: SlicedPart) -> ReplannedPlate:
     unprinted = sliced.result.unprinted
     if len(unprinted) > len(task.plate.warnings):
         raise FarmError(f"{task.part.id}: {unprinted[0]}", ErrorCode.SLICE)
-    names = PlateNames(task.plate.job, task.part.id, next_plate_id(task.plate.id))
+    names = PlateNames(task.plate.job, task.part.id, make_next_plate_id(task.plate.id))
     plate = book_plate(names, sliced, task.time_factors.get(sliced.printer.name, 1.0), task.files)
     return ReplannedPlate((task.part.model_copy(update={"plate": plate.id}),), (plate,))
 
@@ -118,7 +118,7 @@ def book_recut(task: ReplanTask, pieces: Pieces, sliced: Sequence[SlicedPart]) -
     return ReplannedPlate(tuple(parts), tuple(plates), *stored)
 
 
-def next_plate_id(plate: str) -> str:
+def make_next_plate_id(plate: str) -> str:
     """Return the id of the next plate with the same part: 3/07, 3/07-2, 3/07-3."""
     numbered = re.fullmatch(r"(.*)-(\d+)", plate)
     return f"{numbered[1]}-{int(numbered[2]) + 1}" if numbered else f"{plate}-2"

@@ -133,6 +133,6 @@ def estimate_plates(job: PlannedJob, names: Sequence[str]) -> tuple[WaitingPlate
 
 
 def find_end_s(plates: set[str], situation: Situation) -> float:
-    """Return when the last of these plates ends; infinity if one of them never starts."""
+    """Return the time at which the last of these plates ends; infinity if one of them never starts."""
     slots = {slot.plate: slot.ends_s for slot in forecast_prints(situation, bounded=False).slots}
     return max((slots.get(plate, math.inf) for plate in plates), default=situation.now_s)

@@ -74,7 +74,8 @@ class PlanRevisions:
 
     @property
     def next_change_s(self) -> float:
-        """Return when the plates of a job no longer wait for its new plan; infinity if none waits."""
+        """Return the time at which the plates of a job no longer wait for its new plan; infinity if none
+        waits."""
         return min(self._held_until_s.values(), default=math.inf)
 
     def holds(self, books: Books, now_s: float) -> dict[str, Hold]:

@@ -4,9 +4,9 @@ from farm.state.retention.disk_forecast import (
     DiskUse,
     average_day_bytes,
     describe_shortage,
-    nights_until_full,
+    estimate_nights_until_full,
 )
-from farm.state.retention.file_names import file_names_of_job, list_deletable_files, named_files
+from farm.state.retention.file_names import list_deletable_files, list_job_file_names, list_named_files
 from farm.state.retention.selection import (
     MIN_AGE_S,
     KeepRules,
@@ -22,12 +22,12 @@ __all__ = [
     "KeepRules",
     "average_day_bytes",
     "describe_shortage",
-    "file_names_of_job",
+    "estimate_nights_until_full",
     "find_need",
     "list_deletable_files",
+    "list_job_file_names",
     "list_lost_jobs",
+    "list_named_files",
     "list_prunable_files",
-    "named_files",
-    "nights_until_full",
     "select_jobs",
 ]

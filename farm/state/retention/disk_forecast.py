@@ -51,7 +51,7 @@ def average_day_bytes(files: Iterable[tuple[float, int]]) -> float:
     return max(averages)
 
 
-def nights_until_full(use: DiskUse, max_bytes: float, reserve_bytes: float) -> float:
+def estimate_nights_until_full(use: DiskUse, max_bytes: float, reserve_bytes: float) -> float:
     """Estimate after how many nights the disk is full.
 
     Parameters
@@ -90,7 +90,7 @@ def describe_shortage(folder: str, use: DiskUse, keep_gb: float, reserve_gb: flo
     keep_gb, reserve_gb
         GB that the files of jobs may take, and that have to stay free.
     """
-    nights = nights_until_full(use, keep_gb * _GB, reserve_gb * _GB)
+    nights = estimate_nights_until_full(use, keep_gb * _GB, reserve_gb * _GB)
     if nights > SOON_NIGHTS:
         return None
     when = "now" if nights < 0.5 else "in about a night" if nights < 1.5 else "in about two nights"

@@ -8,9 +8,9 @@ from farm.model import Job
 from farm.state.books import Books, replace_fields
 
 
-def named_files(books: Books) -> frozenset[str]:
+def list_named_files(books: Books) -> frozenset[str]:
     """List every file that the books name, and that must exist; of pruned jobs only the pictures."""
-    return frozenset().union(*file_names_by_job(books).values())
+    return frozenset().union(*group_file_names_by_job(books).values())
 
 
 def list_deletable_files(books: Books) -> frozenset[str]:
@@ -23,15 +23,15 @@ def list_deletable_files(books: Books) -> frozenset[str]:
             *books.prints.values(),
         ]
     )
-    return named_files(all_books) - named_files(books)
+    return list_named_files(all_books) - list_named_files(books)
 
 
-def file_names_of_job(books: Books, job: Job) -> frozenset[str]:
+def list_job_file_names(books: Books, job: Job) -> frozenset[str]:
     """List the files of one job, also those of parts and plates that others replaced."""
-    return file_names_by_job(books)[job.id]
+    return group_file_names_by_job(books)[job.id]
 
 
-def file_names_by_job(books: Books) -> Mapping[int, frozenset[str]]:
+def group_file_names_by_job(books: Books) -> Mapping[int, frozenset[str]]:
     """List the files of each job; several jobs may share a file."""
     names = {job.id: _own_names(job) for job in books.jobs.values()}
     unpruned = {number for number, job in books.jobs.items() if job.pruned_s is None}

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from farm.model import Bed, Job, JobState, Print, PrintState
 from farm.state.books import Books
-from farm.state.retention.file_names import file_names_by_job
+from farm.state.retention.file_names import group_file_names_by_job
 
 DAY_S = 86400.0
 MIN_AGE_S = 2 * DAY_S
@@ -80,7 +80,7 @@ def select_jobs(
         Numbers of the jobs, the one that ended first at the beginning. Jobs that ended within the last two
         days are never selected.
     """
-    names = file_names_by_job(books)
+    names = group_file_names_by_job(books)
     users = Counter(name for job_names in names.values() for name in job_names)
     total = sum(sizes.get(name, 0) for name in users)
     selected = []
@@ -96,21 +96,21 @@ def select_jobs(
 
 
 def list_prunable_files(books: Books, names: Iterable[str], now_s: float) -> set[str]:
-    """List the files that a prune may delete: those that no job needs which is open or ended lately."""
+    """List the files that a prune may delete: those that no open or recently ended job needs."""
     prunable = {job.id for job, _ in _list_candidates(books, now_s - MIN_AGE_S)}
     kept_names: set[str] = set()
-    for number, job_names in file_names_by_job(books).items():
+    for number, job_names in group_file_names_by_job(books).items():
         kept_names |= _kept_names(books.jobs[number]) if number in prunable else job_names
     return set(names) - kept_names
 
 
 def list_lost_jobs(books: Books, names: Container[str]) -> list[int]:
-    """List the jobs that may be pruned and were, by their files: they are in an older backup.
+    """List the jobs that were pruned after the backup was made, by their missing files.
 
     A prune keeps pictures. Where those are missing too, the store may be unavailable, and no job is listed.
     """
     on_beds = _list_parts_on_beds(books)
-    by_job = file_names_by_job(books)
+    by_job = group_file_names_by_job(books)
     if not any(name in names for job_names in by_job.values() for name in job_names):
         return []
     return [

@@ -1,13 +1,13 @@
 """Books and files on disk: SQLite, migrations, nightly backups, files named by their hash."""
 
-from farm.state.storage.backups import NightlyBackup, back_up, backup_time_s, list_backups, open_books
+from farm.state.storage.backups import NightlyBackup, back_up, list_backups, open_books, parse_backup_time_s
 from farm.state.storage.file_store import (
     GRACE_S,
     StoredFile,
+    compute_sha256,
     delete_files,
     list_files,
     name_files,
-    sha256_of,
     store_file,
     unlink_missing_files,
 )
@@ -22,14 +22,14 @@ __all__ = [
     "StoreError",
     "StoredFile",
     "back_up",
-    "backup_time_s",
+    "compute_sha256",
     "delete_files",
     "list_backups",
     "list_files",
     "name_files",
     "open_books",
+    "parse_backup_time_s",
     "read_books",
-    "sha256_of",
     "store_file",
     "unlink_missing_files",
 ]

@@ -114,7 +114,7 @@ def list_backups(state: StateFolder) -> list[Path]:
     return sorted(state.backups.glob(_NAMES), reverse=True)
 
 
-def backup_time_s(copy: Path) -> float:
+def parse_backup_time_s(copy: Path) -> float:
     """Return the farm time of a backup."""
     return datetime.strptime(copy.stem, _STAMP).replace(tzinfo=UTC).timestamp()
 
@@ -129,7 +129,7 @@ def next_backup_s(now_s: float, zone: tzinfo) -> float:
 def is_due(state: StateFolder, now_s: float) -> bool:
     """Return whether there is no backup of the last day: a farm may be off every night."""
     newest = next(iter(list_backups(state)), None)
-    return newest is None or backup_time_s(newest) < now_s - 86400.0
+    return newest is None or parse_backup_time_s(newest) < now_s - 86400.0
 
 
 def open_books(state: StateFolder, now_s: float) -> tuple[Store, float | None]:
@@ -167,9 +167,9 @@ def open_books(state: StateFolder, now_s: float) -> tuple[Store, float | None]:
             path = state.books.with_name(state.books.name + suffix)
             if path.exists():
                 path.rename(damaged_path.with_name(damaged_path.name + suffix))
-        copy_books(copy, state.books, backup_time_s(copy))
+        copy_books(copy, state.books, parse_backup_time_s(copy))
         log.error("the database was restored from %s; the damaged one is %s", copy, damaged_path)
-        return Store(state.books), backup_time_s(copy)
+        return Store(state.books), parse_backup_time_s(copy)
     raise FarmError(
         f"{damage}, and {state.backups} has no intact backup of it: move {state.books} away, and the "
         "farm starts with an empty database"

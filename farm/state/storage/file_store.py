@@ -14,7 +14,7 @@ GRACE_S = 3600.0
 """Wall seconds after it was stored for which a file stays, even if the books do not name it."""
 
 
-def sha256_of(path: Path) -> str:
+def compute_sha256(path: Path) -> str:
     """Compute the SHA-256 of a file's bytes, in hex."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
@@ -44,7 +44,7 @@ def store_file(folder: Path, source: Path) -> str:
     The bytes are on the disk before the name exists, so every named file is complete. A file that is stored
     again counts as new, so `delete_files` does not delete it before the books name it.
     """
-    name = sha256_of(source) + source.suffix.lower()
+    name = compute_sha256(source) + source.suffix.lower()
     target = folder / name
     with _lock(folder, fcntl.LOCK_SH):
         if target.exists():

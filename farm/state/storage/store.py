@@ -14,7 +14,7 @@ from pydantic import ValidationError
 
 from farm.errors import FarmError
 from farm.model import Entity, Key
-from farm.state.books import Books, changed_entities, locate_entity, removed_keys
+from farm.state.books import Books, list_changed_entities, list_removed_keys, locate_entity
 from farm.state.event_rows import READ_EVENTS, READ_UPKEEP, EventRow, make_row
 from farm.state.events import BooksRestored, Event
 from farm.state.lifecycles import InvalidTransition
@@ -273,13 +273,13 @@ class Store:
                     "INSERT INTO event (at_s, kind, body) VALUES (?, ?, ?)",
                     (event.at_s, type(event).__name__, event.model_dump_json()),
                 ).lastrowid
-                for entity in changed_entities(before, after):
+                for entity in list_changed_entities(before, after):
                     body = entity.model_dump_json()
                     self._db.execute(
                         f"INSERT OR REPLACE INTO {TABLES[type(entity)]} VALUES (?, ?, ?)",
                         (str(locate_entity(entity)[1]), body, zlib.crc32(body.encode())),
                     )
-                for key in removed_keys(before, after):
+                for key in list_removed_keys(before, after):
                     self._db.execute(f"DELETE FROM {TABLES[Key]} WHERE id = ?", (key.id,))
                 if isinstance(event, BooksRestored):
                     self._db.execute("DELETE FROM copied")
@@ -298,13 +298,13 @@ class Store:
         """Return the event log: farm time, kind and JSON of each."""
         return self._db.execute("SELECT at_s, kind, body FROM event ORDER BY seq").fetchall()
 
-    def read_events(self, after: int, most: int) -> list[EventRow]:
+    def read_events(self, after: int, limit: int) -> list[EventRow]:
         """Read events after a number, oldest first, as all users may see them. Raises StoreError."""
-        return self._read_rows(READ_EVENTS, after, most)
+        return self._read_rows(READ_EVENTS, after, limit)
 
-    def read_upkeep(self, printer: str, most: int) -> list[EventRow]:
+    def read_upkeep(self, printer: str, limit: int) -> list[EventRow]:
         """Read events on the upkeep of a printer, newest first. Raises StoreError."""
-        return self._read_rows(READ_UPKEEP, printer, most)
+        return self._read_rows(READ_UPKEEP, printer, limit)
 
     def _read_rows(self, query: str, *values: object) -> list[EventRow]:
         try:
@@ -312,15 +312,15 @@ class Store:
         except sqlite3.Error as error:
             raise StoreError(f"the event log cannot be read: {error}") from error
 
-    def find_last_old_event(self, before_s: float, most: int) -> int:
-        """Find the last event that need not be kept: all after it are later than a time, and at most `most`.
+    def find_last_old_event(self, before_s: float, limit: int) -> int:
+        """Find the last event that need not be kept: all later events are after a time, and at most `limit`.
 
         The last event of all is always kept, as its number shows that no commit is lost. Returns 0 if every
         event is kept.
         """
         (newest,) = self._db.execute("SELECT coalesce(max(seq), 0) FROM event").fetchone()
         (first_kept,) = self._db.execute("SELECT min(seq) FROM event WHERE at_s >= ?", (before_s,)).fetchone()
-        last = max(newest if first_kept is None else first_kept - 1, newest - most)
+        last = max(newest if first_kept is None else first_kept - 1, newest - limit)
         (oldest,) = self._db.execute("SELECT coalesce(min(seq), 0) FROM event").fetchone()
         last = min(last, newest - 1)
         return int(last) if last >= oldest > 0 else 0
@@ -331,7 +331,7 @@ class Store:
         return int(number)
 
     def delete_events(self, last: int, at_once: int = 2000) -> int:
-        """Delete the oldest events up to a number, some in one transaction. Returns how many."""
+        """Delete the oldest events up to a number, some in one transaction. Returns their number."""
         try:
             return self._db.execute(
                 "DELETE FROM event WHERE seq IN (SELECT seq FROM event WHERE seq <= ? ORDER BY seq LIMIT ?)",

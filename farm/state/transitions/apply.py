@@ -88,7 +88,7 @@ def _raise_missing(lifecycle: Lifecycle, key: object, books: Books) -> None:
     raise NoSuchThing(f"there is no {lifecycle.entity} {key}")
 
 
-def undeclared_changes(event: ev.Event, before: Books, after: Books) -> list[str]:
+def list_undeclared_changes(event: ev.Event, before: Books, after: Books) -> list[str]:
     """List state changes by an event that no table declares; tests require that there are none."""
     violations = []
     kind = type(event)

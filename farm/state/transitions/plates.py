@@ -9,7 +9,7 @@ from farm.state import events as ev
 from farm.state.books import Books, put, replace_fields
 from farm.state.consequences import Result, cancel_plate, update_job_state
 from farm.state.lifecycles import JOB, InvalidTransition
-from farm.state.plate_state import successful_print
+from farm.state.plate_state import find_successful_print
 from farm.state.transitions.rules import change
 
 
@@ -79,7 +79,7 @@ def _(event: ev.ReprintRequested, books: Books) -> Result:
     job = books.job(plate.job)
     if job.pruned_s is not None:
         raise InvalidTransition(event, JOB, job.id, job.state, "pruned: its files are no longer kept")
-    done = successful_print(books.prints_of(plate))
+    done = find_successful_print(books.prints_of(plate))
     if done is not None:
         books = put(books, replace_fields(done, verdict=Verdict.BAD, verdict_why=event.why))
     books = put(books, replace_fields(plate, cancelled=False, paused=False, counted_from=len(plate.prints)))

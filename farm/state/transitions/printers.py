@@ -8,7 +8,7 @@ from farm.state import restore
 from farm.state.books import Books, put, replace_fields
 from farm.state.consequences import Result, mark_printer_lost, shift_print_times, update_job_state
 from farm.state.lifecycles import InvalidTransition
-from farm.state.salvaged_parts import book_part_whole
+from farm.state.salvaged_parts import record_complete_part
 from farm.state.transitions.rules import change
 
 
@@ -34,7 +34,7 @@ def _(event: ev.BedCleared, books: Books) -> Result:
             books = update_job_state(books, attempt.job, event.at_s)
     stops: tuple[ev.AnyInstruction, ...] = ()
     if event.whole is not None:
-        books, stops = book_part_whole(books, event.whole, event.by, event.at_s)
+        books, stops = record_complete_part(books, event.whole, event.by, event.at_s)
     return books, (*stops, ev.SendCleared(printer=printer.name, filament=event.filament))
 
 

@@ -17,7 +17,7 @@ from farm.state.consequences import (
 )
 from farm.state.faults import LOSSES, UNCHARGED, OwnFault
 from farm.state.lifecycles import PRINT, InvalidTransition
-from farm.state.reels import subtract_grams, used_grams
+from farm.state.reels import compute_used_grams, subtract_grams
 from farm.state.transitions.rules import change
 
 
@@ -140,7 +140,7 @@ def _end_print(event: ev.PrintEnded, attempt: Print, plate: Plate) -> Print:
         ended_s=event.ended_s,
         extruded=extruded,
         starved_s=event.starved_s,
-        grams=used_grams(plate, state, extruded, event.printed_share),
+        grams=compute_used_grams(plate, state, extruded, event.printed_share),
     )
 
 

@@ -45,7 +45,7 @@ class JobShift:
 
     @property
     def later_s(self) -> float | None:
-        """Return by how many seconds it would end later; less than 0: earlier; None if that is unknown."""
+        """Return the seconds by which it would end later; less than 0: earlier; None if that is unknown."""
         return None if self.end_s is None or self.new_end_s is None else self.new_end_s - self.end_s
 
 

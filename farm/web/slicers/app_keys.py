@@ -33,7 +33,7 @@ def app_key_routes(services: Services) -> APIRouter:
 
     @router.get(APP_KEY_PROBE, status_code=_NO_CONTENT)
     async def probe() -> None:
-        """Tell that keys may be asked for."""
+        """Report that keys may be requested."""
 
     @router.post(APP_KEY_REQUESTS)
     async def ask(request: Request, body: AppRequest) -> Response:

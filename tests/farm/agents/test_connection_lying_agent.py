@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from drivers.errors import MessageError
 from drivers.messages import Filament, LinkState, PrintPhase, Snapshot
 from drivers.remote.client import read_line
-from farm.agents.protocol_adapter import clock_offset_s, to_farm_print, to_farm_snapshot
+from farm.agents.protocol_adapter import compute_clock_offset_s, to_farm_print, to_farm_snapshot
 from farm.model import JobOptions
 from farm.paths import StateFolder
 from farm.state import events as ev
@@ -138,7 +138,7 @@ def test_any_journal_since_the_backup_can_be_recorded(last, reported_prints, tmp
     other = farm.controller.books.prints["theirs"]
     for received in lines([last]):
         shown = [item.print for item in lines({**last, "print": shot} for shot in reported_prints)]
-        shot = [to_farm_print(item, clock_offset_s(received, Clock())) for item in shown]
+        shot = [to_farm_print(item, compute_clock_offset_s(received, Clock())) for item in shown]
         farm.controller.on_journal(to_farm_snapshot(received, Clock()), shot)
         assert farm.controller.unreported_since_s("a") is None
         look(farm.controller, folder)

@@ -17,7 +17,7 @@ from drivers.remote import agent_pid, heartbeat, is_alive, kill_agent
 from farm.agents import connection
 from farm.agents.connection import AgentConnection
 from farm.agents.manager import AgentManager
-from farm.agents.protocol_adapter import clock_offset_s, to_agent_clock, to_farm_snapshot
+from farm.agents.protocol_adapter import compute_clock_offset_s, to_agent_clock, to_farm_snapshot
 from farm.config import Fleet, PrinterSection
 from farm.model import AgentPrint, AgentSnapshot, Link
 from farm.paths import StateFolder
@@ -107,7 +107,7 @@ def test_times_of_an_agent_with_another_clock_are_corrected(apart_s: float, shif
     received = to_farm_snapshot(message, clock).print
     assert received is not None
     assert received.started_s == pytest.approx(began_s + shift_s, abs=30.0)
-    assert clock_offset_s(message, clock) == pytest.approx(shift_s, abs=30.0)
+    assert compute_clock_offset_s(message, clock) == pytest.approx(shift_s, abs=30.0)
 
 
 @pytest.mark.parametrize("step_s", [30.0, -30.0, 6 * 3600.0, -6 * 3600.0])
@@ -125,7 +125,7 @@ def test_agents_agree_on_deadlines_with_a_daemon_whose_clock_was_set(step_s: flo
     off_s = 30.0 if later and abs(step_s) < 60.0 else 5.0  # less than a minute may be a word's way alone
     assert daemon.now() - received.started_s == pytest.approx(0.0, abs=off_s + 5.0)
     deadline_s = daemon.now() + 600.0
-    sent = to_agent_clock(start(None, deadline_s), clock_offset_s(message, daemon), deadline_s)
+    sent = to_agent_clock(start(None, deadline_s), compute_clock_offset_s(message, daemon), deadline_s)
     assert isinstance(sent, m.StartPrint)
     assert sent.not_after_s is not None and sent.not_after_s - agent.now() == pytest.approx(600.0, abs=35.0)
     assert sent.ends_by_s == sent.not_after_s

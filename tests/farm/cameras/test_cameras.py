@@ -15,9 +15,9 @@ from farm.control import Controller
 from farm.errors import ErrorCode, FarmError, NoSuchThing
 from farm.model import Moment, PrintState
 from farm.paths import StateFolder
-from farm.planning.printer_settings import bed_boxes
+from farm.planning.printer_settings import list_bed_boxes
 from farm.state import events as ev
-from farm.state.retention import list_deletable_files, named_files
+from farm.state.retention import list_deletable_files, list_named_files
 from farm.state.storage.store import Store
 from make_books import ended, job, plan
 from recording_controller import PLUS, RecordedEffects
@@ -45,7 +45,7 @@ class Rig:
         self.store = Store(self.state.books)
         self.clock = StandingClock()
         fleet = Fleet.model_validate({"printers": rows})
-        self.controller = Controller(fleet, self.store, self.clock, bed_boxes)
+        self.controller = Controller(fleet, self.store, self.clock, list_bed_boxes)
         self.controller.start(RecordedEffects())
         self.now_s, self.requests, self.answer = 1000.0, [], IMAGE
         self.cameras = Cameras(self.controller, self.state, self.fetch, lambda: self.now_s)
@@ -147,7 +147,7 @@ def test_still_is_kept_with_the_print_when_it_ends(rig, state, moment):
     (still,) = rig.controller.books.prints[print_id].stills
     assert (still.moment, still.at_s) == (moment, 200.0)
     assert (rig.state.files / still.file).read_bytes() == make_jpeg()
-    assert still.file in named_files(rig.controller.books)
+    assert still.file in list_named_files(rig.controller.books)
     assert not list(rig.state.work.iterdir())
 
 
@@ -189,7 +189,7 @@ def test_stills_are_deleted_with_the_files_of_their_job(rig):
         ev.BedCleared(at_s=300.0, printer="a", by="ann"), ev.JobPruned(at_s=400.0, job=1, by="ann")
     )
     books = rig.controller.books
-    assert still.file in list_deletable_files(books) and still.file not in named_files(books)
+    assert still.file in list_deletable_files(books) and still.file not in list_named_files(books)
 
 
 def test_hanging_camera_is_cancelled_at_the_end_of_the_daemon(rig):

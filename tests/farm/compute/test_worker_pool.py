@@ -10,7 +10,7 @@ import pytest
 import trimesh
 
 import failing_work as work
-from farm.compute.worker_pool import DECOMPOSING, Limit, Workers, memory_for_each
+from farm.compute.worker_pool import DECOMPOSING, Limit, Workers, compute_memory_for_each
 from farm.compute.worker_process import Worker
 from farm.errors import ErrorCode, FarmError
 
@@ -291,6 +291,6 @@ def test_engine_is_not_bound_by_the_memory_limit_of_its_worker(pool, tmp_path):
 
 def test_memory_of_a_worker_is_its_share_or_the_minimum():
     machine = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-    assert memory_for_each(1, None) == pytest.approx(0.8 * machine)
-    assert memory_for_each(10_000, None) == min(4 * 2**30, machine // 2)
-    assert memory_for_each(8, 1.5) == 1.5 * 2**30
+    assert compute_memory_for_each(1, None) == pytest.approx(0.8 * machine)
+    assert compute_memory_for_each(10_000, None) == min(4 * 2**30, machine // 2)
+    assert compute_memory_for_each(8, 1.5) == 1.5 * 2**30

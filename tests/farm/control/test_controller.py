@@ -21,7 +21,7 @@ from farm.paths import StateFolder
 from farm.planning.plan import InspectedSubmission, Plan, TooFewPrinters
 from farm.scheduling.assignment import assign_plates
 from farm.state import events as ev
-from farm.state.books import changed_entities
+from farm.state.books import list_changed_entities
 from farm.state.storage.store import StoreError
 from farm.views import describe_job, describe_printer, list_tasks
 from make_books import plan as planned
@@ -316,7 +316,7 @@ def test_start_writes_little_with_many_waiting_plates(farm, monkeypatch):
 
     def weigh(event, before, after, commit=farm.store.commit):
         commit(event, before, after)
-        texts = [entity.model_dump_json() for entity in (event, *changed_entities(before, after))]
+        texts = [entity.model_dump_json() for entity in (event, *list_changed_entities(before, after))]
         sizes.setdefault(type(event).__name__, []).append(sum(map(len, texts)))
 
     farm.ready("a", "b")

@@ -16,7 +16,7 @@ from farm.paths import StateFolder
 from farm.planning.plan import InspectedSubmission, Plan
 from farm.state import events as ev
 from farm.state.books import put
-from farm.state.storage.file_store import sha256_of
+from farm.state.storage.file_store import compute_sha256
 from farm.views import describe_job, describe_timeline, list_tasks
 from make_books import plan as planned
 from recording_controller import MODEL, Farm
@@ -81,7 +81,7 @@ def test_changes_during_an_approval_are_noticed(farm, state, monkeypatch):
             farm.controller.handle(ev.JobCancelled(at_s=1.0, job=number))
 
     with monkeypatch.context() as patch:
-        patch.setattr(job_commands, "sha256_of", lambda path: (cancel(), sha256_of(path))[1])
+        patch.setattr(job_commands, "compute_sha256", lambda path: (cancel(), compute_sha256(path))[1])
         patch.setattr(job_commands, "asyncio", NoThreads)
         with pytest.raises(Refused, match="is not waiting for approval: it is cancelled"):
             asyncio.run(farm.jobs.approve(number, plan, state, "ann"))

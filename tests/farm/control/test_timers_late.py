@@ -10,7 +10,7 @@ import pytest
 from fake_event_loop_clock import FakeTime
 from farm.control.timers import Timers
 from farm.paths import StateFolder
-from farm.state.storage.backups import NightlyBackup, backup_time_s, list_backups
+from farm.state.storage.backups import NightlyBackup, list_backups, parse_backup_time_s
 from farm.state.storage.store import Store
 
 BERLIN = ZoneInfo("Europe/Berlin")
@@ -109,7 +109,7 @@ def test_books_are_backed_up_once_a_night(begin, tmp_path, first, asleep):
     time.run(nights())
     days = [datetime.fromisoformat(first) + timedelta(days=n) for n in range(5)]
     created = [
-        datetime.fromtimestamp(backup_time_s(copy), BERLIN).replace(tzinfo=None)
+        datetime.fromtimestamp(parse_backup_time_s(copy), BERLIN).replace(tzinfo=None)
         for copy in list_backups(state)
     ]
     due = [days[0].replace(hour=12), *(day.replace(hour=4) for day in days[1:])]

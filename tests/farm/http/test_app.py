@@ -17,7 +17,7 @@ from farm.http import Services, make_app
 from farm.http.body_limit import LARGEST_BODY_BYTES
 from farm.model import AgentSnapshot, FilamentState, Link
 from farm.paths import StateFolder
-from farm.planning.printer_settings import bed_boxes
+from farm.planning.printer_settings import list_bed_boxes
 from farm.state.storage.store import Store
 from http_caller import DAEMON_USER, called_by
 from make_gcode import marlin
@@ -33,7 +33,7 @@ def daemon(tmp_path):
     fleet = Fleet.model_validate({"printers": [{"name": "a", "model": MODEL, "port": f"sim://{MODEL}"}]})
     state = StateFolder(tmp_path / "state")
     state.make()
-    controller = Controller(fleet, Store(state.books), Clock(), bed_boxes)
+    controller = Controller(fleet, Store(state.books), Clock(), list_bed_boxes)
     controller.start(RecordedEffects())
     controller.on_snapshot(
         AgentSnapshot(printer="a", link=Link.READY, bed_clear=True, filament=FilamentState.PARKED)

@@ -22,7 +22,7 @@ from farm.http import PeerProtocol, Services, check_operators, listen, make_app
 from farm.http.callers import Person, find_user_role
 from farm.model import AgentSnapshot, FilamentState, Link, Role
 from farm.paths import StateFolder
-from farm.planning.printer_settings import bed_boxes
+from farm.planning.printer_settings import list_bed_boxes
 from farm.state.storage.store import Store
 from http_caller import called_by
 from recording_controller import RecordedEffects
@@ -39,7 +39,7 @@ def make(folder, **fleet):
     checked = Fleet.model_validate({"fleet": fleet, "printers": rows})
     state = StateFolder(folder / "state")
     state.make()
-    controller = Controller(checked, Store(state.books), Clock(), bed_boxes)
+    controller = Controller(checked, Store(state.books), Clock(), list_bed_boxes)
     controller.start(RecordedEffects())
     controller.on_snapshot(
         AgentSnapshot(printer="a", link=Link.READY, bed_clear=True, filament=FilamentState.PARKED)

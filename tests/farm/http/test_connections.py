@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import pytest
 import uvicorn
 
-from farm.http import BoundedServer, PeerProtocol, connection_limit, connections
+from farm.http import BoundedServer, PeerProtocol, compute_connection_limit, connections
 from farm.http.connections import (
     MAX_CONNECTIONS,
     REQUEST_S,
@@ -42,7 +42,7 @@ class One:
     [(1024, 100, 2, MAX_CONNECTIONS), (2**20, 3, 8, MAX_CONNECTIONS), (64, 1, 2, 11), (32, 1, 2, 4)],
 )
 def test_descriptors_are_reserved_for_the_farm(descriptors, printers, workers, most):
-    assert connection_limit(descriptors, printers, workers) == most
+    assert compute_connection_limit(descriptors, printers, workers) == most
 
 
 def test_incomplete_requests_are_ended_the_oldest_first():

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.printers import PROFILES
-from farm.planning.plate_times import plate_seconds, reassign_loads
+from farm.planning.plate_times import compute_plate_seconds, reassign_loads
 
 NAMES = list("abcdef")
 SECONDS = st.floats(0.0, 1e6)
@@ -14,9 +14,9 @@ FACTORS = st.floats(0.8, 1.25)
 
 def test_time_factor_applies_to_layers_only():
     profile = PROFILES["ultimaker2_plus"]
-    prelude_s = plate_seconds(profile, 0.0, 200.0, 60.0, 1.2)
-    assert prelude_s == plate_seconds(profile, 0.0, 200.0, 60.0)
-    assert plate_seconds(profile, 1000.0, 200.0, 60.0, 1.2) == pytest.approx(prelude_s + 1200.0)
+    prelude_s = compute_plate_seconds(profile, 0.0, 200.0, 60.0, 1.2)
+    assert prelude_s == compute_plate_seconds(profile, 0.0, 200.0, 60.0)
+    assert compute_plate_seconds(profile, 1000.0, 200.0, 60.0, 1.2) == pytest.approx(prelude_s + 1200.0)
 
 
 def makespan(loads_s, takes, factors):

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from decompose_tasks import fleet
-from farm.planning.printer_settings import printer_settings, settings_request
+from farm.planning.printer_settings import build_settings_request, printer_settings
 from slicing.settings import FARM_QUALITIES, find_resources, resolve_settings
 
 
@@ -16,5 +16,5 @@ def test_parts_get_their_supports_in_every_quality(quality):
     settings = printer_settings(section, quality, find_resources())
     assert settings.support_enabled
     assert settings.support_line_distance_mm > 0.0
-    alone = replace(settings_request(section, quality), supported=False)
+    alone = replace(build_settings_request(section, quality), supported=False)
     assert resolve_settings(alone, find_resources()).support_enabled == (quality in FARM_QUALITIES)

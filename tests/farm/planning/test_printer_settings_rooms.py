@@ -4,7 +4,7 @@ import pytest
 
 from drivers.printers import BEDS, PROFILES
 from farm.config import PrinterSection
-from farm.planning.printer_settings import bed_boxes, model_sizes, printer_room
+from farm.planning.printer_settings import find_printer_room, list_bed_boxes, list_model_sizes
 from slicing.errors import EngineMissing
 from slicing.settings import SettingsRequest, find_resources, resolve_settings
 from slicing_printers import UM2_PLUS
@@ -40,10 +40,10 @@ def test_printer_without_a_heated_bed_is_only_sliced_for(resources):
 def test_room_of_a_model_is_reduced_by_the_shrinkage(resources):
     section = PrinterSection(name="a", model="ultimaker2_plus", port="/dev/ttyACM0")
     settings = resolve_settings(SettingsRequest(UM2_PLUS, material="generic_abs"), resources)
-    room = printer_room(section, settings.brim_width_mm)
-    for (x, y, z), box in zip(model_sizes(room, settings), room, strict=True):
+    room = find_printer_room(section, settings.brim_width_mm)
+    for (x, y, z), box in zip(list_model_sizes(room, settings), room, strict=True):
         assert (x * settings.scale_xy, y * settings.scale_xy, z * settings.scale_z) == pytest.approx(
             box.size_mm
         )
         assert x < box.size_mm[0]
-    assert max(box[4] for box in bed_boxes(section)) == 205.0  # the bed itself stays
+    assert max(box[4] for box in list_bed_boxes(section)) == 205.0  # the bed itself stays

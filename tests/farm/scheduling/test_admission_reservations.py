@@ -9,8 +9,8 @@ from farm.scheduling.admission import (
     Promise,
     choose_printers,
     choose_printers_beside,
+    list_promised_printers,
     list_reservations,
-    promised_printers,
 )
 from farm.scheduling.matching import Requirements
 from scheduling_examples import plate, printer, rules, situation
@@ -46,7 +46,7 @@ def test_reserved_printers_are_avoided_while_another_is_free():
     both = Promise(job=8, priority=1, printers=frozenset("ab"))
     assert choose_printers_beside(ANY, Availability(fleet), 1, [both]) == Begin(("a", "b", "c"))
     assert choose_printers_beside(ANY, Availability(fleet), 2, [both]) == Begin(("a", "b"))
-    assert promised_printers([both]) == {"a": "job 8", "b": "job 8"}
+    assert list_promised_printers([both]) == {"a": "job 8", "b": "job 8"}
 
 
 def test_printers_of_a_replan_are_avoided_while_others_exist():

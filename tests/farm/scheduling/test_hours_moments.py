@@ -5,7 +5,7 @@ from zoneinfo import ZoneInfo
 
 import pytest
 
-from farm.control.job_commands import start_and_deadline_s
+from farm.control.job_commands import parse_start_and_deadline_s
 from farm.errors import ErrorCode, FarmError
 from farm.model import JobOptions
 from farm.scheduling.hours import Hours, parse_moment_s
@@ -62,9 +62,11 @@ def test_length_of_a_night_follows_daylight_saving(day, night_h):
     attended = Hours((parse_window("08:00-21:00"),), BERLIN)
     start_rules = StartRules(attended, Hours((), BERLIN))
     now_s = datetime.fromisoformat(f"{day} 18:00").replace(tzinfo=BERLIN).timestamp()
-    begins_s, ends_s = start_and_deadline_s(JobOptions(overnight=True, done_by="07:00"), start_rules, now_s)
+    begins_s, ends_s = parse_start_and_deadline_s(
+        JobOptions(overnight=True, done_by="07:00"), start_rules, now_s
+    )
     assert (begins_s - now_s, ends_s - begins_s) == (3 * 3600.0, night_h * 3600.0)
-    begins_s, ends_s = start_and_deadline_s(JobOptions(at="22:00", done_by="08:00"), start_rules, now_s)
+    begins_s, ends_s = parse_start_and_deadline_s(JobOptions(at="22:00", done_by="08:00"), start_rules, now_s)
     assert (begins_s - now_s, ends_s - begins_s) == (4 * 3600.0, night_h * 3600.0)
 
 
@@ -79,9 +81,9 @@ def test_overnight_is_refused_if_first_layers_need_attendance(now, then):
     with pytest.raises(
         FarmError, match=rf"attended first layers .*give --at .*, like --at '{then}'"
     ) as error:
-        start_and_deadline_s(JobOptions(overnight=True), start_rules, now_s)
+        parse_start_and_deadline_s(JobOptions(overnight=True), start_rules, now_s)
     assert error.value.code is ErrorCode.SETTINGS
-    begins_s, _ = start_and_deadline_s(JobOptions(at=then), start_rules, now_s)
+    begins_s, _ = parse_start_and_deadline_s(JobOptions(at=then), start_rules, now_s)
     assert begins_s is not None
     assert start_rules.attended.span(begins_s) is not None
 
@@ -94,5 +96,5 @@ def test_overnight_is_refused_if_attended_hours_never_end(first_layers_attended)
     )
     now_s = datetime.fromisoformat("2026-11-20 18:00").replace(tzinfo=BERLIN).timestamp()
     with pytest.raises(FarmError, match=r"`attended` hours of fleet\.yaml never end") as error:
-        start_and_deadline_s(JobOptions(overnight=True), start_rules, now_s)
+        parse_start_and_deadline_s(JobOptions(overnight=True), start_rules, now_s)
     assert error.value.code is ErrorCode.SETTINGS

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from drivers.errors import Fault
 from farm.config import Fleet, PrinterSection
 from farm.model import AgentSnapshot, Bed, FilamentState, JobOptions, Link, PrintState
-from farm.planning.printer_settings import bed_boxes
+from farm.planning.printer_settings import list_bed_boxes
 from farm.scheduling.holds import find_plate_holds
 from farm.scheduling.situation_builder import SituationBuilder, job_requirements
 from farm.state import events as ev
@@ -42,12 +42,12 @@ def events_of(step, books, number):
 @settings(max_examples=50)
 @given(st.lists(STEPS, max_size=12), st.booleans())
 def test_cached_description_equals_a_new_one(steps, away):
-    books, builder = printing(plates=5), SituationBuilder(bed_boxes)
+    books, builder = printing(plates=5), SituationBuilder(list_bed_boxes)
     for number, step in enumerate(steps):
         happened = [] if books.jobs[1].state.ended else events_of(step, books, number)
         books, _ = run(books, *happened)
         snapshots = {**READY, "b": READY["b"].model_copy(update={"link": Link.ABSENT})} if away else READY
-        fresh = SituationBuilder(bed_boxes)
+        fresh = SituationBuilder(list_bed_boxes)
         assert builder.waiting(books) == fresh.waiting(books)
         assert builder.printers(FLEET, books, snapshots) == fresh.printers(FLEET, books, snapshots)
         held = find_plate_holds(books, SECTIONS, 210.0)
@@ -61,7 +61,7 @@ def test_firmware_with_an_unverified_dead_man_prints_only_attended():
     real = PrinterSection(name="a", model="creality_ender3", port="/dev/ttyUSB0")
     simulated = real.model_copy(update={"port": "sim://creality_ender3"})
     plus = real.model_copy(update={"model": "ultimaker2_plus"})
-    books, builder = printing(plates=1), SituationBuilder(bed_boxes)
+    books, builder = printing(plates=1), SituationBuilder(list_bed_boxes)
     fleets = [Fleet(printers=(item,)) for item in (real, simulated, plus)]
     results = [builder.printers(fleet, books, {})[0] for fleet in fleets]
     assert [item.unattended for item in results] == [False, True, True]
@@ -70,7 +70,7 @@ def test_firmware_with_an_unverified_dead_man_prints_only_attended():
 
 
 def test_one_printer_is_described_as_among_all_unless_it_is_disabled():
-    books, builder = printing(plates=1), SituationBuilder(bed_boxes)
+    books, builder = printing(plates=1), SituationBuilder(list_bed_boxes)
     everybody = builder.printers(FLEET, books, READY)
     assert [builder.printer(FLEET, name, books, READY) for name in PRINTERS] == list(everybody)
     assert builder.printer(FLEET, "z", books, READY) is None
@@ -84,7 +84,7 @@ def test_only_changed_entities_are_described_again():
     first = plan(1, plates=2)
     second = ev.JobSubmitted(at_s=0.0, job=job(2)), ev.PlanningStarted(at_s=0.0, job=2), plan(2, plates=3)
     books, _ = run(printing(plates=2), *second)
-    builder = SituationBuilder(bed_boxes)
+    builder = SituationBuilder(list_bed_boxes)
     before, printers = builder.waiting(books), builder.printers(FLEET, books, READY)
     assert [view.id for view in before] == [plate.id for plate in (*first.plates, *second[2].plates)]
     started = ev.PlateAssigned(at_s=5.0, plate="1/01", printer="a", print_id="x")
@@ -97,7 +97,7 @@ def test_only_changed_entities_are_described_again():
 
 
 def test_capabilities_have_a_name_only_if_a_job_requests_it():
-    books, builder = printing(plates=1), SituationBuilder(bed_boxes)
+    books, builder = printing(plates=1), SituationBuilder(list_bed_boxes)
     asking = job(2).model_copy(update={"options": JobOptions(only=("b",))})
     for events, names in (
         ([], [None, None, None]),

@@ -13,7 +13,7 @@ from farm.model import Bed, HoldCode
 from farm.scheduling import assignment
 from farm.scheduling.holds import join_names
 from farm.scheduling.matching import Requirements
-from farm.scheduling.start_rules import ENDED_BEFORE_S, needed_grams, short_of_filament
+from farm.scheduling.start_rules import ENDED_BEFORE_S, compute_needed_grams, find_filament_shortage
 from scheduling_examples import LOW, TALL, UTC, box, plate, printer, rules, situation
 
 HOUR = 3600.0
@@ -269,9 +269,9 @@ def test_spares_are_kept_for_plates_that_failed():
 
 def test_reel_with_enough_grams_is_accepted():
     waiting, on = plate("p1", "a", grams=200.0), printer("a")
-    needed = needed_grams(waiting)
-    assert short_of_filament(waiting, on, needed) is None
-    assert short_of_filament(waiting, on, needed - 0.1).code is HoldCode.REEL_TOO_SHORT
+    needed = compute_needed_grams(waiting)
+    assert find_filament_shortage(waiting, on, needed) is None
+    assert find_filament_shortage(waiting, on, needed - 0.1).code is HoldCode.REEL_TOO_SHORT
 
 
 def test_longest_plate_of_a_job_is_served_first():

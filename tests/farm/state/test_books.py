@@ -18,7 +18,7 @@ from farm.model import (
 from farm.state import events as ev
 from farm.state.books import Books
 from farm.state.lifecycles import InvalidTransition
-from farm.state.plate_state import ATTEMPTS, PlateState, charged_failures
+from farm.state.plate_state import ATTEMPTS, PlateState, list_charged_failures
 from farm.state.transitions import apply
 from make_books import PRINTERS, ended, fleet, job, plan, printing, run
 
@@ -226,8 +226,8 @@ class RandomNight(RuleBasedStateMachine):
     def check_attempts_within_budget(self):
         for plate in self.books.plates.values():
             prints = list(self.books.prints_of(plate))
-            assert len(charged_failures(plate, prints)) <= ATTEMPTS
-            if len(charged_failures(plate, prints)) == ATTEMPTS and prints[-1].state.ended:
+            assert len(list_charged_failures(plate, prints)) <= ATTEMPTS
+            if len(list_charged_failures(plate, prints)) == ATTEMPTS and prints[-1].state.ended:
                 assert plate not in list(self.books.waiting_plates())
 
     @invariant()

@@ -10,8 +10,8 @@ from farm.state.lifecycles import InvalidTransition
 from farm.state.plate_state import PlateState
 from farm.state.reconciliation import (
     handle_unknown_print,
+    list_pending_instructions,
     observe_idle_printer,
-    pending_instructions,
     reconcile_print,
 )
 from make_books import fleet, printing, run
@@ -104,9 +104,11 @@ def test_reconciliation_yields_events_for_changes_only():
 def test_start_is_repeated_and_a_forgotten_print_is_lost():
     books = assigned()
     assert list(reconcile_print(books.prints["x"], empty(), 3.0)) == []
-    assert list(pending_instructions(books.prints["x"], empty())) == [ev.SendStart(print_id="x", printer="a")]
+    assert list(list_pending_instructions(books.prints["x"], empty())) == [
+        ev.SendStart(print_id="x", printer="a")
+    ]
     books, _ = run(books, *reconcile_print(books.prints["x"], word(), 3.0))
-    assert list(pending_instructions(books.prints["x"], empty())) == []
+    assert list(list_pending_instructions(books.prints["x"], empty())) == []
     books, _ = run(books, *reconcile_print(books.prints["x"], empty(), 9.0))
     assert books.prints["x"].state is PrintState.FAILED
     assert books.prints["x"].fault == OwnFault.PRINT_LOST
@@ -122,8 +124,9 @@ def test_cancelled_print_ends_when_its_agent_confirms():
     books, _ = run(assigned(), ev.JobCancelled(at_s=3.0, job=1))
     stop = ev.SendCancel(print_id="x", printer="a", reason=books.prints["x"].cancel_reason)
     assert list(reconcile_print(books.prints["x"], empty(), 4.0)) == []
-    assert list(pending_instructions(books.prints["x"], empty())) == [stop]
-    assert list(pending_instructions(books.prints["x"], empty(Link.STARTING))) == []  # nobody would hear it
+    assert list(list_pending_instructions(books.prints["x"], empty())) == [stop]
+    # nobody would hear it
+    assert list(list_pending_instructions(books.prints["x"], empty(Link.STARTING))) == []
     assert list(reconcile_print(books.prints["x"], empty(acknowledged_cancel="another"), 4.0)) == []
     books, _ = run(books, *reconcile_print(books.prints["x"], empty(acknowledged_cancel="x"), 4.0))
     assert books.prints["x"].state is PrintState.CANCELLED
@@ -143,7 +146,7 @@ def test_unstartable_print_is_reassigned_after_its_agent_confirms(link):
         books, *reconcile_print(books.prints["x"], word(state=PrintState.HEATING, extruded=False), 5.0)
     )
     assert [
-        type(item) for item in pending_instructions(began.prints["x"], word(state=PrintState.HEATING))
+        type(item) for item in list_pending_instructions(began.prints["x"], word(state=PrintState.HEATING))
     ] == [ev.SendCancel]
     last = word(state=PrintState.CANCELLED, link=Link.READY, extruded=False, ended_s=9.0)
     began, _ = run(began, *reconcile_print(began.prints["x"], last, 9.0))
@@ -177,10 +180,10 @@ def restored(*states):
 @pytest.mark.parametrize("state", [PrintState.ASSIGNED, PrintState.PRINTING])
 def test_restored_books_adopt_the_print_of_an_agent(state):
     books = restored(state)
-    assert list(pending_instructions(books.prints["a"], empty())) == []  # it is not begun (again)
+    assert list(list_pending_instructions(books.prints["a"], empty())) == []  # it is not begun (again)
     message = word("a")
     books, sent = run(books, *reconcile_print(books.prints["a"], message, 51.0))
-    assert (sent, list(pending_instructions(books.prints["a"], message))) == ([], [])
+    assert (sent, list(list_pending_instructions(books.prints["a"], message))) == ([], [])
     assert (books.prints["a"].state, books.prints["a"].restored) == (PrintState.PRINTING, False)
     assert list(reconcile_print(books.prints["a"], message, 52.0)) == []
     last = word("a", state=PrintState.DONE, link=Link.READY, ended_s=90.0)
@@ -241,7 +244,7 @@ def test_unknown_print_continues_and_makes_the_bed_unknown():
 def test_unconfirmed_pause_is_repeated(expected, state, reported):
     books, sent = run(assigned(), ev.PauseRequested(at_s=3.0, print_id="x", wanted=expected))
     assert sent == [ev.SendPause(print_id="x", printer="a", wanted=expected)]
-    repeated = list(pending_instructions(books.prints["x"], word(state=state)))
+    repeated = list(list_pending_instructions(books.prints["x"], word(state=state)))
     assert repeated == (
         [] if reported is None else [ev.SendPause(print_id="x", printer="a", wanted=reported)]
     )

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from farm.config import Fleet
 from farm.model import HoldCode, Printer, PrintState, Reel
 from farm.state import events as ev
-from farm.state.reels import fleet_with_reels, used_grams
+from farm.state.reels import apply_reels, compute_used_grams
 from farm.views.tasks import list_requests
 from make_books import ended, printing, run
 from scheduling_examples import printer
@@ -45,14 +45,14 @@ def test_unweighed_reel_stays_unknown():
 @given(st.sampled_from(PrintState), st.booleans(), st.none() | st.floats(0, 5))
 def test_print_uses_at_most_the_grams_of_its_plate(state, extruded, share):
     plate = printing().plates["1/01"]
-    assert 0.0 <= used_grams(plate, state, extruded, share) <= plate.grams
+    assert 0.0 <= compute_used_grams(plate, state, extruded, share) <= plate.grams
 
 
 def test_fleet_shows_the_loaded_reels():
     written = {"name": "a", "model": "ultimaker2_plus", "port": "sim://ultimaker2_plus", "colour": "red"}
     fleet = Fleet.model_validate({"printers": [written, {**written, "name": "b"}]})
     abs_ = Reel(material="generic_abs", nozzle_mm=0.8)
-    now = fleet_with_reels(fleet, {"a": Printer(name="a", reel=abs_), "b": Printer(name="b")})
+    now = apply_reels(fleet, {"a": Printer(name="a", reel=abs_), "b": Printer(name="b")})
     has = [(section.material, section.colour, section.nozzle_mm) for section in now.printers]
     assert has == [("generic_abs", None, 0.8), ("generic_pla", "red", 0.4)]
 

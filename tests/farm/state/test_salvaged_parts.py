@@ -9,7 +9,7 @@ from farm.model import Bed, FilamentState, JobState, PrintState, Reel, Verdict
 from farm.paths import StateFolder
 from farm.state import events as ev
 from farm.state.plate_state import ATTEMPTS, PlateState
-from farm.state.salvaged_parts import possibly_whole_print, reprinting_printers
+from farm.state.salvaged_parts import find_possibly_complete_print, list_reprinting_printers
 from farm.views import ViewContext, list_tasks
 from make_books import ended, printing, run
 
@@ -81,7 +81,7 @@ def test_reprint_that_has_not_started_is_cancelled():
     books, reported = run(books, whole())
     assert [type(one) for one in reported] == [ev.SendCancel, ev.SendCleared]
     assert (reported[0].print_id, reported[0].printer) == ("y", "b")
-    assert reprinting_printers(books, books.prints["x"]) == []
+    assert list_reprinting_printers(books, books.prints["x"]) == []
     books, _ = run(books, ended("y", PrintState.CANCELLED, 130.0, started_s=None, extruded=False))
     assert books.jobs[1].state is JobState.DONE and books.printer("b").bed is Bed.CLEAR
 
@@ -93,10 +93,10 @@ def test_started_reprint_continues_until_a_person_ends_it():
     books, _ = run(died(), given("1/01", "b", "y", 120.0), started)
     books, reported = run(books, whole())
     assert [type(one) for one in reported] == [ev.SendCleared]
-    assert reprinting_printers(books, books.prints["x"]) == ["b"]
+    assert list_reprinting_printers(books, books.prints["x"]) == ["b"]
     stopped, reported = run(books, ev.PlateCancelled(at_s=510.0, plate="1/01", by="ann"))
     assert [(type(one), one.print_id) for one in reported] == [(ev.SendCancel, "y")]
-    assert reprinting_printers(stopped, stopped.prints["x"]) == []
+    assert list_reprinting_printers(stopped, stopped.prints["x"]) == []
     assert not stopped.plates["1/01"].cancelled
     for state in (PrintState.DONE, PrintState.FAILED):
         after, _ = run(books, ended("y", state, 600.0))
@@ -111,7 +111,7 @@ def test_part_recut_before_is_complete_with_all_pieces():
     plates = [old.model_copy(update={"id": f"1/01{x}", "parts": (f"1/p01{x}",)}) for x in "ab"]
     replaced = ev.PlateReplaced(at_s=115.0, plate="1/01", parts=tuple(parts), plates=tuple(plates))
     books, _ = run(books, replaced, given("1/01a", "b", "y", 120.0))
-    assert possibly_whole_print(books, "a").id == "x"
+    assert find_possibly_complete_print(books, "a").id == "x"
     books, reported = run(books, whole())
     assert books.jobs[1].state is JobState.DONE
     assert reported[0].print_id == "y"
@@ -148,7 +148,7 @@ def test_task_asks_for_the_verdict_after_an_outage():
 def test_no_verdict_is_requested_for_an_incomplete_part(facts):
     then = facts.pop("then", ())
     books, _ = run(died(**facts), *then)
-    assert possibly_whole_print(books, "a") is None
+    assert find_possibly_complete_print(books, "a") is None
 
 
 def test_print_ended_by_a_person_is_not_salvageable():
@@ -156,4 +156,4 @@ def test_print_ended_by_a_person_is_not_salvageable():
     removed = ended("x", PrintState.CANCELLED, 110.0, filament=FilamentState.PARKED)
     books, _ = run(printing(1), given("1/01", "a", "x"), fail, removed)
     assert books.prints["x"].state is PrintState.FAILED
-    assert possibly_whole_print(books, "a") is None
+    assert find_possibly_complete_print(books, "a") is None

@@ -10,7 +10,7 @@ import pytest
 from drivers.clock import Clock
 from farm.model import JobState
 from farm.paths import StateFolder
-from farm.state.retention import named_files
+from farm.state.retention import list_named_files
 from farm.upkeep.disk_use import measure_disk
 from farm.upkeep.upkeep import Upkeep
 from farm.views import list_tasks
@@ -24,7 +24,7 @@ def test_files_of_open_jobs_are_not_counted_as_prunable(tmp_path):
     state, books = StateFolder(tmp_path), books_of((JobState.DONE, 5), (JobState.PRINTING, 0))
     write_files(books, state, size=100)
     use = measure_disk(state, books, NOW_S, 1.0)
-    assert use.stored_bytes == 100 * len(named_files(books))
+    assert use.stored_bytes == 100 * len(list_named_files(books))
     assert use.prunable_bytes == 600  # the picture stays
     assert use.day_bytes == 0.0  # all of it is old
     assert use.free_bytes == pytest.approx(shutil.disk_usage(tmp_path).free, rel=0.05)

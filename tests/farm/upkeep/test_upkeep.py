@@ -18,7 +18,7 @@ from farm.planning import list_job_files
 from farm.state import events as ev
 from farm.state import validate_books
 from farm.state.books import Books
-from farm.state.retention import named_files
+from farm.state.retention import list_named_files
 from farm.state.storage import Store, StoreError, back_up, list_files, name_files, open_books
 from farm.state.storage.backups import list_backups
 from farm.upkeep import upkeep
@@ -106,7 +106,7 @@ def show(state, books, number):
 
 def check_whole(state, books, before):
     """Every job is shown as before the prune, and no file that the books name is missing."""
-    assert named_files(books) <= list_files(state.files).keys()
+    assert list_named_files(books) <= list_files(state.files).keys()
     for number, entry in books.jobs.items():
         (old_view, old_rows), (view, rows) = show(state, before, number), show(state, books, number)
         changed = {"parts", "plates", "pruned"}
@@ -128,8 +128,8 @@ def test_files_of_old_jobs_are_deleted_except_pictures(tmp_path):
     assert [job.id for job in answer.jobs] == OLD
     assert [number for number, job in books.jobs.items() if job.pruned_s is not None] == OLD
     assert answer.freed_bytes == 3 * 6 * 1000  # all but the picture
-    assert list_files(state.files).keys() == named_files(books)
-    assert answer.stored_bytes == 1000 * len(named_files(books))
+    assert list_files(state.files).keys() == list_named_files(books)
+    assert answer.stored_bytes == 1000 * len(list_named_files(books))
     assert [path.name for path in state.job(1).iterdir()] == ["assembly.png"]
     assert len(list(state.job(4).iterdir())) > 4
     check_whole(state, books, before)
@@ -146,7 +146,7 @@ def test_dry_run_lists_the_same_and_changes_nothing(tmp_path):
     with farm.store:
         preview = asyncio.run(run.prune("ann", dry_run=True))
         assert farm.controller.books == before and not list_backups(state)
-        assert len(list_files(state.files)) == len(named_files(before))
+        assert len(list_files(state.files)) == len(list_named_files(before))
         done = asyncio.run(run.prune("ann", dry_run=False))
     assert preview == done.model_copy(update={"dry_run": True})
 
@@ -178,14 +178,16 @@ def test_parts_of_a_pruned_job_keep_small_pictures(tmp_path):
 def test_files_of_an_unknown_database_stay_for_the_kept_days(tmp_path):
     """A person may have moved the database away, and put it back."""
     state, before = fill(tmp_path)
-    for name in named_files(before):
+    for name in list_named_files(before):
         stored_s = time.time() - (89 if name.endswith("gcode") else 91) * DAY_S
         os.utime(state.files / name, (stored_s, stored_s))
     state.books.rename(tmp_path / "moved.db")
     farm, run = begin(state)
     with farm.store:
         asyncio.run(finish(run))
-    assert list_files(state.files).keys() == {name for name in named_files(before) if name.endswith("gcode")}
+    assert list_files(state.files).keys() == {
+        name for name in list_named_files(before) if name.endswith("gcode")
+    }
 
 
 def test_old_events_are_deleted_after_the_backup(tmp_path):
@@ -229,7 +231,7 @@ def test_backup_from_before_a_compaction_is_restored(tmp_path):
         books = farm.controller.books
     assert [number for number, job in books.jobs.items() if job.pruned_s is not None] == OLD
     assert validate_books(books) == validate_books(before)
-    assert named_files(books) <= list_files(state.files).keys()
+    assert list_named_files(books) <= list_files(state.files).keys()
 
 
 def test_reprint_of_a_pruned_job_is_refused_with_its_reason(tmp_path):
@@ -264,7 +266,7 @@ def test_failed_run_is_reported_and_the_next_one_continues(tmp_path, monkeypatch
     with farm.store:
         asyncio.run(nights())
         assert farm.view_context(state).warnings == ()
-        assert list_files(state.files).keys() == named_files(farm.controller.books)
+        assert list_files(state.files).keys() == list_named_files(farm.controller.books)
 
 
 def test_full_disk_deletes_jobs_from_before_the_last_backup(tmp_path, monkeypatch):
@@ -329,7 +331,7 @@ def test_interrupted_prune_is_finished_at_the_next_start(tmp_path):
             check_whole(state, farm.controller.books, before)  # before anything is finished
             asyncio.run(finish(run))
             books = farm.controller.books
-            assert list_files(state.files).keys() == named_files(books)
+            assert list_files(state.files).keys() == list_named_files(books)
             dead = [link for link in state.jobs.glob("*/*") if not link.exists()]
             assert not dead
             asyncio.run(run.prune("ann", dry_run=False))

@@ -123,7 +123,7 @@ def test_stream_ends_with_the_daemon_and_its_place_is_free_again(farm):
 
 
 def test_streams_are_limited_for_a_caller_and_in_all():
-    streams = EventStreams(NoEvents(), most=6)
+    streams = EventStreams(NoEvents(), limit=6)
     with ExitStack() as open_streams:
         for caller in ("ann", "ann", "ann", "ann", "bob", "bob"):
             streams.check(caller)
@@ -137,8 +137,8 @@ def test_streams_are_limited_for_a_caller_and_in_all():
 
 def test_long_log_is_sent_in_order(monkeypatch):
     class Log(NoEvents):
-        def read_events(self, after, most):
-            return [EventRow(n, 0.0, "JobMoved") for n in range(after + 1, min(after + most, 1000) + 1)]
+        def read_events(self, after, limit):
+            return [EventRow(n, 0.0, "JobMoved") for n in range(after + 1, min(after + limit, 1000) + 1)]
 
     async def read():
         rows = EventStreams(Log()).follow(17, lambda: True, wait=False)

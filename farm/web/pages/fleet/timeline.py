@@ -30,7 +30,7 @@ class TimelineQuery(BaseModel):
 
     @property
     def back_s(self) -> float:
-        """Return how far it goes back, in seconds."""
+        """Return the length of the shown past, in seconds."""
         return int(self.hours) * 3600.0
 
     def check(self) -> None:

@@ -10,7 +10,7 @@ from farm.errors import Refused
 from farm.model import JobOptions
 from farm.planning.inspection import complete_section, name_filament
 from farm.planning.inspection.materials import NamedMaterial, choose_material, parse_material
-from farm.planning.printer_settings import slicing_printer
+from farm.planning.printer_settings import build_slicing_printer
 from farm.scheduling.matching import Requirements
 from farm.scheduling.situation_builder import describe_capabilities
 from slicing.errors import BadSetting, SlicingError
@@ -36,7 +36,7 @@ def resources():
 
 
 def choose(text, resources, model="ultimaker2_plus"):
-    named = choose_material(text, slicing_printer(PROFILES[model]), 0.4, resources)
+    named = choose_material(text, build_slicing_printer(PROFILES[model]), 0.4, resources)
     return named.name, named.kind, named.colour
 
 

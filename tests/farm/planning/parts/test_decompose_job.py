@@ -20,7 +20,7 @@ from farm.model import AgentSnapshot, FilamentState, JobOptions, JobState, Link,
 from farm.planning.inspection.inspect_submission import inspect_model
 from farm.planning.parts.decompose_job import LATE_SHARE, decompose_job
 from farm.planning.plan import TooFewPrinters
-from farm.planning.printer_settings import bed_boxes, settings_request
+from farm.planning.printer_settings import build_settings_request, list_bed_boxes
 from farm.state.storage.store import Store
 from recording_controller import Commands, RecordedEffects
 
@@ -108,7 +108,7 @@ def test_parts_that_overlap_are_found_and_the_job_is_refused(bar, files, tmp_pat
         decompose_job(decompose_task(bar, files, tmp_path))
     assert error.value.code is ErrorCode.GEOMETRY
     assert "overlap" in str(error.value)
-    controller = Controller(fleet(), Store(tmp_path / "farm.db"), Clock(), bed_boxes)
+    controller = Controller(fleet(), Store(tmp_path / "farm.db"), Clock(), list_bed_boxes)
     effects = RecordedEffects()
     controller.start(effects)
     for name in ("p0", "p1"):
@@ -163,5 +163,5 @@ def test_each_part_is_cut_and_sliced_for_the_printer_that_it_goes_to(files, tmp_
         height = np.ptp(trimesh.load_mesh(item.stl).bounds[:, 2])
         assert height > 205.0 if part.printer == "high" else height <= 205.0
         section = {"p0": low, "high": high}[part.printer]
-        assert item.request == settings_request(section, "glue")
+        assert item.request == build_settings_request(section, "glue")
         assert max(box.height_mm for box in item.room) == (305.0 if part.printer == "high" else 205.0)

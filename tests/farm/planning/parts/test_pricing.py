@@ -17,8 +17,8 @@ from decompose.print_time.pose_prices import price_poses_s
 from drivers.printers import PROFILES
 from farm.config import PrinterSection
 from farm.model import JobOptions
-from farm.planning.parts.pricing import build_recipe, decomposition_options
-from farm.planning.plate_times import plate_seconds, prelude_seconds
+from farm.planning.parts.pricing import build_decompose_options, build_recipe
+from farm.planning.plate_times import compute_plate_seconds, compute_prelude_seconds
 from slicing.errors import EngineMissing
 from slicing.plate import PlateRequest, slice_plate
 from slicing.settings import SettingsRequest, find_engine, find_resources, resolve_settings
@@ -61,12 +61,12 @@ def test_changed_setting_reaches_the_cost(settings_of):
 def test_prelude_is_counted_once_in_a_price(settings_of):
     settings = settings_of("glue")
     section = PrinterSection(name="a", model="ultimaker2_plus", port="sim://ultimaker2_plus")
-    prelude_s = prelude_seconds(section, settings)
+    prelude_s = compute_prelude_seconds(section, settings)
     with_prelude = CostModel.from_recipe(build_recipe(settings, prelude_s))
     layers_only = CostModel.from_recipe(build_recipe(settings, prelude_s=0.0))
     cube = Solid.box((0, 0, 0), (20, 20, 20)).arrays()
     layers_s = price_poses_s(*cube, UPRIGHT, layers_only)[0]
-    whole_s = plate_seconds(PROFILES[section.model], layers_s, settings.nozzle_c, settings.bed_c)
+    whole_s = compute_plate_seconds(PROFILES[section.model], layers_s, settings.nozzle_c, settings.bed_c)
     assert price_poses_s(*cube, UPRIGHT, with_prelude)[0] == pytest.approx(whole_s)
     assert replace(with_prelude, fixed_s=0.0) == layers_only
 
@@ -144,5 +144,5 @@ def test_measured_table_agrees_with_the_factors(settings_of):
 
 def test_pins_and_marks_are_for_glued_parts_and_not_for_those_of_the_paper():
     options = JobOptions(pin_mm=2.85, pin_fit_mm=0.5, marks=True)
-    assert decomposition_options(options).connectors == ConnectorOptions(2.85, 0.5, marks=True)
-    assert decomposition_options(options.model_copy(update={"quality": "paper"})).connectors.is_empty
+    assert build_decompose_options(options).connectors == ConnectorOptions(2.85, 0.5, marks=True)
+    assert build_decompose_options(options.model_copy(update={"quality": "paper"})).connectors.is_empty

@@ -10,7 +10,7 @@ from farm.errors import FarmError
 from farm.model import PartPrintOptions
 from farm.planning.part_records import SliceTask
 from farm.planning.parts.slice_part import slice_part
-from farm.planning.printer_settings import model_sizes, printer_room
+from farm.planning.printer_settings import find_printer_room, list_model_sizes
 from slicing.settings import SettingsRequest, find_engine, find_resources, resolve_settings
 from slicing_printers import PRINTERS
 
@@ -73,7 +73,7 @@ def test_part_has_its_own_brim_first_layer_and_height(task):
 def test_part_that_fills_its_room_fits_after_enlarging(task, material):
     section = PrinterSection(name="a", model=MODEL, port=f"sim://{MODEL}", material=material)
     settings = resolve_settings(SettingsRequest(PRINTERS[MODEL], material=material), find_resources())
-    x, y, _ = model_sizes(printer_room(section, settings.brim_width_mm), settings)[0]
+    x, y, _ = list_model_sizes(find_printer_room(section, settings.brim_width_mm), settings)[0]
     plate = slice_part(task(trimesh.creation.box((x, y, 1.0)), material=material))
     assert plate.max_mm[0] - plate.min_mm[0] > x
     with pytest.raises(FarmError, match="does not fit on the bed"):

@@ -5,7 +5,7 @@ import pytest
 from farm.errors import FarmError
 from farm.model import AgentPrint, AgentSnapshot, FilamentState, HoldCode, JobOptions, Link, PrintState
 from farm.planning.plan import Plan
-from farm.planning.replanning.replan import ReplannedPlate, next_plate_id
+from farm.planning.replanning.replan import ReplannedPlate, make_next_plate_id
 from farm.state import events as ev
 from farm.state.storage.store import StoreError
 from make_books import plan as planned
@@ -154,7 +154,7 @@ def test_approved_plan_is_not_replanned(tmp_path):
 
 def sliced(farm, plate, printer, hours):
     old = farm.controller.books.plates[plate]
-    name = next_plate_id(plate)
+    name = make_next_plate_id(plate)
     time = {"expected_s": hours * HOUR, "sliced_s": hours * HOUR - 300.0, "prints": ()}
     new = old.model_copy(update={"id": name, "family": PLAIN, "printer": printer, **time})
     (part,) = (farm.controller.books.parts[item].model_copy(update={"plate": name}) for item in old.parts)
@@ -202,7 +202,11 @@ def test_planned_printer_may_take_the_plate_before_the_reslice(tmp_path):
     assert printing(farm) == {"a": "1/01"}
     farm.controller.on_replan("1/01", sliced(farm, "1/01", "b", 9.0))
     assert farm.controller.books.jobs[1].plates == ("1/01",)
-    assert [next_plate_id(name) for name in ("3/07", "3/07-2", "3/07a")] == ["3/07-2", "3/07-3", "3/07a-2"]
+    assert [make_next_plate_id(name) for name in ("3/07", "3/07-2", "3/07a")] == [
+        "3/07-2",
+        "3/07-3",
+        "3/07a-2",
+    ]
 
 
 def test_search_is_not_delayed_by_a_backward_clock_step(tmp_path):

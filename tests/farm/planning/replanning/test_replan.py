@@ -150,4 +150,4 @@ def test_printer_that_would_omit_walls_is_not_used(state, monkeypatch):
     result = run_replan(state, task, cut=False)
     assert isinstance(result, FarmError)
     assert (state.files / task.part.file).is_file()
-    assert replan.next_plate_id("1/01") == "1/01-2"
+    assert replan.make_next_plate_id("1/01") == "1/01-2"

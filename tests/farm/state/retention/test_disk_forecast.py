@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from farm.state.retention import DiskUse, average_day_bytes, nights_until_full
+from farm.state.retention import DiskUse, average_day_bytes, estimate_nights_until_full
 
 GB = 1e9
 
@@ -23,7 +23,7 @@ GB = 1e9
     ],
 )
 def test_nights_until_full_follow_from_stored_events(use, nights):
-    assert nights_until_full(use, 50 * GB, 0.5 * GB) == pytest.approx(nights)
+    assert estimate_nights_until_full(use, 50 * GB, 0.5 * GB) == pytest.approx(nights)
 
 
 _bytes = st.floats(0, 1e13)
@@ -38,7 +38,7 @@ def test_more_free_space_is_never_full_earlier(free, stored, prunable, day, most
                 | changes
             )
         )
-        return nights_until_full(use, most, 0.5 * GB)
+        return estimate_nights_until_full(use, most, 0.5 * GB)
 
     slack = 1 + 1e-9
     assert nights(free_bytes=free + more) * slack >= nights()

@@ -11,12 +11,12 @@ from farm.state.lifecycles import InvalidTransition
 from farm.state.retention import (
     MIN_AGE_S,
     KeepRules,
-    file_names_of_job,
     find_need,
     list_deletable_files,
+    list_job_file_names,
     list_lost_jobs,
+    list_named_files,
     list_prunable_files,
-    named_files,
     select_jobs,
 )
 from farm.state.transitions import apply
@@ -25,7 +25,7 @@ from old_jobs import DAY_S, NOW_S, books_of
 
 
 def sizes_of(books, size=100):
-    return dict.fromkeys(named_files(books), size)
+    return dict.fromkeys(list_named_files(books), size)
 
 
 def prune(books, number):
@@ -42,7 +42,7 @@ def test_expired_jobs_are_selected_oldest_first():
 
 def test_oldest_jobs_are_selected_until_the_rest_fits():
     books = books_of(*((JobState.DONE, 10 + number) for number in range(5)))  # 7 files a job
-    assert len(file_names_of_job(books, books.jobs[1])) == 7
+    assert len(list_job_file_names(books, books.jobs[1])) == 7
     rules = KeepRules(days=90, max_bytes=2500)
     assert select_jobs(books, sizes_of(books), rules, NOW_S, NOW_S) == [
         5,
@@ -53,7 +53,7 @@ def test_oldest_jobs_are_selected_until_the_rest_fits():
 
 def test_printers_of_another_job_are_not_free():
     books = books_of((JobState.DONE, 20), (JobState.DONE, 10), shared=(1, 2))
-    sizes = dict.fromkeys(named_files(books), 0) | {"shared.npz": 500}
+    sizes = dict.fromkeys(list_named_files(books), 0) | {"shared.npz": 500}
     assert select_jobs(books, sizes, KeepRules(90, 400), NOW_S, NOW_S) == [1, 2]
     assert select_jobs(books, sizes, KeepRules(90, 500), NOW_S, NOW_S) == []
 
@@ -111,9 +111,9 @@ def test_pruned_job_keeps_its_pictures_and_is_not_printed_again():
     books = books_of((JobState.DONE, 100), (JobState.DONE, 100))
     event = ev.JobPruned(at_s=NOW_S, job=1, by="ann", part_pictures={"1/p01": "small.png"})
     after, instructions = apply(event, books)
-    assert file_names_of_job(after, after.jobs[1]) == {"picture-1.png", "small.png"}
+    assert list_job_file_names(after, after.jobs[1]) == {"picture-1.png", "small.png"}
     assert instructions == (ev.NameFiles(job=1),)
-    assert file_names_of_job(after, after.jobs[2]) == file_names_of_job(books, books.jobs[2])
+    assert list_job_file_names(after, after.jobs[2]) == list_job_file_names(books, books.jobs[2])
     with pytest.raises(InvalidTransition, match="pruned"):
         apply(ev.ReprintRequested(at_s=NOW_S, plate="1/01", why="", by="ann"), after)
     with pytest.raises(InvalidTransition, match="pruned already"):
@@ -123,12 +123,12 @@ def test_pruned_job_keeps_its_pictures_and_is_not_printed_again():
 def test_parts_that_others_replaced_keep_their_files_while_the_job_is_open():
     books = books_of((JobState.PRINTING, 0))
     books = put(books, replace_fields(books.jobs[1], parts=("1/p02",), plates=("1/02",)))
-    assert {"1-p01.stl", "1-01.gcode"} <= named_files(books)
+    assert {"1-p01.stl", "1-01.gcode"} <= list_named_files(books)
 
 
 def test_jobs_with_missing_files_are_found_after_a_restore():
     books = books_of((JobState.DONE, 100), (JobState.PRINTING, 0))
-    files = named_files(books) - {"1-p02.stl", "2-p02.stl"}
+    files = list_named_files(books) - {"1-p02.stl", "2-p02.stl"}
     assert list_lost_jobs(books, files) == [1]
     assert list_lost_jobs(prune(books, 1), files) == []
 
@@ -137,7 +137,7 @@ def test_unavailable_store_prunes_no_job():
     """Its disk is not mounted, or a person moved it."""
     books = books_of((JobState.DONE, 100), (JobState.PRINTING, 0))
     assert list_lost_jobs(books, set()) == []
-    assert list_lost_jobs(books, named_files(books) - {"picture-1.png", "1-p01.stl"}) == []
+    assert list_lost_jobs(books, list_named_files(books) - {"picture-1.png", "1-p01.stl"}) == []
     unplanned = put(books, replace_fields(books.jobs[1], picture=None, parts=(), plates=()))
     assert list_lost_jobs(unplanned, set()) == []
 
@@ -158,16 +158,16 @@ def test_deleted_files_are_unused_and_kept_ones_complete(jobs, days, most, data)
         assert books.jobs[number].state in (JobState.DONE, JobState.FAILED, JobState.CANCELLED)
         assert books.jobs[number].ended_s < NOW_S - MIN_AGE_S
         after = prune(after, number)
-    deleted = named_files(books) - named_files(after)
+    deleted = list_named_files(books) - list_named_files(after)
     assert list_deletable_files(after) == deleted and not list_deletable_files(books)
-    assert deleted <= list_prunable_files(books, named_files(books), NOW_S)
+    assert deleted <= list_prunable_files(books, list_named_files(books), NOW_S)
     for number, entry in books.jobs.items():
         if number not in selected:
-            assert not file_names_of_job(books, entry) & deleted
-        assert entry.picture in named_files(after)
+            assert not list_job_file_names(books, entry) & deleted
+        assert entry.picture in list_named_files(after)
     ends = [books.jobs[number].ended_s for number in selected]
     assert ends == sorted(ends)
     left = [e for n, e in after.jobs.items() if n not in selected and find_need(after, e) is None]
     old = [e for e in left if e.ended_s < NOW_S - MIN_AGE_S]
     assert all(e.ended_s >= NOW_S - days * DAY_S for e in old)
-    assert not old or sum(sizes[name] for name in named_files(after)) <= most
+    assert not old or sum(sizes[name] for name in list_named_files(after)) <= most

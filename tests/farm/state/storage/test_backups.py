@@ -19,11 +19,11 @@ from farm.state.storage import backups
 from farm.state.storage.backups import (
     KEPT,
     back_up,
-    backup_time_s,
     is_due,
     list_backups,
     next_backup_s,
     open_books,
+    parse_backup_time_s,
 )
 from farm.state.storage.store import Store, StoreError
 from farm.state.transitions import apply
@@ -64,11 +64,11 @@ def test_backup_of_books_in_use_succeeds_and_old_ones_are_deleted(state):
     with Store(state.books):
         for night in range(KEPT + 2):
             back_up(state, NIGHT_S + night * DAY_S)
-    created = [backup_time_s(copy) for copy in list_backups(state)]
+    created = [parse_backup_time_s(copy) for copy in list_backups(state)]
     assert created == [NIGHT_S + night * DAY_S for night in range(KEPT + 1, 1, -1)]
     assert not is_due(state, created[0] + DAY_S - 1)
     (state.backups / "books-before-upgrade.db").touch()  # a person's own: neither used nor dropped
-    assert [backup_time_s(copy) for copy in list_backups(state)] == created
+    assert [parse_backup_time_s(copy) for copy in list_backups(state)] == created
     with Store(list_backups(state)[0]) as copy:
         assert copy.load() == books
 
@@ -108,7 +108,7 @@ def test_backup_is_recognised_until_it_is_restored(state):
     store, copied_s = open_books(state, NIGHT_S + DAY_S)
     with store:
         assert copied_s is None
-    assert backup_time_s(back_up(state, NIGHT_S + 2 * DAY_S)) == NIGHT_S + 2 * DAY_S
+    assert parse_backup_time_s(back_up(state, NIGHT_S + 2 * DAY_S)) == NIGHT_S + 2 * DAY_S
 
 
 def test_missing_backup_is_reported_with_advice(state):
@@ -136,7 +136,7 @@ def test_failed_backup_keeps_earlier_ones(state):
     state.books.write_bytes(b"no books" * 999)
     with pytest.raises(StoreError, match="cannot be copied"):
         back_up(state, NIGHT_S + DAY_S)
-    assert [backup_time_s(copy) for copy in list_backups(state)] == [NIGHT_S]
+    assert [parse_backup_time_s(copy) for copy in list_backups(state)] == [NIGHT_S]
     assert len(list(state.backups.iterdir())) == 1
 
 
@@ -237,4 +237,4 @@ def test_unreadable_backup_is_discarded(state, monkeypatch):
     monkeypatch.setattr(backups, "copy_books", garble)
     with pytest.raises(StoreError):
         back_up(state, NIGHT_S + DAY_S)
-    assert [backup_time_s(result) for result in list_backups(state)] == [NIGHT_S]
+    assert [parse_backup_time_s(result) for result in list_backups(state)] == [NIGHT_S]

@@ -9,10 +9,10 @@ from contextlib import suppress
 
 from farm.state.storage.file_store import (
     GRACE_S,
+    compute_sha256,
     delete_files,
     list_files,
     name_files,
-    sha256_of,
     store_file,
     unlink_missing_files,
 )
@@ -28,7 +28,7 @@ def test_stored_file_is_named_by_its_hash_and_read_only(tmp_path):
     assert not source.exists()
     assert (store / name).read_bytes() == b"solid"
     assert (store / name).stat().st_mode & 0o222 == 0
-    assert sha256_of(store / name) + ".stl" == name
+    assert compute_sha256(store / name) + ".stl" == name
 
 
 def test_same_bytes_are_stored_once(tmp_path):
