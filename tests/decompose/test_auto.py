@@ -43,7 +43,7 @@ def test_curve_considers_the_speed_of_printers(
 
 
 def test_curve_considers_the_room_of_printers(cost: CostModel) -> None:
-    """Higher than two low printers: with the room that all share it is three parts."""
+    """Model higher than two low printers, which needs three parts in their common room."""
     low, high = PrinterRoom("low", ((100.0,) * 3,)), PrinterRoom("high", ((100.0, 100.0, 160.0),))
     model = Model(Solid.box((0, 0, 0), (90, 90, 230)), (), 1.0)
     fine = replace(COARSE, granularity=6)

@@ -38,7 +38,7 @@ def result(cost: CostModel) -> Decomposition:
 
 
 class Engines:
-    """Engines that end when they are told to (inf: no partition), and remember what they were asked."""
+    """Engines that end at given times (inf: no partition), and record their problems."""
 
     def __init__(self, result: Decomposition, ends_s: Ends, faulty: tuple[Engine, ...] = ()) -> None:
         self.result, self.ends_s, self.faulty = result, ends_s, faulty
@@ -70,7 +70,7 @@ def yaws_deg(result: Decomposition) -> list[float]:
 
 
 def far(options: Options) -> float:
-    """Well above the bound, and less so on finer grids."""
+    """Makespan well above the bound, and closer to it on finer grids."""
     finer = options.granularity if isinstance(options.granularity, int) else 0
     return 1.2 * BOUND_S - finer
 
@@ -161,7 +161,7 @@ def test_rotated_cuts_need_a_minimum_gain(
 
 
 def test_parts_of_a_rotated_model_are_in_the_original_frame(cost: CostModel) -> None:
-    """A bar that fits two printers only along its own length: the parts are in its own frame."""
+    """A bar that fits two printers only along its own length, so parts are in its own frame."""
     turn = Rotation.from_euler("z", 45.0, degrees=True).as_matrix()
     bar = replace(BLOCK, solid=BLOCK.solid.rotate(turn))
     options = Options(Engine.BEST, prove=False, best=BestOptions(1000.0))

@@ -117,7 +117,7 @@ def test_separate_pieces_are_separate_parts(fleet: list[PrinterRoom], cost: Cost
 
 
 def test_pieces_in_one_cell_are_separate_parts(fleet: list[PrinterRoom], cost: CostModel) -> None:
-    """Two plates 1 mm apart share every cell: the cut finds two pieces, and the search has to know."""
+    """Two plates 1 mm apart share every cell; the search counts them as two pieces."""
     plates = Solid.union([Solid.box((0, 0, 0), (60, 60, 5)), Solid.box((0, 0, 6), (60, 60, 11))])
     result = decompose_model(Model(plates, (), 1.0), fleet, Options(granularity=2), cost)
     assert 2 <= len(result.parts) <= 8
@@ -126,7 +126,7 @@ def test_pieces_in_one_cell_are_separate_parts(fleet: list[PrinterRoom], cost: C
 
 
 def test_flat_faces_in_the_middle_are_not_cut(fleet: list[PrinterRoom], cost: CostModel) -> None:
-    """Steps at every tenth of the length, where an even grid of ten has its planes."""
+    """A model with steps at every tenth of the length, where an even grid of ten has its planes."""
     steps = Solid.union([Solid.box((0, 0, 20 * i), (200 - 20 * i, 80, 20 * i + 20)) for i in range(5)])
     result = decompose_model(Model(steps, (), 1.0), fleet, Options(granularity="regular"), cost)
     assert result.coverage.surface_error < 1e-6

@@ -28,7 +28,7 @@ turns = st.tuples(*[st.floats(-1.0, 1.0)] * 3)
 
 
 def model_of(blocks: Sequence[tuple[tuple[int, ...], tuple[int, ...]]], turn: tuple[float, ...]) -> Model:
-    """A ball, with blocks through it or beside it, turned."""
+    """A ball with rotated blocks through it or beside it."""
     ball = trimesh.creation.icosphere(1, 55.0)
     solids = [Solid.from_arrays(ball.vertices, ball.faces)]
     solids += [Solid.box(lo, np.add(lo, size)) for lo, size in blocks]
@@ -49,7 +49,7 @@ def inside(points: np.ndarray, solid: Solid) -> np.ndarray:
 
 
 def held(result: Decomposition, model: Model, seed: int) -> None:
-    """Closed, of one piece, in its printer's room, apart from the others; and all of the surface once."""
+    """Assert that parts are closed, connected, fit and are disjoint, and that the surface is printed once."""
     for part in result.parts:
         vertices, faces = part.solid.arrays()
         mesh = trimesh.Trimesh(vertices, faces, process=False)

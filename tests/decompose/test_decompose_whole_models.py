@@ -59,7 +59,7 @@ def cube(side: float) -> Callable[[], Solid]:
 
 
 def pyramid() -> Solid:
-    """Steps of 40 mm, where the planes of a grid of 40 mm would lie."""
+    """A model with steps of 40 mm, which coincide with the planes of a grid of 40 mm."""
     return Solid.union(
         [box((40 * i, 40 * i, 40 * i), (400 - 40 * i, 400 - 40 * i, 40 * i + 40)) for i in range(5)]
     )

@@ -24,7 +24,7 @@ def test_change_in_any_compiled_file_is_seen(tmp_path: Path) -> None:
 
 @pytest.fixture
 def read_only(monkeypatch: pytest.MonkeyPatch) -> set[Path]:
-    """Folders that cannot be written, also if the tests run as root."""
+    """Make folders unwritable, also if the tests run as root."""
     folders: set[Path] = set()
     writable = jit.is_writable
     monkeypatch.setattr(jit, "is_writable", lambda folder: folder not in folders and writable(folder))

@@ -51,7 +51,7 @@ def took_s(cut: Decomposition, slow: int, times: float = 1.2) -> np.ndarray:
 
 
 def number_in(after: Decomposition, cut: Decomposition, slow: int) -> int:
-    """The number that a part has after its borders have moved: the parts are numbered by where they are."""
+    """Find the number of a part after its borders have moved, as parts are numbered by position."""
     at = cut.parts[slow].solid.bounds_mm.mean(axis=0)
     return int(np.argmin([np.linalg.norm(p.solid.bounds_mm.mean(axis=0) - at) for p in after.parts]))
 
@@ -107,7 +107,7 @@ def test_rotated_model_is_relevelled_in_its_own_frame(cost: CostModel) -> None:
 
 @pytest.mark.parametrize("faster", [0.0, 0.03, 0.1])
 def test_slow_part_ends_sooner_on_unequal_printers(faster: float, cost: CostModel) -> None:
-    """Prices are uneven on purpose now: the printers are not to be given out by them."""
+    """Prices are deliberately uneven, so printers must not be assigned by them."""
     rooms = tuple(replace(room, time_factor=1.0 + faster * i) for i, room in enumerate(ROOMS))
     factors = {room.name: room.time_factor for room in rooms}
     cut = decompose_model(MODEL, rooms, OPTIONS, cost)
@@ -126,7 +126,7 @@ def test_slow_part_ends_sooner_on_unequal_printers(faster: float, cost: CostMode
 
 
 def test_each_piece_of_a_box_keeps_its_time_ratio(cost: CostModel) -> None:
-    """The left leg of a U is the higher one: by height it comes after the right one, by place before it."""
+    """The left leg of a U is higher: sorted by height it is second, by position first."""
     u = Solid.union(
         [
             Solid.box((0, 0, 0), (200, 40, 60)),

@@ -44,7 +44,7 @@ mkdir -p "$3/bin"; printf '#!/bin/bash\\n[[ -z ${NO_PIP:-} ]]\\n' > "$3/bin/pyth
 
 @pytest.fixture
 def install(tmp_path: Path):
-    """Runs the script on a host that has the programs `present`; returns what it said."""
+    """Run the script on a host with the programs `present`, and return its output."""
     (tmp_path / "bin").mkdir()
     for name in TOOLS.split():
         (tmp_path / "bin" / name).symlink_to(shutil.which(name) or "/")

@@ -15,7 +15,7 @@ NO_PATTERN = {"k-means++"}
 
 
 def literals(tree: ast.AST) -> Iterator[str]:
-    """Strings and bytes of a module, but for its docstrings."""
+    """Yield the strings and bytes of a module except for docstrings."""
     docs = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
     for node in ast.walk(tree):
         if isinstance(node, ast.Constant) and id(node) not in docs and isinstance(node.value, str | bytes):

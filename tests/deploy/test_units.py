@@ -17,7 +17,7 @@ UNITS = sorted((DEPLOY / "systemd").glob("*.service"))
 
 
 def without_this_host(text: str) -> str:
-    """A unit as it stands, with programs and user that any host has."""
+    """Return a unit with programs and a user that exist on any host."""
     text = re.sub(r"/opt/farm/\.venv/bin/\w+", "/bin/true", text)
     return text.replace("=farm\n", "=root\n").replace("/opt/farm", "/")
 

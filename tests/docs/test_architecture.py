@@ -11,7 +11,7 @@ MOST_WORDS = 30
 
 
 def rows(title: str) -> list[list[str]]:
-    """Cells of the table under a heading, without its first two lines."""
+    """List the cells of the table under a heading, without its first two lines."""
     section = TEXT.split(f"## {title}\n")[1].split("\n## ")[0]
     lines = [line for line in section.splitlines() if line.startswith("|")]
     return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines[2:]]

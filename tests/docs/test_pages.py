@@ -22,7 +22,7 @@ TYPED = re.compile(r"(?:^\s*(?:\$ )?|`|\$ )farm (?!is down)([a-z][a-z-]*)((?: [^
 
 
 def mistakes_in(text: str) -> list[str]:
-    """Commands and options in a page that the program does not have."""
+    """List the commands and options in a page that the program does not have."""
     results = []
     for name, rest in TYPED.findall(text):
         if name not in COMMANDS:

@@ -26,7 +26,7 @@ FARM = Path(sys.executable).with_name("farm")
 
 @pytest.fixture
 def printer(tmp_path: Path) -> Iterator[Path]:
-    """An emulated printer behind a path of which nothing else is known."""
+    """Emulated printer behind a path without further information."""
     folder = tmp_path / "printer"
     launch(f"sim://{MODEL}", folder, Clock(120.0, time.time()))
     yield folder / "tty"

@@ -40,7 +40,7 @@ def test_modules_of_workers_are_not_loaded_by_the_daemon(module):
 
 
 def test_clock_step_of_the_host_reaches_every_component(tmp_path, monkeypatch):
-    """Within a look; a step that the books cannot take (a full disk) ends nothing."""
+    """A step arrives at the next check; one that cannot be stored (a full disk) ends nothing."""
     monkeypatch.setattr("farm.daemon._FOLLOW_S", 0.0)
     state = StateFolder(tmp_path / "state")
     state.make()

@@ -26,7 +26,7 @@ async def take_picture(browser, name):
 
 @pytest.mark.parametrize("host", ["127.0.0.1", HOST])
 def test_user_logs_in_by_the_button_sees_the_farm_and_logs_out(tmp_path, host):
-    """A plain-HTTP name is no trustworthy origin: there the browser sends `Origin` alone."""
+    """A plain-HTTP name is not a trustworthy origin, so the browser sends only `Origin` there."""
 
     async def browse():
         farm = NetworkFarm(tmp_path)

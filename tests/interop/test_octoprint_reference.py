@@ -85,7 +85,7 @@ def octoprint(tmp_path_factory):
 
 
 class FarmAnswers:
-    """The farm, asked as OctoPrint is."""
+    """Send requests of OctoPrint clients to the farm."""
 
     def __init__(self, folder):
         self.farm = WebFarm(folder, workers=SameProcess())

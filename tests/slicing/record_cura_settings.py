@@ -67,7 +67,7 @@ COMBINATIONS = [  # printer, nozzle, material, quality, the user's changes
 
 
 class Registry:
-    """The little of Cura's registry that its containers ask for."""
+    """Stub of the part of Cura's registry that its containers use."""
 
     def __init__(self, folder):
         self.folder, self.containers, self.load = folder, {}, None
@@ -109,7 +109,7 @@ def stand_in(name, **content):
 
 
 class Cura:
-    """Cura's own classes, with one printer in an application that is not there."""
+    """Cura's own classes, with one printer and a stub of the application."""
 
     def __init__(self, root):
         self.folder = root / "usr/share/cura/resources"
@@ -239,7 +239,7 @@ class Cura:
         ]
 
     def material(self, name, machine, hotend):
-        """The container that Cura's VariantNode takes: the most particular one."""
+        """Return the container that Cura's VariantNode chooses: the most specific one."""
         if name not in self.registry.containers:
             container = self.Material(name)
             self.registry.addContainer(container)

@@ -64,7 +64,7 @@ def test_waved_part_differs_by_hundredths_of_a_mm_only(mesh):
 
 
 def test_corners_of_a_waved_part_lie_on_the_crests():
-    """So that a flat side is straight from crest to trough, and no longer."""
+    """Waves keep flat sides straight between crest and trough."""
     block = trimesh.creation.box((130.0, 40.0, 10.0))
     new = merged(add_waves(np.asarray(block.triangles)))
     front = new.vertices[np.abs(new.vertices[:, 1] + 20.0) < 0.1]
@@ -75,7 +75,7 @@ def test_corners_of_a_waved_part_lie_on_the_crests():
 
 
 def test_slowly_widening_part_keeps_its_corners(request_for, settings_of):
-    """Its outer walls multiply to 2**32 um2 in some layer, however much it is grown."""
+    """The lengths of the outer walls multiply to 2**32 um2 in some layer of any variant."""
     settings = settings_of(infill_sparse_density="0", layer_height=0.1)
     request = request_for(slab((84.6, 51.0), (85.4, 51.3), 42.0), settings=settings)
     result = slice_plate(request)

@@ -105,7 +105,7 @@ def test_part_is_sliced_again_as_a_wider_mesh(request_for, tmp_path):
 
 
 def test_inner_wall_that_is_lost_in_the_engine_is_sliced_again(request_for):
-    """Its middle is 84.642 x 50.742 mm; without it the part is filled with skin, at four times the time."""
+    """The middle is 84.642 x 50.742 mm; without it the part is filled with skin, in four times the time."""
     result = slice_plate(request_for(trimesh.creation.box((85.692, 51.792, 3))))
     text = result.gcode.read_text()
     layer = text[text.index(";LAYER:7\n") : text.index(";LAYER:8\n")]

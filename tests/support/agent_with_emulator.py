@@ -136,7 +136,7 @@ def run(scenario: Coroutine[Any, Any, None]) -> None:
 
 
 def settled(folder: Path, seen: Callable[[EmulatorStatus], bool]) -> bool:
-    """Wait until an emulator shows it; whether it did."""
+    """Wait until an emulator shows a state; return whether it did."""
     until_s = time.monotonic() + DEADLINE_S
     while not seen(read_status(folder)) and time.monotonic() < until_s:
         select.select([], [], [], 0.02)

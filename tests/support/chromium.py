@@ -131,7 +131,7 @@ class Chromium:
         return await self.evaluate("document.body.innerText")
 
     async def take_picture(self, path):
-        """Write a picture of the page."""
+        """Save a screenshot of the page."""
         path.write_bytes(base64.b64decode((await self.call("Page.captureScreenshot"))["data"]))
 
     async def _wait(self):

@@ -80,7 +80,7 @@ def temporary_folder():
 
 
 def speak(fifo, word):
-    """Say a word, as soon as somebody listens."""
+    """Write a line once a reader opens the file."""
     fifo.write_text(word)
     return word
 

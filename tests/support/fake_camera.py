@@ -15,7 +15,7 @@ def make_jpeg(width=640, height=480, tail=b"picture"):
 
 
 def make_png(width=2, height=2):
-    """A PNG with a header of this size; the picture is complete if it is small."""
+    """PNG with a header of this size; the image data is complete if it is small."""
 
     def chunk(kind, data):
         return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
@@ -50,7 +50,7 @@ class FakeCamera(ThreadingHTTPServer):
         return f"127.0.0.1:{self.server_port}"
 
     def handle_error(self, request, client_address):
-        """The farm hangs up on hostile cameras."""
+        """The farm disconnects from hostile cameras."""
 
 
 class _Handler(BaseHTTPRequestHandler):

@@ -50,7 +50,7 @@ class FakeTime:
         return step_s
 
     def stall(self, seconds):
-        """The process stands still, as when its host sleeps or swaps."""
+        """Suspend the process, as when its host sleeps or swaps."""
         self.now_s += seconds
 
     def run(self, work):

@@ -12,7 +12,7 @@ from drivers.printers import PROFILES
 
 
 class Host:
-    """Someone at the other end of the line, with time in hand."""
+    """Host at the other end of the line, with a controlled clock."""
 
     def __init__(
         self, model: str = "ultimaker2_plus", faults: Faults | None = None, boot: bool = True
@@ -25,7 +25,7 @@ class Host:
             self.wait(5.0)
 
     def wait(self, seconds: float) -> list[str]:
-        """The lines said in the next seconds."""
+        """Return the lines sent in the next seconds."""
         return self.until(self.now_s + seconds)
 
     def until(self, end_s: float) -> list[str]:
@@ -38,12 +38,12 @@ class Host:
         return out.decode("latin-1").splitlines()
 
     def put(self, *lines: str) -> list[str]:
-        """Send lines in one burst; what is answered at once."""
+        """Send lines in one burst, and return the answers."""
         data = "".join(f"{line}\n" for line in lines).encode("latin-1")
         return self.firmware.feed(data, self.now_s).decode("latin-1").splitlines()
 
     def say(self, line: str, seconds: float = 600.0) -> list[str]:
-        """Send a line and wait for its ok (that may be glued behind other words)."""
+        """Send a line and wait for its ok (which may follow other text on its line)."""
         message = self.put(line)
         end_s = self.now_s + seconds
         while not any(word.endswith("ok") or word.startswith("ok") for word in message):

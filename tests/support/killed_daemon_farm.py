@@ -53,7 +53,7 @@ class KilledFarm(RealFarm):
             self.fleet.write_text(self.fleet.read_text().replace("time_scale: 300", full_disk))
 
     def keep(self, fates):
-        """Have daemons live and die by these fates; the last of them lives on."""
+        """Start daemons that die by these fates; the last one survives."""
         self.stop_keeping()
         self.state.mkdir(exist_ok=True)
         command = [sys.executable, "-P", KEPT, json.dumps(fates), *self.daemon()]
@@ -63,11 +63,11 @@ class KilledFarm(RealFarm):
             self.keeper = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=log, stderr=log)
 
     def daemon(self):
-        """The words of `farm` for its daemon."""
+        """Return the arguments of `farm` that run its daemon."""
         return ["daemon", "--state", self.state_option, "--socket", self.socket, "--fleet", self.fleet]
 
     def stop_keeping(self):
-        """Kill the daemon, for good."""
+        """Kill the daemon permanently."""
         if self.keeper is not None:
             self.keeper.terminate()
             self.keeper.wait()
@@ -80,7 +80,7 @@ class KilledFarm(RealFarm):
         return self.log_file.read_text()[-4000:]
 
     def clock(self):
-        """The farm's."""
+        """Return the farm's clock."""
         return Clock(*read_anchor(StateFolder(self.state).clock))
 
     def ask(self, method, path, body=None):
@@ -105,7 +105,7 @@ class KilledFarm(RealFarm):
         return wait_for("an answer", lambda: self.ask(method, path, body))
 
     def submit(self, count, **options):
-        """Submit so many jobs."""
+        """Submit a number of jobs."""
         for number in range(self.submitted, self.submitted + count):
             self.ask_until_answered("POST", *self.submission(number, **options))
         self.submitted += count
@@ -117,12 +117,12 @@ class KilledFarm(RealFarm):
         return f"/jobs?{words}", text
 
     def approve(self):
-        """Let all that is held be printed."""
+        """Approve all held jobs."""
         for job in self.ask_until_answered("GET", "/status")["jobs"]:
             self.ask_until_answered("POST", f"/jobs/{job['id']}/approve", json.dumps({"plan": job["plan"]}))
 
     def find_good(self, failing=()):
-        """Find all jobs good as they are printed; `failing` are those of all prints begun that fail."""
+        """Find all printed jobs good; `failing` are the numbers of the prints that fail."""
         started = []
         give_up = time.monotonic() + PATIENCE_S
         while True:
@@ -140,7 +140,7 @@ class KilledFarm(RealFarm):
             time.sleep(LOOK_S)
 
     def clear_beds(self, view):
-        """Clear all that `view` shows as full, or to be looked at."""
+        """Clear all beds that `view` shows as full or in need of an inspection."""
         for item in view["todo"]:
             for name in item["printers"] if item["code"] in ("clear", "look") else ():
                 # Where it dies meanwhile, or things have changed, the next look shows it.

@@ -97,7 +97,7 @@ class Bench:
         return self
 
     def run(self, until_s: float = 1e6) -> None:
-        """Until nothing happens any more, or the link has given up."""
+        """Run until nothing changes any more, or the link has given up."""
         for _ in range(20_000):
             if self.now_s >= until_s:
                 return

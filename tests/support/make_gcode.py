@@ -8,7 +8,7 @@ END = ["G1 F1500 E-6", "M104 S0", "M140 S0", "M107", "G91", "G1 Z10", "G90", "G2
 
 
 class Summed:
-    """A stopwatch that knows no acceleration."""
+    """Stopwatch without acceleration."""
 
     def __init__(self):
         self._here, self._s = (5.0, 50.0, 20.0, 0.0), 0.0

@@ -60,7 +60,7 @@ class OctoPrintServer:
         return self._client.request(method, path, headers={"x-api-key": text} if text else {}, **more)
 
     def close(self):
-        """End it."""
+        """End OctoPrint."""
         self._client.close()
         self._process.terminate()
         try:
@@ -70,7 +70,7 @@ class OctoPrintServer:
             self._process.wait()
 
     def _wait(self, folder):
-        """Wait until it answers and its printer is connected."""
+        """Wait until OctoPrint answers and its printer is connected."""
         give_up = time.monotonic() + PATIENCE_S
         while time.monotonic() < give_up and self._process.poll() is None:
             try:

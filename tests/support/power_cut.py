@@ -5,7 +5,7 @@ from pathlib import Path
 
 
 class PowerCut:
-    """Notes what is synced in a folder from now on.
+    """Recorder of the files that are synced in a folder.
 
     A file keeps the bytes that it had when it was synced last; a name is kept where its folder was synced
     after it was given. What was there before counts as synced.

@@ -17,7 +17,7 @@ from decompose.results import Part
 
 @pytest.fixture
 def parts() -> list[Part]:
-    """Three boxes in a row, and one inside the middle of a large one, where nobody sees it."""
+    """Three boxes in a row, and one hidden inside the middle of a large one."""
     solids = [Solid.box((100.0 * i, 0, 0), (100.0 * i + 90.0, 90, 90)) for i in range(3)]
     solids.append(Solid.box((140, 40, 40), (150, 50, 50)))
     solids[1] = solids[1].subtract(solids[3])

@@ -60,7 +60,7 @@ def test_touching_cubes_of_a_lattice_are_united(
 
 
 def overlapping_at_an_edge() -> np.ndarray:
-    """Two blocks that overlap by a hair and share one edge: four triangles meet there, no edge is open."""
+    """Two blocks that overlap slightly and share an edge: four triangles meet there, no edge is open."""
     hair_mm = 0.01
     first, second = block((0, 0, 0), (20, 20, 20)), block((20 - hair_mm, 0, 0), (40, 30, 20))
     second[(second[..., 0] < 20) & (second[..., 1] == 0.0), 0] = 20.0  # so that its side leans into the first
@@ -68,7 +68,7 @@ def overlapping_at_an_edge() -> np.ndarray:
 
 
 def test_overlapping_bodies_with_a_common_edge_are_united() -> None:
-    """Closed, though solid and air do not alternate around the shared edge."""
+    """The mesh is closed, although solid and air do not alternate around the shared edge."""
     triangles = overlapping_at_an_edge()
     solid, repairs = close_surface("hair", triangles)
     first, second = (Solid.from_arrays(*soup(item)) for item in np.split(triangles, 2))
@@ -86,7 +86,7 @@ def test_body_that_is_inside_out_comes_apart_from_one_that_it_touches() -> None:
 
 @pytest.mark.skipif(not MODELS.is_dir(), reason="the models from the wild are not here")
 def test_closed_model_with_edges_of_four_faces_is_not_called_open() -> None:
-    """The flange of the paper's 'Hole Pipe' overlaps the pipe by a hair."""
+    """The flange of the paper's 'Hole Pipe' overlaps the pipe slightly."""
     model = load_model(MODELS / "thingi10k-78224.stl")
     assert model.solid.volume_mm3 == pytest.approx(19_384.0, rel=1e-3)
     assert not any("open" in repair for repair in model.repairs)
@@ -120,7 +120,7 @@ def test_gaps_that_rounding_left_are_welded() -> None:
 
 
 def test_cup_without_wall_thickness_is_refused() -> None:
-    """Filling it would invent a lid, and a cup is no plug."""
+    """Filling the cup would add a lid that the model does not have."""
     with pytest.raises(ModelNotSolid, match=r"would invent 2\d %"):
         close_surface("cup", without_lid(block((0, 0, 0), (100, 100, 50)), 2, 50.0))
 
@@ -137,7 +137,7 @@ def test_one_sided_surfaces_are_not_oriented() -> None:
 
 
 def test_holes_that_share_a_vertex_get_separate_rims() -> None:
-    """Two opposite triangles of an octahedron's top are gone: both holes have its tip."""
+    """Two opposite triangles of an octahedron's top are missing, and both holes share its tip."""
     corners = np.array([[0, 0, 1], [1, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0], [0, 0, -1]], dtype=float)
     whole = np.array([[0, 1, 2], [0, 2, 3], [0, 3, 4], [0, 4, 1], [5, 2, 1], [5, 3, 2], [5, 4, 3], [5, 1, 4]])
     result = shells.split_shells(corners, np.delete(whole, [0, 2], axis=0))

@@ -19,7 +19,7 @@ def ball() -> Solid:
 
 
 def tube() -> Solid:
-    """Thick, off the axes."""
+    """Make a thick tube off the axes."""
     ring = trimesh.creation.annulus(r_min=40.0, r_max=170.0, height=300.0)
     ring.apply_transform(trimesh.transformations.rotation_matrix(0.5, [1.0, 0.3, 0.1]))
     return Solid.from_arrays(ring.vertices, ring.faces)

@@ -15,7 +15,7 @@ SIDES_MM = np.array([300.0, 260.0, 280.0])
 
 
 def block(turn: Rotation) -> np.ndarray:
-    """(12, 3, 3) triangles."""
+    """Return the triangles (12, 3, 3) of a rotated block."""
     box = trimesh.creation.box(SIDES_MM)
     return np.asarray(turn.apply(box.vertices)[box.faces])
 
@@ -25,7 +25,7 @@ def grid_of(triangles: np.ndarray, cost: CostModel, cells: int, wall_mm: float, 
 
 
 def corners_mm(cells: NeededCells, which: np.ndarray) -> np.ndarray:
-    """(8, k, 3) of the cells that are set."""
+    """Return the corners (8, k, 3) in mm of the marked cells."""
     at = np.argwhere(which)
     ends = [[cells.planes[a][at[:, a]], cells.planes[a][at[:, a] + 1]] for a in range(3)]
     return np.stack(
@@ -53,7 +53,7 @@ def test_cells_near_the_surface_are_needed(turn: Rotation, count: int, wall_mm: 
     assert not (cells.needed & ~coarse(grid, cells)).any()
 
     def depths_mm(which: np.ndarray) -> np.ndarray:
-        """(8, k) Of the corners of the cells that are set; outside of the block less than nothing."""
+        """Return the depth (8, k) of the corners of marked cells in the block; negative outside of it."""
         local = turn.inv().apply(corners_mm(cells, which).reshape(-1, 3))
         return np.asarray((SIDES_MM / 2.0 - np.abs(local)).min(axis=1).reshape(8, -1))
 

@@ -169,7 +169,7 @@ def test_long_thin_joint_does_not_hold() -> None:
 
 
 def test_partition_with_a_thin_joint_is_rejected(cost: CostModel) -> None:
-    """Between the two blocks is the cheapest cut, and the only one of a single width."""
+    """The cheapest cut, and the only one of a single width, is between the two blocks."""
     printers = [PrinterRoom(f"um-{i}", ((420.0, 420.0, 100.0),)) for i in range(2)]
     narrow = Options(Engine.GUILLOTINE, 6, min_glue_mm2=0.0, prove=False)
     loose = decompose_model(Model(finned(), (), 1.0), printers, narrow, cost)

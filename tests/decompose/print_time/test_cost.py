@@ -32,12 +32,12 @@ NOTHING = CostModel(*[0.0] * 8, brim_mm=0.0, skin_cos=0.7)
 
 
 def one(**coefficients: float) -> CostModel:
-    """A cost of nothing but this."""
+    """Cost with these coefficients, and all others 0."""
     return replace(NOTHING, **coefficients)
 
 
 def wedge(reach: float) -> Solid:
-    """A block whose upper half leans out by `reach` over 10 mm; 5 mm deep."""
+    """A block of 5 mm depth whose upper half leans out by `reach` over 10 mm."""
     vertices = [(x, y, z) for y in (0.0, 5.0) for x, z in ((0, 0), (10, 0), (10 + reach, 10), (0, 10))]
     faces = [(0, 1, 2), (0, 2, 3), (4, 6, 5), (4, 7, 6)]
     faces += [f for i in range(4) for j in [(i + 1) % 4] for f in [(i, 4 + i, 4 + j), (i, 4 + j, j)]]
@@ -211,7 +211,7 @@ def test_part_may_be_turned_about_the_vertical_only() -> None:
 
 
 def test_compiled_code_reads_prices_by_name() -> None:
-    """A field that is added or moved re-prices nothing."""
+    """Adding or moving a field does not change any price."""
     cost = CostModel.from_recipe(Recipe())
     additive, extents = (9e4, 2e4, 5e3, 300.0, 1e4), (60.0, 50.0, 40.0)
     values = {"another": 7.0} | dict(reversed(asdict(cost).items()))

@@ -185,7 +185,7 @@ def test_flat_sides_are_candidates_in_any_orientation() -> None:
 @settings(max_examples=25, deadline=None)
 @given(arrays(np.float64, (12, 3), elements=st.floats(-40.0, 40.0), unique=True))
 def test_convex_part_is_stable_and_fits(points: npt.NDArray[np.float64]) -> None:
-    """Around a core of 20 mm, so that it is no needle."""
+    """The points surround a core of 20 mm, which keeps the part from being a needle."""
     core = trimesh.creation.box((20.0, 20.0, 20.0)).vertices
     hull = trimesh.convex.convex_hull(np.vstack([points, core]))
     pose = laid(Solid.from_arrays(hull.vertices, hull.faces))

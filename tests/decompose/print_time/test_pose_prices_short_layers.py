@@ -15,7 +15,7 @@ COST = CostModel.from_recipe(Recipe())
 
 
 def pyramid(side_mm: float, height_mm: float, top_mm: float) -> trimesh.Trimesh:
-    """A square one, cut off at the top."""
+    """A square pyramid with a cut tip."""
     corners = [(-1, -1), (1, -1), (1, 1), (-1, 1)]
     points = [(x * side_mm / 2, y * side_mm / 2, 0.0) for x, y in corners]
     points += [(x * top_mm / 2, y * top_mm / 2, height_mm) for x, y in corners]
@@ -43,7 +43,7 @@ def test_equal_layers_are_covered_by_the_price() -> None:
 
 
 def test_short_layers_of_a_tip_are_slowed_down() -> None:
-    """Layer by layer, from what the lines of each take."""
+    """Compare with a sum over all layers of the time of their lines."""
     side_mm, height_mm, top_mm, layer_mm = 40.0, 120.0, 2.0, Recipe().layer_height_mm
     tip = pyramid(side_mm, height_mm, top_mm)
     heights = np.arange(layer_mm / 2.0, height_mm, layer_mm)
@@ -79,7 +79,7 @@ def test_face_at_exactly_the_support_angle_is_supported(layer_mm: float, angle_d
 
 
 def leaning(angle_deg: float) -> trimesh.Trimesh:
-    """A block whose one side leans out by that from the vertical."""
+    """A block of which one side leans out by this angle from the vertical."""
     out_mm = 30.0 * math.tan(math.radians(angle_deg))
     outline = [(0, 0), (40, 0), (40 + out_mm, 30), (0, 30)]
     return trimesh.convex.convex_hull(np.array([(x, y, z) for x, z in outline for y in (0.0, 30.0)]))

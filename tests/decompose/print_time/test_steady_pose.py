@@ -74,7 +74,7 @@ def test_only_a_part_on_a_small_foot_spends_its_spare_time(cost: CostModel) -> N
 
 @pytest.mark.parametrize("time_factor", [1.0, 1.5])
 def test_makespan_does_not_grow_by_steadier_poses(cost: CostModel, time_factor: float) -> None:
-    """A block is far slower than the pin, which lies down in the time that it has to spare."""
+    """A block takes far longer than the pin, which may therefore be printed lying down."""
     solid = Solid.union([Solid.box((0, 0, 0), (90, 90, 90)), Solid.box((200, 0, 0), (212, 12, 120))])
     rooms = [replace(ROOM, name=name, time_factor=time_factor) for name in "ab"]
     options = Options(Engine.GUILLOTINE, 4, prove=False)

@@ -29,7 +29,7 @@ COARSE = Options(granularity=5, parallelobox=ParalleloboxOptions(tries=1), prove
 
 
 class ReversedExecutor(Executor):
-    """Does what it is given in the wrong order, all in one thread."""
+    """Executor that runs its calls in reverse order in one thread."""
 
     def map(self, fn: Callable[..., Any], *iterables: Iterable[Any], **_: Any) -> Iterator[Any]:
         done = [(i, fn(*args)) for i, args in reversed(list(enumerate(zip(*iterables, strict=False))))]

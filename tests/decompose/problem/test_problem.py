@@ -65,7 +65,7 @@ def test_time_of_a_part_that_does_not_fit_is_infinite(cost: CostModel) -> None:
 
 @pytest.mark.parametrize("factor", [0.5, 1.0, 2.0])
 def test_bound_is_proven_for_candidates_only(factor: float, cost: CostModel) -> None:
-    """The one with fewer parts is, where two end together: it must not be the one without a proof."""
+    """The partition with fewer parts is proven if two end together."""
     problem = task(cost, fleet(factor, factor), prove=True)
     pieces = [block(30.0), block(60.0)]
     ends_s = factor * seconds(cost, 60.0)

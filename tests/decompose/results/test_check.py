@@ -109,7 +109,7 @@ def empty(parts: list[Part], model: Model, grid: Grid) -> list[Part]:
 
 
 def hollowed(parts: list[Part], model: Model, grid: Grid) -> list[Part]:
-    """Less inside, the surface as it was."""
+    """Remove material inside the first part, with an unchanged surface."""
     lo, hi = parts[0].solid.bounds_mm
     return [replace(parts[0], solid=parts[0].solid.subtract(Solid.box(lo + 8.0, hi - 8.0))), parts[1]]
 

@@ -20,7 +20,7 @@ OTHER = REST.replace(b"E:-20.00", b"E:80.00")
 
 @asynccontextmanager
 async def printed(folder: Path) -> AsyncIterator[Printer]:
-    """Let a printer on a port, which does not tell its bed, print one file, and end its agent."""
+    """Print one file on a port that does not report its bed, and end its agent."""
     emulator = folder / "emulator"
     printer = Printer(folder / "agent", str(emulator / "tty"))
     launch(f"sim://{MODEL}", emulator, printer.clock)

@@ -17,14 +17,14 @@ def test_moved_position_is_detected_when_reported_twice():
 
 
 def test_garbled_first_answer_is_not_a_move():
-    """A position counts once it was reported twice; a move from it is seen."""
+    """A position counts once it was reported twice; a later move from it is detected."""
     watch = IdleWatch()
     answers = [watch.judge_answer(text)[1] for text in (FED, HOME, HOME, HOME, AWAY, AWAY)]
     assert answers == [None, None, None, None, None, MOVED]
 
 
 def test_move_after_the_first_answer_is_detected():
-    """Detect it: a bed that a person has begun to use must not count as clear."""
+    """A bed that a person has begun to use must not count as clear."""
     watch = IdleWatch()
     assert [watch.judge_answer(text)[1] for text in (HOME, AWAY, AWAY)] == [None, None, MOVED]
 

@@ -22,7 +22,7 @@ PATIENCE_S = 20.0
 
 
 def wait_for(happened: Callable[[], bool]) -> None:
-    """Poll until it is so; a deadline keeps a broken emulator from hanging the tests."""
+    """Poll until a condition is true, up to a deadline."""
     until_s = time.monotonic() + PATIENCE_S
     while not happened():
         assert time.monotonic() < until_s, "it never happened"
@@ -30,7 +30,7 @@ def wait_for(happened: Callable[[], bool]) -> None:
 
 
 class Link:
-    """A host at the other end, without pyserial."""
+    """Open the port as a host does, without pyserial."""
 
     def __init__(self, tty: Path) -> None:
         self.port = os.open(tty, os.O_RDWR | os.O_NOCTTY)
@@ -51,7 +51,7 @@ class Link:
 
 
 class Printer:
-    """An emulator in a folder of its own."""
+    """Emulator in a separate folder."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder

@@ -23,14 +23,14 @@ COLLIDING = b"G1 X10 Y112.30 E4.5"
 
 
 class FirmwareReceiver(EmulatedFirmware):
-    """The emulator's firmware up to the commands that it would carry out."""
+    """Emulated firmware up to the commands that it would execute."""
 
     def __init__(self) -> None:
         super().__init__(PROFILES["ultimaker2_plus"], Faults(), random.Random(0), 0.0)
         self.phase = Phase.RUNNING
 
     def take(self, number: int, data: bytes) -> list[bytes]:
-        """Return the lines that are carried out of `data`, where line `number` is the next."""
+        """Return the lines that the firmware executes of `data`, if line `number` is the next."""
         self._drop_input()
         self._last_number = number - 1
         self._receiver.put(data)

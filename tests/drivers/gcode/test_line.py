@@ -14,13 +14,13 @@ LINES = st.tuples(st.sampled_from(["G0", "G1", "G01", "G92"]), st.lists(WORDS, m
 
 @pytest.mark.parametrize("line", [b"G1 X", b"G1 X1 Y", b"G1 F1500 X1 E", b"G1 X1 Y2 E-", b"G1 X1234567"])
 def test_move_with_a_letter_without_a_number_is_not_plain(line: bytes) -> None:
-    """The firmware takes such a letter for 0."""
+    """The firmware reads such a letter as 0."""
     assert not is_plain_move(line)
 
 
 @given(LINES.map("".join).map(str.encode))
 def test_plain_moves_are_sent_unchanged(line: bytes) -> None:
-    """The full reader, slower and stricter, would change nothing."""
+    """The slower reader of all lines would not change a plain move."""
     if is_plain_move(line):
         command = read_command(line, 1, ULTIMAKER2)
         assert command is not None

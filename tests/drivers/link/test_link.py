@@ -38,7 +38,7 @@ def test_clean_wire_executes_every_line_once_without_resends(count: int, piece: 
 
 def test_resent_line_is_counted_once():
     class LossyWire(Wire):
-        """Loses the third line, whole."""
+        """Wire that loses the third line."""
 
         def carry(self, data: bytes) -> list[bytes]:
             lost = data.startswith(b"N3 ") and not bench.link.repeated
@@ -341,7 +341,7 @@ def test_polls_between_the_lines_change_neither_their_order_nor_the_count(
 
 
 def test_unexpected_last_line_is_accepted_when_reported_twice():
-    """One digit of it may be garbled; a board that was reset says the same once more."""
+    """A digit of one answer may be garbled, but a board that was reset repeats its answer."""
     program, bench = lines(120), Bench().boot()
     stream(bench, program)
     bench.run(until_s=0.8)

@@ -12,7 +12,7 @@ REPORT = b"ok T:200.0 /210.0 B:60.0 /60.0 @:0 B@:0\n"
 
 
 class Board:
-    """Carries out numbered lines, which have to come in order, each once."""
+    """Board that executes numbered lines in order, each once."""
 
     def __init__(self, poll_every_s: float) -> None:
         self.link, self.now_s = Link(ULTIMAKER2), 0.0
@@ -29,7 +29,7 @@ class Board:
         return events
 
     def step(self) -> bool:
-        """Answer what was sent; False if nothing was."""
+        """Answer the sent bytes; return False if there were none."""
         line = self.link.take()
         if not line:
             return False

@@ -45,7 +45,7 @@ def test_print_is_exact_and_continues_within_3_s_after_any_damage(name: str, see
 @example(moves=[0.5, 180.0] + [0.5] * 18, feed_mm_min=120, hits=set())
 @settings(max_examples=60, deadline=None)
 def test_lost_ok_during_slow_moves_causes_no_resend(moves: list[float], feed_mm_min: int, hits: set[int]):
-    """Up to 90 s a move: the board is silent for as long, and is asked meanwhile."""
+    """A move may take 90 s, in which the board is silent and is queried."""
     places = [20.0 + (mm if at % 2 else 0.0) for at, mm in enumerate(moves)]
     program = [b"G1 F%d X%.1f" % (feed_mm_min, x) for x in places]
     firmware, link = (

@@ -22,7 +22,7 @@ NAMED = {Fault.NO_ANSWER, Fault.NOISY_LINE, Fault.REBOOT}
 
 
 class Recorder(EmulatedFirmware):
-    """Remembers the numbered lines that it took."""
+    """Board that records the numbered lines that it accepted."""
 
     def __init__(self, faults: Faults, seed: int) -> None:
         self.taken: list[tuple[int, bytes]] = []
@@ -39,7 +39,7 @@ class Recorder(EmulatedFirmware):
 
 
 class Wire:
-    """One direction: pieces of `piece` bytes, each on its way for up to `late_s`; none overtakes another."""
+    """One direction of a wire: pieces of `piece` bytes, each delayed by up to `late_s`, in order."""
 
     def __init__(self, piece: int, late_s: float, rng: random.Random) -> None:
         self.piece, self.late_s, self.rng = piece, late_s, rng
@@ -116,7 +116,7 @@ def test_noisy_wire_executes_lines_once_unaltered_or_ends_in_a_named_fault(
 
 
 def test_checksum_collision_is_counted():
-    """Two flips of one bit keep an XOR: the firmware takes the line, and the emulator knows."""
+    """Two flips of the same bit keep the XOR: the firmware accepts the line, and the emulator counts it."""
     firmware = Recorder(Faults(noise=1e-9), 0)
     assert firmware.noise is not None
     firmware.feed(b"", 10.0)

@@ -15,7 +15,7 @@ SLOW, SLOWER, FAST = b"G1 F60 X10", b"G1 F30 X10", b"G1 F6000 X10"
 
 
 def sent(commands, polls_before=()):
-    """An outbox that sends all commands; how long each is waited for."""
+    """Send all commands through an outbox; return it with the time limit of each."""
     outbox, waits = Outbox(ULTIMAKER2), []
     outbox.begin()
     assert outbox.take_next() is not None  # M110
@@ -55,7 +55,7 @@ def test_line_can_be_resent_while_it_is_kept():
 
 
 def test_plain_ok_does_not_answer_a_poll_with_the_next_line_encoded():
-    """`take_encoded` is what a link sends on a plain ok without looking at anything else."""
+    """`take_encoded` returns what a link sends on a plain ok."""
     outbox, _ = sent([])
     outbox.queue((FAST,) * 9)
     assert outbox.take_next() is not None and outbox.take_encoded() is not None

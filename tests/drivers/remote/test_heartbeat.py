@@ -7,7 +7,7 @@ from drivers.remote.heartbeat import HUNG_S, SAMPLE_S, ProcessSample
 def silence_until_hung_s(
     samples: list[ProcessSample], step_s: float = 0.5, until_s: float = HUNG_S + 5
 ) -> float | None:
-    """Return the seconds of silence after which an agent is found wedged; None if it never is."""
+    """Return the seconds of silence after which an agent counts as hung; None if it never does."""
     heartbeat, now_s = Heartbeat(), 100.0
     while now_s < 100.0 + until_s:
         if heartbeat.is_hung(now_s, lambda: samples.pop(0) if len(samples) > 1 else samples[0]):

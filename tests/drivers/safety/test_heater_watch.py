@@ -17,7 +17,7 @@ NOZZLE, BED = HeaterName.NOZZLE, HeaterName.BED
 
 
 class Curve:
-    """A heater of first order that is told its power."""
+    """First-order heater with a given power."""
 
     def __init__(self, name: HeaterName, start_c: float = 21.0) -> None:
         self.now_c = start_c
@@ -108,7 +108,7 @@ def test_only_falling_temperatures_confirm_a_heater_off(name: HeaterName):
 @pytest.mark.parametrize("seconds", [70.0, 200.0, 4000.0, -4000.0])
 @pytest.mark.parametrize("name", [NOZZLE, BED])
 def test_gap_without_reports_is_not_a_heater_fault(name: HeaterName, seconds: float):
-    """A host that slept, a clock that was set, a move that took long."""
+    """The host slept, its clock was set, or a move took long."""
     set_c = 210.0 if name is NOZZLE else 60.0
     for target_c, start_c in ((set_c, 30.0), (0.0, set_c)):
         watch, curve, now_s = HeaterWatch(4.0), Curve(name, start_c), 0.0

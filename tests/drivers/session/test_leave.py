@@ -32,14 +32,14 @@ def cancelled(rig: Rig) -> None:
 
 
 def pause(rig: Rig, seconds: float) -> None:
-    """`seconds` after a pause was asked for, wherever its script is then."""
+    """Request a pause, and run for `seconds`."""
     rig.session.pause(rig.now_s)
     until_s = rig.now_s + seconds
     rig.run(until=lambda: rig.now_s >= until_s)
 
 
 def kill_agent(rig: Rig) -> None:
-    """The next one knows the filament of the last journal record, and finds the print open."""
+    """The next session knows the filament of the last journal record, and finds the print open."""
     written = rig.session.context.filament
     rig.link.on_closed()
     rig.session = Session(SessionContext(rig.link, None, PLUS, written, Pace(), rig.now_s))
@@ -121,7 +121,7 @@ WAYS: list[Way] = [
 
 
 def ended(way: Way, lines: int, seconds: float, text: str) -> Rig:
-    """A print that goes `way` so many lines and seconds after its start."""
+    """Run a print, end it in some way after a number of lines and seconds, and run to its end."""
     rig = Rig(text=text)
     rig.run(until=lambda: rig.session.context.streamed >= lines)
     until_s = rig.now_s + seconds
@@ -134,7 +134,7 @@ def ended(way: Way, lines: int, seconds: float, text: str) -> Rig:
 
 
 def print_again(rig: Rig) -> float:
-    """Return how far the filament is retracted at the first extruding line of the next print."""
+    """Return the retraction at the first extruding line of the next print."""
     board = rig.firmware.board
     fresh = Faults()
     after = Rig(text=gcode(20), filament=rig.session.context.filament)
@@ -164,7 +164,7 @@ def test_fault_at_any_line_ends_the_print_safely(way: Way, lines: int, seconds: 
 
 @pytest.mark.parametrize("lines", [60, 137, 210])
 def test_responsive_firmware_parks_the_filament(lines: int):
-    """The ways that are everyday work ask nobody."""
+    """Usual ends of a print need no person."""
     for way in EVERYDAY:
         assert ended(way, lines, 0.7, hopping(50)).session.context.filament is Filament.PARKED
 
@@ -196,7 +196,7 @@ def test_responsive_firmware_parks_the_filament(lines: int):
 def test_any_print_ends_and_reports_its_heaters_correctly(
     faults: Faults, cancel_s: float, pause_s: float, unplug_s: float, back_s: float, seed: int
 ):
-    """Heaters off, or somebody told to cut the mains; and a print that is said to be done was made."""
+    """Heaters are off or the mains are requested, and a print that counts as done was executed."""
     rig = Rig(faults, text=gcode(150), seed=seed)
     board, session, paused = rig.firmware.board, rig.session, False
     while not session.context.ended:

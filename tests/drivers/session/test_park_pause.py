@@ -54,7 +54,7 @@ def test_after_a_pause_the_head_is_back_before_the_filament():
 
 
 def one_by_one() -> str:
-    """A part of 60 mm is finished, and another one begun beside it."""
+    """A part of 60 mm is finished, and a second one is begun beside it."""
     low = "\n".join(
         f"G1 F3000 X{150 + 20 * (i % 2)} Y{50 + i * 0.2:.2f} E{4 + 0.1 * i:.2f}" for i in range(60)
     )

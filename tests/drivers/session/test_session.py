@@ -143,7 +143,7 @@ def test_recoverable_faults_print_the_same_part(faults: Faults):
 
 
 def test_stopped_firmware_is_detected_by_its_targets():
-    """Its words are lost on the way; every move is answered with ok, and none is made."""
+    """The board's messages are lost; it acknowledges every move and executes none."""
     rig = Rig(Faults(stop_after=700), text=gcode(1000))
     listen = rig.link.receive
 
@@ -270,7 +270,7 @@ def test_filament_position_after_a_print_follows_the_file(end: str, filament: Fi
 
 
 class DyingDisk(MemoryStore):
-    """Gives its first blocks back, and then none, or others."""
+    """Store that returns its first blocks, and later none or others."""
 
     def __init__(self, bad: bytes | None) -> None:
         super().__init__()

@@ -149,7 +149,7 @@ def test_dead_man_of_a_board_without_reset_stays_armed_until_heaters_are_off():
 
 
 def test_board_that_restarts_during_the_confirmation_is_polled_at_once():
-    """Nobody waits for the answer of a link that is dead."""
+    """A dead link does not wait for an answer."""
     rig = Rig().printing()
     rig.session.fail(Fault.NO_ANSWER, "it does not answer", rig.now_s)
     rig.run(until=lambda: rig.session.context.wants_reset)
@@ -163,7 +163,7 @@ def test_board_that_restarts_during_the_confirmation_is_polled_at_once():
 
 
 def test_board_with_a_fault_after_its_reset_is_still_polled():
-    """The board has stopped by itself once more, and still reports temperatures, which suffices."""
+    """The board has stopped again, and still reports temperatures, which is enough."""
     rig = Rig().printing()
     rig.session.fail(Fault.NO_ANSWER, "it does not answer", rig.now_s)
     rig.run(until=lambda: rig.session.context.wants_reset)

@@ -26,7 +26,7 @@ def burning(heater: HeaterName) -> Rig:
 
 
 def finding_time_s(rig: Rig) -> float:
-    """Go on to the finding; when that was."""
+    """Run until the finding, and return its time."""
     rig.run(until=lambda: rig.session.context.phase is PrintPhase.ENDING)
     assert rig.session.context.fault is Fault.HEATER_STUCK_ON
     return rig.now_s
@@ -69,7 +69,7 @@ def test_lost_port_does_not_delay_the_power_off():
 
 
 def test_stuck_nozzle_heater_is_found_after_a_cancel_or_in_a_pause():
-    """There the target is 0, and the temperature alone tells."""
+    """The target is 0, so only the temperature shows the fault."""
     for stop in (
         lambda rig: rig.session.cancel("no more", rig.now_s),
         lambda rig: rig.session.pause(rig.now_s),
@@ -172,7 +172,7 @@ def test_rules_allow_for_the_delays_of_an_accelerated_clock():
 
 
 def overshoot(now_s: float, peak_c: float) -> float:
-    """200 C when it is switched off, `peak_c` more after 12 s, and falling from then on."""
+    """Temperature after the heater is switched off: 200 C, `peak_c` more after 12 s, then falling."""
     return 200.0 + (
         peak_c * math.sin(now_s / 12.0 * math.pi / 2) if now_s < 12.0 else peak_c - (now_s - 12.0)
     )
@@ -189,7 +189,7 @@ def test_overshoot_of_a_healthy_nozzle_causes_no_finding(peak_c: float):
 
 
 def test_heat_before_the_off_command_is_not_a_fault():
-    """A command waits behind a homing: the report shows that the target is not 0 yet."""
+    """A command waits behind homing, so the report shows the former target."""
     watch = HeaterWatch(4.0)
     assert all(look(watch, 100.0 + 3 * s, 210.0, float(s)) is None for s in range(36))
     assert all(look(watch, overshoot(s, 3.0), 0.0, 36.0 + s) is None for s in map(float, range(60)))

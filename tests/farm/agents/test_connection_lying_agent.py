@@ -99,7 +99,7 @@ def look(controller, folder):
 
 
 def busy(folder):
-    """A job on both printers, `a` of which lies."""
+    """A job on two printers, of which `a` sends false reports."""
     farm = Farm(folder, clock=Clock(), attended=["mon-fri 08:00-18:00"], quiet="22:00-06:00")
     farm.store._db.execute("PRAGMA synchronous = OFF")
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())

@@ -100,7 +100,7 @@ def with_agent(
     prints: bool,
     scenario: Callable[[AgentManager, OldAgent, RecordingListener], Awaitable[None]],
 ) -> OldAgent:
-    """Run a daemon's links beside a living agent of the first protocol."""
+    """Run a daemon's connections with a live agent of the first protocol."""
     state = StateFolder(folder)
     state.make()
     fleet = Fleet.model_validate({"printers": [{"name": "a", "model": MODEL, "port": PORT}]})

@@ -132,7 +132,7 @@ def test_agents_agree_on_deadlines_with_a_daemon_whose_clock_was_set(step_s: flo
 
 
 class RecordingConnection:
-    """A connection that only keeps what it is to send."""
+    """Connection that records the requests to be sent."""
 
     def __init__(self) -> None:
         self.requests: list[m.Request] = []
@@ -221,7 +221,7 @@ def test_renamed_printer_opens_the_port_of_its_former_agent(
 
 
 class FakeClient:
-    """An agent that answers every request with its snapshot; an upload only when it is let."""
+    """Agent that answers every request with its snapshot; uploads only when allowed."""
 
     def __init__(self) -> None:
         self.sent: list[m.Request] = []
@@ -236,7 +236,7 @@ class FakeClient:
 
 
 def run_connection(tmp_path: Path, scenario, port: str = "/dev/null") -> tuple[FakeClient, RecordingListener]:  # type: ignore[no-untyped-def]
-    """Run a story on a connection; return its client and the listener."""
+    """Run a scenario on a connection; return its client and the listener."""
     listener = RecordingListener()
     section = PrinterSection(name="a", model=MODEL, port=port)
 
@@ -265,7 +265,7 @@ def test_reply_to_a_cancel_confirms_it(tmp_path: Path):
 
 
 class TalkingClient(FakeClient):
-    """An agent that says a word whenever somebody connects."""
+    """Agent that sends a message to each client on connection."""
 
     connected = 0
 

@@ -13,7 +13,7 @@ REQUEST = b'{"printers":[]}\n'
 
 
 class Work:
-    """A stop that ends when it is told."""
+    """Stop that ends on request."""
 
     def __init__(self):
         self.code = None
@@ -23,7 +23,7 @@ class Work:
 
 
 class Bench:
-    """A server with time in hand, and users who connect."""
+    """Server with a controlled clock, and users who connect."""
 
     def __init__(self, folder):
         self.now_s, self.uid = 100.0, 1000

@@ -22,7 +22,7 @@ class Pool:
         self.scratch = scratch
 
     def run(self, use, **options):
-        """The answer of `use(workers)`; nothing of the pool may be left after it."""
+        """Run `use(workers)`, and return its result; assert that nothing of the pool is left."""
 
         async def main():
             workers = Workers(self.scratch, **{"count": 1, **options})

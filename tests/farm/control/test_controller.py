@@ -146,7 +146,7 @@ def test_instruction_is_sent_once_and_repeated_by_a_new_daemon(farm, plan, tmp_p
 
 
 def test_unattended_start_is_not_repeated_at_night(farm, plan, tmp_path):
-    """An agent that was away since would heat with nobody there."""
+    """An agent that was disconnected until then would heat while nobody is present."""
     farm.ready("a", "b")
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
     farm.controller.on_plan(1, plan)

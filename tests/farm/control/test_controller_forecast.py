@@ -99,7 +99,7 @@ class Night:
                     heapq.heappush(self.due, (now_s + after_s, attempt.printer, attempt.id, state, now_s))
 
     def step(self):
-        """Go on to the next moment at which something happens; tell whether there is one."""
+        """Advance to the next moment of a change; return whether there is one."""
         self.begin_prints()
         edge_s = self.next_edge_s()
         next_s = min(self.due[0][0] if self.due else float("inf"), edge_s)
@@ -120,7 +120,7 @@ class Night:
         return min((edge for edge in edges if edge is not None and edge > now_s), default=float("inf"))
 
     def happen(self, next_s):
-        """Let the next thing that is due happen."""
+        """Perform the next action that is due."""
         _, name, print_id, state, started_s = heapq.heappop(self.due)
         if state is None:
             self.farm.clear_bed(name)

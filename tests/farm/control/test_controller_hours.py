@@ -22,7 +22,7 @@ def at(text):
 
 
 class Clock:
-    """Stands still until it is set."""
+    """Clock that stands still until it is set."""
 
     scale = 1.0
 
@@ -161,7 +161,7 @@ def test_end_of_hours_is_not_charged_to_the_plate_and_needs_an_inspection(farm):
 
 @pytest.mark.parametrize("step_s", [3600.0, -3600.0])
 def test_clock_step_moves_hours_and_no_print(farm, step_s):
-    """Its agent says when it began by the clock as it is now; the print is as old as it was."""
+    """The agent gives the start by its present clock; the age of the print is unchanged."""
     attempt = word(farm)
     farm.controller.clock.now_s += 600.0
     age_s = farm.controller.clock.now() - farm.controller.books.prints[attempt.id].started_s

@@ -17,7 +17,7 @@ MORNING = datetime(2026, 11, 21, 6, tzinfo=UTC).timestamp()
 
 
 class Clock:
-    """Stands still until it is set."""
+    """Clock that stands still until it is set."""
 
     scale = 1.0
 

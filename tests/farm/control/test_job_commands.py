@@ -27,7 +27,7 @@ GCODE = InspectedSubmission(
 
 
 class NoThreads:
-    """asyncio, with what a thread would do done at once."""
+    """asyncio with threads replaced by direct calls."""
 
     @staticmethod
     async def to_thread(work, *args):
@@ -197,7 +197,7 @@ def test_own_gcode_is_planned_during_decompositions(farm):
 
 
 def test_own_gcode_is_planned_beside_an_unprintable_job(farm):
-    """A dry run of it hung for ten minutes."""
+    """A dry run of G-code behind such a job once hung for ten minutes."""
     blocked = submit(farm, material="generic_abs")
     assert farm.controller.books.job(blocked).hold.code is HoldCode.NO_SUCH_PRINTER
     own = submit(farm, "s", GCODE, hold=True, dry_run=True)

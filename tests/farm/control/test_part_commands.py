@@ -113,7 +113,7 @@ def test_paused_job_starts_no_plate(farm):
 
 
 def test_plates_waiting_for_a_bed_are_counted(farm):
-    """Its printers print for a while yet, and then somebody has to clear one."""
+    """Printers of the job print for some time, and then one has to be cleared."""
     now_s = farm.controller.clock.now()
     started = {"at_s": now_s, "state": PrintState.PRINTING, "started_s": now_s, "extruded": True}
     for attempt in list(farm.controller.books.open_prints()):

@@ -26,7 +26,7 @@ class Night:
         self.farm.controller.on_plan(1, Plan(event.parts, event.plates, (), 1.0, 500.0, 100.0, None))
 
     def report(self, printer, state, began_s):
-        """Say by the agent of a printer how its print goes."""
+        """Report the progress of a print by the agent of its printer."""
         attempt = self.farm.controller.books.open_print_on(printer)
         ended = state.ended
         message = AgentPrint(

@@ -65,7 +65,7 @@ def test_snapshot_is_compared_step_by_step():
 
 
 def record(*readings):
-    """Return what is kept of readings: time, nozzle and bed."""
+    """Return the stored readings: time, nozzle and bed."""
     kept = TemperatureRecord()
     for at_s, nozzle_c, bed_c in readings:
         snapshot = AgentSnapshot(printer="a", link=Link.READY, nozzle_c=nozzle_c, bed_c=bed_c)

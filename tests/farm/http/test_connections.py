@@ -71,7 +71,7 @@ async def hello(scope, receive, send):
 
 
 def serve(tmp_path, most, scenario):
-    """Have a story told to a server that takes so many connections."""
+    """Run a scenario on a server with a limited number of connections."""
 
     async def run():
         with socket.socket(socket.AF_UNIX) as listening:

@@ -48,7 +48,7 @@ def test_upload_within_all_limits_is_accepted():
 
 
 def test_open_uploads_count_until_inspected(tmp_path, monkeypatch):
-    """Whatever became of them: the place of one that ended is free again."""
+    """An ended stream frees its place, however it ended."""
     state = StateFolder(tmp_path)
     state.make()
     usage = shutil.disk_usage(tmp_path)
@@ -121,7 +121,7 @@ def test_stl_with_too_many_triangles_is_refused_before_the_rest_of_it_arrives(tm
 
 
 class SlowFile(io.BytesIO):
-    """File on a disk that takes nothing until it is told to."""
+    """File on a disk that blocks writes until it is released."""
 
     def __init__(self):
         super().__init__()

@@ -88,7 +88,7 @@ def bar(state, tmp_path):
 
 
 def slowed(monkeypatch, late_s, fail=None):
-    """CuraEngine says that parts take so many seconds more than they do; what was cut again it may refuse."""
+    """Add seconds to the slices of parts; slices of parts that were cut again fail with `fail`."""
     slice_part, requests = slice_batch.slice_part, []
 
     def slow(task):
@@ -104,7 +104,7 @@ def slowed(monkeypatch, late_s, fail=None):
 
 
 def test_part_with_a_slow_slice_is_cut_again(state, bar, monkeypatch):
-    """One end of the bar takes ten seconds a mm more than it does: both ends end together after it."""
+    """One end of the bar takes ten seconds a mm longer; after it both ends end together."""
     slowed(monkeypatch, lambda stl, length_mm: 10.0 * length_mm * (stl.stem == "p02"))
     reports, result = plan(state, bar)
     assert isinstance(result, Plan), result
@@ -132,7 +132,7 @@ def test_part_with_a_slow_slice_is_cut_again(state, bar, monkeypatch):
     ],
 )
 def test_useless_relevel_is_discarded(state, bar, fail, monkeypatch):
-    """Sliced again, the part is slower still; or something fails."""
+    """The part is slower after it was sliced again, or something fails."""
     times = iter([600.0, 9000.0])
     requests = slowed(monkeypatch, lambda stl, _: next(times) if stl.stem == "p02" else 0.0, fail)
     reports, result = plan(state, bar)
@@ -145,7 +145,7 @@ def test_useless_relevel_is_discarded(state, bar, fail, monkeypatch):
 
 
 def test_plan_is_retried_after_a_full_disk(state, tmp_path, monkeypatch):
-    """Jobs that wait in a night with a full disk would fail one after the other."""
+    """Jobs that wait for a full disk in a night would fail one after the other."""
     usage, looks = shutil.disk_usage(state.root), iter([ROOM_BYTES - 1] * 3 + [ROOM_BYTES] * 9)
     monkeypatch.setattr(job_planner, "_RETRY_S", 0.0)
     monkeypatch.setattr(job_planner.shutil, "disk_usage", lambda _: usage._replace(free=next(looks)))

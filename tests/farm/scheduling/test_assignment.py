@@ -20,7 +20,7 @@ def assign(waiting, fleet, start_rules=None, **changes):
 
 
 def test_unmatched_printers_and_plates_are_skipped(monkeypatch):
-    """A large queue for one material would else be gone through in vain for each free printer of another."""
+    """A large queue for one material would be searched in vain for each free printer of another."""
     placed = []
     place = plate_matching._Matching.place
     monkeypatch.setattr(
@@ -163,7 +163,7 @@ def test_earlier_jobs_plate_comes_before_a_longer_one_of_a_later_job():
 
 
 def test_gcode_for_another_kind_of_printer_waits():
-    """A plain 2 feeds and heats in another way than a 2+: what was sliced for one is not for the other."""
+    """An Ultimaker 2 feeds and heats differently from a 2+, so their slices are not interchangeable."""
     plain = printer("plain")
     plain = replace(plain, capabilities=replace(plain.capabilities, family="ultimaker2"))
     plus = printer("plus")

@@ -85,7 +85,7 @@ def test_window_edges_in_skipped_or_repeated_hours():
     ],
 )
 def test_edges_in_a_skipped_or_repeated_hour(window, begin, end):
-    """Attended and quiet hours alike."""
+    """The edges hold for attended and for quiet hours."""
     berlin = Hours((parse_window(window),), ZoneInfo("Europe/Berlin"))
     span = tuple(datetime.fromisoformat(text).timestamp() for text in (begin, end))
     assert berlin.span(span[0]) == berlin.span(span[1] - 1.0) == span

@@ -90,7 +90,7 @@ def test_overnight_is_refused_if_first_layers_need_attendance(now, then):
 
 @pytest.mark.parametrize("first_layers_attended", [False, True])
 def test_overnight_is_refused_if_attended_hours_never_end(first_layers_attended):
-    """Its start would be at infinity, which no calendar can show: nothing could be scheduled any more."""
+    """A start at infinity cannot be formatted, and would stop all scheduling."""
     start_rules = StartRules(
         Hours((parse_window("00:00-24:00"),), BERLIN), Hours((), BERLIN), first_layers_attended
     )

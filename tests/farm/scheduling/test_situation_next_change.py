@@ -51,7 +51,7 @@ plates = st.lists(
 
 
 def start_plates(moment):
-    """Schedule, take what starts off the queue, and schedule again, until nothing starts."""
+    """Schedule repeatedly, removing started plates from the queue, until nothing starts."""
     starts = []
     while given_ := assign_plates(moment):
         starts += given_

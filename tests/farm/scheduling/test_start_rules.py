@@ -137,7 +137,7 @@ def test_window_allows_exactly_the_possible_starts(waiting, fleet, start_rules, 
 @given(plates, fleets, houses, moments)
 @settings(deadline=None)
 def test_every_possible_start_is_made_in_any_order(waiting, fleet, start_rules, now_s):
-    """Against brute force: as many plates start as can, and the first of the queue among them."""
+    """Compare with brute force: the maximum number of plates starts, including the first of the queue."""
     waiting = [replace(p, failed_on=frozenset()) for p in waiting[:5]]
     start_rules = replace(start_rules, max_heating=None)
     given_, _ = assign(waiting, fleet, start_rules, now_s)
@@ -168,7 +168,7 @@ def test_planned_printer_is_never_a_spare():
 
 @given(plates, fleets, st.integers(0, 2))
 def test_every_plate_is_served_eventually(waiting, fleet, spares):
-    """Whenever all prints have ended and all beds are clear, plates that fit some printer go on."""
+    """Plates that fit some printer start once all prints have ended and all beds are clear."""
     waiting = [replace(p, not_before_s=None) for p in waiting]
     for _ in range(len(waiting) + 1):
         _, holds = assign(waiting, fleet, rules(max_heating=4), FRIDAY, spares)

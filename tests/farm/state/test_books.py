@@ -123,7 +123,7 @@ def test_unknown_amounts_are_described():
 
 
 class RandomNight(RuleBasedStateMachine):
-    """Events in any order that the core could produce, with the store following along."""
+    """Events in any order that the controller could produce, committed to a store."""
 
     def __init__(self):
         super().__init__()

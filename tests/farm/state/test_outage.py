@@ -88,7 +88,7 @@ def test_group_of_lost_printers_is_the_same_for_each(times):
 
 
 def test_failure_before_an_outage_stays_charged():
-    """An outage takes back what it ended, and nothing else."""
+    """A failure before the outage still counts, so that the job stays failed."""
     own = (
         *assigned(("1/01", "a")),
         ended("a", PrintState.FAILED, 50.0, fault="maxtemp"),

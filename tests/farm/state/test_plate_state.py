@@ -159,7 +159,7 @@ def test_maintenance_lasts_until_ended_by_a_person():
 
 
 def test_unconfirmed_print_cancelled_elsewhere_has_failed():
-    """Its agent was told to end before it had said that it began: something may lie there, a person looks."""
+    """Its agent was cancelled before it reported the start: a person has to check the bed."""
     assigned = ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x")
     books, _ = run(printing(1), assigned, ended("x", PrintState.CANCELLED, 50.0, started_s=10.0))
     assert books.prints["x"].state is PrintState.FAILED

@@ -115,12 +115,12 @@ def test_start_is_repeated_and_a_forgotten_print_is_lost():
 
 
 def empty(link=Link.READY, pid=9, **changes):
-    """The word of an agent that has no print."""
+    """Snapshot of an agent without a print."""
     return AgentSnapshot(printer="a", link=link, agent_pid=pid, **changes)
 
 
 def test_cancelled_print_ends_when_its_agent_confirms():
-    """Until then the start may be on its way beside an older word of the agent's."""
+    """Until then the start may be in transit together with an older snapshot of the agent."""
     books, _ = run(assigned(), ev.JobCancelled(at_s=3.0, job=1))
     stop = ev.SendCancel(print_id="x", printer="a", reason=books.prints["x"].cancel_reason)
     assert list(reconcile_print(books.prints["x"], empty(), 4.0)) == []
@@ -166,7 +166,7 @@ def test_print_without_an_agent_cannot_start():
 
 
 def restored(*states):
-    """The books of a copy, in which plates were in these states on a, b, ..."""
+    """Restore books in which plates were in these states on a, b, ..."""
     books = printing()
     for name, state in zip("ab", states, strict=False):
         plate = {"a": "1/01", "b": "1/02"}[name]

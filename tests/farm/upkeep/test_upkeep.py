@@ -96,7 +96,7 @@ def begin(state, work=no_pictures, **keep):
 
 
 def show(state, books, number):
-    """Return the views of `farm status JOB` and `farm history`; `farm report` is laid out."""
+    """Return the views of `farm status JOB` and `farm history`, and lay out `farm report`."""
     context = ViewContext(fleet((PLUS,) * 3), books, {}, state, NOW_S)
     view, rows = describe_job(context, books.jobs[number]), list_history(context, number)
     page = render_page(view, list_history(context), datetime.fromisoformat(view.now), [], {}, None)
@@ -289,7 +289,7 @@ def test_full_disk_deletes_jobs_from_before_the_last_backup(tmp_path, monkeypatc
 
 
 def run_until_killed(state, step):
-    """Prune in a process that is killed before its n-th change; returns whether it came to its end."""
+    """Prune in a process that is killed before its n-th change; return whether it finished."""
     child = os.fork()
     if child == 0:
         try:

@@ -46,7 +46,7 @@ def test_price_of_a_job_is_the_sum_of_its_plates():
 
 
 def test_starved_time_does_not_exceed_the_printing_time():
-    """A part that was printed twice: all that was waited is a share of all that it took."""
+    """For a part that was printed twice, waiting time does not exceed the total time."""
     books = printing(plates=1)
     assert view(books).starved_share is None
     for name, begun_s in (("p", 2.0), ("q", 202.0)):

@@ -92,7 +92,7 @@ def test_columns_equal_those_of_a_line_reader(lines, spaced):
 
 
 def test_block_of_moves_without_an_end_takes_little_memory():
-    """The engine of `re` keeps what it could give back: 50 bytes for each byte of one block."""
+    """The engine of `re` keeps 50 bytes of backtracking state for each byte of a block."""
     text = b"G1 X10.125 Y10.125 E10.125\n" * 40_000
     tracemalloc.start()
     try:

@@ -36,7 +36,7 @@ def test_head_approaches_the_first_point_from_above():
 
 
 def test_position_after_the_start_script_is_irrelevant():
-    """PrusaSlicer raises it, then draws back, before it goes to the first point."""
+    """PrusaSlicer raises the head, then retracts, before it moves to the first point."""
     lines = marlin(start=["G28", "M109 S200", "G1 X5 Y5 Z0.3 F3000"], relative=True)
     at = lines.index(";LAYER:0") + 1
     lines[at:at] = ["G1 Z0.2", "G1 E-2 F2400"]

@@ -73,7 +73,7 @@ def test_file_cut_at_the_end_of_any_line_is_refused(slicer, data):
 @given(st.data())
 @settings(max_examples=40, deadline=None)
 def test_file_of_a_slicer_without_a_closing_mark_is_refused_before_its_end_code(data):
-    """Slic3r closes with its settings; a file of no slicer known here has its end code alone."""
+    """Slic3r closes with its settings; a file of an unknown slicer has only its end code."""
     slic3r, unknown = whole("slic3r"), "\n".join(marlin(square(layers=20))).encode() + b"\n"
     for file, end in ((slic3r, b"; filament used"), (unknown, b"M104 S0")):
         ends = [result.end() for result in re.finditer(rb"\n", file[: file.index(end)])]
@@ -165,7 +165,7 @@ def test_filament_that_a_slicer_names_is_in_its_file(slicer):
 @given(data=st.data())
 @settings(max_examples=25, deadline=None)
 def test_file_with_stated_filament_is_refused_if_any_layer_is_missing(slicer, data):
-    """The last ones, and those of relative E, too."""
+    """Includes the last layers, and files with relative E."""
     lines = with_figures(slicer).splitlines(keepends=True)
     starts = [at for at, line in enumerate(lines) if line.startswith((b";LAYER:", b";LAYER_CHANGE"))]
     starts.append(max(at for at, line in enumerate(lines) if line.startswith(b"G1 X") and b"E" in line) + 1)
@@ -195,7 +195,7 @@ def test_filament_for_lines_that_are_missing_is_refused_with_the_line():
 
 
 def test_missing_layer_is_reported_with_relative_e():
-    """An empty one that was left out, or one that was lost: nobody can tell."""
+    """An empty layer that was omitted cannot be told from one that was lost."""
     lines = ultigcode(square(layers=20))
     at, to = lines.index(";LAYER:7"), lines.index(";LAYER:8")
     gap = [*lines[:at], *lines[to:]]
@@ -234,7 +234,7 @@ def test_e_restarted_without_g92_is_refused_with_its_line(mm_a_layer):
 
 
 def renumbered(lines):
-    """E from 0 on."""
+    """Shift E so that the first line begins at 0."""
     first = next(float(line.split("E")[1]) for line in lines if line.startswith("G1 F1800")) - 0.01
     return [
         f"{line.split('E')[0]}E{float(line.split('E')[1]) - first:.5f}"

@@ -22,7 +22,7 @@ def without(lines, *numbers):
 
 
 def renumbered(lines, first, by):
-    """Add to the numbers of the layers from `first` on, as where those between them are empty."""
+    """Shift the numbers of the layers from `first` on, as if those between were empty."""
     numbers = {f";LAYER:{n}": f";LAYER:{n + by}" for n in range(first, 20)}
     return [numbers.get(line, line) for line in lines]
 

@@ -72,7 +72,7 @@ def missed_um(height_mm, heights, firsts_um):
 
 @pytest.mark.parametrize(("nozzle_mm", "heights"), CASES)
 def test_every_height_is_fitted_or_reported(nozzle_mm, heights):
-    """Every whole micrometre from some layers up to the highest printer, not a sample of them."""
+    """Check every whole micrometre from some layers up to the highest printer."""
     first = round(1000 * heights.first_mm)
     low, high = round(0.75 * first), min(round(1.25 * first), round(800 * nozzle_mm))
     assert reached(heights, low, high).all()

@@ -18,7 +18,7 @@ from slicing_printers import PRINTERS, UM2_PLUS
 
 
 def lines_mm(settings, width_mm):
-    """Whole lines of brim that are as wide at least."""
+    """The brim has whole lines, and at least this width."""
     line_mm = float(settings.extruder["skirt_brim_line_width"])
     return math.ceil(round(width_mm / line_mm, 6)) * line_mm
 

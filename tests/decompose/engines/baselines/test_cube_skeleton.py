@@ -128,7 +128,7 @@ def test_cube_in_a_block_grows_until_it_reaches_the_wall(
 
 
 def test_grid_planes_lie_on_the_sides_of_the_refined_cube(cost: CostModel) -> None:
-    """A ball on a plate whose upper face lies where the cube has its lower side."""
+    """A ball on a plate whose upper face lies in the plane of the lower side of the cube."""
     body = ball(100.0).solid
     vertices, faces = body.arrays()
     rough = build_grid(vertices[faces], 20, GridRules(12.0, False, cost.overhang_cos, cost.skin_cos))
@@ -160,7 +160,7 @@ def test_grid_planes_lie_on_the_sides_of_the_refined_cube(cost: CostModel) -> No
 def test_cube_whose_parts_end_first_is_used(
     share: float, taken: int, cost: CostModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A ball takes a cube that is refined to be smaller; not one that is larger."""
+    """A ball takes the refined cube if it is smaller, and refuses one that is larger."""
     cuts, cut = [], cube_skeleton._cut
 
     def scaled(_: Solid, cube_mm: np.ndarray, *__: object) -> np.ndarray:
@@ -181,7 +181,7 @@ def test_cube_whose_parts_end_first_is_used(
 def test_cubes_are_compared_by_the_times_of_their_pieces(
     cost: CostModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Two equal pieces end later than a larger and a smaller one, where one printer is quick."""
+    """Two equal pieces end later than a larger and a smaller one if one printer is faster."""
 
     def cubes(*sizes_mm: float) -> tuple[Piece, ...]:
         boxes = [np.array([(0.0,) * 3, (size,) * 3]) for size in sizes_mm]

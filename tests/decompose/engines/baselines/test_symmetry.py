@@ -110,7 +110,7 @@ def test_planes_of_symmetry_differ_and_the_best_is_first() -> None:
 
 @pytest.mark.parametrize("options", [MENDED, FAITHFUL])
 def test_parts_add_up_to_the_model_and_are_deterministic(options: Options, cost: CostModel) -> None:
-    """An egg, whose halves are in one piece wherever it is cut."""
+    """An egg, whose halves are connected wherever it is cut."""
     egg = trimesh.creation.icosphere(2, 50.0)
     model = Model(Solid.from_arrays(egg.vertices * (1.0, 1.3, 1.7), egg.faces), (), 1.0)
     result = decompose_model(model, printers(6), options, cost)

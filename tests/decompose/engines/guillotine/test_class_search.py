@@ -57,7 +57,7 @@ def test_part_may_use_the_full_height_of_its_printer(tower: Model, cost: CostMod
 
 
 def test_too_few_printers_are_reported_with_the_required_kind(cost: CostModel) -> None:
-    """Two more of the higher ones, or four more of the lower ones."""
+    """The error asks for two more of the higher printers, or four more of the lower ones."""
     model = Model(Solid.box((0, 0, 0), (90, 90, 700)), (), 1.0)
     options = replace(OPTIONS, granularity=8)
     lows = [PrinterRoom(f"low-{i}", LOW) for i in range(3)]

@@ -94,7 +94,7 @@ def test_partitions_far_above_the_best_are_not_improved(
 def test_corrected_piece_counts_need_few_solves(
     budget_s: float, task: Problem, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Each correction begins at the makespan before, not at all prices, whether or not there is a budget."""
+    """Each correction starts from the last makespan instead of all prices, with and without a budget."""
     corrections, solves = iter(range(10)), 2
     monkeypatch.setattr(
         ExactSearch, "_correct_piece_counts", lambda self, _: next(corrections, None) is not None

@@ -28,7 +28,7 @@ def count(boxes: BoxTables, chosen: list[Box]) -> int:
 
 
 def feasible(boxes: BoxTables, limit_s: float) -> list[Box]:
-    """A partition by guillotine cuts that is far from the best: with the fewest parts at a late limit."""
+    """Make a partition by guillotine cuts with the fewest parts at a high limit, far from the best."""
     solver = Partitioner(boxes)
     assume(solver.solve(limit_s) < UNREACHABLE)
     return solver.chosen_boxes()

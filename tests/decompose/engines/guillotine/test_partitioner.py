@@ -218,7 +218,7 @@ def test_more_printers_of_another_class_never_end_later(
 def random_partition(
     boxes: BoxTables, box: Box, limit_s: float, rng: np.random.Generator
 ) -> list[Box] | None:
-    """A guillotine partition of a box by cuts at random, down to boxes that end in time; or None."""
+    """Make a guillotine partition of a box by random cuts, down to boxes that end in time, or None."""
     at = int(boxes.trimmed[box_index(box, boxes.shape)])
     if at < 0:
         return []
@@ -294,7 +294,7 @@ def test_greedy_cuts_give_no_better_partition(shape: Shape, seed: int, printers:
 
 
 def turned(boxes: BoxTables, axes: tuple[int, int, int], mirrored: tuple[bool, bool, bool]) -> BoxTables:
-    """The tables of the same model with its axes in another order, and some of them reversed."""
+    """Permute and mirror the axes of the tables of a model."""
     shape = (boxes.shape[axes[0]], boxes.shape[axes[1]], boxes.shape[axes[2]])
 
     def place(box: Box) -> Box:

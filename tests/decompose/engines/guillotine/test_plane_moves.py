@@ -35,7 +35,7 @@ def in_mm(boxes: list[Box]) -> np.ndarray:
 
 
 def guillotine(rng: np.random.Generator, box: Box, cuts: int) -> list[Box]:
-    """Random axis cuts; the planes of two cuts are often the same, so that corners meet crosswise."""
+    """Make random axis cuts; planes of two cuts often coincide, so that corners meet crosswise."""
     axis = int(rng.integers(3))
     if cuts == 0 or box[axis + 3] - box[axis] < 2:
         return [box]

@@ -46,7 +46,7 @@ def run(problem: Problem, chosen: list[Box]) -> tuple[list[Piece], list[Piece]]:
 
 @pytest.fixture(scope="module")
 def cone() -> Solid:
-    """240 mm long and steadily thinner: cut in the middle, one half takes far longer."""
+    """A tapered block of 240 mm: cut in the middle, one half takes far longer."""
     corners = np.array([[x, y, z] for x in (0.0, 240.0) for y in (0.0, 80.0) for z in (0.0, 80.0)])
     corners[4:, 1:] = corners[4:, 1:] * 0.3 + 28.0
     faces = [
@@ -110,7 +110,7 @@ def halves(task: Problem) -> list[Box]:
 
 
 def evening(task: Problem) -> tuple[_PlaneShift, list[BoxPart]]:
-    """The search for the two halves of a model, and the halves posed."""
+    """Search for the two halves of a model, and the halves in their poses."""
     grid = task.build_grid(task.model)
     cut = {box: cut_cells(task.model.solid, grid, box) for box in halves(task)}
     boxes_mm = np.array([grid.bounds_mm(box) for box in cut])
@@ -250,7 +250,7 @@ def test_lid_moves_into_the_hollow_behind_it(cost: CostModel) -> None:
 def test_next_search_continues_from_the_result_of_the_last(
     cone: Solid, cost: CostModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A plane with a short reach gets to its best place in several searches, if requested."""
+    """A plane with a short reach is moved to its best place by several searches, if requested."""
     task = replace(problem(cone, cost, 2, cells=2), thorough=True)
     _, far = run(task, halves(task))
     monkeypatch.setattr(plane_shift, "REACH", 0.05)

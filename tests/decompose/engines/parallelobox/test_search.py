@@ -32,7 +32,7 @@ Shape = tuple[int, int, int]
 
 
 def invented(shape: Shape, seed: int) -> Terrain:
-    """Some cells needed, some boxes too large, some in two pieces; a single cell always fits."""
+    """Terrain with some cells needed, some boxes too large and some in two pieces; single cells fit."""
     rng = np.random.default_rng(seed)
     total = int(np.prod([n * (n + 1) // 2 for n in shape]))
     seconds = rng.uniform(1.0, 9.0, total).astype(np.float32)
@@ -243,7 +243,7 @@ def test_mirror_of_a_mirrored_cloud_is_found(angle: float, seed: int) -> None:
 
 @pytest.fixture(scope="module")
 def skewed() -> Model:
-    """A symmetric block with a step, turned off the axes."""
+    """A symmetric block with a step, rotated off the axes."""
     step = Solid.union([Solid.box((-150, -40, -50), (150, 40, 10)), Solid.box((-60, -40, 5), (60, 10, 90))])
     vertices, faces = step.arrays()
     return Model(Solid.from_arrays(vertices @ turn(0.4, (0.0, 0.0, 1.0)).T, faces), (), 1.0)
@@ -339,7 +339,7 @@ def test_result_is_never_worse_than_the_faithful_one(
 
 
 def test_model_is_rotated_to_reduce_its_overhangs(cost: CostModel) -> None:
-    """A crooked block without symmetry, which overhangs nowhere once it stands straight."""
+    """A block without symmetry, off the axes, which has no overhang once it is upright."""
     solid = Solid.union([Solid.box((0, 0, 0), (90, 60, 40)), Solid.box((0, 0, 0), (30, 20, 80))])
     solid = Solid.union([solid, Solid.box((0, 0, 0), (50, 60, 55))])
     vertices, faces = solid.arrays()

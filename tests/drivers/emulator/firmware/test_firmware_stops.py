@@ -79,7 +79,7 @@ def test_dead_man_kills_and_the_watchdog_resets(host: Host) -> None:
 
 
 def test_dead_man_is_restarted_by_late_input(host: Host) -> None:
-    """Bytes and the end of the wait that are noticed at once: the bytes were there."""
+    """Bytes that arrived before the time-out count, even if both are noticed at once."""
     host.say("M85 S30")
     host.now_s += 31.0
     assert host.put("M105")[0].startswith("ok T:")

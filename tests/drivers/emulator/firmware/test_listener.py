@@ -159,7 +159,7 @@ feedrate = st.sampled_from([None, -1.0, 0.0, 600.0, 3000.0, 12000.0])
 @given(st.lists(st.tuples(feedrate, axis, axis, axis, axis), min_size=1, max_size=30))
 @settings(deadline=None)
 def test_fast_path_of_a_move_equals_the_slow_path(moves: list[tuple[float | None, ...]]) -> None:
-    """A well-formed numbered move skips the line buffer; two spaces are enough to send it the long way."""
+    """A well-formed numbered move skips the line buffer; with two spaces it takes the slow path."""
     ends = []
     for gap in (" ", "  "):
         host = Host()

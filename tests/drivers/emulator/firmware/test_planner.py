@@ -17,7 +17,7 @@ START: Point = (100.0, 100.0, 50.0, 0.0)
 
 
 class Bench:
-    """A planner that is fed as fast as it has room, and remembers what its feeder did."""
+    """Planner that is fed as fast as it has room, and records the moves of its feeder."""
 
     def __init__(self) -> None:
         self.fed_mm = 0.0
@@ -38,7 +38,7 @@ class Bench:
 
 
 def trapezoid_s(mm: float, v: float, a: float, entry: float, leave: float = STANDSTILL_MM_S) -> float:
-    """Time of a straight move, by the schoolbook."""
+    """Compute the time of a straight move by the textbook formula."""
     ramps_mm = (2 * v * v - entry**2 - leave**2) / (2 * a)
     if ramps_mm <= mm:
         return (v - entry) / a + (v - leave) / a + (mm - ramps_mm) / v
@@ -157,7 +157,7 @@ def test_stop_keeps_the_position_and_counts_fed_filament() -> None:
 
 
 def test_moves_added_late_do_not_stretch_a_queue_that_is_not_empty() -> None:
-    """A host that is told late, but in time, loses nothing."""
+    """A host that feeds moves late, but in time, does not delay any."""
     prompt, late = Bench(), Bench()
     targets = [(100 + 2.0 * k, 100.0, 50.0, 0.1 * k) for k in range(1, 45)]
     for target in targets:

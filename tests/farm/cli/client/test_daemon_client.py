@@ -16,7 +16,7 @@ from farm.model import JobOptions
 
 
 class Daemon(BaseHTTPRequestHandler):
-    """Answers what it heard, or whatever its server is to answer."""
+    """Server that answers with the request, or with a given answer."""
 
     protocol_version = "HTTP/1.1"
 
@@ -147,7 +147,7 @@ def test_early_refusal_of_an_upload_keeps_its_message(daemon, client, tmp_path, 
 
 
 class SlowDaemon(Client):
-    """Answers a submission only after it was asked so often how far that is."""
+    """Server that answers a submission after a number of questions about its progress."""
 
     def __init__(self, path, answers):
         super().__init__(path, answer_s=10.0)
@@ -183,7 +183,7 @@ REPAIRING = {"step": "repairing", "received": 5, "size": 5}
 
 @pytest.fixture
 def minute(monkeypatch):
-    """The client's clock goes on by a minute each time that it is read, and it waits for nothing."""
+    """The client's clock advances by a minute at each reading, and it never sleeps."""
     clock = itertools.count(0.0, 60.0)
     monkeypatch.setattr("farm.cli.client.daemon_client.time.monotonic", lambda: next(clock))
     monkeypatch.setattr("farm.cli.client.daemon_client.time.sleep", lambda _: None)
@@ -191,7 +191,7 @@ def minute(monkeypatch):
 
 
 def test_client_waits_while_the_daemon_reports_progress(tmp_path, minute):
-    """An hour, say: it waits for a worker, and a large broken model is repaired."""
+    """The submission takes an hour: it waits for a worker, and a large broken model is repaired."""
     model, received = tmp_path / "box.stl", []
     model.write_bytes(b"solid")
     daemon = SlowDaemon(tmp_path, [NOT_YET, *[REPAIRING] * 60])

@@ -15,7 +15,7 @@ from farm.paths import find_places
 
 @pytest.fixture
 def pressed(tmp_path):
-    """Presses a button whose other end is a thread with this `stop`."""
+    """Button whose other end is a thread with this `stop`."""
     path = tmp_path / "estop.sock"
 
     def press(stop, printers):
@@ -138,7 +138,7 @@ def test_owner_of_a_farm_does_not_use_the_estop_socket(tmp_path):
 
 
 class Sheet(io.StringIO):
-    """A stdout that keeps every write for itself."""
+    """Stream that records each write separately."""
 
     def __init__(self):
         super().__init__()

@@ -77,7 +77,7 @@ def test_interrupted_upload_may_have_been_submitted(tmp_path, monkeypatch):
 
 
 class Reels:
-    """Daemon that loads what it is asked for."""
+    """Daemon that records loaded reels and nozzles."""
 
     def __init__(self):
         self.requests = []

@@ -9,7 +9,7 @@ from farm.cli.main import app
 
 
 class Daemon:
-    """A farm in which one print goes on longer than anybody is there."""
+    """A farm in which a print lasts longer than the attended hours."""
 
     def __init__(self, _: object) -> None:
         self.targets: list[str] = []

@@ -22,7 +22,7 @@ ANSWER = api.Pruned(
 
 @pytest.fixture
 def prune(monkeypatch, capsys, tmp_path):
-    """Run `farm prune` with a daemon that answers; return what it asked for and what was printed."""
+    """Run `farm prune` with a recording daemon; return its requests and the output."""
     requests = []
 
     def answer(self, dry_run):

@@ -12,7 +12,7 @@ ENTRY = {"state": "printing", "waiting": 2, "eta": None, "submitted_by": "ann"}
 
 @pytest.fixture
 def moves(monkeypatch):
-    """The moves that were asked for."""
+    """List the requested moves."""
     requests = []
 
     class Daemon:

@@ -127,7 +127,7 @@ def test_prices_are_those_of_the_engine(how, settings_of, tmp_path):
 
 
 def test_measured_table_agrees_with_the_factors(settings_of):
-    """Held out by model, every setting stays below 5 %; the fit is made again, not the slices."""
+    """Without a model among the fitted ones, every setting stays below 5 %; the fit is repeated."""
     root = Path(__file__).parents[4]
     process = subprocess.run(
         [sys.executable, "-m", "bench.print_time_model", "--dataset", "bench/print_time.csv", "--json"],

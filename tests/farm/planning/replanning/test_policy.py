@@ -67,7 +67,7 @@ def test_plate_waits_if_the_other_printer_does_not_match(changes, other):
 
 
 def test_plate_waits_if_its_printer_is_free_soon():
-    """Ten hours: a fifth of the time until it would be there is what has to be saved."""
+    """Ten hours: a fifth of the waiting time has to be saved."""
 
     def wish(hours):
         busy = printer_of("a", PLUS, booked=True, free_s=NOW_S + hours * HOUR)

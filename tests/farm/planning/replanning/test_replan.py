@@ -41,7 +41,7 @@ def state(tmp_path):
 
 
 def task_of(state, size=(160.0, 90.0, 70.0), models=(PLUS, PLUS, PLAIN)):
-    """A block of a job, as it was planned, that lies turned in its model."""
+    """A block of a planned job that is rotated in its model."""
     stl = state.work / "p01.stl"
     block = trimesh.creation.box(size)
     block.apply_translation((0.0, 0.0, size[2] / 2))

@@ -134,7 +134,7 @@ def test_jobs_with_missing_files_are_found_after_a_restore():
 
 
 def test_unavailable_store_prunes_no_job():
-    """Its disk is not mounted, or a person moved it."""
+    """The disk is not mounted, or a person moved the folder."""
     books = books_of((JobState.DONE, 100), (JobState.PRINTING, 0))
     assert list_lost_jobs(books, set()) == []
     assert list_lost_jobs(books, list_named_files(books) - {"picture-1.png", "1-p01.stl"}) == []

@@ -42,7 +42,7 @@ def state(tmp_path):
 
 
 def fill(state):
-    """Books with three printers; what they say."""
+    """Books with three printers, and their JSON."""
     books = Books()
     with Store(state.books) as store:
         for event in fleet():

@@ -16,7 +16,7 @@ from make_books import ended, fleet, job, key, plan, printing, run
 
 
 def in_form(db, version):
-    """Make the books those of an older farm."""
+    """Convert the books to those of an older farm."""
     for kind, table in TABLES.items():
         if FIRST_VERSIONS.get(kind, 0) > version:
             db.execute(f"DROP TABLE {table}")
@@ -43,7 +43,7 @@ def test_store_returns_committed_entities(tmp_path):
 
 
 def test_books_in_a_public_folder_are_private(tmp_path):
-    """Also those of an older farm, which are there already."""
+    """Includes those of an older farm, which exist already."""
     tmp_path.chmod(0o755)
     old = os.umask(0o022)
     try:

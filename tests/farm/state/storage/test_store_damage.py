@@ -35,7 +35,7 @@ NOW_S = 1000.0
 
 
 class Night:
-    """The folder of a daemon that was killed; what its books said after each event."""
+    """The folder of a killed daemon, with its books after each event."""
 
     def __init__(self, folder, history):
         self.folder, self.history = folder, history
@@ -43,7 +43,7 @@ class Night:
 
 @pytest.fixture(scope="module")
 def night(tmp_path_factory):
-    """Most of what it committed is in the write-ahead log yet."""
+    """Most of the commits are still in the write-ahead log."""
     state = StateFolder(tmp_path_factory.mktemp("night"))
     history = [Books()]
     with Store(state.books) as store:
@@ -59,7 +59,7 @@ def night(tmp_path_factory):
 
 
 def check(night, folder, damage_database):
-    """Open books after some harm was done to them. Whether they were put back; None if refused."""
+    """Open books after damage; return whether they were restored, or None if refused."""
     shutil.rmtree(folder, ignore_errors=True)
     shutil.copytree(night.folder, folder)
     state = StateFolder(folder)
@@ -104,7 +104,7 @@ def test_flipped_bit_anywhere_is_detected(night, tmp_path_factory, of, at, bit):
 @settings(max_examples=30, deadline=None)
 @given(share=st.floats(0, 0.999))
 def test_truncated_write_ahead_log_is_detected(night, tmp_path_factory, share):
-    """SQLite says nothing where its log was cut: yesterday's clear beds would be taken for today's."""
+    """SQLite does not detect a truncated log, after which former clear beds would be used."""
 
     def cut(state):
         log = state.books.with_name("farm.db-wal")
@@ -126,7 +126,7 @@ def test_intact_database_is_opened_unchanged(night, tmp_path):
 
 
 def test_every_changed_row_is_found(night, tmp_path):
-    """A digit of a time, say: SQLite finds its pages in order."""
+    """A changed digit of a time leaves the pages of SQLite valid."""
     import sqlite3
 
     def change(table):

@@ -108,7 +108,7 @@ steps = st.lists(
 
 @given(steps)
 def test_replacing_plates_neither_loses_nor_repeats_a_part(taken):
-    """Whatever is sliced or cut again: what is current is what was planned, each piece of it once."""
+    """After any reslices and recuts, the current plates are the planned parts, each piece once."""
     books = printing(3)
     for number, (what, which, printer) in enumerate(taken):
         waiting = sorted(plate.id for plate in books.waiting_plates())

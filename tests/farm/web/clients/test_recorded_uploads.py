@@ -55,7 +55,7 @@ class Connections:
         self._port, self._server = port, server
 
     async def send(self, *chunks):
-        """Send a request, and return its answers: the interim one too."""
+        """Send a request, and return its answers including the interim one."""
         reader, writer = await asyncio.open_connection("127.0.0.1", self._port)
         with closing(writer):
             for chunk in chunks:
