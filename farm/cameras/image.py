@@ -77,9 +77,9 @@ def _read_jpeg_size(content: bytes) -> tuple[int, int]:
     for _ in range(_MAX_SEGMENTS):
         start, marker, length = _SEGMENT.unpack_from(content, at)
         if start != _PADDING or marker == _SCAN:
-            raise NoImage("its still is no valid JPEG")
+            raise NoImage("its still is not a valid JPEG")
         if marker in _FRAMES:
             height, width = _FRAME_SIZE.unpack_from(content, at + _FRAME_SIZE_AT)
             return width, height
         at += 1 if marker == _PADDING else 2 + max(2, length)
-    raise NoImage("its still is no valid JPEG")
+    raise NoImage("its still is not a valid JPEG")

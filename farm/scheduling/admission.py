@@ -1,4 +1,4 @@
-"""Admission of jobs to planning: for which printers each job is planned, and which jobs go first. Pure.
+"""Admission of jobs to planning: the printers for which each job is planned, and the order of jobs. Pure.
 
 A job is planned as soon as it is submitted, also while no printer is free: it then has a time, an amount of
 filament and a verdict, and its plates wait. Quick jobs never wait for others.

@@ -90,12 +90,12 @@ def match_plates(queue: Queue, inputs: MatchingInputs) -> dict[str, WaitingPlate
     See `farm.scheduling.assignment.assign_plates` for the order and the choice.
     """
     matching = _Matching(inputs)
-    most = min(inputs.starts, len(inputs.free))
+    max_starts = min(inputs.starts, len(inputs.free))
     places = dict(inputs.places)
     unplaced: list[WaitingPlate] = []
     for (*_, job), plates in queue:
         for plate in plates:
-            if len(matching.taken) >= most:
+            if len(matching.taken) >= max_starts:
                 return matching.taken
             if places.get(job) == 0:
                 break
@@ -107,7 +107,7 @@ def match_plates(queue: Queue, inputs: MatchingInputs) -> dict[str, WaitingPlate
             elif plate.failed_on:
                 unplaced.append(plate)
     for plate in unplaced:
-        if len(matching.taken) >= most:
+        if len(matching.taken) >= max_starts:
             break
         if places.get(plate.job) != 0 and matching.place_on_any(plate) and plate.job in places:
             places[plate.job] -= 1

@@ -54,7 +54,7 @@ class AddressLimitedServer(BoundedServer):
     config
         uvicorn's configuration.
     limit
-        Most connections at a time.
+        Maximum number of connections at a time.
     """
 
     def __init__(self, config: uvicorn.Config, limit: int) -> None:

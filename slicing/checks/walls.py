@@ -238,8 +238,8 @@ def _join_runs(
 ) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp], npt.NDArray[np.bool_]]:
     """Join moves to unbroken lines, and find which of them are rings.
 
-    If two walls overlap, an engine leaves out the flow of a move or two: a line that does not close is
-    joined over such gaps to those that follow, if it closes then.
+    If two walls overlap, an engine leaves out the flow of a move or two: a line that is not closed is
+    joined across such gaps to the following ones if that closes it.
 
     Returns
     -------

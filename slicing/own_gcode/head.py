@@ -14,7 +14,7 @@ from slicing.printer import PrintCode
 RETRACTED_SLACK_MM = 0.5
 """Distance beyond the parked position at which the filament leaves the hot end."""
 MAX_EXTRUDED_MM = 200.0
-"""Maximum filament in one move: more than any slicer extrudes, less than the firmware ignores."""
+"""Maximum filament in one move: more than any slicer extrudes, less than what the firmware refuses."""
 MIN_MM_S = 0.1
 MAX_START_RETRACTION_MM = 0.3
 """Maximum retraction at which a line may begin: slicers return the filament before."""
@@ -111,7 +111,7 @@ class Head:
         self._check_clear(old, target)
         if self._retracted_mm > MAX_START_RETRACTION_MM and extruded_mm > 0 and old[:2] != target[:2]:
             self._objections.add(
-                f"would print, with the filament drawn {self._retracted_mm:.1f} mm back since line "
+                f"would print, with the filament retracted by {self._retracted_mm:.1f} mm since line "
                 f"{self._retracted_in}: where E starts again from 0, the file needs G92 E0"
             )
         self._writer.add_move((x, y, z, extruded_mm, speed_mm_s * factor))

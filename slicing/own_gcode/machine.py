@@ -11,7 +11,7 @@ from slicing.gcode_lines import quote_text
 from slicing.own_gcode.target import PrintTarget
 
 _NAMES = ("target_machine.name", "printer_model", "printer_name", "machine_name", "printer_settings_id")
-"""Facts that name the machine: of Cura, of PrusaSlicer and its forks, of KISSlicer; the last one, used where
+"""Facts that name the machine: of Cura, of PrusaSlicer and its forks, of KISSlicer; the last one, used if
 no model is named, is the name of a person's settings."""
 _NO_NAME = ("", '""', "unknown", "default", "- default fff printer -")
 _USUAL_RATIO = (0.5, 1.7)

@@ -106,38 +106,37 @@ def survey_lines(lines: Iterable[bytes], filament_mm: float) -> Survey:
         closed=bool(scan.completeness.closed(scan.print_line)),
         warning=scan.completeness.warning(),
         figures=scan.completeness.figures,
-        machine=find_machine(scan.facts, _number(scan.facts, *_FILAMENT), scan.start),
+        machine=find_machine(scan.facts, _number(scan.facts, *_FILAMENT), scan.foreign_start),
     )
 
 
 class _Scan:
     """Facts of a file, gathered line by line; line numbers are 0 if there is no such line.
 
-        Attributes
-        ----------
-        facts
-            Facts in comments: name in lower case -> value as written.
+    Attributes
+    ----------
+    facts
+        Facts in comments: name in lower case -> value as written.
     layer_line
-            First line that marks a layer.
+        First line that marks a layer.
     wait_line, home_line, ready_line
-            Last line before the print that waits for the nozzle, that homes, and that does one of these or
-            waits for the bed.
+        Last line before the print that waits for the nozzle, that homes, and that does one of these or waits
+        for the bed.
     print_line
-            Last line that extrudes while the head moves.
-        number, last
-            Number of the last line, and the line itself.
-        start
-            First line and command that only another machine has; None if there is none.
+        Last line that extrudes while the head moves.
+    number, last
+        Number of the last line, and the line itself.
+    foreign_start
+        First line and command that only another machine has; None if there is none.
     """
 
     def __init__(self) -> None:
         self.facts: dict[str, bytes] = {}
-        self.layer_line = self.wait_line = self.home_line = self.ready_line = self.print_line = (
-            self.number
-        ) = 0
+        self.layer_line = self.wait_line = self.home_line = self.ready_line = 0
+        self.print_line = self.number = 0
         self.last = b"\n"
         self.completeness = Completeness()
-        self.start: tuple[int, str] | None = None
+        self.foreign_start: tuple[int, str] | None = None
 
     def read(self, raw: bytes, number: int) -> None:
         """Read one line."""
@@ -171,8 +170,8 @@ class _Scan:
 
     def _read_start(self, code: str) -> None:
         """Read a command before the first line that prints."""
-        if self.start is None and code in FOREIGN_START:
-            self.start = (self.number, code)
+        if self.foreign_start is None and code in FOREIGN_START:
+            self.foreign_start = (self.number, code)
         if code == "M109":
             self.wait_line = self.number
         if code == "G28":

@@ -16,7 +16,7 @@ from typing import Any
 from slicing.errors import DefinitionError
 
 
-def _of_numbers(operation: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
+def _restrict_to_numbers(operation: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
     """Restrict an operation to numbers: on text and lists, its result may have any length."""
 
     def operate(left: Any, right: Any) -> Any:
@@ -30,10 +30,10 @@ def _of_numbers(operation: Callable[[Any, Any], Any]) -> Callable[[Any, Any], An
 _BINARY: Mapping[type[ast.operator], Callable[[Any, Any], Any]] = {
     ast.Add: operator.add,
     ast.Sub: operator.sub,
-    ast.Mult: _of_numbers(operator.mul),
+    ast.Mult: _restrict_to_numbers(operator.mul),
     ast.Div: operator.truediv,
     ast.FloorDiv: operator.floordiv,
-    ast.Mod: _of_numbers(operator.mod),
+    ast.Mod: _restrict_to_numbers(operator.mod),
     ast.Pow: math.pow,  # of floats: a power of integers has no bound
 }
 _UNARY: Mapping[type[ast.unaryop], Callable[[Any], Any]] = {

@@ -85,7 +85,7 @@ def read_own_material(path: Path) -> ET.Element:
 def _parse(path: Path) -> ET.Element:
     try:
         if not path.is_file():
-            raise BadSetting("is no file")
+            raise BadSetting("is not a file")
         with path.open("rb") as file:
             data = file.read(MAX_BYTES + 1)
     except OSError as error:

@@ -3,12 +3,11 @@
 The rules are those of Cura 4.13 (``GlobalStack``, ``ExtruderStack``, ``CuraFormulaFunctions``):
 
 - The first of these layers wins: user, quality, material, variant, definition. The extruder's stack falls
-through to
-  the global one.
+  through to the global one.
 - A setting that is not settable per extruder is always looked up in the global stack.
-- The global stack tries ``resolve`` (unless the user has set the value), then the extruder, where
+- The global stack tries ``resolve`` (unless the user has set the value), then the extruder, if
   ``limit_to_extruder`` says so, then its own value. In a definition a ``value`` beats any ``default_value``.
-- A formula's names are looked up in the same stack, even where the formula comes from the other.
+- A formula's names are looked up in the same stack, even if the formula comes from the other.
 
 One extruder, as the Ultimaker 2 family has.
 """

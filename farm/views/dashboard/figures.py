@@ -17,7 +17,7 @@ class Figures:
     Attributes
     ----------
     name
-        What they have in common: a printer, a material, a month.
+        Common property: a printer, a material, a month.
     prints
         Number of prints that were started, `cancelled` ones among them.
     good
@@ -25,7 +25,7 @@ class Figures:
     failed
         Failed, or found bad.
     used_s, wasted_s
-        Time on printers; of prints that failed, were cancelled or are bad.
+        Time on printers: of all prints, and of those that failed, were cancelled or are bad.
     grams, wasted_grams
         Filament of all of them, and of the wasted ones.
     expected_s, reached_s
@@ -62,7 +62,7 @@ def sum_figures(name: str, prints: Iterable[Print], plates: Mapping[str, Plate])
     Parameters
     ----------
     name
-        What they have in common.
+        Common property of the prints.
     prints
         Prints, open ones too, which do not count either.
     plates

@@ -49,7 +49,7 @@ class PrinterPage:
     Attributes
     ----------
     tasks
-        What people have to do at it.
+        Tasks of people at the printer.
     chart
         Temperatures of the last hours; None if there are none since the daemon started.
     prints, faults, upkeep

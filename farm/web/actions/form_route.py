@@ -57,7 +57,7 @@ def answer_form(request: Request, note: Note, path: str | None = None) -> Respon
     request
         Request with the form.
     note
-        What came of it.
+        Result of the form.
     path
         Path of the page; by default the one that the form came from.
     """

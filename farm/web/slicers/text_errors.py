@@ -1,7 +1,7 @@
 """Errors as slicers show them: one line of plain text, with the reason in front.
 
-PrusaSlicer and its kin show the body as it is. Cura's plugin shows its first 100 characters, if the type is
-exactly `text/plain`; to the status 409 it gives a meaning of its own, so that none is used.
+PrusaSlicer and its forks show the body as it is. Cura's plugin shows its first 100 characters, if the type is
+exactly `text/plain`; it treats the status 409 differently, so 409 is not used.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Signs that a G-code file is whole: in its comments, in its slicer's figures, and in what its moves feed."""
+"""Signs that a G-code file is whole: in its comments, its slicer's figures, and the filament of its moves."""
 
 from slicing.own_gcode.completeness.comments import Completeness, read_layer_number
 from slicing.own_gcode.completeness.figures import StatedFigures, StatedFilament

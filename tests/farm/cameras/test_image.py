@@ -29,8 +29,8 @@ def test_jpeg_and_png_are_images():
         (make_jpeg(10_000, 10_000), "10000 x 10000 pixels"),
         (make_png(10_000, 10_000), "10000 x 10000 pixels"),
         (make_jpeg(0, 480), "0 x 480 pixels"),
-        (b"\xff\xd8\xff\xda" + bytes(100), "no valid JPEG"),
-        (b"\xff\xd8\xff\x00\x00\x02" + bytes(100), "no valid JPEG"),
+        (b"\xff\xd8\xff\xda" + bytes(100), "not a valid JPEG"),
+        (b"\xff\xd8\xff\x00\x00\x02" + bytes(100), "not a valid JPEG"),
         (make_jpeg() + bytes(LARGEST_IMAGE_BYTES), "larger than 5 MB"),
     ],
 )
@@ -41,7 +41,7 @@ def test_other_bytes_are_not_an_image(content, why):
 
 def test_number_of_segments_is_limited():
     segment = b"\xff\xe1" + struct.pack(">H", 2)
-    with pytest.raises(NoImage, match="no valid JPEG"):
+    with pytest.raises(NoImage, match="not a valid JPEG"):
         read_image(b"\xff\xd8" + segment * 1000 + make_jpeg()[2:])
 
 

@@ -230,7 +230,7 @@ def test_e_restarted_without_g92_is_refused_with_its_line(mm_a_layer):
     message = take([*lines[:at], "G92 E0", *renumbered(lines[at:])])
     assert message.layers == 100
     assert len(fed(followed(body(message)))) == 400
-    refused([*lines[:at], *renumbered(lines[at:])], rf"drawn .* mm back since line {at + 3}: .*G92 E0")
+    refused([*lines[:at], *renumbered(lines[at:])], rf"retracted by .* mm since line {at + 3}: .*G92 E0")
 
 
 def renumbered(lines):
