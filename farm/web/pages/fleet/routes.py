@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated
 
@@ -67,6 +68,30 @@ def fleet_routes(services: Services, notes: Notes) -> APIRouter:
             view = await asyncio.to_thread(describe_fleet_timeline, context, situation, query.back_s)
         return HTMLResponse(render_timeline(view, query, fleet.name, reader, note, problem))
 
+    @router.get("/history")
+    async def show_history(request: Request, query: Annotated[HistoryQuery, Query()]) -> Response:
+        context, reader, note = read(request)
+        view = await asyncio.to_thread(describe_history, context, query.to_filter())
+        return HTMLResponse(render_history(view, fleet.name, reader, note))
+
+    @router.get("/history.csv")
+    async def export_history(request: Request, query: Annotated[HistoryQuery, Query()]) -> Response:
+        context, _, _ = read(request)
+        text = await asyncio.to_thread(_export, context, query)
+        headers = {"content-disposition": f'attachment; filename="{fleet.name}-prints.csv"'}
+        return Response(text, media_type="text/csv; charset=utf-8", headers=headers)
+
+    _add_printer_pages(router, services, read)
+    return router
+
+
+def _add_printer_pages(
+    router: APIRouter, services: Services, read: Callable[[Request], tuple[ViewContext, Reader, Note | None]]
+) -> None:
+    """Add the routes of printers: the page, its last lines on the wire, and stills of prints."""
+    controller = services.controller
+    fleet = controller.fleet.fleet
+
     @router.get("/printers/{name}")
     async def show_printer(request: Request, name: str) -> Response:
         context, reader, note = read(request)
@@ -91,19 +116,6 @@ def fleet_routes(services: Services, notes: Notes) -> APIRouter:
             problem = str(error)
         return HTMLResponse(render_wire(name, lines, fleet.name, controller.fleet.zone, reader, problem))
 
-    @router.get("/history")
-    async def show_history(request: Request, query: Annotated[HistoryQuery, Query()]) -> Response:
-        context, reader, note = read(request)
-        view = await asyncio.to_thread(describe_history, context, query.to_filter())
-        return HTMLResponse(render_history(view, fleet.name, reader, note))
-
-    @router.get("/history.csv")
-    async def export_history(request: Request, query: Annotated[HistoryQuery, Query()]) -> Response:
-        context, _, _ = read(request)
-        text = await asyncio.to_thread(_export, context, query)
-        headers = {"content-disposition": f'attachment; filename="{fleet.name}-prints.csv"'}
-        return Response(text, media_type="text/csv; charset=utf-8", headers=headers)
-
     @router.get("/jobs/{number}/stills/{name}")
     async def show_still(number: int, name: str) -> Response:
         stored = name_stored_files(controller.books, number).get(name)
@@ -112,8 +124,6 @@ def fleet_routes(services: Services, notes: Notes) -> APIRouter:
         if stored is None or media_type is None or not await asyncio.to_thread(path.is_file):
             raise NoSuchThing(f"job {number} has no picture {name!r}: it may have been pruned")
         return FileResponse(path, media_type=media_type)
-
-    return router
 
 
 def find_change(context: ViewContext, query: TimelineQuery) -> Change | None:
