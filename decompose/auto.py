@@ -42,17 +42,20 @@ class CountGoal:
     within_s
         Time within which all parts have to be printed: the fewest parts that reach it are made, or those that
         end soonest where none reach it, however long their handling takes.
+    glued
+        Whether the parts have to be glued too within that time.
     """
 
     clear_s: float = CLEAR_S
     assemble_s: float = ASSEMBLE_S
     within_s: float | None = None
+    glued: bool = False
 
     def choose(self, points: Sequence[CurvePoint]) -> CurvePoint:
         """Choose a point of a curve."""
         if self.within_s is None:
             return find_knee(points, self.clear_s, self.assemble_s)
-        return find_fewest_in_time(points, self.within_s)
+        return find_fewest_in_time(points, self.within_s, self.assemble_s if self.glued else 0.0)
 
 
 def decompose_auto(

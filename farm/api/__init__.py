@@ -33,6 +33,7 @@ from farm.api.prints import Prints as Prints
 from farm.api.prints import PrintView as PrintView
 from farm.api.prints import StillView as StillView
 from farm.api.requests import ApproveRequest as ApproveRequest
+from farm.api.requests import AssembledRequest as AssembledRequest
 from farm.api.requests import Cleared as Cleared
 from farm.api.requests import ClearedRequest as ClearedRequest
 from farm.api.requests import DownRequest as DownRequest
@@ -60,6 +61,7 @@ class PartView(View):
     id: str
     cut_from: str | None = None  # the failed part that it is a piece of
     copy_number: int = 1  # of the copies of the model
+    glue_rank: int | None = None  # place in the order in which parts are glued, from 1
     verdict: Verdict | None
     plate: str
     file: str | None  # null if the files of its job were pruned
@@ -138,6 +140,15 @@ class JobView(View):
     folder: str | None  # with its files by name: parts (STL), plates (G-code), the picture
     pruned: str | None = None  # when its files were pruned; figures and pictures stay
     waits_for_person: bool
+    assembly_s: float | None = None  # a person's time to glue the parts: expected, or reported
+    assembled: str | None = None  # when they were glued: reported, or expected from what is known now
+    glued: bool = False  # whether a person has reported it
+    submitted_to_assembled_s: float | None = None  # from submission to that time
+
+    @property
+    def parts_by_use(self) -> list[PartView]:
+        """Parts of each copy in the order in which they are glued."""
+        return sorted(self.parts, key=lambda part: (part.copy_number, part.glue_rank or len(self.parts)))
 
     @property
     def prints(self) -> list[PrintView]:

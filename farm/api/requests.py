@@ -69,6 +69,12 @@ class ApproveRequest(View):
     plan: str
 
 
+class AssembledRequest(View):
+    """Report that the parts of a job are glued, with the time that it took."""
+
+    minutes: float = Field(gt=0, le=10_000)
+
+
 class DownRequest(View):
     """Request to shut down the farm: `now` stops open prints safely first, `wait` lets them finish."""
 

@@ -88,6 +88,11 @@ COMMANDS = {
         ),
         CommandEntry("reprint", "operate.reprint", "Print a part again, at any time and whatever its state."),
         CommandEntry(
+            "assembled",
+            "operate.assembled",
+            "Report that the parts of a job are glued, and how long that took.",
+        ),
+        CommandEntry(
             "history",
             "status.history",
             "List the latest prints: duration, deviation from the plan, filament and outcome.",

@@ -8,6 +8,7 @@ from typing import Protocol
 from drivers.clock import Clock
 from farm.agents import AgentManager
 from farm.config import Fleet
+from farm.model import assembly_ratio
 from farm.paths import StateFolder
 from farm.planning import JobPlanner, PlanRequest, list_job_files
 from farm.planning.replanning import ReplanTask, ReplanWorker, StartReplan
@@ -59,12 +60,14 @@ class FarmEffects:
     def _start_planning(self, order: StartPlanning, books: Books) -> None:
         job, fleet = books.job(order.job), apply_reels(self._fleet, books.printers)
         begins_s = max(self._clock.now(), job.not_before_s or 0.0)
+        limit_s = job.assembled_by_s if job.done_by_s is None else job.done_by_s
         request = PlanRequest(
             job=job,
             printers=tuple(fleet.printer(name) for name in order.printers),
             rounds=order.rounds,
             time_factors={name: books.printer(name).time_factor for name in order.printers},
-            within_s=None if job.done_by_s is None else max(0.0, job.done_by_s - begins_s),
+            within_s=None if limit_s is None else max(0.0, limit_s - begins_s),
+            assembly_ratio=assembly_ratio(books.jobs.values()),
             quick=order.quick,
         )
         self._planner.start(request)

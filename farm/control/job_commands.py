@@ -69,7 +69,7 @@ class JobCommands:
             return existing_job, True
         controller = self._controller
         number, now_s = max(controller.books.jobs, default=0) + 1, controller.clock.now()
-        not_before_s, done_by_s = parse_start_and_deadline_s(options, controller.rules, now_s)
+        not_before_s, deadline_s = parse_start_and_deadline_s(options, controller.rules, now_s)
         if controller.fleet.fleet.approve:
             options = options.model_copy(update={"hold": True})
         job = Job(
@@ -83,7 +83,8 @@ class JobCommands:
             repairs=model.repairs,
             scale=model.scale,
             not_before_s=not_before_s,
-            done_by_s=done_by_s,
+            done_by_s=deadline_s if options.assembled_by is None else None,
+            assembled_by_s=None if options.assembled_by is None else deadline_s,
             submitted_s=now_s,
             submitted_by=by,
         )
@@ -113,6 +114,16 @@ class JobCommands:
             self._printers.refuse_unattended(sorted(paused))
         at_s = self._controller.clock.now()
         self._controller.handle(ev.JobPaused(at_s=at_s, job=number, wanted=wanted, by=by))
+
+    def record_assembly(self, number: int, minutes: float, by: str) -> None:
+        """Record the time that a person took to glue the parts of a job; a later report replaces it."""
+        job = self._controller.books.job(number)
+        if job.state not in (JobState.PRINTED, JobState.DONE):
+            raise Refused(f"job {number} is {job.state}: report its assembly once all parts are printed")
+        if len(job.parts) < 2:
+            raise Refused(f"job {number} has one part: there is nothing to glue")
+        at_s = self._controller.clock.now()
+        self._controller.handle(ev.JobAssembled(at_s=at_s, job=number, minutes=minutes, by=by))
 
     def move(self, number: int, move: api.QueueMove, by: str) -> None:
         """Move a job in the queue: up, down, to its front or end, or before another job."""
@@ -258,14 +269,16 @@ def parse_start_and_deadline_s(
     Raises
     ------
     FarmError
-        If one of them is not in the future.
+        If one of them is not in the future, or two deadlines were given.
     """
+    if options.done_by is not None and options.assembled_by is not None:
+        raise FarmError("give --done-by or --assembled-by, not both", ErrorCode.SETTINGS)
     try:
         if options.at is not None:
             begins_s: float | None = parse_moment_s(options.at, now_s, rules.zone)
         else:
             begins_s = rules.evening_s(now_s) if options.overnight else None
-        done_by = options.done_by
-        return begins_s, None if done_by is None else parse_moment_s(done_by, begins_s or now_s, rules.zone)
+        deadline = options.done_by or options.assembled_by
+        return begins_s, None if deadline is None else parse_moment_s(deadline, begins_s or now_s, rules.zone)
     except ValueError as error:
         raise FarmError(str(error), ErrorCode.SETTINGS) from error

@@ -8,6 +8,7 @@ from farm.model.agent import AgentPrint, AgentSnapshot, Link
 from farm.model.entity import FORMER_NAMES, Entity
 from farm.model.hold import Hold, HoldCode, ShortReel
 from farm.model.job import (
+    Gluing,
     Job,
     JobOptions,
     JobState,
@@ -16,6 +17,7 @@ from farm.model.job import (
     PlanProgress,
     PlanStep,
     Reopening,
+    assembly_ratio,
 )
 from farm.model.key import Key, KeyKind, Role
 from farm.model.plate import DEFAULT_PRINT_OPTIONS, Part, PartGeometry, PartPrintOptions, Plate
@@ -31,6 +33,7 @@ __all__ = [
     "Bed",
     "Entity",
     "FilamentState",
+    "Gluing",
     "Hold",
     "HoldCode",
     "Job",
@@ -59,4 +62,5 @@ __all__ = [
     "Still",
     "Temperatures",
     "Verdict",
+    "assembly_ratio",
 ]

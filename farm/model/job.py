@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from enum import StrEnum
 from typing import Annotated
 
@@ -31,6 +31,14 @@ class JobState(StrEnum):
         return self in (JobState.PRINTED, JobState.DONE, JobState.FAILED, JobState.CANCELLED)
 
 
+class Gluing(Entity):
+    """Gluing of a job's parts, as a person reported it."""
+
+    minutes: float
+    at_s: float
+    by: str
+
+
 ShortText = Annotated[str, AfterValidator(flatten_text)]
 """Text that a user writes and others see, on one line."""
 
@@ -50,6 +58,7 @@ class JobOptions(Entity):
     at: str | None = Field(default=None, max_length=40)  # earliest start, as the user wrote it
     overnight: bool = False  # starts when attended hours end
     done_by: str | None = Field(default=None, max_length=40)  # use the fewest parts that finish by this time
+    assembled_by: str | None = Field(default=None, max_length=40)  # the same, with the time to glue them
     spares: int = Field(default=0, ge=0)  # free printers kept in reserve for failed plates
     hold: bool = False  # nothing prints before `farm approve`
     dry_run: bool = False  # planned only: cancelled once its plan has been shown
@@ -101,6 +110,7 @@ class Job(Entity):
     scale: float | None = None
     not_before_s: float | None = None
     done_by_s: float | None = None
+    assembled_by_s: float | None = None
     plan: str | None = None  # hash of the plan and its files, for `farm approve`
     lower_bound_s: float | None = None  # lower bound of any schedule of its plates
     expected_s: float | None = None  # parallel printing time of the plan
@@ -120,6 +130,8 @@ class Job(Entity):
     planned_s: float | None = None
     planned_for: tuple[str, ...] = ()  # printers that its plan could use; empty: unknown
     planning_s: float | None = None  # how long its plan took, on the farm's clock
+    assembly_s: float | None = None  # a person's time to glue its parts, by the model of steps
+    gluing: Gluing | None = None
     revisions: int = 0  # number of plans that replaced the first one
     ended_s: float | None = None
     pruned_s: float | None = None  # when its files were given up; `picture` and `part_pictures` stay
@@ -130,6 +142,13 @@ class Job(Entity):
     def priority(self) -> int:
         """Return the priority by which it is served."""
         return self.options.priority if self.moved_priority is None else self.moved_priority
+
+    @property
+    def printed_by_s(self) -> float | None:
+        """Return the time by which its last part has to be printed; None for no limit."""
+        if self.done_by_s is not None or self.assembled_by_s is None:
+            return self.done_by_s
+        return self.assembled_by_s - (self.assembly_s or 0.0)
 
     @property
     def turn(self) -> tuple[int, float, int]:
@@ -154,3 +173,19 @@ class PlanProgress(Entity):
     cached: int = 0  # plates of `done` that came from the cache
     share: float | None = None  # of the budget of the search for parts, 0 to 1; it may end sooner
     remaining_s: float | None = None  # of that search, at most; wall seconds
+
+
+_PRIOR_S = 3600.0  # of assembly as expected, which counts beside what was reported
+_SLOWEST, _FASTEST = 4.0, 0.25  # bounds of the ratio: one wrong report does not mislead for long
+
+
+def assembly_ratio(jobs: Iterable[Job]) -> float:
+    """Compute the ratio of reported to expected times of assembly, 1 where nothing was reported."""
+    known = [
+        (60.0 * job.gluing.minutes, job.assembly_s)
+        for job in jobs
+        if job.gluing is not None and job.assembly_s
+    ]
+    reported_s = _PRIOR_S + sum(reported for reported, _ in known)
+    expected_s = _PRIOR_S + sum(expected for _, expected in known)
+    return min(_SLOWEST, max(_FASTEST, reported_s / expected_s))

@@ -54,6 +54,7 @@ class Part(Entity):
     print_options: PartPrintOptions = DEFAULT_PRINT_OPTIONS
     cut_from: str | None = None  # the failed part that it was cut from
     copy_number: int = 1  # of the copies of the model
+    glue_rank: int | None = None  # place in the order in which parts are glued, from 1; None: unknown
 
     @model_validator(mode="before")
     @classmethod

@@ -39,6 +39,7 @@ def book_part(names: PlateNames, part: DecomposedPart, files: Path, cut_from: Pa
         print_options=part.print_options,
         cut_from=None if cut_from is None else cut_from.id,
         copy_number=1 if cut_from is None else cut_from.copy_number,
+        glue_rank=part.glue_rank if cut_from is None else cut_from.glue_rank,
     )
 
 
@@ -97,6 +98,7 @@ def book_plan(sliced: SlicedJob, files: Path) -> Plan:
         assembly=store_file(files, task.folder / ASSEMBLY),
         decomposition=store_file(files, task.folder / REPORT),
         instructions=store_file(files, task.folder / INSTRUCTIONS),
+        assembly_s=decomposed.assembly_s,
     )
 
 

@@ -65,6 +65,7 @@ class JobPlanner:
             folder=self._state.work / f"job-{job.id}",
             time_factors=request.time_factors,
             within_s=request.within_s,
+            assembly_ratio=request.assembly_ratio,
             budget_s=self._budget_s,
         )
         self._running = {number: running for number, running in self._running.items() if not running.done()}

@@ -29,6 +29,8 @@ class DecomposedPart:
         Its printing time by the cost model of the decomposition.
     printer
         Name of the printer that it was cut for.
+    glue_rank
+        Place in the order in which parts are glued, from 1; None if it has none.
     """
 
     id: str
@@ -37,9 +39,10 @@ class DecomposedPart:
     price_s: float
     printer: str
     print_options: PartPrintOptions = DEFAULT_PRINT_OPTIONS
+    glue_rank: int | None = None
 
     @staticmethod
-    def from_part(part: DecompositionPart, folder: Path) -> DecomposedPart:
+    def from_part(part: DecompositionPart, folder: Path, glue_rank: int | None = None) -> DecomposedPart:
         """Describe a part of a decomposition that was written into a folder."""
         low, high = part.solid.bounds_mm
         return DecomposedPart(
@@ -58,6 +61,7 @@ class DecomposedPart:
                 layer_0_expansion_mm=part.layer_0_expansion_mm,
                 stands=part.stands,
             ),
+            glue_rank=glue_rank,
         )
 
 

@@ -66,6 +66,8 @@ class PlanRequest:
         Time factors of the printers, learned from their prints, by name.
     within_s
         Time within which the job must be printed; None for no limit.
+    assembly_ratio
+        Ratio of reported to expected times of assembly.
     quick
         True if the plan is expected to take seconds: it does not wait for other work.
     """
@@ -75,6 +77,7 @@ class PlanRequest:
     rounds: int = 1
     time_factors: Mapping[str, float] = field(default_factory=dict)
     within_s: float | None = None
+    assembly_ratio: float = 1.0
     quick: bool = False
 
 
@@ -91,7 +94,10 @@ class DecomposeTask:
     time_factors
         Time factors of the printers, learned from their prints, by name; 1 if there is none.
     within_s
-        Time within which the job must be printed (`--done-by`); None for no limit.
+        Time within which the job must be printed (`--done-by`), or glued too (`--assembled-by`); None for
+        no limit.
+    assembly_ratio
+        Ratio of reported to expected times of assembly.
     budget_s
         Budget of the search for parts; None for the decomposition's default.
     """
@@ -104,6 +110,7 @@ class DecomposeTask:
     folder: Path
     time_factors: Mapping[str, float] = field(default_factory=dict)
     within_s: float | None = None
+    assembly_ratio: float = 1.0
     budget_s: float | None = None
 
 
@@ -117,6 +124,8 @@ class DecomposedJob:
         Price of the whole model in one piece, heat-up included.
     cut_record
         File for `relevel_parts` (farm.planning.parts.cut_record); None if the cuts cannot be moved.
+    assembly_s
+        A person's time to glue the parts; None for a single part.
     """
 
     parts: tuple[DecomposedPart, ...]
@@ -124,6 +133,7 @@ class DecomposedJob:
     repairs: tuple[str, ...]
     scale: float
     cut_record: Path | None = None
+    assembly_s: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,6 +179,8 @@ class Plan:
         Expected parallel printing time.
     picture, assembly, decomposition, instructions
         Names in the file store.
+    assembly_s
+        A person's time to glue the parts of all copies, by the model of steps; None if there are no steps.
     """
 
     parts: tuple[Part, ...]
@@ -181,3 +193,4 @@ class Plan:
     assembly: str | None = None
     decomposition: str | None = None
     instructions: str | None = None
+    assembly_s: float | None = None

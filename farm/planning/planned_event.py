@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
-from farm.model import Job, Part, Plate
+from farm.model import Job, Part, Plate, assembly_ratio
 from farm.planning.plan import Plan
 from farm.scheduling import FleetPrinter, Situation, StartRules, as_idle, describe_plates, forecast_prints
 from farm.state import Books
@@ -21,7 +21,8 @@ def build_planned_event(
     used = {plate.printer for plate in plan.plates}
     printers = list(printers)
     fleet = [as_idle(view) for view in printers if view.name in used]
-    books = replace(books, plates={plate.id: plate for plate in plan.plates})
+    parts = {part.id: part for part in plan.parts}
+    books = replace(books, plates={plate.id: plate for plate in plan.plates}, parts=parts)
     waiting = list(describe_plates(plan.plates, books))
     situation = Situation(tuple(waiting), tuple(fleet), rules, now_s)
     expected = forecast_prints(situation)
@@ -33,13 +34,12 @@ def build_planned_event(
             *notices,
             f"Its parts are of {of}, like their printers: `--material` selects one.",
         )
-    if job.done_by_s is not None:
+    if job.done_by_s is not None or job.assembled_by_s is not None:
         ends_s = forecast_prints(
             situation.with_printers(tuple(printers))
         ).ends_s  # in the present state of the printers: beds may not be clear
-        if ends_s > job.done_by_s:
-            deadline, ends = (rules.format_moment(at_s, now_s) for at_s in (job.done_by_s, ends_s))
-            notices = (*notices, f"It was to be printed by {deadline}; the earliest possible is {ends}.")
+        glue_s = (plan.assembly_s or 0.0) * assembly_ratio(books.jobs.values())
+        notices = (*notices, *_describe_lateness(job, ends_s, glue_s, rules, now_s))
     is_parallel = len({slot.printer for slot in expected.slots}) == len(plan.plates)
     at_once = expected.left or (is_parallel and rules.max_heating is None)
     return ev.JobPlanned(
@@ -56,9 +56,21 @@ def build_planned_event(
         assembly=plan.assembly,
         decomposition=plan.decomposition,
         instructions=plan.instructions,
+        assembly_s=plan.assembly_s,
         plan=hash_plan(plan.parts, plan.plates),
         held=job.options.hold,
     )
+
+
+def _describe_lateness(
+    job: Job, ends_s: float, glue_s: float, rules: StartRules, now_s: float
+) -> Iterator[str]:
+    """Describe a deadline that will be missed; `glue_s` is the time to glue the parts."""
+    deadlines = (("printed", job.done_by_s, ends_s), ("assembled", job.assembled_by_s, ends_s + glue_s))
+    for state, deadline_s, reached_s in deadlines:
+        if deadline_s is not None and reached_s > deadline_s:
+            deadline, earliest = (rules.format_moment(at_s, now_s) for at_s in (deadline_s, reached_s))
+            yield f"It was to be {state} by {deadline}; the earliest possible is {earliest}."
 
 
 def hash_plan(parts: Iterable[Part], plates: Iterable[Plate]) -> str:

@@ -195,7 +195,8 @@ def is_quick(job: Job, printers: Iterable[FleetPrinter]) -> bool:
     if job.own_gcode is not None:
         return True
     options, size = job.options, job.size
-    if size is None or size.faces > QUICK_FACES or options.done_by or options.printers not in (None, 1):
+    deadline = options.done_by or options.assembled_by
+    if size is None or size.faces > QUICK_FACES or deadline or options.printers not in (None, 1):
         return False
     x, y, z = size.extents_mm
     return any(

@@ -69,6 +69,10 @@ class Capabilities:
         )
 
 
+AS_LONG_S = 60.0
+"""Plates whose times round to the same number of these take as long as each other."""
+
+
 @dataclass(frozen=True)
 class FleetPrinter:
     """A printer with all data that decide whether it can take a plate."""
@@ -195,11 +199,16 @@ class WaitingPlate:
     tried: bool = False  # printed before: that failed, or its part is bad
     places: int | None = None  # number of additional printers that its job may use now; None: no limit
     not_before_s: float | None = None
+    glue_rank: int = 0  # place in the order in which the parts of its job are glued; 0: none
 
     @cached_property
-    def priority_key(self) -> tuple[int, float, int, float, str]:
-        """Sort key: priority, order of submission, then the longest first (LPT)."""
-        return *self.turn, -self.expected_s, self.id
+    def priority_key(self) -> tuple[int, float, int, float, int, float, str]:
+        """Sort key: priority, order of submission, then the longest first (LPT).
+
+        Of plates that take as long to within `AS_LONG_S`, the one that is glued first.
+        """
+        longest = -round(self.expected_s / AS_LONG_S)
+        return *self.turn, longest, self.glue_rank, -self.expected_s, self.id
 
     @cached_property
     def demand(self) -> Demand:

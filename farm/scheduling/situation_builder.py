@@ -217,7 +217,14 @@ def describe_plates(plates: Iterable[Plate], books: Books) -> Iterator[WaitingPl
             places=None if printers is None else max(0, printers - sum(1 for _ in books.open_prints(job.id))),
             tried=bool(plate.prints),
             not_before_s=job.not_before_s,
+            glue_rank=min(_find_glue_ranks(plate, books), default=0),
         )
+
+
+def _find_glue_ranks(plate: Plate, books: Books) -> list[int]:
+    """Find the places of a plate's parts in the order of gluing; parts of a new plan are not in the books."""
+    parts = (books.parts.get(name) for name in plate.parts)
+    return [part.glue_rank for part in parts if part is not None and part.glue_rank is not None]
 
 
 def plate_requirements(plate: Plate, options: JobOptions | None = None) -> Requirements:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import Field
 
 from farm.errors import ErrorCode
-from farm.model import Bed, FilamentState, Hold, Job, Key, Part, Plate, PrintState, Reel, Still, Verdict
+from farm.model import Bed, FilamentState, Hold, Job, Part, Plate, PrintState, Reel, Still, Verdict
+from farm.model.event import Event as Event
 from farm.model.instruction import AnyInstruction as AnyInstruction
 from farm.model.instruction import Instruction as Instruction
 from farm.model.instruction import NameFiles as NameFiles
@@ -16,15 +17,12 @@ from farm.model.instruction import SendForget as SendForget
 from farm.model.instruction import SendPause as SendPause
 from farm.model.instruction import SendStart as SendStart
 from farm.model.instruction import StopPlanning as StopPlanning
+from farm.model.key_events import KeyAdded as KeyAdded
+from farm.model.key_events import KeyRevoked as KeyRevoked
+from farm.model.key_events import SessionExtended as SessionExtended
+from farm.model.key_events import SessionOpened as SessionOpened
 
 A_PERSON = "a person"  # name for an unknown caller of a command
-
-
-class Event(BaseModel):
-    """Change that happened at `at_s` on the farm's clock."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
-    at_s: float
 
 
 class PrinterAdded(Event):
@@ -79,6 +77,7 @@ class JobPlanned(Event):
     held: bool = False  # until a person approves this plan
     printers: tuple[str, ...] = ()  # that the plan could use
     planning_s: float | None = None  # how long it took
+    assembly_s: float | None = None  # a person's time to glue its parts, by the model of steps
 
 
 class PlanRevised(JobPlanned):
@@ -116,7 +115,9 @@ class JobPruned(Event):
 
     job: int
     by: str
-    part_pictures: dict[str, str] = {}  # small pictures of the parts, by part: names in the file store
+    part_pictures: dict[str, str] = Field(
+        default_factory=dict
+    )  # small pictures of the parts, by part: names in the file store
 
 
 class EventsCompacted(Event):
@@ -239,6 +240,14 @@ class JobPaused(Event):
     by: str = A_PERSON
 
 
+class JobAssembled(Event):
+    """A person glued the parts of a job, which took this time."""
+
+    job: int
+    minutes: float
+    by: str = A_PERSON
+
+
 class MaintenanceStarted(Event):
     """A person took a printer out of use; its open print continues."""
 
@@ -328,32 +337,6 @@ class BedBecameUnknown(Event):
     reason: str
 
 
-class KeyAdded(Event):
-    """An operator added a key for callers on the network."""
-
-    key: Key
-
-
-class KeyRevoked(Event):
-    """A key was revoked, or a session was ended."""
-
-    key: str
-    by: str
-
-
-class SessionOpened(Event):
-    """A user opened the farm's pages in a browser."""
-
-    session: Key
-
-
-class SessionExtended(Event):
-    """A session is in use: it expires later."""
-
-    session: str
-    expires_s: float
-
-
 AnyEvent = (
     PrinterAdded
     | ClockSet
@@ -382,6 +365,7 @@ AnyEvent = (
     | ReprintRequested
     | JobMoved
     | JobPaused
+    | JobAssembled
     | MaintenanceStarted
     | MaintenanceEnded
     | PrinterLost

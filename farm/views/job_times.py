@@ -157,3 +157,40 @@ def _plate_remaining_s(context: ViewContext, plate: Plate) -> float:
         return 0.0
     attempt = context.books.prints[plate.prints[-1]]
     return plate.expected_s if attempt.started_s is None else context.remaining_s(attempt)
+
+
+@dataclass(frozen=True, slots=True)
+class AssemblyTimes:
+    """Times of gluing a job, in seconds; None if they are not known.
+
+    Attributes
+    ----------
+    work_s
+        A person's time: reported, or expected.
+    end_s
+        Time at which it was glued, or is expected to be when a person begins as soon as it is printed.
+    """
+
+    work_s: float | None
+    end_s: float | None
+
+
+def measure_assembly(job: Job, printed_s: float | None, ratio: float) -> AssemblyTimes:
+    """Measure or foresee the gluing of a job.
+
+    Parameters
+    ----------
+    job
+        The job.
+    printed_s
+        Time at which its last part was or will be printed; None if unknown.
+    ratio
+        Ratio of reported to expected times (`assembly_ratio`).
+    """
+    if job.gluing is not None:
+        return AssemblyTimes(60.0 * job.gluing.minutes, job.gluing.at_s)
+    if job.assembly_s is None:
+        return AssemblyTimes(None, None)
+    work_s = job.assembly_s * ratio
+    given_up = job.state in (JobState.FAILED, JobState.CANCELLED)
+    return AssemblyTimes(work_s, None if printed_s is None or given_up else printed_s + work_s)

@@ -6,11 +6,21 @@ from collections.abc import Iterable
 
 from farm import api
 from farm.errors import EXIT_CODES, ExitCode
-from farm.model import HoldCode, Job, JobState, Plate, Print, PrintState, Still, Verdict
+from farm.model import (
+    HoldCode,
+    Job,
+    JobState,
+    Plate,
+    Print,
+    PrintState,
+    Still,
+    Verdict,
+    assembly_ratio,
+)
 from farm.state import Books
 from farm.views.accounting import summarise_job
 from farm.views.context import ViewContext
-from farm.views.job_times import Run, measure_times
+from farm.views.job_times import Run, measure_assembly, measure_times
 
 _TEMPORARY_HOLDS = {
     HoldCode.NOT_FIRST, HoldCode.PRINTER_BUSY, HoldCode.JOB_PRINTER_LIMIT, HoldCode.PRINTER_CONNECTING,
@@ -29,6 +39,7 @@ def describe_job(context: ViewContext, job: Job) -> api.JobView:
     files = None if job.pruned_s is not None else str(context.state.files)
     summary = summarise_job(books, job)
     times = measure_times(context, job)
+    glue = measure_assembly(job, times.end_s, assembly_ratio(books.jobs.values()))
     return api.JobView(
         id=job.id,
         name=job.name,
@@ -71,6 +82,10 @@ def describe_job(context: ViewContext, job: Job) -> api.JobView:
         folder=str(context.state.job(job.id)) if job.plates else None,
         pruned=context.format_time(job.pruned_s),
         waits_for_person=_waits_for_person(context, job, plates),
+        assembly_s=glue.work_s,
+        assembled=context.format_time(glue.end_s),
+        glued=job.gluing is not None,
+        submitted_to_assembled_s=None if glue.end_s is None else glue.end_s - job.submitted_s,
     )
 
 
@@ -117,6 +132,7 @@ def _part_view(context: ViewContext, name: str, files: str | None) -> api.PartVi
         id=part.id,
         cut_from=part.cut_from,
         copy_number=part.copy_number,
+        glue_rank=part.glue_rank,
         verdict=_verdict(context.books, plate),
         plate=part.plate,
         file=_file_path(files, part.file),

@@ -16,6 +16,7 @@ from farm.model import (
     JobState,
     Link,
     Outage,
+    Part,
     PlanStep,
     Print,
     PrintState,
@@ -37,6 +38,9 @@ _ORDER = {
 }
 """Rank of each code, the most urgent first; equal ranks in the order of the fleet."""
 
+_MOST_PARTS_NAMED = 8
+"""Largest number of beds to clear whose parts are named in brief."""
+
 
 def list_tasks(context: ViewContext) -> list[api.Todo]:
     """List the tasks of people, most urgent first; each printer appears once."""
@@ -52,9 +56,12 @@ def list_tasks(context: ViewContext) -> list[api.Todo]:
         if not listed and _needs_clearing(context, section.name) and section.name not in lost_printers:
             occupied.append(section.name)
     if occupied:
+        occupied, names = _sort_by_use(context, occupied)
         beds = format_count(len(occupied), "bed")
-        text = f"clear {beds}: {' '.join(occupied)}, then `farm cleared PRINTER`"
-        tasks.append(api.Todo(code="clear", printers=occupied, text=text))
+        text = f"clear {beds}: {' '.join(names)}, then `farm cleared PRINTER`"
+        has_parts = names != occupied and len(names) <= _MOST_PARTS_NAMED
+        brief = " ".join(names) if has_parts else ""
+        tasks.append(api.Todo(code="clear", printers=occupied, text=text, brief=brief))
     return [
         *sorted(tasks, key=lambda task: _ORDER[task.code]),
         *list_requests(context.books, context.plate_holds),
@@ -144,6 +151,26 @@ def _find_whole_part(context: ViewContext, printer: str) -> str | None:
     """Return the part of a failed print on a bed that may be good; None if it cannot be."""
     attempt = find_possibly_complete_print(context.books, printer)
     return None if attempt is None else part_name(context.books, attempt)
+
+
+def _sort_by_use(context: ViewContext, printers: list[str]) -> tuple[list[str], list[str]]:
+    """Sort printers by the order in which the parts on them are glued; name these parts in a second list."""
+    on_bed = {name: _find_part_on_bed(context.books, name) for name in printers}
+    none = (math.inf, 0, 0)
+
+    def rank(name: str) -> tuple[float, int, int]:
+        part = on_bed[name]
+        return none if part is None else (part.job, part.copy_number, part.glue_rank or 0)
+
+    order = sorted(printers, key=rank)
+    parts = {name: part for name in order if (part := on_bed[name]) is not None and part.glue_rank}
+    return order, [f"{name} ({parts[name].id})" if name in parts else name for name in order]
+
+
+def _find_part_on_bed(books: Books, printer: str) -> Part | None:
+    """Find the part that the last print on a printer left on its bed."""
+    attempt = books.last_print_on(printer)
+    return None if attempt is None else books.parts[books.plates[attempt.plate].parts[0]]
 
 
 def _ask_whole(context: ViewContext, printer: str) -> str:

@@ -45,6 +45,7 @@ _PRINT = (
     "/printers/{name}/cancel",
     "/printers/{name}/maintenance",
 )
+_PRINT_ONLY_API = ("/jobs/{number}/assembled",)
 _PLAN_FORMS = ("/jobs/{number}/release", "/jobs/{number}/keep", "/jobs/{number}/replan")
 _OPERATE = (
     "/jobs/{number}/approve",
@@ -85,7 +86,7 @@ ROLES: dict[tuple[str, str], Role] = {
     **{("GET", path): Role.OPERATE for path in OPERATOR_PAGES},
     ("POST", "/logout"): Role.LOOK,
     **{("GET", NETWORK_PREFIX + path): Role.LOOK for path in _LOOK},
-    **{("POST", NETWORK_PREFIX + path): Role.PRINT for path in _PRINT},
+    **{("POST", NETWORK_PREFIX + path): Role.PRINT for path in (*_PRINT, *_PRINT_ONLY_API)},
     **{("POST", NETWORK_PREFIX + path): Role.OPERATE for path in _OPERATE},
     **{("POST", path): Role.PRINT for path in _PRINT if path != "/jobs"},  # forms of the pages
     **{("POST", path): Role.PRINT for path in (*_PLAN_FORMS, "/submit")},

@@ -122,7 +122,7 @@ def find_knee(
     return min(points, key=lambda p: (p.makespan_s + p.printers * (clear_s + assemble_s), p.printers))
 
 
-def find_fewest_in_time(points: Sequence[CurvePoint], within_s: float) -> CurvePoint:
+def find_fewest_in_time(points: Sequence[CurvePoint], within_s: float, handling_s: float = 0.0) -> CurvePoint:
     """Find the fewest printers that finish within a time; the fastest number where none do.
 
     Parameters
@@ -130,9 +130,15 @@ def find_fewest_in_time(points: Sequence[CurvePoint], within_s: float) -> CurveP
     points
         Points of `makespan_curve`, at least one.
     within_s
-        Seconds from the first print command to the end of the last part.
+        Seconds from the first print command to the end of the last part, and its handling.
+    handling_s
+        A person's time for each part, after the last one is printed; a single part needs none.
     """
-    feasible = [point for point in points if point.makespan_s <= within_s]
+
+    def end_s(point: CurvePoint) -> float:
+        return point.makespan_s + (handling_s * point.printers if point.printers > 1 else 0.0)
+
+    feasible = [point for point in points if end_s(point) <= within_s]
     if feasible:
         return min(feasible, key=lambda point: point.printers)
-    return min(points, key=lambda point: (point.makespan_s, point.printers))
+    return min(points, key=lambda point: (end_s(point), point.printers))

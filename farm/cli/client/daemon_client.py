@@ -83,6 +83,9 @@ class Client:
     def approve(self, number: int, request: api.ApproveRequest) -> None:
         self._call("POST", f"/jobs/{number}/approve", body=request)
 
+    def record_assembly(self, number: int, request: api.AssembledRequest) -> api.JobStatus:
+        return self._ask(api.JobStatus, "POST", f"/jobs/{number}/assembled", body=request)
+
     def queue(self) -> api.Queue:
         return self._ask(api.Queue, "GET", "/queue")
 

@@ -8,13 +8,15 @@ from typing import Annotated
 
 import typer
 
-from farm.api import Cleared, ClearedRequest, LoadRequest, PrinterView
+from farm.api import AssembledRequest, Cleared, ClearedRequest, LoadRequest, PrinterView
 from farm.cli import completion
 from farm.cli.client import connect
-from farm.cli.options import Job, Printer, Why, with_farm
+from farm.cli.display import print_json
+from farm.cli.options import Job, Json, Printer, Why, with_farm
 from farm.errors import NoSuchThing
 from farm.model import FilamentState, HoldCode, Link
 from farm.paths import Places
+from farm.text import format_duration
 
 Targets = Annotated[
     list[str], typer.Argument(help="Printers, jobs (3) or parts (3/p01).", autocompletion=completion.targets)
@@ -241,3 +243,22 @@ def maintenance(
     else:
         client.send_command(f"/printers/{printer}/maintenance", why)
         print(f"{printer}: in maintenance; put it back into use with `farm maintenance {printer} --done`")
+
+
+@with_farm
+def assembled(
+    places: Places,
+    job: Job,
+    minutes: Annotated[float, typer.Option(min=0.1, max=10_000, help="Time that it took, in minutes.")],
+    json: Json = False,
+) -> None:
+    """Report that the parts of a job are glued, and how long that took."""
+    answer = connect(places).record_assembly(job, AssembledRequest(minutes=minutes))
+    if json:
+        print_json(answer)
+        return
+    whole = answer.job.submitted_to_assembled_s
+    print(
+        f"job {job}: assembled in {format_duration(60.0 * minutes)}"
+        + (f", {format_duration(whole)} after its submission" if whole is not None else "")
+    )

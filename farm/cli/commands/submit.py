@@ -63,6 +63,9 @@ def submit(
     done_by: Annotated[
         str | None, typer.Option(help="Use the fewest parts that finish by this time.")
     ] = None,
+    assembled_by: Annotated[
+        str | None, typer.Option(help="Use the fewest parts that are printed and glued by this time.")
+    ] = None,
     spares: Annotated[
         int, typer.Option(help="Idle printers to keep in reserve for failed parts overnight.")
     ] = 0,
@@ -99,6 +102,7 @@ def submit(
         at=at,
         overnight=overnight,
         done_by=done_by,
+        assembled_by=assembled_by,
         spares=spares,
         copies=copies,
         name=name,

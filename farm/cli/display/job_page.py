@@ -29,6 +29,7 @@ _MIN_STARVED_SHARE = 0.01
 
 _PART_COLUMNS = (
     Column("PART"),
+    Column("GLUE", rank=4),
     Column("PRINTER"),
     Column("STATE"),
     Column("EXPECTED", rank=2),
@@ -165,6 +166,11 @@ def _list_times(view: api.JobView) -> list[tuple[str, str]]:
         rows.append(("printed in runs", format_runs(view.runs, view.now)))
     if view.eta and view.state == JobState.PRINTING:
         rows.append(("ends", format_time(view.eta, view.now)))
+    if view.assembly_s is not None:
+        rows.append(("assembly" if view.glued else "assembly, expected", format_duration(view.assembly_s)))
+    if view.assembled is not None and view.submitted_to_assembled_s is not None:
+        whole = f"{format_duration(view.submitted_to_assembled_s)} after submission"
+        rows.append(("assembled", f"{format_time(view.assembled, view.now)}, {whole}"))
     if view.serial_s is not None:
         rows.append(("single large printer", format_duration(view.serial_s)))
     if view.speedup is not None:
@@ -177,12 +183,13 @@ def _list_times(view: api.JobView) -> list[tuple[str, str]]:
 def _lay_out_parts(view: api.JobView, width: int | None) -> list[Text]:
     rows, now = [], view.now
     plates = {plate.id: plate for plate in view.plates}
-    for part in view.parts:
+    for part in view.parts_by_use:
         plate = plates[part.plate]
         last = part.own_prints[-1] if part.own_prints else None
         rows.append(
             (
                 part.id,
+                str(part.glue_rank or ""),
                 plate.printer,
                 _format_part_state(part),
                 format_duration(plate.estimated_s),

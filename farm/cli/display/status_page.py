@@ -96,7 +96,7 @@ def _list_task_lines(todo: list[api.Todo], width: int | None) -> list[Text]:
     """List all tasks of people, on as few lines as possible."""
     unlabelled = [item for item in todo if item.code not in _TASK_LABELS]
     tasks = [
-        f"clear {format_count(len(item.printers), 'bed')}: {shorten_names(item.printers)}"
+        f"clear {format_count(len(item.printers), 'bed')}: {item.brief or shorten_names(item.printers)}"
         if item.code == "clear"
         else item.text
         for item in sorted(unlabelled, key=lambda item: item.code == "clear")

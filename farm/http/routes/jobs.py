@@ -35,6 +35,11 @@ def job_routes(services: Services, jobs: JobCommands, dry_runs: DryRuns) -> APIR
     async def approve(number: int, request: api.ApproveRequest, by: OperatorName) -> None:
         await jobs.approve(number, request.plan, services.state, by)
 
+    @router.post("/jobs/{number}/assembled")
+    async def assembled(number: int, request: api.AssembledRequest, by: CallerName) -> api.JobStatus:
+        jobs.record_assembly(number, request.minutes, by)
+        return await job(number)
+
     @router.get("/queue")
     async def queue() -> api.Queue:
         return describe_queue(controller.build_view_context(services.state))

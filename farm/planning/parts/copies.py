@@ -100,6 +100,7 @@ def multiply_plan(plan: Plan, task: DecomposeTask) -> Plan:
         plates=tuple(plates[_name_copy(plate.id, number)] for number in numbers for plate in plan.plates),
         serial_s=plan.serial_s * copies,
         expected_s=max(loads_s.values()),
+        assembly_s=None if plan.assembly_s is None else plan.assembly_s * copies,
     )
 
 

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from decompose.auto import CountGoal, build_curve, decompose_auto
 from decompose.decompose import decompose_model
+from decompose.engines.guillotine import ASSEMBLE_S
 from decompose.errors import NoFit
 from decompose.export import write_decomposition
 from decompose.geometry import Model, Solid
@@ -67,7 +68,9 @@ def decompose_job(task: DecomposeTask) -> DecomposedJob:
             listen_to_progress(lambda share: progress.report(share, time.monotonic())),
             ThreadPoolExecutor(len(os.sched_getaffinity(0))) as threads,  # they end with the worker
         ):
-            cutter = ModelCutter(model, rooms, options, cost, threads)
+            assemble_s = ASSEMBLE_S * task.assembly_ratio
+            goal = CountGoal(assemble_s=assemble_s, glued=task.options.assembled_by is not None)
+            cutter = ModelCutter(model, rooms, options, cost, threads, goal)
             if task.options.copies > 1:
                 decomposition = cutter.cut_for_copies(task)
             elif task.within_s is not None:
@@ -93,12 +96,17 @@ def write_decomposed(decomposition: Decomposition, model: Model, folder: Path) -
     """Write the parts, the report and the cut record into a folder, and describe them."""
     stored = write_decomposition(decomposition, folder)
     warnings = [text for text in (stored.describe_thin_rims(), stored.describe_small_feet()) if text]
+    ranks = {number: rank for rank, number in enumerate(stored.assembly.part_order, 1)}
     return DecomposedJob(
-        parts=tuple(DecomposedPart.from_part(part, folder) for part in stored.parts),
+        parts=tuple(
+            DecomposedPart.from_part(part, folder, ranks.get(number))
+            for number, part in enumerate(stored.parts)
+        ),
         serial_price_s=stored.serial_s,
         repairs=(*model.repairs, *(f"Warning: {text}." for text in warnings)),
         scale=model.scale,
         cut_record=write_cut_record(stored, folder),
+        assembly_s=stored.assembly.total_s if stored.assembly.steps else None,
     )
 
 
@@ -118,13 +126,20 @@ LATE_SHARE = 1.1
 
 @dataclass(frozen=True, slots=True)
 class ModelCutter:
-    """A model, and the printers that it may be cut for. Every method raises the errors of `decompose`."""
+    """A model, and the printers that it may be cut for. Every method raises the errors of `decompose`.
+
+    Attributes
+    ----------
+    goal
+        A person's time for each part, and whether a limit of time is for gluing them too.
+    """
 
     model: Model
     rooms: list[PrinterRoom]
     options: Options
     cost: CostModel
     executor: Executor
+    goal: CountGoal
 
     def cut_for_all(self) -> Decomposition:
         """Cut the model for all of the printers."""
@@ -132,7 +147,7 @@ class ModelCutter:
 
     def cut_for_worthwhile(self, within_s: float | None = None) -> Decomposition:
         """Cut the model for as many printers as save time, or for the fewest that end within a time."""
-        goal = CountGoal(within_s=within_s)
+        goal = replace(self.goal, within_s=within_s)
         return decompose_auto(self.model, self.rooms, self.options, self.cost, self.executor, goal)
 
     def cut_for_one(self) -> Decomposition | None:

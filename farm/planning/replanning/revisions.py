@@ -231,7 +231,7 @@ def _describe(job: Job, plates: tuple[WaitingPlate, ...], situation: Situation) 
         planned_for=job.planned_for,
         requirements=job_requirements(job),
         planning_s=max(job.planning_s or 0.0, CUTTING_S * situation.time_scale),
-        done_by_s=job.done_by_s,
+        done_by_s=job.printed_by_s,
     )
 
 

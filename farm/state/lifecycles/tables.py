@@ -72,6 +72,7 @@ JOB = Lifecycle(
         _row(ev.JobFailed, [_J.PLANNING], [_J.FAILED]),
         _row(ev.JobPaused, _LIVE, None),
         _row(ev.JobMoved, _LIVE, None),
+        _row(ev.JobAssembled, [_J.PRINTED, _J.DONE], None),
         _row(ev.JobCancelled, _LIVE, [_J.CANCELLED]),
         _row(ev.JobPruned, [_J.DONE, _J.FAILED, _J.CANCELLED], None),
     ),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from farm.errors import ErrorCode
-from farm.model import Hold, HoldCode, Job, JobState
+from farm.model import Gluing, Hold, HoldCode, Job, JobState
 from farm.state import events as ev
 from farm.state import restore
 from farm.state.books import Books, put, replace_fields
@@ -73,6 +73,7 @@ def _planned_job(job: Job, event: ev.JobPlanned) -> Job:
         planned_s=event.at_s,
         planned_for=event.printers,
         planning_s=event.planning_s,
+        assembly_s=event.assembly_s,
     )
 
 
@@ -132,3 +133,9 @@ def _(event: ev.JobPaused, books: Books) -> Result:
     # Prints that are being ended are not paused.
     pauses = [request_pause(p, event.wanted) for p in books.open_prints(event.job) if p.cancel_reason is None]
     return put(books, *(attempt for attempt, _ in pauses)), tuple(send for _, send in pauses)
+
+
+@change.register
+def _(event: ev.JobAssembled, books: Books) -> Result:
+    gluing = Gluing(minutes=event.minutes, at_s=event.at_s, by=event.by)
+    return put(books, replace_fields(books.job(event.job), gluing=gluing)), ()

@@ -34,6 +34,9 @@ def list_figures(view: api.JobView) -> list[tuple[str, str]]:
         rows.insert(1, ("note", view.options.note))
     if view.options.copies > 1:
         rows.insert(1, ("copies printed", format_copies(view)))
+    if view.assembly_s is not None:
+        rows.append(("assembly" if view.glued else "assembly, expected", format_duration(view.assembly_s)))
+        rows.append(("submission to assembled", format_duration(view.submitted_to_assembled_s)))
     if len(view.runs) > 1:
         rows.append(
             ("printed in runs", f"{format_runs(view.runs, view.now)}; the time between them is not counted")

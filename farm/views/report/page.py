@@ -74,7 +74,7 @@ def render_page(
         gantt=lay_out_gantt(list_bars(job, others, now)),
         failures=_list_failures(job),
         stills=_list_stills(job, pictures),
-        figures=[_describe_part(part, job, pictures.get(part.id)) for part in job.parts],
+        figures=[_describe_part(part, job, pictures.get(part.id)) for part in job.parts_by_use],
         assembly=None if assembly is None else _data_url(assembly),
     )
     return page + "\n"

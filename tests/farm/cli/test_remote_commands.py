@@ -19,6 +19,7 @@ REMOTE = {
     "reprint": ["1", "p01", "--why", "warped"],
     "history": [],
     "report": ["1"],
+    "assembled": ["1", "--minutes", "45"],
     "fetch": ["1"],
     "cleared": ["a"],
     "fail": ["a"],

@@ -259,6 +259,33 @@ def test_deadline_before_the_start_is_refused(farm):
     assert job.done_by_s - job.not_before_s == pytest.approx(10 * 3600)
 
 
+def test_deadline_of_the_assembly_leaves_time_to_glue(farm):
+    number = submit(farm, at="22:00", assembled_by="08:00")
+    job = farm.controller.books.job(number)
+    assert job.done_by_s is None
+    assert job.assembled_by_s - job.not_before_s == pytest.approx(10 * 3600)
+    with pytest.raises(FarmError, match="not both"):
+        submit(farm, name="s", done_by="07:00", assembled_by="08:00")
+
+
+def test_missed_deadline_of_the_assembly_is_reported(farm, state):
+    def by(seconds):
+        moment = datetime.fromtimestamp(farm.controller.clock.now() + seconds).astimezone().isoformat()
+        number = submit(farm, name=f"{seconds:04d}", assembled_by=moment, hold=True)
+        farm.controller.on_plan(number, replace(plan_for(number, state), assembly_s=3600.0))
+        return farm.controller.books.job(number).repairs
+
+    assert by(3600 + 600) == ()
+    (notice,) = by(3600 + 50)
+    assert notice.startswith("It was to be assembled by") and "the earliest possible is" in notice
+
+
+def test_assembly_is_reported_once_all_parts_are_printed(farm):
+    number = submit(farm)
+    with pytest.raises(Refused, match="once all parts are printed"):
+        farm.jobs.record_assembly(number, 45.0, "ann")
+
+
 def test_spare_printers_are_excluded_from_the_plan(farm):
     number = submit(farm, spares=1)
     assert len(farm.effects.plans[0][1]) == 1

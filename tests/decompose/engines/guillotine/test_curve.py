@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from box_tables import Shape, tables
+from decompose.auto import CountGoal
 from decompose.engines.guillotine import (
     CurvePoint,
     Partitioner,
@@ -99,3 +100,14 @@ def test_fewest_printers_in_time_or_the_fastest() -> None:
         3,
         3,
     ]
+
+
+def test_time_to_glue_counts_where_the_parts_have_to_be_glued_in_time() -> None:
+    points = [CurvePoint(1, 100.0), CurvePoint(2, 60.0), CurvePoint(3, 45.0), CurvePoint(4, 40.0)]
+    assert find_fewest_in_time(points, 70.0).printers == 2
+    assert find_fewest_in_time(points, 70.0, handling_s=5.0).printers == 2
+    assert find_fewest_in_time(points, 69.0, handling_s=5.0).printers == 3
+    assert find_fewest_in_time(points, 100.0, handling_s=50.0).printers == 1  # one part is not glued
+    assert find_fewest_in_time(points, 10.0, handling_s=20.0).printers == 1
+    assert CountGoal(0.0, 5.0, 69.0).choose(points).printers == 2
+    assert CountGoal(0.0, 5.0, 69.0, glued=True).choose(points).printers == 3

@@ -1,0 +1,32 @@
+"""Events of keys and sessions."""
+
+from __future__ import annotations
+
+from farm.model.event import Event
+from farm.model.key import Key
+
+
+class KeyAdded(Event):
+    """An operator added a key for callers on the network."""
+
+    key: Key
+
+
+class KeyRevoked(Event):
+    """A key was revoked, or a session was ended."""
+
+    key: str
+    by: str
+
+
+class SessionOpened(Event):
+    """A user opened the farm's pages in a browser."""
+
+    session: Key
+
+
+class SessionExtended(Event):
+    """A session is in use: it expires later."""
+
+    session: str
+    expires_s: float

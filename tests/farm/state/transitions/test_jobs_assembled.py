@@ -1,0 +1,47 @@
+"""Report of a person that the parts of a job are glued."""
+
+import pytest
+
+from farm.model import Gluing, Job, JobOptions, JobState, assembly_ratio
+from farm.state import events as ev
+from farm.state.books import put, replace_fields
+from farm.state.lifecycles import InvalidTransition
+from farm.state.transitions import apply
+from make_books import job, printing
+
+
+@pytest.mark.parametrize("state", [JobState.PRINTED, JobState.DONE])
+def test_time_of_gluing_is_kept_and_replaced_by_a_later_report(state):
+    books = printing()
+    books = put(books, replace_fields(books.jobs[1], state=state))
+    for minutes in (45.0, 40.0):
+        books, instructions = apply(ev.JobAssembled(at_s=9.0, job=1, minutes=minutes, by="ann"), books)
+        assert books.jobs[1].gluing == Gluing(minutes=minutes, at_s=9.0, by="ann")
+        assert (books.jobs[1].state, list(instructions)) == (state, [])
+
+
+def test_parts_that_are_not_printed_are_not_glued():
+    with pytest.raises(InvalidTransition):
+        apply(ev.JobAssembled(at_s=9.0, job=1, minutes=45.0), printing())
+
+
+def test_expected_time_follows_what_was_reported_within_bounds():
+    def glued(minutes: float, expected_s: float | None = 3600.0) -> Job:
+        return job().model_copy(
+            update={"assembly_s": expected_s, "gluing": Gluing(minutes=minutes, at_s=0.0, by="ann")}
+        )
+
+    assert assembly_ratio([]) == assembly_ratio([job()]) == assembly_ratio([glued(99.0, None)]) == 1.0
+    assert assembly_ratio([glued(60.0)]) == pytest.approx(1.0)
+    assert assembly_ratio([glued(90.0)]) == pytest.approx(1.25)  # half of what one report says
+    assert assembly_ratio([glued(90.0)] * 9) == pytest.approx(1.45)
+    assert assembly_ratio([glued(9_000.0)]) == 4.0
+    assert assembly_ratio([glued(0.1)] * 99) == 0.25
+
+
+def test_printing_has_to_end_before_the_gluing():
+    options = JobOptions(assembled_by="18:00")
+    waiting = job().model_copy(update={"options": options, "assembled_by_s": 10_000.0})
+    assert waiting.printed_by_s == 10_000.0
+    assert waiting.model_copy(update={"assembly_s": 3_000.0}).printed_by_s == 7_000.0
+    assert job().printed_by_s is None

@@ -1,0 +1,97 @@
+"""Gluing in the views: the order of parts, the time that it takes, and the beds to clear first."""
+
+import io
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+from farm.cli.display.job_page import render_job
+from farm.config import Fleet
+from farm.model import AgentSnapshot, Gluing, JobState, Link
+from farm.paths import StateFolder
+from farm.scheduling import describe_plates
+from farm.state import events as ev
+from farm.state.books import put, replace_fields
+from farm.views import describe_job, list_tasks
+from farm.views.context import ViewContext
+from farm.views.job_times import measure_assembly
+from farm.views.report import list_figures
+from make_books import PRINTERS, ended, job, printing, run
+
+FLEET = Fleet.model_validate(
+    {"printers": [{"name": name, "model": "m", "port": f"/dev/{name}"} for name in PRINTERS]}
+)
+
+
+@pytest.fixture
+def books():
+    """Three parts, glued in the order 3, 1, 2; their prints have not begun."""
+    books = printing(plates=3)
+    ranks = {"1/p01": 2, "1/p02": 3, "1/p03": 1}
+    parts = (replace_fields(books.parts[name], glue_rank=rank) for name, rank in ranks.items())
+    return put(books, *parts, replace_fields(books.jobs[1], assembly_s=3600.0))
+
+
+def look(books, now_s=10.0):
+    snapshots = {name: AgentSnapshot(printer=name, link=Link.READY) for name in PRINTERS}
+    return ViewContext(FLEET, books, snapshots, StateFolder(Path("/state")), now_s)
+
+
+def printed(books):
+    for number, name in enumerate(PRINTERS, 1):
+        assigned = ev.PlateAssigned(at_s=2.0, plate=f"1/{number:02d}", printer=name, print_id=name)
+        books, _ = run(books, assigned, ended(name, at_s=200.0 + number))
+    return books
+
+
+def test_parts_are_listed_in_the_order_of_gluing(books):
+    view = describe_job(look(books), books.jobs[1])
+    assert [part.id for part in view.parts] == ["1/p01", "1/p02", "1/p03"]
+    assert [part.id for part in view.parts_by_use] == ["1/p03", "1/p01", "1/p02"]
+    console = Console(width=140, record=True, file=io.StringIO())
+    console.print(render_job(view))
+    rows = [line.split()[:2] for line in console.export_text().splitlines() if line.startswith("1/p")]
+    assert rows == [["1/p03", "1"], ["1/p01", "2"], ["1/p02", "3"]]
+
+
+def test_beds_are_cleared_in_the_order_of_gluing(books):
+    [task] = [item for item in list_tasks(look(printed(books), 300.0)) if item.code == "clear"]
+    assert task.printers == ["c", "a", "b"]
+    assert task.brief == "c (1/p03) a (1/p01) b (1/p02)"
+    assert task.text.startswith(f"clear 3 beds: {task.brief}, then")
+
+
+def test_time_from_submission_to_assembled_is_foreseen_then_measured(books):
+    books = printed(books)
+    view = describe_job(look(books, 300.0), books.jobs[1])
+    assert (view.assembly_s, view.glued) == (3600.0, False)
+    assert view.submitted_to_assembled_s == pytest.approx(203.0 + 3600.0)
+    assert ("assembly, expected", "1h00") in list_figures(view)
+    books, _ = run(books, ev.JobAssembled(at_s=5000.0, job=1, minutes=50.0, by="ann"))
+    view = describe_job(look(books, 6000.0), books.jobs[1])
+    assert (view.assembly_s, view.glued, view.submitted_to_assembled_s) == (3000.0, True, 5000.0)
+    assert ("assembly", "50 min") in list_figures(view)
+
+
+def test_other_jobs_take_as_long_as_people_reported():
+    other = job().model_copy(update={"assembly_s": 1000.0})
+    assert measure_assembly(other, 50.0, 1.2).end_s == pytest.approx(1250.0)
+    failed = other.model_copy(update={"state": JobState.FAILED})
+    assert measure_assembly(failed, 50.0, 1.2).end_s is None
+    glued = other.model_copy(update={"gluing": Gluing(minutes=10.0, at_s=70.0, by="ann")})
+    assert (measure_assembly(glued, 50.0, 9.0).work_s, measure_assembly(glued, 50.0, 9.0).end_s) == (600, 70)
+    assert measure_assembly(job(), 50.0, 1.0).work_s is None
+
+
+def test_of_plates_that_take_as_long_the_one_glued_first_is_served_first(books):
+    def serve(*expected_s):
+        plates = [
+            plate.model_copy(update={"expected_s": seconds})
+            for plate, seconds in zip(books.plates.values(), expected_s, strict=True)
+        ]
+        waiting = describe_plates(plates, books)
+        return [plate.id for plate in sorted(waiting, key=lambda plate: plate.priority_key)]
+
+    assert serve(3600.0, 3610.0, 3590.0) == ["1/03", "1/01", "1/02"]
+    assert serve(3600.0, 9000.0, 3590.0) == ["1/02", "1/03", "1/01"]
