@@ -10,6 +10,7 @@ from itertools import groupby
 from drivers.ports.port import Port
 
 _CHUNKS = 400
+_LINES = 400  # a reply with them is below the limit of a message, whatever their bytes
 _CHUNK_BYTES = 512
 _LONGEST_LINE = 200
 
@@ -24,7 +25,7 @@ class Exchange:
 
 
 class WireRecord:
-    """Record of the last 400 reads and writes of a port.
+    """Record of the last reads and writes of a port, up to 200 KB.
 
     Parameters
     ----------
@@ -39,11 +40,23 @@ class WireRecord:
     def add(self, sent: bool, data: bytes) -> None:
         """Add bytes that were sent, or received."""
         if data:
-            self._chunks.append((self._now(), sent, data[:_CHUNK_BYTES]))
+            now_s = self._now()
+            for at in range(0, len(data), _CHUNK_BYTES):
+                self._chunks.append((now_s, sent, data[at : at + _CHUNK_BYTES]))
 
     def list_lines(self) -> list[Exchange]:
-        """List the lines, oldest first; the first one may have lost its beginning."""
-        return list(split_lines(self._chunks))
+        """List the last 400 lines, oldest first; the first one may have lost its beginning.
+
+        Older bytes are not looked at: the serial loop waits meanwhile, and noise may be all newlines.
+        """
+        last: deque[tuple[float, bool, bytes]] = deque()
+        newlines = 0
+        for chunk in reversed(self._chunks):
+            last.appendleft(chunk)
+            newlines += chunk[2].count(b"\n")
+            if newlines > _LINES:
+                break
+        return list(split_lines(last))[-_LINES:]
 
 
 def split_lines(chunks: Iterable[tuple[float, bool, bytes]]) -> Iterator[Exchange]:
@@ -52,7 +65,7 @@ def split_lines(chunks: Iterable[tuple[float, bool, bytes]]) -> Iterator[Exchang
         began_s, partial = 0.0, b""
         for at_s, _, data in group:
             began_s = began_s if partial else at_s
-            *whole, partial = (partial + data).split(b"\n")
+            *whole, partial = (partial[:_LONGEST_LINE] + data).split(b"\n")
             for line in whole:
                 yield _make_line(began_s, sent, line)
                 began_s = at_s
@@ -61,7 +74,7 @@ def split_lines(chunks: Iterable[tuple[float, bool, bytes]]) -> Iterator[Exchang
 
 
 def _make_line(at_s: float, sent: bool, line: bytes) -> Exchange:
-    text = line.rstrip(b"\r").decode("ascii", "backslashreplace")
+    text = line.rstrip(b"\r")[:_LONGEST_LINE].decode("ascii", "backslashreplace")
     shown = "".join(c if c.isprintable() else f"\\x{ord(c):02x}" for c in text[:_LONGEST_LINE])
     return Exchange(at_s, sent, shown)
 

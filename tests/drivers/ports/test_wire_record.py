@@ -2,9 +2,11 @@
 
 from itertools import count, groupby
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from drivers.messages import Reply, WireLine
 from drivers.ports import RecordedPort, WireRecord
 from drivers.ports.wire_record import split_lines
 
@@ -64,6 +66,23 @@ def test_record_is_bounded_in_number_and_length():
         port.read()
     assert len(record.list_lines()) <= 400
     assert max(len(one.text) for one in record.list_lines()) == 200
+
+
+@pytest.mark.parametrize("noise", [b"\n", b"ok\n", b"\x00", b"\x00" * 300 + b"\n"])
+def test_noise_fits_into_a_message(noise):
+    """A longer line ends the connection of the daemon, and to make it stops the serial loop."""
+    record = WireRecord(lambda: 0.0)
+    for _ in range(1000):
+        record.add(False, (noise * 1000)[:4096])
+    lines = tuple(WireLine(at_s=one.at_s, sent=one.sent, text=one.text) for one in record.list_lines())
+    assert 0 < len(lines) <= 400
+    assert len(Reply(id=1, lines=lines).model_dump_json()) < 2**19
+
+
+def test_long_reads_keep_all_lines():
+    record = WireRecord(lambda: 0.0)
+    record.add(False, b"echo:" + b"x" * 600 + b"\nok\n")
+    assert [one.text for one in record.list_lines()][1:] == ["ok"]
 
 
 def test_bytes_that_are_no_text_are_shown_as_numbers():
