@@ -27,6 +27,7 @@ from farm.state.transitions import apply
 TEMPERATURES_KEPT_S = 12 * 3600.0
 """Farm seconds for which temperatures are kept; they are lost when the daemon ends."""
 _INTERVAL_S = 60.0
+_MIN_C, _MAX_C = -99.0, 999.0  # beyond any real reading: noise on the wire must not stretch a chart
 
 
 class Telemetry:
@@ -42,10 +43,11 @@ class Telemetry:
         """Reason why a snapshot could not be handled; None if all were."""
         return next(iter(self._failures.values()), None)
 
-    def list_temperatures(self, printer: str) -> Sequence[Temperatures]:
-        """List the temperatures of a printer since the daemon started, oldest first."""
+    def list_temperatures(self, printer: str, now_s: float) -> Sequence[Temperatures]:
+        """List the temperatures of a printer in the last twelve hours, oldest first."""
         record = self._temperatures.get(printer)
-        return () if record is None else record.readings
+        readings = () if record is None else record.readings
+        return tuple(one for one in readings if now_s - one.at_s <= TEMPERATURES_KEPT_S)
 
     def store(self, snapshot: AgentSnapshot, now_s: float) -> bool:
         """Store a snapshot. Returns True if a field that the scheduler reads has changed."""
@@ -106,7 +108,7 @@ class TemperatureRecord:
 
 
 def _round(degrees_c: float | None) -> int | None:
-    return None if degrees_c is None else round(degrees_c)
+    return None if degrees_c is None else round(min(_MAX_C, max(_MIN_C, degrees_c)))
 
 
 def _hotter(one_c: int | None, other_c: int | None) -> int | None:

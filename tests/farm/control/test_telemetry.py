@@ -94,5 +94,19 @@ def test_temperatures_are_bounded_and_in_order_even_if_the_clock_is_set_back(rea
     assert len(kept) <= TEMPERATURES_KEPT_S / 60.0
 
 
+def test_temperatures_from_before_twelve_hours_are_not_listed():
+    """They would stretch the chart: the printer was away, or the clock was set forward by years."""
+    telemetry = Telemetry()
+    telemetry.store(BUSY.model_copy(update={"nozzle_c": 200.0}), 0.0)
+    telemetry.store(BUSY.model_copy(update={"nozzle_c": 21.0}), 1.7e9)
+    assert [one.nozzle_c for one in telemetry.list_temperatures("a", 1.7e9)] == [21]
+    assert telemetry.list_temperatures("a", 1.7e9 + TEMPERATURES_KEPT_S + 1.0) == ()
+
+
+def test_reading_that_cannot_be_true_is_limited():
+    """A chart has a line for every fifty degrees."""
+    assert record((0.0, 1e300, -1e300)) == [(0.0, 999, -99)]
+
+
 def test_temperatures_of_weeks_are_bounded():
     assert len(record(*((60.0 * n, 20.0, 20.0) for n in range(20_000)))) == TEMPERATURES_KEPT_S / 60.0

@@ -99,7 +99,7 @@ def _add_printer_pages(
         page = describe_printer_page(
             context,
             name,
-            controller.telemetry.list_temperatures(name),
+            controller.telemetry.list_temperatures(name, context.now_s),
             services.streams.log.read_upkeep(name, _MAX_UPKEEP),
             None if printer is None else printer.obstacle(),
             controller.list_reservations().get(name),
