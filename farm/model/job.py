@@ -143,12 +143,17 @@ class Job(Entity):
         """Return the priority by which it is served."""
         return self.options.priority if self.moved_priority is None else self.moved_priority
 
-    @property
-    def printed_by_s(self) -> float | None:
-        """Return the time by which its last part has to be printed; None for no limit."""
+    def printed_by_s(self, ratio: float) -> float | None:
+        """Return the time by which its last part has to be printed; None for no limit.
+
+        Parameters
+        ----------
+        ratio
+            Ratio of reported to expected times of assembly (`assembly_ratio`).
+        """
         if self.done_by_s is not None or self.assembled_by_s is None:
             return self.done_by_s
-        return self.assembled_by_s - (self.assembly_s or 0.0)
+        return self.assembled_by_s - ratio * (self.assembly_s or 0.0)
 
     @property
     def turn(self) -> tuple[int, float, int]:
@@ -176,16 +181,19 @@ class PlanProgress(Entity):
 
 
 _PRIOR_S = 3600.0  # of assembly as expected, which counts beside what was reported
-_SLOWEST, _FASTEST = 4.0, 0.25  # bounds of the ratio: one wrong report does not mislead for long
+_SLOWEST, _FASTEST = 4.0, 0.25  # bounds of a report: one wrong one does not mislead for long
 
 
 def assembly_ratio(jobs: Iterable[Job]) -> float:
     """Compute the ratio of reported to expected times of assembly, 1 where nothing was reported."""
     known = [
-        (60.0 * job.gluing.minutes, job.assembly_s)
+        (
+            min(_SLOWEST * job.assembly_s, max(_FASTEST * job.assembly_s, 60.0 * job.gluing.minutes)),
+            job.assembly_s,
+        )
         for job in jobs
         if job.gluing is not None and job.assembly_s
     ]
     reported_s = _PRIOR_S + sum(reported for reported, _ in known)
     expected_s = _PRIOR_S + sum(expected for _, expected in known)
-    return min(_SLOWEST, max(_FASTEST, reported_s / expected_s))
+    return reported_s / expected_s

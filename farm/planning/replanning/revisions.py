@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 
 from farm.errors import FarmError
-from farm.model import Hold, HoldCode, Job, JobState
+from farm.model import Hold, HoldCode, Job, JobState, assembly_ratio
 from farm.planning.plan import Plan
 from farm.planning.planned_event import build_planned_event
 from farm.planning.replanning.policy import CUTTING_S
@@ -108,7 +108,7 @@ class PlanRevisions:
         waiting = _find_unstarted(books, situation, changeable) if changeable else {}
         if not waiting:
             return
-        reservations = find_reservations()
+        reservations, ratio = find_reservations(), assembly_ratio(books.jobs.values())
         given = {assignment.printer: assignment.plate for assignment in assign_plates(situation)}
         starting = {books.plates[plate].job for plate in given.values()}
         for number, plates in waiting.items():
@@ -123,7 +123,7 @@ class PlanRevisions:
             if not due or key in self._examined or self.is_running(number):
                 continue
             self._examined = {one for one in self._examined if one[0] in changeable} | {key}
-            described = _describe(job, plates, situation)
+            described = _describe(job, plates, situation, ratio)
             names = choose_revision(described, situation, (idle, coming))
             if names is not None:
                 log.info("job %d is planned again for %s", number, " ".join(names), extra={"job": number})
@@ -224,14 +224,14 @@ def _take_largest(printers: Sequence[FleetPrinter], request: JobRequest) -> tupl
     return tuple(sorted(p.name for p in largest[: request.limit(len(printers))]))
 
 
-def _describe(job: Job, plates: tuple[WaitingPlate, ...], situation: Situation) -> PlannedJob:
+def _describe(job: Job, plates: tuple[WaitingPlate, ...], situation: Situation, ratio: float) -> PlannedJob:
     return PlannedJob(
         number=job.id,
         plates=plates,
         planned_for=job.planned_for,
         requirements=job_requirements(job),
         planning_s=max(job.planning_s or 0.0, CUTTING_S * situation.time_scale),
-        done_by_s=job.printed_by_s,
+        done_by_s=job.printed_by_s(ratio),
     )
 
 

@@ -35,13 +35,15 @@ def test_expected_time_follows_what_was_reported_within_bounds():
     assert assembly_ratio([glued(60.0)]) == pytest.approx(1.0)
     assert assembly_ratio([glued(90.0)]) == pytest.approx(1.25)  # half of what one report says
     assert assembly_ratio([glued(90.0)] * 9) == pytest.approx(1.45)
-    assert assembly_ratio([glued(9_000.0)]) == 4.0
-    assert assembly_ratio([glued(0.1)] * 99) == 0.25
+    assert assembly_ratio([glued(9_000.0)]) == pytest.approx(2.5)  # as 240 minutes
+    assert assembly_ratio([glued(0.1)] * 99) == pytest.approx(0.2575)
+    assert assembly_ratio([glued(9_000.0), *[glued(60.0)] * 9]) < 1.3  # a wrong report is outvoted
 
 
 def test_printing_has_to_end_before_the_gluing():
     options = JobOptions(assembled_by="18:00")
     waiting = job().model_copy(update={"options": options, "assembled_by_s": 10_000.0})
-    assert waiting.printed_by_s == 10_000.0
-    assert waiting.model_copy(update={"assembly_s": 3_000.0}).printed_by_s == 7_000.0
-    assert job().printed_by_s is None
+    assert waiting.printed_by_s(1.5) == 10_000.0
+    expected = waiting.model_copy(update={"assembly_s": 3_000.0})
+    assert (expected.printed_by_s(1.0), expected.printed_by_s(1.5)) == (7_000.0, 5_500.0)
+    assert job().printed_by_s(1.5) is None
