@@ -169,10 +169,10 @@ def check_cura(facts: Facts) -> Iterator[Finding]:
     cura, action = facts.cura, "`farm setup` installs both"
     if cura.engine is None:
         yield problem("cura", cura.engine_error or "there is no CuraEngine", action)
-    elif cura.read_engine_version is None:
+    elif cura.engine_version is None:
         yield problem("cura", f"{cura.engine} does not report its version: it cannot be run", action)
     else:
-        yield passed("cura", f"{cura.engine}: CuraEngine {cura.read_engine_version}")
+        yield passed("cura", f"{cura.engine}: CuraEngine {cura.engine_version}")
     if cura.resources is None:
         yield problem("cura", cura.resources_error or "Cura's files are missing", action)
     elif cura.settings_version is None:

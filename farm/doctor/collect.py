@@ -172,10 +172,10 @@ def _check_port(section: PrinterSection) -> PortFacts:
 
 
 def _find_cura() -> CuraFacts:
-    engine = read_engine_version = engine_error = resources = settings_version = resources_error = None
+    engine = engine_version = engine_error = resources = settings_version = resources_error = None
     try:
         engine_path = find_engine()
-        engine, read_engine_version = str(engine_path), _read_engine_version(engine_path)
+        engine, engine_version = str(engine_path), _read_engine_version(engine_path)
     except SlicingError as error:
         engine_error = str(error)
     try:
@@ -183,7 +183,7 @@ def _find_cura() -> CuraFacts:
         resources, settings_version = str(folder), _read_settings_version(folder)
     except SlicingError as error:
         resources_error = str(error)
-    return CuraFacts(engine, read_engine_version, engine_error, resources, settings_version, resources_error)
+    return CuraFacts(engine, engine_version, engine_error, resources, settings_version, resources_error)
 
 
 def _read_engine_version(engine: Path) -> str | None:

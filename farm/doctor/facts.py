@@ -99,7 +99,7 @@ class CuraFacts:
     """CuraEngine and Cura's files: path and version of each, or the reason why it is not found."""
 
     engine: str | None = None
-    read_engine_version: str | None = None
+    engine_version: str | None = None
     engine_error: str | None = None
     resources: str | None = None
     settings_version: str | None = None

@@ -72,14 +72,14 @@ class Block:
 class Planner:
     """Queue of moves. Times are in seconds of the caller's clock and never decrease.
 
-        Parameters
-        ----------
-        limits
-            Read at every move, so that M-codes may change them.
-        start
-            Position of head and feeder.
+    Parameters
+    ----------
+    limits
+        Read at every move, so that M-codes may change them.
+    start
+        Position of head and feeder.
     on_move
-            Called with (e_mm, z_mm) for every move that ended and turned the feeder.
+        Called with (e_mm, z_mm) for every move that ended and turned the feeder.
     """
 
     def __init__(

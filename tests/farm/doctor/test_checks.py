@@ -129,7 +129,7 @@ CASES = {
         "may not be read and written by farm",
     ),
     "no engine": ({"cura": replace(SOUND.cura, engine=None, engine_error="none")}, "problem", "cura", "none"),
-    "broken engine": ({"cura": replace(SOUND.cura, read_engine_version=None)}, "problem", "cura", "version"),
+    "broken engine": ({"cura": replace(SOUND.cura, engine_version=None)}, "problem", "cura", "version"),
     "no settings": (
         {"cura": replace(SOUND.cura, resources=None, resources_error="no files")},
         "problem",
