@@ -69,8 +69,9 @@ class Capabilities:
         )
 
 
-AS_LONG_S = 60.0
-"""Plates whose times round to the same number of these take as long as each other."""
+AS_LONG_S = 10.0
+"""Plates whose times round to the same number of these take as long as each other. The last part may
+end later by little more than this."""
 
 
 @dataclass(frozen=True)

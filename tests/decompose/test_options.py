@@ -24,4 +24,7 @@ def test_options_are_flat_in_the_report() -> None:
         "fit_first_layer": True,
         "budget_s": 7.0,
         "prove": True,
+        "pin_mm": None,
+        "pin_fit_mm": 0.4,
+        "marks": False,
     }
