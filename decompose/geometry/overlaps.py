@@ -13,6 +13,7 @@ import numpy as np
 from scipy.ndimage import label
 
 from decompose.arrays import Floats
+from decompose.errors import ModelNotSolid
 from decompose.geometry.rays import Rays, find_bounds, find_crossings, unit_normals
 from decompose.geometry.solid import Solid
 
@@ -22,6 +23,8 @@ ROUNDING_SHARE = 1e-7  # of the height: solid that counts twice along less than 
 HALVINGS = 4  # of a piece in which the limbs are still connected
 LEFT_SHARE = 0.1  # of an overlap may be left where its limbs are united: more is a fold, which is kept
 MAX_PLACES = 64  # the largest ones
+MAX_ROUNDS = 4  # each cuts the whole surface: a million faces take seconds
+LOST_SHARE = 0.1  # of the overlaps, and 0.001 of the solid: the volume may change by that besides
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +60,7 @@ def find_overlaps(solid: Solid) -> Overlaps:
     triangles = np.ascontiguousarray(vertices[faces])
     lo, hi = find_bounds(triangles)
     width, depth, height = (hi - lo).tolist()
-    step_mm = math.sqrt(width * depth / RAYS)
+    step_mm = max(math.sqrt(width * depth / RAYS), max(width, depth) / RAYS)  # a sliver has few rays too
     shape = math.ceil(width / step_mm), math.ceil(depth / step_mm)
     # Off the middle by an irregular share: a ray through an edge of the mesh could count twice.
     origin_mm = lo[:2] + step_mm * (0.5 + np.array([0.0123, 0.0271]))
@@ -84,7 +87,7 @@ def find_overlaps(solid: Solid) -> Overlaps:
         boxes[number, 1] = [*rays_mm.max(axis=0), high_mm[columns].max()]
         sizes_mm[number] = (high_mm - low_mm)[columns].sum()
     boxes += MARGIN_STEPS * step_mm * np.array([[-1.0], [1.0]])
-    return Overlaps(float(excess_mm.sum()) * step_mm**2, boxes[np.argsort(-sizes_mm)])
+    return Overlaps(float(excess_mm.sum()) * step_mm**2, boxes[np.argsort(-sizes_mm, kind="stable")])
 
 
 def resolve_overlaps(solid: Solid) -> tuple[Solid, float]:
@@ -99,29 +102,62 @@ def resolve_overlaps(solid: Solid) -> tuple[Solid, float]:
     -------
     tuple
         The solid that counts once where limbs overlapped, and the volume in mm3 that had counted more than
-        once; the same solid and 0 if nothing overlaps, or if all overlaps are folds of one limb.
+        once; the same solid and 0 if nothing overlaps, if all overlaps are folds of one limb, or if more
+        than the overlaps would be lost.
     """
     before = find_overlaps(solid)
-    united = solid
-    for box_mm in before.boxes_mm[:MAX_PLACES]:
-        united = _unite_place(united, box_mm)
-    if united is solid:
-        return solid, 0.0
-    resolved_mm3 = before.volume_mm3 - find_overlaps(united).volume_mm3
-    return (united, resolved_mm3) if resolved_mm3 > 0.0 else (solid, 0.0)
+    united, waiting = solid, list(before.boxes_mm[:MAX_PLACES])
+    try:
+        for _ in range(MAX_ROUNDS):
+            chosen = _choose_apart(waiting)
+            united = _unite_places(united, [waiting[i] for i in chosen])
+            waiting = [box_mm for i, box_mm in enumerate(waiting) if i not in chosen]
+        if united is solid:
+            return solid, 0.0
+        resolved_mm3 = before.volume_mm3 - find_overlaps(united).volume_mm3
+        is_same = resolved_mm3 > 0.0 and _is_same_but_for(resolved_mm3, solid, united)
+    except ModelNotSolid:  # an operation failed: the solid is what it was without it
+        is_same = False
+    return (united, resolved_mm3) if is_same else (solid, 0.0)
 
 
-def _unite_place(solid: Solid, box_mm: Floats) -> Solid:
-    """Unite the limbs in a box (2, 3) around an overlap; the same solid where it is a fold of one limb."""
-    inner = solid.clip(*box_mm)
-    twice_mm3 = find_overlaps(inner).volume_mm3
+def _is_same_but_for(resolved_mm3: float, solid: Solid, united: Solid) -> bool:
+    """Check that uniting has lost no body, no volume besides, and none of the size."""
+    besides_mm3 = abs(solid.volume_mm3 - united.volume_mm3 - resolved_mm3)
+    return (
+        besides_mm3 <= LOST_SHARE * resolved_mm3 + 1e-3 * solid.volume_mm3
+        and np.allclose(united.bounds_mm, solid.bounds_mm)
+        and len(united.pieces()) <= len(solid.pieces())
+    )
+
+
+def _choose_apart(boxes_mm: list[Floats]) -> list[int]:
+    """Choose boxes (2, 3) of which none touches another, the first ones first."""
+    chosen: list[int] = []
+    for i, box in enumerate(boxes_mm):
+        if all(((box[0] > boxes_mm[k][1]) | (box[1] < boxes_mm[k][0])).any() for k in chosen):
+            chosen.append(i)
+    return chosen
+
+
+def _unite_places(solid: Solid, boxes_mm: list[Floats]) -> Solid:
+    """Unite the limbs in boxes that do not touch; the same solid if all hold folds of one limb."""
+    results = [(box_mm, _unite_limbs(solid.clip(*box_mm))) for box_mm in boxes_mm]
+    found = [(box_mm, united) for box_mm, united in results if united is not None]
+    if not found:
+        return solid
+    rest = solid.subtract(Solid.union([Solid.box(*box_mm) for box_mm, _ in found]))
+    return Solid.union([rest, *(united for _, united in found)])
+
+
+def _unite_limbs(inner: Solid) -> Solid | None:
+    """Unite the limbs of what a box around an overlap holds; None if it is a fold of one limb."""
     limbs = [limb for piece in inner.pieces() for limb in _split_limbs(piece, HALVINGS)]
     if len(limbs) < 2:
-        return solid
+        return None
     united = Solid.union(limbs)
-    if find_overlaps(united).volume_mm3 > LEFT_SHARE * twice_mm3:
-        return solid
-    return Solid.union([solid.subtract(Solid.box(*box_mm)), united])
+    is_fold = find_overlaps(united).volume_mm3 > LEFT_SHARE * find_overlaps(inner).volume_mm3
+    return None if is_fold else united
 
 
 def _split_limbs(piece: Solid, halvings: int) -> list[Solid]:

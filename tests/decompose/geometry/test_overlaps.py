@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from itertools import combinations
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from decompose.geometry import Solid, load_model, write_stl
+from decompose.errors import ModelNotSolid
+from decompose.geometry import Solid, load_model, overlaps, write_stl
 from decompose.geometry.overlaps import find_overlaps, resolve_overlaps
 from decompose.pieces import cut_box
 
@@ -56,6 +58,35 @@ def test_limbs_that_run_through_each_other_count_once(apart_mm: float) -> None:
     assert np.allclose(solid.bounds_mm, tube.bounds_mm)
 
 
+def test_many_crossings_are_united_without_a_cut_of_the_whole_surface_for_each(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    row = Solid.union([crossing_tube(6.0).translate(np.array([0.0, 400.0 * n, 0.0])) for n in range(3)])
+    subtract, cuts = Solid.subtract, []
+    monkeypatch.setattr(Solid, "subtract", lambda self, other: cuts.append(self) or subtract(self, other))
+    solid, resolved_mm3 = resolve_overlaps(row)
+    assert resolved_mm3 == pytest.approx(3.0 * shared_mm3(crossing_tube(6.0)), rel=0.1)
+    assert sum(cut is row for cut in cuts) == 1
+    assert len(solid.pieces()) == 3
+
+
+def lose_a_body(self: Solid, other: Solid) -> Solid:
+    return max((self.intersect(piece) for piece in self.pieces()), key=lambda piece: piece.bounds_mm[0, 0])
+
+
+def raise_error(self: Solid, other: Solid) -> Solid:
+    raise ModelNotSolid("subtracting a solid: the triangles bound no solid")
+
+
+@pytest.mark.parametrize("subtract", [lose_a_body, raise_error])
+def test_operation_that_fails_leaves_the_model_as_it_was(
+    monkeypatch: pytest.MonkeyPatch, subtract: Callable[[Solid, Solid], Solid]
+) -> None:
+    both = Solid.union([crossing_tube(6.0), Solid.box((300.0, 0.0, 0.0), (340.0, 40.0, 40.0))])
+    monkeypatch.setattr(Solid, "subtract", subtract)
+    assert resolve_overlaps(both) == (both, 0.0)
+
+
 def test_limbs_apart_stay_as_they_are(lump: Solid) -> None:
     for solid in (crossing_tube(40.0), lump, Solid.box((0.0, 0.0, 0.0), (1.0, 2.0, 3.0))):
         assert resolve_overlaps(solid) == (solid, 0.0)
@@ -64,6 +95,16 @@ def test_limbs_apart_stay_as_they_are(lump: Solid) -> None:
 def test_shell_with_a_cavity_does_not_overlap_itself() -> None:
     shell = Solid.box((0.0, 0.0, 0.0), (9.0, 9.0, 9.0)).subtract(Solid.box((2.0, 2.0, 2.0), (7.0, 7.0, 7.0)))
     assert find_overlaps(shell).volume_mm3 == 0.0
+
+
+def test_sliver_is_searched_by_few_rays(monkeypatch: pytest.MonkeyPatch) -> None:
+    shapes = []
+    search = overlaps.find_crossings
+    monkeypatch.setattr(
+        overlaps, "find_crossings", lambda *args: shapes.append(args[2].shape) or search(*args)
+    )
+    assert find_overlaps(Solid.box((0.0, 0.0, 0.0), (1e-7, 100.0, 5.0))).volume_mm3 == 0.0
+    assert np.prod(shapes[0]) <= 2 * overlaps.RAYS
 
 
 def test_loaded_model_says_what_was_united(tmp_path: Path) -> None:
