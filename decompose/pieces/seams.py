@@ -123,10 +123,21 @@ def _find_thin(solid: Solid, vertices: Floats, flat: Ints, face: JointFace) -> s
 
 def _build_area(rings: Sequence[Floats]) -> shapely.Geometry:
     """Build the area inside rings (n, 2), of which those around holes are clockwise."""
-    whole = [shapely.Polygon(ring) for ring in rings if len(ring) > 2]
-    filled = [shapely.make_valid(polygon) for polygon in whole if polygon.exterior.is_ccw]
-    holes = [shapely.make_valid(polygon) for polygon in whole if not polygon.exterior.is_ccw]
+    outlines = [ring for ring in rings if len(ring) > 2]
+    filled = [_make_valid(ring) for ring in outlines if _measure_ring_mm2(ring) > 0.0]
+    holes = [_make_valid(ring) for ring in outlines if _measure_ring_mm2(ring) < 0.0]
     return shapely.union_all(filled).difference(shapely.union_all(holes))
+
+
+def _make_valid(ring: Floats) -> shapely.Geometry:
+    """Build the area of a ring without the lines that it collapses to, which no area can be compared with."""
+    return shapely.make_valid(shapely.Polygon(ring), method="structure", keep_collapsed=False)
+
+
+def _measure_ring_mm2(ring: Floats) -> float:
+    """Measure the area of a ring (n, 2), negative if it is clockwise; unlike `is_ccw`, also with a spike."""
+    x, y = (ring - ring[0]).T
+    return float((x * np.roll(y, -1) - y * np.roll(x, -1)).sum()) / 2.0
 
 
 def _pair_faces(faces: Ints) -> tuple[Ints, Ints]:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import shapely
 import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from decompose.geometry import Solid
 from decompose.pieces import Piece, Seam, cut_box, describe_thin_rims, find_joints, measure_seams
+from decompose.pieces.seams import _build_area
 
 FAR = 1e3
 
@@ -85,3 +87,12 @@ def test_thin_rims_are_described_from_a_notable_length() -> None:
     assert "on 12 mm of the seams, most between p01 and p02" in describe_thin_rims(
         ["p01", "p02"], joints, [Seam(100.0, 12.0)]
     )
+
+
+@pytest.mark.parametrize("spike", [[(10.0, 10.0), (10.0, 15.0)], [(10.0, 10.0), (13.0, 10.0)], []])
+def test_outline_with_a_spike_bounds_the_same_area(spike: list[tuple[float, float]]) -> None:
+    ring = np.array([(0.0, 0.0), (10.0, 0.0), *spike, (10.0, 10.0), (0.0, 10.0)])
+    hole = np.array([(2.0, 2.0), (2.0, 4.0), (4.0, 4.0), (4.0, 2.0), (6.0, 2.0), (4.0, 2.0)])
+    area = _build_area([ring, hole])
+    assert area.area == pytest.approx(100.0 - 4.0)
+    assert shapely.box(-5.0, -5.0, 20.0, 20.0).difference(area).area == pytest.approx(625.0 - 96.0)
