@@ -8,12 +8,13 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import shapely
 
 from decompose.arrays import Floats, Ints
 from decompose.assembly import Assembly, AssemblyStep, find_order_faults, plan_assembly
 from decompose.connectors import Connectors, describe_connectors
 from decompose.engines.guillotine import CurvePoint
-from decompose.errors import GeometryError, Rule
+from decompose.errors import DecomposeError, GeometryError, Rule
 from decompose.geometry import Solid, round_triangles
 from decompose.options import Engine, Options
 from decompose.pieces import Fault, Joint, Seam, describe_thin_rims, measure_seams
@@ -253,13 +254,17 @@ class Decomposition:
     def with_assembly(self) -> Decomposition:
         """Return the result with its assembly planned; an order that its replay refutes is none.
 
-        The seams are measured too.
+        The seams are measured too; there are none if that fails.
         """
         solids = [part.solid for part in self.parts]
         assembly = plan_assembly(self.parts, self.joints, self.options.min_glue_mm2)
         if find_order_faults(solids, self.joints, assembly):
             assembly = Assembly(locked=(tuple(range(len(solids))),))
-        return replace(self, assembly=assembly, seams=tuple(measure_seams(self.parts, self.joints)))
+        try:
+            seams = tuple(measure_seams(self.parts, self.joints))
+        except (shapely.errors.ShapelyError, DecomposeError, ValueError):
+            seams = ()  # the parts are valid without their lengths
+        return replace(self, assembly=assembly, seams=seams)
 
     def seam_mm(self, joints: Iterable[int] | None = None) -> float:
         """Add up the length of seams on the model's own surface, of some joints or of all."""

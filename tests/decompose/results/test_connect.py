@@ -9,6 +9,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import shapely
+from scipy.spatial import QhullError
 
 from decompose.assembly import plan_assembly
 from decompose.connectors import Blank, Connectors, Pin, Tool, drill, plan_connectors
@@ -16,10 +18,10 @@ from decompose.decompose import decompose_model
 from decompose.errors import ModelNotSolid, Rule
 from decompose.geometry import Model, Solid, write_stl
 from decompose.options import ConnectorOptions, Engine, Options
-from decompose.pieces import Piece, find_joints, list_box_planes
+from decompose.pieces import Piece, Seam, find_joints, list_box_planes
 from decompose.print_time import CostModel
 from decompose.printers import PrinterRoom
-from decompose.results import Decomposition, check_stl, connect, connect_parts
+from decompose.results import Decomposition, check_stl, connect, connect_parts, decomposition
 from decompose.results.connector_rules import DrilledParts, find_wrong_fits
 
 ALL = ConnectorOptions(2.85, 0.4, marks=True)
@@ -159,17 +161,31 @@ def test_parts_that_break_a_rule_stay_as_they_were_cut(
     assert any(part.drilled is None for part in result.parts)
 
 
+@pytest.mark.parametrize("kind", [ModelNotSolid, shapely.errors.GEOSException, QhullError])
 def test_failure_of_an_operation_leaves_all_parts_and_is_said(
-    halves: Decomposition, monkeypatch: pytest.MonkeyPatch
+    halves: Decomposition, monkeypatch: pytest.MonkeyPatch, kind: type[Exception]
 ) -> None:
     def fail(*args: object) -> Connectors:
-        raise ModelNotSolid("cutting holes: the triangles bound no solid")
+        raise kind("cutting holes: the triangles bound no solid")
 
     monkeypatch.setattr(connect, "plan_connectors", fail)
     result = connect_parts(halves)
     assert result.parts == halves.parts
     [failure] = result.connectors.failures
     assert failure.startswith("no pins and marks: cutting holes")
+
+
+def test_seams_that_cannot_be_measured_are_left_out(
+    halves: Decomposition, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*args: object) -> list[Seam]:
+        raise shapely.errors.GEOSException("TopologyException: side location conflict")
+
+    monkeypatch.setattr(decomposition, "measure_seams", fail)
+    result = halves.with_assembly()
+    assert result.seams == () and len(result.assembly.steps) == len(halves.assembly.steps)
+    assert result.seam_mm() == 0.0 and result.describe_thin_rims() == ""
+    assert result.as_dict()["joints"][0]["seam_mm"] == 0.0
 
 
 def test_tool_that_opens_outside_of_its_joint_is_refused(drilled: DrilledParts) -> None:
