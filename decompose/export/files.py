@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from decompose.connectors import Connectors
+from decompose.errors import GeometryError
 from decompose.export.glb import write_glb
 from decompose.export.instructions import write_instructions
 from decompose.export.picture import draw_assembly
 from decompose.files.names import ASSEMBLY, INSTRUCTIONS, PICTURE, REPORT
 from decompose.geometry import write_stl
-from decompose.results import Decomposition, check_stl, connect_parts
+from decompose.results import Decomposition, Part, check_stl, connect_parts
 
 
 def write_decomposition(decomposition: Decomposition, folder: Path) -> Decomposition:
@@ -25,20 +28,31 @@ def write_decomposition(decomposition: Decomposition, folder: Path) -> Decomposi
     Raises
     ------
     GeometryError
-        An STL, read back, is not watertight or has another volume.
+        An STL, read back, is not watertight or has another volume, also without holes and marks.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    parts = []
-    connected = connect_parts(decomposition.with_assembly())
-    for part in connected.parts:
-        stored_part = replace(part, file=f"{part.id}.stl")
-        write_stl(folder / stored_part.file, stored_part.stl_triangles())
-        check_stl(folder / stored_part.file, stored_part)
-        parts.append(stored_part)
-    stored = replace(connected, parts=tuple(parts))
+    planned = decomposition.with_assembly()
+    connected = connect_parts(planned)
+    try:
+        parts = _write_parts(connected.parts, folder)
+    except GeometryError as error:
+        if not connected.connectors.tools:
+            raise
+        connected = replace(planned, connectors=Connectors(failures=(f"no pins and marks: {error}",)))
+        parts = _write_parts(connected.parts, folder)
+    stored = replace(connected, parts=parts)
     text = json.dumps(stored.as_dict(), indent=1) + "\n"
     (folder / REPORT).write_text(text, encoding="utf-8")
     draw_assembly(stored.parts, folder / PICTURE)
     write_glb(stored.parts, folder / ASSEMBLY, stored.assembly.steps)
     write_instructions(stored, folder / INSTRUCTIONS, folder / PICTURE)
+    return stored
+
+
+def _write_parts(parts: Sequence[Part], folder: Path) -> tuple[Part, ...]:
+    """Write an STL per part, and read it back; returns the parts with the names of their files."""
+    stored = tuple(replace(part, file=f"{part.id}.stl") for part in parts)
+    for part in stored:
+        write_stl(folder / part.file, part.stl_triangles())
+        check_stl(folder / part.file, part)
     return stored

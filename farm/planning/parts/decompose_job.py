@@ -95,7 +95,8 @@ def decompose_job(task: DecomposeTask) -> DecomposedJob:
 def write_decomposed(decomposition: Decomposition, model: Model, folder: Path) -> DecomposedJob:
     """Write the parts, the report and the cut record into a folder, and describe them."""
     stored = write_decomposition(decomposition, folder)
-    warnings = [text for text in (stored.describe_thin_rims(), stored.describe_small_feet()) if text]
+    told = (stored.describe_thin_rims(), stored.describe_small_feet(), *stored.connectors.failures)
+    warnings = [text for text in told if text]
     ranks = {number: rank for rank, number in enumerate(stored.assembly.part_order, 1)}
     return DecomposedJob(
         parts=tuple(

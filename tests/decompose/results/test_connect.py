@@ -15,13 +15,15 @@ from scipy.spatial import QhullError
 from decompose.assembly import plan_assembly
 from decompose.connectors import Blank, Connectors, Pin, Tool, drill, plan_connectors
 from decompose.decompose import decompose_model
-from decompose.errors import ModelNotSolid, Rule
+from decompose.errors import GeometryError, ModelNotSolid, Rule
+from decompose.export import files, write_decomposition
+from decompose.files.names import REPORT
 from decompose.geometry import Model, Solid, write_stl
 from decompose.options import ConnectorOptions, Engine, Options
 from decompose.pieces import Piece, Seam, find_joints, list_box_planes
 from decompose.print_time import CostModel
 from decompose.printers import PrinterRoom
-from decompose.results import Decomposition, check_stl, connect, connect_parts, decomposition
+from decompose.results import Decomposition, Part, check_stl, connect, connect_parts, decomposition
 from decompose.results.connector_rules import DrilledParts, find_wrong_fits
 
 ALL = ConnectorOptions(2.85, 0.4, marks=True)
@@ -173,6 +175,22 @@ def test_failure_of_an_operation_leaves_all_parts_and_is_said(
     assert result.parts == halves.parts
     [failure] = result.connectors.failures
     assert failure.startswith("no pins and marks: cutting holes")
+
+
+def test_holes_that_spoil_an_stl_are_left_out_and_that_is_said(
+    halves: Decomposition, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    def refuse_holes(path: Path, part: Part) -> None:
+        if part.drilled is not None:
+            raise GeometryError(Rule.STL, part.id, f"{path.name}, read back, is not watertight")
+        check_stl(path, part)
+
+    monkeypatch.setattr(files, "check_stl", refuse_holes)
+    written = write_decomposition(halves, tmp_path)
+    assert [part.drilled for part in written.parts] == [None, None]
+    assert not written.connectors.pins and not written.connectors.marks
+    [failure] = json.loads((tmp_path / REPORT).read_text())["connectors"]["failures"]
+    assert failure.startswith("no pins and marks: ") and "not watertight" in failure
 
 
 def test_seams_that_cannot_be_measured_are_left_out(

@@ -12,6 +12,7 @@ from decompose.engines.parallelobox import search as parallelobox_search
 from decompose.errors import NoFit
 from decompose.files.names import REPORT
 from decompose.pieces import cut_box
+from decompose.results import connect
 from decompose_tasks import decompose_task, fleet, slice_tasks
 from drivers.clock import Clock
 from farm.control.controller import Controller
@@ -165,3 +166,14 @@ def test_each_part_is_cut_and_sliced_for_the_printer_that_it_goes_to(files, tmp_
         section = {"p0": low, "high": high}[part.printer]
         assert item.request == build_settings_request(section, "glue")
         assert max(box.height_mm for box in item.room) == (305.0 if part.printer == "high" else 205.0)
+
+
+def test_pins_that_are_left_out_are_told_with_the_job(bar, files, tmp_path, monkeypatch):
+    def fail(*args):
+        raise RuntimeError("QH6154 initial simplex is flat")
+
+    monkeypatch.setattr(connect, "plan_connectors", fail)
+    pinned = replace(decompose_task(bar, files, tmp_path), options=JobOptions(pin_mm=2.85))
+    decomposed = decompose_job(pinned)
+    assert len(decomposed.parts) == 2
+    assert decomposed.repairs[-1] == "Warning: no pins and marks: QH6154 initial simplex is flat."
