@@ -43,7 +43,9 @@ mkdir -p "$WORK" "$BUILT"
 find_node || skip "There is no node, and pip cannot fetch it."
 cp "$SOURCES"/package*.json "$WORK"
 say "Fetching the libraries of the pages ..."
-"${npm[@]}" ci --prefix "$WORK" --ignore-scripts --no-audit --no-fund --silent >/dev/null 2>&1 ||
+# Without a network that answers, npm would try for a quarter of an hour.
+"${npm[@]}" ci --prefix "$WORK" --ignore-scripts --no-audit --no-fund --silent --fetch-retries=1 \
+    --fetch-retry-mintimeout=1000 --fetch-timeout=60000 >/dev/null 2>&1 ||
     skip "npm cannot fetch the libraries of the pages."
 NODE_PATH=$PWD/$WORK/node_modules "$WORK/node_modules/.bin/esbuild" "$SOURCES/viewer.js" --bundle --minify \
     --format=esm --target=es2022 --legal-comments=none --log-level=warning --outfile="$BUILT/viewer.js" ||

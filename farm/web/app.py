@@ -194,13 +194,13 @@ class Guard:
         return response
 
     def _is_valid(self, caller: KeyHolder | Visitor) -> bool:
-        """Return whether a caller's key or session is still valid: its streams end with it."""
+        """Return whether a caller's key or session is valid with its role: streams end with either."""
         if isinstance(caller, Visitor):
             return True
         key = self._controller.books.keys.get(caller.key.id)
         if key is None or not key.is_valid(self._controller.clock.now()):
             return False
-        return self._callers.find_role(key) is not None
+        return self._callers.find_role(key) is caller.role
 
     def _judge(self, scope: Scope) -> KeyHolder | Visitor | Refusal:
         """Return the caller, or a refusal."""

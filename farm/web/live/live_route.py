@@ -27,8 +27,8 @@ def live_routes(pages: LivePages, streams: StreamLimit) -> APIRouter:
         """Send the elements of a page that change, by their ids, as JSON; beats while nothing does."""
         holder = find_holder(request)
         streams.check(holder.name)
-        pages.join(page, holder.key.role)  # an error is an answer, and no stream
-        changes = pages.follow(page, holder.key.role, version, request.state.is_allowed)
+        pages.join(page, holder.role)  # an error is an answer, and no stream
+        changes = pages.follow(page, holder.role, version, request.state.is_allowed)
         return StreamResponse(changes, streams.count(holder.name))
 
     return router

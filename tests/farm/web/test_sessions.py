@@ -15,7 +15,7 @@ from farm.state.storage import StoreError
 from farm.web.cookies import SessionCookie
 from farm.web.pages.static_files import find_address
 from http_caller import DAEMON_USER, called_by
-from network_farm import OWN_PAGE, NetworkFarm
+from network_farm import HOST, OWN_PAGE, NetworkFarm
 
 TLS = {"tls": {"cert": "c.pem", "key": "k.pem"}}
 CLEARED = "/api/v1/printers/a/cleared"
@@ -345,3 +345,36 @@ def test_form_of_another_site_logs_nobody_in(farm, headers):
     key = farm.add(Role.PRINT).text
     assert farm.ask("POST", "/login", headers=headers, data={"key": key}).status_code == 403
     assert list_sessions(farm) == []
+
+
+def test_live_page_is_for_the_role_of_now_and_its_stream_ends_with_that_role(tmp_path):
+    farm = NetworkFarm(tmp_path, printers=("a", "b"))
+    session, path = farm.open_session(Role.OPERATE), b"/printers/b/cleared"
+    assert path.decode() in farm.browse("GET", "/", session).text
+    farm.user_roles["ann"] = Role.PRINT
+    chunks = []
+
+    async def receive():
+        await asyncio.Event().wait()
+
+    async def send(message):
+        chunks.append(message.get("body", b""))
+        if chunks[-1].startswith(b"id:"):
+            farm.user_roles["ann"] = Role.LOOK
+        if b"beat" in chunks[-1]:
+            farm.services.page_streams.close()  # else it would go on
+
+    headers = {"host": HOST, **farm.hold(session)}
+    scope = {
+        "type": "http",
+        "method": "GET",
+        "path": "/live",
+        "query_string": b"page=/",
+        "headers": [(name.encode(), value.encode()) for name, value in headers.items()],
+    }
+    asyncio.run(farm.web(scope, receive, send))
+    text = b"".join(chunks)
+    assert b"printer-b" in text
+    assert path not in text
+    assert b"beat" not in text
+    farm.store.close()

@@ -61,7 +61,12 @@ def job_page_routes(services: Services, dry_runs: DryRuns, notes: Notes, live: L
         data = describe_job_page(services, int(number), report, curve)
         return render_job_page(data, farm, reader, note)
 
-    live.add("/jobs/{number}", show)
+    def show_live(reader: Reader, number: str) -> str:
+        if not number.isdecimal():
+            raise NoSuchThing(f"there is no job {number}")
+        return show(reader, number)
+
+    live.add("/jobs/{number}", show_live)
 
     async def find_file(number: int, name: str) -> Path:
         stored = name_stored_files(controller.books, number).get(name)

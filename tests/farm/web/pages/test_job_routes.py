@@ -102,3 +102,8 @@ def test_job_without_a_plan_or_files_has_a_page(farm, ann):
     page = farm.browse("GET", "/jobs/1", ann)
     assert page.status_code == 200
     assert 'http-equiv="refresh"' in page.text
+
+
+@pytest.mark.parametrize("number", ["x", "9", "-1", "1.5"])
+def test_job_that_does_not_exist_is_not_kept_up_to_date(farm, ann, number):
+    assert farm.browse("GET", f"/live?page=/jobs/{number}", ann).status_code == 404
