@@ -185,6 +185,7 @@ class PrintProgress(PrintReadings, View):
 class LastPrint(View):
     """The last print on a printer; its part is on the bed until that is cleared."""
 
+    id: str = ""
     plate: str
     state: PrintState
     ended: str | None

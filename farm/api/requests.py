@@ -38,6 +38,7 @@ class ClearedRequest(View):
     bad: bool = False
     why: Line | None = Field(default=None, max_length=200)
     good: Line | None = Field(default=None, max_length=40)  # the part of a failed print that is usable
+    seen: Line | None = Field(default=None, max_length=64)  # id of the last print that its sender knows of
 
 
 class Cleared(View):

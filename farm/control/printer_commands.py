@@ -58,12 +58,18 @@ class PrinterCommands:
     def clear_bed(self, printer: str, request: api.ClearedRequest, by: str) -> api.Cleared:
         """Record that a person cleared a bed, with the verdict on its part.
 
-        `request.good` is the part of a failed print that is usable.
+        `request.good` is the part of a failed print that is usable. If the sender's page knows of another
+        last print, it is old: the plate on the bed is not the one that it shows, and nothing is recorded.
         """
         books = self._controller.books
         books.printer(printer)
         if books.open_print_on(printer) is not None:
             raise Refused(f"{printer} is printing: its bed cannot be clear")
+        last = books.last_print_on(printer)
+        if request.seen is not None and last is not None and request.seen != last.id:
+            raise Refused(
+                f"plate {last.plate} was printed on {printer} after this page was shown: look at its bed"
+            )
         judged = books.print_to_judge(printer)
         if request.bad and judged is None:
             raise Refused(f"no part printed on {printer} waits for a verdict: leave out --bad")

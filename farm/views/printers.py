@@ -57,6 +57,7 @@ def _last_print(context: ViewContext, printer: str) -> api.LastPrint | None:
     if attempt.state is PrintState.DONE and not attempt.paused:
         off = duration_s(attempt) / context.books.plates[attempt.plate].expected_s - 1
     return api.LastPrint(
+        id=attempt.id,
         plate=attempt.plate,
         state=attempt.state,
         ended=context.format_time(attempt.ended_s),

@@ -52,11 +52,10 @@ class Commands:
         self.parts = PartCommands(controller, self.printers)
         self.jobs = JobCommands(controller, self.printers)
 
-    def clear_bed(self, printer, filament=None, verdict=Verdict.GOOD, why=None, good=None):
+    def clear_bed(self, printer, filament=None, verdict=Verdict.GOOD, why=None, good=None, seen=None):
         bad = verdict is Verdict.BAD
-        return self.printers.clear_bed(
-            printer, ClearedRequest(filament=filament, bad=bad, why=why, good=good), "ann"
-        )
+        request = ClearedRequest(filament=filament, bad=bad, why=why, good=good, seen=seen)
+        return self.printers.clear_bed(printer, request, "ann")
 
 
 class Farm(Commands):

@@ -32,6 +32,8 @@ class Bed:
         The last plate that was printed on it; None if nothing was.
     is_judged
         Whether its part waits for a verdict.
+    seen
+        Id of the last print on it, so that an old page clears no other plate; "none" if there is none.
     good
         A part whose print failed, but which may be good.
     """
@@ -39,6 +41,7 @@ class Bed:
     printer: str
     plate: str | None
     is_judged: bool
+    seen: str
     good: str | None = None
 
 
@@ -190,7 +193,8 @@ def describe_bed(printer: api.PrinterView, good: str | None = None) -> Bed:
     """Describe what is on the bed of a printer, and what is asked about it."""
     last = printer.last
     is_judged = last is not None and last.state is PrintState.DONE and last.verdict is None
-    return Bed(printer.name, last.plate if last is not None else None, is_judged, good)
+    seen = last.id if last is not None else "none"
+    return Bed(printer.name, last.plate if last is not None else None, is_judged, seen, good)
 
 
 def list_tiles(status: api.Status) -> list[Tile]:

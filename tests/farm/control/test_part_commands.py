@@ -10,6 +10,7 @@ from farm.errors import NoSuchThing, Refused
 from farm.model import (
     AgentPrint,
     AgentSnapshot,
+    Bed,
     FilamentState,
     HoldCode,
     JobOptions,
@@ -267,3 +268,18 @@ def test_parts_stopped_by_estop_are_one_task(farm):
     assert requested.text.startswith(
         "2 parts of job 1 stopped by `farm estop`: print them again with `farm resume 1`"
     )
+
+
+@pytest.mark.parametrize("verdict", list(Verdict))
+def test_old_page_does_not_clear_the_bed_of_a_later_plate(farm, verdict):
+    first = ends(farm, "a")
+    farm.clear_bed("a", seen=first.id)
+    second = ends(farm, "a")
+    for seen in (first.id, "none"):
+        with pytest.raises(Refused, match=f"plate {second.plate} was printed on a after this page"):
+            farm.clear_bed("a", verdict=verdict, seen=seen)
+    books = farm.controller.books
+    assert books.printers["a"].bed is not Bed.CLEAR
+    assert books.prints[second.id].verdict is None
+    farm.clear_bed("a", verdict=verdict, seen=second.id)
+    assert farm.controller.books.prints[second.id].verdict is verdict

@@ -60,7 +60,7 @@ def list_job_actions(job: api.JobView, role: Role) -> list[Action]:
 
 
 def list_part_actions(
-    job: api.JobView, part: api.PartView, printer: str | None, role: Role
+    job: api.JobView, part: api.PartView, printer: api.PrinterView | None, role: Role
 ) -> Iterator[Action]:
     """Yield the buttons of a part.
 
@@ -78,12 +78,13 @@ def list_part_actions(
     path = f"/jobs/{job.id}/parts/{part.id.rpartition('/')[2]}"
     plate = next(one for one in job.plates if one.id == part.plate)
     last = part.own_prints[-1] if part.own_prints else None
-    if printer is not None and role.allows(Role.OPERATE):
+    if printer is not None and printer.last is not None and role.allows(Role.OPERATE):
         is_done = last is not None and last.state is PrintState.DONE
         good, bad = ("Good", "Bad") if is_done else ("Usable", "Not usable")
-        cleared = f"/printers/{printer}/cleared"
-        yield Action(cleared, f"{good}, and {printer} is clear", (("good", part.id),))
-        yield Action(cleared, f"{bad}, and {printer} is clear", (("bad", "true"),) if is_done else ())
+        cleared, seen = f"/printers/{printer.name}/cleared", ("seen", printer.last.id)
+        yield Action(cleared, f"{good}, and {printer.name} is clear", (seen, ("good", part.id)))
+        verdict = (("bad", "true"),) if is_done else ()
+        yield Action(cleared, f"{bad}, and {printer.name} is clear", (seen, *verdict))
     if plate.printing or plate.hold is not None:
         is_paused = (last is not None and last.state is PrintState.PAUSED) or (
             plate.hold is not None and plate.hold.code is HoldCode.PAUSED
@@ -94,10 +95,10 @@ def list_part_actions(
         yield Action(f"{path}/reprint", "Print again", is_destructive=True)
 
 
-def find_parts_on_beds(job: api.JobView, printers: Sequence[api.PrinterView]) -> dict[str, str]:
+def find_parts_on_beds(job: api.JobView, printers: Sequence[api.PrinterView]) -> dict[str, api.PrinterView]:
     """Find the parts of a job that lie printed on a bed: the printer by the part's id."""
     beds = {
-        printer.last.plate: printer.name
+        printer.last.plate: printer
         for printer in printers
         if printer.last is not None and printer.bed is not Bed.CLEAR and printer.print is None
     }

@@ -116,11 +116,11 @@ def _find_state(part: api.PartView, plate: api.PlateStatus) -> str:
     return str(part.own_prints[-1].state) if plate.printing and part.own_prints else _find_kind(part, plate)
 
 
-def _describe_remark(part: api.PartView, printer: str | None) -> str:
+def _describe_remark(part: api.PartView, printer: api.PrinterView | None) -> str:
     attempts = len(part.own_prints)
     remarks = [f"attempt {attempts}"] if attempts > 1 else []
     if printer is not None:
-        remarks.append(f"on the bed of {printer}")
+        remarks.append(f"on the bed of {printer.name}")
     return ", ".join(remarks)
 
 

@@ -40,7 +40,7 @@ def make_print(remaining_s, **changes):
 
 
 def make_last(state, verdict=None):
-    return api.LastPrint(plate="1/01", state=state, ended=None, off=None, verdict=verdict)
+    return api.LastPrint(id="print-1", plate="1/01", state=state, ended=None, off=None, verdict=verdict)
 
 
 def test_tiles_are_in_the_order_of_their_ends(status):
@@ -139,6 +139,8 @@ def test_verdict_is_asked_for_a_part_that_waits_for_one(status, last, is_asked):
     page = render_home(with_printers(status, {"last": last, "bed": Bed.NOT_CLEAR}, todo=todo), ANN)
     assert ("part is good" in page) == ('name="bad"' in page) == is_asked
     assert ("Bed is clear" in page) != is_asked
+    seen = "print-1" if last else "none"
+    assert page.count(f'name="seen" value="{seen}"') == page.count("/cleared") > 0
 
 
 def test_tasks_have_different_ids_even_if_they_are_alike(status):

@@ -65,12 +65,12 @@ def test_part_on_a_bed_is_judged_where_its_bed_is_cleared():
         name: [(a.path, dict(a.fields)) for a in row.actions] for name, row in rows_of(data_of(books)).items()
     }
     assert actions["p01"][:2] == [
-        ("/printers/um2-01/cleared", {"good": "1/p01"}),
-        ("/printers/um2-01/cleared", {"bad": "true"}),
+        ("/printers/um2-01/cleared", {"seen": "um2-01 1", "good": "1/p01"}),
+        ("/printers/um2-01/cleared", {"seen": "um2-01 1", "bad": "true"}),
     ]
     assert actions["p04"][:2] == [
-        ("/printers/um2-04/cleared", {"good": "1/p04"}),
-        ("/printers/um2-04/cleared", {}),
+        ("/printers/um2-04/cleared", {"seen": "um2-04 4", "good": "1/p04"}),
+        ("/printers/um2-04/cleared", {"seen": "um2-04 4"}),
     ]
     books, _ = run(books, ev.BedCleared(at_s=300.0, printer="um2-01", by="ann"))
     assert [a.label for a in rows_of(data_of(books))["p01"].actions] == ["Print again"]
