@@ -93,5 +93,6 @@ def test_of_plates_that_take_as_long_the_one_glued_first_is_served_first(books):
         waiting = describe_plates(plates, books)
         return [plate.id for plate in sorted(waiting, key=lambda plate: plate.priority_key)]
 
-    assert serve(3600.0, 3610.0, 3590.0) == ["1/03", "1/01", "1/02"]
-    assert serve(3600.0, 9000.0, 3590.0) == ["1/02", "1/03", "1/01"]
+    assert serve(3600.0, 3604.0, 3596.0) == ["1/03", "1/01", "1/02"]
+    assert serve(3600.0, 9000.0, 3596.0) == ["1/02", "1/03", "1/01"]
+    assert serve(3600.0, 3700.0, 3590.0) == ["1/02", "1/01", "1/03"]  # none ends later by over ten seconds
