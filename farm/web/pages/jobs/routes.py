@@ -52,7 +52,10 @@ def job_page_routes(services: Services, dry_runs: DryRuns, notes: Notes, live: L
 
     def read_stored_report(number: int) -> Report:
         stored = name_stored_files(controller.books, number).get(_REPORT)
-        return Report() if stored is None else _read_report(services.state.files / stored)
+        try:
+            return Report() if stored is None else _read_report(services.state.files / stored)
+        except OSError:  # the page shows the rest
+            return Report()
 
     def show(reader: Reader, number: str, note: Note | None = None, curve: int | None = None) -> str:
         report = read_stored_report(int(number))
@@ -105,11 +108,14 @@ def job_page_routes(services: Services, dry_runs: DryRuns, notes: Notes, live: L
 
 @lru_cache(maxsize=32)
 def _read_report(path: Path) -> Report:
-    """Read a report; a stored file never changes, and a page that is kept up to date shows it again."""
-    try:
-        return parse_report(path.read_bytes())
-    except OSError:
-        return Report()
+    """Read a report; a stored file never changes, and a page that is kept up to date shows it again.
+
+    Raises
+    ------
+    OSError
+        If it cannot be read; that is not cached, as it may pass.
+    """
+    return parse_report(path.read_bytes())
 
 
 def describe_job_page(services: Services, number: int, report: Report, curve_job: int | None) -> JobData:

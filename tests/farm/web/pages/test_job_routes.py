@@ -74,6 +74,15 @@ def test_who_did_not_submit_a_job_may_not_print_it(farm, ann):
     assert "only an operator may let job 1 print" in farm.browse("GET", "/", ann).text
 
 
+def test_report_that_could_not_be_read_is_read_again(farm, ann):
+    number = plan_job(farm, **DRY)
+    report = farm.state.files / "d.json"
+    away = report.rename(report.with_name("away.json"))
+    assert "2 printers: about 5 s" not in farm.browse("GET", f"/jobs/{number}", ann).text
+    away.rename(report)
+    assert "2 printers: about 5 s" in farm.browse("GET", f"/jobs/{number}", ann).text
+
+
 def test_documents_run_no_script(farm, ann):
     number = plan_job(farm)
     for name in ("instructions", "report"):
