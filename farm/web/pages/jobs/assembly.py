@@ -63,10 +63,8 @@ class Report(_Record):
     curve: tuple[CurvePoint, ...] = ()
 
 
-def parse_report(text: bytes | None) -> Report:
-    """Parse the report of a decomposition; an empty one if there is none, or it cannot be read."""
-    if text is None:
-        return Report()
+def parse_report(text: bytes) -> Report:
+    """Parse the report of a decomposition; an empty one if it is not valid."""
     try:
         return Report.model_validate_json(text)
     except ValidationError:
