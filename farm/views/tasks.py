@@ -38,7 +38,7 @@ _ORDER = {
 }
 """Rank of each code, the most urgent first; equal ranks in the order of the fleet."""
 
-_MOST_PARTS_NAMED = 8
+_MAX_PARTS_NAMED = 8
 """Largest number of beds to clear whose parts are named in brief."""
 
 
@@ -59,7 +59,7 @@ def list_tasks(context: ViewContext) -> list[api.Todo]:
         occupied, names = _sort_by_use(context, occupied)
         beds = format_count(len(occupied), "bed")
         text = f"clear {beds}: {' '.join(names)}, then `farm cleared PRINTER`"
-        has_parts = names != occupied and len(names) <= _MOST_PARTS_NAMED
+        has_parts = names != occupied and len(names) <= _MAX_PARTS_NAMED
         brief = " ".join(names) if has_parts else ""
         tasks.append(api.Todo(code="clear", printers=occupied, text=text, brief=brief))
     return [

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from farm.model import Role
 from farm.web.callers import KeyHolder
 
-_MOST_READERS = 1000
+_MAX_READERS = 1000
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +54,7 @@ class Notes:
         """Keep a note for a reader, by the id of a key or session."""
         self._notes.pop(reader, None)
         self._notes[reader] = note
-        if len(self._notes) > _MOST_READERS:
+        if len(self._notes) > _MAX_READERS:
             del self._notes[next(iter(self._notes))]
 
     def take(self, reader: str) -> Note | None:

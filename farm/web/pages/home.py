@@ -17,7 +17,7 @@ from farm.wording import format_planning, group_names, shorten_names
 _URGENT = ("alarm", "outage")
 _WITHOUT_HEAT = (Link.ABSENT, Link.STARTING, Link.CONNECTING)
 """States of a printer whose temperatures are not known."""
-_MOST_ENDED = 8
+_MAX_ENDED = 8
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,7 +120,7 @@ def render_home(status: api.Status, reader: Reader, note: Note | None = None) ->
         tasks=list_home_tasks(status),
         tiles=list_tiles(status),
         jobs=[row for row in jobs if row not in ended],
-        ended=ended[-_MOST_ENDED:][::-1],
+        ended=ended[-_MAX_ENDED:][::-1],
         night=describe_night(status.night),
     )
 

@@ -10,7 +10,7 @@ from farm.text import format_count, format_duration, format_moment
 from farm.web.pages.jobs.assembly import CurvePoint
 
 _WIDTH, _HEIGHT, _LEFT, _RIGHT, _TOP, _BOTTOM = 640, 220, 60, 16, 12, 28  # px
-_MOST_LABELS = 12
+_MAX_LABELS = 12
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +71,7 @@ def draw_curve(points: Sequence[CurvePoint], chosen: int, starts: datetime, now:
         return None
     numbers = sorted(by_number)
     first, last, longest_s = numbers[0], numbers[-1], max(by_number.values())
-    every = -(-(last - first + 1) // _MOST_LABELS)
+    every = -(-(last - first + 1) // _MAX_LABELS)
 
     def place(number: int) -> Choice:
         time_s = by_number[number]

@@ -30,7 +30,7 @@ _DOCUMENT = {
     "frame-ancestors 'none'; base-uri 'none'"
 }
 """Policy of a page that the farm wrote as one file: its own style and pictures, and no script."""
-_MOST_PRINTS = 2000  # of other jobs, in a timeline
+_MAX_PRINTS = 2000  # of other jobs, in a timeline
 
 
 def job_page_routes(services: Services, dry_runs: DryRuns, notes: Notes, live: LivePages) -> APIRouter:
@@ -94,7 +94,7 @@ def job_page_routes(services: Services, dry_runs: DryRuns, notes: Notes, live: L
     async def show_report(number: int) -> Response:
         context = controller.build_view_context(services.state)
         job = describe_job(context, controller.books.job(number))
-        others = list_history(context, None, None, _MOST_PRINTS)
+        others = list_history(context, None, None, _MAX_PRINTS)
         try:
             picture = await asyncio.to_thread((await find_file(number, _PICTURE)).read_bytes)
         except (NoSuchThing, OSError):
@@ -129,7 +129,7 @@ def describe_job_page(services: Services, number: int, report: Report, curve_job
     return JobData(
         describe_job(context, job),
         describe_farm(services).printers,
-        list_history(context, None, None, _MOST_PRINTS),
+        list_history(context, None, None, _MAX_PRINTS),
         timeline,
         report,
         tuple(name_stored_files(controller.books, number)),
