@@ -15,7 +15,7 @@ from farm.web.pages.page_route import EMPTY_IS_NONE
 from farm.web.pages.rendering import render_page
 
 RANGES = ((6, "6 hours"), (12, "12 hours"), (24, "day"), (72, "3 days"), (168, "week"))
-"""How far the timeline goes back: hours, and words."""
+"""Lengths of the shown past: hours, and words."""
 MOVES = (("", "as it is"), ("first", "first"), ("up", "one up"), ("down", "one down"), ("last", "last"))
 """Moves of a job to try out: values of `api.QueuePlace`, and words."""
 

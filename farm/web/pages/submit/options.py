@@ -34,7 +34,7 @@ class Start(StrEnum):
 
 
 class Next(StrEnum):
-    """What follows once the model is submitted."""
+    """Choice of the step after the submission."""
 
     PLAN = "plan"  # show the plan, and print nothing
     PRINT = "print"

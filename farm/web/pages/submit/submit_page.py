@@ -19,7 +19,7 @@ FILE_TYPES = ".stl,.3mf,.obj,.ply,.off,.step,.stp,.gcode,.gco,.g"
 
 @dataclass(frozen=True, slots=True)
 class SubmitChoices:
-    """What the fleet has to choose from.
+    """Choices that the form offers, by the printers of the fleet.
 
     Attributes
     ----------
@@ -41,7 +41,7 @@ class SubmitChoices:
 
 
 def list_choices(fleet: Fleet) -> SubmitChoices:
-    """List what a fleet has to choose from."""
+    """List the materials, colours and build volumes of the enabled printers, each once."""
     printers = [one for one in fleet.printers if one.enabled]
     beds = {_describe_bed(one) for one in printers if one.model in PROFILES}
     return SubmitChoices(
@@ -71,7 +71,7 @@ def render_submit_page(
     Parameters
     ----------
     choices
-        What the fleet has.
+        Choices of the fleet.
     request_id
         Identifies the submission: sent twice, it is one job.
     farm, reader, note
