@@ -168,17 +168,23 @@ def check_cura(facts: Facts) -> Iterator[Finding]:
     """Check that CuraEngine and Cura's files exist, and report their versions."""
     cura, action = facts.cura, "`farm setup` installs both"
     if cura.engine is None:
-        yield problem("cura", cura.engine_error or "there is no CuraEngine", action)
+        yield _describe_missing(cura.engine_error or f"there is no CuraEngine: {action}")
     elif cura.engine_version is None:
         yield problem("cura", f"{cura.engine} does not report its version: it cannot be run", action)
     else:
         yield passed("cura", f"{cura.engine}: CuraEngine {cura.engine_version}")
     if cura.resources is None:
-        yield problem("cura", cura.resources_error or "Cura's files are missing", action)
+        yield _describe_missing(cura.resources_error or f"Cura's files are missing: {action}")
     elif cura.settings_version is None:
         yield problem("cura", f"{cura.resources}: its definitions name no version", action)
     else:
         yield passed("cura", f"{cura.resources}: Cura's settings, version {cura.settings_version}")
+
+
+def _describe_missing(error: str) -> Finding:
+    """Return the problem of an error that ends with what to do."""
+    text, _, action = error.rpartition(": ")
+    return problem("cura", text, action)
 
 
 def check_clock(facts: Facts) -> Iterator[Finding]:

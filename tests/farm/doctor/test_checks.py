@@ -26,6 +26,8 @@ from farm.state.books import put, replace_fields
 from farm.state.retention import DiskUse
 from farm.state.storage.migrations import SCHEMA_VERSION
 from make_books import ended, printing, run
+from slicing.errors import EngineMissing
+from slicing.settings import find_engine
 
 NOW_S = 1_790_000_000.0
 BOOKS = run(printing(), ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"), ended("x"))[0]
@@ -128,10 +130,15 @@ CASES = {
         "ports",
         "may not be read and written by farm",
     ),
-    "no engine": ({"cura": replace(SOUND.cura, engine=None, engine_error="none")}, "problem", "cura", "none"),
+    "no engine": (
+        {"cura": replace(SOUND.cura, engine=None, engine_error="none: set it")},
+        "problem",
+        "cura",
+        "none",
+    ),
     "broken engine": ({"cura": replace(SOUND.cura, engine_version=None)}, "problem", "cura", "version"),
     "no settings": (
-        {"cura": replace(SOUND.cura, resources=None, resources_error="no files")},
+        {"cura": replace(SOUND.cura, resources=None, resources_error="no files: set it")},
         "problem",
         "cura",
         "no files",
@@ -189,6 +196,15 @@ def test_stopped_farm_without_books_is_no_problem():
     )
     wrong = [item.check for item in check_installation(facts) if item.level is not Level.OK]
     assert wrong == ["daemon"]
+
+
+def test_missing_engine_is_named_with_one_advice():
+    with pytest.raises(EngineMissing) as error:
+        find_engine({"PATH": ""})
+    facts = replace(SOUND, cura=replace(SOUND.cura, engine=None, engine_error=str(error.value)))
+    (finding,) = (item for item in check_installation(facts) if item.level is not Level.OK)
+    assert finding.text == "there is no CuraEngine on PATH"
+    assert finding.action == "run 'farm setup', or set FARM_CURA_ENGINE to the program"
 
 
 def test_action_adds_the_user_to_the_group_of_the_port():
