@@ -35,14 +35,18 @@ def test_bundle_is_small_and_comes_with_the_licence():
     assert "MIT License" in bundle.with_name("three.LICENSE.txt").read_text()
 
 
-def test_installation_goes_on_without_node(tmp_path):
+def test_installation_goes_on_without_node_and_keeps_no_old_bundle(tmp_path):
     place = tmp_path / "checkout"
     (place / "deploy").mkdir(parents=True)
     shutil.copy(ROOT / SCRIPT, place / "deploy")
     shutil.copytree(SOURCES, place / "farm/web/pages/browser")
+    built = place / "farm/web/pages/built"
+    built.mkdir()
+    (built / "viewer.js").write_text("old")
+    (built / ".sources").write_text("digest of earlier sources")
     tools = tmp_path / "tools"  # all that the script needs but npm
     tools.mkdir()
-    for name in ("bash", "cat", "cp", "cut", "dirname", "env", "mkdir", "sha256sum"):
+    for name in ("bash", "cat", "cp", "cut", "dirname", "env", "mkdir", "rm", "sha256sum"):
         (tools / name).symlink_to(shutil.which(name))
     (tools / "python").write_text("#!/bin/sh\nexit 1\n")  # pip has no network
     (tools / "python").chmod(0o755)
@@ -51,4 +55,4 @@ def test_installation_goes_on_without_node(tmp_path):
     )
     assert run.returncode == 0, run.stderr
     assert "The pages work without their 3D view" in run.stderr
-    assert not list((place / "farm/web/pages/built").iterdir())
+    assert not built.exists()
