@@ -21,14 +21,14 @@ class StreamLimit:
 
     Parameters
     ----------
-    most
+    limit
         Most streams at a time.
-    most_of_one
+    limit_per_caller
         Most streams of one caller.
     """
 
-    def __init__(self, most: int = 100, most_of_one: int = 20) -> None:
-        self._most, self._most_of_one = most, most_of_one
+    def __init__(self, limit: int = 100, limit_per_caller: int = 20) -> None:
+        self._limit, self._limit_per_caller = limit, limit_per_caller
         self._callers: Counter[str] = Counter()
         self._closing = asyncio.Event()
 
@@ -51,7 +51,7 @@ class StreamLimit:
         """Raise Refused if a caller may not open another stream."""
         if self.is_closed:
             raise Refused("the daemon is ending")
-        if self._callers.total() >= self._most or self._callers[caller] >= self._most_of_one:
+        if self._callers.total() >= self._limit or self._callers[caller] >= self._limit_per_caller:
             raise Refused(f"too many streams are open ({self._callers[caller]} of {caller}): end one")
 
     @contextmanager
