@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 from farm.model import Print
 from farm.scheduling import FleetPrinter, Hours, Situation, forecast_prints
+from farm.views.charts import name_outcome
 from farm.views.context import ViewContext
-from farm.views.report.gantt import name_outcome
 
 PLANNED = "planned"
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 from farm.scheduling import Situation
 from farm.text import format_duration
+from farm.views.charts import Mark, TimeAxis
 from farm.views.context import ViewContext
-from farm.views.dashboard.axis import Mark, TimeAxis
 from farm.views.dashboard.fleet_plan import PLANNED, FleetPlan, PlannedPrint, list_spans, plan_fleet
 from farm.views.dashboard.what_if import Change, JobShift, try_change
 

@@ -9,9 +9,9 @@ from farm import api
 from farm.errors import NoSuchThing
 from farm.model import Hold, Print, Temperatures
 from farm.state.event_rows import EventRow
+from farm.views.charts import TemperatureChart, lay_out_temperatures
 from farm.views.context import ViewContext
 from farm.views.dashboard.figures import Figures, sum_figures
-from farm.views.dashboard.temperature_chart import TemperatureChart, lay_out_temperatures
 from farm.views.events import describe_event
 from farm.views.history import list_prints
 from farm.views.printers import describe_printer

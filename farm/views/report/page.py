@@ -16,7 +16,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from farm import api
 from farm.model import PrintState
 from farm.text import format_duration
-from farm.views.report.gantt import Bar, lay_out_gantt, list_bars, name_outcome
+from farm.views.charts import Bar, lay_out_gantt, list_bars, name_outcome
 
 _JPEG = b"\xff\xd8"
 

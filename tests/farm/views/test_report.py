@@ -16,8 +16,8 @@ from farm.model import Still, Verdict
 from farm.state import events as ev
 from farm.upkeep.part_pictures import draw_part
 from farm.views import describe_job, list_history
-from farm.views.report import COLOURS, draw_gantt, list_bars, list_figures, render_page
-from farm.views.report.gantt import Bar, lay_out_gantt
+from farm.views.charts import COLOURS, Bar, lay_out_gantt, list_bars
+from farm.views.report import draw_gantt, list_figures, render_page
 from make_books import run
 from make_stl import stl_bytes
 

@@ -9,7 +9,8 @@ from datetime import datetime
 from farm import api
 from farm.model import HoldCode, JobState, PlanProgress, PlanStep
 from farm.text import format_count, format_duration, format_mass, format_moment
-from farm.views.report import Gantt, lay_out_gantt, list_bars, list_expected_bars, list_figures
+from farm.views.charts import Gantt, lay_out_gantt, list_bars, list_expected_bars
+from farm.views.report import list_figures
 from farm.web.notes import Note, Reader
 from farm.web.pages.jobs.actions import list_job_actions
 from farm.web.pages.jobs.assembly import Report

@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from farm.model import Temperatures
-from farm.views.dashboard.temperature_chart import lay_out_temperatures
+from farm.views.charts import lay_out_temperatures
 from scheduling_examples import UTC
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from datetime import tzinfo
 
 from farm.model import Temperatures
-from farm.views.dashboard.axis import Mark, TimeAxis
+from farm.views.charts.axis import Mark, TimeAxis
 
 _WIDTH, _HEIGHT, _LEFT, _TOP, _BOTTOM = 960.0, 220.0, 56.0, 10.0, 24.0  # px
 _LEAST_C, _STEP_C = 100, 50

@@ -6,7 +6,7 @@ from zoneinfo import ZoneInfo
 from hypothesis import given
 from hypothesis import strategies as st
 
-from farm.views.dashboard.axis import TimeAxis
+from farm.views.charts import TimeAxis
 
 BERLIN = ZoneInfo("Europe/Berlin")
 

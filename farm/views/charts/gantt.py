@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import datetime, timedelta
+from datetime import UTC, datetime
 
 from farm import api
 from farm.model import PrintState, Verdict
 from farm.text import format_moment
+from farm.views.charts.axis import Mark, TimeAxis
 
 _WIDTH, _ROW, _LEFT, _RIGHT, _TOP = (
     1000,
@@ -18,7 +19,6 @@ _WIDTH, _ROW, _LEFT, _RIGHT, _TOP = (
     24,
 )  # px; a time label needs half its width at the right
 _TICKS = 8  # approximate number of time marks
-_STEPS_S = (600, 1800, 3600, 7200, 14400, 28800, 86400, 172800, 604800)
 _OTHER_JOB = "another job"
 EXPECTED = "expected"
 
@@ -51,14 +51,6 @@ class Bar:
     end: datetime
     kind: str
     label: str
-    text: str
-
-
-@dataclass(frozen=True, slots=True)
-class Mark:
-    """Time mark on the axis, at x px."""
-
-    x: float
     text: str
 
 
@@ -152,15 +144,13 @@ def lay_out_gantt(bars: Sequence[Bar]) -> Gantt | None:
         return None
     job_bars = [bar for bar in bars if bar.kind != _OTHER_JOB]
     first, last = min(bar.start for bar in job_bars), max(bar.end for bar in job_bars)
-    span_s = max(1.0, (last - first).total_seconds())
-
-    def x(at: datetime) -> float:
-        share = (at - first).total_seconds() / span_s
-        return _LEFT + (_WIDTH - _LEFT - _RIGHT) * min(1.0, max(0.0, share))
+    zone = first.tzinfo or UTC
+    axis = TimeAxis(first.timestamp(), last.timestamp(), _LEFT, _WIDTH - _LEFT - _RIGHT, zone)
 
     def lay_out_bar(bar: Bar) -> Box:
         ink = "#333" if bar.kind in ("printing", EXPECTED, _OTHER_JOB) else "#fff"
-        return Box(bar, x(bar.start), max(1.5, x(bar.end) - x(bar.start)), COLOURS[bar.kind], ink)
+        x = axis.x(bar.start.timestamp())
+        return Box(bar, x, max(1.5, axis.x(bar.end.timestamp()) - x), COLOURS[bar.kind], ink)
 
     rows = tuple(
         Row(printer, _TOP + _ROW * number, tuple(lay_out_bar(bar) for bar in bars if bar.printer == printer))
@@ -169,19 +159,10 @@ def lay_out_gantt(bars: Sequence[Bar]) -> Gantt | None:
     used = {bar.kind for bar in bars}
     return Gantt(
         height=_TOP + _ROW * len(rows) + 4,
-        marks=tuple(Mark(x(at), format_moment(at, first)) for at in _list_marks(first, last, span_s)),
+        marks=tuple(
+            Mark(axis.x(at.timestamp()), at.isoformat("T", "seconds"), format_moment(at, first))
+            for at in axis.list_times(_TICKS)
+        ),
         rows=rows,
         key=tuple((kind, colour) for kind, colour in COLOURS.items() if kind in used),
     )
-
-
-def _list_marks(first: datetime, last: datetime, span_s: float) -> list[datetime]:
-    """List round times between two times."""
-    step_s = next((step for step in _STEPS_S if span_s / step <= _TICKS), _STEPS_S[-1])
-    midnight = first.replace(hour=0, minute=0, second=0, microsecond=0)
-    mark = midnight + timedelta(seconds=step_s * -(-(first - midnight).total_seconds() // step_s))
-    marks = []
-    while mark <= last:
-        marks.append(mark)
-        mark += timedelta(seconds=step_s)
-    return marks

@@ -37,7 +37,7 @@ class TimeAxis:
     def list_marks(self, max_marks: int = 10) -> list[Mark]:
         """List round times of the zone on the axis; the first and those at midnight have their weekday."""
         marks, has_day = [], False
-        for at in self._list_times(max_marks):
+        for at in self.list_times(max_marks):
             shows_day = not has_day or (at.hour, at.minute) == (0, 0)
             has_day = True
             marks.append(
@@ -49,9 +49,10 @@ class TimeAxis:
             )
         return marks
 
-    def _list_times(self, max_marks: int) -> Iterator[datetime]:
+    def list_times(self, max_times: int) -> Iterator[datetime]:
+        """List round times of the zone on the axis, oldest first; about as many as `max_times` at most."""
         span_s = max(_SHORTEST_S, self.end_s - self.begin_s)
-        step_s = next((step for step in _STEPS_S if span_s / step <= max_marks), _STEPS_S[-1])
+        step_s = next((step for step in _STEPS_S if span_s / step <= max_times), _STEPS_S[-1])
         step = timedelta(seconds=step_s)
         day = datetime.fromtimestamp(self.begin_s, self.zone).replace(
             hour=0, minute=0, second=0, microsecond=0

@@ -1,0 +1,29 @@
+"""Charts over time as positions in px, which the templates draw as SVG. Pure."""
+
+from __future__ import annotations
+
+from farm.views.charts.axis import Mark, TimeAxis
+from farm.views.charts.gantt import (
+    COLOURS,
+    Bar,
+    Gantt,
+    lay_out_gantt,
+    list_bars,
+    list_expected_bars,
+    name_outcome,
+)
+from farm.views.charts.temperature_chart import TemperatureChart, lay_out_temperatures
+
+__all__ = [
+    "COLOURS",
+    "Bar",
+    "Gantt",
+    "Mark",
+    "TemperatureChart",
+    "TimeAxis",
+    "lay_out_gantt",
+    "lay_out_temperatures",
+    "list_bars",
+    "list_expected_bars",
+    "name_outcome",
+]
