@@ -149,12 +149,15 @@ if [[ ${1:-} == --inside ]]; then
     mount --rbind /dev "$2/root/dev"
     mount -t tmpfs -o mode=1777 none "$2/root/tmp"
     mount -t tmpfs none "$2/root/run"
+    touch "$2/root/copy-of-the-host"
     mkdir -p "$2/root/tmp/checkout/deploy"
     cp -r deploy/debian "$2/root/tmp/checkout/deploy/"
     exec chroot "$2/root" /usr/bin/env -i PATH=/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin \
         DEBIAN_FRONTEND=noninteractive LC_ALL=C.UTF-8 /tmp/checkout/deploy/debian/test-scripts.sh --in-copy
 fi
 if [[ ${1:-} == --in-copy ]]; then
+    # What follows removes an installed farm: never that of the host.
+    [[ -e /copy-of-the-host ]] || { say "--in-copy runs in the copy only"; exit 2; }
     rm -rf /opt/farm /etc/farm /var/lib/farm
     if getent passwd farm > /dev/null; then userdel farm; fi
     echo 0 > /down-code

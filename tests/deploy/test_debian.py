@@ -123,6 +123,11 @@ def test_purge_does_not_remove_a_checkout():
     assert text.index("/opt/farm/.git") < text.index("rm -rf")
 
 
+def test_scripts_are_not_tested_on_the_host_itself():
+    run = subprocess.run([DEBIAN / "test-scripts.sh", "--in-copy"], capture_output=True, text=True)
+    assert (run.returncode, "in the copy only" in run.stderr) == (2, True)
+
+
 def test_scripts_of_the_package_by_dpkg_beside_a_systemctl_that_records():
     """Installs, upgrades, removes and purges a package with a stub program over this host's files."""
     run = subprocess.run([DEBIAN / "test-scripts.sh"], capture_output=True, text=True)
