@@ -101,9 +101,11 @@ def count_names(names: Iterable[str]) -> str:
     return ", ".join(name + (f" ({count})" if count > 1 else "") for name, count in counts.items())
 
 
-def group_names(names_and_texts: Iterable[tuple[str, str]]) -> dict[str, list[str]]:
-    """Group pairs of a sentence and a name by the sentence, in the order of the first of each."""
+def group_holds(jobs: Iterable[api.JobView]) -> dict[str, list[str]]:
+    """Group the waiting plates of jobs by the reason, a sentence; each reason in the order of its first."""
     groups: dict[str, list[str]] = {}
-    for sentence, name in names_and_texts:
-        groups.setdefault(sentence, []).append(name)
+    for job in jobs:
+        for plate in job.plates:
+            if plate.hold is not None:
+                groups.setdefault(plate.hold.text, []).append(plate.id)
     return groups

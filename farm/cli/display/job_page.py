@@ -20,7 +20,7 @@ from farm.wording import (
     format_runs,
     format_share,
     format_time,
-    group_names,
+    group_holds,
     shorten_names,
 )
 
@@ -216,8 +216,7 @@ def _list_holds(view: api.JobView) -> list[RenderableType]:
     lines = []
     if view.hold is not None:
         lines.append(Text(f"job {view.id} waits: {view.hold.text}", style=WARNING))
-    holds = ((plate.hold.text, plate.id) for plate in view.plates if plate.hold is not None)
-    for text, plates in group_names(holds).items():
+    for text, plates in group_holds([view]).items():
         waits = f"plate {plates[0]} waits" if len(plates) == 1 else f"plates {shorten_names(plates)} wait"
         lines.append(Text(f"{waits}: {text}", style=WARNING))
     return list(lines)

@@ -18,7 +18,7 @@ from farm.wording import (
     format_planning,
     format_share,
     format_time,
-    group_names,
+    group_holds,
     parse_time,
     shorten_names,
 )
@@ -195,9 +195,8 @@ def _list_job_lines(job: api.JobView, now: str, width: int | None) -> list[Text]
 
 def _list_wait_lines(jobs: Iterable[api.JobView], width: int | None) -> list[Text]:
     """List why plates wait, each sentence once with all plates that wait for it."""
-    holds = ((plate.hold.text, plate.id) for job in jobs for plate in job.plates if plate.hold is not None)
     lines: list[Text] = []
-    for text, plates in group_names(holds).items():
+    for text, plates in group_holds(jobs).items():
         lines += _fold_texts("" if lines else "WAIT", [f"{shorten_names(plates)}: {text}"], "", width)
     return lines
 

@@ -12,7 +12,7 @@ from farm.model import HoldCode, JobState, Link, PrintState
 from farm.text import format_count, format_mass
 from farm.web.notes import Note, Reader
 from farm.web.pages.rendering import render_page
-from farm.wording import format_planning, group_names, shorten_names
+from farm.wording import format_planning, group_holds, shorten_names
 
 _URGENT = ("alarm", "outage")
 _WITHOUT_HEAT = (Link.ABSENT, Link.STARTING, Link.CONNECTING)
@@ -237,8 +237,7 @@ def _list_waits(job: api.JobView) -> Iterator[str]:
         yield job.reason or job.error
     if job.hold is not None:
         yield "waits for approval" if job.hold.code is HoldCode.APPROVAL else job.hold.text
-    holds = ((plate.hold.text, plate.id) for plate in job.plates if plate.hold is not None)
-    for text, plates in group_names(holds).items():
+    for text, plates in group_holds([job]).items():
         if job.hold is None or text != job.hold.text:
             yield f"{shorten_names(plates)}: {text}"
 

@@ -17,7 +17,7 @@ from farm.web.pages.jobs.assembly import Report
 from farm.web.pages.jobs.curve import Curve, draw_curve
 from farm.web.pages.jobs.parts import list_part_rows
 from farm.web.pages.rendering import render_page
-from farm.wording import format_planning, group_names, shorten_names
+from farm.wording import format_planning, group_holds, shorten_names
 
 _FILES = {
     "assembly.png": "picture of the parts",
@@ -153,8 +153,7 @@ def list_reasons(job: api.JobView, timeline: api.Timeline | None = None) -> list
         reasons.append(f"no printer can print {shorten_names(timeline.left)}")
     if job.hold is not None and job.state != JobState.QUEUED and job.hold.code is not HoldCode.APPROVAL:
         reasons.append(job.hold.text)
-    holds = ((plate.hold.text, plate.id) for plate in job.plates if plate.hold is not None)
-    for text, plates in group_names(holds).items():
+    for text, plates in group_holds([job]).items():
         if text not in reasons:
             reasons.append(f"{shorten_names(plates)}: {text}")
     return reasons
