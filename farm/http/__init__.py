@@ -23,7 +23,7 @@ from farm.http.connections import (
     read_descriptor_limit,
 )
 from farm.http.event_streams import EventStreams
-from farm.http.routes.files import name_stored_files
+from farm.http.routes.files import find_stored_file, name_stored_files
 from farm.http.routes.status import describe_farm
 from farm.http.services import NetworkState, Services
 from farm.http.stream_limit import StreamLimit, StreamResponse
@@ -52,6 +52,7 @@ __all__ = [
     "describe_farm",
     "end_at_signals",
     "find_longest_waiting",
+    "find_stored_file",
     "identify_caller",
     "is_operator",
     "listen",

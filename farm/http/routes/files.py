@@ -30,10 +30,7 @@ def file_routes(services: Services) -> APIRouter:
 
     @router.get("/jobs/{number}/files/{name}", response_class=FileResponse, responses={200: _CONTENT})
     async def file(number: int, name: str) -> FileResponse:
-        stored = name_stored_files(controller.books, number).get(name)
-        path = services.state.files / (stored or "")
-        if stored is None or not await asyncio.to_thread(path.is_file):
-            raise NoSuchThing(f"job {number} has no file {name!r}: it may have been pruned")
+        path = await find_stored_file(services, number, name)
         return FileResponse(path, media_type="application/octet-stream", filename=name)
 
     return router
@@ -50,6 +47,29 @@ def name_stored_files(books: Books, number: int) -> dict[str, str]:
                 for still in attempt.stills
             }
     return names
+
+
+async def find_stored_file(services: Services, number: int, name: str) -> Path:
+    """Return the path of a file of a job by its name.
+
+    Parameters
+    ----------
+    services
+        Components of the daemon.
+    number
+        The job.
+    name
+        One of `name_stored_files`; it is never used as a path.
+
+    Raises
+    ------
+    NoSuchThing
+        If there is no such job, or it has no such file any more.
+    """
+    stored = name_stored_files(services.controller.books, number).get(name)
+    if stored is not None and await asyncio.to_thread((path := services.state.files / stored).is_file):
+        return path
+    raise NoSuchThing(f"job {number} has no file {name!r}: it may have been pruned")
 
 
 def _measure(folder: Path, names: dict[str, str]) -> list[api.FileView]:

@@ -14,7 +14,7 @@ from drivers.messages import WireLine
 from farm import api
 from farm.control import find_successor
 from farm.errors import ErrorCode, FarmError, NoSuchThing, Refused
-from farm.http import Services, name_stored_files
+from farm.http import Services, find_stored_file
 from farm.scheduling import parse_moment_s
 from farm.views import ViewContext
 from farm.views.dashboard import (
@@ -118,12 +118,10 @@ def _add_printer_pages(
 
     @router.get("/jobs/{number}/stills/{name}")
     async def show_still(number: int, name: str) -> Response:
-        stored = name_stored_files(controller.books, number).get(name)
         media_type = _IMAGES.get(Path(name).suffix)
-        path = services.state.files / (stored or "")
-        if stored is None or media_type is None or not await asyncio.to_thread(path.is_file):
-            raise NoSuchThing(f"job {number} has no picture {name!r}: it may have been pruned")
-        return FileResponse(path, media_type=media_type)
+        if media_type is None:
+            raise NoSuchThing(f"{name!r} is no picture")
+        return FileResponse(await find_stored_file(services, number, name), media_type=media_type)
 
 
 def find_change(context: ViewContext, query: TimelineQuery) -> Change | None:

@@ -14,7 +14,7 @@ from fastapi.responses import FileResponse, HTMLResponse
 from farm import api
 from farm.control import READING_S, DryRuns
 from farm.errors import NoSuchThing
-from farm.http import Services, describe_farm, name_stored_files
+from farm.http import Services, describe_farm, find_stored_file, name_stored_files
 from farm.views import describe_job, describe_timeline, list_history
 from farm.views.report import list_figures, render_page
 from farm.web.callers import find_holder
@@ -71,13 +71,6 @@ def job_page_routes(services: Services, dry_runs: DryRuns, notes: Notes, live: L
 
     live.add("/jobs/{number}", show_live)
 
-    async def find_file(number: int, name: str) -> Path:
-        stored = name_stored_files(controller.books, number).get(name)
-        path = services.state.files / (stored or "")
-        if stored is None or not await asyncio.to_thread(path.is_file):
-            raise NoSuchThing(f"job {number} has no file {name}: it may have been pruned")
-        return path
-
     @router.get("/jobs/{number}")
     async def show_job(number: int, request: Request, curve: int | None = None) -> Response:
         holder = find_holder(request)
@@ -87,7 +80,7 @@ def job_page_routes(services: Services, dry_runs: DryRuns, notes: Notes, live: L
 
     @router.get("/jobs/{number}/instructions")
     async def show_instructions(number: int) -> Response:
-        path = await find_file(number, _INSTRUCTIONS)
+        path = await find_stored_file(services, number, _INSTRUCTIONS)
         return FileResponse(path, media_type="text/html", headers=_DOCUMENT)
 
     @router.get("/jobs/{number}/report")
@@ -96,7 +89,8 @@ def job_page_routes(services: Services, dry_runs: DryRuns, notes: Notes, live: L
         job = describe_job(context, controller.books.job(number))
         others = list_history(context, None, None, _MAX_PRINTS)
         try:
-            picture = await asyncio.to_thread((await find_file(number, _PICTURE)).read_bytes)
+            path = await find_stored_file(services, number, _PICTURE)
+            picture = await asyncio.to_thread(path.read_bytes)
         except (NoSuchThing, OSError):
             picture = None
         now = datetime.fromtimestamp(context.now_s, controller.fleet.zone)
