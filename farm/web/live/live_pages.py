@@ -145,9 +145,7 @@ class LivePages:
             start_s = time.thread_time()
             for key, topic in list(self._topics.items()):
                 if topic.viewers == 0 or self._streams.is_closed:
-                    del self._topics[key]
-                    topic.is_over = True
-                    topic.wake()
+                    self._end_topic(key)
                 else:
                     self._refresh_topic(key, topic)
                 await asyncio.sleep(0.0)  # other work between two pages
@@ -159,9 +157,13 @@ class LivePages:
         except Exception as error:
             if not isinstance(error, FarmError):  # such as a job that was pruned
                 log.exception("the page %s", key[0])
-            del self._topics[key]
-            topic.is_over = True
-            topic.wake()
+            self._end_topic(key)
+
+    def _end_topic(self, key: tuple[str, Role]) -> None:
+        """Forget a page, and end the streams of its viewers."""
+        topic = self._topics.pop(key)
+        topic.is_over = True
+        topic.wake()
 
 
 def format_changes(changes: dict[str, str], version: str) -> bytes:
