@@ -1,14 +1,20 @@
-"""Worker processes, each with limits on time and memory."""
+"""Work in processes, each with limits on time and memory: on this computer, or on a cluster."""
 
+from farm.compute.deferred import Deferred, TaskFiles
+from farm.compute.limits import CHECKING, DECOMPOSING, SLICING, Limit
 from farm.compute.memory import read_process_bytes
-from farm.compute.worker_pool import CHECKING, DECOMPOSING, SLICING, Limit, Workers, WorkerShare
+from farm.compute.pool import Pool, PoolShare
+from farm.compute.worker_pool import Workers
 
 __all__ = [
     "CHECKING",
     "DECOMPOSING",
     "SLICING",
+    "Deferred",
     "Limit",
-    "WorkerShare",
+    "Pool",
+    "PoolShare",
+    "TaskFiles",
     "Workers",
     "read_process_bytes",
 ]

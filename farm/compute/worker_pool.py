@@ -14,10 +14,11 @@ import shutil
 from collections import Counter
 from collections.abc import Callable, Hashable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
+from farm.compute.limits import CHECKING, Limit
 from farm.compute.memory import read_machine_bytes
 from farm.compute.worker_process import Raised, Warm, Worker
 from farm.errors import ErrorCode, FarmError
@@ -29,28 +30,6 @@ _TRIES = 2
 _RETRY_S = 5.0
 _GB = 2**30
 _CLOSED = "the daemon is shutting down: submit it again after `farm up`"
-
-
-@dataclass(frozen=True, slots=True)
-class Limit:
-    """Time limit of a kind of work, in wall seconds from its start in a worker.
-
-    Attributes
-    ----------
-    what
-        Name of the work, for messages.
-    urgent
-        True if it is quick and a user waits for it: it is started before other work.
-    """
-
-    what: str
-    seconds: float
-    urgent: bool = False
-
-
-CHECKING = Limit("reading and checking the model", 600.0, urgent=True)
-DECOMPOSING = Limit("decomposing", 1800.0)
-SLICING = Limit("slicing a part", 2400.0)  # above CuraEngine's own limit (slicing.plate)
 
 
 def compute_memory_for_each(count: int, memory_gb: float | None) -> int:
@@ -79,7 +58,7 @@ class _WaitingTask:
 
 
 class Workers:
-    """Pool of worker processes. All methods are called on the event loop's thread.
+    """Pool of worker processes on this computer; see `farm.compute.pool.Pool`.
 
     Parameters
     ----------
@@ -125,10 +104,6 @@ class Workers:
     def memory_bytes(self) -> int:
         """Memory that each worker may use, in bytes."""
         return self._memory
-
-    def share(self, group: Hashable, urgent: bool = False) -> WorkerShare:
-        """Return the pool for the tasks of one group; with `urgent`, they are started before other work."""
-        return WorkerShare(self, group, urgent)
 
     @property
     def starting(self) -> str | None:
@@ -286,15 +261,3 @@ class Workers:
         for folder in self._scratch.iterdir():
             if folder not in used_folders:
                 shutil.rmtree(folder, ignore_errors=True)
-
-
-class WorkerShare:
-    """The pool as one group of tasks uses it; see `Workers.run`."""
-
-    def __init__(self, workers: Workers, group: Hashable, urgent: bool) -> None:
-        self._workers, self._group, self._urgent = workers, group, urgent
-
-    async def run(self, work: Callable[..., T], *args: object, limit: Limit = CHECKING) -> T:
-        """Run a function in a worker."""
-        limit = replace(limit, urgent=True) if self._urgent else limit
-        return await self._workers.run(work, *args, limit=limit, group=self._group)

@@ -11,7 +11,7 @@ import farm
 from drivers.messages import WireLine
 from farm import api
 from farm.cameras import Image
-from farm.compute import Workers
+from farm.compute import Pool
 from farm.control import AppKeyRequests, Controller, SessionCommands
 from farm.errors import NoSuchThing, Refused
 from farm.http.callers import find_user_role
@@ -113,7 +113,7 @@ class Services:
     controller: Controller
     state: StateFolder
     fleet_file: Path
-    workers: Workers
+    workers: Pool
     shut_down: Callable[[bool], Awaitable[None]]
     replace_agent: Callable[[str], Awaitable[None]] = refuse_replacing
     prune: Callable[[str, bool], Awaitable[api.Pruned]] = refuse_pruning

@@ -15,7 +15,7 @@ from starlette.requests import ClientDisconnect
 from decompose.errors import ModelTooDetailed
 from decompose.files.triangle_limit import HEAD_BYTES, check_head
 from farm import api
-from farm.compute import Workers
+from farm.compute import Pool
 from farm.config import UploadsSection
 from farm.control import Controller
 from farm.errors import ErrorCode, FarmError, NoSuchThing, Refused
@@ -167,7 +167,7 @@ class Uploads:
     """
 
     def __init__(
-        self, controller: Controller, state: StateFolder, workers: Workers, inspections: dict[Path, str]
+        self, controller: Controller, state: StateFolder, workers: Pool, inspections: dict[Path, str]
     ) -> None:
         self._controller, self._state, self._workers = controller, state, workers
         self._inspections = inspections

@@ -10,7 +10,7 @@ import logging
 import shutil
 from collections.abc import Callable
 
-from farm.compute import Workers
+from farm.compute import Pool, PoolShare
 from farm.errors import FarmError
 from farm.model import Job, PlanProgress, PlanStep
 from farm.paths import StateFolder
@@ -44,7 +44,7 @@ class JobPlanner:
     """
 
     def __init__(
-        self, state: StateFolder, workers: Workers, budget_s: float, on_plan: OnPlan, on_progress: OnProgress
+        self, state: StateFolder, workers: Pool, budget_s: float, on_plan: OnPlan, on_progress: OnProgress
     ) -> None:
         self._state = state
         self._workers = workers
@@ -69,7 +69,7 @@ class JobPlanner:
             budget_s=self._budget_s,
         )
         self._running = {number: running for number, running in self._running.items() if not running.done()}
-        workers = self._workers.share(job.id, urgent=request.quick)
+        workers = PoolShare(self._workers, job.id, urgent=request.quick)
         builder = PlanBuilder(
             task, workers, self._state, lambda progress: self._on_progress(job.id, progress)
         )

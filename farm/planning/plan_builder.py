@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from farm.compute import CHECKING, DECOMPOSING, WorkerShare
+from farm.compute import CHECKING, DECOMPOSING, PoolShare
 from farm.errors import FarmError
 from farm.model import PlanProgress, PlanStep
 from farm.paths import StateFolder
@@ -48,7 +48,7 @@ class PlanBuilder:
     def __init__(
         self,
         task: DecomposeTask,
-        workers: WorkerShare,
+        workers: PoolShare,
         state: StateFolder,
         on_progress: Callable[[PlanProgress], None],
     ) -> None:

@@ -6,7 +6,7 @@ import asyncio
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from farm.compute import SLICING, WorkerShare
+from farm.compute import SLICING, PoolShare
 from farm.planning.part_records import SliceBatch, SlicedPart
 from farm.planning.tasks import slice_part
 
@@ -21,7 +21,7 @@ from slicing.settings import find_engine, find_resources
 
 
 async def slice_batch(
-    workers: WorkerShare, batch: SliceBatch, on_slice: Callable[[PlateResult], None] = lambda _: None
+    workers: PoolShare, batch: SliceBatch, on_slice: Callable[[PlateResult], None] = lambda _: None
 ) -> tuple[SlicedPart, ...]:
     """Slice all parts of a batch; a failure or cancellation stops all.
 

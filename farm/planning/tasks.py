@@ -2,29 +2,9 @@
 
 from __future__ import annotations
 
-import pkgutil
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-
-@dataclass(frozen=True, slots=True)
-class Deferred:
-    """A function whose module is imported only when it is called.
-
-    Only the process that calls it loads the module, not one that refers to it.
-
-    Attributes
-    ----------
-    target
-        Module and function, as ``package.module:function``.
-    """
-
-    target: str
-
-    def __call__(self, *args: object) -> Any:
-        """Import the module and call the function."""
-        return pkgutil.resolve_name(self.target)(*args)
-
+from farm.compute import Deferred
 
 if TYPE_CHECKING:
     from farm.planning.inspection.inspect_submission import inspect_submission

@@ -10,12 +10,11 @@ from collections.abc import Coroutine
 from pathlib import Path
 
 from farm import api
-from farm.compute import Limit, Workers
+from farm.compute import Deferred, Limit, Pool
 from farm.control import Controller
 from farm.errors import FarmError
 from farm.model import Job
 from farm.paths import StateFolder
-from farm.planning.tasks import Deferred
 from farm.state import Books
 from farm.state import events as ev
 from farm.state.retention import (
@@ -70,7 +69,7 @@ class Upkeep:
         Draw the parts of a job before its files go.
     """
 
-    def __init__(self, controller: Controller, store: Store, state: StateFolder, workers: Workers) -> None:
+    def __init__(self, controller: Controller, store: Store, state: StateFolder, workers: Pool) -> None:
         self._controller, self._store = controller, store
         self._state, self._workers = state, workers
         keep = controller.fleet.fleet.keep

@@ -32,10 +32,7 @@ class NoWorkers:
     def __init__(self, *_):
         pass
 
-    def share(self, group, urgent=False):
-        return self
-
-    async def run(self, work, *args, limit=None):
+    async def run(self, work, *args, limit=None, group=None):
         return work(*args)
 
     def close(self):

@@ -9,15 +9,12 @@ class SameProcess:
     starting = None
     memory_bytes = 2**40
 
-    def share(self, group, urgent=False):
-        return self
-
-    async def run(self, work, *args, limit=None):
+    async def run(self, work, *args, limit=None, group=None):
         return work(*args)
 
 
 class AcceptAll(SameProcess):
     """Workers that accept every model."""
 
-    async def run(self, work, *args, limit=None):
+    async def run(self, work, *args, limit=None, group=None):
         return InspectedSubmission(file="m.npz", scale=1.0, repairs=())

@@ -7,7 +7,7 @@ import logging
 import shutil
 from collections.abc import Callable
 
-from farm.compute import Limit, Workers
+from farm.compute import Limit, Pool, PoolShare
 from farm.errors import FarmError
 from farm.paths import StateFolder
 from farm.planning.part_records import DecomposedPart, SliceBatch, SlicedPart
@@ -40,7 +40,7 @@ class ReplanWorker:
         Called with a plate's id and its replacement, or the error that prevents it.
     """
 
-    def __init__(self, state: StateFolder, workers: Workers, on_replan: OnReplan) -> None:
+    def __init__(self, state: StateFolder, workers: Pool, on_replan: OnReplan) -> None:
         self._state, self._workers, self._on_replan = state, workers, on_replan
         self._running: set[asyncio.Task[None]] = set()
 
@@ -81,10 +81,10 @@ class ReplanWorker:
         return await asyncio.to_thread(book_resliced, task, sliced)
 
     async def _recut(self, task: ReplanTask) -> ReplannedPlate:
-        pieces = await self._workers.share(task.plate.id).run(cut_part, task, limit=CUTTING)
+        pieces = await PoolShare(self._workers, task.plate.id).run(cut_part, task, limit=CUTTING)
         sliced = await self._slice(task, pieces.parts)
         return await asyncio.to_thread(book_recut, task, pieces, sliced)
 
     async def _slice(self, task: ReplanTask, parts: tuple[DecomposedPart, ...]) -> tuple[SlicedPart, ...]:
         batch = SliceBatch(parts, task.printers, task.options.quality, task.folder, self._state.slices)
-        return await slice_batch(self._workers.share(task.plate.id), batch)
+        return await slice_batch(PoolShare(self._workers, task.plate.id), batch)

@@ -10,7 +10,8 @@ import pytest
 import trimesh
 
 import failing_work as work
-from farm.compute.worker_pool import DECOMPOSING, Limit, Workers, compute_memory_for_each
+from farm.compute import DECOMPOSING, Limit, PoolShare
+from farm.compute.worker_pool import Workers, compute_memory_for_each
 from farm.compute.worker_process import Worker
 from farm.errors import ErrorCode, FarmError
 
@@ -190,7 +191,7 @@ def test_quick_task_does_not_wait_while_all_workers_are_busy(pool):
         long = [asyncio.ensure_future(workers.run(work.pause, limit=DECOMPOSING)) for _ in range(2)]
         await asyncio.sleep(0)
         assert len(workers.pids) == 1  # the second waits
-        first = await workers.share("dry run", urgent=True).run(work.whoami, limit=DECOMPOSING)
+        first = await PoolShare(workers, "dry run", urgent=True).run(work.whoami, limit=DECOMPOSING)
         assert await workers.run(work.whoami) == first in workers.pids
         with pytest.raises(FarmError, match="2 times"):
             await workers.run(work.die)
@@ -225,11 +226,11 @@ def test_groups_share_the_workers_evenly(pool, tmp_path):
     order = []
 
     async def one(workers, group):
-        await workers.share(group).run(work.whoami, limit=DECOMPOSING)
+        await PoolShare(workers, group).run(work.whoami, limit=DECOMPOSING)
         order.append(group)
 
     async def use(workers):
-        big, small = workers.share("big"), workers.share("small")
+        big, small = PoolShare(workers, "big"), PoolShare(workers, "small")
         busy = [
             asyncio.ensure_future(big.run(work.speak, tmp_path / name, "hello", limit=DECOMPOSING))
             for name in ("one", "two")

@@ -18,16 +18,9 @@ from farm.planning.plan import Plan, PlanRequest
 from farm.planning.plan_builder import PlanBuilder
 from farm.views import list_tasks
 from recording_controller import Farm
+from same_process import SameProcess
 
 MODEL = "ultimaker2_plus"
-
-
-class SameProcess:
-    def share(self, group, urgent=False):
-        return self
-
-    async def run(self, work, *args, limit=None):
-        return work(*args)
 
 
 @pytest.fixture
@@ -152,10 +145,7 @@ def test_plan_is_retried_after_a_full_disk(state, tmp_path, monkeypatch):
     answers = iter([FarmError("the engine wrote half a file", ErrorCode.SLICE), OSError(28, "No space left")])
 
     class FullDisk:
-        def share(self, group, urgent=False):
-            return self
-
-        async def run(self, work, *args, limit=None):
+        async def run(self, work, *args, limit=None, group=None):
             raise next(answers)
 
     reports, scenes = [], []

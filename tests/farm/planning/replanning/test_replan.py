@@ -19,18 +19,11 @@ from farm.planning.replanning.replan import ReplannedPlate, ReplanTask
 from farm.planning.replanning.worker import ReplanWorker
 from farm.state.storage.file_store import store_file
 from make_books import plan
+from same_process import SameProcess
 
 PLUS, PLAIN = "ultimaker2_plus", "ultimaker2"
 TURNED = trimesh.transformations.euler_matrix(0.3, np.pi / 2, -1.1)
 TURNED[:3, 3] = (40.0, -7.0, 300.0)
-
-
-class SameProcess:
-    def share(self, group, urgent=False):
-        return self
-
-    async def run(self, work, *args, limit=None):
-        return work(*args)
 
 
 @pytest.fixture

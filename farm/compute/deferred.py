@@ -1,0 +1,56 @@
+"""Functions that are named before their modules are loaded, with the files that each needs."""
+
+from __future__ import annotations
+
+import pkgutil
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+
+@dataclass(frozen=True, slots=True)
+class TaskFiles:
+    """Files through which a task works, by which it can run on a computer without a shared disk.
+
+    Attributes
+    ----------
+    reads
+        Files that it reads.
+    folders
+        Folders that it writes into; they exist.
+    writes
+        Files that it writes, besides those folders.
+    caches
+        Folders of results by content; another computer uses its own.
+    live
+        Files in `folders` that others read while the task runs, such as its progress.
+    """
+
+    reads: tuple[Path, ...] = ()
+    folders: tuple[Path, ...] = ()
+    writes: tuple[Path, ...] = ()
+    caches: tuple[Path, ...] = ()
+    live: tuple[Path, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Deferred:
+    """A function whose module is imported only when it is called.
+
+    Only the process that calls it loads the module, not one that refers to it.
+
+    Attributes
+    ----------
+    target
+        Module and function, as ``package.module:function``.
+    list_files
+        Lists the files of a call, from its arguments; None for work that stays on this computer.
+    """
+
+    target: str
+    list_files: Callable[..., TaskFiles] | None = None
+
+    def __call__(self, *args: object) -> Any:
+        """Import the module and call the function."""
+        return pkgutil.resolve_name(self.target)(*args)

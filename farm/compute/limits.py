@@ -1,0 +1,27 @@
+"""Limits of the kinds of work that a pool does."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class Limit:
+    """Time limit of a kind of work, in wall seconds from its start in a worker.
+
+    Attributes
+    ----------
+    what
+        Name of the work, for messages.
+    urgent
+        True if it is quick and a user waits for it: it is started before other work.
+    """
+
+    what: str
+    seconds: float
+    urgent: bool = False
+
+
+CHECKING = Limit("reading and checking the model", 600.0, urgent=True)
+DECOMPOSING = Limit("decomposing", 1800.0)
+SLICING = Limit("slicing a part", 2400.0)  # above CuraEngine's own limit (slicing.plate)

@@ -1,0 +1,69 @@
+"""Pool: the interface behind which tasks run, on this computer or on a cluster."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable
+from dataclasses import replace
+from typing import Protocol, TypeVar
+
+from farm.compute.limits import CHECKING, Limit
+
+T = TypeVar("T")
+
+
+class Pool(Protocol):
+    """Processes that run tasks. All methods are called on the event loop's thread."""
+
+    @property
+    def memory_bytes(self) -> int:
+        """Memory that each worker on this computer may use, in bytes."""
+        ...
+
+    @property
+    def starting(self) -> str | None:
+        """Step of the start of the workers on this computer, in words, while none of them is ready."""
+        ...
+
+    async def run(
+        self, work: Callable[..., T], *args: object, limit: Limit = CHECKING, group: Hashable = None
+    ) -> T:
+        """Run a function in a worker; a cancelled call ends it there, with the engine that it runs.
+
+        Parameters
+        ----------
+        work
+            Function to run; it runs again if its worker dies.
+        limit
+            Time limit, and urgency.
+        group
+            Of the waiting tasks of equal urgency, those of the group with the fewest running tasks are
+            started first. None: the task is a group of its own.
+
+        Raises
+        ------
+        FarmError
+            The error of the work; `limit` if its time or memory did not suffice; or if its workers died.
+        """
+        ...
+
+    def close(self) -> None:
+        """Abandon all work, and end every worker on this computer."""
+        ...
+
+
+class PoolShare:
+    """A pool as one group of tasks uses it; see `Pool.run`.
+
+    Parameters
+    ----------
+    urgent
+        True if the tasks are started before other work.
+    """
+
+    def __init__(self, pool: Pool, group: Hashable, urgent: bool = False) -> None:
+        self._pool, self._group, self._urgent = pool, group, urgent
+
+    async def run(self, work: Callable[..., T], *args: object, limit: Limit = CHECKING) -> T:
+        """Run a function in a worker."""
+        limit = replace(limit, urgent=True) if self._urgent else limit
+        return await self._pool.run(work, *args, limit=limit, group=self._group)
