@@ -34,14 +34,16 @@ from decompose.geometry.file_limits import check_limits
 from decompose.geometry.repair import Report, close_surface
 from decompose.geometry.solid import Solid
 from decompose.geometry.step import read_step
-from decompose.geometry.stl import stored_face_count
+from decompose.geometry.stl import parse_triangles, stored_face_count
 from decompose.geometry.threemf import read_3mf
+from decompose.geometry.weld import weld_triangles
 
 SUFFIXES = (".stl", ".obj", ".ply", ".off", ".3mf", ".step", ".stp")
 TINY_MM = 5.0  # longest side below which the unit is probably not the mm
 SMALLEST_MM = 0.1  # thinner than the line of any nozzle
 LARGEST_MM = 1e6  # further from the origin double precision is too coarse for cuts
 FLAT_RATIO = 1e-6  # of the longest side
+_BATCH = 100_000  # triangles that are measured at a time
 UNITS = {"metres": 1000.0, "inches": 25.4}
 
 
@@ -117,7 +119,11 @@ def load_model(
             f"{name}: would reach {reach * factor:.3g} mm from its origin (limit {LARGEST_MM:g} mm): "
             "give a smaller --longest-side, or move the model to its origin"
         )
-    solid, repairs = close_surface(name, triangles * factor, report)
+    report("checking its surface")
+    triangles *= factor
+    surface = weld_triangles(triangles)
+    del triangles  # those of a large model take half a gigabyte
+    solid, repairs = close_surface(name, surface, report)
     return Model(solid, (*notes, *repairs), factor)
 
 
@@ -140,12 +146,13 @@ def _measure_triangles(name: str, triangles: Floats) -> tuple[float, float]:
         raise ModelNotFinite(
             f"{name}: {bad_triangles} of {len(triangles)} triangles have a coordinate that is not a number"
         )
-    reach = float(np.abs(triangles).max())
-    unit = triangles / (reach or 1.0)  # its squares neither overflow nor vanish
-    cross = np.cross(unit[:, 1] - unit[:, 0], unit[:, 2] - unit[:, 0])
-    if not cross.any():
+    lo, hi = triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))
+    reach = float(np.abs([lo, hi]).max())
+    unit = reach or 1.0  # the squares of its multiples neither overflow nor vanish
+    batches = (triangles[i : i + _BATCH] / unit for i in range(0, len(triangles), _BATCH))
+    if not any(np.cross(b[:, 1] - b[:, 0], b[:, 2] - b[:, 0]).any() for b in batches):
         raise ModelEmpty(f"{name}: holds no triangle with an area; export the model again")
-    size = unit.max(axis=(0, 1)) - unit.min(axis=(0, 1))
+    size = hi / unit - lo / unit
     if size.min() <= FLAT_RATIO * size.max():
         axis = "xyz"[int(size.argmin())]
         raise ModelFlat(f"{name}: is flat, without thickness along {axis}; a print needs a solid")
@@ -182,6 +189,11 @@ def _read(
         case _:
             notes = ()
     check_limits(name, data, suffix, memory_bytes)
+    if suffix == ".stl" and is_binary_stl(data):
+        triangles = parse_triangles(data)
+        if not len(triangles):
+            raise ModelEmpty(f"{name}: holds no triangles; export the model again")
+        return triangles, notes
     return _load_triangles(name, data, suffix), notes
 
 

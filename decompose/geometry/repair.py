@@ -26,6 +26,7 @@ from decompose.geometry.shells import (
     split_shells,
 )
 from decompose.geometry.solid import Solid
+from decompose.geometry.weld import EdgeUses, Surface, count_edge_uses
 from decompose.jit import jit
 
 NEAR_SHARE = 0.005  # of the longest side: the surface may move by this
@@ -34,7 +35,6 @@ NEW_SHARE = 0.20  # maximum share of new surface in the repaired one
 EXTENT_SHARE = 0.05  # maximum change of the size, as a share of it
 SAMPLES = 40_000  # number of points on a surface to which distances are measured
 PROBES = 5_000  # number of points from which they are measured
-WELD_SHARES = (1e-7, 1e-6, 1e-5)  # of the longest side: gaps that rounding leaves between triangles
 THIN_SHARE = 1e-9  # of area^1.5: a surface around less volume encloses nothing
 NEIGHBOURS = 6  # triangles of the nearest samples whose distance is computed exactly
 # Each body is closed and joined by itself. Real models have hundreds of them at most; loose triangles are one
@@ -46,42 +46,43 @@ Report = Callable[[str], None]
 """Function that is called with a short name of each step as it begins."""
 
 
-def close_surface(name: str, triangles: Floats, report: Report = lambda _: None) -> tuple[Solid, list[str]]:
-    """Close triangles (m, 3, 3) in mm to a solid; also returns the repairs, a sentence each.
+def close_surface(name: str, surface: Surface, report: Report = lambda _: None) -> tuple[Solid, list[str]]:
+    """Close a surface to a solid; also returns the repairs, a sentence each.
 
     Raises
     ------
     ModelNotSolid
-        They bound no solid, or closing them would lose or invent much of the surface.
+        It bounds no solid, or closing it would lose or invent much of it.
     """
-    report("checking its surface")
-    mesh, repairs = _weld(triangles)
-    before = _bodies(name, mesh)
-    after, is_changed = _close_bodies(before, report)
+    repairs = list(surface.repairs)
+    before = _bodies(name, surface)
+    uses = [count_edge_uses(body.faces) for body in before]
+    after, is_changed = _close_bodies(before, uses, report)
     if not after:
         raise ModelNotSolid(f"{name}: {len(before)} loose surfaces, none of them a solid; export a solid")
     messages: list[str] = []
-    if len(after) > 1:
-        report(f"joining {len(after)} bodies")
+    bodies_before, bodies_after = len(before), len(after)
+    if bodies_after > 1:
+        report(f"joining {bodies_after} bodies")
     solid = _join(name, after, messages)
-    edges = np.sort(mesh.edges, axis=1)
-    counts = np.unique(edges, axis=0, return_counts=True)[1]
-    single_edges, shared = int((counts == 1).sum()), int((counts > 2).sum())
+    del before, after  # those of a large model take a gigabyte
+    single_edges, shared = sum(use.single for use in uses), sum(use.shared for use in uses)
     if is_changed:
         report("comparing the repaired surface")
         is_open = single_edges > 0
         defect = "not closed" if is_open else f"no solid ({shared} edges whose triangles do not pair up)"
+        mesh = trimesh.Trimesh(surface.vertices, surface.faces, process=False)
         new_share = _refuse_if_changed(name, mesh, solid, defect)
         repairs.append(
             f"{'Closed an open' if is_open else 'Repaired an entangled'} mesh ({single_edges} open edges, "
             f"{shared} shared by more than two triangles): {100.0 * new_share:.2g} % of the surface is new."
         )
     elif shared:
-        apart = "bodies" if len(after) > len(before) else "surfaces"
+        apart = "bodies" if bodies_after > bodies_before else "surfaces"
         repairs.append(
             f"Separated {apart} that touch or overlap ({shared} edges shared by more than two triangles)."
         )
-    if any(b.is_watertight and not b.is_winding_consistent for b in before):
+    if any(use.is_closed and use.repeated for use in uses):
         repairs.append("Turned triangles that faced the wrong way.")
     solid, twice_mm3 = resolve_overlaps(solid)
     if twice_mm3:
@@ -89,53 +90,12 @@ def close_surface(name: str, triangles: Floats, report: Report = lambda _: None)
     return solid, repairs + messages
 
 
-def _weld(triangles: Floats) -> tuple[Any, list[str]]:
-    """Join common vertices, drop collapsed and repeated triangles; also returns the repairs.
-
-    Where edges stay open, vertices that lie next to each other are taken as one if that closes most of them.
-    """
-    soup = np.arange(3 * len(triangles)).reshape(-1, 3)
-    mesh: Any = trimesh.Trimesh(triangles.reshape(-1, 3), soup, process=False)
-    mesh.merge_vertices(digits_vertex=None)
-    faces = _select_distinct(mesh.faces)
-    messages = []
-    if len(faces) < len(triangles):
-        dropped = len(triangles) - len(faces)
-        messages.append(f"Dropped {dropped} triangles that had collapsed or were given twice.")
-    open_edges = _open_edges(faces)
-    if open_edges:
-        tree = cKDTree(mesh.vertices)
-        size = float(np.ptp(mesh.vertices, axis=0).max())
-        for share in WELD_SHARES:
-            pairs = tree.query_pairs(share * size, output_type="ndarray")
-            group = label_components(len(mesh.vertices), pairs[:, 0], pairs[:, 1])
-            first = np.unique(group, return_index=True)[1][group]
-            welded = _select_distinct(first[mesh.faces])
-            if _open_edges(welded) < open_edges / 2:
-                faces = welded
-                messages.append(f"Joined vertices within {share * size:.1g} mm of each other.")
-                break
-    return trimesh.Trimesh(mesh.vertices, faces, process=False), messages
-
-
-def _select_distinct(faces: Any) -> Any:
-    """Select faces (m, 3) with three different corners, each once; a reversed face counts as another."""
-    f = faces[(faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])]
-    least = f.argmin(axis=1)[:, None]
-    rotated = np.take_along_axis(f, (least + np.arange(3)) % 3, axis=1)
-    return f[np.sort(np.unique(rotated, axis=0, return_index=True)[1])]
-
-
-def _open_edges(faces: Any) -> int:
-    edges = np.sort(np.concatenate([faces[:, :2], faces[:, 1:], faces[:, ::2]]), axis=1)
-    return int((np.unique(edges, axis=0, return_counts=True)[1] == 1).sum())
-
-
-def _bodies(name: str, mesh: Any) -> list[Any]:
-    """Split a mesh into its connected bodies."""
-    f = mesh.faces
-    rows, columns = np.concatenate([f[:, :2], f[:, 1:]]).T
-    label = label_components(len(mesh.vertices), rows, columns)[f[:, 0]]
+def _bodies(name: str, surface: Surface) -> list[Any]:
+    """Split a surface into its connected bodies."""
+    f = surface.faces
+    rows, columns = np.concatenate([f[:, 0], f[:, 1]]), np.concatenate([f[:, 1], f[:, 2]])
+    label = label_components(len(surface.vertices), rows, columns)[f[:, 0]]
+    del rows, columns
     order = np.argsort(label, kind="stable")
     starts = np.flatnonzero(np.diff(label[order])) + 1
     if len(starts) >= MAX_BODIES:
@@ -143,14 +103,16 @@ def _bodies(name: str, mesh: Any) -> list[Any]:
             f"{name}: {len(starts) + 1} loose surfaces (limit {MAX_BODIES}): loose triangles, or a scan with "
             "its dust, are no solid; delete what is loose and export a solid"
         )
+    number = np.zeros(len(surface.vertices), dtype=np.int64)
     bodies = []
     for faces in np.split(f[order], starts) if len(f) else []:
-        used, index = np.unique(faces, return_inverse=True)
-        bodies.append(trimesh.Trimesh(mesh.vertices[used], index.reshape(-1, 3), process=False))
+        used = np.unique(faces)
+        number[used] = np.arange(len(used))
+        bodies.append(trimesh.Trimesh(surface.vertices[used], number[faces], process=False))
     return bodies
 
 
-def _close_bodies(bodies: list[Any], report: Report) -> tuple[list[Any], bool]:
+def _close_bodies(bodies: list[Any], uses: list[EdgeUses], report: Report) -> tuple[list[Any], bool]:
     """Close surfaces that enclose something; also whether any hole was filled or a surface changed.
 
     Flat holes are capped. Others are closed by MeshFix, one body after the other (all at once would drop all
@@ -159,8 +121,8 @@ def _close_bodies(bodies: list[Any], report: Report) -> tuple[list[Any], bool]:
     closed_bodies: list[Any] = []
     open_bodies: list[Any] = []
     is_changed = False
-    for number, body in enumerate(bodies, 1):
-        if body.is_watertight and body.is_winding_consistent:
+    for number, (body, use) in enumerate(zip(bodies, uses, strict=True), 1):
+        if use.is_closed and not use.repeated:
             closed_bodies.append(body)
             continue
         report(f"repairing body {number} of {len(bodies)}" if len(bodies) > 1 else "repairing")
@@ -182,14 +144,12 @@ def _close_bodies(bodies: list[Any], report: Report) -> tuple[list[Any], bool]:
         closed_bodies += [
             trimesh.Trimesh(*shell, process=False) for shell in split_shells(merged.vertices, faces) or []
         ]
-    thick = [b for b in closed_bodies if abs(_volume_mm3(b)) > THIN_SHARE * b.area**1.5]
+    thick = []
+    for body in closed_bodies:
+        volume_mm3, area_mm2 = _measure_body(body)
+        if abs(volume_mm3) > THIN_SHARE * area_mm2**1.5:
+            thick.append(body)
     return thick, is_changed or bool(open_bodies) or len(thick) < len(closed_bodies)
-
-
-def _volume_mm3(body: Any) -> float:
-    """Compute the volume; unlike `body.volume`, without dividing by it."""
-    a, b, c = np.moveaxis(np.asarray(body.triangles) - body.bounds.mean(axis=0), 1, 0)
-    return float(np.einsum("ij,ij->", np.cross(a, b), c) / 6.0)
 
 
 def _shells(body: Any) -> list[Any] | None:
@@ -265,6 +225,41 @@ def _is_inside(points: Floats, triangles: Floats) -> Bools:
     return np.asarray(_triangles_above(points, triangles) % 2 == 1)
 
 
+def _measure_body(body: Any) -> tuple[float, float]:
+    """Measure the volume in mm3 and the area in mm2 of a body."""
+    return measure_surface(np.ascontiguousarray(body.vertices), np.ascontiguousarray(body.faces))
+
+
+@jit
+def measure_surface(vertices: Floats, faces: Ints) -> tuple[float, float]:
+    """Measure the volume in mm3 and the area in mm2 of a closed surface.
+
+    Parameters
+    ----------
+    vertices, faces
+        (n, 3) float64 in mm, and (m, 3) int64.
+
+    Returns
+    -------
+    tuple
+        The volume, below 0 where triangles face inwards, and the area.
+    """
+    cx, cy, cz = 0.0, 0.0, 0.0  # near the surface, so that large numbers do not cancel
+    for i in range(len(vertices)):
+        cx += vertices[i, 0] / len(vertices)
+        cy += vertices[i, 1] / len(vertices)
+        cz += vertices[i, 2] / len(vertices)
+    volume, area = 0.0, 0.0
+    for t in range(len(faces)):
+        a, b, c = vertices[faces[t, 0]], vertices[faces[t, 1]], vertices[faces[t, 2]]
+        ux, uy, uz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
+        vx, vy, vz = c[0] - a[0], c[1] - a[1], c[2] - a[2]
+        nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+        volume += (nx * (a[0] - cx) + ny * (a[1] - cy) + nz * (a[2] - cz)) / 6.0
+        area += np.sqrt(nx * nx + ny * ny + nz * nz) / 2.0
+    return volume, area
+
+
 @jit
 def _triangles_above(points: Floats, triangles: Floats) -> Ints:
     """Count the triangles (m, 3, 3) straight above each of n points (n, 3), both float64 in mm."""
@@ -285,26 +280,27 @@ def _triangles_above(points: Floats, triangles: Floats) -> Ints:
 
 def _join(name: str, bodies: list[Any], repairs: list[str]) -> Solid:
     """Join bodies to one solid: the large ones first, cavities subtracted, bodies in cavities added."""
-    if sum(b.volume for b in bodies) < 0.0:
+    volumes_mm3 = np.array([_measure_body(body)[0] for body in bodies])
+    if volumes_mm3.sum() < 0.0:
         for body in bodies:
             body.invert()
+        volumes_mm3 = -volumes_mm3
         repairs.append("Turned the model inside out: its triangles faced inwards.")
-    bodies = sorted(bodies, key=lambda b: -abs(b.volume))
+    order = np.argsort(-np.abs(volumes_mm3), kind="stable")
+    bodies, volumes_mm3 = [bodies[i] for i in order], volumes_mm3[order]
     inverted = 0
     lo, hi = (np.array([b.bounds[end] for b in bodies]) for end in (0, 1))
+    cavity = []
     for i, body in enumerate(bodies):
         inside = ((lo[:i] <= lo[i]) & (hi[:i] >= hi[i])).all(axis=1).any()
-        if body.volume < 0.0 and not inside:  # no cavity: there is nothing around it
+        if volumes_mm3[i] < 0.0:
             body.invert()
-            inverted += 1
+            inverted += not inside  # no cavity: there is nothing around it
+        cavity.append(bool(volumes_mm3[i] < 0.0 and inside))
     if inverted:
         repairs.append(
             f"Turned {inverted} of {len(bodies)} bodies inside out: their triangles faced inwards."
         )
-    cavity = [b.volume < 0.0 for b in bodies]
-    for body, is_cavity in zip(bodies, cavity, strict=True):
-        if is_cavity:
-            body.invert()
     solids = [Solid.from_arrays(b.vertices, b.faces) for b in bodies]
     solid = solids[0]
     if any(cavity):

@@ -12,6 +12,8 @@ import trimesh
 from decompose.arrays import Floats, Ints
 from decompose.files.triangle_limit import STL_COUNT_BYTES, STL_FACE_BYTES, STL_HEADER_BYTES
 
+_FACE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attributes", "<u2")])
+
 
 def round_triangles(vertices: Floats, faces: Ints) -> npt.NDArray[np.float32] | None:
     """Round triangles (m, 3, 3) to the format's precision, without those that collapse in it.
@@ -51,6 +53,14 @@ def write_stl(path: Path, corners: npt.NDArray[np.float32]) -> None:
     faces = np.arange(3 * len(corners)).reshape(-1, 3)
     mesh: Any = trimesh.Trimesh(corners.reshape(-1, 3), faces, process=False)
     path.write_bytes(mesh.export(file_type="stl"))
+
+
+def parse_triangles(data: bytes) -> Floats:
+    """Parse the triangles (m, 3, 3) of a whole binary STL, without a copy of its other fields."""
+    begin = STL_HEADER_BYTES + STL_COUNT_BYTES
+    faces = np.frombuffer(data, dtype=_FACE, count=(len(data) - begin) // STL_FACE_BYTES, offset=begin)
+    with np.errstate(all="ignore"):  # what is not a number is refused later
+        return faces["corners"].astype(np.float64)
 
 
 def stored_face_count(data: bytes) -> float:

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from decompose.errors import ModelNotSolid
 from decompose.geometry import Solid, load_model, shells
 from decompose.geometry.repair import close_surface
+from decompose.geometry.weld import weld_triangles
 
 MODELS = Path(os.environ.get("FARM_MODELS", Path(__file__).parents[3] / "shared" / "models"))
 
@@ -42,7 +43,7 @@ def without_lid(triangles: np.ndarray, axis: int, at_mm: float) -> np.ndarray:
 def test_touching_bodies_are_separated(where: tuple[float, ...], pieces: int) -> None:
     other = tuple(20.0 + w for w in where)
     both = np.concatenate([block((0, 0, 0), (20, 20, 20)), block(where, other)])
-    solid, _ = close_surface("two", both)
+    solid, _ = close_surface("two", weld_triangles(both))
     assert solid.volume_mm3 == pytest.approx(16_000.0)
     assert len(solid.pieces()) == pieces
 
@@ -55,7 +56,7 @@ def test_touching_cubes_of_a_lattice_are_united(
     """Cubes share faces, edges and corners, and some of them are inside out."""
     cubes = [block(tuple(10.0 * p for p in place), tuple(10.0 * p + 10.0 for p in place)) for place in places]
     order = data.draw(st.permutations(range(12 * len(cubes))))
-    solid, _ = close_surface("lattice", np.concatenate(cubes)[list(order)])
+    solid, _ = close_surface("lattice", weld_triangles(np.concatenate(cubes)[list(order)]))
     assert solid.volume_mm3 == pytest.approx(1000.0 * len(places))
 
 
@@ -70,7 +71,7 @@ def overlapping_at_an_edge() -> np.ndarray:
 def test_overlapping_bodies_with_a_common_edge_are_united() -> None:
     """The mesh is closed, although solid and air do not alternate around the shared edge."""
     triangles = overlapping_at_an_edge()
-    solid, repairs = close_surface("hair", triangles)
+    solid, repairs = close_surface("hair", weld_triangles(triangles))
     first, second = (Solid.from_arrays(*soup(item)) for item in np.split(triangles, 2))
     assert solid.volume_mm3 == pytest.approx(Solid.union([first, second]).volume_mm3, rel=1e-9)
     sentence = "Separated bodies that touch or overlap (1 edges shared by more than two triangles)."
@@ -79,7 +80,7 @@ def test_overlapping_bodies_with_a_common_edge_are_united() -> None:
 
 def test_body_that_is_inside_out_comes_apart_from_one_that_it_touches() -> None:
     cubes = [block((0, 0, 0), (20, 20, 20)), block((20, 20, 0), (40, 40, 20))[:, ::-1]]
-    solid, repairs = close_surface("two", np.concatenate(cubes))
+    solid, repairs = close_surface("two", weld_triangles(np.concatenate(cubes)))
     assert solid.volume_mm3 == pytest.approx(16_000.0)
     assert not any("new" in repair for repair in repairs)
 
@@ -96,7 +97,7 @@ def test_two_open_shells_through_one_another_are_closed_and_joined() -> None:
     """A tube stuck into an open box, as modellers leave handles; MeshFix alone would drop it."""
     box = without_lid(block((0, 0, 0), (100, 100, 100)), 0, 100.0)
     tube = without_lid(without_lid(block((-60, 40, 40), (20, 60, 60)), 0, -60.0), 0, 20.0)
-    solid, repairs = close_surface("mug", np.concatenate([box, tube]))
+    solid, repairs = close_surface("mug", weld_triangles(np.concatenate([box, tube])))
     assert solid.volume_mm3 == pytest.approx(1e6 + 60.0 * 400.0)
     assert solid.bounds_mm[0] == pytest.approx([-60.0, 0.0, 0.0])
     assert any("12 open edges" in r and "% of the surface is new" in r for r in repairs)
@@ -106,7 +107,7 @@ def test_open_ends_of_a_pipe_are_closed_by_rings() -> None:
     pipe = trimesh.creation.annulus(r_min=20.0, r_max=25.0, height=100.0)
     triangles = np.array(pipe.triangles)
     ends = np.ptp(triangles[:, :, 2], axis=1) < 1e-9
-    solid, _ = close_surface("pipe", triangles[~ends])
+    solid, _ = close_surface("pipe", weld_triangles(triangles[~ends]))
     assert solid.volume_mm3 == pytest.approx(pipe.volume, rel=1e-6)
 
 
@@ -114,7 +115,7 @@ def test_gaps_that_rounding_left_are_welded() -> None:
     ball = trimesh.creation.icosphere(3, 50.0)
     rng = np.random.default_rng(1)
     triangles = np.array(ball.triangles) + rng.uniform(-1e-5, 1e-5, ball.triangles.shape)
-    solid, repairs = close_surface("ball", triangles)
+    solid, repairs = close_surface("ball", weld_triangles(triangles))
     assert solid.volume_mm3 == pytest.approx(ball.volume, rel=1e-4)
     assert repairs == ["Joined vertices within 0.0001 mm of each other."]
 
@@ -122,13 +123,13 @@ def test_gaps_that_rounding_left_are_welded() -> None:
 def test_cup_without_wall_thickness_is_refused() -> None:
     """Filling the cup would add a lid that the model does not have."""
     with pytest.raises(ModelNotSolid, match=r"would invent 2\d %"):
-        close_surface("cup", without_lid(block((0, 0, 0), (100, 100, 50)), 2, 50.0))
+        close_surface("cup", weld_triangles(without_lid(block((0, 0, 0), (100, 100, 50)), 2, 50.0)))
 
 
 def test_surface_that_a_repair_would_drop_is_refused() -> None:
     sail = np.array([[[50.0, 50.0, 100.0], [50.0, 250.0, 100.0], [50.0, 50.0, 250.0]]])
     with pytest.raises(ModelNotSolid, match=r"would lose \d+ %"):
-        close_surface("sail", np.concatenate([block((0, 0, 0), (100, 100, 100)), sail]))
+        close_surface("sail", weld_triangles(np.concatenate([block((0, 0, 0), (100, 100, 100)), sail])))
 
 
 def test_one_sided_surfaces_are_not_oriented() -> None:

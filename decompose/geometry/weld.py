@@ -1,0 +1,176 @@
+"""Surfaces with common vertices, from triangles that each have corners of their own.
+
+Models have millions of triangles, so that each array of them counts: rows are numbered by a table of hashes,
+and edges are compared as sorted whole numbers, not as rows.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial import cKDTree
+
+from decompose.arrays import Floats, Ints
+from decompose.geometry.shells import label_components
+from decompose.jit import jit
+
+SAME_MM = 1e-8  # vertices are the same where their coordinates round to the same multiples of this
+WELD_SHARES = (1e-7, 1e-6, 1e-5)  # of the longest side: gaps that rounding leaves between triangles
+
+
+@dataclass(frozen=True, slots=True)
+class Surface:
+    """Vertices (n, 3) in mm, faces (m, 3), and what was changed to join them, a sentence each."""
+
+    vertices: Floats
+    faces: Ints
+    repairs: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class EdgeUses:
+    """Numbers of edges by the faces that use them.
+
+    Attributes
+    ----------
+    single
+        Edges of one face: the surface is open there.
+    shared
+        Edges of more than two faces.
+    repeated
+        Directed edges that a second face goes along: two neighbours are wound in opposite directions.
+    """
+
+    single: int
+    shared: int
+    repeated: int
+
+    @property
+    def is_closed(self) -> bool:
+        """Whether each edge has two faces."""
+        return self.single == self.shared == 0
+
+
+def weld_triangles(triangles: Floats) -> Surface:
+    """Join common vertices of triangles (m, 3, 3) in mm; drop collapsed and repeated triangles.
+
+    Where edges stay open, vertices that lie next to each other are taken as one if that closes most of them.
+    """
+    corners = triangles.reshape(-1, 3)
+    index, first = number_rows(corners, 1.0 / SAME_MM)
+    vertices, soup = corners[first], index.reshape(-1, 3)
+    faces = select_distinct(soup)
+    repairs = []
+    if len(faces) < len(triangles):
+        dropped = len(triangles) - len(faces)
+        repairs.append(f"Dropped {dropped} triangles that had collapsed or were given twice.")
+    open_edges = count_edge_uses(faces).single
+    if open_edges:
+        tree = cKDTree(vertices)
+        size_mm = float(np.ptp(vertices, axis=0).max())
+        for share in WELD_SHARES:
+            pairs = tree.query_pairs(share * size_mm, output_type="ndarray")
+            group = label_components(len(vertices), pairs[:, 0], pairs[:, 1])
+            first_of_group = np.unique(group, return_index=True)[1][group]
+            welded = select_distinct(first_of_group[soup])
+            if count_edge_uses(welded).single < open_edges / 2:
+                faces = welded
+                repairs.append(f"Joined vertices within {share * size_mm:.1g} mm of each other.")
+                break
+    return Surface(vertices, faces, tuple(repairs))
+
+
+def select_distinct(faces: Ints) -> Ints:
+    """Select faces (m, 3) with three different corners, each once; a reversed face counts as another."""
+    f = faces[(faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])]
+    least = f.argmin(axis=1)[:, None]
+    rotated = np.take_along_axis(f, (least + np.arange(3)) % 3, axis=1)
+    distinct: Ints = f[number_rows(rotated, 1.0)[1]]
+    return distinct
+
+
+def count_edge_uses(faces: Ints) -> EdgeUses:
+    """Count the edges of faces (m, 3) that one face, more than two, or two in one direction use."""
+    if not len(faces):
+        return EdgeUses(0, 0, 0)
+    directed, undirected = _sort_edges(faces, is_directed=True), _sort_edges(faces, is_directed=False)
+    repeated = int((directed[1:] == directed[:-1]).sum())
+    del directed
+    same = np.concatenate([[False], undirected[1:] == undirected[:-1], [False]])
+    return EdgeUses(
+        single=int((~same[:-1] & ~same[1:]).sum()),
+        shared=int((~same[:-2] & same[1:-1] & same[2:]).sum()),
+        repeated=repeated,
+    )
+
+
+def _sort_edges(faces: Ints, is_directed: bool) -> Ints:
+    """Sort the edges (3 m,) of faces (m, 3), each one number made of its two vertices."""
+    count = int(faces.max()) + 1
+    edges = np.empty(3 * len(faces), dtype=np.int64)
+    for k in range(3):
+        tail, head = faces[:, k], faces[:, (k + 1) % 3]
+        if not is_directed:
+            tail, head = np.minimum(tail, head), np.maximum(tail, head)
+        edges[k * len(faces) : (k + 1) * len(faces)] = tail * count + head
+    edges.sort()
+    return edges
+
+
+@jit
+def number_rows(rows: npt.NDArray[np.generic], scale: float) -> tuple[Ints, Ints]:
+    """Number rows in the order in which they occur first; equal rows have the same number.
+
+    Parameters
+    ----------
+    rows
+        (n, 3) float64 or int64.
+    scale
+        Rows are equal where their products with it round to the same whole numbers.
+
+    Returns
+    -------
+    tuple
+        (n,) int64 number of each row, and (k,) int64 index of the first row with each number.
+    """
+    n = len(rows)
+    numbers, first = np.empty(n, np.int64), np.empty(n, np.int64)
+    table = np.full(1024, -1, np.int32)
+    count = 0
+    for i in range(n):
+        if 2 * count >= len(table):
+            table = np.full(4 * len(table), -1, np.int32)
+            for number in range(count):
+                table[_find_slot(rows, scale, first, table, first[number])] = number
+        slot = _find_slot(rows, scale, first, table, i)
+        if table[slot] < 0:
+            table[slot] = count
+            first[count] = i
+            count += 1
+        numbers[i] = table[slot]
+    return numbers, first[:count].copy()
+
+
+@jit
+def _find_slot(
+    rows: npt.NDArray[np.generic], scale: float, first: Ints, table: npt.NDArray[np.int32], i: int
+) -> int:
+    """Find the place of row i, (n, 3), in a table of numbers (a power of two,), or the empty one for it."""
+    x, y, z = np.rint(rows[i, 0] * scale), np.rint(rows[i, 1] * scale), np.rint(rows[i, 2] * scale)
+    key = (
+        np.int64(x) * 0x1E3779B97F4A7C15 + np.int64(y) * 0x3F58476D1CE4E5B9 + np.int64(z) * 0x14D049BB133111EB
+    )
+    key = (key ^ (key >> 31)) * 0x2545F4914F6CDD1D
+    slot = int((key ^ (key >> 29)) & (len(table) - 1))
+    while table[slot] >= 0:
+        k = first[table[slot]]
+        if (
+            np.rint(rows[k, 0] * scale) == x
+            and np.rint(rows[k, 1] * scale) == y
+            and np.rint(rows[k, 2] * scale) == z
+        ):
+            break
+        slot = (slot + 1) & (len(table) - 1)
+    return slot
