@@ -13,11 +13,12 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from decompose.assembly import AssemblyStep
+from decompose.export.connector_rows import explain_pins, list_codes, list_orphans, list_pins
 from decompose.export.layout import draw_layout, name_printer, sort_by_use
 from decompose.export.page_check import find_page_faults
-from decompose.export.step_picture import draw_steps
+from decompose.export.pin_sheet import make_sheet
+from decompose.export.step_picture import StepPictures, draw_steps
 from decompose.files.names import short_label
-from decompose.pieces import Joint
 from decompose.results import Decomposition
 
 
@@ -30,7 +31,7 @@ def _templates() -> Environment:
 class Pictures:
     """Pictures of a page, as PNG: each step, all parts pulled apart, and all parts as they were printed."""
 
-    steps: Sequence[bytes] = ()
+    steps: Sequence[StepPictures] = ()
     overview: bytes | None = None
     layout: bytes | None = None
 
@@ -73,8 +74,8 @@ def render_instructions(decomposition: Decomposition, pictures: Pictures, faults
     """
     assembly = decomposition.assembly
     steps = [
-        _describe_step(number, step, decomposition, picture)
-        for number, (step, picture) in enumerate(zip(assembly.steps, pictures.steps, strict=True), 1)
+        _describe_step(number, step, decomposition, drawn)
+        for number, (step, drawn) in enumerate(zip(assembly.steps, pictures.steps, strict=True), 1)
     ]
     return (
         _templates()
@@ -90,6 +91,10 @@ def render_instructions(decomposition: Decomposition, pictures: Pictures, faults
             least_minutes=_minutes(assembly.critical_s),
             seam_mm=f"{decomposition.seam_mm():,.0f}",
             thin_rims=decomposition.describe_thin_rims(),
+            sheet=make_sheet(decomposition.connectors.pins),
+            marked=bool(decomposition.connectors.marks),
+            orphans=list_orphans(decomposition),
+            failures=decomposition.connectors.failures,
             faults=faults,
         )
     )
@@ -122,38 +127,42 @@ def _list_parts(decomposition: Decomposition) -> list[dict[str, Any]]:
 
 
 def _describe_step(
-    number: int, step: AssemblyStep, decomposition: Decomposition, picture: bytes
+    number: int, step: AssemblyStep, decomposition: Decomposition, drawn: StepPictures
 ) -> dict[str, Any]:
-    joints = [decomposition.joints[joint] for joint in step.joints]
-    least_mm2 = decomposition.options.min_glue_mm2
     fixed = ", ".join(_name_parts(decomposition, step.fixed))
     rest = ", ".join(_name_parts(decomposition, step.rests_on))
     return {
         "number": number,
         "level": step.level,
-        "picture": _embed(picture),
+        "picture": _embed(drawn.both),
+        "turned_over": _embed(drawn.moved),
+        "top": drawn.top,
         "moved": ", ".join(_name_parts(decomposition, step.moved)),
         "fixed": fixed,
         "slides": step.slides,
         "minutes": _minutes(step.work_s),
         "seam_mm": f"{decomposition.seam_mm(step.joints if decomposition.seams else ()):,.0f}",
         "support": (
-            f"Before that, put {fixed} down with the joint upwards: it stands"
+            f"Put {fixed} down as drawn, on the grey table: with the joint upwards it stands"
             + (f" on {rest}." if len(step.fixed) > 1 else ".")
             if rest
-            else f"Hold {fixed}: it does not stand with the joint upwards."
+            else f"Hold {fixed} as drawn: it does not stand with the joint upwards."
         ),
-        "joints": [_describe_joint(joint, decomposition, least_mm2) for joint in joints],
+        "pins": explain_pins(decomposition, number - 1) if step.joints else "",
+        "joints": [_describe_joint(joint, decomposition) for joint in step.joints],
     }
 
 
-def _describe_joint(joint: Joint, decomposition: Decomposition, least_mm2: float) -> dict[str, str]:
+def _describe_joint(number: int, decomposition: Decomposition) -> dict[str, Any]:
+    joint = decomposition.joints[number]
     ids = _name_parts(decomposition, (joint.a, joint.b))
     return {
         "parts": " ".join(ids),
         "name": "-".join(map(short_label, ids)),
         "area": f"{joint.area_mm2:,.0f}",
-        "weak": "" if joint.holds(least_mm2) else "holds nothing by itself",
+        "weak": "" if joint.holds(decomposition.options.min_glue_mm2) else "holds nothing by itself",
+        "codes": list_codes(decomposition, number),
+        "pins": list_pins(decomposition, number),
     }
 
 

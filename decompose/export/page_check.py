@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Iterator
 from html.parser import HTMLParser
 
+from decompose.export.connector_rows import name_mark
 from decompose.results import Decomposition
 
 _LOADS = ("src", "href", "srcset", "poster", "action", "background")
@@ -60,6 +61,10 @@ def _list_expected(decomposition: Decomposition) -> Iterator[tuple[str, str]]:
     names = [part.id for part in decomposition.parts]
     for name in names:
         yield "part", name
+    for number, _ in enumerate(decomposition.connectors.pins, 1):
+        yield "pin", str(number)
+    for mark in decomposition.connectors.marks:
+        yield "mark", f"{name_mark(decomposition, mark)} {mark.text}"
     for number, step in enumerate(decomposition.assembly.steps, 1):
         yield "step", str(number)
         for joint in (decomposition.joints[j] for j in step.joints):

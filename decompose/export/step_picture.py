@@ -1,4 +1,4 @@
-"""Picture of a step of the assembly: two bodies apart, the faces to glue tinted, an arrow, parts' numbers."""
+"""Pictures of a step of the assembly: both bodies with the joint upwards, and the moved one turned over."""
 
 from __future__ import annotations
 
@@ -8,136 +8,194 @@ from itertools import product
 from typing import Any
 
 import numpy as np
-import shapely
 
 from decompose.arrays import Floats
 from decompose.assembly import AssemblyStep
 from decompose.export.glb import find_moves
-from decompose.export.picture import (
-    AZIMUTH_DEG,
-    encode_png,
-    make_figure,
-    part_colours,
-    write_labels,
-)
-from decompose.export.raster import Drawing, Shape, draw, make_camera
+from decompose.export.picture import AZIMUTH_DEG, encode_png, make_figure, white_outline, write_labels
+from decompose.export.pin_sheet import format_length
+from decompose.export.raster import Drawing, draw, make_camera
+from decompose.export.step_scene import Scene, build_both, build_moved
 from decompose.files.names import short_label
-from decompose.geometry import triangulate
-from decompose.pieces import JointFace, find_cut_faces
 from decompose.results import Decomposition
 
-GLUE_COLOUR = np.array([1.0, 0.35, 0.0])
-LIFT_MM = 0.05  # of the tint off its face
 AZIMUTHS_DEG = [AZIMUTH_DEG + turn for turn in (0.0, 45.0, -45.0, 90.0, -90.0, 135.0, -135.0, 180.0)]
-ELEVATIONS_DEG = (22.0, 45.0, -22.0, -45.0)
+ELEVATIONS_DEG = (22.0, 38.0)
+TURNED_OVER_DEG = (35.0, 60.0)  # elevations for the moved body alone
 BEST_TILT = 0.5  # cosine between a face and the eye at which the face and the gap beside it are both seen
-TURN_COST = 0.2  # for each 45 degrees that the eye turns from the step before
-LONGEST_PX = 620
+TURN_COST = 0.1  # for each 45 degrees that the eye turns from the step before
+PIN_GAIN = 0.5  # of all pins seen
+TRIED = 5  # views that are drawn small, to see what hides what
+TRIED_PX = 160
+GAP_SHARE = 0.55  # of the extent of the glued faces across the step: the eye looks in below the moved body
+LONGEST_PX, TURNED_OVER_PX = 860, 520
+SCALE_MM = (10.0, 20.0, 50.0, 100.0)  # lengths of the scale bar
+PIN_PT, SCALE_PT = 12.0, 11.0
+PIN_INK = "#0b2f8a"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class GluedFace:
-    """Face of a step's joint, and its unit normal (3,) away from the fixed body."""
+class StepPictures:
+    """Pictures of one step, as PNG.
 
-    face: JointFace
-    outward: Floats
+    Attributes
+    ----------
+    both
+        Both bodies apart, the fixed one below.
+    moved
+        The moved body, turned over so that its glued faces are seen.
+    top
+        Where the model's top is in `both`: "upwards", "to the left" and so on.
+    """
 
-
-def find_glued_faces(step: AssemblyStep, decomposition: Decomposition) -> list[GluedFace]:
-    """Find the faces that a step glues; the fixed part's own triangles on the plane tell its outside."""
-    found = []
-    for joint in (decomposition.joints[number] for number in step.joints):
-        fixed = decomposition.parts[joint.a if joint.a in step.fixed else joint.b]
-        vertices, faces = fixed.solid.arrays()
-        for face in joint.faces:
-            plane = np.append(face.normal, face.offset_mm)[None]
-            a, b, c = np.moveaxis(vertices[faces[find_cut_faces(vertices, faces, plane)]], 1, 0)
-            outside = float((np.cross(b - a, c - a) @ face.normal).sum())
-            found.append(GluedFace(face, face.normal if outside >= 0.0 else -face.normal))
-    return found
+    both: bytes
+    moved: bytes
+    top: str
 
 
-def choose_camera(glued: Sequence[GluedFace], before: Floats | None) -> Floats:
-    """Choose the view that shows the glued faces of the fixed body best; rather that of the step before.
+def draw_steps(decomposition: Decomposition) -> list[StepPictures]:
+    """Draw all steps of the assembly, each from a view near to that of the step before."""
+    pictures: list[StepPictures] = []
+    azimuth_deg: float | None = None
+    for number, step in enumerate(decomposition.assembly.steps):
+        apart_mm = find_gap_mm(step, decomposition) * step.direction
+        scene = build_both(number, decomposition, apart_mm)
+        pose = find_pose(step.direction)
+        azimuth_deg, elevation_deg = choose_view(scene, pose, ELEVATIONS_DEG, azimuth_deg)
+        camera = make_camera(azimuth_deg, elevation_deg) @ pose
+        both = _draw_both(scene, step, decomposition, camera, apart_mm)
+        moved = build_moved(number, decomposition)
+        over = turn_over(pose, azimuth_deg)
+        view = choose_view(moved, over, TURNED_OVER_DEG, azimuth_deg)
+        below = _draw_moved(moved, decomposition, make_camera(*view) @ over)
+        pictures.append(StepPictures(both, below, name_top(camera)))
+    return pictures
+
+
+def find_pose(direction: Floats) -> Floats:
+    """Find how a body lies with a direction (3,) upwards: right, back and up in the model's frame, as rows.
+
+    The model is turned as little as can be; upside down, its right stays.
+    """
+    up = np.array([0.0, 0.0, 1.0])
+    if direction[2] < -0.999999:
+        return np.diag([1.0, -1.0, -1.0])
+    axis = np.cross(direction, up)
+    cross = np.array([[0.0, -axis[2], axis[1]], [axis[2], 0.0, -axis[0]], [-axis[1], axis[0], 0.0]])
+    turned: Floats = np.eye(3) + cross + cross @ cross / (1.0 + float(direction[2]))
+    return turned
+
+
+def turn_over(pose: Floats, azimuth_deg: float) -> Floats:
+    """Turn a pose (3, 3) by half about the level axis across the view, as a person looks below a body."""
+    right = make_camera(azimuth_deg, 0.0)[0]
+    half: Floats = 2.0 * np.outer(right, right) - np.eye(3)
+    return half @ pose
+
+
+def find_gap_mm(step: AssemblyStep, decomposition: Decomposition) -> float:
+    """Find how far apart the bodies are drawn: so that one looks in between them."""
+    [apart_mm] = find_moves(decomposition.parts, [step])
+    corners = [
+        np.array(face.outline.envelope.exterior.coords) @ face.axes
+        for joint in step.joints
+        for face in decomposition.joints[joint].faces
+    ]
+    if not corners:
+        return float(np.linalg.norm(apart_mm))
+    across = np.concatenate(corners) @ (np.eye(3) - np.outer(step.direction, step.direction))
+    return max(float(np.linalg.norm(apart_mm)), GAP_SHARE * float(np.ptp(across, axis=0).max()))
+
+
+def choose_view(
+    scene: Scene, pose: Floats, elevations_deg: Sequence[float], before_deg: float | None
+) -> tuple[float, float]:
+    """Choose the view that shows most of the glued faces and pins; rather that of the step before.
 
     Parameters
     ----------
-    glued
-        Faces of the step.
-    before
-        Camera of the step before, (3, 3) as of `raster.make_camera`.
+    scene
+        Shapes, in the model's frame.
+    pose
+        Right, back and up of the pose in that frame, as rows (3, 3).
+    elevations_deg
+        Heights of the eye that are tried.
+    before_deg
+        Azimuth of the step before.
 
     Returns
     -------
-    ndarray
-        (3, 3).
+    (float, float)
+        Azimuth and elevation, for `raster.make_camera`.
     """
-    whole_mm2 = sum(entry.face.area_mm2 for entry in glued) or 1.0
+    areas_mm2 = np.array([entry.face.area_mm2 for entry in scene.glued])
+    outwards = np.array([entry.outward for entry in scene.glued]).reshape(-1, 3)
 
-    def merit(camera: Floats) -> float:
-        eye = camera[2]
-        tilts = ((entry.face.area_mm2, float(entry.outward @ eye)) for entry in glued)
-        shown = sum(area_mm2 * (1.0 - abs(tilt - BEST_TILT)) for area_mm2, tilt in tilts if tilt > 0.0)
-        turn = 0.0 if before is None else np.arccos(np.clip(eye @ before[2], -1.0, 1.0)) / (np.pi / 4.0)
-        return float(shown / whole_mm2 - TURN_COST * turn)
+    def merit(view: tuple[float, float]) -> float:
+        tilts = outwards @ (make_camera(*view) @ pose)[2]
+        shown = areas_mm2 @ np.where(tilts > 0.0, 1.0 - np.abs(tilts - BEST_TILT), 0.0)
+        turn_deg = 0.0 if before_deg is None else abs((view[0] - before_deg + 180.0) % 360.0 - 180.0)
+        return float(shown / (areas_mm2.sum() or 1.0) - TURN_COST * turn_deg / 45.0)
 
-    cameras = [make_camera(a, e) for e, a in product(ELEVATIONS_DEG, AZIMUTHS_DEG)]
-    return max(cameras, key=merit)
+    def count(view: tuple[float, float]) -> float:
+        drawing = draw(scene.shapes, make_camera(*view) @ pose, TRIED_PX, oversample=1)
+        seen = np.bincount(drawing.visible.ravel(), minlength=1 + len(scene.shapes))[1:]
+        glued_mm2 = seen[len(scene.parts) : scene.first_pin].sum() / drawing.pixels_per_mm**2
+        pins = seen[scene.first_pin : scene.first_pin + len(scene.pins)] > 0
+        return float(glued_mm2 / (areas_mm2.sum() or 1.0)) + PIN_GAIN * float(
+            pins.mean() if len(pins) else 0.0
+        )
+
+    views = [
+        (azimuth_deg, elevation_deg) for elevation_deg, azimuth_deg in product(elevations_deg, AZIMUTHS_DEG)
+    ]
+    best = sorted(views, key=merit, reverse=True)[:TRIED]
+    return max(best, key=lambda view: count(view) + merit(view))
 
 
-def draw_step(
-    step: AssemblyStep, glued: Sequence[GluedFace], decomposition: Decomposition, camera: Floats
+def name_top(camera: Floats) -> str:
+    """Name where the model's top is in a picture by a camera (3, 3)."""
+    right, up, nearer = camera[:, 2]
+    names = [
+        (up, "upwards"), (-up, "downwards"), (right, "to the right"), (-right, "to the left"),
+        (nearer, "towards you"), (-nearer, "away from you"),
+    ]  # fmt: skip
+    return max(names)[1]
+
+
+def _draw_both(
+    scene: Scene, step: AssemblyStep, decomposition: Decomposition, camera: Floats, apart_mm: Floats
 ) -> bytes:
-    """Draw a step.
-
-    Parameters
-    ----------
-    step, glued
-        The step, and its faces.
-    decomposition
-        Has the parts, in mm.
-    camera
-        (3, 3) as of `raster.make_camera`.
-
-    Returns
-    -------
-    bytes
-        PNG.
-    """
-    parts, colours = decomposition.parts, part_colours(len(decomposition.parts))
-    [apart_mm] = find_moves(parts, [step])
-    shapes, labels = [], []
-    for number in (*step.fixed, *step.moved):
-        vertices, faces = parts[number].solid.arrays()
-        offset_mm = apart_mm if number in step.moved else np.zeros(3)
-        shapes.append(Shape((vertices + offset_mm)[faces], colours[number]))
-        labels.append(short_label(parts[number].id))
-    for entry in glued:
-        shapes.append(Shape(_fill(entry.face, entry.outward), GLUE_COLOUR))
-        shapes.append(Shape(_fill(entry.face, -entry.outward) + apart_mm, GLUE_COLOUR))
-    drawing = draw(shapes, camera, LONGEST_PX, oversample=2)
+    drawing = draw(scene.shapes, camera, LONGEST_PX, oversample=2)
     figure, axes = make_figure(drawing)
-    write_labels(axes, drawing, labels)
+    write_labels(axes, drawing, [short_label(decomposition.parts[number].id) for number in scene.parts])
+    for pin in scene.pins:
+        rod = np.array([pin.at_mm + pin.length_mm / 2.0 * pin.axis, pin.at_mm + apart_mm])
+        axes.plot(*drawing.place(rod).T, ls=":", lw=1.2, color=PIN_INK)
+    _name_pins(axes, drawing, scene, [pin.at_mm + pin.length_mm / 2.0 * pin.axis for pin in scene.pins])
     _draw_arrow(axes, drawing, step, decomposition, apart_mm)
+    _draw_scale(axes, drawing)
     return encode_png(figure)
 
 
-def _fill(face: JointFace, outward: Floats) -> Floats:
-    """Build triangles (m, 3, 3) of a face, a little before it."""
-    offset_mm = face.offset_mm * face.normal + LIFT_MM * outward
-    found = []
-    for polygon in shapely.get_parts(face.outline):
-        if polygon.geom_type != "Polygon":
+def _draw_moved(scene: Scene, decomposition: Decomposition, camera: Floats) -> bytes:
+    drawing = draw(scene.shapes, camera, TURNED_OVER_PX, oversample=2)
+    figure, axes = make_figure(drawing)
+    write_labels(axes, drawing, [short_label(decomposition.parts[number].id) for number in scene.parts])
+    _name_pins(axes, drawing, scene, [pin.at_mm for pin in scene.pins])
+    return encode_png(figure)
+
+
+def _name_pins(axes: Any, drawing: Drawing, scene: Scene, points_mm: Sequence[Floats]) -> None:
+    """Write the length of each pin that is seen beside it."""
+    for number, (pin, point_mm) in enumerate(zip(scene.pins, points_mm, strict=True), scene.first_pin + 1):
+        if not (drawing.visible == number).any():
             continue
-        ordered = shapely.geometry.polygon.orient(polygon)
-        rings = [np.array(ring.coords)[:-1] for ring in (ordered.exterior, *ordered.interiors)]
-        corners = np.concatenate(rings) @ face.axes + offset_mm
-        triangles = corners[triangulate(rings)]
-        normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
-        back = normal @ outward < 0.0
-        triangles[back] = triangles[back][:, ::-1]
-        found.append(triangles)
-    return np.concatenate(found) if found else np.zeros((0, 3, 3))
+        x, y = drawing.place(point_mm[None])[0]
+        axes.text(
+            x + PIN_PT, y + PIN_PT / 2.0, format_length(pin.length_mm),
+            fontsize=PIN_PT, weight="bold", color=PIN_INK, path_effects=white_outline(),
+        )  # fmt: skip
 
 
 def _draw_arrow(
@@ -151,16 +209,21 @@ def _draw_arrow(
         "",
         xy=end,
         xytext=start,
-        arrowprops={"arrowstyle": "-|>", "lw": 4, "mutation_scale": 25, "color": "black"},
+        arrowprops={"arrowstyle": "-|>", "lw": 4, "mutation_scale": 25, "color": "black", "alpha": 0.75},
     )
 
 
-def draw_steps(decomposition: Decomposition) -> list[bytes]:
-    """Draw all steps of the assembly as PNG, each from a view near to that of the step before."""
-    pictures: list[bytes] = []
-    camera: Floats | None = None
-    for step in decomposition.assembly.steps:
-        glued = find_glued_faces(step, decomposition)
-        camera = choose_camera(glued, camera)
-        pictures.append(draw_step(step, glued, decomposition, camera))
-    return pictures
+def _draw_scale(axes: Any, drawing: Drawing) -> None:
+    """Draw a bar of a round length in the corner."""
+    width_mm = drawing.visible.shape[1] / drawing.pixels_per_mm
+    length_mm = max((mm for mm in SCALE_MM if mm < width_mm / 4.0), default=SCALE_MM[0])
+    x, y = SCALE_PT, SCALE_PT
+    axes.plot([x, x + length_mm * drawing.pixels_per_mm], [y, y], lw=3, color="black", solid_capstyle="butt")
+    axes.text(
+        x,
+        y + SCALE_PT / 2.0,
+        f"{length_mm:g} mm",
+        fontsize=SCALE_PT,
+        va="bottom",
+        path_effects=white_outline(),
+    )

@@ -18,19 +18,31 @@ from decompose.export.instructions import Pictures, render_instructions, write_i
 from decompose.export.layout import draw_layout
 from decompose.export.page_check import find_page_faults
 from decompose.export.picture import part_colours
-from decompose.export.raster import make_camera
+from decompose.export.pin_sheet import draw_gauge
+from decompose.export.raster import draw, make_camera
 from decompose.export.step_picture import (
-    GLUE_COLOUR,
-    choose_camera,
+    ELEVATIONS_DEG,
+    StepPictures,
+    choose_view,
     draw_steps,
+    find_pose,
+    name_top,
+    turn_over,
+)
+from decompose.export.step_scene import (
+    GLUE_COLOUR,
+    INK,
+    PIN_COLOUR,
+    build_both,
+    build_moved,
     find_glued_faces,
 )
 from decompose.geometry import Model, Solid
-from decompose.options import Engine, Options
+from decompose.options import ConnectorOptions, Engine, Options
 from decompose.pieces import find_joints, list_box_planes
 from decompose.print_time import CostModel
 from decompose.printers import PrinterRoom
-from decompose.results import Decomposition
+from decompose.results import Decomposition, connect_parts
 
 
 @pytest.fixture(scope="module")
@@ -43,6 +55,23 @@ def table() -> Decomposition:
     return decompose_model(
         Model(solid, (), 1.0), rooms, options, CostModel(1.0, *[1e-3] * 7, brim_mm=0.0)
     ).with_assembly()
+
+
+@pytest.fixture(scope="module")
+def drilled(table: Decomposition) -> Decomposition:
+    """The table with pins and codes."""
+    options = replace(table.options, connectors=ConnectorOptions(2.85, marks=True))
+    return connect_parts(replace(table, options=options))
+
+
+@pytest.fixture(scope="module")
+def drawn(drilled: Decomposition) -> list[StepPictures]:
+    return draw_steps(drilled)
+
+
+@pytest.fixture(scope="module")
+def page(drilled: Decomposition, drawn: list[StepPictures]) -> str:
+    return render_instructions(drilled, Pictures(drawn))
 
 
 @pytest.fixture(scope="module")
@@ -74,29 +103,108 @@ def pictures_of(page: str) -> list[Image.Image]:
     ]
 
 
-def count_glue(picture: Image.Image) -> int:
-    """Count pixels in a shade of the colour of glue."""
+def count_colour(picture: Image.Image, colour: np.ndarray) -> int:
+    """Count pixels in a shade of a colour."""
     pixels = np.asarray(picture, dtype=np.float64) / 255.0
-    shade = pixels[..., 0:1]
-    return int(((np.abs(pixels - shade * GLUE_COLOUR) < 0.03).all(axis=2) & (shade[..., 0] > 0.3)).sum())
+    brightest = int(np.argmax(colour))
+    shade = pixels[..., brightest, None] / colour[brightest]
+    return int(((np.abs(pixels - shade * colour) < 0.03).all(axis=2) & (shade[..., 0] > 0.3)).sum())
 
 
-def test_the_page_names_every_part_and_joint_once_and_loads_nothing(table: Decomposition) -> None:
-    page = render_instructions(table, Pictures(draw_steps(table)))
+def test_the_page_names_every_part_and_joint_once_and_loads_nothing(
+    drilled: Decomposition, page: str
+) -> None:
     rows = re.findall(r"<tr[^>]*><td>(p\d+)</td>", page)
-    assert rows == [table.parts[number].id for number in table.assembly.part_order]
-    assert sorted(rows) == [part.id for part in table.parts]
-    names = re.findall(r"<tr[^>]*><td>(\d+-\d+)</td>", page)
-    assert len(names) == len(table.joints) and len(set(names)) == len(names)
+    assert rows == [drilled.parts[number].id for number in drilled.assembly.part_order]
+    assert sorted(rows) == [part.id for part in drilled.parts]
+    names = re.findall(r'<tr[^>]*><td class="name">(\d+-\d+)</td>', page)
+    assert len(names) == len(drilled.joints) and len(set(names)) == len(names)
     assert all(source.startswith("data:") for source in re.findall(r'(?:src|href)="([^"]*)"', page))
     assert "url(" not in page and "<script" not in page and "@import" not in page
-    assert len(pictures_of(page)) == len(table.parts) - 1
-    assert find_page_faults(page, table) == []
+    assert len(pictures_of(page)) == 2 * (len(drilled.parts) - 1)
+    assert find_page_faults(page, drilled) == []
 
 
-def test_every_picture_shows_where_the_glue_goes(table: Decomposition) -> None:
-    page = render_instructions(table, Pictures(draw_steps(table)))
-    assert [count_glue(picture) > 200 for picture in pictures_of(page)] == [True] * len(table.assembly.steps)
+def test_pins_and_codes_are_listed_in_their_steps(drilled: Decomposition, page: str) -> None:
+    sections = re.findall(r'<section class="step".*?</section>', page, re.S)
+    for number, section in enumerate(sections):
+        pins = [pin for pin in drilled.connectors.pins if pin.step == number]
+        assert len(pins) >= 2
+        assert re.findall(r"data-pin[^>]*>pin (\d+) mm", section) == [f"{pin.length_mm:.0f}" for pin in pins]
+        joints = drilled.assembly.steps[number].joints
+        marks = [mark for mark in drilled.connectors.marks if mark.joint in joints]
+        assert len(marks) >= 2 and section.count("data-mark") == len(marks)
+        for mark in marks:
+            assert f">{mark.text.replace('^', ' ↑').replace('.', '●')}</span> on {mark.part + 1}" in section
+    lengths = [round(pin.length_mm) for pin in drilled.connectors.pins]
+    for length_mm in (13, 7):
+        cells = f'<td class="number">{length_mm}</td><td class="number">{lengths.count(length_mm)}</td>'
+        assert cells in page
+
+
+def test_ruler_and_gauge_have_their_size_in_millimetres(page: str) -> None:
+    drawing = draw_gauge([13.0, 7.0], 2.85)
+    size = re.search(r'width="([\d.]+)mm" height="([\d.]+)mm" viewBox="0 0 ([\d.]+) ([\d.]+)"', drawing)
+    assert size is not None and size.groups()[:2] == size.groups()[2:]
+    assert re.findall(r'<rect [^>]*width="([\d.]+)" height="([\d.]+)"', drawing) == [
+        ("13", "2.85"),
+        ("7", "2.85"),
+    ]
+    ends = [float(x) for x in re.findall(r"M([\d.]+) 2L\1 8", drawing)]
+    assert ends[-1] - ends[0] == 100.0 and len(ends) == 11
+    assert (
+        drawing.count("<svg") == page.count("<svg") == 1 and "svg { display: block; max-width: none" in page
+    )
+
+
+def test_every_picture_shows_glue_pins_and_codes(drawn: list[StepPictures]) -> None:
+    for step in drawn:
+        both, moved = (Image.open(BytesIO(png)).convert("RGB") for png in (step.both, step.moved))
+        assert count_colour(both, GLUE_COLOUR) > 1000 and count_colour(moved, GLUE_COLOUR) > 1000
+        assert count_colour(both, PIN_COLOUR) > 50
+
+
+def test_view_is_one_in_which_pins_and_codes_are_seen(drilled: Decomposition) -> None:
+    for number, step in enumerate(drilled.assembly.steps):
+        pose = find_pose(step.direction)
+        scene = build_both(number, drilled, 60.0 * step.direction)
+        camera = make_camera(*choose_view(scene, pose, ELEVATIONS_DEG, None)) @ pose
+        visible = draw(scene.shapes, camera, 400, oversample=1).visible
+        seen = [(visible == 1 + scene.first_pin + k).sum() for k in range(len(scene.pins))]
+        assert len(seen) >= 2 and min(seen) > 0
+        ink = [k for k, shape in enumerate(scene.shapes, 1) if (shape.colour == INK).all()]
+        assert ink and np.isin(visible, ink).sum() > 20
+
+
+def test_pose_has_the_joint_upwards_and_keeps_left_and_right_apart() -> None:
+    for direction in ([1, 0, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1], [0.6, 0, 0.8]):
+        pose = find_pose(np.array(direction, dtype=np.float64))
+        assert pose @ direction == pytest.approx([0.0, 0.0, 1.0])
+        assert pose @ pose.T == pytest.approx(np.eye(3)) and np.linalg.det(pose) == pytest.approx(1.0)
+        over = turn_over(pose, 30.0)
+        assert over @ direction == pytest.approx([0.0, 0.0, -1.0]) and np.linalg.det(over) == pytest.approx(
+            1.0
+        )
+    assert name_top(make_camera(-60.0, 30.0)) == "upwards"
+    assert name_top(make_camera(-60.0, 30.0) @ find_pose(np.array([0.0, 0.0, -1.0]))) == "downwards"
+
+
+def test_holes_of_the_moved_body_lie_where_its_pins_go(drilled: Decomposition) -> None:
+    scene = build_moved(0, drilled)
+    for pin, shape in zip(scene.pins, scene.shapes[scene.first_pin :], strict=False):
+        assert np.abs(shape.triangles.mean(axis=(0, 1)) - pin.at_mm).max() < 2.0
+        assert np.cross(*np.diff(shape.triangles[0], axis=0)) @ pin.axis < 0.0  # seen from below
+
+
+def test_step_without_pins_says_why(drilled: Decomposition, drawn: list[StepPictures]) -> None:
+    kept = tuple(pin for pin in drilled.connectors.pins if pin.step != 1)
+    for unpinned, reason in (
+        (((1, "too small for a pin"),), "too small for a pin"),
+        ((), "its holes were left out"),
+    ):
+        connectors = replace(drilled.connectors, pins=kept, unpinned=unpinned)
+        text = render_instructions(replace(drilled, connectors=connectors), Pictures(drawn))
+        assert f"No pins ({reason}): line the faces up by their rims." in text
 
 
 def test_faces_point_away_from_the_fixed_body_also_where_they_slide(pinwheel: Decomposition) -> None:
@@ -109,13 +217,19 @@ def test_faces_point_away_from_the_fixed_body_also_where_they_slide(pinwheel: De
             assert any((lo < point).all() and (point < hi).all() for lo, hi in bounds)
 
 
-def test_view_before_is_kept_or_approached(table: Decomposition) -> None:
-    glued = find_glued_faces(table.assembly.steps[0], table)
-    best = choose_camera(glued, None)
-    views = [make_camera(azimuth, elevation) for azimuth in range(0, 360, 45) for elevation in (-22, 22, 45)]
-    gains = [float(choose_camera(glued, view)[2] @ view[2] - best[2] @ view[2]) for view in views]
-    assert min(gains) > -1e-9
-    assert max(gains) > 0.1
+def test_view_before_is_kept_or_approached(drilled: Decomposition) -> None:
+    pose = find_pose(drilled.assembly.steps[0].direction)
+    scene = build_both(0, drilled, 60.0 * drilled.assembly.steps[0].direction)
+
+    def turn_deg(azimuth_deg: float, before_deg: float) -> float:
+        return abs((azimuth_deg - before_deg + 180.0) % 360.0 - 180.0)
+
+    best_deg, _ = choose_view(scene, pose, ELEVATIONS_DEG, None)
+    turns = [
+        (turn_deg(choose_view(scene, pose, ELEVATIONS_DEG, before)[0], before), turn_deg(best_deg, before))
+        for before in (-58.0, 32.0, 122.0, 212.0)
+    ]
+    assert all(turn <= free + 1e-9 for turn, free in turns)
 
 
 def test_parts_without_an_order_are_named(table: Decomposition) -> None:
@@ -123,14 +237,16 @@ def test_parts_without_an_order_are_named(table: Decomposition) -> None:
     assert "p01, p02 cannot be joined" in page
 
 
-def test_check_of_the_page_tells_what_is_missing_doubled_or_loaded(table: Decomposition) -> None:
-    page = render_instructions(table, Pictures(draw_steps(table)))
+def test_check_of_the_page_tells_what_is_missing_doubled_or_loaded(drilled: Decomposition, page: str) -> None:
+    table = drilled
     name = table.parts[0].id
+    assert find_page_faults(page.replace('data-pin="1"', ""), table) == ["pin 1 is missing"]
     assert find_page_faults(page.replace(f'data-part="{name}"', ""), table) == [f"part {name} is missing"]
     row = re.search(r"<tr data-joint.*?</tr>", page, re.S)
     assert row is not None
-    [doubled] = find_page_faults(page.replace(row[0], 2 * row[0]), table)
-    assert doubled.startswith("joint p") and doubled.endswith("is named too often")
+    doubled = find_page_faults(page.replace(row[0], 2 * row[0]), table)
+    assert all(fault.endswith("is named too often") for fault in doubled)
+    assert {fault.split()[0] for fault in doubled} == {"joint", "pin", "mark"}
     remote = page.replace("<h1>", '<img src="https://example.org/x.png"><h1>')
     assert find_page_faults(remote, table) == ["it loads https://example.org/x.png"]
     styled = page.replace("<style>", "<style>@import 'x';")

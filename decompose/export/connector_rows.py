@@ -1,0 +1,71 @@
+"""Codes and pins of a step of the assembly, as rows of the page of instructions and of the report."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from decompose.connectors import Mark, Pin
+from decompose.export.pin_sheet import format_length
+from decompose.files.names import short_label
+from decompose.results import Decomposition
+
+SIGNS = str.maketrans({"^": " ↑", ".": "●"})
+
+
+def list_codes(decomposition: Decomposition, joint: int) -> list[dict[str, str]]:
+    """List the codes on both faces of a joint, each with its part, as they are read on the parts."""
+    pair = decomposition.joints[joint]
+    return [
+        {
+            "text": mark.text.translate(SIGNS),
+            "part": short_label(decomposition.parts[mark.part].id),
+            "key": f"{name_mark(decomposition, mark)} {mark.text}",
+        }
+        for mark in decomposition.connectors.marks
+        if mark.joint == joint and mark.part in (pair.a, pair.b)
+    ]
+
+
+def list_pins(decomposition: Decomposition, joint: int) -> list[dict[str, str]]:
+    """List the pins of a joint, with their numbers in the report."""
+    return [
+        {"id": str(number), "length": format_length(pin.length_mm), "depth": format_length(pin.depth_mm)}
+        for number, pin in enumerate(decomposition.connectors.pins, 1)
+        if pin.joint == joint
+    ]
+
+
+def explain_pins(decomposition: Decomposition, step: int) -> str:
+    """Tell how the pins of a step are used, or why it has none; empty where none were wanted."""
+    pins = [pin for pin in decomposition.connectors.pins if pin.step == step]
+    if decomposition.options.connectors.pin_mm is None:
+        return ""
+    if not pins:
+        reasons = dict(decomposition.connectors.unpinned)
+        reason = reasons.get(step, "its holes were left out")
+        return f"No pins ({reason}): line the faces up by their rims."
+    text = f"Put {_count_pins(pins)} into the lower body first, as drawn. "
+    if len({round(pin.length_mm, 1) for pin in pins}) > 1:
+        text += "The longer one belongs into the deeper hole: exchanged, the joint stays open."
+    elif len(pins) == 1:
+        text += "One pin leaves a turn free: line the rims up."
+    return text.strip()
+
+
+def name_mark(decomposition: Decomposition, mark: Mark) -> str:
+    """Name a mark by its part and the parts of its joint."""
+    joint = decomposition.joints[mark.joint]
+    return " ".join(decomposition.parts[part].id for part in (mark.part, joint.a, joint.b))
+
+
+def list_orphans(decomposition: Decomposition) -> list[dict[str, Any]]:
+    """List the codes on joints that no step glues."""
+    used = {joint for step in decomposition.assembly.steps for joint in step.joints}
+    joints = dict.fromkeys(mark.joint for mark in decomposition.connectors.marks)
+    return [code for joint in joints if joint not in used for code in list_codes(decomposition, joint)]
+
+
+def _count_pins(pins: list[Pin]) -> str:
+    lengths = [format_length(pin.length_mm) for pin in pins]
+    counts = {length: lengths.count(length) for length in dict.fromkeys(lengths)}
+    return " and ".join(f"{count} pin{'s' * (count > 1)} of {length} mm" for length, count in counts.items())

@@ -1,0 +1,221 @@
+"""Shapes of a step of the assembly: its bodies apart, faces to glue, codes, pins and holes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+
+from decompose.arrays import Floats
+from decompose.assembly import AssemblyStep
+from decompose.connectors import Mark, Pin, Tool
+from decompose.export.picture import part_colours
+from decompose.export.raster import Shape
+from decompose.geometry import triangulate
+from decompose.pieces import JointFace, find_cut_faces
+from decompose.results import Decomposition
+
+GLUE_COLOUR = np.array([1.0, 0.35, 0.0])
+INK = np.array([0.08, 0.08, 0.08])
+PIN_COLOUR = np.array([0.1, 0.35, 0.9])
+TABLE_COLOUR = np.array([0.9, 0.9, 0.92])
+LIFT_MM = 0.05  # of the tint off its face; ink lies three times as high
+INK_MM, INK_SHARE = 1.2, 0.005  # least width of a stroke, also as a share of the scene
+TABLE_SHARE = 0.1  # by which the table is larger than what stands on it
+SIDES = 12  # of a pin
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GluedFace:
+    """Face of a step's joint, and its unit normal (3,) away from the fixed body."""
+
+    face: JointFace
+    outward: Floats
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Scene:
+    """Shapes of one or both bodies of a step, in the model's frame.
+
+    Attributes
+    ----------
+    parts
+        Numbers of the parts, whose shapes come first.
+    glued
+        Faces to glue.
+    pins
+        Pins, of which each has one shape after those of the faces: a rod, or the mouth of its hole.
+    shapes
+        All shapes: parts, faces, pins, then codes and the table.
+    """
+
+    parts: tuple[int, ...]
+    glued: Sequence[GluedFace]
+    pins: Sequence[Pin]
+    shapes: list[Shape]
+
+    @property
+    def first_pin(self) -> int:
+        """Number of the first pin's shape."""
+        return len(self.parts) + len(self.glued)
+
+
+def find_glued_faces(step: AssemblyStep, decomposition: Decomposition) -> list[GluedFace]:
+    """Find the faces that a step glues; the fixed part's own triangles on the plane tell its outside."""
+    found = []
+    for joint in (decomposition.joints[number] for number in step.joints):
+        fixed = decomposition.parts[joint.a if joint.a in step.fixed else joint.b]
+        vertices, faces = fixed.solid.arrays()
+        for face in joint.faces:
+            plane = np.append(face.normal, face.offset_mm)[None]
+            a, b, c = np.moveaxis(vertices[faces[find_cut_faces(vertices, faces, plane)]], 1, 0)
+            outside = float((np.cross(b - a, c - a) @ face.normal).sum())
+            found.append(GluedFace(face, face.normal if outside >= 0.0 else -face.normal))
+    return found
+
+
+def build_both(number: int, decomposition: Decomposition, apart_mm: Floats) -> Scene:
+    """Build the scene of a step: the fixed body with its pins, on a table if it stands, the other one apart.
+
+    Parameters
+    ----------
+    number
+        Index of the step.
+    decomposition
+        Has the parts, in mm.
+    apart_mm
+        (3,) offset of the moved body from its place.
+    """
+    step = decomposition.assembly.steps[number]
+    glued = find_glued_faces(step, decomposition)
+    pins = [pin for pin in decomposition.connectors.pins if pin.step == number]
+    shapes = [
+        *_paint_parts(step.fixed, decomposition, np.zeros(3)),
+        *_paint_parts(step.moved, decomposition, apart_mm),
+        *(Shape(fill_face(entry.face, entry.outward), GLUE_COLOUR) for entry in glued),
+        *(Shape(_make_rod(pin), PIN_COLOUR) for pin in pins),
+        *(Shape(fill_face(entry.face, -entry.outward) + apart_mm, GLUE_COLOUR) for entry in glued),
+        *_write_codes(step, step.fixed, decomposition),
+    ]
+    if step.rests_on:
+        shapes.append(Shape(_make_table(step, decomposition), TABLE_COLOUR))
+    return Scene((*step.fixed, *step.moved), glued, pins, shapes)
+
+
+def build_moved(number: int, decomposition: Decomposition) -> Scene:
+    """Build the scene of the moved body of a step alone, with the mouths of its holes."""
+    step = decomposition.assembly.steps[number]
+    glued = [GluedFace(entry.face, -entry.outward) for entry in find_glued_faces(step, decomposition)]
+    pins = [pin for pin in decomposition.connectors.pins if pin.step == number]
+    shapes = [
+        *_paint_parts(step.moved, decomposition, np.zeros(3)),
+        *(Shape(fill_face(entry.face, entry.outward), GLUE_COLOUR) for entry in glued),
+        *(Shape(_fill_mouth(pin.holes[0]), INK) for pin in pins),
+        *_write_codes(step, step.moved, decomposition),
+    ]
+    return Scene(step.moved, glued, pins, shapes)
+
+
+def fill_face(face: JointFace, outward: Floats) -> Floats:
+    """Build triangles (m, 3, 3) of a face, a little before it."""
+    offset_mm = face.offset_mm * face.normal + LIFT_MM * outward
+    found = []
+    for polygon in shapely.get_parts(face.outline):
+        if polygon.geom_type != "Polygon":
+            continue
+        ordered = shapely.geometry.polygon.orient(polygon)
+        rings = [np.array(ring.coords)[:-1] for ring in (ordered.exterior, *ordered.interiors)]
+        corners = np.concatenate(rings) @ face.axes + offset_mm
+        found.append(_turn_towards(corners[triangulate(rings)], outward))
+    return np.concatenate(found) if found else np.zeros((0, 3, 3))
+
+
+def _paint_parts(parts: Sequence[int], decomposition: Decomposition, offset_mm: Floats) -> list[Shape]:
+    colours = part_colours(len(decomposition.parts))
+    shapes = []
+    for number in parts:
+        vertices, faces = decomposition.parts[number].solid.arrays()
+        shapes.append(Shape((vertices + offset_mm)[faces], colours[number]))
+    return shapes
+
+
+def _write_codes(step: AssemblyStep, body: Sequence[int], decomposition: Decomposition) -> list[Shape]:
+    """Draw the marks on the glued faces of one body as ink."""
+    bounds = np.array([decomposition.parts[part].solid.bounds_mm for part in body])
+    extent_mm = float(np.linalg.norm(bounds[:, 1].max(axis=0) - bounds[:, 0].min(axis=0)))
+    return [
+        Shape(_make_ribbons(mark, max(INK_MM, INK_SHARE * extent_mm)), INK)
+        for mark in decomposition.connectors.marks
+        if mark.part in body and mark.joint in step.joints
+    ]
+
+
+def _make_ribbons(mark: Mark, width_mm: float) -> Floats:
+    """Build flat triangles (m, 3, 3) of the strokes of a mark, in front of its face."""
+    out = -mark.grooves[0].into
+    ends = mark.lines_mm + 3.0 * LIFT_MM * out
+    along = ends[:, 1] - ends[:, 0]
+    length = np.linalg.norm(along, axis=1, keepdims=True)
+    across = np.cross(out, np.eye(3)[int(np.abs(out).argmin())])
+    dot = across / np.linalg.norm(across)  # a dot has no direction of its own
+    along = np.where(length > 0.0, along / np.maximum(length, 1e-9), dot)
+    half = width_mm / 2.0 * np.cross(out, along)
+    a, b = ends[:, 0] - width_mm / 2.0 * along, ends[:, 1] + width_mm / 2.0 * along
+    corners = np.stack([a - half, b - half, b + half, a + half], axis=1)
+    return _turn_towards(np.concatenate([corners[:, [0, 1, 2]], corners[:, [0, 2, 3]]]), out)
+
+
+def _make_rod(pin: Pin) -> Floats:
+    """Build triangles (m, 3, 3) of a pin in its place."""
+    first = np.cross(np.eye(3)[int(np.abs(pin.axis).argmin())], pin.axis)
+    first /= np.linalg.norm(first)
+    angles = 2.0 * np.pi * np.arange(SIDES) / SIDES
+    ring = pin.diameter_mm / 2.0 * np.outer(np.cos(angles), first)
+    ring += pin.diameter_mm / 2.0 * np.outer(np.sin(angles), np.cross(pin.axis, first))
+    ends = [pin.at_mm + sign * pin.length_mm / 2.0 * pin.axis for sign in (-1.0, 1.0)]
+    low, high = (ring + end for end in ends)
+    after_low, after_high = np.roll(low, -1, axis=0), np.roll(high, -1, axis=0)
+    return np.concatenate(
+        [
+            np.stack([low, after_low, high], axis=1),
+            np.stack([after_low, after_high, high], axis=1),
+            np.stack([np.broadcast_to(ends[1], high.shape), high, after_high], axis=1),
+        ]
+    )
+
+
+def _fill_mouth(hole: Tool) -> Floats:
+    """Build triangles (m, 3, 3) of the mouth of a hole, in front of its face."""
+    at_mm = hole.points_mm @ hole.into
+    mouth = hole.points_mm[at_mm < at_mm.min() + 1e-6]
+    first = np.cross(np.eye(3)[int(np.abs(hole.into).argmin())], hole.into)
+    axes = np.stack([first, np.cross(hole.into, first)]) / np.linalg.norm(first)
+    ring = np.array(shapely.MultiPoint(mouth @ axes.T).convex_hull.exterior.coords)[:-1]
+    corners = ring @ axes + (hole.face_mm - 3.0 * LIFT_MM) * hole.into
+    return _turn_towards(corners[triangulate([ring])], -hole.into)
+
+
+def _make_table(step: AssemblyStep, decomposition: Decomposition) -> Floats:
+    """Build two triangles (2, 3, 3) below the fixed body, which stands on them along the step's direction."""
+    points = np.concatenate([decomposition.parts[part].solid.arrays()[0] for part in step.fixed])
+    up = step.direction
+    first = np.cross(np.eye(3)[int(np.abs(up).argmin())], up)
+    axes = np.stack([first, np.cross(up, first)]) / np.linalg.norm(first)
+    flat = points @ axes.T
+    low, high = flat.min(axis=0), flat.max(axis=0)
+    edge = TABLE_SHARE * float((high - low).max())
+    (x0, y0), (x1, y1) = low - edge, high + edge
+    corners = np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]]) @ axes
+    corners += (float((points @ up).min()) - LIFT_MM) * up
+    return _turn_towards(corners[[[0, 1, 2], [0, 2, 3]]], up)
+
+
+def _turn_towards(triangles: Floats, outward: Floats) -> Floats:
+    """Turn flat triangles (m, 3, 3) so that they are seen from a side (3,)."""
+    normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    back = normal @ outward < 0.0
+    turned = triangles.copy()
+    turned[back] = turned[back][:, ::-1]
+    return turned
