@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from decompose import best as best_module
 from decompose.best import OTHER_GRIDS, OTHER_YAWS_DEG, find_best
 from decompose.decompose import decompose_model
 from decompose.errors import DecomposeError, GeometryError, ModelNotSolid, NoFit, Rule
@@ -160,8 +161,12 @@ def test_rotated_cuts_need_a_minimum_gain(
     assert [a.makespan_s for a in best.attempts[2:]] == [share * BOUND_S] * len(OTHER_YAWS_DEG)
 
 
-def test_parts_of_a_rotated_model_are_in_the_original_frame(cost: CostModel) -> None:
+def test_parts_of_a_rotated_model_are_in_the_original_frame(
+    cost: CostModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A bar that fits two printers only along its own length, so parts are in its own frame."""
+    monkeypatch.setattr(best_module, "OTHER_YAWS_DEG", (30.0, 45.0))
+    monkeypatch.setattr(best_module, "OTHER_GRIDS", ())
     turn = Rotation.from_euler("z", 45.0, degrees=True).as_matrix()
     bar = replace(BLOCK, solid=BLOCK.solid.rotate(turn))
     options = Options(Engine.BEST, prove=False, best=BestOptions(1000.0))

@@ -39,8 +39,8 @@ cross = trimesh.util.concatenate([trimesh.creation.box(size) for size in ((200, 
 cross.update_faces(np.arange(len(cross.faces)) != 7)
 rooms = [PrinterRoom(f"{n}", ((120.0, 120.0, 110.0 + n % 2),)) for n in range(9)]
 for name, mesh, options in (
-    ("cross", cross, Options(best=BestOptions(0.0), interior=Interior.KEEP)),
-    ("torus", torus, Options(engine=Engine.GUILLOTINE, seed=1)),
+    ("cross", cross, Options(granularity=8, best=BestOptions(0.0), interior=Interior.KEEP)),
+    ("torus", torus, Options(engine=Engine.GUILLOTINE, granularity=8, seed=1)),
 ):
     mesh.export(folder / f"{name}.stl")
     model = load_model(folder / f"{name}.stl")

@@ -13,7 +13,7 @@ from decompose.decompose import decompose_model, estimate_serial_s, simplify_for
 from decompose.errors import DecomposeError, NoFit
 from decompose.export import write_decomposition
 from decompose.geometry import Model, Solid
-from decompose.options import Interior, Options
+from decompose.options import BestOptions, Engine, Interior, Options
 from decompose.print_time import CostModel
 from decompose.printers import PrinterRoom
 from decompose.problem.granularity import choose_granularity
@@ -43,7 +43,8 @@ def test_ball_is_cut_for_eight_printers(ball: Model, fleet: list[PrinterRoom], c
 
 def test_more_printers_never_take_longer(lump: Solid, fleet: list[PrinterRoom], cost: CostModel) -> None:
     model = Model(lump, (), 1.0)
-    makespans = [decompose_model(model, fleet[:n], COARSE, cost).makespan_s for n in range(1, 6)]
+    options = replace(COARSE, best=BestOptions(0.0), prove=False)
+    makespans = [decompose_model(model, fleet[:n], options, cost).makespan_s for n in range(1, 6)]
     assert all(b <= a + 1.0 for a, b in pairwise(makespans))
 
 
@@ -60,8 +61,8 @@ def test_interior_is_omitted_if_that_saves_time(fleet: list[PrinterRoom], cost: 
     block = Model(Solid.box((0, 0, 0), (500, 400, 380)), (), 1.0)
     printers = [PrinterRoom(f"p{i}", fleet[0].boxes) for i in range(40)]
     dear = replace(cost, volume_s_mm3=1.0)
-    hollow = decompose_model(block, printers, Options(granularity=9), dear)
-    full = decompose_model(block, printers, Options(granularity=9, interior=Interior.KEEP), dear)
+    hollow = decompose_model(block, printers, Options(Engine.GUILLOTINE, 9, prove=False), dear)
+    full = decompose_model(block, printers, Options(Engine.GUILLOTINE, 9, Interior.KEEP, prove=False), dear)
     volume = sum(p.solid.volume_mm3 for p in hollow.parts)
     assert volume < 0.95 * block.solid.volume_mm3
     assert sum(p.solid.volume_mm3 for p in full.parts) == pytest.approx(block.solid.volume_mm3)

@@ -14,6 +14,8 @@ from pathlib import Path
 from drivers.emulator.launch import Command, control, is_running
 from drivers.emulator.status import read_status
 from drivers.remote import kill_agent
+from farm.cli.client import connect
+from farm.paths import find_places
 
 FARM = Path(sys.executable).with_name("farm")
 PATIENCE_S = 240.0
@@ -28,7 +30,7 @@ def wait_for(what, condition, patience_s=PATIENCE_S):
         value = condition()
         if value:
             return value
-        time.sleep(0.05)
+        time.sleep(0.1)
     raise AssertionError(f"waited {patience_s:.0f} s for {what}")
 
 
@@ -79,10 +81,18 @@ class RealFarm:
         wait_for("printers to connect", lambda: all(p["state"] == "idle" for p in self.status()["printers"]))
 
     def status(self):
-        return json.loads(self.ok("status", "--json"))
+        """Return what `farm status --json` prints, without a process for each poll."""
+        return self._read(self._client().status())
 
     def job(self, number=1):
-        return json.loads(self.ok("status", number, "--json"))["job"]
+        return self._read(self._client().job(number))["job"]
+
+    def _client(self):
+        return connect(find_places(self.state, None, self.fleet))
+
+    @staticmethod
+    def _read(answer):
+        return json.loads(answer.model_dump_json(by_alias=True))
 
     def printer(self, name):
         return next(p for p in self.status()["printers"] if p["name"] == name)

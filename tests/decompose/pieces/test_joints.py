@@ -14,7 +14,7 @@ from decompose.arrays import Floats
 from decompose.decompose import decompose_model
 from decompose.errors import NoFit
 from decompose.geometry import Model, Solid
-from decompose.options import Engine, Options
+from decompose.options import BestOptions, Engine, Options
 from decompose.pieces import JointFace, Piece, cut_box, find_cut_faces, find_faults, find_joints
 from decompose.print_time import CostModel
 from decompose.printers import PrinterRoom
@@ -212,8 +212,9 @@ def test_partition_with_a_weak_joint_is_rejected(
 def test_piece_on_a_thin_joint_is_refused(engine: Engine, cost: CostModel) -> None:
     rod = Model(block((0, 0, 0), (500, 4, 4)), (), 1.0)
     printers = [PrinterRoom(f"um-{i}", ((200.0, 200.0, 200.0),)) for i in range(4)]
+    options = Options(engine, best=BestOptions(0.0), prove=False)
     with pytest.raises(NoFit, match=r"is held by 16.0 mm2 of glue.*--min-glue"):
-        decompose_model(rod, printers, Options(engine, prove=False), cost)
+        decompose_model(rod, printers, options, cost)
     assert len(decompose_model(rod, printers, Options(Engine.GUILLOTINE, min_glue_mm2=15.0), cost).parts) == 4
 
 

@@ -34,7 +34,7 @@ from decompose.printers import PrinterRoom
 from decompose.problem import Problem
 
 ROOM = PrinterRoom("plus", ((206.9, 190.9, 205.0),))
-MENDED = Options(Engine.CUBE_SKELETON, fit_first_layer=False)
+MENDED = Options(Engine.CUBE_SKELETON, fit_first_layer=False, prove=False)
 
 shapes = st.tuples(st.integers(1, 5), st.integers(1, 5), st.integers(1, 4))
 
