@@ -148,7 +148,10 @@ def slice_parts(report: dict[str, Any], run: Run, folder: Path, cache: Path, job
             part["id"], folder / part["file"], request, find_resources(), settings, room, find_engine(),
             folder / f"{part['id']}.gcode", cache,
             PartPrintOptions(
-                brim_width_mm=part["brim_width_mm"], layer_0_expansion_mm=part["layer_0_expansion_mm"]
+                brim_width_mm=part["brim_width_mm"],
+                layer_0_expansion_mm=part["layer_0_expansion_mm"],
+                bed_face_hidden=part["bed_face_hidden"],
+                tops_hidden=part["tops_hidden"],
             ),
         )  # fmt: skip
         try:

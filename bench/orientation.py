@@ -140,7 +140,9 @@ def compare(
     axes = [measure_pose(vertices, faces, cut, rotation, cost) for rotation in POSE_ROTATIONS]
     fitting = [pose for pose in axes if room.fits(*pose.size_mm)]
     time_of = partial(slice_part, folder, cache, part)
-    chosen = PartSettings(None, ours.brim_width_mm, ours.layer_0_expansion_mm)
+    chosen = PartSettings(
+        None, ours.brim_width_mm, ours.layer_0_expansion_mm, ours.bed_face_hidden, ours.tops_hidden
+    )
     return Row(
         part=name,
         price_s=ours.price_s,

@@ -1,6 +1,7 @@
 """Error of the print-time model on models that it was not fitted to, and the fit of its factors.
 
-Usage: python -m bench.print_time_model [--dataset FILE.csv] [--models DIR] [--parts N] [--json]
+Usage: python -m bench.print_time_model [--dataset FILE.csv] [--models DIR] [--unseen SEED] [--parts N]
+       [--json]
 
 Without an existing dataset, models are made (with those of DIR), decomposed and sliced, in about 20 minutes
 with two workers. The table is written to --dataset, so that the fit can be repeated without slicing.
@@ -25,7 +26,17 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import nnls
 
-from bench.print_time_parts import ALWAYS, SETTINGS, Row, make_recipe, make_table, read, write
+from bench.print_time_parts import (
+    ALWAYS,
+    SETTINGS,
+    Row,
+    list_models,
+    list_unseen,
+    make_recipe,
+    make_table,
+    read,
+    write,
+)
 from decompose.print_time import ADDITIVE, FACTORS, SUPPORT, CostModel, time_terms
 
 Floats = npt.NDArray[np.float64]
@@ -146,7 +157,7 @@ def compute_report(rows: Sequence[Row]) -> dict[str, Any]:
         "factors_in_code": dict(FACTORS),
         "held_out": figures(table.held_out(every), groups),
         "held_out_tables": figures(table.held_out(every, tables=True), groups),
-        "fitted_on_glue_and_paper": figures(table.held_out(known), groups),
+        "fitted_on_two_settings": figures(table.held_out(known), groups),
         "as_in_code": figures(table.errors(dict(FACTORS), tables=False), groups),
         "by_model": figures(table.held_out(every), by_model),
     }
@@ -156,6 +167,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--dataset", type=Path, help="read where it is there, written where not")
     parser.add_argument("--models", type=Path, help="a folder of more models")
+    parser.add_argument("--unseen", type=int, metavar="SEED", help="models of bench.unseen in place of ours")
     parser.add_argument("--parts", type=int, default=2, help="of each model and number of printers")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--cache", type=Path, help="a folder that keeps slices")
@@ -164,14 +176,15 @@ def main() -> int:
     if args.dataset and args.dataset.exists():
         rows = read(args.dataset)
     else:
-        rows = make_table(args.models, args.parts, args.workers, args.cache)
+        models = list_models(args.models) if args.unseen is None else list_unseen(args.unseen)
+        rows = make_table(models, args.parts, args.workers, args.cache)
         if args.dataset:
             write(args.dataset, rows)
     figures = compute_report(rows)
     if args.json:
         print(json.dumps(figures, indent=1))
         return 0
-    for title in ("held_out", "held_out_tables", "fitted_on_glue_and_paper", "as_in_code", "by_model"):
+    for title in ("held_out", "held_out_tables", "fitted_on_two_settings", "as_in_code", "by_model"):
         print(title.replace("_", " "))
         for name, s in figures[title].items():
             print(

@@ -10,7 +10,7 @@ import math
 import re
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from bench.shapes import SHAPES
+from bench.unseen import KINDS, draw_model
 from decompose.decompose import decompose_model
 from decompose.errors import DecomposeError
 from decompose.geometry import Model, Solid, load_model, round_triangles, write_stl
@@ -37,16 +38,21 @@ ANYWHERE = ((-500.0, -500.0, 500.0, 500.0, 500.0),)  # parts are not placed here
 COUNTS = (4, 9)  # printers, for parts of two sizes
 FOREIGN_MM = 200.0  # longest side of a model that is not ours
 
-# The two qualities of ours, and settings that differ in everything that enters by physics.
-SETTINGS: dict[str, tuple[str, float, dict[str, Any]]] = {
-    "glue": ("glue", 0.4, {}),
+EVEN: Mapping[str, Any] = {"gradual_infill_steps": 0}
+
+# The two qualities of ours, and settings that differ in everything that enters by physics; `even` is `glue`
+# without its gradual infill.
+SETTINGS: dict[str, tuple[str, float, Mapping[str, Any]]] = {
+    "even": ("glue", 0.4, EVEN),
     "paper": ("paper", 0.4, {}),
-    "fine": ("glue", 0.4, {"layer_height": 0.15, "infill_sparse_density": 20}),
-    "wide": ("glue", 0.6, {}),
+    "glue": ("glue", 0.4, {}),
+    "fine": ("glue", 0.4, {**EVEN, "layer_height": 0.15, "infill_sparse_density": 20}),
+    "wide": ("glue", 0.6, EVEN),
     "other": (
         "glue",
         0.4,
         {
+            **EVEN,
             "layer_height": 0.25,
             "line_width": 0.4,
             "speed_wall_0": 25,
@@ -60,8 +66,8 @@ SETTINGS: dict[str, tuple[str, float, dict[str, Any]]] = {
     ),
 }
 OTHER_POSES = (0, 1, 2, 3, 5)  # indices into POSE_ROTATIONS; 4 leaves a part as it lies
-ALWAYS = ("glue", "paper")  # the others take every second part
-KINDS = {
+ALWAYS = ("even", "paper")  # the others take every second part
+FEATURES_S = {
     "WALL-OUTER": "walls_s",
     "WALL-INNER": "walls_s",
     "FILL": "fill_s",
@@ -104,8 +110,8 @@ class Row:
 
 
 def resolve_named_settings(name: str) -> EngineSettings:
-    """Resolve one of SETTINGS."""
-    quality, nozzle_mm, overrides = SETTINGS[name]
+    """Resolve one of SETTINGS, or a quality."""
+    quality, nozzle_mm, overrides = SETTINGS.get(name, (name, 0.4, {}))
     request = SettingsRequest(
         build_slicing_printer(BEDS[PRINTER]), quality, nozzle_mm=nozzle_mm, overrides=overrides
     )
@@ -170,11 +176,17 @@ class Posed:
         return corners, np.arange(len(corners)).reshape(-1, 3)
 
 
-def list_parts(folder: Path | None, each: int) -> Iterator[Posed]:
+def list_unseen(seed: int) -> Iterator[tuple[str, Model]]:
+    """Yield a model of each kind of `bench.unseen`, drawn by a seed."""
+    for kind in KINDS:
+        yield f"{kind}-{seed}", draw_model(kind, seed, FOREIGN_MM)
+
+
+def list_parts(models: Iterable[tuple[str, Model]], each: int) -> Iterator[Posed]:
     """Yield at most `each` parts of every model and number of printers, some also in another axis pose."""
     cost = CostModel.from_recipe(make_recipe("glue"))
     room = tuple(box.size_mm for box in part_room(PROFILES[PRINTER], make_recipe("glue").brim_mm))
-    for name, model in list_models(folder):
+    for name, model in models:
         for count in COUNTS:
             printers = [PrinterRoom(str(i), room) for i in range(count)]
             try:
@@ -224,11 +236,11 @@ def measure(posed: Posed, setting: str, folder: Path, cache: Path | None) -> Row
 
 def measure_kinds_s(gcode: str) -> dict[str, float]:
     """Compute the seconds of extrusion of each kind of line: length over speed, without acceleration."""
-    seconds = dict.fromkeys(KINDS.values(), 0.0)
+    seconds = dict.fromkeys(FEATURES_S.values(), 0.0)
     kind, at, feed = "", dict.fromkeys("XYZEF", 0.0), 1.0
     for line in gcode.splitlines():
         if line.startswith(";TYPE:"):
-            kind = KINDS.get(line[6:], "")
+            kind = FEATURES_S.get(line[6:], "")
         elif line.startswith(("G0 ", "G1 ", "G92 ")):
             new = at | {word[0]: float(word[1:]) for word in re.findall(r"[XYZEF]-?[\d.]+", line)}
             length = math.dist([at[a] for a in "XYZ"], [new[a] for a in "XYZ"])
@@ -239,11 +251,11 @@ def measure_kinds_s(gcode: str) -> dict[str, float]:
     return seconds
 
 
-def make_table(folder: Path | None, each: int, workers: int, cache: Path | None) -> list[Row]:
+def make_table(models: Iterable[tuple[str, Model]], each: int, workers: int, cache: Path | None) -> list[Row]:
     """Make the whole table."""
     with tempfile.TemporaryDirectory() as scratch, ThreadPoolExecutor(workers) as pool:
         work = []
-        for number, posed in enumerate(list_parts(folder, each)):
+        for number, posed in enumerate(list_parts(models, each)):
             chosen = SETTINGS if number % 2 == 0 else ALWAYS
             work += [pool.submit(measure, posed, name, Path(scratch), cache) for name in chosen]
         return [row for future in work if (row := future.result()) is not None]

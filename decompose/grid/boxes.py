@@ -20,7 +20,7 @@ from decompose.grid.clipping import LATERAL, MOMENT, OVERHANG, SKIN, SLOPE, VOLU
 from decompose.grid.grid import Grid
 from decompose.grid.piece_counts import count_pieces
 from decompose.jit import jit
-from decompose.print_time import CostModel, Prices, price
+from decompose.print_time import SEEN_MM2, CostModel, Prices, price
 from decompose.printers import PrinterRoom
 
 
@@ -134,13 +134,17 @@ def _min_price(prices: Prices, rooms: Floats, sums: Floats, ends_mm: Floats, are
         if not _fits_all(rooms, width, depth, height):
             continue
         flat = areas[2 * up] + areas[2 * up + 1]
-        lateral, skin = sums[LATERAL + up] + cut - flat, sums[SKIN + up] + flat
+        lateral = sums[LATERAL + up] + cut - flat
+        seen = sums[SKIN + up]
         for turned_over in range(2):  # as it is, and turned over
             pose = 2 * up + turned_over
+            skin = seen + flat - prices["hidden_bed_share"] * areas[pose]
+            if seen < SEEN_MM2:  # no top is seen, nor an underside
+                skin -= prices["hidden_top_share"] * areas[4 * up + 1 - pose]
             column = sums[MOMENT + pose] - sums[OVERHANG + pose] * ends_mm[up]
             if turned_over == 1:
                 column = sums[OVERHANG + pose] * ends_mm[up + 3] - sums[MOMENT + pose]
-            features = (sums[VOLUME], lateral, skin, sums[SLOPE + up], column)
+            features = (sums[VOLUME], lateral, max(0.0, skin), sums[SLOPE + up], column)
             best = min(best, price(prices, features, (width, depth, height)))
     return best
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from decompose.print_time.columns import measure_columns
 from decompose.print_time.cost import MAX_INSET_SHARE, CostModel, Prices, price
 from decompose.print_time.footing import REFERENCE_SHRINKAGE
+from decompose.print_time.hidden_faces import SEEN_MM2
 from decompose.print_time.orientation import find_best_pose
 from decompose.print_time.pose import TOUCHED_MM2, PartMesh, Pose, measure_pose
 from decompose.print_time.pose_prices import POSE_ROTATIONS, price_axis_poses_s, sum_pose_features
@@ -17,6 +18,7 @@ __all__ = [
     "MAX_INSET_SHARE",
     "POSE_ROTATIONS",
     "REFERENCE_SHRINKAGE",
+    "SEEN_MM2",
     "SUPPORT",
     "TOUCHED_MM2",
     "CostModel",

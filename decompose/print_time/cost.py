@@ -59,6 +59,8 @@ class CostModel:
     support_side_s_mm2: float = 0.0
     tower_s_mm: float = 0.0
     island_s_mm: float = 0.0
+    hidden_bed_share: float = 0.0  # of the skin of a hidden face on the bed, saved; see `hidden_faces`
+    hidden_top_share: float = 0.0  # of that of hidden tops
     shrinkage: float = 0.007  # decides the width of a brim against warping; not part of the price
 
     @property
@@ -92,6 +94,8 @@ class CostModel:
             support_side_s_mm2=seconds["support_side_mm2"],
             tower_s_mm=seconds["towers_mm"],
             island_s_mm=seconds["islands_mm"],
+            hidden_bed_share=recipe.bed_layers_saved / max(recipe.skin_layers, 1.0),
+            hidden_top_share=recipe.top_layers_saved / max(recipe.skin_layers, 1.0),
         )
 
     def support_price_s(

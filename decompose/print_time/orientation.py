@@ -62,7 +62,7 @@ def find_best_pose(
     if not len(rotations):
         return None
     hull = _select_hull_points(vertices)
-    features, extents = sum_pose_features(vertices, faces, rotations, cost, hull)
+    features, extents = sum_pose_features(vertices, faces, rotations, cost, hull, cut)
     thinnest = replace(cost, brim_mm=0.0) if fit_first_layer else cost
     min_s = [thinnest.price_s([*f[:COLUMN], 0.0], e) for f, e in zip(features, extents, strict=True)]
     max_s = [cost.price_s(f, e) for f, e in zip(features, extents, strict=True)]

@@ -12,6 +12,7 @@ from decompose.arrays import Bools, Floats, Ints
 from decompose.print_time.columns import Columns, measure_columns
 from decompose.print_time.cost import CostModel
 from decompose.print_time.footing import FIRST_LAYER_MM, Footing
+from decompose.print_time.hidden_faces import find_hidden_faces
 from decompose.print_time.pose_prices import price_short_layers_s, sum_pose_features
 from decompose.print_time.recipe import ADDITIVE
 
@@ -55,6 +56,8 @@ class Pose:
         Width by which the brim widens the footing.
     brim_width_mm, layer_0_expansion_mm
         Chosen for the part; None: those of the quality.
+    bed_face_hidden, tops_hidden
+        All that lies on the bed is cut, all tops are, and the cost knows that they need less skin.
     """
 
     to_model: Floats
@@ -68,6 +71,8 @@ class Pose:
     brim_share_mm: float
     brim_width_mm: float | None
     layer_0_expansion_mm: float | None
+    bed_face_hidden: bool = False
+    tops_hidden: bool = False
 
     @property
     def stands(self) -> bool:
@@ -119,7 +124,7 @@ def measure_pose(
     fit_first_layer
         Choose the brim and the first layer's expansion too.
     """
-    (features,), _ = sum_pose_features(vertices, faces, rotation[None], cost)
+    (features,), _ = sum_pose_features(vertices, faces, rotation[None], cost, cut=cut)
     return measure_from_features(PartMesh(vertices, faces, cut), rotation, features, cost, fit_first_layer)
 
 
@@ -152,6 +157,7 @@ def measure_from_features(
         brim = footing.brim_width_mm(height, leans[-1], cost.brim_mm, cost.shrinkage)
         joined = bool((triangles[mesh.cut][:, :, 2].min(axis=1, initial=math.inf) < FIRST_LAYER_MM).any())
         expansion = footing.expansion_mm(joined)
+    hidden = find_hidden_faces(triangles, mesh.cut, cost.skin_cos)
     pose_cost = cost if brim is None else replace(cost, brim_mm=brim)
     return Pose(
         to_model=to_model,
@@ -169,6 +175,8 @@ def measure_from_features(
         brim_share_mm=BRIM_FOOTING_SHARE * pose_cost.brim_mm,
         brim_width_mm=brim,
         layer_0_expansion_mm=expansion,
+        bed_face_hidden=hidden.is_bed_hidden and cost.hidden_bed_share > 0.0,
+        tops_hidden=hidden.are_tops_hidden and cost.hidden_top_share > 0.0,
     )
 
 

@@ -8,10 +8,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from decompose.arrays import Floats, Ints
+from decompose.arrays import Bools, Floats, Ints
 from decompose.jit import jit
 from decompose.print_time.cost import MAX_INSET_SHARE, CostModel
+from decompose.print_time.hidden_faces import HiddenFaces, measure_hidden_faces
 from decompose.print_time.recipe import ADDITIVE
+
+SKIN = ADDITIVE.index("skin_mm2")
 
 # A pose is the direction of the model that points up on the bed: +x, -x, +y, -y, +z, -z.
 POSES = 6
@@ -77,8 +80,11 @@ def sum_pose_features(
     rotations: Floats,
     cost: CostModel,
     hull: Floats | None = None,
+    cut: Bools | None = None,
 ) -> tuple[Floats, Floats]:
     """Sum the `ADDITIVE` features (k, 5) of a closed mesh in k poses, and measure its extents (k, 3) in mm.
+
+    The skin that hidden faces save is taken off.
 
     Parameters
     ----------
@@ -88,6 +94,8 @@ def sum_pose_features(
         (k, 3, 3) The rows are the bed's x, y and z in the model's frame: ``v_bed = rotation @ v_model``.
     hull
         (h, 3) vertices that span the convex hull, if they are known; with them it is faster.
+    cut
+        (m,) faces that are cuts; None for none.
     """
     corners = vertices[faces]
     cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -95,6 +103,8 @@ def sum_pose_features(
     keep = doubled > 0.0
     corners, cross, doubled = corners[keep], cross[keep], doubled[keep]
     normals, areas, centres = cross / doubled[:, None], doubled / 2.0, corners.mean(axis=1)
+    saves = cut is not None and bool(cut.any()) and cost.hidden_bed_share + cost.hidden_top_share > 0.0
+    cuts = cut[keep] if cut is not None else np.zeros(0, np.bool_)
     features, extents = np.zeros((len(rotations), len(ADDITIVE))), np.zeros((len(rotations), 3))
     features[:, 0] = np.einsum("ij,ij->i", corners[:, 0], cross).sum() / 6.0
     cosines = (cost.skin_cos, cost.overhang_cos)
@@ -102,8 +112,13 @@ def sum_pose_features(
         placed = (vertices if hull is None else hull) @ rotation.T
         bottom = placed.min(axis=0)
         extents[i] = placed.max(axis=0) - bottom
-        up = rotation[2]
-        features[i, 1:] = _sum_surfaces((normals, areas, centres), up, float(bottom[2]), cosines)
+        up, bed_mm = rotation[2], float(bottom[2])
+        surfaces = (normals, areas, centres)
+        features[i, 1:] = _sum_surfaces(surfaces, up, bed_mm, cosines)
+        if saves:
+            hidden = HiddenFaces(*measure_hidden_faces(surfaces, cuts, up, bed_mm, cost.skin_cos))
+            saved_mm2 = hidden.saved_skin_mm2(cost.hidden_bed_share, cost.hidden_top_share)
+            features[i, SKIN] = max(0.0, features[i, SKIN] - saved_mm2)
     return features, extents
 
 

@@ -86,8 +86,12 @@ class Recipe:
     outer_line_width_mm: float = 0.35
     wall_count: int = 2
     skin_layers: float = 3.0  # mean of top and bottom
+    bed_layers_saved: float = 0.0  # layers of skin that a hidden face on the bed has less, see `hidden_faces`
+    top_layers_saved: float = 0.0  # and that hidden tops have less
     infill_line_distance_mm: float = 7.0  # mean spacing, all directions together; 0 without infill
     infill_connected: bool = True  # along the walls, as a zigzag is
+    infill_steps: int = 0  # times that the infill gets half as dense with its depth below the tops
+    infill_step_mm: float = 0.0  # depth of each step
     support_line_distance_mm: float = 2.333  # 0 without support
     outer_wall_mm_s: float = 40.0
     inner_wall_mm_s: float = 50.0
@@ -126,6 +130,21 @@ class Recipe:
         return self.skin_layers / self.skin_mm_s + (first - layers / self.skin_mm_s) / 2.0
 
     @property
+    def deep_lines_mm(self) -> float:
+        """Lines of infill in a mm, all directions together, where it is sparsest."""
+        distance_mm = self.infill_line_distance_mm * 2.0**self.infill_steps
+        return 1.0 / distance_mm if distance_mm > 0.0 else 0.0
+
+    @property
+    def top_lines(self) -> float:
+        """Mm of lines below each mm2 of a top that its infill has more than elsewhere, over a mm of depth."""
+        return (
+            self.infill_step_mm
+            * self.deep_lines_mm
+            * (2.0 ** (self.infill_steps + 1) - 2.0 - self.infill_steps)
+        )
+
+    @property
     def supported_deg(self) -> float:
         """Angle from the vertical beyond which faces count as supported: slightly less than the setting."""
         out_mm = self.layer_height_mm * math.tan(math.radians(self.support_angle_deg)) - OUTLINE_MM
@@ -161,7 +180,7 @@ def time_terms(recipe: Recipe) -> dict[str, Floats]:
     r, layer = recipe, recipe.layer_height_mm
     inner_walls = max(r.wall_count - 1, 0) / r.inner_wall_mm_s
     walls = (1.0 / r.outer_wall_mm_s if r.wall_count > 0 else 0.0) + inner_walls
-    lines = 1.0 / r.infill_line_distance_mm if r.infill_line_distance_mm > 0.0 else 0.0
+    lines = r.deep_lines_mm
     supports = 1.0 / r.support_line_distance_mm if r.support_line_distance_mm > 0.0 else 0.0
     infill = lines / (layer * r.infill_mm_s)
     connected = r.infill_connected and lines > 0.0
@@ -169,7 +188,10 @@ def time_terms(recipe: Recipe) -> dict[str, Floats]:
     skin = r.skin_s_mm / r.line_width_mm
     return {
         "infill": vector(
-            volume_mm3=infill, lateral_mm2=-infill * r.walls_mm, skin_mm2=-infill * r.skin_layers * layer
+            volume_mm3=infill,
+            lateral_mm2=-infill * r.walls_mm,
+            # Every second skin is a top.
+            skin_mm2=-infill * r.skin_layers * layer + r.top_lines / 2.0 / (layer * r.infill_mm_s),
         ),
         "walls": vector(lateral_mm2=walls / layer, height_mm=-INSET * r.insets_s / layer),
         "connections": vector(lateral_mm2=1.0 / (layer * r.infill_mm_s) if connected else 0.0),

@@ -76,7 +76,9 @@ def find_steady_pose(
     order = [i for i in np.argsort(slenderness, kind="stable") if slenderness[i] < worth]
     without_brim, measured = replace(cost, brim_mm=0.0), 0
     for i in order:
-        (features,), (extents,) = sum_pose_features(mesh.vertices, mesh.faces, rotations[i : i + 1], cost)
+        (features,), (extents,) = sum_pose_features(
+            mesh.vertices, mesh.faces, rotations[i : i + 1], cost, cut=mesh.cut
+        )
         if without_brim.price_s([*features[:COLUMN], 0.0], extents) > limit_s:
             continue
         pose = measure_from_features(mesh, rotations[i], features, cost, fastest.brim_width_mm is not None)

@@ -39,6 +39,8 @@ class Part:
         Name of the printer that it is meant for.
     brim_width_mm, layer_0_expansion_mm
         Chosen for the part; None: those of the quality.
+    bed_face_hidden, tops_hidden
+        All that lies on the bed is cut, and is hidden once the parts are glued; all tops are.
     planes
         (k, 4) rows nx, ny, nz, d: the planes n.x = d that it was cut at, in the model's frame.
     stands
@@ -57,6 +59,8 @@ class Part:
     file: str = ""
     brim_width_mm: float | None = None
     layer_0_expansion_mm: float | None = None
+    bed_face_hidden: bool = False
+    tops_hidden: bool = False
     planes: Floats = field(default_factory=lambda: np.zeros((0, 4)))
     stands: bool = True
     small_foot_mm2: float | None = None
@@ -102,6 +106,8 @@ class Part:
             "printer": self.printer,
             "brim_width_mm": self.brim_width_mm,
             "layer_0_expansion_mm": self.layer_0_expansion_mm,
+            "bed_face_hidden": self.bed_face_hidden,
+            "tops_hidden": self.tops_hidden,
             "stands": self.stands,
             "small_foot_mm2": self.small_foot_mm2,
         }

@@ -121,6 +121,8 @@ def _build_parts(pieces: Sequence[Piece], problem: Problem) -> list[Part]:
             printer=takers[i].name,
             brim_width_mm=pose.brim_width_mm,
             layer_0_expansion_mm=pose.layer_0_expansion_mm,
+            bed_face_hidden=pose.bed_face_hidden,
+            tops_hidden=pose.tops_hidden,
             planes=piece.planes,
             stands=pose.stands,
             small_foot_mm2=pose.footing.contact_mm2 if pose.has_small_foot else None,

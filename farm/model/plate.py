@@ -33,12 +33,16 @@ class PartPrintOptions(Entity):
     ----------
     brim_width_mm, layer_0_expansion_mm
         None: as the quality sets it.
+    bed_face_hidden, tops_hidden
+        True if all that lies on the bed is a cut face, hidden once the parts are glued; if all tops are.
     stands
         True if the part is expected to stay upright while it prints.
     """
 
     brim_width_mm: float | None = None
     layer_0_expansion_mm: float | None = None
+    bed_face_hidden: bool = False
+    tops_hidden: bool = False
     stands: bool = True
 
 

@@ -59,6 +59,8 @@ class DecomposedPart:
             print_options=PartPrintOptions(
                 brim_width_mm=part.brim_width_mm,
                 layer_0_expansion_mm=part.layer_0_expansion_mm,
+                bed_face_hidden=part.bed_face_hidden,
+                tops_hidden=part.tops_hidden,
                 stands=part.stands,
             ),
             glue_rank=glue_rank,

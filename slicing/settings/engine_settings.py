@@ -9,6 +9,7 @@ from typing import Any
 from slicing.errors import BadSetting
 from slicing.printer import PrinterModel
 from slicing.settings.material import NO_SHRINKAGE, shrinkage_factors
+from slicing.settings.qualities import HiddenLayers
 from slicing.settings.resolver import Resolver, Scope
 
 SHRINKAGE = (
@@ -80,6 +81,7 @@ class EngineSettings:
     filament_diameter_mm: float
     scale_xy: float  # a part is printed larger by these, because it shrinks
     scale_z: float
+    hidden: HiddenLayers  # solid layers of hidden faces, of a part that has some
 
     @property
     def filament_mm2(self) -> float:
@@ -132,13 +134,14 @@ def build_engine_settings(
     values = _ExtruderValues(resolver)
     support = values.flag("support_enable")
     directions = _DIRECTIONS.get(extruder["infill_pattern"], 1)
+    top_layers, bottom_layers = int(values.number("top_layers")), int(values.number("bottom_layers"))
     settings = EngineSettings(
         printer=printer,
         global_=global_,
         extruder=extruder,
         wall_count=int(values.number("wall_line_count")),
-        top_layers=int(values.number("top_layers")),
-        bottom_layers=int(values.number("bottom_layers")),
+        top_layers=top_layers,
+        bottom_layers=bottom_layers,
         infill_line_distance_mm=values.number("infill_line_distance") / directions,
         support_enabled=support,
         support_line_distance_mm=values.number("support_line_distance") if support else 0.0,
@@ -147,6 +150,7 @@ def build_engine_settings(
         density_g_cm3=density_g_cm3,
         scale_xy=scale[0],
         scale_z=scale[1],
+        hidden=HiddenLayers(bottom_layers, top_layers),
         **{name: values.number(key) for name, key in _KEYS.items()},
     )
     retracted_mm = values.number("retraction_amount") if values.flag("retraction_enable") else 0.0

@@ -14,7 +14,7 @@ from slicing.settings.engine_settings import SHRINKAGE, EngineSettings, build_en
 from slicing.settings.formula import Formula
 from slicing.settings.layer_heights import LayerHeights, fit_heights
 from slicing.settings.limits import LAYER_SHARE, Violation, find_reserved_reason, find_violations
-from slicing.settings.qualities import DEFAULT_QUALITY, FARM_QUALITIES, SUPPORTED
+from slicing.settings.qualities import DEFAULT_QUALITY, FARM_QUALITIES, SUPPORTED, HiddenLayers
 from slicing.settings.resolver import Layer, Place, Resolver
 from slicing.settings.resources import Resources
 from slicing.settings.stacks import Stacks, find_stacks
@@ -56,11 +56,15 @@ class PartSettings:
         Its brim, 0 for none; never wider than the quality's, for which the part room is computed.
     layer_0_expansion_mm
         Horizontal expansion of the first layer on each side; negative to compensate an elephant's foot.
+    bed_face_hidden, tops_hidden
+        All that lies on the bed is hidden once the parts are glued; all tops are. They get `Quality.hidden`.
     """
 
     height_mm: float | None = None
     brim_width_mm: float | None = None
     layer_0_expansion_mm: float | None = None
+    bed_face_hidden: bool = False
+    tops_hidden: bool = False
 
 
 ANY_PART = PartSettings()
@@ -151,7 +155,28 @@ def _resolve(
     quality = FARM_QUALITIES.get(lookup.quality)
     compensates = quality is not None and quality.compensates_shrinkage and {*SHRINKAGE}.isdisjoint(user_keys)
     scale = shrinkage_scale(resolver, stacks.material.kind if compensates else "")
-    return build_engine_settings(lookup.printer, resolver, stacks.material.density_g_cm3, scale)
+    settings = build_engine_settings(lookup.printer, resolver, stacks.material.density_g_cm3, scale)
+    return settings if quality is None else _reduce_hidden_layers(settings, quality.hidden, part)
+
+
+def _reduce_hidden_layers(
+    settings: EngineSettings, hidden: HiddenLayers | None, part: PartSettings
+) -> EngineSettings:
+    """Print fewer solid layers at the hidden faces of a part.
+
+    CuraEngine takes `initial_bottom_layers` from the bed up; undersides above it keep `bottom_layers`.
+    """
+    if hidden is None:
+        return settings
+    least = HiddenLayers(
+        min(hidden.bed_layers, settings.bottom_layers), min(hidden.top_layers, settings.top_layers)
+    )
+    layers: dict[str, str] = {}
+    if part.bed_face_hidden:
+        layers["initial_bottom_layers"] = str(least.bed_layers)
+    if part.tops_hidden:
+        layers["top_layers"] = str(least.top_layers)
+    return replace(settings, hidden=least, extruder={**settings.extruder, **layers})
 
 
 def _is_cura_value(violation: Violation, resources: Resources, lookup: _RequestKey) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from slicing.settings.formula import Formula
@@ -20,6 +20,22 @@ _BRIMMED = {
 
 
 @dataclass(frozen=True, slots=True)
+class HiddenLayers:
+    """Number of solid layers of faces that are hidden once the parts are glued.
+
+    Attributes
+    ----------
+    bed_layers
+        On a cut face that lies on the bed.
+    top_layers
+        At the top of a part whose tops are all cut faces.
+    """
+
+    bed_layers: int
+    top_layers: int
+
+
+@dataclass(frozen=True, slots=True)
 class Quality:
     """Quality of the farm: one of Cura's, and values on top of it (below the user's own settings)."""
 
@@ -28,22 +44,27 @@ class Quality:
     exact_height: bool = False  # layer heights are fitted to each part's height
     compensates_shrinkage: bool = False  # parts are printed larger by what their material shrinks
     fits_first_layer: bool = False  # brim and first layer are chosen for each part
+    hidden: HiddenLayers | None = None  # None: as faces that are seen
 
+
+# The settings of the Parallelobox paper's own prints, so that times can be compared with it.
+_PAPER = Quality(
+    ("fast", "standard"),
+    {
+        **SUPPORTED,
+        **_BRIMMED,
+        "layer_height": 0.25,
+        "infill_sparse_density": 5.0,
+        "infill_pattern": "zigzag",
+        "support_angle": 45.0,
+        "material_bed_temperature": 50.0,
+    },
+)
 
 FARM_QUALITIES: Mapping[str, Quality] = {
-    # The settings of the Parallelobox paper's own prints, so that times can be compared with it.
-    "paper": Quality(
-        ("fast", "standard"),
-        {
-            **SUPPORTED,
-            **_BRIMMED,
-            "layer_height": 0.25,
-            "infill_sparse_density": 5.0,
-            "infill_pattern": "zigzag",
-            "support_angle": 45.0,
-            "material_bed_temperature": 50.0,
-        },
-    ),
+    "paper": _PAPER,
+    # What hidden faces save, at the paper's settings.
+    "paper-hidden": replace(_PAPER, hidden=HiddenLayers(1, 2)),
     # For parts that are glued: closed tops over a light infill, and a brim that holds tall thin blocks.
     "glue": Quality(
         ("fast", "draft", "normal", "high", "standard", "super"),
@@ -55,6 +76,10 @@ FARM_QUALITIES: Mapping[str, Quality] = {
             "layer_height": Formula("round(max(extruderValues('machine_nozzle_size')) / 2, 2)"),
             "infill_sparse_density": 10.0,
             "infill_pattern": "zigzag",
+            # [assumed] Half the infill deeper than 2 mm below any top, where it carries nothing. The walls
+            # bear the load of a glued joint, as in the paper's prints, whose infill is as light everywhere.
+            "gradual_infill_steps": 1,
+            "gradual_infill_step_height": 2.0,
             "support_angle": 50.0,
             "top_layers": Formula(
                 "max(4, math.ceil(round(top_thickness / resolveOrValue('layer_height'), 4)))"
@@ -63,6 +88,9 @@ FARM_QUALITIES: Mapping[str, Quality] = {
         exact_height=True,
         compensates_shrinkage=True,
         fits_first_layer=True,
+        # [assumed] Two crossing layers on the bed carry the load of a glued joint to the walls and the
+        # infill; three close a top over light infill well enough for glue.
+        hidden=HiddenLayers(2, 3),
     ),
 }
 DEFAULT_QUALITY = "glue"

@@ -63,8 +63,8 @@ def build_decompose_options(options: JobOptions) -> Options:
 
 
 def select_connectors(wanted: ConnectorOptions, quality: str) -> ConnectorOptions:
-    """Return the pins and marks of parts in a quality: none in `paper`, whose parts are as in the paper."""
-    return ConnectorOptions() if quality == "paper" else wanted
+    """Return the pins and marks of parts in a quality: none where parts are as in the paper."""
+    return ConnectorOptions() if quality in ("paper", "paper-hidden") else wanted
 
 
 def build_recipe(settings: EngineSettings, prelude_s: float) -> Recipe:
@@ -83,8 +83,12 @@ def build_recipe(settings: EngineSettings, prelude_s: float) -> Recipe:
         outer_line_width_mm=settings.line_width_0_mm,
         wall_count=settings.wall_count,
         skin_layers=(settings.top_layers + settings.bottom_layers) / 2,
+        bed_layers_saved=settings.bottom_layers - settings.hidden.bed_layers,
+        top_layers_saved=settings.top_layers - settings.hidden.top_layers,
         infill_line_distance_mm=settings.infill_line_distance_mm,
         infill_connected=connected,
+        infill_steps=int(extruder["gradual_infill_steps"]),
+        infill_step_mm=float(extruder["gradual_infill_step_height"]),
         support_line_distance_mm=settings.support_line_distance_mm,
         outer_wall_mm_s=settings.speed_wall_0_mm_s,
         inner_wall_mm_s=settings.speed_wall_x_mm_s,

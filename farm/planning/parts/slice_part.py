@@ -60,6 +60,8 @@ def settings_of(task: SliceTask, height_mm: float) -> EngineSettings:
         height_mm=height_mm,
         brim_width_mm=task.print_options.brim_width_mm,
         layer_0_expansion_mm=task.print_options.layer_0_expansion_mm,
+        bed_face_hidden=task.print_options.bed_face_hidden,
+        tops_hidden=task.print_options.tops_hidden,
     )
     return resolve_settings(task.request, task.resources, part_settings)
 

@@ -79,6 +79,18 @@ def test_first_layers_of_a_skin_on_the_bed_have_their_own_speed() -> None:
     assert recipe.skin_s_mm == pytest.approx((on_bed + above) / 2.0)
 
 
+@pytest.mark.parametrize(("steps", "denser_mm"), [(0, 0.0), (1, 2.0 * 0.125), (2, 2.0 * (0.1875 + 0.0625))])
+def test_infill_gets_sparser_below_the_tops(steps, denser_mm):
+    """Lines 4 mm apart, by each step of 2 mm half as many: 2 mm of height have so many mm more of them."""
+    recipe = Recipe(infill_line_distance_mm=4.0, infill_steps=steps, infill_step_mm=2.0, skin_layers=0.0)
+    even = replace(recipe, infill_line_distance_mm=4.0 * 2.0**steps, infill_steps=0)
+    terms, least = time_terms(recipe)["infill"], time_terms(even)["infill"]
+    skin = FEATURES.index("skin_mm2")
+    assert terms[:skin] == pytest.approx(least[:skin])
+    tops_s = denser_mm / (recipe.layer_height_mm * recipe.infill_mm_s)
+    assert 2.0 * (terms - least)[skin] == pytest.approx(tops_s)
+
+
 def test_walls_cover_the_rim_of_a_skin() -> None:
     cost = one(skin_s_mm2=1.0, skin_rim_s_mm=4.0)
     large, small = Solid.box((0, 0, 0), (50, 50, 1)), Solid.box((0, 0, 0), (2, 2, 1))

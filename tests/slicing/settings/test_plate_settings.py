@@ -56,6 +56,19 @@ def test_model_without_qualities_of_its_own_takes_those_of_all_machines(resource
     assert (s.layer_height_mm, s.filament_diameter_mm) == (0.2, 1.75)
 
 
+@pytest.mark.parametrize(("quality", "bed", "top"), [("paper", 3, 3), ("paper-hidden", 1, 2), ("glue", 2, 3)])
+def test_hidden_faces_get_fewer_solid_layers(resources, settings_of, quality, bed, top):
+    request = SettingsRequest(UM2_PLUS, quality)
+    s = settings_of(quality)
+    assert (s.hidden.bed_layers, s.hidden.top_layers) == (bed, top)
+    hidden = resolve_settings(request, resources, PartSettings(bed_face_hidden=True, tops_hidden=True))
+    assert (hidden.extruder["initial_bottom_layers"], hidden.extruder["top_layers"]) == (str(bed), str(top))
+    # What is not on the bed keeps its layers, and so does a part with nothing hidden.
+    assert hidden.extruder["bottom_layers"] == s.extruder["initial_bottom_layers"] == str(s.bottom_layers)
+    assert replace(hidden, extruder=s.extruder) == s
+    assert settings_of("paper-hidden").extruder == settings_of("paper").extruder
+
+
 def test_glue_closes_its_tops_at_any_layer_height(settings_of):
     assert settings_of("glue").top_layers >= 4
     assert settings_of("glue", layer_height="0.3").top_layers == 4

@@ -86,3 +86,30 @@ def test_enlarged_part_is_not_moved(task):
     plate = slice_part(task(trimesh.convex.convex_hull(np.array(corners)), brim_width_mm=0.0))
     assert plate.min_mm[:2] == pytest.approx((-15.0, -10.0), abs=0.45)
     assert plate.max_mm[:2] == pytest.approx((15.0, 10.0), abs=0.45)
+
+
+def test_hidden_faces_are_printed_with_fewer_solid_layers(task):
+    """A tee on its foot: the undersides of its arms, on supports, keep their skin."""
+    tee = trimesh.util.concatenate(
+        [
+            trimesh.creation.box((20.0, 20.0, 10.0)),
+            trimesh.creation.box(
+                (40.0, 20.0, 5.0), trimesh.transformations.translation_matrix((0.0, 0.0, 7.4))
+            ),
+        ]
+    )
+
+    def skinned_layers(**options):
+        gcode = slice_part(task(tee, brim_width_mm=0.0, **options)).gcode.read_text()
+        layers = gcode.split(";LAYER:")[1:]
+        return [n for n, layer in enumerate(layers) if ";TYPE:SKIN" in layer], len(layers)
+
+    plain, count = skinned_layers()
+    hidden, _ = skinned_layers(bed_face_hidden=True, tops_hidden=True)
+    assert plain[:4] == [0, 1, 2, 3]
+    assert hidden[:2] == [0, 1]
+    arms = [n for n in plain if 3 < n < count - 4]
+    assert len(arms) == 4
+    assert [n for n in hidden if 3 < n < count - 4] == arms
+    assert (plain[-4:], hidden[-3:]) == ([*range(count - 4, count)], [*range(count - 3, count)])
+    assert len(hidden) == len(plain) - 3

@@ -1,0 +1,90 @@
+"""Faces that are hidden once the parts are glued: cut faces on the bed, and tops that are all cuts.
+
+They need less skin than faces that are seen. A slicer counts the layers on the bed apart from those of other
+undersides, but all tops alike: tops are hidden only if none of them is seen.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from decompose.arrays import Bools, Floats
+from decompose.jit import jit
+
+LEVEL_COS = 0.999  # maximum downward part of the normal of a face that lies on the bed: within 2.6 degrees
+ON_BED_MM = 0.15
+SEEN_MM2 = 1.0  # a smaller area of faces that are seen is rounding
+
+
+class HiddenFaces(NamedTuple):
+    """Areas in mm2 of faces with skin, as seen from above: on the bed and on top, cut and of the model."""
+
+    cut_bed_mm2: float
+    seen_bed_mm2: float
+    cut_top_mm2: float
+    seen_top_mm2: float
+
+    @property
+    def is_bed_hidden(self) -> bool:
+        """Check whether all that lies on the bed is cut."""
+        return self.cut_bed_mm2 > 0.0 and self.seen_bed_mm2 < SEEN_MM2
+
+    @property
+    def are_tops_hidden(self) -> bool:
+        """Check whether all tops with skin are cut."""
+        return self.cut_top_mm2 > 0.0 and self.seen_top_mm2 < SEEN_MM2
+
+    def saved_skin_mm2(self, bed_share: float, top_share: float) -> float:
+        """Compute the area of skin that is saved, by the shares of `CostModel`."""
+        saved_mm2 = bed_share * self.cut_bed_mm2 if self.is_bed_hidden else 0.0
+        return saved_mm2 + (top_share * self.cut_top_mm2 if self.are_tops_hidden else 0.0)
+
+
+def find_hidden_faces(triangles: Floats, cut: Bools, skin_cos: float) -> HiddenFaces:
+    """Find the hidden faces of a closed mesh (m, 3, 3) in mm, standing on z = 0; cut: (m,)."""
+    cross = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    doubled = np.linalg.norm(cross, axis=1)
+    keep = doubled > 0.0
+    normals = cross[keep] / doubled[keep, None]
+    surfaces = (normals, doubled[keep] / 2.0, triangles[keep].mean(axis=1))
+    return HiddenFaces(*measure_hidden_faces(surfaces, cut[keep], np.array([0.0, 0.0, 1.0]), 0.0, skin_cos))
+
+
+@jit
+def measure_hidden_faces(
+    faces: tuple[Floats, Floats, Floats], cut: Bools, up: Floats, bed_mm: float, skin_cos: float
+) -> tuple[float, float, float, float]:
+    """Measure the areas of `HiddenFaces` in a pose.
+
+    Parameters
+    ----------
+    faces
+        Unit normals (m, 3), areas (m,) in mm2 and centres (m, 3) in mm.
+    cut
+        (m,) faces that are cuts.
+    up
+        (3,) unit vector.
+    bed_mm
+        Place of the bed along `up`.
+    skin_cos
+        Of `CostModel`.
+    """
+    normals, areas, centres = faces
+    cut_bed, seen_bed, cut_top, seen_top = 0.0, 0.0, 0.0, 0.0
+    for i in range(len(areas)):
+        n = normals[i, 0] * up[0] + normals[i, 1] * up[1] + normals[i, 2] * up[2]
+        if n < -LEVEL_COS:
+            z = centres[i, 0] * up[0] + centres[i, 1] * up[1] + centres[i, 2] * up[2]
+            if z - bed_mm < ON_BED_MM:
+                if cut[i]:
+                    cut_bed -= areas[i] * n
+                else:
+                    seen_bed -= areas[i] * n
+        elif n > skin_cos:
+            if cut[i]:
+                cut_top += areas[i] * n
+            else:
+                seen_top += areas[i] * n
+    return cut_bed, seen_bed, cut_top, seen_top
