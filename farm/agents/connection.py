@@ -31,6 +31,7 @@ from drivers.remote import (
 from farm.agents.protocol_adapter import (
     compute_clock_offset_s,
     to_agent_clock,
+    to_farm_lines,
     to_farm_print,
     to_trusted_snapshot,
 )
@@ -303,7 +304,7 @@ class AgentConnection:
             It keeps none.
         """
         reply = await self._client.request(m.ListLines(id=0))
-        return [line.model_copy(update={"at_s": line.at_s + self._ahead_s}) for line in reply.lines]
+        return to_farm_lines(reply.lines, self._ahead_s)
 
     async def replace(self) -> None:
         """Replace an idle agent by one of this version.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -106,15 +107,15 @@ def to_farm_snapshot(report: m.Snapshot, clock: Clock) -> AgentSnapshot:
         printer=report.printer,
         link=Link(report.link),
         agent_pid=report.agent_pid,
-        reason=_line(report.reason),
+        reason=_flatten(report.reason),
         nozzle_c=report.nozzle.now_c if report.nozzle else None,
         bed_c=report.bed.now_c if report.bed else None,
         nozzle_target_c=report.nozzle.target_c if report.nozzle else None,
         bed_target_c=report.bed.target_c if report.bed else None,
         filament=FilamentState(report.filament),
         bed_clear=report.bed_clear,
-        bed_unknown_reason=_line(report.bed_unknown_reason),
-        alarm=_line(report.alarm),
+        bed_unknown_reason=_flatten(report.bed_unknown_reason),
+        alarm=_flatten(report.alarm),
         reset_verified=report.reset_verified,
         print=None
         if report.print is None
@@ -165,28 +166,41 @@ def to_farm_print(report: m.PrintSnapshot, ahead_s: float) -> AgentPrint:
     Times are limited to those that datetime can represent, and durations to positive ones: both are shown.
     """
 
-    def moment(at_s: float | None) -> float | None:
-        return None if at_s is None else min(max(0.0, at_s + ahead_s), _LATEST_S)
+    def convert(at_s: float | None) -> float | None:
+        return None if at_s is None else _convert_moment(at_s, ahead_s)
 
     return AgentPrint(
         **report.readings(),
         print_id=report.print_id,
         state=_PHASES[report.phase],
         fault=report.fault,
-        reason=_line(report.reason),
+        reason=_flatten(report.reason),
         progress_s=max(0.0, report.progress_s),
         print_time_s=max(0.0, report.print_time_s),
         extruded=report.extruded,
-        started_s=moment(report.started_s),
-        ended_s=moment(report.ended_s),
+        started_s=convert(report.started_s),
+        ended_s=convert(report.ended_s),
         starved_s=max(0.0, report.starved_s),
         layers=report.layers,
-        pause_ends_s=moment(report.pause_ends_s),
-        ends_by_s=moment(report.ends_by_s),
+        pause_ends_s=convert(report.pause_ends_s),
+        ends_by_s=convert(report.ends_by_s),
         sha256=report.sha256,
     )
 
 
-def _line(text: str | None) -> str | None:
+def to_farm_lines(lines: Sequence[m.WireLine], ahead_s: float) -> list[m.WireLine]:
+    """Convert an agent's lines on the wire; `ahead_s` is the farm's clock minus the agent's.
+
+    Times are limited to those that datetime can represent: they are shown.
+    """
+    return [line.model_copy(update={"at_s": _convert_moment(line.at_s, ahead_s)}) for line in lines]
+
+
+def _convert_moment(at_s: float, ahead_s: float) -> float:
+    """Return a moment on the farm's clock, within what datetime can represent."""
+    return min(max(0.0, at_s + ahead_s), _LATEST_S)
+
+
+def _flatten(text: str | None) -> str | None:
     """Return a text safe to print on a terminal: it may contain noise from a serial line."""
     return None if text is None else flatten_text(text)

@@ -1,12 +1,13 @@
 """Snapshots of agents as the farm's records."""
 
+from datetime import UTC, datetime
 from pathlib import Path
 
 import pytest
 
 from drivers import messages as m
 from drivers.clock import Clock
-from farm.agents.protocol_adapter import to_trusted_snapshot
+from farm.agents.protocol_adapter import to_farm_lines, to_trusted_snapshot
 from farm.config import Fleet
 from farm.model import FilamentState, Link
 from farm.paths import StateFolder
@@ -68,3 +69,12 @@ def test_idle_agent_of_an_older_version_gets_no_prints():
     old = trusted(snapshot(protocol=m.StartPrint.needed - 1))
     assert (old.link, old.outdated) == (Link.FAULT, True)
     assert "farm up --replace a" in old.reason
+
+
+@pytest.mark.parametrize("at_s", [-1e300, -5.0, 1e12, 1e300, float("inf"), float("nan")])
+def test_lines_have_times_that_can_be_shown(at_s):
+    """A page with such a line could not be rendered."""
+    (line,) = to_farm_lines([m.WireLine.model_construct(at_s=at_s, sent=True, text="M105")], 1e9)
+    assert datetime.fromtimestamp(line.at_s, UTC).year in (1970, 2001, 9000)
+    (usual,) = to_farm_lines([m.WireLine(at_s=7.5, sent=False, text="ok")], 1e9)
+    assert usual == m.WireLine(at_s=1e9 + 7.5, sent=False, text="ok")
