@@ -22,7 +22,7 @@ from farm.model import PrintState
 from farm.paths import StateFolder
 from farm.state import Books
 from farm.state.storage import Store
-from farm.state.transitions.prints import MAX_STARVED_SHARE, SHORTEST_S, update_time_factor
+from farm.state.transitions.prints import MAX_STARVED_SHARE, MIN_LEARNED_S, update_time_factor
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +50,7 @@ def list_rows(books: Books) -> Iterator[Row]:
             if attempt.started_s is None or attempt.ended_s is None:
                 continue
             reached_s = attempt.ended_s - attempt.started_s - plate.prelude_s
-            if plate.sliced_s < SHORTEST_S or attempt.starved_s > MAX_STARVED_SHARE * reached_s:
+            if plate.sliced_s < MIN_LEARNED_S or attempt.starved_s > MAX_STARVED_SHARE * reached_s:
                 continue
             ratios.append(reached_s / plate.sliced_s)
             before.append(factor)

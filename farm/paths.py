@@ -15,7 +15,7 @@ from farm.errors import FarmError, Refused
 
 SHARED_SOCKET = Path("/run/farm/farm.sock")
 """Socket of the farm that all users of a host share (`deploy/systemd`)."""
-_LONGEST_SOCKET_PATH = 100  # bytes; sun_path holds 108
+_MAX_SOCKET_PATH_BYTES = 100  # bytes; sun_path holds 108
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,7 +155,7 @@ def _path(env: Mapping[str, str], name: str) -> Path | None:
 
 def _shorten_socket_path(socket: Path, env: Mapping[str, str]) -> Path:
     """Replace a path that is too long for a socket by a short one, always the same."""
-    if len(os.fsencode(socket)) <= _LONGEST_SOCKET_PATH:
+    if len(os.fsencode(socket)) <= _MAX_SOCKET_PATH_BYTES:
         return socket
     digest = hashlib.sha256(os.fsencode(socket)).hexdigest()[:16]
     folder = _path(env, "XDG_RUNTIME_DIR") or _make_private_folder(f"farm-{os.getuid()}")

@@ -48,7 +48,7 @@ class Covering:
 def _is_replaced(tables: Tables, limit_s: float, box: Box, shape: Shape) -> bool:
     """Check whether a box that is one layer larger can replace a box, within the limit and in no more pieces.
 
-    tables: as in `_largest`. limit_s: the time. box: in cells of a grid of `shape` cells, half-open.
+    tables: as in `_find_largest_boxes`. limit_s: the time. box: half-open, in a grid of `shape` cells.
     """
     seconds, trimmed, pieces = tables
     at = index_of(box, shape)

@@ -30,7 +30,7 @@ SLOT_MM = 0.25  # by which it is longer both ways: 0.2 % of shrinkage and the pl
 REACH_MM = 60.0  # glue further from each pin gets another
 NEAR_SHARE = 0.95  # share of a step's glue that has to be nearer
 GLUE_MM, PLACES_MM = 5.0, 15.0  # pitches of the points of glue, and of the places that are tried for it
-MOST_FURTHER = 8  # pins of a step besides the two
+MAX_FURTHER_PINS = 8  # pins of a step besides the two
 WORTH_MM2 = 100.0  # glue for which another pin is worthwhile
 COMFORT_MM, COMFORT_SHARE = 2.0, 0.8  # further inside, where that keeps this share of the distance
 ROUND_MM = 0.03  # by which an inner corner of a buffer may be cut
@@ -112,7 +112,7 @@ class _Placer:
         """Place all pins of the step; the distance of its pair differs from those taken."""
         deep, shallow = (self._find_places(index) for index in range(2))
         pins = self._place_pair(deep, shallow, taken_mm) or self._place_one(deep, shallow)
-        for _ in range(MOST_FURTHER if pins else 0):
+        for _ in range(MAX_FURTHER_PINS if pins else 0):
             further = self._place_further(pins)
             if further is None:
                 break

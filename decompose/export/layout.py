@@ -20,7 +20,7 @@ from decompose.results import Part
 WIDER = 1.5  # columns over rows
 GAP = 0.15  # between two places, as a share of the longest side
 EYE_DEG = 50.0  # above the table
-LONGEST_PX = 900
+LONG_SIDE_PX = 900
 NAME_PT = 9.0
 
 
@@ -59,7 +59,7 @@ def draw_layout(parts: Sequence[Part], order: Sequence[int]) -> bytes:
         front_mm.append([at_mm[0], placed[:, 1].min(), 0.0])
     below_mm = np.min(front_mm, axis=0) - [0.0, GAP / 2.0 * pitch_mm[1], 0.0]
     shapes.append(Shape(np.tile(below_mm, (1, 3, 1)), np.ones(3)))  # no area: room for the last names
-    drawing = draw(shapes, make_camera(-90.0, EYE_DEG), LONGEST_PX, oversample=2)
+    drawing = draw(shapes, make_camera(-90.0, EYE_DEG), LONG_SIDE_PX, oversample=2)
     figure, axes = make_figure(drawing)
     write_labels(axes, drawing, [short_label(parts[number].id) for number in order])
     for number, (x, y) in zip(order, drawing.place(np.array(front_mm)), strict=True):

@@ -28,7 +28,7 @@ PIN_GAIN = 0.5  # of all pins seen
 TRIED = 5  # views that are drawn small, to see what hides what
 TRIED_PX = 160
 GAP_SHARE = 0.55  # of the extent of the glued faces across the step: the eye looks in below the moved body
-LONGEST_PX, TURNED_OVER_PX = 860, 520
+LONG_SIDE_PX, TURNED_OVER_PX = 860, 520
 SCALE_MM = (10.0, 20.0, 50.0, 100.0)  # lengths of the scale bar
 PIN_PT, SCALE_PT = 12.0, 11.0
 PIN_INK = "#0b2f8a"
@@ -166,7 +166,7 @@ def name_top(camera: Floats) -> str:
 def _draw_both(
     scene: Scene, step: AssemblyStep, decomposition: Decomposition, camera: Floats, apart_mm: Floats
 ) -> bytes:
-    drawing = draw(scene.shapes, camera, LONGEST_PX, oversample=2)
+    drawing = draw(scene.shapes, camera, LONG_SIDE_PX, oversample=2)
     figure, axes = make_figure(drawing)
     write_labels(axes, drawing, [short_label(decomposition.parts[number].id) for number in scene.parts])
     for pin in scene.pins:

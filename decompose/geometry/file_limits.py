@@ -17,7 +17,7 @@ from decompose.files.triangle_limit import (
 )
 
 MAX_CORNERS = 10_000  # maximum number in one face: more triangles about one corner take hours to repair
-LONGEST_PLY_HEADER_BYTES = HEAD_BYTES
+MAX_PLY_HEADER_BYTES = HEAD_BYTES
 
 _COMMENTS = (b"#", b"comment")
 _CORNER_BYTES = 4  # of a binary PLY
@@ -43,15 +43,15 @@ def check_limits(name: str, data: bytes, suffix: str, memory_bytes: int | None) 
     ------
     ModelUnreadable, ModelTooDetailed
     """
-    if suffix == ".ply" and b"end_header" not in data[:LONGEST_PLY_HEADER_BYTES]:
+    if suffix == ".ply" and b"end_header" not in data[:MAX_PLY_HEADER_BYTES]:
         raise ModelUnreadable(
-            f"{name}: its header has no end within {LONGEST_PLY_HEADER_BYTES // 1024} KiB: not a PLY or only "
+            f"{name}: its header has no end within {MAX_PLY_HEADER_BYTES // 1024} KiB: not a PLY or only "
             "a part of one; copy or export it again"
         )
     triangles = count_triangles(data, suffix)
     if memory_bytes is not None:
         check_triangles(name, triangles, memory_bytes)
-    if suffix == ".ply" and _PLY_BINARY.search(data, 0, LONGEST_PLY_HEADER_BYTES):
+    if suffix == ".ply" and _PLY_BINARY.search(data, 0, MAX_PLY_HEADER_BYTES):
         if triangles and len(data) > triangles * MAX_CORNERS * _CORNER_BYTES:
             raise ModelUnreadable(
                 f"{name}: has {triangles} faces in {len(data) / 1e6:.0f} MB: faces of too many corners, or a "

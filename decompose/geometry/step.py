@@ -20,7 +20,7 @@ from decompose.errors import ModelEmpty, ModelTooDetailed, ModelUnreadable
 
 CHORD_MM = 0.01  # greatest distance between a curved face and its triangles
 CHORD_RAD = 0.2  # greatest angle between neighbouring triangles of a curved face
-LONGEST_S = 300.0
+MAX_READING_S = 300.0
 MAX_GLB_BYTES = 2**31
 
 _BEGIN, _END = b"ISO-10303-21;", b"END-ISO-10303-21;"
@@ -95,12 +95,12 @@ def _convert(name: str, data: bytes, folder: Path) -> Path:
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
             cwd=folder,
-            timeout=LONGEST_S,
+            timeout=MAX_READING_S,
             check=False,
         )
     except subprocess.TimeoutExpired:
         raise ModelUnreadable(
-            f"{name}: OpenCASCADE has not read it within {LONGEST_S:g} s; export a simpler one, or STL"
+            f"{name}: OpenCASCADE has not read it within {MAX_READING_S:g} s; export a simpler one, or STL"
         ) from None
     if process.returncode or not glb.is_file():
         problem = "crashed on" if process.returncode < 0 else "cannot read"

@@ -68,7 +68,7 @@ def _fits_all(rooms: Floats, width_mm: float, depth_mm: float, height_mm: float)
 
 @jit
 def _clear_ends(ends: Floats) -> None:
-    """Reset ends (12,) to those of no cell: see `_cell_ends`."""
+    """Reset ends (12,) to those of no cell: see `_find_cell_ends`."""
     for k in range(3):
         ends[k], ends[k + 3], ends[k + 6], ends[k + 9] = np.inf, -np.inf, np.inf, -np.inf
 
@@ -157,7 +157,7 @@ class Contents(NamedTuple):
     sums
         (n, SUMS) float64, see `grid.clipping`.
     ends
-        (n, 12) float64, see `_cell_ends`.
+        (n, 12) float64, see `_find_cell_ends`.
     """
 
     sums: Floats
@@ -165,7 +165,7 @@ class Contents(NamedTuple):
 
 
 class Pricing(NamedTuple):
-    """Rooms (rooms, boxes, 3) in mm, of `list_rooms`; cut areas, as `_cut_areas` takes them; and prices."""
+    """Rooms (rooms, boxes, 3) in mm, of `list_rooms`; cut areas, as for `_fill_cut_areas`; and prices."""
 
     rooms: Floats
     cuts: tuple[Floats, Floats, Floats]

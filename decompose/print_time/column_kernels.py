@@ -49,7 +49,7 @@ class Sweep(NamedTuple):
     supports_mm
         (nx, ny) float64 height of support in each column.
     towers_mm, edges_mm2, islands_mm
-        See `_towers` and `_islands_mm`.
+        See `_sum_towers_mm` and `_sum_islands_mm`.
     """
 
     touched: float

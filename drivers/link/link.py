@@ -16,7 +16,7 @@ SILENT = "the board does not answer"
 SILENCE_S = 0.3  # until the first query; doubled with each query
 KEEP_ALIVE_S = 1.4  # the same for a firmware that sends a busy message every second while it works
 UNREADABLE_S = 0.05  # after something that could not be read and may have been an ok
-_LONGEST_ANSWER = 512
+_MAX_ANSWER_BYTES = 512
 
 
 class Link:
@@ -151,7 +151,7 @@ class Link:
                 self._due_s = now_s + self._silence_s
                 return None
         *lines, self._partial = (self._partial + data).split(b"\n")
-        if len(self._partial) > _LONGEST_ANSWER:
+        if len(self._partial) > _MAX_ANSWER_BYTES:
             self._partial = b""
         events: list[Event] = []
         for line in lines:

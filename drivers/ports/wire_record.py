@@ -12,7 +12,7 @@ from drivers.ports.port import Port
 _CHUNKS = 400
 _LINES = 400  # a reply with them is below the limit of a message, whatever their bytes
 _CHUNK_BYTES = 512
-_LONGEST_LINE = 200
+_MAX_LINE_LENGTH = 200
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +65,7 @@ def split_lines(chunks: Iterable[tuple[float, bool, bytes]]) -> Iterator[Exchang
         began_s, partial = 0.0, b""
         for at_s, _, data in group:
             began_s = began_s if partial else at_s
-            *whole, partial = (partial[:_LONGEST_LINE] + data).split(b"\n")
+            *whole, partial = (partial[:_MAX_LINE_LENGTH] + data).split(b"\n")
             for line in whole:
                 yield _make_line(began_s, sent, line)
                 began_s = at_s
@@ -74,8 +74,8 @@ def split_lines(chunks: Iterable[tuple[float, bool, bytes]]) -> Iterator[Exchang
 
 
 def _make_line(at_s: float, sent: bool, line: bytes) -> Exchange:
-    text = line.rstrip(b"\r")[:_LONGEST_LINE].decode("ascii", "backslashreplace")
-    shown = "".join(c if c.isprintable() else f"\\x{ord(c):02x}" for c in text[:_LONGEST_LINE])
+    text = line.rstrip(b"\r")[:_MAX_LINE_LENGTH].decode("ascii", "backslashreplace")
+    shown = "".join(c if c.isprintable() else f"\\x{ord(c):02x}" for c in text[:_MAX_LINE_LENGTH])
     return Exchange(at_s, sent, shown)
 
 

@@ -47,7 +47,7 @@ log = logging.getLogger(__name__)
 _RESTARTS_PER_MINUTE = 6  # an agent that dies more often is not restarted for a while
 _SILENCE_S = 30.0  # wall seconds; a healthy agent reports every 5
 _END_S = 30.0  # wall seconds for an idle agent to end
-_LONGEST_WAIT_S = 15.0  # wall seconds between two attempts to reach an agent
+_MAX_WAIT_S = 15.0  # wall seconds between two attempts to reach an agent
 _STEADY_S = 30.0  # wall seconds after which a connection counts as stable
 _PIECE_BYTES = 32 * 1024  # of an uploaded file; an agent accepts lines of 64 KiB
 _START_S = 120.0  # wall seconds; a slower start request is refused, and the plate scheduled again
@@ -175,7 +175,7 @@ class AgentConnection:
         while not self._stopping:
             try:
                 await asyncio.sleep(wait_s)
-                wait_s = min(2 * wait_s + (1.0 if self._remote else RETRY_S), _LONGEST_WAIT_S)
+                wait_s = min(2 * wait_s + (1.0 if self._remote else RETRY_S), _MAX_WAIT_S)
                 await self._client.connect()
                 connected_s = time.monotonic()
                 snapshots = self._client.snapshots()

@@ -22,7 +22,7 @@ from typing import Protocol
 
 REQUEST_S = 2.0  # wall seconds in which the one line of a request must arrive
 MAX_TOTAL, MAX_PER_USER = 64, 8  # simultaneous requests: of all users, and of one
-LONGEST = 1 << 16  # bytes of a request
+MAX_REQUEST_BYTES = 1 << 16  # bytes of a request
 _WAIT_S = 0.2
 _PAUSE_S = 1.0  # between attempts to accept, after an error such as no free descriptor
 _CREDENTIALS = struct.Struct("=iII")  # struct ucred: pid, uid, gid
@@ -110,17 +110,17 @@ class EstopServer:
         """Read a part of a request; start its process once it is whole."""
         pending = self._pending[connection]
         try:
-            data = connection.recv(LONGEST)
+            data = connection.recv(MAX_REQUEST_BYTES)
         except BlockingIOError:
             return
         except OSError:
             data = b""
         pending.received += data
-        if b"\n" in pending.received and len(pending.received) <= LONGEST:
+        if b"\n" in pending.received and len(pending.received) <= MAX_REQUEST_BYTES:
             connection.setblocking(True)
             with suppress(OSError):
                 self._running.append((pending.uid, self._begin(connection, pending.received)))
-        elif data and len(pending.received) < LONGEST:
+        elif data and len(pending.received) < MAX_REQUEST_BYTES:
             return
         self._end(connection)
 

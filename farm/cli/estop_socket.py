@@ -17,7 +17,7 @@ from pydantic import BaseModel, ConfigDict, TypeAdapter
 from farm.errors import ErrorCode, FarmError
 from farm.paths import Places
 
-_LONGEST = 1 << 16  # bytes of a line
+_MAX_LINE_BYTES = 1 << 16  # bytes of a line
 _SILENCE_S = 180.0  # between two lines; a hot printer is watched for 140 s
 
 
@@ -123,7 +123,7 @@ def serve_request(request: TextIO, answers: TextIO, stop: Callable[[list[str], R
             pass
 
     try:
-        request_body = StopRequest.model_validate_json(request.readline(_LONGEST))
+        request_body = StopRequest.model_validate_json(request.readline(_MAX_LINE_BYTES))
     except ValueError:
         send(StopEnd(over=True, error="the request cannot be read", code=ErrorCode.REFUSED))
         return

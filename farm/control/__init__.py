@@ -1,6 +1,6 @@
 """Control of the farm: the controller, commands of people, effects, timers and notices."""
 
-from farm.control.access import LINK_S, LONGEST_S, AppKeyRequests, KeyCommands, SessionCommands, find_key
+from farm.control.access import LINK_S, MAX_SESSION_S, AppKeyRequests, KeyCommands, SessionCommands, find_key
 from farm.control.controller import Controller
 from farm.control.dry_runs import READING_S, DryRuns
 from farm.control.effects import FarmEffects
@@ -12,7 +12,7 @@ from farm.control.timers import Timers
 
 __all__ = [
     "LINK_S",
-    "LONGEST_S",
+    "MAX_SESSION_S",
     "READING_S",
     "AppKeyRequests",
     "Controller",

@@ -26,7 +26,7 @@ from farm.planning.tasks import inspect_submission
 from farm.text import flatten_text, format_count
 
 _GB = 1e9
-_LONGEST_NAME = 60  # characters
+_MAX_NAME_LENGTH = 60  # characters
 _WRITE_BYTES = 2**20
 """Content that is written at once: larger than a chunk, as each write needs a thread."""
 
@@ -35,7 +35,7 @@ def clean_name(name: str) -> str:
     """Convert a model's name to a printable, valid file name of limited length, without its folder."""
     last = name.replace("\\", "/").rpartition("/")[2]
     plain = flatten_text(last).lstrip(".")
-    return plain[-_LONGEST_NAME:] or "model"
+    return plain[-_MAX_NAME_LENGTH:] or "model"
 
 
 def parse_options(options: str) -> JobOptions:

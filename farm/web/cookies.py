@@ -8,7 +8,7 @@ from starlette.requests import cookie_parser
 from starlette.responses import Response
 
 from farm.config import WebSection
-from farm.control import LONGEST_S
+from farm.control import MAX_SESSION_S
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +46,7 @@ class SessionCookie:
 
     def set(self, response: Response, text: str) -> None:
         """Let the browser keep a session's text; the farm decides when the session ends."""
-        self._write(response, text, int(LONGEST_S))
+        self._write(response, text, int(MAX_SESSION_S))
 
     def clear(self, response: Response) -> None:
         """Let the browser forget its session."""

@@ -15,7 +15,7 @@ _SAFE_METHODS = frozenset({"GET", "HEAD", "OPTIONS"})
 _OWN_SITE = frozenset({"same-origin", "none"})
 _LOCAL = "localhost"
 _HOST = re.compile(r"(\[[0-9A-Fa-f:.]{2,45}\]|[A-Za-z0-9._-]{1,253})(:[0-9]{1,5})?")
-LONGEST_HEAD_BYTES = 16 * 1024
+MAX_HEAD_BYTES = 16 * 1024
 """Limit of a request's path and headers."""
 WRONG_KEYS = 10
 """Wrong keys from one address after which it has to wait."""
@@ -100,9 +100,9 @@ def check_head(path: bytes, headers: Iterable[tuple[bytes, bytes]]) -> Refusal |
         Names and values.
     """
     size = len(path) + sum(len(name) + len(value) for name, value in headers)
-    if size <= LONGEST_HEAD_BYTES:
+    if size <= MAX_HEAD_BYTES:
         return None
-    return Refusal(431, f"the headers are longer than {LONGEST_HEAD_BYTES // 1024} KiB")
+    return Refusal(431, f"the headers are longer than {MAX_HEAD_BYTES // 1024} KiB")
 
 
 class WrongKeys:

@@ -17,7 +17,7 @@ from farm.config import WebSection
 from farm.http import NetworkState, PeerProtocol
 from farm.state import Books
 from farm.web.address_limit import AddressLimitedServer
-from farm.web.guard import LONGEST_HEAD_BYTES
+from farm.web.guard import MAX_HEAD_BYTES
 
 log = logging.getLogger(__name__)
 
@@ -57,7 +57,7 @@ class NetworkServer:
             lifespan="off",
             proxy_headers=False,
             server_header=False,
-            h11_max_incomplete_event_size=LONGEST_HEAD_BYTES,
+            h11_max_incomplete_event_size=MAX_HEAD_BYTES,
             timeout_graceful_shutdown=_GRACE_S,
             ssl_certfile=None if tls is None else tls.cert,
             ssl_keyfile=None if tls is None else tls.key,

@@ -28,7 +28,7 @@ MAX_ARC_MM = 700.0
 """Longest arc: once round the whole bed."""
 ARC_TOLERANCE_MM = 0.2
 """Difference of an arc's radius between its start and its end."""
-LONGEST_CHORD_MM = 1.0
+MAX_CHORD_MM = 1.0
 """Maximum length of the straight moves of an arc: the firmware's ``MM_PER_ARC_SEGMENT``."""
 CHORD_DEVIATION_MM = 0.01
 _FIRST_MM_S = 25.0  # of the firmware, before the first F
@@ -336,7 +336,7 @@ class Arc:
     def points(self) -> Iterator[tuple[Point, float]]:
         """Yield the end of each straight move, and the share of the arc done there; `end` is the last."""
         radius_mm, turn, first = self.radius_mm, self.turn, self._angle(self.start)
-        step_mm = max(0.05, min(LONGEST_CHORD_MM, math.sqrt(8 * radius_mm * CHORD_DEVIATION_MM)))
+        step_mm = max(0.05, min(MAX_CHORD_MM, math.sqrt(8 * radius_mm * CHORD_DEVIATION_MM)))
         count = max(1, math.ceil(self.length_mm / step_mm))
         for i in range(1, count):
             angle = first + turn * i / count

@@ -19,7 +19,7 @@ MAX_ENTRIES = 10_000
 ANY_RATIO_BYTES = 64 * 2**20  # unpacked, up to which a part may be packed to any ratio
 MAX_RATIO = 100  # unpacked to packed bytes; XML of meshes has 4 to 40
 MAX_BYTES = 2 * 2**30  # unpacked, of all parts that are read
-LONGEST_RELATIONS_BYTES = 2**20
+MAX_RELATIONS_BYTES = 2**20
 CHUNK_BYTES = 2**18
 
 _ENTRY = b"PK\x01\x02"
@@ -71,7 +71,7 @@ class Package:
 
         parser = make_parser(self._name)
         parser.StartElementHandler = add_target
-        parse_chunks(parser, self._name, _RELATIONS, self.unpack(_RELATIONS, LONGEST_RELATIONS_BYTES))
+        parse_chunks(parser, self._name, _RELATIONS, self.unpack(_RELATIONS, MAX_RELATIONS_BYTES))
         if not targets:
             raise ModelUnreadable(f"{self._name}: its relations name no 3D model; export it again")
         return targets[0]
@@ -116,7 +116,7 @@ class Package:
         return any(
             _MODIFIER.search(b"".join(self.unpack(part)))
             for part in _SETTINGS
-            if part in self._entries and self._entries[part].file_size <= LONGEST_RELATIONS_BYTES
+            if part in self._entries and self._entries[part].file_size <= MAX_RELATIONS_BYTES
         )
 
 
@@ -146,7 +146,7 @@ def make_parser(name: str) -> expat.XMLParserType:
     return parser
 
 
-LONGEST_TAG_BYTES = 2**20
+MAX_TAG_BYTES = 2**20
 
 
 def parse_chunks(parser: expat.XMLParserType, name: str, part: str, chunks: Iterator[bytes]) -> None:
@@ -156,7 +156,7 @@ def parse_chunks(parser: expat.XMLParserType, name: str, part: str, chunks: Iter
         for chunk in chunks:
             parser.Parse(chunk, False)
             fed += len(chunk)
-            if fed - max(0, parser.CurrentByteIndex) > LONGEST_TAG_BYTES + CHUNK_BYTES:
+            if fed - max(0, parser.CurrentByteIndex) > MAX_TAG_BYTES + CHUNK_BYTES:
                 raise ModelUnreadable(f"{name}: has a tag of more than 1 MB; export it again")
         parser.Parse(b"", True)
     except expat.ExpatError as error:

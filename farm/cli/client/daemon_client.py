@@ -30,7 +30,7 @@ SUBMISSION_S = 86400.0
 """Long, as a large broken model is repaired before its submission is answered; meanwhile the client polls
 the progress."""
 _POLL_S = 0.5
-_LONGEST_NAME = 200
+_MAX_NAME_LENGTH = 200
 _FIRST_ERROR = 400  # lowest status code of an error
 _CHUNK = 1 << 20  # bytes of a download
 
@@ -151,7 +151,7 @@ class Client:
         """
         params = {
             "request_id": uuid.uuid4().hex,
-            "name": os.fsencode(model.name).decode(errors="replace")[:_LONGEST_NAME],
+            "name": os.fsencode(model.name).decode(errors="replace")[:_MAX_NAME_LENGTH],
             "size": str(model.stat().st_size),
             "options": options.model_dump_json(exclude_none=True),
         }

@@ -12,7 +12,7 @@ from farm.errors import NoSuchThing, Refused
 
 _CODE_LENGTH = 4
 _TOKEN_BYTES = 24
-_LONGEST_APP = 30  # characters
+_MAX_APP_LENGTH = 30  # characters
 _OTHER = re.compile(r"[^A-Za-z0-9._-]+")
 MAX_REQUESTS = 5
 MAX_REQUESTS_PER_ADDRESS = 2
@@ -59,7 +59,7 @@ class AppKeyRequests:
             or sum(one.address == address for one in waiting) >= MAX_REQUESTS_PER_ADDRESS
         ):
             raise Refused("too many programs ask for a key: wait for five minutes, or paste one")
-        name = _OTHER.sub(" ", app).strip(" ._-")[:_LONGEST_APP].strip() or "app"
+        name = _OTHER.sub(" ", app).strip(" ._-")[:_MAX_APP_LENGTH].strip() or "app"
         code = "".join(secrets.choice(CODE_LETTERS) for _ in range(_CODE_LENGTH))
         token = secrets.token_urlsafe(_TOKEN_BYTES)
         self._requests[token] = AppKeyRequest(code, name, address, now_s + REQUEST_S)

@@ -21,7 +21,7 @@ LINK_S = 300.0
 """Wall seconds in which a link can be opened."""
 IDLE_S = 12 * 3600.0
 """Wall seconds after which an unused session ends."""
-LONGEST_S = 30 * 86400.0
+MAX_SESSION_S = 30 * 86400.0
 """Wall seconds after which every session ends."""
 MAX_SESSIONS = 10
 """Open sessions of one user or one key; one more ends the oldest."""
@@ -62,7 +62,7 @@ def find_session_end(created_s: float, now_s: float, scale: float, key: Key | No
     key
         The key that opened it; None for a link.
     """
-    end_s = min(now_s + IDLE_S * scale, created_s + LONGEST_S * scale)
+    end_s = min(now_s + IDLE_S * scale, created_s + MAX_SESSION_S * scale)
     return end_s if key is None or key.expires_s is None else min(end_s, key.expires_s)
 
 

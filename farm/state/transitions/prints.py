@@ -153,7 +153,7 @@ def _learn_speed(printer: Printer, plate: Plate, attempt: Print, took_s: float) 
 
 MIN_TIME_FACTOR, MAX_TIME_FACTOR = 0.8, 1.25
 """Limits of the time factor of a healthy printer."""
-SHORTEST_S = 600.0
+MIN_LEARNED_S = 600.0
 """Least duration of a print that updates the factor: in shorter ones the heat-up dominates."""
 MAX_STARVED_SHARE = 0.01
 """Largest share of a print for which a simulated printer may have waited for its host."""
@@ -182,7 +182,7 @@ def update_time_factor(factor: float, expected_s: float, reached_s: float, starv
         Between MIN_TIME_FACTOR and MAX_TIME_FACTOR, and at most 1/40 away from `factor`. A print that took
         less than half or more than twice as long is ignored: it was paused, or the clock was set.
     """
-    if expected_s < SHORTEST_S or reached_s <= 0.0 or starved_s > MAX_STARVED_SHARE * reached_s:
+    if expected_s < MIN_LEARNED_S or reached_s <= 0.0 or starved_s > MAX_STARVED_SHARE * reached_s:
         return factor
     ratio = reached_s / expected_s
     if not 1 / _IMPLAUSIBLE_RATIO < ratio < _IMPLAUSIBLE_RATIO:

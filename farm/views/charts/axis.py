@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta, tzinfo
 
 _STEPS_S = (900, 1800, 3600, 7200, 14_400, 21_600, 43_200, 86_400, 172_800, 604_800)
-_SHORTEST_S = 60.0
+_MIN_SPAN_S = 60.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +31,7 @@ class TimeAxis:
 
     def x(self, at_s: float) -> float:
         """Return the position of a time; times outside of the axis are at its ends."""
-        span_s = max(_SHORTEST_S, self.end_s - self.begin_s)
+        span_s = max(_MIN_SPAN_S, self.end_s - self.begin_s)
         return self.left + self.width * min(1.0, max(0.0, (at_s - self.begin_s) / span_s))
 
     def list_marks(self, max_marks: int = 10) -> list[Mark]:
@@ -51,7 +51,7 @@ class TimeAxis:
 
     def list_times(self, max_times: int) -> Iterator[datetime]:
         """List round times of the zone on the axis, oldest first; about as many as `max_times` at most."""
-        span_s = max(_SHORTEST_S, self.end_s - self.begin_s)
+        span_s = max(_MIN_SPAN_S, self.end_s - self.begin_s)
         step_s = next((step for step in _STEPS_S if span_s / step <= max_times), _STEPS_S[-1])
         step = timedelta(seconds=step_s)
         day = datetime.fromtimestamp(self.begin_s, self.zone).replace(

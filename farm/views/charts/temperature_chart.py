@@ -10,7 +10,7 @@ from farm.model import Temperatures
 from farm.views.charts.axis import Mark, TimeAxis
 
 _WIDTH, _HEIGHT, _LEFT, _TOP, _BOTTOM = 960.0, 220.0, 56.0, 10.0, 24.0  # px
-_LEAST_C, _STEP_C = 100, 50
+_MIN_TOP_C, _STEP_C = 100, 50
 _TABLE_ROWS = 24
 """Approximate number of readings in the table, for readers who do not see the chart."""
 
@@ -83,7 +83,7 @@ def lay_out_temperatures(
     if not known:
         return None
     hottest_c = max(max(one.nozzle_c or 0, one.bed_c or 0) for one in known)
-    top_c = max(_LEAST_C, -(-(hottest_c + 10) // _STEP_C) * _STEP_C)
+    top_c = max(_MIN_TOP_C, -(-(hottest_c + 10) // _STEP_C) * _STEP_C)
     axis = TimeAxis(known[0].at_s, max(now_s, known[-1].at_s), _LEFT, _WIDTH - _LEFT - 20.0, zone)
 
     def y(degrees_c: float) -> float:

@@ -16,7 +16,7 @@ _WIDTH, _ROW, _LEFT, _RIGHT, _TOP = 1200, 30, 110, 30, 44  # px
 _BAR = 22
 _CHARACTER = 7.0  # approximate width of a character, px
 _AFTER_S = 1800.0
-_SHORTEST_S, _LONGEST_S = 6 * 3600.0, 8 * 86400.0
+_MIN_SPAN_S, _MAX_SPAN_S = 6 * 3600.0, 8 * 86400.0
 SIGNS = {
     "good": "✓",
     "printed": "✓",
@@ -192,7 +192,7 @@ def _lay_out(context: ViewContext, situation: Situation, plan: FleetPlan, since_
     last_s = max((one.ends_s for one in plan.prints), default=context.now_s) + _AFTER_S
     first_s = min((one.starts_s for one in plan.prints), default=context.now_s) - _AFTER_S
     begin_s = max(since_s, min(first_s, context.now_s - _AFTER_S))
-    end_s = min(max(last_s, begin_s + _SHORTEST_S), context.now_s + _LONGEST_S)
+    end_s = min(max(last_s, begin_s + _MIN_SPAN_S), context.now_s + _MAX_SPAN_S)
     axis = TimeAxis(begin_s, end_s, _LEFT, _WIDTH - _LEFT - _RIGHT, context.fleet.zone)
     rows = []
     names = dict.fromkeys([*context.fleet.names, *(one.printer for one in plan.prints)])

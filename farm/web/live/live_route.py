@@ -11,7 +11,7 @@ from farm.http import StreamLimit, StreamResponse
 from farm.web.callers import find_holder
 from farm.web.live.live_pages import LivePages
 
-_LONGEST = 200
+_MAX_LENGTH = 200
 
 
 def live_routes(pages: LivePages, streams: StreamLimit) -> APIRouter:
@@ -21,8 +21,8 @@ def live_routes(pages: LivePages, streams: StreamLimit) -> APIRouter:
     @router.get("/live", response_class=StreamingResponse)
     async def live(
         request: Request,
-        page: Annotated[str, Query(max_length=_LONGEST)] = "/",
-        version: Annotated[str, Query(max_length=_LONGEST)] = "",
+        page: Annotated[str, Query(max_length=_MAX_LENGTH)] = "/",
+        version: Annotated[str, Query(max_length=_MAX_LENGTH)] = "",
     ) -> StreamingResponse:
         """Send the elements of a page that change, by their ids, as JSON; beats while nothing does."""
         holder = find_holder(request)

@@ -12,7 +12,7 @@ from farm.http import Uploads
 from farm.model import JobOptions
 from farm.web.forms import FormReader, FormUploads
 
-_LONGEST_NOTE = 200
+_MAX_NOTE_LENGTH = 200
 
 
 class SlicerUpload(NamedTuple):
@@ -45,7 +45,7 @@ async def submit_form(
     """
 
     async def read_options(form: FormReader) -> JobOptions:
-        folder = form.fields.get("path", "").strip("/ ")[:_LONGEST_NOTE]  # it is only shown
+        folder = form.fields.get("path", "").strip("/ ")[:_MAX_NOTE_LENGTH]  # it is only shown
         own = {"hold": not form.is_true("print"), "note": folder or None}
         return JobOptions.model_validate({**options.model_dump(), **own})
 

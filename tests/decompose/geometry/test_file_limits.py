@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from decompose.errors import ModelTooDetailed, ModelUnreadable
 from decompose.files.triangle_limit import BYTES_PER_TRIANGLE, OTHER_BYTES, check_head, max_triangles
 from decompose.geometry.file_limits import (
-    LONGEST_PLY_HEADER_BYTES,
     MAX_CORNERS,
+    MAX_PLY_HEADER_BYTES,
     check_limits,
     count_triangles,
 )
@@ -55,7 +55,7 @@ def test_binary_ply_of_few_faces_and_many_bytes_is_refused() -> None:
 @pytest.mark.parametrize("data", [b"ply", b"ply\nformat ascii 1.0\n", b"ply\n" + b"comment x\n" * 10_000])
 def test_ply_without_an_end_of_its_header_is_refused(data: bytes) -> None:
     with pytest.raises(ModelUnreadable, match="its header has no end within 64 KiB"):
-        check_limits("a", data + b" " * LONGEST_PLY_HEADER_BYTES + b"end_header\n", ".ply", None)
+        check_limits("a", data + b" " * MAX_PLY_HEADER_BYTES + b"end_header\n", ".ply", None)
 
 
 @pytest.mark.parametrize("kind", ["stl", "stl_ascii", "obj", "ply", "off"])

@@ -188,7 +188,7 @@ def test_print_survives_a_network_failure_of_ten_minutes(
 ):
     if isinstance(way, SilentNetwork):  # its ten minutes are five seconds of the wall
         monkeypatch.setattr(connection, "_SILENCE_S", 1.5)
-        monkeypatch.setattr(connection, "_LONGEST_WAIT_S", 0.5)
+        monkeypatch.setattr(connection, "_MAX_WAIT_S", 0.5)
         monkeypatch.setattr(client, "FIRST_MESSAGE_S", 10.0)
     there = tmp_path / "there" / "farm-agents" / "test" / "a"
     section = PrinterSection(

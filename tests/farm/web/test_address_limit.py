@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from farm.http import PeerProtocol
 from farm.web import address_limit
 from farm.web.address_limit import AddressLimitedServer, group_address
-from farm.web.guard import LONGEST_HEAD_BYTES, check_head
+from farm.web.guard import MAX_HEAD_BYTES, check_head
 
 HALF = b"GET / HTTP/1.1\r\nHost: farm\r\n"
 WHOLE = HALF + b"Connection: close\r\n\r\n"
@@ -139,8 +139,8 @@ def test_client_with_too_many_handshakes_abandons_its_own_oldest():
 
 
 def test_long_head_is_refused():
-    long = [(b"cookie", b"x" * LONGEST_HEAD_BYTES)]
+    long = [(b"cookie", b"x" * MAX_HEAD_BYTES)]
     assert check_head(b"/", long).status == 431
-    assert check_head(b"/" * (LONGEST_HEAD_BYTES + 1), []).status == 431
-    assert check_head(b"/", [(b"x", b"y")] * LONGEST_HEAD_BYTES).status == 431
+    assert check_head(b"/" * (MAX_HEAD_BYTES + 1), []).status == 431
+    assert check_head(b"/", [(b"x", b"y")] * MAX_HEAD_BYTES).status == 431
     assert check_head(b"/", [(b"cookie", b"x" * 8000)]) is None

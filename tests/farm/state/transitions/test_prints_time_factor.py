@@ -11,15 +11,15 @@ from farm.state import events as ev
 from farm.state.transitions.prints import (
     MAX_STARVED_SHARE,
     MAX_TIME_FACTOR,
+    MIN_LEARNED_S,
     MIN_TIME_FACTOR,
-    SHORTEST_S,
     update_time_factor,
 )
 from make_books import ended, printing, run
 
 HOUR_S = 3600.0
 FACTORS = st.floats(MIN_TIME_FACTOR, MAX_TIME_FACTOR)
-LENGTHS = st.floats(SHORTEST_S, 100 * HOUR_S)
+LENGTHS = st.floats(MIN_LEARNED_S, 100 * HOUR_S)
 ANY_TIME = st.floats(0.0, 1e9)
 
 
@@ -60,7 +60,7 @@ def test_time_factor_stays_within_observed_ratios(ratios):
 @pytest.mark.parametrize(
     ("expected_s", "reached_s", "starved_s"),
     [
-        (SHORTEST_S - 1, 1.1 * SHORTEST_S, 0.0),  # short
+        (MIN_LEARNED_S - 1, 1.1 * MIN_LEARNED_S, 0.0),  # short
         (HOUR_S, 1.1 * HOUR_S, 0.02 * HOUR_S),  # starved
         (HOUR_S, 5 * HOUR_S, 0.0),  # paused overnight
         (HOUR_S, -10.0, 0.0),  # a clock that was set back
