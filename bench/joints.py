@@ -1,9 +1,14 @@
 """Pins and marks on the joints of decomposed models: how much glue they serve, and what they cost.
 
-Models are cut by the engine `guillotine`, then drilled, all rules checked. With --slices, parts of each model
-are sliced as they were cut and with their holes and marks.
+Models are cut by the engine `guillotine`, then drilled, all rules checked. With --slices, the first parts
+of each model are sliced as they were cut and with their holes and marks. Marks are read back from the outer
+walls, and the material of supports is compared.
 
-Usage: python -m bench.joints MODEL... [--printers 8] [--longest-side 330] [--slices 0] [--json]
+Usage: python -m bench.joints MODEL|SHAPE... [--printers 8,20] [--longest-side 330] [--slices 0]
+    [--budget 1800] [--resume FILE] [--json]
+
+A SHAPE is a name of `bench.shapes`. No case is begun after --budget seconds. --resume keeps a line of JSON
+for each finished case, and leaves out those that it has.
 """
 
 from __future__ import annotations
@@ -13,26 +18,26 @@ import json
 import tempfile
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from time import process_time
+from time import monotonic, process_time
 from typing import Any
 
 import numpy as np
 import shapely
 
+from bench.joint_slices import slice_printed
+from bench.shapes import SHAPES
 from decompose.connectors import pairs_of
 from decompose.decompose import decompose_model
-from decompose.geometry import load_model, write_stl
+from decompose.geometry import Model, load_model
 from decompose.options import FILAMENT_MM, ConnectorOptions, Engine, Options
 from decompose.print_time import CostModel, Recipe
 from decompose.printers import PrinterRoom
 from decompose.results import Decomposition, connect_parts
-from farm.planning.local.slice_file import SliceOptions, slice_to_file
 
 ROOM_MM = ((206.9, 190.9, 205.0), (173.9, 197.9, 205.0), (164.9, 206.9, 205.0))
 ALL = ConnectorOptions(FILAMENT_MM, marks=True)
 NEAR_MM = 60.0
 STEP_MM2 = 100.0  # a step of more glue should have two pins
-SLICED = SliceOptions("ultimaker2_plus", "glue", "generic_pla", 0.4)
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,13 +55,33 @@ class Row:
     lettered_share: float
     failures: int
     compute_s: float
-    bare_s: float | None = None
-    drilled_s: float | None = None
+    price_share: float
+    sliced: SlicedFigures | None = None
 
 
-def measure(path: Path, printers: int, longest_side_mm: float, slices: int) -> Row:
+@dataclass(frozen=True, slots=True)
+class SlicedFigures:
+    """Slices of some parts: print times without and with holes and marks, and what is read back."""
+
+    parts: int
+    bare_s: float
+    drilled_s: float
+    support_mm3: float
+    support_added_mm3: float
+    marks: int
+    illegible: tuple[str, ...]
+
+
+def load_case(name: str, longest_side_mm: float) -> Model:
+    """Load a model file, or build one of the bench shapes in its own size."""
+    if name in SHAPES:
+        return Model(SHAPES[name](), (), 1.0)
+    return load_model(Path(name), longest_side_mm=longest_side_mm)
+
+
+def measure(name: str, printers: int, longest_side_mm: float, slices: int) -> Row:
     """Cut a model, drill its parts, and measure them."""
-    model = load_model(path, longest_side_mm=longest_side_mm)
+    model = load_case(name, longest_side_mm)
     rooms = [PrinterRoom(str(number), ROOM_MM) for number in range(printers)]
     options = Options(Engine.GUILLOTINE, prove=False, connectors=ALL)
     cut = decompose_model(model, rooms, options, CostModel.from_recipe(Recipe())).with_assembly()
@@ -66,7 +91,7 @@ def measure(path: Path, printers: int, longest_side_mm: float, slices: int) -> R
     connectors, steps = drilled.connectors, drilled.assembly.steps
     pairs = pairs_of(connectors.pins)
     row = Row(
-        model=path.name,
+        model=Path(name).name,
         parts=len(drilled.parts),
         steps=len(steps),
         pins=len(connectors.pins),
@@ -80,10 +105,9 @@ def measure(path: Path, printers: int, longest_side_mm: float, slices: int) -> R
         / (2 * len(drilled.joints) or 1),
         failures=len(connectors.failures),
         compute_s=compute_s,
+        price_share=max(p.price_s for p in drilled.parts) / max(p.price_s for p in cut.parts) - 1.0,
     )
-    if not slices:
-        return row
-    return replace(row, bare_s=slice_parts(cut, slices), drilled_s=slice_parts(drilled, slices))
+    return replace(row, sliced=slice_parts(drilled, slices)) if slices else row
 
 
 def measure_near_glue(result: Decomposition) -> float:
@@ -102,33 +126,66 @@ def measure_near_glue(result: Decomposition) -> float:
     return near_mm2 / total_mm2 if total_mm2 else 1.0
 
 
-def slice_parts(result: Decomposition, count: int) -> float:
-    """Slice the first parts of a result; return the seconds of their prints."""
-    total_s = 0.0
-    with tempfile.TemporaryDirectory() as folder:
-        for part in result.parts[:count]:
-            stl = Path(folder, f"{part.id}.stl")
-            write_stl(stl, part.stl_triangles())
-            total_s += float(slice_to_file(stl, stl.with_suffix(".gcode"), SLICED)["print_time_s"])
-    return total_s
+def slice_parts(result: Decomposition, count: int) -> SlicedFigures:
+    """Slice the first parts of a result without and with their holes and marks, and read both back."""
+    pairs = []
+    illegible: list[str] = []
+    marks = 0
+    for number, part in enumerate(result.parts[:count]):
+        with tempfile.TemporaryDirectory() as folder:
+            bare = slice_printed(part, part.solid, Path(folder))
+            drilled = slice_printed(part, part.printed, Path(folder))
+        pairs.append((bare, drilled))
+        own = [mark for mark in result.connectors.marks if mark.part == number]
+        marks += len(own)
+        illegible += [f"{part.id}: {mark.text}" for mark in own if not drilled.is_legible(mark)]
+    return SlicedFigures(
+        parts=len(pairs),
+        bare_s=sum(bare.sliced_s for bare, _ in pairs),
+        drilled_s=sum(drilled.sliced_s for _, drilled in pairs),
+        support_mm3=sum(bare.support_mm3 for bare, _ in pairs),
+        support_added_mm3=sum(drilled.support_mm3 - bare.support_mm3 for bare, drilled in pairs),
+        marks=marks,
+        illegible=tuple(illegible),
+    )
+
+
+def read_done(path: Path | None) -> dict[tuple[str, int], dict[str, Any]]:
+    """Read the cases that a file of an earlier run has, by model and number of printers."""
+    if path is None or not path.exists():
+        return {}
+    lines = [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
+    return {(line["model"], line["printers"]): line for line in lines}
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("models", nargs="+", type=Path)
-    parser.add_argument("--printers", type=int, default=8)
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("models", nargs="+")
+    parser.add_argument("--printers", default="8")
     parser.add_argument("--longest-side", type=float, default=330.0)
     parser.add_argument("--slices", type=int, default=0)
+    parser.add_argument("--budget", type=float, default=1800.0)
+    parser.add_argument("--resume", type=Path)
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
-    rows: list[dict[str, Any]] = []
-    for path in options.models:
-        row = measure(path, options.printers, options.longest_side, options.slices)
-        rows.append(asdict(row))
-        if not options.json:
-            print("  ".join(f"{key} {value}" for key, value in rows[-1].items()))
+    done, rows = read_done(options.resume), []
+    ends_s = monotonic() + options.budget
+    for name in options.models:
+        for printers in map(int, options.printers.split(",")):
+            key = (Path(name).name, printers)
+            if key not in done:
+                if monotonic() > ends_s:
+                    continue
+                row = measure(name, printers, options.longest_side, options.slices)
+                done[key] = {"printers": printers, **asdict(row)}
+                if options.resume is not None:
+                    with options.resume.open("a", encoding="utf-8") as file:
+                        file.write(json.dumps(done[key]) + "\n")
+            rows.append(done[key])
+            if not options.json:
+                print("  ".join(f"{field} {value}" for field, value in rows[-1].items()), flush=True)
     if options.json:
-        print(json.dumps({"schema": 1, "models": rows}))
+        print(json.dumps({"schema": 2, "models": rows}))
 
 
 if __name__ == "__main__":

@@ -10,10 +10,11 @@ import shapely
 
 from decompose.arrays import Floats
 from decompose.assembly import Assembly
+from decompose.connectors.ceilings import closes_in_a_step, overhang_sin
 from decompose.connectors.faces import Room, Side, find_sides
 from decompose.connectors.records import RIM_MM, Mark
 from decompose.connectors.strokes import GRID_HIGH, draw_strokes, text_width
-from decompose.connectors.tools import GROOVE_SIN, LIP_MM, make_groove, overhang_sin
+from decompose.connectors.tools import GROOVE_SIN, LIP_MM, RIDGE_MM, make_groove
 from decompose.pieces import Joint
 
 SIZES_MM = ((8.0, 0.6), (6.0, 0.5), (5.0, 0.45))  # height of letters, depth of their grooves
@@ -21,6 +22,7 @@ ARROW = "^"
 ARROW_CELL = 7.0  # width of the arrow's cell on the grid of the letters
 DOTS = 3
 DOT_PITCH = 4.0  # of dots, on the grid of the letters
+UNLIKE_MM = 0.002  # by which strokes differ in depth: operations on solids err where faces coincide
 GRID_MM = 2.0  # pitch of the places that are tried
 LEVEL = 0.99  # cosine to the vertical from which a face is level, and the arrow points to the back
 
@@ -130,9 +132,9 @@ def _draw_dots(count: int) -> _Text:
     pitch_mm = DOT_PITCH * height_mm / GRID_HIGH
     centres = np.zeros((count, 2, 2))
     centres[:, :, 0] = ((np.arange(count) - (count - 1) / 2.0) * pitch_mm)[:, None]
-    return _Text(
-        "." * count, 2.0 * depth_mm, depth_mm, centres, np.array([(count - 1) * pitch_mm / 2.0, 0.0])
-    )
+    centres[:, :, 0] += [-RIDGE_MM, RIDGE_MM]
+    half = np.array([(count - 1) * pitch_mm / 2.0 + RIDGE_MM, 0.0])
+    return _Text("." * count, 2.0 * depth_mm, depth_mm, centres, half)
 
 
 def _hangs(room: Room, side: Side) -> bool:
@@ -172,10 +174,14 @@ def _keep_arrow_up(text: _Text, turn: int) -> Floats:
 
 
 def _engrave(room: Room, side: Side, text: _Text, lines_mm: Floats) -> Mark | None:
-    grooves = tuple(make_groove(side.part, line, side.into, text.depth_mm) for line in lines_mm)
+    grooves = tuple(
+        make_groove(side.part, line, side.into, text.depth_mm - UNLIKE_MM * (n % 16))
+        for n, line in enumerate(lines_mm)
+    )
     up = room.blanks[side.part].up
-    if any(overhang_sin(groove.points_mm, side.into, up) > GROOVE_SIN for groove in grooves):
-        return None
+    for groove in grooves:
+        if overhang_sin(groove.points_mm, side.into, up) > GROOVE_SIN or closes_in_a_step(groove, up):
+            return None
     return Mark(side.part, side.joint, text.text, text.height_mm, lines_mm, grooves)
 
 

@@ -11,7 +11,7 @@ GRID_WIDE = 4.0
 ADVANCE = 5.6  # from one letter to the next
 
 # Each letter: polylines of points x, y as pairs of digits.
-_LETTERS = {
+LETTERS = {
     "0": "10 30 41 45 36 16 05 01 10",
     "1": "15 26 20",
     "2": "05 16 36 45 44 00 40",
@@ -74,7 +74,7 @@ def draw_strokes(text: str) -> Floats:
     """
     strokes: list[list[list[float]]] = []
     for number, letter in enumerate(text.upper()):
-        for line in filter(None, _LETTERS.get(letter, "").split("|")):
+        for line in filter(None, LETTERS.get(letter, "").split("|")):
             points = [[float(at[0]) + ADVANCE * number, float(at[1])] for at in line.split()]
             strokes += [list(pair) for pair in zip(points, points[1:] or points, strict=False)]
     middle = np.array([text_width(text) / 2.0, GRID_HIGH / 2.0])

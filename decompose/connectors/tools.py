@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy.spatial import ConvexHull
 
 from decompose.arrays import Floats
+from decompose.connectors.ceilings import closes_in_a_step, overhang_sin
 from decompose.connectors.records import Tool
 
 LIP_MM = 0.1  # reach of a tool out of its face, so that no film is left
@@ -16,11 +16,23 @@ HOLE_SIN = math.sin(
 )  # steepest ceiling of a hole, as the sine of its angle to the vertical
 GROOVE_SIN = math.sin(math.radians(47.5))  # of a groove; the slicer supports from 50 degrees
 GROOVE_MM = 0.6  # depth of a groove, and half its width: its sides slope by 45 degrees
-_MOUTH = -0.99  # cosine between a side of a tool and the direction into the part, from which it is the mouth
 
 # Roof and tip of a hole in its inner radii, the least material first. The roof runs along the hole, upwards
 # across it; the tip rises from its end.
-_CEILINGS = ((0.0, 0.0), (1.9, 0.0), (0.0, 1.75), (1.9, 1.75), (1.9, 3.0), (2.2, 3.5), (2.6, 4.5))
+_CEILINGS = (
+    (0.0, 0.0),
+    (1.9, 0.0),
+    (0.0, 1.75),
+    (2.2, 0.0),
+    (1.9, 1.75),
+    (1.9, 3.0),
+    (2.2, 3.5),
+    (2.6, 4.5),
+    (2.6, 6.0),
+)
+RIDGE_MM = 0.5
+"""Half the length of the ridge in which a tip ends. The slicer drops rings shorter than 1 mm, so that a
+ceiling that ends in a point closes by a step that it supports (`ceilings`)."""
 _CORNERS = np.deg2rad(90.0 + 60.0 * np.arange(6))
 _CONE = np.deg2rad(45.0 * np.arange(8))
 
@@ -63,9 +75,11 @@ def make_hole(
         section = np.vstack([ring, roof * inner_mm * upwards]) if roof else ring
         points = np.concatenate([section - LIP_MM * into, section + depth_mm * into])
         if tip:
-            points = np.vstack([points, depth_mm * into + tip * inner_mm * up])
-        if overhang_sin(points, into, up) <= HOLE_SIN:
-            return Tool(part, points + at_mm, into, float(at_mm @ into))
+            ridge = RIDGE_MM * np.array([[-1.0], [1.0]]) * across
+            points = np.vstack([points, depth_mm * into + tip * inner_mm * up + ridge])
+        hole = Tool(part, points + at_mm, into, float(at_mm @ into))
+        if overhang_sin(points, into, up) <= HOLE_SIN and not closes_in_a_step(hole, up):
+            return hole
     return None
 
 
@@ -80,16 +94,6 @@ def make_groove(part: int, ends_mm: Floats, into: Floats, depth_mm: float = GROO
     cone = np.vstack([rim - LIP_MM * into, depth_mm * into])
     points = np.concatenate([cone + end for end in np.unique(ends_mm, axis=0)])
     return Tool(part, points, into, float(ends_mm[0] @ into))
-
-
-def overhang_sin(points_mm: Floats, into: Floats, up: Floats) -> float:
-    """Compute the sine of the angle to the vertical of the flattest ceiling of a convex tool (n, 3).
-
-    The mouth is left out. Negative where nothing hangs over.
-    """
-    normals = ConvexHull(points_mm).equations[:, :3]
-    sides = normals[normals @ into > _MOUTH]
-    return float((sides @ up).max())
 
 
 def _across(into: Floats, up: Floats) -> tuple[Floats, Floats]:

@@ -13,6 +13,7 @@ import shapely
 from decompose.arrays import Floats
 from decompose.assembly import AssemblyStep
 from decompose.connectors import Blank, Connectors, Pin, Tool, distance_mm, pairs_of, rings_of
+from decompose.connectors.ceilings import closes_in_a_step
 from decompose.errors import Rule
 from decompose.geometry import Solid
 from decompose.pieces import Joint
@@ -22,6 +23,7 @@ RIM_MM = 1.15  # least wall around a tool, and between two: the rim of the searc
 FILM_MM = 0.06  # depth at a face that rounding may leave undecided
 HOLE_DEG, GROOVE_DEG = 40.5, 48.0  # flattest ceilings, from the vertical; supports begin at 50
 SIDE = -0.99
+THIN_MM = 0.05  # what is thinner is an error of the operation where faces of tools nearly coincide
 COAXIAL = 1.0 - 1e-9
 OPEN_MM = 1.0  # gap by which a body that is turned half around has to stay open
 
@@ -70,9 +72,9 @@ class DrilledParts:
         blank, drilled = self.blanks[part].solid, self.drilled[part]
         tools = [Solid.union([Solid.hull(tool.points_mm) for tool in group.tools]) for group in groups]
         removed = blank.subtract(drilled)
-        if drilled.subtract(blank).volume_mm3 > EPS_MM3:
+        if _is_thick(drilled.subtract(blank)):
             yield Rule.DRILLED, "material was added"
-        if removed.subtract(Solid.union(tools)).volume_mm3 > EPS_MM3:
+        if _is_thick(removed.subtract(Solid.union(tools))):
             yield Rule.DRILLED, "more was removed than the holes and marks"
         if len(drilled.pieces()) != 1:
             yield Rule.DRILLED, "it is not one piece any more"
@@ -87,6 +89,8 @@ class DrilledParts:
             steepest = group.overhang(self.blanks[part].up)
             if steepest > group.limit:
                 yield Rule.SUPPORT_FREE, f"a {group.kind} hangs over by {math.degrees(steepest):.0f} degrees"
+            if any(closes_in_a_step(tool, self.blanks[part].up) for tool in group.tools):
+                yield Rule.SUPPORT_FREE, f"the ceiling of a {group.kind} closes in one step"
 
     def _check_pin(self, pin: Pin) -> Iterator[tuple[Rule, str]]:
         step = self.steps[pin.step]
@@ -180,6 +184,13 @@ class _Group:
             sides = normals[normals @ tool.into > SIDE]
             steepest = max(steepest, float((sides @ up).max()))
         return math.asin(min(1.0, steepest))
+
+
+def _is_thick(solid: Solid) -> bool:
+    """Check whether a difference of two solids is more than films."""
+    return solid.volume_mm3 > EPS_MM3 and any(
+        piece.volume_mm3 > max(EPS_MM3, THIN_MM * piece.area_mm2 / 2.0) for piece in solid.pieces()
+    )
 
 
 def _near(a: Solid, b: Solid) -> bool:

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from decompose.connectors.ceilings import closes_in_a_step, overhang_sin
 from decompose.connectors.strokes import draw_strokes
-from decompose.connectors.tools import GROOVE_SIN, HOLE_SIN, make_groove, make_hole, overhang_sin
+from decompose.connectors.tools import GROOVE_SIN, HOLE_SIN, make_groove, make_hole
 
 UP = np.array([0.0, 0.0, 1.0])
 SIZE = (3.25, 7.0)
@@ -62,6 +65,23 @@ def test_groove_prints_on_upright_lower_and_upper_faces(out: tuple[float, ...]) 
 def test_groove_on_a_leaning_face_hangs_over():
     into = np.array([-0.8, 0.0, 0.6])
     assert overhang_sin(make_groove(0, np.zeros((2, 3)), into).points_mm, into, UP) > GROOVE_SIN
+
+
+def test_ceiling_that_ends_in_a_point_closes_in_a_step_and_a_ridge_does_not():
+    hole = make_hole(0, np.zeros(3), UP, UP, SIZE, np.zeros(3))
+    assert hole is not None and not closes_in_a_step(hole, UP)
+    top = hole.points_mm[:, 2].argsort()[-2:]
+    pointed = hole.points_mm.copy()
+    pointed[top, :2] = 0.0  # as slices had it: 1.3 mm3 of support in the hole
+    assert closes_in_a_step(replace(hole, points_mm=pointed), UP)
+    assert overhang_sin(pointed, UP, UP) <= HOLE_SIN
+
+
+def test_ceiling_of_a_dot_that_is_a_cone_closes_in_a_step():
+    cone = make_groove(0, np.zeros((2, 3)), UP)
+    assert closes_in_a_step(cone, UP)
+    assert not closes_in_a_step(make_groove(0, np.array([[-0.5, 0.0, 0.0], [0.5, 0.0, 0.0]]), UP), UP)
+    assert not closes_in_a_step(make_groove(0, np.zeros((2, 3)), -UP), UP)  # open to above
 
 
 def test_letters_are_all_different_and_text_is_centred():

@@ -1,0 +1,147 @@
+"""Marks and supports read back from the G-code of drilled parts."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+import shapely
+
+from bench.print_time_parts import ANYWHERE
+from decompose.arrays import Bools, Floats
+from decompose.connectors import Mark
+from decompose.connectors.strokes import ADVANCE, GRID_WIDE, LETTERS, draw_strokes, text_width
+from decompose.geometry import Solid, write_stl
+from decompose.results import Part
+from drivers.printers import BEDS
+from farm.planning.printer_settings import build_slicing_printer
+from slicing.checks import read_toolpath, read_wall_layout
+from slicing.checks.toolpath import Toolpath
+from slicing.checks.walls import WallLayout, Walls
+from slicing.plate import PlateRequest, slice_plate
+from slicing.settings import PartSettings, SettingsRequest, find_engine, find_resources, resolve_settings
+
+PRINTER = "ultimaker2_plus"
+BELOW_MM = 0.2  # depth below a face at which its grooves are read
+PITCH = 0.25  # of the points of a letter, on the grid of the letters
+MARGIN = 0.75  # by which they reach over its box
+READ_SHARE = 0.8  # of the points of an arrow or a dot
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PrintedPart:
+    """Slice of a part: its path, its outer walls, and the transform (4, 4) of the joints' frame to it."""
+
+    path: Toolpath
+    walls: Walls
+    layout: WallLayout
+    to_print: Floats
+    sliced_s: float
+
+    @property
+    def support_mm3(self) -> float:
+        """Material of supports; the printer counts it in mm3."""
+        is_support = self.path.is_feature("SUPPORT") | self.path.is_feature("SUPPORT-INTERFACE")
+        along = (self.path.before[:, :2] != self.path.after[:, :2]).any(axis=1)  # not after a retraction
+        return float(self.path.extruded_mm[is_support & along].clip(min=0.0).sum())
+
+    def is_printed(self, points_mm: Floats) -> Bools:
+        """Tell which points (n, 3) of the joints' frame lie within the outer walls of their layer."""
+        placed = points_mm @ self.to_print[:3, :3].T + self.to_print[:3, 3]
+        layers = 1 + np.floor((placed[:, 2] - self.layout.layer_height_0_mm) / self.layout.layer_height_mm)
+        layers = layers.clip(0, self.walls.layer.max()).astype(np.int64)
+        inside = np.zeros(len(points_mm), dtype=np.bool_)
+        for layer in np.unique(layers):
+            area = self.walls.build_printed_area(int(layer), _EVERYWHERE)
+            at = layers == layer
+            inside[at] = shapely.contains_xy(area, placed[at, :2])
+        return inside
+
+    def is_legible(self, mark: Mark) -> bool:
+        """Read a mark: each letter has to resemble itself most, and arrows and dots have to be there."""
+        into, depth_mm = mark.grooves[0].into, measure_depth_mm(mark)
+        code, number = mark.text.rstrip("^."), 0
+        if code:
+            strokes = draw_strokes(code)
+            number = len(strokes)
+            if "".join(self._read_letters(mark, code, strokes, depth_mm)) != code:
+                return False
+        signs = np.concatenate(
+            [np.linspace(*line, 5) for line in [*mark.lines_mm[number:]]] or [np.zeros((0, 3))]
+        )
+        return not len(signs) or (~self.is_printed(signs + BELOW_MM * into)).mean() >= READ_SHARE
+
+    def _read_letters(self, mark: Mark, code: str, strokes: Floats, depth_mm: float) -> Iterator[str]:
+        flat = np.column_stack([strokes.reshape(-1, 2), np.ones(2 * len(strokes))])
+        lift = np.linalg.lstsq(flat, mark.lines_mm[: len(strokes)].reshape(-1, 3), rcond=None)[0]
+        scale = float(np.linalg.norm(lift[1]))
+        half_width = round(max(0.3, (depth_mm - BELOW_MM) / scale), 3)
+        for n in range(len(code)):
+            middle = np.array([ADVANCE * n + GRID_WIDE / 2.0 - text_width(code) / 2.0, 0.0])
+            at = np.column_stack([_LETTER_GRID + middle, np.ones(len(_LETTER_GRID))]) @ lift
+            missing = ~self.is_printed(at + BELOW_MM * mark.grooves[0].into)
+            yield max(LETTERS, key=lambda letter: _resemble(letter, half_width, missing))
+
+
+def measure_depth_mm(mark: Mark) -> float:
+    """Measure the depth of the grooves of a mark."""
+    return float((mark.grooves[0].points_mm @ mark.grooves[0].into).max() - mark.grooves[0].face_mm)
+
+
+def slice_printed(part: Part, solid: Solid, folder: Path) -> PrintedPart:
+    """Slice a part in its pose, with the settings of quality `glue`, in the middle of an endless bed."""
+    resources = find_resources()
+    request = SettingsRequest(build_slicing_printer(BEDS[PRINTER]))
+    plain = resolve_settings(request, resources)
+    scale = np.array([plain.scale_xy, plain.scale_xy, plain.scale_z])
+    vertices, faces = solid.arrays()
+    placed = (vertices - part.to_model[:3, 3]) @ part.to_model[:3, :3] * scale
+    shift = np.array([*-(placed.min(axis=0) + placed.max(axis=0))[:2] / 2.0, -placed[:, 2].min()])
+    settings = resolve_settings(
+        request,
+        resources,
+        PartSettings(float(np.ptp(placed[:, 2])), part.brim_width_mm, part.layer_0_expansion_mm),
+    )
+    stl, out = folder / "part.stl", folder / "part.gcode"
+    write_stl(stl, (placed + shift)[faces].astype(np.float32))
+    result = slice_plate(
+        PlateRequest(stl=stl, settings=settings, out=out, engine=find_engine(), bed=ANYWHERE)
+    )
+    path, layout = read_toolpath(out.read_bytes()), read_wall_layout(settings)
+    if layout is None:
+        raise ValueError("the settings of quality glue have no exact outline")
+    centre = tuple(
+        float(side) / 2.0 for side in (settings.global_["machine_width"], settings.global_["machine_depth"])
+    )
+    to_print = np.eye(4)
+    to_print[:3, :3] = scale[:, None] * part.to_model[:3, :3].T
+    to_print[:3, 3] = shift - to_print[:3, :3] @ part.to_model[:3, 3]
+    walls = Walls.from_toolpath(path, layout, (centre[0], centre[1]), settings.filament_mm2)
+    return PrintedPart(path, walls, layout, to_print, result.sliced_s)
+
+
+_EVERYWHERE = shapely.box(-1e4, -1e4, 1e4, 1e4)
+_LETTER_GRID = np.stack(
+    np.meshgrid(
+        np.arange(-2.0 - MARGIN, 2.0 + MARGIN + PITCH / 2, PITCH),
+        np.arange(-3.0 - MARGIN, 3.0 + MARGIN + PITCH / 2, PITCH),
+    ),
+    axis=-1,
+).reshape(-1, 2)
+
+
+@lru_cache(maxsize=1024)
+def _draw(letter: str, half_width: float) -> Bools:
+    """Return which points of a letter are within its strokes."""
+    lines = shapely.union_all([shapely.LineString(stroke) for stroke in draw_strokes(letter)])
+    return np.asarray(shapely.contains_xy(lines.buffer(half_width), _LETTER_GRID))
+
+
+def _resemble(letter: str, half_width: float, missing: Bools) -> float:
+    """Compute the correlation of what is missing at the points of a letter with the strokes of another."""
+    if missing.all() or not missing.any():
+        return 0.0
+    return float(np.corrcoef(_draw(letter, half_width), missing)[0, 1])
