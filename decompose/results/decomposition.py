@@ -351,6 +351,12 @@ class Decomposition:
             "work_s": step.work_s,
             "starts_s": step.starts_s,
             "seam_mm": self.seam_mm(step.joints if self.seams else ()),
+            "pins": [n for n, pin in enumerate(self.connectors.pins, 1) if pin.step == number - 1],
+            "codes": [
+                {"part": self.parts[mark.part].id, "text": mark.text}
+                for mark in self.connectors.marks
+                if mark.joint in step.joints
+            ],
         }
 
     def _name_parts(self, numbers: Sequence[int]) -> list[str]:

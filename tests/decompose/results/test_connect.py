@@ -136,7 +136,10 @@ def test_parts_are_written_with_their_holes_and_the_report_lists_them(
     assert [part.price_s - old.price_s for part, old in zip(stored.parts, halves.parts, strict=True)] == [
         2 * connect.HOLE_S + connect.MARK_S
     ] * 2
-    report = json.loads(json.dumps(stored.as_dict()))["connectors"]
+    whole = json.loads(json.dumps(stored.as_dict()))
+    [step], report = whole["assembly"]["steps"], whole["connectors"]
+    assert step["pins"] == [pin["id"] for pin in report["pins"]] == [1, 2]
+    assert step["codes"] == [{"part": "p01", "text": "1-2^"}, {"part": "p02", "text": "2-1^"}]
     assert report["cut_list"] == [{"length_mm": 13.0, "count": 1}, {"length_mm": 7.0, "count": 1}]
     assert [pin["kind"] for pin in report["pins"]] == ["round", "round"]
     assert [mark["text"] for mark in report["marks"]] == ["1-2^", "2-1^"]

@@ -1,0 +1,218 @@
+"""Codes and pin holes of a part, read from the shape in its STL file alone.
+
+A hole is a ring in a flat face into which the pin goes; its depth is where the rim of the pin stops. A code
+is read as a person reads it: strokes at the bottom of grooves, compared with the digits of all codes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import shapely
+import trimesh
+
+from decompose.arrays import Floats, Ints
+from decompose.connectors.strokes import GRID_HIGH, draw_strokes, text_width
+
+SEED_MM2, FACE_MM2 = 4.0, 25.0  # least triangle that a face is begun with, and least face
+FLAT_MM = 0.01
+PLAY_MM = (0.1, 1.5)  # width of a hole beyond its pin
+GROOVES_MM = ((8.0, 0.6), (6.0, 0.5), (5.0, 0.45))  # height of letters, and depth of their grooves
+SAME_MM = 0.06  # of strokes and points
+CLEAR = 0.3  # of the height of letters: room around a code
+RIM_RAYS = 8
+SHALLOW_MM = 1.0  # deeper than all grooves
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Hole:
+    """Hole for a pin: its mouth (3,), and where the pin stops."""
+
+    at_mm: Floats
+    depth_mm: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CodedFace:
+    """Flat face of a part with holes or codes.
+
+    Attributes
+    ----------
+    normal
+        (3,) unit vector out of the part.
+    codes
+        Text of each code, and the direction (3,) of its arrow; None without one.
+    """
+
+    normal: Floats
+    offset_mm: float
+    holes: list[Hole]
+    codes: dict[str, Floats | None] = field(default_factory=dict)
+
+
+def read_part(path: Path, own: str, others: Iterable[str], pin_mm: float) -> list[CodedFace]:
+    """Read the faces of a part that have holes for a pin, or codes.
+
+    Parameters
+    ----------
+    path
+        STL file.
+    own, others
+        Number of the part, as its file is named, and of the others.
+    pin_mm
+        Diameter of the pins.
+    """
+    mesh = trimesh.load_mesh(path)
+    vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
+    texts = [f"{own}-{other}" for other in others]
+    found = []
+    for normal, offset_mm, triangles in find_flats(vertices, faces):
+        axes = _axes(normal)
+        outline = _outline(vertices[triangles] @ axes.T)
+        rings = [ring for polygon in shapely.get_parts(outline) for ring in polygon.interiors]
+        if not rings:
+            continue
+        holes = list(_read_holes(rings, vertices[faces], axes, normal, offset_mm, pin_mm))
+        codes = _read_codes(vertices, outline, axes, normal, offset_mm, texts)
+        if holes or codes:
+            found.append(CodedFace(normal, offset_mm, holes, codes))
+    return found
+
+
+def find_flats(vertices: Floats, faces: Ints) -> Iterator[tuple[Floats, float, Ints]]:
+    """Yield the flat faces: unit normal (3,) outwards, offset along it, and triangles (m, 3)."""
+    corners = vertices[faces]
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    areas_mm2 = np.linalg.norm(across, axis=1) / 2.0
+    free = np.ones(len(faces), dtype=np.bool_)
+    for seed in np.argsort(-areas_mm2):
+        if areas_mm2[seed] < SEED_MM2:
+            return
+        if not free[seed]:
+            continue
+        normal = across[seed] / np.linalg.norm(across[seed])
+        offset_mm = float(corners[seed].mean(axis=0) @ normal)
+        flat = free & (np.abs(corners @ normal - offset_mm) < FLAT_MM).all(axis=1) & (across @ normal > 0.0)
+        free &= ~flat
+        if areas_mm2[flat].sum() >= FACE_MM2:
+            yield normal, offset_mm, faces[flat]
+
+
+def _read_holes(
+    rings: Iterable[shapely.LinearRing],
+    corners: Floats,
+    axes: Floats,
+    normal: Floats,
+    offset_mm: float,
+    pin_mm: float,
+) -> Iterator[Hole]:
+    for ring in rings:
+        circle = shapely.maximum_inscribed_circle(shapely.Polygon(ring), tolerance=0.01)
+        if PLAY_MM[0] < 2.0 * circle.length - pin_mm < PLAY_MM[1]:
+            centre = np.array(circle.coords[0])
+            angles = 2.0 * np.pi * np.arange(RIM_RAYS) / RIM_RAYS
+            rim = centre + 0.45 * pin_mm * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+            depth_mm = min(_probe(corners, at @ axes + offset_mm * normal, -normal) for at in rim)
+            if depth_mm > SHALLOW_MM:  # not the inside of a digit
+                yield Hole(centre @ axes + offset_mm * normal, depth_mm)
+
+
+def _probe(corners: Floats, start: Floats, direction: Floats) -> float:
+    """Measure the way from a point to the first triangle (m, 3, 3) along a direction (Moeller, Trumbore)."""
+    first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    p = np.cross(direction, second)
+    determinant = np.einsum("ij,ij->i", first, p)
+    safe = np.where(np.abs(determinant) > 1e-12, determinant, np.inf)
+    to_start = start - corners[:, 0]
+    u = np.einsum("ij,ij->i", to_start, p) / safe
+    q = np.cross(to_start, first)
+    v = q @ direction / safe
+    way_mm = np.einsum("ij,ij->i", second, q) / safe
+    hit = (u >= 0.0) & (v >= 0.0) & (u + v <= 1.0) & (way_mm > 0.1) & np.isfinite(safe)
+    return float(way_mm[hit].min()) if hit.any() else np.inf
+
+
+def _read_codes(
+    vertices: Floats,
+    outline: shapely.Geometry,
+    axes: Floats,
+    normal: Floats,
+    offset_mm: float,
+    texts: Iterable[str],
+) -> dict[str, Floats | None]:
+    """Read the codes of a face, each with the direction of its arrow."""
+    codes: dict[str, Floats | None] = {}
+    depths_mm = offset_mm - vertices @ normal
+    inside = shapely.contains_xy(shapely.convex_hull(outline), vertices @ axes.T)
+    for height_mm, groove_mm in GROOVES_MM:
+        flat = np.unique((vertices @ axes.T)[inside & (np.abs(depths_mm - groove_mm) < 0.02)], axis=0)
+        arrows = [(frame, at) for frame, at in _match("^", height_mm, flat)]
+        on_arrow = np.zeros(len(flat), dtype=np.bool_)
+        for frame, at in arrows:
+            on_arrow |= _distance(flat, _strokes("^", height_mm) @ frame + at) < SAME_MM
+        letters = flat[~on_arrow]
+        for text in texts:
+            for frame, at in _match(text, height_mm, letters):
+                strokes = _strokes(text, height_mm)
+                local = (letters - at) @ frame.T
+                half = (
+                    np.array([text_width(text), GRID_HIGH]) * height_mm / GRID_HIGH / 2.0 + CLEAR * height_mm
+                )
+                near = (np.abs(local) < half).all(axis=1)
+                if (_distance(local[near], strokes) > SAME_MM).any():
+                    continue  # part of a longer code
+                pointed = min(
+                    arrows, key=lambda arrow, at=at: float(np.linalg.norm(arrow[1] - at)), default=None
+                )
+                own = pointed is not None and np.linalg.norm(pointed[1] - at) < half[0] + height_mm
+                codes[text] = pointed[0][1] @ axes if pointed is not None and own else None
+    return codes
+
+
+def _match(text: str, height_mm: float, points: Floats) -> Iterator[tuple[Floats, Floats]]:
+    """Find a text in points (n, 2): its frame, whose rows are right and up, and its middle (2,)."""
+    strokes = _strokes(text, height_mm)
+    ends = np.unique(np.round(strokes.reshape(-1, 2), 6), axis=0)
+    if len(points) < len(ends):
+        return
+    apart = np.linalg.norm(ends[:, None] - ends[None], axis=2)
+    i, j = np.unravel_index(int(apart.argmax()), apart.shape)
+    found: list[Floats] = []
+    distances = np.linalg.norm(points[:, None] - points[None], axis=2)
+    for a, b in np.argwhere(np.abs(distances - apart[i, j]) < SAME_MM):
+        before, after = ends[j] - ends[i], points[b] - points[a]
+        turn = np.arctan2(after[1], after[0]) - np.arctan2(before[1], before[0])
+        frame = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
+        at = points[a] - ends[i] @ frame
+        gaps = np.linalg.norm((ends @ frame + at)[:, None] - points[None], axis=2).min(axis=1)
+        if gaps.max() < SAME_MM and all(np.linalg.norm(at - other) > 1.0 for other in found):
+            found.append(at)
+            yield frame, at
+
+
+def _strokes(text: str, height_mm: float) -> Floats:
+    return draw_strokes(text) * (height_mm / GRID_HIGH)
+
+
+def _distance(points: Floats, strokes: Floats) -> Floats:
+    """Measure the distances (n,) of points (n, 2) to strokes (k, 2, 2)."""
+    along = strokes[:, 1] - strokes[:, 0]
+    length2 = np.maximum((along**2).sum(axis=1), 1e-12)
+    share = np.clip(((points[:, None] - strokes[None, :, 0]) * along).sum(axis=2) / length2, 0.0, 1.0)
+    nearest = strokes[None, :, 0] + share[..., None] * along
+    return np.asarray(np.linalg.norm(points[:, None] - nearest, axis=2).min(axis=1, initial=np.inf))
+
+
+def _axes(normal: Floats) -> Floats:
+    """Choose two unit vectors (2, 3), right-handed with the normal, so that text reads from outside."""
+    first = np.cross(np.eye(3)[int(np.abs(normal).argmin())], normal)
+    first = first / np.linalg.norm(first)
+    return np.stack([first, np.cross(normal, first)])
+
+
+def _outline(triangles: Floats) -> shapely.Geometry:
+    rings = np.concatenate([triangles, triangles[:, :1]], axis=1)
+    return shapely.union_all(shapely.polygons(rings), grid_size=1e-3)

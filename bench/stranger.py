@@ -1,0 +1,291 @@
+"""Assembly of parts by a stranger, who has the parts and the printed page of instructions, and nothing else.
+
+The parts are their STL files, from which holes and codes are read (`bench.part_reader`); the page is read as
+text. Step by step two bodies are put together wherever their pins go in: at the faces with the codes of the
+step, in every way that there is. The report of the decomposition only judges the outcome. Then each body is
+tried at the faces of every other step, where it must not fit.
+
+Usage: python -m bench.stranger FOLDER... [--json]   (of `farm decompose --pins filament --marks`)
+"""
+
+from __future__ import annotations
+
+import argparse
+import html
+import json
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+from itertools import permutations, product
+from pathlib import Path
+
+import numpy as np
+
+from bench.part_reader import CodedFace, read_part
+from decompose.arrays import Floats
+from decompose.files.names import INSTRUCTIONS, REPORT, short_label
+
+PLAY_MM = 0.7  # by which holes may be apart that a pin goes through, slots included
+LEVEL_MM = 0.3  # of faces in one plane
+TURN = 0.99  # cosine between arrows, or normals, that agree
+RIGHT_MM, RIGHT_TURN = 1.5, 0.05  # a body further from its place, or turned more, is put together wrongly
+
+
+@dataclass(frozen=True, slots=True)
+class PageStep:
+    """Step as the page tells it: parts, codes by part number, and the lengths of its pins."""
+
+    moved: tuple[str, ...]
+    fixed: tuple[str, ...]
+    codes: tuple[tuple[str, str], ...]
+    pins_mm: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Socket:
+    """Face of a body as it is laid against another: holes (n, 3), their depths, normals and arrows."""
+
+    at_mm: Floats
+    depths_mm: Floats
+    normals: Floats
+    arrows: dict[str, Floats]
+
+
+@dataclass(slots=True)
+class Outcome:
+    """Outcome of a job: steps put together rightly, wrongly, in several ways, or not by pins.
+
+    Attributes
+    ----------
+    misread
+        Codes of the page that were not found on their parts.
+    wrong_fits
+        Pairs of other steps' bodies that fit each other with all their pins, whatever their codes.
+    least_gap_mm
+        Least gap at which a joint stays open if its long pin goes into a short hole.
+    """
+
+    folder: str
+    steps: int = 0
+    right: int = 0
+    wrong: int = 0
+    ambiguous: int = 0
+    without_pins: int = 0
+    misread: int = 0
+    wrong_fits: int = 0
+    least_gap_mm: float = float("inf")
+
+
+def read_page(page: str) -> tuple[float, list[PageStep]]:
+    """Read the diameter of the pins and the steps from the page."""
+    diameter = re.search(r"pins of ([\d.]+) mm, from", page)
+    steps = []
+    for section in re.findall(r'<section class="step".*?</section>', page, re.S):
+        bodies = re.search(r"Glue <strong>(.*?)</strong> onto <strong>(.*?)</strong>", section)
+        codes = re.findall(r'class="code"[^>]*>([^<]*)</span> on ([0-9A-Za-z]+)', section)
+        pins = re.findall(r">pin ([\d.]+) mm<", section)
+        moved, fixed = (tuple(name.split(", ")) for name in bodies.groups()) if bodies else ((), ())
+        plain = ((part, html.unescape(text).removesuffix(" ↑")) for text, part in codes)
+        steps.append(PageStep(moved, fixed, tuple(plain), tuple(map(float, pins))))
+    return float(diameter[1]) if diameter else 0.0, steps
+
+
+def assemble(folder: Path) -> Outcome:
+    """Put the parts of a folder together by its page, and judge each step by its report."""
+    pin_mm, steps = read_page((folder / INSTRUCTIONS).read_text(encoding="utf-8"))
+    truth = {
+        part["id"]: np.array(part["to_model"]) for part in json.loads((folder / REPORT).read_text())["parts"]
+    }
+    names = {part: short_label(part) for part in truth}
+    faces = {
+        part: read_part(folder / f"{part}.stl", name, set(names.values()) - {name}, pin_mm)
+        for part, name in names.items()
+    }
+    outcome = Outcome(folder.name, steps=len(steps))
+    placed = {part: np.eye(4) for part in truth}  # of each part in the frame of its body
+    sockets: list[tuple[Socket, Socket]] = []
+    for step in steps:
+        lettered = [(part, text) for part, text in step.codes if "-" in text]
+        read = {(names[part], text) for part in truth for face in faces[part] for text in face.codes}
+        outcome.misread += sum(code not in read for code in lettered)
+        pair = [collect(body, step, faces, placed, names) for body in (step.fixed, step.moved)]
+        ways = list(find_ways(pair[0], pair[1], step.pins_mm)) if len(step.pins_mm) > 1 else []
+        right = truth_of(step, truth, placed)
+        if not ways:
+            outcome.without_pins += 1
+        elif len(ways) > 1:
+            outcome.ambiguous += 1
+        elif (
+            np.abs((ways[0] - right)[:3, 3]).max() > RIGHT_MM
+            or np.abs((ways[0] - right)[:3, :3]).max() > 0.05
+        ):
+            outcome.wrong += 1
+        else:
+            outcome.right += 1
+        if len(step.pins_mm) > 1:
+            sockets.append((pair[0], pair[1]))
+            outcome.least_gap_mm = min(outcome.least_gap_mm, measure_gap(pair[0], pair[1], step.pins_mm))
+        way = ways[0] if len(ways) == 1 else right
+        for part in step.moved:
+            placed[part] = way @ placed[part]
+    outcome.wrong_fits = sum(
+        any(find_ways(fixed, moved, None))
+        for (a, (fixed, _)), (b, (_, moved)) in product(enumerate(sockets), repeat=2)
+        if a != b
+    )
+    return outcome
+
+
+def collect(
+    body: Sequence[str],
+    step: PageStep,
+    faces: dict[str, list[CodedFace]],
+    placed: dict[str, Floats],
+    names: dict[str, str],
+) -> Socket:
+    """Collect the faces of a body that carry the codes of a step, or are level with one that does."""
+    own = {names[part] for part in body}
+    wanted = {(part, text) for part, text in step.codes if part in own}
+    found = [
+        (face, names[part], placed[part][:3, :3], placed[part][:3, 3])
+        for part in body
+        for face in faces[part]
+    ]
+    planes = [
+        plane_of(face, turn, move)
+        for face, name, turn, move in found
+        if any((name, text) in wanted for text in face.codes)
+    ]
+    chosen = [
+        (face, name, turn, move)
+        for face, name, turn, move in found
+        for plane in [plane_of(face, turn, move)]
+        if any(plane[:3] @ other[:3] > TURN and abs(plane[3] - other[3]) < LEVEL_MM for other in planes)
+    ]
+    holes = [
+        (turn @ hole.at_mm + move, hole.depth_mm, turn @ face.normal)
+        for face, _, turn, move in chosen
+        for hole in face.holes
+    ]
+    arrows = {
+        "-".join(sorted(text.split("-"))): turn @ arrow
+        for face, name, turn, _ in chosen
+        for text, arrow in face.codes.items()
+        if arrow is not None and (name, text) in wanted
+    }
+    return Socket(
+        np.array([at for at, _, _ in holes]).reshape(-1, 3),
+        np.array([depth for _, depth, _ in holes]),
+        np.array([normal for _, _, normal in holes]).reshape(-1, 3),
+        arrows,
+    )
+
+
+def plane_of(face: CodedFace, turn: Floats, move: Floats) -> Floats:
+    """Compute the normal and offset (4,) of a face of a part that is turned and moved."""
+    normal = turn @ face.normal
+    return np.append(normal, face.offset_mm + float(normal @ move))
+
+
+def find_ways(fixed: Socket, moved: Socket, pins_mm: Sequence[float] | None) -> Iterator[Floats]:
+    """Find all ways (4, 4) in which a body can be laid against another so that the pins go in.
+
+    Parameters
+    ----------
+    fixed, moved
+        Holes of both.
+    pins_mm
+        Lengths of the pins; None: as many as there are holes in the fixed body, whatever the codes.
+    """
+    found: list[Floats] = []
+    pairs = list(permutations(range(len(moved.at_mm)), 2))
+    for i, j in permutations(range(len(fixed.at_mm)), 2):
+        apart = fixed.at_mm[j] - fixed.at_mm[i]
+        for k, m in pairs:
+            other = moved.at_mm[m] - moved.at_mm[k]
+            if abs(np.linalg.norm(apart) - np.linalg.norm(other)) > PLAY_MM:
+                continue
+            way = lay(fixed, moved, (i, j), (k, m))
+            if way is None or not goes_in(fixed, moved, way, pins_mm):
+                continue
+            if all(differ(way, known) for known in found):
+                found.append(way)
+                yield way
+
+
+def differ(way: Floats, other: Floats) -> bool:
+    """Check whether two ways (4, 4) are not the same but for the play of the pins."""
+    apart = np.abs(way - other)
+    return bool(apart[:3, 3].max() > RIGHT_MM or apart[:3, :3].max() > RIGHT_TURN)
+
+
+def lay(fixed: Socket, moved: Socket, ends: tuple[int, int], others: tuple[int, int]) -> Floats | None:
+    """Lay two holes of a body on two of another, mouth to mouth; None if their faces do not meet."""
+    frames = []
+    for socket, (a, b), sign in ((fixed, ends, 1.0), (moved, others, -1.0)):
+        along = socket.at_mm[b] - socket.at_mm[a]
+        normal = sign * socket.normals[a]
+        along = along - (along @ normal) * normal
+        length = np.linalg.norm(along)
+        if length < 1.0:
+            return None
+        frames.append(np.stack([along / length, np.cross(normal, along / length), normal]))
+    way = np.eye(4)
+    way[:3, :3] = frames[0].T @ frames[1]
+    middle = (fixed.at_mm[list(ends)].mean(axis=0), moved.at_mm[list(others)].mean(axis=0))
+    way[:3, 3] = middle[0] - way[:3, :3] @ middle[1]
+    return way
+
+
+def goes_in(fixed: Socket, moved: Socket, way: Floats, pins_mm: Sequence[float] | None) -> bool:
+    """Check that each pin has a hole on both sides that is deep enough, and that the arrows agree."""
+    at_mm = moved.at_mm @ way[:3, :3].T + way[:3, 3]
+    apart = np.linalg.norm(fixed.at_mm[:, None] - at_mm[None], axis=2)
+    facing = fixed.normals @ (moved.normals @ way[:3, :3].T).T < -TURN
+    meets = (apart < PLAY_MM) & facing
+    room_mm = sorted((fixed.depths_mm[i] + moved.depths_mm[k] for i, k in np.argwhere(meets)), reverse=True)
+    if pins_mm is None:
+        return bool(meets.any(axis=1).all() and meets.any(axis=0).all())
+    if any(
+        fixed.arrows[code] @ (way[:3, :3] @ moved.arrows[code]) < TURN
+        for code in fixed.arrows.keys() & moved.arrows
+    ):
+        return False
+    lengths = sorted(pins_mm, reverse=True)
+    return len(room_mm) >= len(lengths) and all(
+        room > length for room, length in zip(room_mm, lengths, strict=False)
+    )
+
+
+def measure_gap(fixed: Socket, moved: Socket, pins_mm: Sequence[float]) -> float:
+    """Measure by how much a joint stays open if its longest pin is in a deep hole and meets a shallow one."""
+    longest = max(pins_mm)
+    gaps = [
+        longest - a - b
+        for a, b in product(fixed.depths_mm, moved.depths_mm)
+        if min(a, b) < longest / 2.0 < max(a, b)
+    ]
+    return float(min(gaps, default=np.inf))
+
+
+def truth_of(step: PageStep, truth: dict[str, Floats], placed: dict[str, Floats]) -> Floats:
+    """Compute where the moved body belongs, in the frame of the fixed one."""
+    a, b = step.fixed[0], step.moved[0]
+    return np.asarray(placed[a] @ np.linalg.inv(truth[a]) @ truth[b] @ np.linalg.inv(placed[b]))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("folders", nargs="+", type=Path)
+    parser.add_argument("--json", action="store_true")
+    options = parser.parse_args()
+    outcomes = [asdict(assemble(folder)) for folder in options.folders]
+    if options.json:
+        print(json.dumps({"schema": 1, "jobs": outcomes}))
+    else:
+        for outcome in outcomes:
+            print("  ".join(f"{key} {value}" for key, value in outcome.items()))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,61 @@
+"""A stranger puts parts together by the page alone, and a wrong mating would not fit."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bench.stranger import Socket, assemble, find_ways
+from decompose.decompose import decompose_model
+from decompose.export import write_decomposition
+from decompose.geometry import Model, Solid
+from decompose.options import ConnectorOptions, Engine, Options
+from decompose.print_time import CostModel
+from decompose.printers import PrinterRoom
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A table in four parts, with pins and marks."""
+    legs = [Solid.box((x, y, 0), (x + 20, y + 20, 90)) for x in (0, 100) for y in (0, 100)]
+    solid = Solid.union([Solid.box((0, 0, 80), (120, 120, 100)), *legs])
+    rooms = [PrinterRoom(name, ((80.0, 130.0, 130.0),)) for name in "abcd"]
+    options = Options(
+        Engine.GUILLOTINE, granularity=8, prove=False, connectors=ConnectorOptions(2.85, marks=True)
+    )
+    cost = CostModel(1.0, *[1e-3] * 7, brim_mm=0.0)
+    path = tmp_path_factory.mktemp("table")
+    write_decomposition(decompose_model(Model(solid, (), 1.0), rooms, options, cost), path)
+    return path
+
+
+def test_parts_go_together_by_codes_and_pins_in_one_way_which_is_right(folder: Path) -> None:
+    outcome = assemble(folder)
+    assert (outcome.steps, outcome.right) == (3, 3)
+    assert (outcome.misread, outcome.ambiguous, outcome.wrong, outcome.wrong_fits) == (0, 0, 0, 0)
+    assert outcome.least_gap_mm > 0.5
+
+
+def test_parts_under_each_others_names_are_noticed(folder: Path, tmp_path: Path) -> None:
+    shutil.copytree(folder, tmp_path, dirs_exist_ok=True)
+    shutil.copyfile(folder / "p01.stl", tmp_path / "p02.stl")
+    shutil.copyfile(folder / "p02.stl", tmp_path / "p01.stl")
+    outcome = assemble(tmp_path)
+    assert outcome.misread > 0 and outcome.right < outcome.steps
+
+
+def make_socket(depths_mm: list[float], up: float) -> Socket:
+    at_mm = np.array([[0.0, 0.0, 0.0], [30.0, 0.0, 0.0]])
+    return Socket(at_mm, np.array(depths_mm), np.tile([0.0, 0.0, up], (2, 1)), {})
+
+
+def test_pins_of_unequal_depth_leave_one_way_and_equal_ones_two() -> None:
+    unequal = [make_socket([7.0, 4.0], up) for up in (1.0, -1.0)]
+    equal = [make_socket([7.0, 7.0], up) for up in (1.0, -1.0)]
+    assert len(list(find_ways(*unequal, [13.0, 7.0]))) == 1
+    assert len(list(find_ways(*equal, [13.0, 13.0]))) == 2
+    further = Socket(1.1 * unequal[1].at_mm, unequal[1].depths_mm, unequal[1].normals, {})
+    assert list(find_ways(unequal[0], further, [13.0, 7.0])) == []  # distances of pins are unique
