@@ -42,6 +42,8 @@ class HistoryRow(PrintView):
     expected_s: float
     grams: float
     wasted: bool
+    assembled: str | None = None  # when a person reported that the job's parts are glued
+    assembly_s: float | None = None  # the time that it took
 
 
 class History(View):

@@ -11,6 +11,7 @@ from pathlib import Path
 from farm import api
 from farm.cli.client import Client
 from farm.upkeep.part_pictures import draw_part
+from farm.views.decomposition_report import parse_report
 from farm.views.report import list_figures, render_page
 
 _ALL = 100_000
@@ -53,6 +54,7 @@ def render_report(client: Client, number: int, find_file: FindFile) -> Report:
     }
     pictures |= _read_stills(view, find_file)
     assembly = find_file(f"{view.folder}/assembly.png") if view.folder else None
+    report = find_file(f"{view.folder}/decomposition.json") if view.folder else None
     text = render_page(
         view,
         client.history(None, None, _ALL).prints,
@@ -60,6 +62,7 @@ def render_report(client: Client, number: int, find_file: FindFile) -> Report:
         list_figures(view),
         pictures,
         assembly.read_bytes() if assembly is not None and len(view.parts) > 1 else None,
+        None if report is None else parse_report(report.read_bytes()),
     )
     return Report(text, bool(view.parts) and not pictures and assembly is None)
 

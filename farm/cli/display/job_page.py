@@ -6,6 +6,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from decompose.files.names import INSTRUCTIONS
 from farm import api
 from farm.cli.display.console import ERROR, HEADING, WARNING, open_console, read_terminal_width
 from farm.cli.display.table import Column, lay_out_table
@@ -98,6 +99,8 @@ def render_job(view: api.JobView, width: int | None = None) -> RenderableType:
         )
     elif view.folder:
         rows.append(Text(f"files (STL and G-code of each part, a picture, a GLB): {view.folder}"))
+        if view.assembly_s is not None:
+            rows.append(Text(f"steps, codes and pins to glue it: {view.folder}/{INSTRUCTIONS}"))
     for attempt in view.prints:
         if attempt.fault or attempt.why:
             reason = attempt.reason or attempt.why or attempt.fault

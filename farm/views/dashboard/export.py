@@ -13,6 +13,7 @@ _FORMULA = ("=", "+", "-", "@", "\t", "\r")  # a spreadsheet calculates what beg
 _COLUMNS = (
     *("job", "name", "part", "printer", "state", "verdict", "fault", "reason", "why"),
     *("started", "ended", "took_s", "expected_s", "grams", "wasted", "submitted_by", "note"),
+    *("assembled", "assembly_s"),
 )
 
 

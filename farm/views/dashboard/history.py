@@ -25,7 +25,15 @@ class HistoryFilter:
 
 @dataclass(frozen=True, slots=True)
 class JobOutcome:
-    """Job that has ended or been printed: expected and reached parallel printing time, in seconds."""
+    """Job that has ended or been printed: expected and reached parallel printing time, in seconds.
+
+    Attributes
+    ----------
+    assembled
+        When a person reported that its parts are glued.
+    assembly_expected_s, assembly_s
+        A person's time to glue them: by the model of steps, and as reported.
+    """
 
     id: int
     name: str
@@ -33,6 +41,9 @@ class JobOutcome:
     ended: str | None
     expected_s: float | None
     reached_s: float | None
+    assembled: str | None = None
+    assembly_expected_s: float | None = None
+    assembly_s: float | None = None
 
     @property
     def deviation(self) -> float | None:
@@ -128,4 +139,7 @@ def _describe_outcome(context: ViewContext, job: Job) -> JobOutcome:
         ended=context.format_time(job.ended_s),
         expected_s=job.expected_s,
         reached_s=measure_times(context, job).makespan_s if printed else None,
+        assembled=None if job.gluing is None else context.format_time(job.gluing.at_s),
+        assembly_expected_s=job.assembly_s,
+        assembly_s=None if job.gluing is None else 60.0 * job.gluing.minutes,
     )

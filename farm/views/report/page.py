@@ -17,7 +17,9 @@ from farm import api
 from farm.model import PrintState
 from farm.text import format_duration
 from farm.views.charts import Bar, lay_out_gantt, list_bars, name_outcome
+from farm.views.decomposition_report import Report
 
+_SIGNS = str.maketrans({"^": "", ".": "●"})  # of codes, as they are read on parts
 _JPEG = b"\xff\xd8"
 
 
@@ -49,6 +51,7 @@ def render_page(
     facts: Sequence[tuple[str, str]],
     pictures: Mapping[str, bytes],
     assembly: bytes | None,
+    decomposition: Report | None = None,
 ) -> str:
     """Render the page.
 
@@ -65,6 +68,8 @@ def render_page(
         is left out.
     assembly
         PNG of all parts in an exploded view.
+    decomposition
+        How the parts are glued; None if it is not known.
     """
     template = _templates().get_template("report.html")
     page = template.render(
@@ -76,8 +81,25 @@ def render_page(
         stills=_list_stills(job, pictures),
         figures=[_describe_part(part, job, pictures.get(part.id)) for part in job.parts_by_use],
         assembly=None if assembly is None else _data_url(assembly),
+        decomposition=decomposition or Report(),
+        steps=[] if decomposition is None else _list_steps(decomposition),
     )
     return page + "\n"
+
+
+def _list_steps(report: Report) -> list[tuple[str, ...]]:
+    """List number, upper and lower body, codes, pins and seam of every step of the assembly."""
+    return [
+        (
+            str(step.number),
+            ", ".join(step.moved),
+            ", ".join(step.fixed),
+            ", ".join(dict.fromkeys(code.text.translate(_SIGNS) for code in step.codes)),
+            ", ".join(f"{round(length_mm, 1):g}" for length_mm in report.list_pins_mm(step)),
+            f"{step.seam_mm:,.0f}",
+        )
+        for step in report.assembly.steps
+    ]
 
 
 def _list_failures(job: api.JobView) -> list[tuple[str, ...]]:

@@ -1,5 +1,6 @@
 """Gluing in the views: the order of parts, the time that it takes, and the beds to clear first."""
 
+import csv
 import io
 from pathlib import Path
 
@@ -13,8 +14,9 @@ from farm.paths import StateFolder
 from farm.scheduling import describe_plates
 from farm.state import events as ev
 from farm.state.books import put, replace_fields
-from farm.views import describe_job, list_tasks
+from farm.views import describe_job, list_history, list_jobs, list_tasks
 from farm.views.context import ViewContext
+from farm.views.dashboard import HistoryFilter, describe_history, write_csv
 from farm.views.job_times import measure_assembly
 from farm.views.report import list_figures
 from make_books import PRINTERS, ended, job, printing, run
@@ -72,6 +74,39 @@ def test_time_from_submission_to_assembled_is_foreseen_then_measured(books):
     view = describe_job(look(books, 6000.0), books.jobs[1])
     assert (view.assembly_s, view.glued, view.submitted_to_assembled_s) == (3000.0, True, 5000.0)
     assert ("assembly", "50 min") in list_figures(view)
+
+
+def test_gluing_is_in_the_lists_of_jobs_and_prints_once_it_is_reported(books):
+    books = printed(books)
+    context = look(books, 300.0)
+    assert [row.assembled for row in (*list_jobs(context, None, 9), *list_history(context))] == [None] * 4
+    [outcome] = describe_history(context, HistoryFilter()).jobs
+    assert (outcome.assembled, outcome.assembly_s, outcome.assembly_expected_s) == (None, None, 3600.0)
+    books, _ = run(books, ev.JobAssembled(at_s=5000.0, job=1, minutes=50.0, by="ann"))
+    context = look(books, 6000.0)
+    rows = [
+        *list_jobs(context, None, 9),
+        *list_history(context),
+        *describe_history(context, HistoryFilter()).jobs,
+    ]
+    assert [(row.assembled, row.assembly_s) for row in rows] == [(context.format_time(5000.0), 3000.0)] * 5
+    for line in csv.DictReader(io.StringIO(write_csv(list_history(context)), newline="")):
+        assert (line["assembled"], line["assembly_s"]) == (context.format_time(5000.0), "3000")
+
+
+def test_reported_times_correct_those_expected_of_a_later_job(books):
+    later = job(2).model_copy(update={"assembly_s": 1000.0, "state": JobState.PRINTED, "ended_s": 400.0})
+    books = put(printed(books), later)
+    assert describe_job(look(books), books.jobs[2]).assembly_s == pytest.approx(1000.0)
+    books, _ = run(books, ev.JobAssembled(at_s=5000.0, job=1, minutes=90.0, by="ann"))  # expected: an hour
+    assert describe_job(look(books), books.jobs[2]).assembly_s == pytest.approx(1250.0)
+
+
+def test_page_of_a_job_names_its_instructions(books):
+    view = describe_job(look(printed(books), 300.0), printed(books).jobs[1])
+    console = Console(width=140, record=True, file=io.StringIO())
+    console.print(render_job(view))
+    assert f"steps, codes and pins to glue it: {view.folder}/instructions.html" in console.export_text()
 
 
 def test_other_jobs_take_as_long_as_people_reported():

@@ -1,6 +1,7 @@
 """The report of a job: one page, its Gantt, what went wrong, its parts."""
 
 import io
+import json
 import re
 from dataclasses import replace
 from datetime import datetime, timedelta
@@ -17,6 +18,7 @@ from farm.state import events as ev
 from farm.upkeep.part_pictures import draw_part
 from farm.views import describe_job, list_history
 from farm.views.charts import COLOURS, Bar, lay_out_gantt, list_bars
+from farm.views.decomposition_report import parse_report
 from farm.views.report import draw_gantt, list_figures, render_page
 from make_books import run
 from make_stl import stl_bytes
@@ -74,6 +76,24 @@ def test_stills_of_a_print_are_shown_by_time_and_a_missing_one_is_left_out():
     books = books_without_files(books)
     view, *_ = report_of(books)
     assert [still.file for one in view.prints for still in one.stills] == [None] * 3
+
+
+def test_steps_of_the_assembly_are_listed_with_codes_pins_and_seams():
+    view, rows, now = report_of(night_books())
+    step = {
+        "number": 1, "moved": ["p02"], "fixed": ["p01"], "seam_mm": 1234.4, "pins": [2, 1],
+        "codes": [{"part": "p01", "text": "1-2^"}, {"part": "p02", "text": ".."}],
+    }  # fmt: skip
+    decomposition = {
+        "assembly": {"steps": [step]}, "seam_mm": 1300.0, "thin_rims": "a rim <is> thin",
+        "connectors": {"pins": [{"id": 1, "length_mm": 6.98}, {"id": 2, "length_mm": 12.965}]},
+    }  # fmt: skip
+    report = parse_report(json.dumps(decomposition).encode())
+    page = render_page(view, rows, now, list_figures(view), {}, None, report)
+    cells = re.findall(r"<td>([^<]*)</td>", page[page.index('<table class="steps">') :])
+    assert cells == ["1", "p02", "p01", "1-2, ●●", "13, 7", "1,234"]
+    assert "1,300 mm of seam are seen" in page and "a rim &lt;is&gt; thin" in page
+    assert "Assembly" not in render_page(view, rows, now, list_figures(view), {}, None)
 
 
 def books_without_files(books):

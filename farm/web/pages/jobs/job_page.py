@@ -10,10 +10,10 @@ from farm import api
 from farm.model import HoldCode, JobState, PlanProgress, PlanStep
 from farm.text import format_count, format_duration, format_mass, format_moment
 from farm.views.charts import Gantt, lay_out_gantt, list_bars, list_expected_bars
+from farm.views.decomposition_report import Report
 from farm.views.report import list_figures
 from farm.web.notes import Note, Reader
 from farm.web.pages.jobs.actions import list_job_actions
-from farm.web.pages.jobs.assembly import Report
 from farm.web.pages.jobs.curve import Curve, draw_curve
 from farm.web.pages.jobs.parts import list_part_rows
 from farm.web.pages.rendering import render_page

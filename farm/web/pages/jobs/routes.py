@@ -16,11 +16,11 @@ from farm.control import READING_S, DryRuns
 from farm.errors import NoSuchThing
 from farm.http import Services, describe_farm, find_stored_file, name_stored_files
 from farm.views import describe_job, describe_timeline, list_history
+from farm.views.decomposition_report import Report, parse_report
 from farm.views.report import list_figures, render_page
 from farm.web.callers import find_holder
 from farm.web.live import LivePages, publish_page
 from farm.web.notes import Note, Notes, Reader
-from farm.web.pages.jobs.assembly import Report, parse_report
 from farm.web.pages.jobs.job_page import JobData, render_job_page
 from farm.web.pages.page_route import PageRoute
 
@@ -94,7 +94,7 @@ def job_page_routes(services: Services, dry_runs: DryRuns, notes: Notes, live: L
         except (NoSuchThing, OSError):
             picture = None
         now = datetime.fromtimestamp(context.now_s, controller.fleet.zone)
-        page = render_page(job, others, now, list_figures(job), {}, picture)
+        page = render_page(job, others, now, list_figures(job), {}, picture, read_stored_report(number))
         return HTMLResponse(page, headers=_DOCUMENT)
 
     return router

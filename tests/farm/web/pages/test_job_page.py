@@ -11,8 +11,8 @@ from farm import api
 from farm.model import Hold, HoldCode, JobOptions, JobState, PlanProgress, PlanStep, Role
 from farm.state import events as ev
 from farm.views import describe_job
+from farm.views.decomposition_report import Report, parse_report
 from farm.web.notes import Reader
-from farm.web.pages.jobs.assembly import Report, parse_report
 from farm.web.pages.jobs.job_page import JobData, list_downloads, list_reasons, render_job_page, summarise_job
 from farm.web.pages.jobs.parts import list_part_rows
 from make_books import run

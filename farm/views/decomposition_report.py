@@ -18,6 +18,20 @@ class Joint(_Record):
     glued: bool = True  # enough glue to hold by itself
 
 
+class Code(_Record):
+    """Text on a glued face of a part."""
+
+    part: str
+    text: str
+
+
+class Pin(_Record):
+    """Pin in the holes of two parts."""
+
+    id: int
+    length_mm: float
+
+
 class Step(_Record):
     """Step of the assembly: a body is glued to another one.
 
@@ -31,6 +45,12 @@ class Step(_Record):
         Parts on which the other body stands; none if it is held.
     level
         Steps of one level may be done side by side.
+    seam_mm
+        Length of its seams on the outer surface.
+    pins
+        Numbers of its pins.
+    codes
+        Codes on its faces.
     """
 
     number: int
@@ -39,6 +59,9 @@ class Step(_Record):
     slides: bool = False
     rests_on: tuple[str, ...] = ()
     level: int = 1
+    seam_mm: float = 0.0
+    pins: tuple[int, ...] = ()
+    codes: tuple[Code, ...] = ()
 
 
 class Assembly(_Record):
@@ -46,6 +69,12 @@ class Assembly(_Record):
 
     steps: tuple[Step, ...] = ()
     locked: tuple[tuple[str, ...], ...] = ()
+
+
+class Connectors(_Record):
+    """Pins of all steps."""
+
+    pins: tuple[Pin, ...] = ()
 
 
 class CurvePoint(_Record):
@@ -56,11 +85,27 @@ class CurvePoint(_Record):
 
 
 class Report(_Record):
-    """Joints, assembly and curve of a decomposition; what an earlier version did not write is empty."""
+    """Joints, assembly and curve of a decomposition; what an earlier version did not write is empty.
+
+    Attributes
+    ----------
+    seam_mm
+        Length of all seams on the outer surface.
+    thin_rims
+        Sentence about rims at seams that are thinner than two lines; empty without any.
+    """
 
     joints: tuple[Joint, ...] = ()
     assembly: Assembly = Assembly()
+    connectors: Connectors = Connectors()
     curve: tuple[CurvePoint, ...] = ()
+    seam_mm: float = 0.0
+    thin_rims: str = ""
+
+    def list_pins_mm(self, step: Step) -> list[float]:
+        """List the lengths of a step's pins."""
+        lengths = {pin.id: pin.length_mm for pin in self.connectors.pins}
+        return [lengths[number] for number in step.pins if number in lengths]
 
 
 def parse_report(text: bytes) -> Report:
