@@ -87,16 +87,23 @@ class ConnectorOptions:
         Width of a hole across its flats beyond the pin.
     marks
         Whether the numbers of the parts are cut into these faces.
+    printer_fits_mm
+        Names of printers whose fit differs, each with its own.
     """
 
     pin_mm: float | None = None
     pin_fit_mm: float = PIN_FIT_MM
     marks: bool = False
+    printer_fits_mm: tuple[tuple[str, float], ...] = ()
 
     @property
     def is_empty(self) -> bool:
         """Check whether the parts stay as they were cut."""
         return self.pin_mm is None and not self.marks
+
+    def find_fit_mm(self, printer: str) -> float:
+        """Return the fit of the holes in a part that a printer prints."""
+        return dict(self.printer_fits_mm).get(printer, self.pin_fit_mm)
 
 
 @dataclass(frozen=True, slots=True)

@@ -31,6 +31,7 @@ Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,40}$")]
 _MOVED_MODULES = {"drivers.bridge": "drivers.remote.bridge"}
 """Modules that fleet files of earlier versions name, and their present paths."""
 Group = Annotated[str, Field(pattern=r"^[a-z_][a-z0-9_-]{0,31}$")]
+PinFit = Annotated[float, Field(ge=0, le=2)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Place = tuple[str | int, ...]
 """Path of a value in the file: keys, and indices of lists."""
@@ -198,6 +199,7 @@ class FleetSection(_Section):
     keep: KeepSection = KeepSection()
     log: LogFormat = LogFormat.TEXT  # of the daemon; json: a line of JSON for each record
     currency: Annotated[str, Field(min_length=1, max_length=8)] | None = None
+    pin_fit_mm: PinFit | None = None  # width of holes for pins beyond the pin, by `farm coupon`
     attended: Windows = ()  # hours when somebody is present; empty: unknown
     quiet: Windows = ()  # hours when nothing may print
     first_layers_attended: bool = False  # first layers must end in attended hours
@@ -235,6 +237,7 @@ class PrinterSection(_Section):
     nozzle_mm: Positive = 0.4
     price_per_kg: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None = None  # of its filament
     volume_mm: tuple[Positive, Positive, Positive] | None = None
+    pin_fit_mm: PinFit | None = None  # its own, where it differs from the fleet's
     host: Annotated[str, Field(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.@-]*$")] | None = None  # host name for ssh
     host_command: str = "/opt/farm/.venv/bin/python -m drivers.remote.bridge"  # run on the host by ssh
     enabled: bool = True

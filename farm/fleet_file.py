@@ -98,7 +98,7 @@ def load_fleet(
         fleet_section = fleet_section.model_copy(
             update={"materials": path.absolute().parent / fleet_section.materials}
         )
-    sections = []
+    sections: list[PrinterSection] = []
     for index, section in enumerate(fleet.printers):
         try:
             sections.append(complete(section, fleet_section))
@@ -106,7 +106,13 @@ def load_fleet(
             of_fleet = error.place[0] == "fleet"
             place = error.place if of_fleet else ("printers", index, *error.place)
             raise document.error_at(place, str(error)) from error
-    return fleet.model_copy(update={"fleet": fleet_section, "printers": tuple(sections)})
+    fitted = (
+        section.model_copy(update={"pin_fit_mm": fleet_section.pin_fit_mm})
+        if section.pin_fit_mm is None
+        else section
+        for section in sections
+    )
+    return fleet.model_copy(update={"fleet": fleet_section, "printers": tuple(fitted)})
 
 
 @dataclass(frozen=True, slots=True)

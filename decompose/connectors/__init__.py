@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from decompose.connectors.coupon import Coupon, make_coupon
 from decompose.connectors.faces import Blank, rings_of
 from decompose.connectors.pins import pairs_of
 from decompose.connectors.plan import drill, plan_connectors
@@ -11,6 +12,7 @@ from decompose.connectors.report import describe_connectors, list_cuts
 __all__ = [
     "Blank",
     "Connectors",
+    "Coupon",
     "Mark",
     "Pin",
     "Tool",
@@ -18,6 +20,7 @@ __all__ = [
     "distance_mm",
     "drill",
     "list_cuts",
+    "make_coupon",
     "pairs_of",
     "plan_connectors",
     "rings_of",

@@ -11,6 +11,7 @@ import shapely
 from decompose.arrays import Floats
 from decompose.connectors.records import RIM_MM, Tool
 from decompose.geometry import Solid
+from decompose.options import PIN_FIT_MM
 from decompose.pieces import Joint, JointFace
 
 SKIN_MM = 0.05  # depth from which a part is examined: at the face itself rounding leaves films
@@ -29,11 +30,14 @@ class Blank:
         In the frame of the joints, mm.
     up
         (3,) the bed's up in the part's pose, in the same frame.
+    pin_fit_mm
+        Width of its holes across their flats beyond the pin.
     """
 
     name: str
     solid: Solid
     up: Floats
+    pin_fit_mm: float = PIN_FIT_MM
 
 
 @dataclass(frozen=True, slots=True, eq=False)

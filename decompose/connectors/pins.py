@@ -18,7 +18,6 @@ from decompose.assembly import Assembly, AssemblyStep
 from decompose.connectors.faces import Room, Side, find_sides
 from decompose.connectors.records import RIM_MM, Pin, Tool, distance_mm
 from decompose.connectors.tools import make_hole
-from decompose.options import ConnectorOptions
 from decompose.pieces import Joint
 
 DEPTHS = (2.45, 1.4)  # of the two holes in diameters of the pin
@@ -47,7 +46,7 @@ class _Site:
 
 
 def place_pins(
-    room: Room, joints: Sequence[Joint], assembly: Assembly, options: ConnectorOptions, min_glue_mm2: float
+    room: Room, joints: Sequence[Joint], assembly: Assembly, pin_mm: float, min_glue_mm2: float
 ) -> tuple[list[Pin], list[tuple[int, str]]]:
     """Place the pins of all steps, and add their holes to the room's tools.
 
@@ -63,7 +62,7 @@ def place_pins(
     for number, step in enumerate(assembly.steps):
         held = [j for j in step.joints if joints[j].holds(min_glue_mm2)]
         sites = [site for j in held for site in _find_sites(room, j, joints[j], step)]
-        placer = _Placer(room, number, step, sites, options)
+        placer = _Placer(room, number, step, sites, pin_mm)
         placed = placer.place(_pair_distances_mm(pins))
         pins += placed
         if not placed:
@@ -106,7 +105,7 @@ class _Placer:
     number: int
     step: AssemblyStep
     sites: list[_Site]
-    options: ConnectorOptions
+    pin_mm: float
 
     def place(self, taken_mm: Sequence[float]) -> list[Pin]:
         """Place all pins of the step; the distance of its pair differs from those taken."""
@@ -121,12 +120,11 @@ class _Placer:
 
     @property
     def _distinct_mm(self) -> float:
-        return 2.0 * self.options.pin_fit_mm + DISTINCT_MM
+        return 2.0 * max(blank.pin_fit_mm for blank in self.room.blanks) + DISTINCT_MM
 
-    def _size_mm(self, index: int) -> tuple[float, float]:
-        """Width across the flats and depth of the deep hole (0) or the shallow one (1)."""
-        pin_mm = self.options.pin_mm or 0.0
-        return pin_mm + self.options.pin_fit_mm, DEPTHS[index] * pin_mm
+    def _size_mm(self, side: Side, index: int) -> tuple[float, float]:
+        """Width across the flats and depth of the deep hole (0) or the shallow one (1) in a part."""
+        return self.pin_mm + self.room.blanks[side.part].pin_fit_mm, DEPTHS[index] * self.pin_mm
 
     def _find_places(self, index: int) -> list[shapely.Geometry]:
         """Find for each site where the axis of a pin may be, in the coordinates of its face."""
@@ -136,7 +134,9 @@ class _Placer:
         ]
 
     def _find_axes(self, side: Side, index: int) -> shapely.Geometry:
-        tool = make_hole(side.part, np.zeros(3), side.into, self._up(side), self._size_mm(index), np.zeros(3))
+        tool = make_hole(
+            side.part, np.zeros(3), side.into, self._up(side), self._size_mm(side, index), np.zeros(3)
+        )
         if tool is None:
             return shapely.Polygon()
         outline = shapely.MultiPoint(side.flatten(tool.points_mm))
@@ -260,10 +260,10 @@ class _Placer:
     def _make_pin(self, number: int, at: Floats, index: int, slot: Floats) -> Pin | None:
         """Make a pin with its holes; None where one does not print without support, or has no room."""
         site = self.sites[number]
-        width_mm, depth_mm = self._size_mm(index)
+        depth_mm = DEPTHS[index] * self.pin_mm
         holes: list[Tool] = []
         for side, stretch in ((site.moved, slot), (site.fixed, np.zeros(3))):
-            hole = make_hole(side.part, at, side.into, self._up(side), (width_mm, depth_mm), stretch)
+            hole = make_hole(side.part, at, side.into, self._up(side), self._size_mm(side, index), stretch)
             if hole is None or not self._has_room(side, hole):
                 return None
             holes.append(hole)
@@ -272,7 +272,7 @@ class _Placer:
             joint=site.moved.joint,
             at_mm=at,
             axis=self.step.direction,
-            diameter_mm=self.options.pin_mm or 0.0,
+            diameter_mm=self.pin_mm,
             depth_mm=depth_mm,
             length_mm=2.0 * (depth_mm - END_MM),
             slotted=bool(slot.any()),

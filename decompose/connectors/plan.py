@@ -30,13 +30,15 @@ def plan_connectors(
     joints, assembly
         Of these parts, in the same frame.
     options
-        Diameter and fit of the pins, and whether there are marks.
+        Diameter of the pins, and whether there are marks; the fit is that of each blank.
     min_glue_mm2
         Least area of a joint that counts as holding.
     """
     room = Room(blanks)
     pins, unpinned = (
-        ([], []) if options.pin_mm is None else place_pins(room, joints, assembly, options, min_glue_mm2)
+        ([], [])
+        if options.pin_mm is None
+        else place_pins(room, joints, assembly, options.pin_mm, min_glue_mm2)
     )
     marks, unmarked = place_marks(room, joints, assembly) if options.marks else ([], [])
     return Connectors(tuple(pins), tuple(marks), tuple(unpinned), tuple(unmarked))

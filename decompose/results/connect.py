@@ -32,7 +32,10 @@ def connect_parts(decomposition: Decomposition) -> Decomposition:
     options = decomposition.options
     if options.connectors.is_empty or len(decomposition.parts) < 2:
         return decomposition
-    blanks = [Blank(short_label(p.id), p.solid, p.rotation[2]) for p in decomposition.parts]
+    blanks = [
+        Blank(short_label(p.id), p.solid, p.rotation[2], options.connectors.find_fit_mm(p.printer))
+        for p in decomposition.parts
+    ]
     try:
         connectors = plan_connectors(
             blanks, decomposition.joints, decomposition.assembly, options.connectors, options.min_glue_mm2

@@ -128,10 +128,10 @@ def find_wrong_fits(pins: Sequence[Pin]) -> list[str]:
 
 
 def _play_mm(pin: Pin) -> float:
-    """Measure how far a pin can move across its holes, by the narrowest width of the fixed one."""
+    """Measure how far a pin can move across its holes, by the narrowest width of the wider one."""
     across = _across(pin.axis)
-    hole = shapely.MultiPoint((pin.holes[1].points_mm - pin.at_mm) @ across.T).convex_hull
-    inner_mm = shapely.Point(0.0, 0.0).distance(hole.exterior)
+    hulls = [shapely.MultiPoint((hole.points_mm - pin.at_mm) @ across.T).convex_hull for hole in pin.holes]
+    inner_mm = max(shapely.Point(0.0, 0.0).distance(hull.exterior) for hull in hulls)
     return float(2.0 * inner_mm - pin.diameter_mm)
 
 

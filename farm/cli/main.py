@@ -147,6 +147,11 @@ COMMANDS = {
             "local.slice_model",
             "Slice a model as one plate for printing over USB, with all checks.",
         ),
+        CommandEntry(
+            "coupon",
+            "local.coupon",
+            "Write a block with holes of several widths, to find the fit of pins on a printer.",
+        ),
     ),
 }
 """Groups in the order in which `farm --help` lists them."""

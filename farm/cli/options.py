@@ -65,7 +65,12 @@ Pins = Annotated[
     ),
 ]
 PinFit = Annotated[
-    float, typer.Option(min=0, max=2, help="Width of a hole across its flats beyond the pin, mm.")
+    float | None,
+    typer.Option(
+        min=0,
+        max=2,
+        help="Width of a hole across its flats beyond the pin, mm; default: that of fleet.yaml, or 0.4.",
+    ),
 ]
 Marks = Annotated[
     bool,

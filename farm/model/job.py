@@ -8,7 +8,7 @@ from typing import Annotated
 
 from pydantic import AfterValidator, Field
 
-from decompose.options import MAX_PIN_MM, MIN_PIN_MM, PIN_FIT_MM, Engine
+from decompose.options import MAX_PIN_MM, MIN_PIN_MM, Engine
 from farm.errors import ErrorCode
 from farm.model.entity import Entity
 from farm.model.hold import Hold
@@ -63,7 +63,9 @@ class JobOptions(Entity):
     hold: bool = False  # nothing prints before `farm approve`
     dry_run: bool = False  # planned only: cancelled once its plan has been shown
     pin_mm: float | None = Field(default=None, ge=MIN_PIN_MM, le=MAX_PIN_MM)  # None: no holes for pins
-    pin_fit_mm: float = Field(default=PIN_FIT_MM, ge=0, le=2)  # width of a hole beyond its pin
+    pin_fit_mm: float | None = Field(
+        default=None, ge=0, le=2
+    )  # width of a hole beyond its pin; None: the printers'
     marks: bool = False  # part numbers are cut into the faces that are glued
     copies: int = Field(default=1, ge=1, le=500)
     name: ShortText | None = Field(default=None, max_length=60)  # shown instead of the file's name

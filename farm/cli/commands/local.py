@@ -1,4 +1,4 @@
-"""`farm decompose` and `farm slice`: commands that need no daemon."""
+"""`farm decompose`, `farm slice` and `farm coupon`: commands that need no daemon."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def decompose(
     ] = "both",
     faithful: Annotated[bool, typer.Option("--faithful", help="Follow the engine's paper exactly.")] = False,
     pins: Pins = "none",
-    pin_fit: PinFit = PIN_FIT_MM,
+    pin_fit: PinFit = None,
     marks: Marks = False,
     clear: Annotated[float, typer.Option(min=0, help="auto: time to clear a bed, s.")] = 120.0,
     assemble: Annotated[float, typer.Option(min=0, help="auto: time to glue a part, s.")] = 216.0,
@@ -95,7 +95,7 @@ def decompose(
         assemble_s=assemble,
         quality=quality,
         sliced=slice_,
-        connectors=ConnectorOptions(parse_pins(pins), pin_fit, marks),
+        connectors=ConnectorOptions(parse_pins(pins), PIN_FIT_MM if pin_fit is None else pin_fit, marks),
     )
     if slice_:
         signal.signal(signal.SIGTERM, _exit)
@@ -219,6 +219,27 @@ def slice_model(
         f"{out}: {printing} (with heating {total}), {amount}, "
         f"{report['layers']} layers{', from the cache' if report['cached'] else ''}"
     )
+
+
+def coupon(
+    out: Annotated[Path, typer.Option("-o", "--out", help="The STL file.")] = Path("coupon.stl"),
+    pins: Pins = "filament",
+    json: Json = False,
+) -> None:
+    """Write a block with holes of several widths, to find the fit of pins on a printer."""
+    from farm.planning.local.coupon_file import write_coupon
+
+    report = write_coupon(out, parse_pins(pins))
+    if json:
+        print_json(report)
+        return
+    lengths = " and ".join(f"{length_mm:g}" for length_mm in report["lengths_mm"])
+    fits = report["fits_mm"]
+    print(
+        f"{out}: holes {fits[0]:g} to {fits[-1]:g} mm wider than a pin of {report['pin_mm']:g} mm, "
+        f"numbered in tenths; gauges for pins {lengths} mm long"
+    )
+    print("Slice it as it lies: farm slice; the number that fits goes into `pin_fit_mm` of fleet.yaml")
 
 
 def _exit(number: int, _: object) -> NoReturn:

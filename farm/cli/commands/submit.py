@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 from pydantic import ValidationError
 
-from decompose.options import PIN_FIT_MM, Engine
+from decompose.options import Engine
 from farm import api
 from farm.cli.client import connect
 from farm.cli.display import show_timeline
@@ -51,7 +51,7 @@ def submit(
     colour: Annotated[str | None, typer.Option(help="Use only printers with this colour.")] = None,
     quality: Quality = "glue",
     pins: Pins = "none",
-    pin_fit: PinFit = PIN_FIT_MM,
+    pin_fit: PinFit = None,
     marks: Marks = False,
     priority: Annotated[int, typer.Option(help="Jobs of higher priority print first.")] = 0,
     at: Annotated[

@@ -58,7 +58,7 @@ def decompose_job(task: DecomposeTask) -> DecomposedJob:
         resources = find_resources()
     rooms, cost = price_rooms(task.printers, task.time_factors, task.options.quality, resources, task.rounds)
     model = read_inspected(task.model)
-    options = build_decompose_options(task.options)
+    options = build_decompose_options(task.options, task.printers)
     if task.budget_s is not None:
         options = replace(options, best=BestOptions(task.budget_s))
     progress = ProgressFile(task.folder)

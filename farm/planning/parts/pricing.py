@@ -49,11 +49,22 @@ def price_rooms(
     return rooms, costs[0]
 
 
-def build_decompose_options(options: JobOptions) -> Options:
-    """Return the options with which a job's model is decomposed."""
+def build_decompose_options(options: JobOptions, printers: Sequence[PrinterSection] = ()) -> Options:
+    """Return the options with which a job's model is decomposed.
+
+    Parameters
+    ----------
+    printers
+        The printers that may print its parts: holes have their fits, unless the job has one of its own.
+    """
     quality = FARM_QUALITIES.get(options.quality)
     fits = quality is not None and quality.fits_first_layer
-    connectors = ConnectorOptions(options.pin_mm, options.pin_fit_mm, options.marks)
+    fits_mm = {p.name: p.pin_fit_mm for p in printers if p.pin_fit_mm is not None}
+    connectors = (
+        ConnectorOptions(options.pin_mm, marks=options.marks, printer_fits_mm=tuple(sorted(fits_mm.items())))
+        if options.pin_fit_mm is None
+        else ConnectorOptions(options.pin_mm, options.pin_fit_mm, options.marks)
+    )
     return Options(
         options.engine,
         fit_first_layer=fits,

@@ -37,7 +37,8 @@ def cut_part(task: ReplanTask) -> Pieces:
     with translate_errors():
         resources = find_resources()
     rooms, cost = price_rooms(task.printers, task.time_factors, task.options.quality, resources)
-    options = replace(build_decompose_options(task.options), interior=Interior.KEEP)  # no hollows
+    wanted = build_decompose_options(task.options, task.printers)
+    options = replace(wanted, interior=Interior.KEEP)  # no hollows
     whole = Model(_read_solid(task.files / task.part.file), (), 1.0)
     try:
         decomposition = decompose_auto(whole, rooms, options, cost)

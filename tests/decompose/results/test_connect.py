@@ -146,6 +146,19 @@ def test_parts_are_written_with_their_holes_and_the_report_lists_them(
     assert report["failures"] == report["unpinned"] == report["unmarked"] == []
 
 
+def test_hole_is_as_wide_as_the_printer_of_its_part_needs(halves: Decomposition) -> None:
+    printers = [part.printer for part in halves.parts]
+    fits_mm = replace(ALL, printer_fits_mm=((printers[1], 0.7),))
+    stored = connect_parts(replace(halves, options=replace(halves.options, connectors=fits_mm)))
+    assert not stored.connectors.failures
+    for pin in stored.connectors.pins:
+        widths = {}
+        for hole in pin.holes:
+            across = hole.points_mm[:6] - hole.points_mm[:6].mean(axis=0)
+            widths[stored.parts[hole.part].printer] = np.sqrt(3.0) * np.linalg.norm(across, axis=1).max()
+        assert widths == pytest.approx({printers[0]: 2.85 + 0.4, printers[1]: 2.85 + 0.7})
+
+
 def test_without_options_parts_stay_as_they_were_cut(halves: Decomposition) -> None:
     plain = replace(halves, options=replace(halves.options, connectors=ConnectorOptions()))
     assert connect_parts(plain) is plain

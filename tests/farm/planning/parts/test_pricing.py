@@ -146,3 +146,14 @@ def test_pins_and_marks_are_for_glued_parts_and_not_for_those_of_the_paper():
     options = JobOptions(pin_mm=2.85, pin_fit_mm=0.5, marks=True)
     assert build_decompose_options(options).connectors == ConnectorOptions(2.85, 0.5, marks=True)
     assert build_decompose_options(options.model_copy(update={"quality": "paper"})).connectors.is_empty
+
+
+def test_holes_have_the_fit_of_their_printer_unless_the_job_has_its_own():
+    sections = [
+        PrinterSection(name=name, model="ultimaker2_plus", port="sim://ultimaker2_plus", pin_fit_mm=fit_mm)
+        for name, fit_mm in (("a", 0.5), ("b", None))
+    ]
+    fleets = build_decompose_options(JobOptions(pin_mm=2.85), sections).connectors
+    assert [fleets.find_fit_mm(name) for name in "ab"] == [0.5, 0.4]
+    own = build_decompose_options(JobOptions(pin_mm=2.85, pin_fit_mm=0.3), sections).connectors
+    assert [own.find_fit_mm(name) for name in "ab"] == [0.3, 0.3]

@@ -1,0 +1,55 @@
+"""The coupon's holes differ by a tenth, print without support, and stand beside their numbers."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import shapely
+
+from decompose.connectors import Coupon, make_coupon
+from decompose.connectors.ceilings import closes_in_a_step, overhang_sin
+from decompose.connectors.coupon import UP
+from decompose.connectors.tools import GROOVE_SIN, HOLE_SIN
+from decompose.geometry import round_triangles
+
+
+@pytest.fixture(scope="module", params=[1.75, 2.85, 5.0])
+def coupon(request: pytest.FixtureRequest) -> tuple[float, Coupon]:
+    return request.param, make_coupon(request.param)
+
+
+def width_mm(points: np.ndarray, into: np.ndarray) -> float:
+    """Measure twice the distance of the flats from the axis, below any roof."""
+    first = np.cross(np.eye(3)[int(np.abs(into).argmin())], into)
+    flat = points @ np.stack([first, np.cross(into, first)]).T
+    middle = shapely.Point(flat[:6].mean(axis=0))
+    return 2.0 * float(shapely.MultiPoint(flat).convex_hull.exterior.distance(middle))
+
+
+def test_holes_on_top_and_in_front_get_wider_by_a_tenth(coupon: tuple[float, Coupon]) -> None:
+    pin_mm, made = coupon
+    count = len(made.fits_mm)
+    for first in (0, count):
+        widths = [width_mm(hole.points_mm, hole.into) for hole in made.holes[first : first + count]]
+        assert widths == pytest.approx([pin_mm + fit_mm for fit_mm in made.fits_mm])
+    gauges = [float(np.ptp(hole.points_mm @ hole.into)) - 0.1 for hole in made.holes[2 * count :]]
+    assert gauges == pytest.approx(made.lengths_mm)
+
+
+def test_each_number_stands_on_the_face_of_its_hole(coupon: tuple[float, Coupon]) -> None:
+    _, made = coupon
+    texts = [f"{10 * fit_mm:.0f}" for fit_mm in made.fits_mm]
+    assert [mark.text for mark in made.marks] == [*texts, *texts, *(f"{mm:.0f}" for mm in made.lengths_mm)]
+    for mark, hole in zip(made.marks, made.holes, strict=True):
+        assert (mark.grooves[0].into == hole.into).all()
+        assert mark.lines_mm[..., 0].mean() == pytest.approx(hole.points_mm[:, 0].mean(), abs=3.5)
+
+
+def test_it_prints_without_support_in_one_piece_and_is_a_closed_stl(coupon: tuple[float, Coupon]) -> None:
+    _, made = coupon
+    assert len(made.solid.pieces()) == 1
+    assert round_triangles(*made.solid.arrays()) is not None
+    for tools, limit in ((made.holes, HOLE_SIN), ([g for m in made.marks for g in m.grooves], GROOVE_SIN)):
+        for tool in tools:
+            assert overhang_sin(tool.points_mm, tool.into, UP) <= limit
+            assert not closes_in_a_step(tool, UP)
