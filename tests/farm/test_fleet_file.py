@@ -38,6 +38,14 @@ def test_defaults_apply_unless_a_printer_overrides_them(tmp_path):
     assert fleet.printer("b").colour == "blue"
 
 
+def test_printers_have_the_fit_of_the_fleet_unless_they_have_their_own(tmp_path):
+    fleet = load(
+        tmp_path, GOOD.replace("{name: lab", "{pin_fit_mm: 0.5").replace("blue}", "blue, pin_fit_mm: 0}")
+    )
+    assert [p.pin_fit_mm for p in fleet.printers] == [0.5, 0.0]
+    assert [p.pin_fit_mm for p in load(tmp_path, GOOD).printers] == [None, None]
+
+
 def test_reel_has_a_price_if_given(tmp_path):
     priced = GOOD.replace("timezone", "currency: CHF, timezone").replace("colour: red", "price_per_kg: 28.50")
     fleet = load(tmp_path, priced.replace("colour: blue", "price_per_kg: 0"))

@@ -6,10 +6,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import trimesh
 import typer
 
 from farm.cli.commands import local
 from farm.cli.commands.local import summarise_decomposition
+from farm.errors import FarmError
 
 
 def report(**more: Any) -> dict[str, Any]:
@@ -102,3 +104,21 @@ def test_one_part_has_no_joint() -> None:
 def test_invalid_volume_is_refused(text: str, tmp_path: Path) -> None:
     with pytest.raises(typer.BadParameter, match="three numbers above 0"):
         local.decompose(tmp_path / "none.stl", out=tmp_path, printers=2, volume=text)
+
+
+def test_coupon_is_a_closed_stl_and_its_fits_are_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "new" / "coupon.stl"
+    local.coupon(out, "3")
+    assert trimesh.load_mesh(out).is_watertight
+    told = capsys.readouterr().out
+    assert "0.1 to 0.7 mm wider than a pin of 3 mm" in told and "13.7 and 7.4" in told
+
+
+def test_coupon_needs_a_diameter_and_a_place(tmp_path: Path) -> None:
+    with pytest.raises(FarmError, match="--pins none"):
+        local.coupon(tmp_path / "coupon.stl", "none")
+    (tmp_path / "file").touch()
+    with pytest.raises(FarmError, match="cannot be written"):
+        local.coupon(tmp_path / "file" / "coupon.stl", "filament")
