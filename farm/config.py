@@ -26,6 +26,7 @@ from farm.week_windows import Window, parse_window
 
 SIMULATED = "sim://"
 _FORWARDED = "rfc2217://"
+_SCHEDULER = re.compile(r"(tls|tcp)://([A-Za-z0-9._-]+|\[[0-9A-Fa-f:.]+\]):([0-9]{1,5})")
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,40}$")]
 _MOVED_MODULES = {"drivers.bridge": "drivers.remote.bridge"}
@@ -60,12 +61,40 @@ class _Section(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
+def check_scheduler(value: str) -> str:
+    """Check the address of a scheduler. Raises ValueError with what to write instead."""
+    match = _SCHEDULER.fullmatch(value)
+    if match is None or not 0 < int(match[3]) < 65536:
+        raise ValueError(f"{value!r} is not the address of a scheduler: use tls://HOST:PORT")
+    if match[1] == "tcp" and match[2] not in ("localhost", "127.0.0.1", "[::1]"):
+        raise ValueError(f"{value!r} is not encrypted, which only this computer may be: use tls://HOST:PORT")
+    return value
+
+
 class ComputeSection(_Section):
     """The keys under `fleet.compute`: limits on the resources that planning uses."""
 
     workers: Annotated[int, Field(ge=1, le=256)] | None = None  # default: one for each core
     memory_gb: Annotated[float, Field(ge=1, allow_inf_nan=False)] | None = None  # for each worker
     budget_s: Annotated[float, Field(ge=0, le=900)] = 20.0  # CPU seconds to search for a job's parts
+    scheduler: str | None = None  # of a Dask cluster that plans too
+    certificates: Path | None = None  # folder with ca.pem, cert.pem and key.pem
+
+    @field_validator("scheduler")
+    @classmethod
+    def _check_scheduler(cls, value: str | None) -> str | None:
+        return value if value is None else check_scheduler(value)
+
+    @model_validator(mode="after")
+    def _check_certificates(self) -> Self:
+        if (self.scheduler or "").startswith("tls:") and self.certificates is None:
+            raise FieldError(
+                "is needed for a scheduler with TLS: a folder with ca.pem, cert.pem and key.pem",
+                "fleet",
+                "compute",
+                "certificates",
+            )
+        return self
 
 
 class UploadsSection(_Section):

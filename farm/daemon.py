@@ -23,7 +23,8 @@ from drivers.clock import Clock
 from drivers.log_file import rotate_log
 from farm.agents import AgentManager
 from farm.cameras import Cameras
-from farm.compute import Workers
+from farm.compute import Pool, Workers
+from farm.compute.cluster import ClusterPool, connect_cluster
 from farm.config import Fleet
 from farm.control import (
     Controller,
@@ -86,7 +87,11 @@ class Daemon:
         self._clock = farm_clock(fleet, self._state)
         self._store, self._restored_s = open_books(self._state, self._clock.now())
         compute = fleet.fleet.compute
-        self._workers = Workers(self._state.work / "workers", compute.workers, compute.memory_gb, warm)
+        self._workers: Pool = Workers(self._state.work / "workers", compute.workers, compute.memory_gb, warm)
+        self._cluster: ClusterPool | None = None
+        if compute.scheduler is not None:
+            self._cluster = connect_cluster(self._workers, compute.scheduler, compute.certificates)
+            self._workers = self._cluster
         controller = self._controller = Controller(fleet, self._store, self._clock, list_bed_boxes)
         self._agents = AgentManager(fleet, self._state, self._clock, controller)
         self._planner = JobPlanner(
@@ -130,6 +135,7 @@ class Daemon:
             inspections=self._inspections,
             streams=self._streams,
             page_streams=self._page_streams,
+            cluster=self._cluster,
         )
         dry_runs = DryRuns(self._controller)
         most = self._limit_connections()
@@ -144,6 +150,9 @@ class Daemon:
         timers.every(_DRY_RUNS_S, "dry runs", lambda: dry_runs.cancel_abandoned(time.monotonic()))
         timers.every(_CAMERAS_S, "cameras", cameras.tick)
         timers.every(_LOG_S, "log", lambda: rotate_log(self._state.log, _LOG_BYTES, _LOGS_KEPT))
+        if self._cluster is not None:
+            self._cluster.start()
+            timers.every(_TICK_S, "cluster", self._warn_of_cluster)
         timers.start()
         following = asyncio.get_running_loop().create_task(self._follow_clock())
         await self._begin_upkeep(upkeep)
@@ -162,6 +171,8 @@ class Daemon:
             self._replan_worker.stop()
             await self._agents.close()
             self._workers.close()
+            if self._cluster is not None:
+                await self._cluster.wait_closed()
             listening.close()
             self._places.socket.unlink(missing_ok=True)
             self._store.close()
@@ -225,6 +236,10 @@ class Daemon:
     def _notify(self) -> None:
         if self._notifier is not None:
             self._notifier.notify(self._controller.books, self._clock.now())
+
+    def _warn_of_cluster(self) -> None:
+        if self._cluster is not None:
+            self._controller.warn("compute", "; ".join(self._cluster.state.list_problems()) or None)
 
     def _schedule(self) -> None:
         """Schedule if the time has changed a decision, and set a timer for the next such change."""

@@ -93,11 +93,7 @@ def load_fleet(
         fleet = Fleet.model_validate(values)
     except ValidationError as error:
         raise document.describe(error.errors()[0]) from error
-    fleet_section = fleet.fleet
-    if fleet_section.materials is not None:
-        fleet_section = fleet_section.model_copy(
-            update={"materials": path.absolute().parent / fleet_section.materials}
-        )
+    fleet_section = _find_folders(fleet.fleet, path.absolute().parent)
     sections: list[PrinterSection] = []
     for index, section in enumerate(fleet.printers):
         try:
@@ -113,6 +109,17 @@ def load_fleet(
         for section in sections
     )
     return fleet.model_copy(update={"fleet": fleet_section, "printers": tuple(fitted)})
+
+
+def _find_folders(section: FleetSection, parent: Path) -> FleetSection:
+    """Return the section with folders that are given from the folder of the fleet file on."""
+    found: dict[str, object] = {}
+    if section.materials is not None:
+        found["materials"] = parent / section.materials
+    if section.compute.certificates is not None:
+        certificates = parent / section.compute.certificates
+        found["compute"] = section.compute.model_copy(update={"certificates": certificates})
+    return section.model_copy(update=found)
 
 
 @dataclass(frozen=True, slots=True)

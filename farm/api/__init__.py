@@ -12,6 +12,9 @@ from farm.api.base import NETWORK_PREFIX as NETWORK_PREFIX
 from farm.api.base import SCHEMA as SCHEMA
 from farm.api.base import Line as Line
 from farm.api.base import View
+from farm.api.cluster import ClusterTaskView as ClusterTaskView
+from farm.api.cluster import ClusterView as ClusterView
+from farm.api.cluster import ClusterWorkerView as ClusterWorkerView
 from farm.api.events import EventView as EventView
 from farm.api.events import JobRow as JobRow
 from farm.api.events import Jobs as Jobs
@@ -276,6 +279,7 @@ class Status(View):
     printers: list[PrinterView]
     jobs: list[JobView]  # those that are open or wait for a verdict, and the last of the others
     night: NightView | None  # null if no print ended in it
+    cluster: ClusterView | None = None  # null where this computer plans alone
 
 
 class JobStatus(View):

@@ -152,6 +152,11 @@ COMMANDS = {
             "local.coupon",
             "Write a block with holes of several widths, to find the fit of pins on a printer.",
         ),
+        CommandEntry(
+            "worker",
+            "worker.worker",
+            "Run tasks of farms on this computer, as a part of a Dask cluster.",
+        ),
     ),
 }
 """Groups in the order in which `farm --help` lists them."""

@@ -57,6 +57,12 @@ Scale = Annotated[
     float | None, typer.Option(help="Scale the model by this factor: 1000 for a model in metres.")
 ]
 Quality = Annotated[str, typer.Option(help="glue, paper, or a quality of Cura's.")]
+Scheduler = Annotated[
+    str | None, typer.Option(help="Compute on the cluster of this scheduler, tls://HOST:PORT.")
+]
+Certificates = Annotated[
+    Path | None, typer.Option(help="Folder with ca.pem, cert.pem and key.pem, for a scheduler with TLS.")
+]
 Pins = Annotated[
     str,
     typer.Option(
@@ -189,3 +195,13 @@ def parse_printer_count(text: str) -> int | None:
     if not text.isdigit() or int(text) < 1:
         raise typer.BadParameter("must be a whole number of at least 1, or auto", param_hint="--printers")
     return int(text)
+
+
+def parse_scheduler(text: str) -> str:
+    """Check the address of a scheduler. Raises typer.BadParameter."""
+    from farm.config import check_scheduler  # slow to load
+
+    try:
+        return check_scheduler(text)
+    except ValueError as error:
+        raise typer.BadParameter(str(error), param_hint="--scheduler") from error

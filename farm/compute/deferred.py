@@ -18,7 +18,7 @@ class TaskFiles:
     reads
         Files that it reads.
     folders
-        Folders that it writes into; they exist.
+        Folders that it writes into.
     writes
         Files that it writes, besides those folders.
     caches

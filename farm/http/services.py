@@ -12,6 +12,7 @@ from drivers.messages import WireLine
 from farm import api
 from farm.cameras import Image
 from farm.compute import Pool
+from farm.compute.cluster import ClusterPool
 from farm.control import AppKeyRequests, Controller, SessionCommands
 from farm.errors import NoSuchThing, Refused
 from farm.http.callers import find_user_role
@@ -80,6 +81,8 @@ class Services:
         Path of `fleet.yaml`, to be shown.
     workers
         Processes that inspect models.
+    cluster
+        The cluster that plans; None if this computer does.
     shut_down
         Shuts the farm down; with True, stops all prints first.
     prune
@@ -126,6 +129,7 @@ class Services:
     page_streams: StreamLimit = field(default_factory=StreamLimit)
     app_key_requests: AppKeyRequests = field(default_factory=AppKeyRequests)
     find_user_role: Callable[[str, str | None], Role | None] = find_user_role
+    cluster: ClusterPool | None = None
     sessions: SessionCommands = field(init=False)
     uploads: Uploads = field(init=False)
     since_s: float = field(init=False)

@@ -5,6 +5,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from farm.compute import Deferred
+from farm.planning.task_files import (
+    list_cut_files,
+    list_decompose_files,
+    list_relevel_files,
+    list_slice_files,
+)
 
 if TYPE_CHECKING:
     from farm.planning.inspection.inspect_submission import inspect_submission
@@ -15,12 +21,12 @@ if TYPE_CHECKING:
     from farm.planning.replanning.cut_part import cut_part
 else:
     inspect_submission = Deferred("farm.planning.inspection.inspect_submission:inspect_submission")
-    decompose_job = Deferred("farm.planning.parts.decompose_job:decompose_job")
-    relevel_parts = Deferred("farm.planning.parts.relevel_parts:relevel_parts")
+    decompose_job = Deferred("farm.planning.parts.decompose_job:decompose_job", list_decompose_files)
+    relevel_parts = Deferred("farm.planning.parts.relevel_parts:relevel_parts", list_relevel_files)
     warm = Deferred("farm.planning.parts.decompose_job:warm")
     plan_gcode = Deferred("farm.planning.inspection.own_gcode:plan_gcode")
-    slice_part = Deferred("farm.planning.parts.slice_part:slice_part")
-    cut_part = Deferred("farm.planning.replanning.cut_part:cut_part")
+    slice_part = Deferred("farm.planning.parts.slice_part:slice_part", list_slice_files)
+    cut_part = Deferred("farm.planning.replanning.cut_part:cut_part", list_cut_files)
 
 __all__ = [
     "cut_part",

@@ -311,3 +311,29 @@ def test_invalid_camera_addresses_are_refused_without_showing_them(tmp_path, url
     with pytest.raises(FleetFileError, match=r"fleet.yaml:3: defaults.camera: must be the address") as error:
         load(tmp_path, GOOD.replace("colour: red", f'camera: "{url}"'))
     assert "pass-w0rd" not in str(error.value)
+
+
+CLUSTER = GOOD.replace("timezone", "compute: {scheduler: 'SCHEDULER'CERTIFICATES}, timezone")
+
+
+@pytest.mark.parametrize(
+    ("scheduler", "certificates", "advice"),
+    [
+        ("pc-a:8786", "", "'pc-a:8786' is not the address of a scheduler: use tls://HOST:PORT"),
+        ("tls://pc-a", "", "use tls://HOST:PORT"),
+        ("tls://pc-a:99999", "", "use tls://HOST:PORT"),
+        ("tcp://pc-a:8786", "", "is not encrypted, which only this computer may be"),
+        ("tls://pc-a:8786", "", "fleet.compute.certificates: is needed for a scheduler with TLS"),
+    ],
+)
+def test_a_cluster_has_an_address_and_certificates(tmp_path, scheduler, certificates, advice):
+    text = CLUSTER.replace("SCHEDULER", scheduler).replace("CERTIFICATES", certificates)
+    with pytest.raises(FleetFileError, match=re.escape(advice)):
+        load(tmp_path, text)
+
+
+def test_certificates_are_named_from_the_folder_of_the_file(tmp_path):
+    text = CLUSTER.replace("SCHEDULER", "tls://pc-a:8786").replace("CERTIFICATES", ", certificates: tls")
+    assert load(tmp_path, text).fleet.compute.certificates == tmp_path / "tls"
+    local = CLUSTER.replace("SCHEDULER", "tcp://127.0.0.1:8786").replace("CERTIFICATES", "")
+    assert load(tmp_path, local).fleet.compute.scheduler == "tcp://127.0.0.1:8786"

@@ -16,7 +16,9 @@ from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 from decompose.options import PIN_FIT_MM, ConnectorOptions
 from farm.cli.display import open_console, print_json
+from farm.cli.notices import print_notice
 from farm.cli.options import (
+    Certificates,
     Json,
     LongestSide,
     Marks,
@@ -24,8 +26,10 @@ from farm.cli.options import (
     Pins,
     Quality,
     Scale,
+    Scheduler,
     parse_pins,
     parse_printer_count,
+    parse_scheduler,
 )
 from farm.errors import ErrorCode, FarmError
 from farm.text import format_count, format_duration
@@ -69,6 +73,8 @@ def decompose(
     slice_: Annotated[
         bool, typer.Option("--slice", help="Write G-code too, and move the cuts by the sliced times.")
     ] = False,
+    scheduler: Scheduler = None,
+    certificates: Certificates = None,
     json: Json = False,
 ) -> None:
     """Cut a model into parts of about equal printing time, and write them to a folder."""
@@ -99,7 +105,14 @@ def decompose(
     )
     if slice_:
         signal.signal(signal.SIGTERM, _exit)
-    report = decompose_to_folder(model, out, request, default_cache() if slice_ else None)
+    cache = default_cache() if slice_ else None
+    if scheduler is None:
+        report = decompose_to_folder(model, out, request, cache)
+    else:
+        from farm.planning.local.on_cluster import Cluster, decompose_on_cluster
+
+        cluster = Cluster(parse_scheduler(scheduler), certificates, print_notice)
+        report = decompose_on_cluster(cluster, model, out, request, cache)
     if json:
         print_json(report)
         return
@@ -190,6 +203,8 @@ def slice_model(
         Path | None, typer.Option(help="Folder of the slice cache; default: the XDG cache.")
     ] = None,
     no_cache: Annotated[bool, typer.Option("--no-cache", help="Do not use the slice cache.")] = False,
+    scheduler: Scheduler = None,
+    certificates: Certificates = None,
     json: Json = False,
 ) -> None:
     """Slice a model as one plate for printing over USB, with all checks."""
@@ -205,7 +220,14 @@ def slice_model(
     with _show_step() as show_step:
         options = SliceOptions(printer_model, quality, material, nozzle, overrides, scale, longest_side)
         slices = None if no_cache else cache or default_cache()
-        report = slice_to_file(model, out, options, slices, show_step)
+        if scheduler is None:
+            report = slice_to_file(model, out, options, slices, show_step)
+        else:
+            from farm.planning.local.on_cluster import Cluster, slice_on_cluster
+
+            show_step("slicing on the cluster")
+            cluster = Cluster(parse_scheduler(scheduler), certificates, print_notice)
+            report = slice_on_cluster(cluster, model, out, options, slices)
     if price_per_kg is not None:
         report["price"] = report["grams"] / 1000 * price_per_kg
     if json:

@@ -68,12 +68,14 @@ def _list_blocks(view: api.Status, width: int | None, height: int | None) -> lis
     live_lines = [line for lines in _list_live_lines(live, now, width) for line in lines[:max_lines]]
     over_lines = [line for job in ended for line in _list_job_lines(job, now, width)[:max_lines]]
     night = [] if view.night is None else _fold_texts("NIGHT", [format_night(view.night)], "", width)
+    cluster = [] if view.cluster is None else _fold_texts("COMPUTE", [view.cluster.text], "", width)
     return [
         Block(wrap_text(_format_title(view.fleet), width, _INDENT)),
         Block(_list_task_lines(view.todo, width), rank=1, least=4),
         Block(night, rank=4, least=1),
         Block(live_lines, rank=3, noun="job" if brief else "line", least=4),
         Block(_list_wait_lines(live, width), rank=5, least=2),
+        Block(cluster, rank=4, least=1),
         Block([headings], rank=2, least=1),
         Block(table, rank=2, noun="printer" if len(table) == len(printers) else "line", least=8),
         Block(over_lines, rank=6, noun="ended job" if brief else "line"),

@@ -9,6 +9,7 @@ from fastapi import APIRouter, Query
 from farm import api
 from farm.errors import Refused
 from farm.http.callers import OperatorName
+from farm.http.cluster_view import describe_cluster
 from farm.http.services import Services
 from farm.model import JobState, PrintState
 from farm.views import (
@@ -133,4 +134,5 @@ def describe_farm(services: Services) -> api.Status:
             for p in fleet.printers
         ],
         jobs=[describe_job(context, job) for job in select_shown_jobs(controller.books)],
+        cluster=None if services.cluster is None else describe_cluster(services.cluster.state),
     )

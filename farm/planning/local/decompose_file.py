@@ -122,7 +122,7 @@ def decompose_to_folder(
     if not room:
         raise FarmError(f"a brim of {request.brim_mm:g} mm leaves no room on that bed", ErrorCode.NO_FIT)
     options = _build_options(request)
-    _empty_for_parts(out)
+    empty_for_parts(out)
     with translate_errors():
         resources = find_resources()
         wanted = SettingsRequest(build_slicing_printer(profile), request.quality, supported=True)
@@ -200,7 +200,7 @@ def _build_options(request: DecomposeRequest) -> Options:
     )
 
 
-def _empty_for_parts(out: Path) -> None:
+def empty_for_parts(out: Path) -> None:
     """Create the folder, and remove the parts of an earlier run.
 
     Raises

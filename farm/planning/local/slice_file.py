@@ -84,7 +84,7 @@ def slice_to_file(
         The message is one line with the reason.
     """
     profile, request = _find_settings(options)
-    _check_writable(out, path)
+    check_writable(out, path)
     with translate_errors():
         resources, engine = find_resources(), find_engine()
         named_material = choose_material(options.material, request.printer, options.nozzle_mm, resources)
@@ -217,7 +217,7 @@ def _format_size(size_mm: tuple[float, float, float]) -> str:
     return " x ".join(f"{side:.1f}" for side in size_mm)
 
 
-def _check_writable(out: Path, model: Path) -> None:
+def check_writable(out: Path, model: Path) -> None:
     """Raise FarmError if the file cannot be written, before minutes of work. Creates nothing."""
     try:
         if out.is_dir():

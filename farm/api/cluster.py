@@ -1,0 +1,33 @@
+"""The cluster that plans, as `farm status` shows it."""
+
+from __future__ import annotations
+
+from farm.api.base import View
+
+
+class ClusterWorkerView(View):
+    """Worker of the cluster."""
+
+    name: str
+    slots: int
+    refused: str | None  # why it gets no tasks
+
+
+class ClusterTaskView(View):
+    """Task that the cluster was given."""
+
+    what: str
+    group: str | None  # a job, or a plate that is planned again
+    worker: str | None  # null until it starts
+
+
+class ClusterView(View):
+    """State of the cluster."""
+
+    scheduler: str
+    place: str  # where new work runs: cluster, waiting or here
+    text: str
+    workers: list[ClusterWorkerView]
+    tasks: list[ClusterTaskView]
+    waiting: int
+    here: int

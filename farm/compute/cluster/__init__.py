@@ -1,0 +1,16 @@
+"""Work on a cluster by Dask's `distributed`, without a shared disk; files travel by their SHA-256.
+
+`distributed` is imported by `connection`, `dask_worker` and `make_security` alone, where a cluster is used.
+"""
+
+from farm.compute.cluster.cluster_pool import ClusterPool, connect_cluster
+from farm.compute.cluster.cluster_state import ClusterState, ClusterWorker, Place, RunningTask
+
+__all__ = [
+    "ClusterPool",
+    "ClusterState",
+    "ClusterWorker",
+    "Place",
+    "RunningTask",
+    "connect_cluster",
+]

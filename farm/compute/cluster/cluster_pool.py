@@ -1,0 +1,279 @@
+"""Pool on a cluster: tasks whose files are known go there, the others to the pool of this computer."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import re
+import time
+import uuid
+from collections.abc import Callable, Hashable
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Protocol, TypeVar
+
+from farm.compute.cluster.cluster_state import (
+    ClusterState,
+    ClusterWorker,
+    Place,
+    RunningTask,
+    choose_place,
+)
+from farm.compute.cluster.installation import Installation, read_installation
+from farm.compute.cluster.relocation import dump, load
+from farm.compute.cluster.remote_task import (
+    AttemptLost,
+    ReadFile,
+    RemoteAnswer,
+    RemoteTask,
+    read_files,
+    write_files,
+)
+from farm.compute.cluster.security import check_cluster
+from farm.compute.cluster.turns import Turns
+from farm.compute.deferred import Deferred
+from farm.compute.limits import CHECKING, Limit
+from farm.compute.pool import Pool
+
+log = logging.getLogger(__name__)
+
+T = TypeVar("T")
+_ATTEMPTS = 3  # on the cluster; then the task runs here
+
+
+class Link(Protocol):
+    """Connection to a cluster; see `connection.Connection`."""
+
+    async def watch(self) -> None:
+        """Keep the connection, and report the workers, until cancelled."""
+
+    async def submit(self, task: RemoteTask, sent: dict[str, bytes]) -> RemoteAnswer:
+        """Run a task on one of the workers. Raises AttemptLost."""
+
+
+Connect = Callable[[Callable[[tuple[ClusterWorker, ...]], None], Callable[[dict[str, Any]], None]], Link]
+"""Makes a link from the functions that it calls with the workers, and with messages of tasks."""
+
+
+class ClusterPool:
+    """Pool on a cluster; see `farm.compute.pool.Pool`.
+
+    Work without known files stays here: it is quick, and a person waits for it. Without a usable worker of
+    the cluster for `cluster_state.PATIENCE_S`, all work runs here until there is one.
+
+    Parameters
+    ----------
+    own
+        Pool of this computer.
+    scheduler
+        Address of the scheduler, for messages.
+    installation
+        Versions on this computer.
+    connect
+        Makes the connection.
+    read_clock_s
+        Reads a monotonic clock.
+    """
+
+    def __init__(
+        self,
+        own: Pool,
+        scheduler: str,
+        installation: Installation,
+        connect: Connect,
+        read_clock_s: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._own, self._scheduler, self._installation = own, scheduler, installation
+        self._read_clock_s = read_clock_s
+        self._turns = Turns()
+        self._workers: tuple[ClusterWorker, ...] = ()
+        self._lost_since_s: float | None = read_clock_s()
+        self._running: dict[str, tuple[RunningTask, RemoteTask]] = {}
+        self._here = 0
+        self._sent: set[str] = set()  # hashes of files that the cluster was sent before
+        self._given_up = asyncio.Event()  # work is not left to the cluster
+        self._link = connect(self._on_workers, self._on_message)
+        self._watching: asyncio.Task[None] | None = None
+
+    @property
+    def memory_bytes(self) -> int:
+        """Memory that each worker on this computer may use, in bytes."""
+        return self._own.memory_bytes
+
+    @property
+    def starting(self) -> str | None:
+        """Step of the start of the workers on this computer; see `Workers.starting`."""
+        return self._own.starting
+
+    @property
+    def state(self) -> ClusterState:
+        """State of the cluster."""
+        tasks = tuple(running for running, _ in self._running.values())
+        lost_s = self._lost_s()
+        return ClusterState(
+            self._scheduler,
+            choose_place(lost_s),
+            self._workers,
+            tasks,
+            self._turns.waiting,
+            self._here,
+            lost_s,
+        )
+
+    def start(self) -> None:
+        """Connect to the cluster, and keep connected; call it once, in the event loop."""
+        self._watching = asyncio.get_running_loop().create_task(self._link.watch())
+
+    async def run(
+        self, work: Callable[..., T], *args: object, limit: Limit = CHECKING, group: Hashable = None
+    ) -> T:
+        """Run a function on the cluster, or here; see `Pool.run`."""
+        if not isinstance(work, Deferred) or work.list_files is None:
+            return await self._own.run(work, *args, limit=limit, group=group)
+        group = object() if group is None else group
+        files = work.list_files(*args)
+        task = RemoteTask(
+            id="",
+            call=dump((work, args)),
+            limit=limit,
+            installation=self._installation,
+            reads=await asyncio.to_thread(read_files, files),
+            folders=tuple(map(str, files.folders)),
+            writes=tuple(map(str, files.writes)),
+            caches=tuple(map(str, files.caches)),
+            live=tuple(map(str, files.live)),
+        )
+        for _ in range(_ATTEMPTS):
+            async with self._turns.take(group, limit.urgent) as has_slot:
+                if not has_slot:
+                    break
+                try:
+                    answer = await self._attempt(task, group)
+                except AttemptLost as lost:
+                    log.warning("%s is submitted again: %s", limit.what, lost)
+                    continue
+            if answer.error is not None:
+                raise answer.error
+            await asyncio.to_thread(write_files, task, answer.files)
+            return load(answer.result or b"")  # type: ignore[no-any-return]
+        self._here += 1
+        try:
+            return await self._own.run(work, *args, limit=limit, group=group)
+        finally:
+            self._here -= 1
+
+    def close(self) -> None:
+        """Abandon all work, and end every worker on this computer; see `wait_closed`."""
+        if self._watching is not None:
+            self._watching.cancel()
+        self._own.close()
+
+    async def wait_closed(self) -> None:
+        """Wait until the connection of a closed pool has ended: its tasks are then cancelled."""
+        if self._watching is not None:
+            with suppress(asyncio.CancelledError):
+                await self._watching
+
+    async def _attempt(self, task: RemoteTask, group: Hashable) -> RemoteAnswer:
+        """Run a task on the cluster, first without the files that it was sent before. Raises AttemptLost."""
+        new = tuple(file for file in task.reads if file.sha256 not in self._sent)
+        for files in (new, task.reads):
+            sent = await asyncio.to_thread(_read_contents, files)
+            answer = await self._submit(task, sent, group)
+            self._sent.update(sent)
+            if not answer.missing:
+                return answer
+        raise AttemptLost(f"worker {answer.host} did not keep its files")
+
+    async def _submit(self, task: RemoteTask, sent: dict[str, bytes], group: Hashable) -> RemoteAnswer:
+        """Submit a task under a new name, and wait for the answer, or until the cluster is given up."""
+        kind = re.sub(r"[^a-z]+", "_", task.limit.what.lower())
+        named = replace(task, id=f"{kind}-{uuid.uuid4().hex}")  # Dask learns how long a kind takes
+        self._running[named.id] = (RunningTask(task.limit.what, group), named)
+        answering = asyncio.ensure_future(self._link.submit(named, sent))
+        giving_up = asyncio.ensure_future(self._given_up.wait())
+        try:
+            await asyncio.wait({answering, giving_up}, return_when=asyncio.FIRST_COMPLETED)
+            if not answering.done():
+                raise AttemptLost("the cluster does not answer")
+            return answering.result()
+        finally:
+            del self._running[named.id]
+            for waiting in (answering, giving_up):
+                waiting.cancel()
+            await asyncio.gather(answering, giving_up, return_exceptions=True)
+
+    def _lost_s(self) -> float:
+        return 0.0 if self._lost_since_s is None else max(1e-9, self._read_clock_s() - self._lost_since_s)
+
+    def _on_workers(self, workers: tuple[ClusterWorker, ...]) -> None:
+        """Take note of the workers; called every second."""
+        for worker in workers:
+            if worker.refused and worker not in self._workers:
+                log.warning("worker %s of the cluster is refused: %s", worker.name, worker.refused)
+        before = choose_place(self._lost_s())
+        slots = sum(worker.slots for worker in workers if worker.refused is None)
+        self._workers = workers
+        if slots:
+            self._lost_since_s = None
+        elif self._lost_since_s is None:
+            self._lost_since_s = self._read_clock_s()
+        place = choose_place(self._lost_s())
+        if place is not before:
+            log.warning("cluster %s: %s", self._scheduler, place)
+        if place is Place.HERE:
+            self._given_up.set()
+        else:
+            self._given_up.clear()
+        self._turns.update(slots, place is Place.HERE)
+
+    def _on_message(self, message: dict[str, Any]) -> None:
+        """Take note of where a task runs, and write its live files."""
+        running, task = self._running.get(str(message.get("task")), (None, None))
+        if running is None or task is None:
+            return
+        self._running[task.id] = (replace(running, host=str(message.get("host"))), task)
+        path, content = message.get("path"), message.get("content")
+        if isinstance(content, str) and path in task.live:
+            with suppress(OSError):  # on a full disk the task itself may still succeed
+                write_files(task, {str(path): content.encode()})
+
+
+def _read_contents(files: tuple[ReadFile, ...]) -> dict[str, bytes]:
+    """Read files, by their hash. Raises AttemptLost if one of them is gone."""
+    try:
+        return {file.sha256: Path(file.path).read_bytes() for file in files}
+    except OSError as error:
+        raise AttemptLost(str(error)) from error
+
+
+def connect_cluster(own: Pool, scheduler: str, certificates: Path | None) -> ClusterPool:
+    """Make a pool on the cluster of a scheduler; reads the versions on this computer, which takes a second.
+
+    Parameters
+    ----------
+    own
+        Pool of this computer, which the new one closes.
+    scheduler, certificates
+        See `check_cluster`.
+
+    Raises
+    ------
+    FarmError
+        `settings` if Dask or a certificate is missing.
+    SlicingError
+        If CuraEngine or Cura's files are missing.
+    """
+    check_cluster(scheduler, certificates)
+    from farm.compute.cluster.connection import Connection  # loads Dask
+
+    installation = read_installation()
+    return ClusterPool(
+        own,
+        scheduler,
+        installation,
+        lambda on_workers, on_message: Connection(
+            scheduler, certificates, installation, on_workers, on_message
+        ),
+    )

@@ -1,0 +1,90 @@
+"""State of a cluster as a farm uses it, for people and for the choice where work runs. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+from dataclasses import dataclass
+from enum import StrEnum
+
+PATIENCE_S = 30.0
+"""Wall seconds without a usable worker after which work runs on this computer."""
+
+
+class Place(StrEnum):
+    """Place where new work runs."""
+
+    CLUSTER = "cluster"
+    WAITING = "waiting"  # for a worker of the cluster
+    HERE = "here"  # as there has been none for `PATIENCE_S`
+
+
+@dataclass(frozen=True, slots=True)
+class ClusterWorker:
+    """Worker of a cluster.
+
+    Attributes
+    ----------
+    slots
+        Number of tasks at the same time.
+    refused
+        Reason for which it gets no tasks, in words; None if it gets some.
+    """
+
+    name: str
+    address: str
+    slots: int
+    refused: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class RunningTask:
+    """Task that was given to the cluster; `host` is None until it starts there."""
+
+    what: str
+    group: Hashable
+    host: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class ClusterState:
+    """State of a cluster, and the tasks that it has.
+
+    Attributes
+    ----------
+    waiting
+        Number of tasks that wait for a worker.
+    here
+        Number of tasks that run or wait on this computer instead.
+    lost_s
+        Wall seconds since it last had a usable worker; 0 while it has one.
+    """
+
+    scheduler: str
+    place: Place
+    workers: tuple[ClusterWorker, ...]
+    tasks: tuple[RunningTask, ...]
+    waiting: int
+    here: int
+    lost_s: float
+
+    def list_problems(self) -> list[str]:
+        """Describe what a person should look at, in sentences without figures that change all the time."""
+        problems = []
+        if self.place is Place.HERE:
+            problems.append(
+                f"no worker of the cluster {self.scheduler} can be used: this computer computes instead; "
+                "see that the scheduler and its workers run"
+            )
+        problems += [
+            f"worker {worker.name} of the cluster is refused: {worker.refused}"
+            for worker in self.workers
+            if worker.refused
+        ]
+        return problems
+
+
+def choose_place(lost_s: float) -> Place:
+    """Choose where new work runs, from the seconds since the cluster had a usable worker."""
+    if lost_s <= 0.0:
+        return Place.CLUSTER
+    return Place.WAITING if lost_s < PATIENCE_S else Place.HERE

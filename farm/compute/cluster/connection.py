@@ -1,0 +1,224 @@
+"""Connection to the scheduler of a Dask cluster: its workers, and one attempt of a task on them."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import dask
+from distributed import Client
+from distributed.client import FutureCancelledError
+from distributed.scheduler import KilledWorker
+
+from farm.compute.cluster.cluster_state import ClusterWorker
+from farm.compute.cluster.dask_worker import RESOURCE, TOPIC, run_task
+from farm.compute.cluster.installation import Installation
+from farm.compute.cluster.remote_task import AttemptLost, RemoteAnswer, RemoteTask
+from farm.compute.cluster.security import make_security
+
+log = logging.getLogger(__name__)
+
+_POLL_S = 1.0  # wall seconds between two looks at the workers
+_ANSWER_S = 10.0  # wall seconds in which the scheduler answers
+_CONNECT_S = 10.0
+_STUCK_S = 20.0
+"""Wall seconds without a heartbeat, one is due each second or two, after which a worker is given up."""
+
+OnMessage = Callable[[dict[str, Any]], None]
+OnWorkers = Callable[[tuple[ClusterWorker, ...]], None]
+
+
+class Connection:
+    """Connection to a scheduler, made again whenever it is lost.
+
+    Parameters
+    ----------
+    scheduler
+        Address, such as tls://host:8786.
+    certificates
+        Folder of certificates; None for a scheduler on this computer without TLS.
+    installation
+        Versions on this computer; workers with others are refused.
+    on_workers
+        Called every second with the workers, none if the scheduler does not answer.
+    on_message
+        Called with messages of running tasks; see `dask_worker.run_task`.
+
+    Raises
+    ------
+    FarmError
+        See `make_security`.
+    """
+
+    def __init__(
+        self,
+        scheduler: str,
+        certificates: Path | None,
+        installation: Installation,
+        on_workers: OnWorkers,
+        on_message: OnMessage,
+    ) -> None:
+        self._scheduler, self._installation = scheduler, installation
+        self._security = make_security(scheduler, certificates)
+        self._on_workers, self._on_message = on_workers, on_message
+        self._client: Client | None = None
+        self._workers: tuple[ClusterWorker, ...] = ()
+        self._heard: dict[str, tuple[float, float]] = {}  # last heartbeat, and when it was new here
+        dask.config.set({"distributed.admin.large-graph-warning-threshold": "16 GiB"})  # models are large
+
+    async def watch(self) -> None:
+        """Connect, and report the workers, until cancelled."""
+        reporting = asyncio.get_running_loop().create_task(self._report_always())
+        try:
+            while True:
+                try:
+                    await self._watch_once()
+                except (OSError, TimeoutError) as error:
+                    log.info("no connection to the scheduler %s: %s", self._scheduler, error)
+                self._report(())
+                await self._disconnect()
+                await asyncio.sleep(_POLL_S)
+        finally:
+            reporting.cancel()
+            await self._disconnect()
+
+    async def submit(self, task: RemoteTask, sent: dict[str, bytes]) -> RemoteAnswer:
+        """Run a task on one of the workers.
+
+        Parameters
+        ----------
+        sent
+            Files that go with it, by their hash.
+
+        Raises
+        ------
+        AttemptLost
+            If no answer came; the task may be submitted again, under another id.
+        """
+        client = self._client
+        usable = [worker.address for worker in self._workers if worker.refused is None]
+        if client is None or not usable:
+            raise AttemptLost("there is no cluster")
+        future = client.submit(
+            run_task,
+            task,
+            sent,
+            client.id,
+            key=task.id,
+            pure=False,
+            workers=usable,
+            allow_other_workers=False,
+            resources={RESOURCE: 1},
+            priority=1 if task.limit.urgent else 0,
+        )
+        try:
+            answer = await future
+        except FutureCancelledError as error:
+            raise AttemptLost(str(error)) from error
+        except (KilledWorker, OSError, TimeoutError) as error:
+            raise AttemptLost(str(error)) from error
+        finally:
+            if not future.done():
+                with contextlib.suppress(Exception):  # without a scheduler there is nothing to cancel
+                    cancelling = asyncio.ensure_future(future.cancel(force=True))
+                    cancelling.add_done_callback(_ignore_result)
+            future.release()
+        if not isinstance(answer, RemoteAnswer):
+            raise AttemptLost(f"the cluster answered with {type(answer).__name__}")
+        return answer
+
+    async def _watch_once(self) -> None:
+        """Connect, and watch the workers until the connection is lost."""
+        self._client = await Client(
+            self._scheduler,
+            security=self._security,
+            asynchronous=True,
+            timeout=_CONNECT_S,
+            set_as_default=False,
+            name="farm",
+        )
+        self._client.subscribe_topic(TOPIC.format(self._client.id), self._hear)
+        log.info("connected to the scheduler %s", self._scheduler)
+        while self._client.status == "running":
+            async with asyncio.timeout(_ANSWER_S):
+                identity = await self._client.scheduler.identity()
+            workers = list_workers(identity["workers"], self._installation)
+            await self._give_up_stuck(identity["workers"])
+            self._report(workers)
+            await asyncio.sleep(_POLL_S)
+
+    def _hear(self, event: tuple[float, dict[str, Any]]) -> None:
+        self._on_message(event[1])
+
+    def _report(self, workers: Sequence[ClusterWorker]) -> None:
+        self._workers = tuple(workers)
+        self._on_workers(self._workers)
+
+    async def _report_always(self) -> None:
+        """Report the workers last seen every second, also while a connection is awaited."""
+        while True:
+            await asyncio.sleep(_POLL_S)
+            self._on_workers(self._workers)
+
+    async def _give_up_stuck(self, records: dict[str, dict[str, Any]]) -> None:
+        """Remove workers that are silent for long: a stopped process keeps its connection, and its tasks.
+
+        Dask does so after five minutes by default. The tasks go to other workers.
+        """
+        now_s = time.monotonic()
+        for address, stuck in list_stuck(records, self._heard, now_s):
+            if stuck and self._client is not None:
+                log.warning("worker %s is silent: its tasks go to others", records[address]["name"])
+                await self._client.scheduler.unregister(address=address, stimulus_id=f"farm-silent-{now_s}")
+
+    async def _disconnect(self) -> None:
+        client, self._client = self._client, None
+        if client is not None:
+            with contextlib.suppress(OSError, TimeoutError, asyncio.CancelledError):
+                async with asyncio.timeout(_POLL_S):
+                    await client.close(timeout=_POLL_S)
+
+
+def list_workers(records: dict[str, dict[str, Any]], installation: Installation) -> tuple[ClusterWorker, ...]:
+    """Read the workers of farms from the scheduler's records, by address, and compare their versions."""
+    workers = []
+    for address, record in sorted(records.items()):
+        facts = record.get(RESOURCE)
+        if isinstance(facts, dict):
+            refused = Installation.from_record(facts).describe_difference(installation)
+            slots = int(record["nthreads"])
+            workers.append(ClusterWorker(str(record["name"]), address, slots, refused))
+    return tuple(workers)
+
+
+def list_stuck(
+    records: dict[str, dict[str, Any]], heard: dict[str, tuple[float, float]], now_s: float
+) -> list[tuple[str, bool]]:
+    """Return the workers, by address, each with whether it is silent for too long.
+
+    Parameters
+    ----------
+    records
+        The scheduler's records of its workers.
+    heard
+        Last heartbeat of each worker, and the time at which it was new; brought up to date.
+    now_s
+        Seconds of a monotonic clock.
+    """
+    for address in [address for address in heard if address not in records]:
+        del heard[address]
+    for address, record in records.items():
+        last_s = float(record.get("last_seen", 0.0))
+        if address not in heard or heard[address][0] != last_s:
+            heard[address] = (last_s, now_s)
+    return [(address, now_s - heard[address][1] > _STUCK_S) for address in records]
+
+
+def _ignore_result(cancelling: asyncio.Future[Any]) -> None:
+    if not cancelling.cancelled():
+        cancelling.exception()

@@ -1,0 +1,107 @@
+"""Worker of a Dask cluster that runs tasks of farms, in processes of the local pool."""
+
+from __future__ import annotations
+
+import asyncio
+from pathlib import Path
+from typing import Any
+
+from distributed import Security, Worker, get_worker
+
+from farm.compute.cluster.installation import Installation
+from farm.compute.cluster.remote_task import RemoteAnswer, RemoteTask
+from farm.compute.cluster.task_executor import TaskExecutor
+
+RESOURCE = "farm"
+"""Dask resource that a task takes one of: other workers of the same cluster get no task of a farm."""
+TOPIC = "farm-{}"
+"""Topic of the messages about the tasks of a client: where one starts, and its live files."""
+_WATCH_S = 0.2  # wall seconds between two looks whether a task is still wanted
+
+
+class FarmWorker(Worker):  # type: ignore[misc]
+    """Dask worker with an executor of tasks.
+
+    Parameters
+    ----------
+    scheduler
+        Address of the scheduler.
+    executor
+        Runs the tasks.
+    slots
+        Number of tasks at the same time.
+    installation
+        Versions on this computer, which the clients compare with theirs.
+    """
+
+    def __init__(
+        self,
+        scheduler: str,
+        executor: TaskExecutor,
+        slots: int,
+        installation: Installation,
+        *,
+        name: str,
+        folder: Path,
+        security: Security | None = None,
+        **options: Any,
+    ) -> None:
+        self.farm_executor = executor
+        record = installation.as_record()
+
+        async def describe(_: Worker) -> dict[str, str]:
+            return record
+
+        super().__init__(
+            scheduler,
+            nthreads=slots,
+            resources={RESOURCE: slots},
+            name=name,
+            local_directory=str(folder / "dask"),
+            security=security,
+            startup_information={RESOURCE: describe},
+            memory_limit=0,  # each process has its own limit
+            dashboard=False,
+            **options,
+        )
+
+
+async def run_task(task: RemoteTask, sent: dict[str, bytes], client: str) -> RemoteAnswer:
+    """Run a task on the worker that Dask chose; end it once nobody wants its result.
+
+    A task is no longer wanted when it was cancelled, or its client or the scheduler is gone. Dask lets a
+    coroutine run on then.
+
+    Parameters
+    ----------
+    task
+        The task, whose id is its key.
+    sent
+        Files that were sent with it, by their hash.
+    client
+        Id of the client, for messages.
+    """
+    worker = get_worker()
+
+    def report(**message: object) -> None:
+        worker.log_event(TOPIC.format(client), {"task": task.id, "host": str(worker.name), **message})
+
+    report()
+    running = asyncio.ensure_future(
+        worker.farm_executor.execute(
+            task, sent, lambda path, content: report(path=path, content=content.decode(errors="replace"))
+        )
+    )
+    try:
+        while not running.done():
+            await asyncio.wait({running}, timeout=_WATCH_S)
+            state = worker.state.tasks.get(task.id)
+            if state is None or state.state == "cancelled":
+                break
+        if not running.done():
+            return RemoteAnswer(str(worker.name))  # nobody reads it
+        answer: RemoteAnswer = await running
+        return answer
+    finally:
+        running.cancel()
+        await asyncio.wait({running})

@@ -1,0 +1,94 @@
+"""Files by their SHA-256, in a folder of bounded size: those used most recently are kept."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import tempfile
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+CACHE_BYTES = 8 * 2**30
+
+
+class FileCache:
+    """Cache of files. One process uses a folder.
+
+    Parameters
+    ----------
+    folder
+        Its folder, which is created.
+    max_bytes
+        Largest size of the files that no task uses and that are kept.
+    """
+
+    def __init__(self, folder: Path, max_bytes: int = CACHE_BYTES) -> None:
+        self._folder, self._max_bytes = folder, max_bytes
+        self._used: Counter[str] = Counter()  # files in use, by the number of tasks
+        folder.mkdir(parents=True, exist_ok=True)
+        for partial in folder.glob(".*"):  # of a process that was killed while it wrote
+            partial.unlink()
+
+    def path(self, sha256: str) -> Path:
+        """Return the path of a file."""
+        return self._folder / sha256
+
+    def store(self, sha256: str, content: bytes) -> None:
+        """Store a file.
+
+        Raises
+        ------
+        ValueError
+            If the content has another hash.
+        """
+        if hashlib.sha256(content).hexdigest() != sha256:
+            raise ValueError(f"the file {sha256[:12]} was damaged on its way")
+        path = self.path(sha256)
+        if path.exists():
+            return
+        handle, name = tempfile.mkstemp(dir=self._folder, prefix=".")
+        try:
+            with os.fdopen(handle, "wb") as sink:
+                sink.write(content)
+            Path(name).chmod(0o444)
+            Path(name).replace(path)
+        except BaseException:
+            Path(name).unlink(missing_ok=True)
+            raise
+
+    def list_missing(self, names: Iterable[str]) -> tuple[str, ...]:
+        """Return the files that are not in the cache, each once."""
+        return tuple(dict.fromkeys(name for name in names if not self.path(name).exists()))
+
+    @contextmanager
+    def use(self, names: Iterable[str]) -> Iterator[None]:
+        """Keep files that are stored, or will be, while a task uses them; then trim the cache."""
+        used = set(names)
+        self._used.update(used)
+        try:
+            yield
+        finally:
+            for name in used:
+                with suppress(OSError):
+                    os.utime(self.path(name))
+            self._used -= Counter(used)
+            self._trim()
+
+    def _trim(self) -> None:
+        """Remove the files used least recently until the rest fits; files in use stay."""
+        files = []
+        with os.scandir(self._folder) as entries:
+            for entry in entries:
+                if not entry.name.startswith("."):
+                    with suppress(FileNotFoundError):
+                        facts = entry.stat()
+                        files.append((facts.st_mtime_ns, entry.name, facts.st_size))
+        excess = sum(size for _, _, size in files) - self._max_bytes
+        for _, name, size in sorted(files):
+            if excess <= 0:
+                return
+            if name not in self._used:
+                self.path(name).unlink(missing_ok=True)
+                excess -= size

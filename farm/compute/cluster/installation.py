@@ -1,0 +1,117 @@
+"""Installation: the versions on which the bytes of parts and slices depend, compared between computers."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Self
+
+import farm
+from slicing.engine import read_engine_version
+from slicing.settings import find_engine, find_resources
+
+_LIBRARIES = ("numpy", "scipy", "numba", "manifold3d", "pymeshfix", "scikit-learn", "shapely", "trimesh")
+_PACKAGES = ("farm", "drivers", "decompose", "slicing")
+_DIGITS = 12  # of a hash
+
+
+@dataclass(frozen=True, slots=True)
+class Installation:
+    """Versions on one computer, and the places of CuraEngine and of Cura's files there.
+
+    Attributes
+    ----------
+    farm, engine, settings
+        Version and hash of farm's code, of CuraEngine, and of Cura's settings with own materials.
+    libraries
+        Versions of the libraries that compute parts.
+    engine_path, resources_path, materials_path
+        Paths; the last is empty without own materials.
+    """
+
+    farm: str
+    engine: str
+    settings: str
+    libraries: str
+    engine_path: str
+    resources_path: str
+    materials_path: str
+
+    @classmethod
+    def from_record(cls, record: dict[str, str]) -> Self:
+        """Read the record that `as_record` made, maybe of another version of farm."""
+        return cls(**{name: str(record.get(name, "?")) for name in cls.__dataclass_fields__})
+
+    def as_record(self) -> dict[str, str]:
+        """Return it as plain values."""
+        return asdict(self)
+
+    def describe_difference(self, wanted: Installation) -> str | None:
+        """Describe the first difference to the wanted versions; None if both give the same bytes."""
+        titles = {"farm": "farm", "engine": "CuraEngine", "settings": "Cura's settings", "libraries": ""}
+        for name, title in titles.items():
+            mine, theirs = getattr(self, name), getattr(wanted, name)
+            if mine != theirs:
+                if name == "libraries":
+                    mine, theirs = _list_differing(mine, theirs)
+                return f"it has {title} {mine}, not {theirs}".replace("  ", " ")
+        return None
+
+    def pair_paths(self, here: Installation) -> list[tuple[str, str]]:
+        """Pair the places of this installation with those of another, if this has them."""
+        names = ("engine_path", "resources_path", "materials_path")
+        pairs = [(getattr(self, name), getattr(here, name)) for name in names]
+        return [pair for pair in pairs if all(pair)]
+
+
+def read_installation() -> Installation:
+    """Read the versions on this computer; reads every file of Cura's settings, so it takes a second.
+
+    Raises
+    ------
+    SlicingError
+        If there is no CuraEngine, or no files of Cura.
+    """
+    engine, resources = find_engine(), find_resources()
+    sources = Path(farm.__file__).parents[1]
+    code = (file for package in _PACKAGES for file in sorted((sources / package).rglob("*.py")))
+    own = resources.own_materials
+    settings = sorted(file for file in resources.root.rglob("*") if file.is_file())
+    if own is not None:
+        settings += sorted(file for file in own.rglob("*") if file.is_file())
+    roots = [resources.root, *([own] if own else [])]
+    return Installation(
+        farm=f"{farm.__version__} ({_hash_files(code, [sources])})",
+        engine=f"{read_engine_version(engine).rpartition(' ')[2]} ({_hash_files([engine], [engine.parent])})",
+        settings=_hash_files(settings, roots),
+        libraries=", ".join(f"{name} {_find_version(name)}" for name in _LIBRARIES),
+        engine_path=str(engine),
+        resources_path=str(resources.root),
+        materials_path=str(own or ""),
+    )
+
+
+def _hash_files(files: Iterable[Path], roots: list[Path]) -> str:
+    """Hash the names below their root, and the contents, of files in this order."""
+    digest = hashlib.sha256()
+    for file in files:
+        root = next(root for root in reversed(roots) if file.is_relative_to(root))
+        digest.update(f"{file.relative_to(root)}\0".encode())
+        digest.update(hashlib.sha256(file.read_bytes()).digest())
+    return digest.hexdigest()[:_DIGITS]
+
+
+def _find_version(name: str) -> str:
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return "missing"
+
+
+def _list_differing(mine: str, theirs: str) -> tuple[str, str]:
+    """Return the entries of two lists of versions that differ."""
+    pairs = [(a, b) for a, b in zip(mine.split(", "), theirs.split(", "), strict=False) if a != b]
+    return (", ".join(a for a, _ in pairs), ", ".join(b for _, b in pairs)) if pairs else (mine, theirs)

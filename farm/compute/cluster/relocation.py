@@ -1,0 +1,92 @@
+"""Calls and results as bytes in which every path can be moved to another computer's folders."""
+
+from __future__ import annotations
+
+import io
+import pickle
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path, PurePath
+from typing import Any
+
+
+@dataclass(frozen=True, slots=True)
+class Relocation:
+    """Pairs of paths: what lies at or below the first is moved to the second; the longest match counts."""
+
+    pairs: tuple[tuple[str, str], ...] = ()
+
+    @classmethod
+    def of(cls, pairs: Iterable[tuple[Path | str, Path | str]]) -> Relocation:
+        """Build it from pairs in any order."""
+        texts = {(str(source), str(target)) for source, target in pairs}
+        return cls(tuple(sorted(texts, key=lambda pair: (-len(pair[0]), pair))))
+
+    def reverse(self) -> Relocation:
+        """Return the way back."""
+        return Relocation.of((target, source) for source, target in self.pairs)
+
+    def move(self, path: str) -> str:
+        """Move a path; one that lies below none of the pairs stays."""
+        for source, target in self.pairs:
+            if path == source:
+                return target
+            if path.startswith(f"{source}/"):
+                return target + path[len(source) :]
+        return path
+
+
+class _Pickler(pickle.Pickler):
+    """Pickler that writes paths as texts, moved."""
+
+    def __init__(self, sink: io.BytesIO, relocation: Relocation) -> None:
+        super().__init__(sink, protocol=pickle.HIGHEST_PROTOCOL)
+        self._relocation = relocation
+
+    def persistent_id(self, item: object) -> str | None:
+        return self._relocation.move(str(item)) if isinstance(item, PurePath) else None
+
+
+class _Unpickler(pickle.Unpickler):
+    """Unpickler that reads paths as moved."""
+
+    def __init__(self, data: bytes, relocation: Relocation) -> None:
+        super().__init__(io.BytesIO(data))
+        self._relocation = relocation
+
+    def persistent_load(self, pid: str) -> Path:
+        return Path(self._relocation.move(pid))
+
+
+_NOWHERE = Relocation()
+
+
+def dump(item: object, relocation: Relocation = _NOWHERE) -> bytes:
+    """Write an object as bytes, with its paths moved."""
+    sink = io.BytesIO()
+    _Pickler(sink, relocation).dump(item)
+    return sink.getvalue()
+
+
+def load(data: bytes, relocation: Relocation = _NOWHERE) -> Any:
+    """Read an object from bytes, with its paths moved."""
+    return _Unpickler(data, relocation).load()
+
+
+def run_relocated(call: bytes, relocation: Relocation) -> bytes:
+    """Run a call, as `dump` wrote it, with its paths moved; runs in a worker process.
+
+    Parameters
+    ----------
+    call
+        A function and its arguments.
+    relocation
+        From the paths of the call to those of this computer.
+
+    Returns
+    -------
+    bytes
+        Its result, with the paths of the call; see `load`.
+    """
+    work, args = load(call, relocation)
+    return dump(work(*args), relocation.reverse())

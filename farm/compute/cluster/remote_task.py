@@ -1,0 +1,115 @@
+"""Records of a task that runs on another computer: what is sent, and what comes back."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from farm.compute.cluster.installation import Installation
+from farm.compute.deferred import TaskFiles
+from farm.compute.limits import Limit
+
+
+class AttemptLost(Exception):
+    """The cluster gave no answer to a task: its worker, or the scheduler, is gone."""
+
+
+@dataclass(frozen=True, slots=True)
+class ReadFile:
+    """A file that a task reads: its path where the task was submitted, hash and size."""
+
+    path: str
+    sha256: str
+    size_bytes: int
+
+
+@dataclass(frozen=True, slots=True)
+class RemoteTask:
+    """A task for a worker of a cluster; every path is of the computer that submits it.
+
+    Attributes
+    ----------
+    id
+        Unique name.
+    call
+        Function and arguments, by `relocation.dump`.
+    installation
+        Versions that the worker must have.
+    folders, writes, caches, live
+        See `TaskFiles`.
+    """
+
+    id: str
+    call: bytes
+    limit: Limit
+    installation: Installation
+    reads: tuple[ReadFile, ...] = ()
+    folders: tuple[str, ...] = ()
+    writes: tuple[str, ...] = ()
+    caches: tuple[str, ...] = ()
+    live: tuple[str, ...] = ()
+
+    def hashes(self) -> tuple[str, ...]:
+        """Return the hashes of the files that it reads."""
+        return tuple(file.sha256 for file in self.reads)
+
+
+@dataclass(frozen=True, slots=True)
+class RemoteAnswer:
+    """Outcome of a task on a worker.
+
+    Attributes
+    ----------
+    host
+        Name of the worker.
+    missing
+        Hashes of files that the worker lacks: it ran nothing.
+    result
+        Result, by `relocation.dump`; None if there is none.
+    error
+        Exception of the work; None if it succeeded.
+    files
+        The files that it wrote, by their paths where the task was submitted.
+    """
+
+    host: str
+    missing: tuple[str, ...] = ()
+    result: bytes | None = None
+    error: Exception | None = None
+    files: dict[str, bytes] = field(default_factory=dict)
+
+
+def read_files(files: TaskFiles) -> tuple[ReadFile, ...]:
+    """Hash the files that a task reads. Raises OSError if one of them cannot be read."""
+    found = []
+    for path in dict.fromkeys(files.reads):
+        with path.open("rb") as source:
+            sha256 = hashlib.file_digest(source, "sha256").hexdigest()
+        found.append(ReadFile(str(path), sha256, path.stat().st_size))
+    return tuple(found)
+
+
+def write_files(task: RemoteTask, files: dict[str, bytes]) -> None:
+    """Write the files that a task wrote elsewhere, where it was submitted.
+
+    Raises
+    ------
+    ValueError
+        If the worker names a file that the task does not write.
+    OSError
+        If one of them cannot be written.
+    """
+    for name, content in files.items():
+        path = Path(name)
+        if ".." in path.parts or not (name in task.writes or _is_below(name, task.folders)):
+            raise ValueError(f"the worker wrote {name}, which is no file of its task")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        partial = path.with_name(f".{path.name}.new")
+        partial.write_bytes(content)
+        partial.replace(path)
+
+
+def _is_below(name: str, folders: Iterable[str]) -> bool:
+    return any(name.startswith(f"{folder}/") for folder in folders)

@@ -1,0 +1,92 @@
+"""Service of a worker: it joins a cluster, and again when the scheduler comes back."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import signal
+from dataclasses import dataclass
+from pathlib import Path
+
+from farm.compute.cluster.dask_worker import FarmWorker
+from farm.compute.cluster.installation import read_installation
+from farm.compute.cluster.security import make_security
+from farm.compute.cluster.task_executor import TaskExecutor
+from farm.compute.worker_pool import Workers
+from farm.compute.worker_process import Warm
+
+log = logging.getLogger(__name__)
+_RETRY_S = 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class WorkerOptions:
+    """Options of `farm worker`.
+
+    Attributes
+    ----------
+    folder
+        Folder of this worker alone, for its caches and its tasks.
+    slots
+        Number of tasks at the same time.
+    memory_gb
+        Memory of each; None for a share of the machine.
+    """
+
+    scheduler: str
+    certificates: Path | None
+    name: str
+    folder: Path
+    slots: int
+    memory_gb: float | None = None
+
+
+async def serve_tasks(options: WorkerOptions, warm: Warm | None) -> None:
+    """Run tasks for the farms of a cluster until SIGTERM or Ctrl-C.
+
+    Parameters
+    ----------
+    warm
+        First call in every process; see `Workers`.
+    """
+    stopped = asyncio.Event()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        asyncio.get_running_loop().add_signal_handler(number, stopped.set)
+    security = make_security(options.scheduler, options.certificates)
+    installation = await asyncio.to_thread(read_installation)
+    pool = Workers(options.folder / "processes", options.slots, options.memory_gb, warm)
+    executor = TaskExecutor(options.name, options.folder, pool, installation)
+    try:
+        while not stopped.is_set():
+            worker = FarmWorker(
+                options.scheduler,
+                executor,
+                options.slots,
+                installation,
+                name=options.name,
+                folder=options.folder,
+                security=security,
+            )
+            await _serve_once(worker, stopped)
+            if not stopped.is_set():
+                log.warning("the connection to %s ended; connecting again", options.scheduler)
+                await asyncio.sleep(_RETRY_S)
+    finally:
+        pool.close()
+
+
+async def _serve_once(worker: FarmWorker, stopped: asyncio.Event) -> None:
+    """Serve until the scheduler is lost or the worker is stopped."""
+
+    async def serve() -> None:
+        await worker
+        log.info("worker %s serves %s", worker.name, worker.scheduler.address)
+        await worker.finished()
+
+    serving = asyncio.ensure_future(serve())
+    stopping = asyncio.ensure_future(stopped.wait())
+    await asyncio.wait({serving, stopping}, return_when=asyncio.FIRST_COMPLETED)
+    for task in (serving, stopping):
+        task.cancel()
+    await asyncio.gather(serving, stopping, return_exceptions=True)
+    await worker.close(reason="the worker ends" if stopped.is_set() else "the scheduler is gone")

@@ -1,0 +1,139 @@
+"""Execution of a task on a worker of a cluster: its files in place, its work in a process."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import shutil
+import tempfile
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+
+from farm.compute.cluster.file_cache import FileCache
+from farm.compute.cluster.installation import Installation
+from farm.compute.cluster.relocation import Relocation, run_relocated
+from farm.compute.cluster.remote_task import RemoteAnswer, RemoteTask
+from farm.compute.pool import Pool
+from farm.errors import FarmError
+from slicing.cache import trim_cache
+
+log = logging.getLogger(__name__)
+
+_POLL_S = 0.5  # wall seconds between two readings of a file that others watch
+OnLive = Callable[[str, bytes], None]
+
+
+class TaskExecutor:
+    """Runs tasks for others on this computer.
+
+    Parameters
+    ----------
+    host
+        Name of this worker.
+    folder
+        Its folder, for the cache of files, the cache of slices, and a folder for each task.
+    pool
+        Processes in which the work runs, with their limits.
+    installation
+        Versions on this computer.
+    """
+
+    def __init__(self, host: str, folder: Path, pool: Pool, installation: Installation) -> None:
+        self._host, self._folder, self._pool, self._installation = host, folder, pool, installation
+        self._files = FileCache(folder / "files")
+        self._tasks = folder / "tasks"
+        shutil.rmtree(self._tasks, ignore_errors=True)
+        self._tasks.mkdir()
+
+    async def execute(
+        self, task: RemoteTask, sent: Mapping[str, bytes], on_live: OnLive = lambda *_: None
+    ) -> RemoteAnswer:
+        """Run a task; a cancelled call ends its process, and the engine that it runs.
+
+        Parameters
+        ----------
+        sent
+            Files that were sent with the task, by their hash.
+        on_live
+            Called with a live file of the task (its path where the task was submitted) when it changes.
+        """
+        difference = self._installation.describe_difference(task.installation)
+        if difference is not None:
+            return RemoteAnswer(self._host, error=FarmError(f"worker {self._host} is refused: {difference}"))
+        with self._files.use(task.hashes()):
+            try:
+                for sha256, content in sent.items():
+                    await asyncio.to_thread(self._files.store, sha256, content)
+            except (OSError, ValueError) as error:
+                return RemoteAnswer(self._host, error=FarmError(f"worker {self._host}: {error}"))
+            missing = self._files.list_missing(task.hashes())
+            if missing:
+                return RemoteAnswer(self._host, missing=missing)
+            folder = Path(tempfile.mkdtemp(dir=self._tasks))
+            try:
+                return await self._run(task, self._place_files(task, folder), on_live)
+            except Exception as error:
+                return RemoteAnswer(self._host, error=error)
+            finally:
+                await asyncio.to_thread(shutil.rmtree, folder, ignore_errors=True)
+
+    def _place_files(self, task: RemoteTask, folder: Path) -> Relocation:
+        """Put the files that a task reads into its folder. Returns the way from its paths to these."""
+        pairs: list[tuple[Path | str, Path | str]] = list(task.installation.pair_paths(self._installation))
+        for number, file in enumerate(task.reads):
+            here = folder / f"read-{number}" / Path(file.path).name
+            here.parent.mkdir()
+            here.hardlink_to(self._files.path(file.sha256))
+            pairs.append((file.path, here))
+        for number, name in enumerate(task.folders):
+            here = folder / f"folder-{number}"
+            here.mkdir()
+            pairs.append((name, here))
+        for number, name in enumerate(task.writes):
+            here = folder / f"written-{number}" / Path(name).name
+            here.parent.mkdir()
+            pairs.append((name, here))
+        for name in task.caches:
+            cache = self._folder / "slices"
+            cache.mkdir(exist_ok=True)
+            pairs.append((name, cache))
+        return Relocation.of(pairs)
+
+    async def _run(self, task: RemoteTask, relocation: Relocation, on_live: OnLive) -> RemoteAnswer:
+        watching = asyncio.get_running_loop().create_task(_watch(task.live, relocation, on_live))
+        try:
+            result = await self._pool.run(run_relocated, task.call, relocation, limit=task.limit)
+        finally:
+            watching.cancel()
+        files = await asyncio.to_thread(lambda: dict(_collect_files(task, relocation)))
+        if task.caches:
+            await asyncio.to_thread(trim_cache, self._folder / "slices")
+        return RemoteAnswer(self._host, result=result, files=files)
+
+
+def _collect_files(task: RemoteTask, relocation: Relocation) -> Iterator[tuple[str, bytes]]:
+    """Read the files that a task wrote, with their paths where it was submitted."""
+    for name in task.writes:
+        here = Path(relocation.move(name))
+        if here.is_file():
+            yield name, here.read_bytes()
+    for name in task.folders:
+        folder = Path(relocation.move(name))
+        for here in sorted(folder.rglob("*")):
+            if here.is_file() and not here.is_symlink():
+                yield f"{name}/{here.relative_to(folder)}", here.read_bytes()
+
+
+async def _watch(live: tuple[str, ...], relocation: Relocation, on_live: OnLive) -> None:
+    """Report live files whenever they change."""
+    seen: dict[str, bytes] = {}
+    while live:
+        await asyncio.sleep(_POLL_S)
+        for name in live:
+            try:
+                content = Path(relocation.move(name)).read_bytes()
+            except OSError:  # it is not written yet
+                continue
+            if seen.get(name) != content:
+                seen[name] = content
+                on_live(name, content)

@@ -1,0 +1,73 @@
+"""Turns of waiting tasks on a cluster: urgent ones first, then groups with the fewest running tasks."""
+
+from __future__ import annotations
+
+import asyncio
+from collections import Counter
+from collections.abc import AsyncIterator, Hashable
+from contextlib import asynccontextmanager
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Waiting:
+    group: Hashable
+    urgent: bool
+    turn: asyncio.Future[bool]
+
+
+class Turns:
+    """Queue of tasks before a number of slots, which may change."""
+
+    def __init__(self) -> None:
+        self._slots = 0
+        self._open = False  # let everybody go, as there is no cluster
+        self._waiting: list[_Waiting] = []
+        self._running: Counter[Hashable] = Counter()
+
+    @property
+    def waiting(self) -> int:
+        """Number of tasks that wait."""
+        return len(self._waiting)
+
+    def update(self, slots: int, give_up: bool) -> None:
+        """Set the number of slots; with `give_up`, nobody waits for one any more."""
+        self._slots, self._open = slots, give_up
+        self._serve()
+
+    @asynccontextmanager
+    async def take(self, group: Hashable, urgent: bool) -> AsyncIterator[bool]:
+        """Wait for a slot, and keep it. Yields False, without a slot, if there will be none."""
+        task = _Waiting(group, urgent, asyncio.get_running_loop().create_future())
+        self._waiting.append(task)
+        self._serve()
+        try:
+            has_slot = await task.turn
+        except asyncio.CancelledError:
+            if task in self._waiting:
+                self._waiting.remove(task)
+            elif not task.turn.cancelled() and task.turn.result():  # cancelled just when its turn came
+                self._release(group)
+            raise
+        if not has_slot:
+            yield False
+            return
+        try:
+            yield True
+        finally:
+            self._release(group)
+
+    def _release(self, group: Hashable) -> None:
+        self._running -= Counter([group])
+        self._serve()
+
+    def _serve(self) -> None:
+        """Give free slots to the tasks that are served first."""
+        while self._waiting and (self._open or self._running.total() < self._slots):
+            first = min(self._waiting, key=lambda task: (not task.urgent, self._running[task.group]))
+            self._waiting.remove(first)
+            if first.turn.done():  # its task was cancelled
+                continue
+            if not self._open:
+                self._running[first.group] += 1
+            first.turn.set_result(not self._open)

@@ -1,0 +1,52 @@
+"""State of the cluster in words. Pure."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+from farm import api
+from farm.compute.cluster import ClusterState, Place, RunningTask
+from farm.text import format_count
+
+
+def describe_cluster(state: ClusterState) -> api.ClusterView:
+    """Describe where work runs, and for what it waits."""
+    return api.ClusterView(
+        scheduler=state.scheduler,
+        place=state.place,
+        text=_describe_work(state),
+        workers=[
+            api.ClusterWorkerView(name=worker.name, slots=worker.slots, refused=worker.refused)
+            for worker in state.workers
+        ],
+        tasks=[
+            api.ClusterTaskView(what=task.what, group=_name_group(task), worker=task.host)
+            for task in state.tasks
+        ],
+        waiting=state.waiting,
+        here=state.here,
+    )
+
+
+def _describe_work(state: ClusterState) -> str:
+    """Describe it in a sentence."""
+    if state.place is Place.HERE:
+        doing = format_count(state.here, "task") if state.here else "nothing to do"
+        return f"no worker of {state.scheduler} for {state.lost_s:.0f} s: computing on this host, {doing}"
+    waiting = f", {format_count(state.waiting, 'task')} waiting" if state.waiting else ""
+    if state.place is Place.WAITING:
+        return f"waiting for a worker of {state.scheduler}, {state.lost_s:.0f} s so far{waiting}"
+    usable = [worker for worker in state.workers if worker.refused is None]
+    counts = Counter(task.host for task in state.tasks if task.host is not None)
+    places = ", ".join(f"{host} {count}" for host, count in sorted(counts.items()))
+    slots = format_count(sum(worker.slots for worker in usable), "slot")
+    head = f"{format_count(len(usable), 'worker')} with {slots} on {state.scheduler}"
+    running = f"running: {places}" if places else "nothing runs"
+    here = f", {format_count(state.here, 'task')} on this host" if state.here else ""
+    return f"{head}; {running}{waiting}{here}"
+
+
+def _name_group(task: RunningTask) -> str | None:
+    if isinstance(task.group, int):
+        return f"job {task.group}"
+    return f"plate {task.group}" if isinstance(task.group, str) else None

@@ -1,0 +1,99 @@
+"""`farm decompose` and `farm slice` on a cluster, without a daemon."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Hashable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+from farm.compute import CHECKING, Deferred, Limit, TaskFiles, read_process_bytes
+from farm.compute.cluster import connect_cluster
+from farm.planning.local.decompose_file import DecomposeRequest, empty_for_parts
+from farm.planning.local.slice_file import SliceOptions, check_writable
+
+T = TypeVar("T")
+_LIMIT = Limit("working on the cluster", 6 * 3600.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Cluster:
+    """Cluster that a command uses.
+
+    Attributes
+    ----------
+    on_notice
+        Called with what a person should know, in a sentence.
+    """
+
+    scheduler: str
+    certificates: Path | None
+    on_notice: Callable[[str], None]
+
+
+class _ThisProcess:
+    """Pool that works in this process, once the cluster is given up."""
+
+    starting = None
+
+    def __init__(self, on_notice: Callable[[str], None]) -> None:
+        self.memory_bytes = read_process_bytes()
+        self._on_notice = on_notice
+
+    async def run(
+        self, work: Callable[..., T], *args: object, limit: Limit = CHECKING, group: Hashable = None
+    ) -> T:
+        """Run a function here, with a notice."""
+        self._on_notice("no worker of the cluster can be used: computing on this host")
+        return work(*args)
+
+    def close(self) -> None:
+        """Do nothing: no process runs."""
+
+
+def decompose_on_cluster(
+    cluster: Cluster, path: Path, out: Path, request: DecomposeRequest, cache: Path | None
+) -> dict[str, Any]:
+    """Cut a model as `decompose_to_folder`, on a cluster."""
+    empty_for_parts(out)
+    return _run(cluster, _decompose, path.absolute(), out.absolute(), request, cache)
+
+
+def slice_on_cluster(
+    cluster: Cluster, path: Path, out: Path, options: SliceOptions, cache: Path | None
+) -> dict[str, Any]:
+    """Slice a model as `slice_to_file`, on a cluster."""
+    check_writable(out, path)
+    return _run(cluster, _slice, path.absolute(), out.absolute(), options, cache)
+
+
+def _run(cluster: Cluster, work: Deferred, path: Path, out: Path, *args: object) -> dict[str, Any]:
+    """Run a function on the cluster, or here without one."""
+
+    async def run() -> dict[str, Any]:
+        own = _ThisProcess(cluster.on_notice)
+        pool = await asyncio.to_thread(connect_cluster, own, cluster.scheduler, cluster.certificates)
+        pool.start()
+        try:
+            report: dict[str, Any] = await pool.run(work, path, out, *args, limit=_LIMIT)
+            return report
+        finally:
+            for problem in pool.state.list_problems():
+                cluster.on_notice(problem)
+            pool.close()
+            await pool.wait_closed()
+
+    return asyncio.run(run())
+
+
+def _list_decompose_files(path: Path, out: Path, _: object, cache: Path | None) -> TaskFiles:
+    return TaskFiles(reads=(path,), folders=(out,), caches=() if cache is None else (cache,))
+
+
+def _list_slice_files(path: Path, out: Path, _: object, cache: Path | None) -> TaskFiles:
+    return TaskFiles(reads=(path,), writes=(out,), caches=() if cache is None else (cache,))
+
+
+_decompose = Deferred("farm.planning.local.decompose_file:decompose_to_folder", _list_decompose_files)
+_slice = Deferred("farm.planning.local.slice_file:slice_to_file", _list_slice_files)

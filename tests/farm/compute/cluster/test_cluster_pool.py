@@ -1,0 +1,146 @@
+"""Tasks on a Dask cluster in this process: files, versions, errors, cancelled tasks, lost workers."""
+
+import asyncio
+from dataclasses import replace
+
+import pytest
+
+import portable_work as work
+from dask_cluster import HERE, Place, Recorder, cluster
+from farm.compute import Workers
+from farm.compute.cluster.cluster_pool import ClusterPool
+from farm.compute.cluster.cluster_state import ClusterWorker
+from farm.compute.cluster.remote_task import AttemptLost, RemoteAnswer, RemoteTask, write_files
+from farm.compute.limits import CHECKING
+from farm.errors import FarmError
+
+
+def run(use, *args, **options):
+    """Run `use(pool, scheduler)` with a cluster."""
+
+    async def main():
+        async with cluster(*args, **options) as (pool, scheduler):
+            return await use(pool, scheduler)
+
+    return asyncio.run(main())
+
+
+@pytest.fixture
+def source(tmp_path):
+    path = tmp_path / "model.stl"
+    path.write_bytes(b"solid" * 1000)
+    return path
+
+
+def test_files_go_to_workers_and_come_back(tmp_path, source):
+    """Also to a worker that has lost them, and only from workers with the right versions."""
+    out, folder = tmp_path / "out", tmp_path / "cluster"
+    old = replace(HERE, engine="5.0")
+
+    async def use(pool, scheduler):
+        first = await pool.run(work.copy, source, out / "1")
+        (cached,) = (folder / "w1" / "files").iterdir()
+        cached.unlink()
+        second = await pool.run(work.copy, source, out / "2")
+        with pytest.raises(FarmError, match="this model is hollow"):
+            await pool.run(work.fail, source, out / "3")
+        assert pool.state.place is Place.CLUSTER and pool.own.calls == []
+        assert await pool.run(len, "here") == 4 and pool.own.calls == [len]
+        assert pool.state.list_problems() == [
+            "worker w2 of the cluster is refused: it has CuraEngine 5.0, not 4.13"
+        ]
+        return first, second
+
+    first, second = run(use, folder, ["w1", "w2"], installations={"w2": old})
+    assert second["copy"] == out / "2" / "copy.txt"
+    assert second["copy"].read_bytes() == first["copy"].read_bytes() == source.read_bytes()
+    assert (out / "2" / "deep" / "size.txt").read_text() == "5000"
+    assert str(first["elsewhere"]) == "/elsewhere/file"
+    assert list((folder / "w1" / "tasks").iterdir()) == []
+    assert not (folder / "w2" / "files").exists() or not list((folder / "w2" / "files").iterdir())
+
+
+def test_a_cancelled_task_ends_its_process_on_the_worker(tmp_path, source):
+    note, out = tmp_path / "pids", tmp_path / "out"
+
+    async def use(pool, scheduler):
+        task = asyncio.ensure_future(pool.run(work.hold, source, out, str(note)))
+        while not (out / "progress.json").exists():  # a live file, which the worker sends
+            await asyncio.sleep(0.02)
+        assert [running.host for running in pool.state.tasks] == ["w1"]
+        (pid,) = map(int, note.read_text().split())
+        assert pid in processes.pids
+        task.cancel()
+        while pid in processes.pids:
+            await asyncio.sleep(0.02)
+        with pytest.raises(asyncio.CancelledError):
+            await task
+        assert pool.state.tasks == ()
+
+    async def main():
+        nonlocal processes
+        processes = Workers(tmp_path / "processes", 1)
+        try:
+            async with cluster(tmp_path / "cluster", ["w1"], pools={"w1": processes}) as (pool, scheduler):
+                await use(pool, scheduler)
+        finally:
+            processes.close()
+
+    processes = None
+    asyncio.run(main())
+
+
+class LostLink:
+    """Cluster whose workers are what a test says, and that loses every task."""
+
+    def __init__(self, on_workers, _):
+        self.on_workers, self.tasks = on_workers, []
+
+    async def watch(self):
+        await asyncio.Event().wait()
+
+    async def submit(self, task, sent):
+        self.tasks.append((task.id, sorted(sent)))
+        if len(self.tasks) > 1:
+            raise AttemptLost("worker w1 is gone")
+        await asyncio.Event().wait()
+
+
+def test_work_goes_on_here_when_the_cluster_is_silent_for_half_a_minute(tmp_path, source):
+    """A task in flight is given up then, and later ones go back to the cluster with a worker."""
+    now_s = 0.0
+
+    async def main():
+        nonlocal now_s
+        links, own = [], Recorder()
+        pool = ClusterPool(
+            own, "tls://a:1", HERE, lambda *on: links.append(LostLink(*on)) or links[0], lambda: now_s
+        )
+        (link,), workers = links, (ClusterWorker("w1", "tls://b:1", 1),)
+        link.on_workers(workers)
+        running = asyncio.ensure_future(pool.run(work.copy, source, tmp_path / "out"))
+        while not link.tasks:
+            await asyncio.sleep(0.01)
+        link.on_workers(())
+        now_s = 29.0
+        link.on_workers(())
+        assert pool.state.place is Place.WAITING and not running.done()
+        now_s = 31.0
+        link.on_workers(())
+        assert (await running)["copy"].exists()
+        assert own.calls == [work.copy] and pool.state.place is Place.HERE
+        assert "this computer computes instead" in pool.state.list_problems()[0]
+        link.on_workers(workers)
+        assert pool.state.place is Place.CLUSTER and pool.state.list_problems() == []
+        await pool.run(work.copy, source, tmp_path / "again")  # lost three times, then done here
+        assert len(own.calls) == 2 and len(link.tasks) == 4
+        assert len({name for name, _ in link.tasks}) == 4
+
+    asyncio.run(main())
+
+
+@pytest.mark.parametrize("name", ["/etc/passwd", "/work/job-1/../other", "/work/job-10/p.stl", "/work/job-1"])
+def test_a_worker_writes_no_other_files(name):
+    task = RemoteTask("t", b"", CHECKING, HERE, folders=("/work/job-1",))
+    with pytest.raises(ValueError, match="no file of its task"):
+        write_files(task, RemoteAnswer("w", files={name: b"x"}).files)

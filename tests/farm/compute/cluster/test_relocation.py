@@ -1,0 +1,37 @@
+"""Calls and results whose paths are moved."""
+
+from pathlib import Path
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from farm.compute.cluster.relocation import Relocation, dump, load, run_relocated
+
+NAMES = st.lists(st.sampled_from(["a", "b", "job-1", "levelled", "p.stl"]), min_size=1, max_size=4)
+PATHS = NAMES.map(lambda names: "/" + "/".join(names))
+
+
+def test_the_longest_match_counts_and_other_paths_stay():
+    moves = Relocation.of([("/work/job-1", "/here/0"), ("/work/job-1/levelled", "/here/1")])
+    assert moves.move("/work/job-1/p01.stl") == "/here/0/p01.stl"
+    assert moves.move("/work/job-1/levelled/p01.stl") == "/here/1/p01.stl"
+    assert moves.move("/work/job-10/p01.stl") == "/work/job-10/p01.stl"
+    assert moves.move("/work/job-1") == "/here/0"
+
+
+@given(st.lists(PATHS, max_size=4, unique=True), PATHS)
+def test_the_way_back_leads_to_the_same_path(sources, path):
+    moves = Relocation.of((source, f"/here/{number}") for number, source in enumerate(sources))
+    assert moves.reverse().move(moves.move(path)) == path
+
+
+def swap(files, name):
+    return {"first": files[1], "second": files[0], "name": name}
+
+
+def test_a_call_has_the_paths_of_the_worker_and_its_result_those_of_the_caller():
+    seen = Relocation.of([("/work", "/here")])
+    call = dump((swap, ((Path("/work/a"), Path("/usr/b")), "/work/text")))
+    assert load(call, seen)[1] == ((Path("/here/a"), Path("/usr/b")), "/work/text")
+    result = load(run_relocated(call, seen))
+    assert result == {"first": Path("/usr/b"), "second": Path("/work/a"), "name": "/work/text"}

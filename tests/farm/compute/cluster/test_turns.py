@@ -1,0 +1,85 @@
+"""Turns of tasks that wait for a slot of the cluster."""
+
+import asyncio
+from contextlib import suppress
+
+from farm.compute.cluster.turns import Turns
+
+
+async def settle():
+    for _ in range(5):
+        await asyncio.sleep(0)
+
+
+class Queue:
+    """Tasks that wait for their turns, and the order in which they got them."""
+
+    def __init__(self):
+        self.turns, self.served, self.ends = Turns(), [], {}
+
+    def add(self, name, group, urgent=False):
+        self.ends[name] = asyncio.Event()
+        return asyncio.ensure_future(self._take(name, group, urgent))
+
+    async def _take(self, name, group, urgent):
+        async with self.turns.take(group, urgent) as has_slot:
+            self.served.append((name, has_slot))
+            await self.ends[name].wait()
+
+
+def run(use):
+    async def main():
+        queue = Queue()
+        tasks = await use(queue)
+        for event in queue.ends.values():
+            event.set()
+        queue.turns.update(9, False)
+        for task in tasks:
+            with suppress(asyncio.CancelledError):
+                await task
+        return queue
+
+    return asyncio.run(main())
+
+
+def test_groups_share_the_slots_and_urgent_tasks_go_first():
+    async def use(queue):
+        tasks = [queue.add(name, name[0]) for name in ("a1", "a2", "a3", "b1")]
+        tasks.append(queue.add("c1", "c", urgent=True))
+        await settle()
+        assert queue.turns.waiting == 5 and queue.served == []
+        queue.turns.update(3, False)
+        await settle()
+        assert [name for name, _ in queue.served] == ["c1", "a1", "b1"]
+        queue.ends["c1"].set()
+        await settle()
+        assert queue.served[-1] == ("a2", True)
+        return tasks
+
+    assert len(run(use).served) == 5
+
+
+def test_a_cancelled_task_gives_its_slot_back():
+    async def use(queue):
+        queue.turns.update(1, False)
+        first, second, third = (queue.add(name, name) for name in "xyz")
+        await settle()
+        second.cancel()
+        first.cancel()
+        await settle()
+        assert [name for name, _ in queue.served] == ["x", "z"]
+        return [first, second, third]
+
+    assert run(use).turns.waiting == 0
+
+
+def test_nobody_waits_where_the_cluster_is_given_up():
+    async def use(queue):
+        tasks = [queue.add(name, name) for name in "xy"]
+        await settle()
+        queue.turns.update(0, True)
+        await settle()
+        assert queue.served == [("x", False), ("y", False)]
+        return tasks
+
+    run(use)

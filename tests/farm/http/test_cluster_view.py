@@ -1,0 +1,41 @@
+"""Where work runs, and for what it waits, in words."""
+
+from farm.compute.cluster import ClusterState, ClusterWorker, Place, RunningTask
+from farm.http.cluster_view import describe_cluster
+
+WORKERS = (
+    ClusterWorker("pc-b", "tls://b:1", 4),
+    ClusterWorker("pc-c", "tls://c:1", 2),
+    ClusterWorker("pc-d", "tls://d:1", 8, "it has farm 0, not 1"),
+)
+TASKS = (
+    RunningTask("slicing a part", 3, "pc-b"),
+    RunningTask("slicing a part", 3, "pc-b"),
+    RunningTask("recutting a part", "4/07", "pc-c"),
+    RunningTask("decomposing", 5),
+)
+
+
+def describe(place, workers=(), tasks=(), waiting=0, here=0, lost_s=0.0):
+    return describe_cluster(ClusterState("tls://a:8786", place, workers, tasks, waiting, here, lost_s))
+
+
+def test_the_workers_that_run_tasks_are_named():
+    view = describe(Place.CLUSTER, WORKERS, TASKS, waiting=7)
+    assert view.text == ("2 workers with 6 slots on tls://a:8786; running: pc-b 2, pc-c 1, 7 tasks waiting")
+    assert [(task.group, task.worker) for task in view.tasks] == [
+        ("job 3", "pc-b"),
+        ("job 3", "pc-b"),
+        ("plate 4/07", "pc-c"),
+        ("job 5", None),
+    ]
+    assert view.workers[2].refused == "it has farm 0, not 1"
+
+
+def test_a_lost_cluster_says_for_how_long_and_where_work_runs_instead():
+    assert describe(Place.WAITING, waiting=1, lost_s=12.3).text == (
+        "waiting for a worker of tls://a:8786, 12 s so far, 1 task waiting"
+    )
+    assert describe(Place.HERE, here=2, lost_s=31.0).text == (
+        "no worker of tls://a:8786 for 31 s: computing on this host, 2 tasks"
+    )

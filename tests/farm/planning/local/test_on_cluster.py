@@ -1,0 +1,69 @@
+"""One model on a cluster, without a daemon: the same files as here."""
+
+import asyncio
+
+import pytest
+import trimesh
+
+from dask_cluster import HERE
+from farm.compute.cluster.cluster_pool import ClusterPool
+from farm.compute.cluster.cluster_state import ClusterWorker
+from farm.compute.cluster.task_executor import TaskExecutor
+from farm.errors import FarmError, Refused
+from farm.planning.local import on_cluster
+from farm.planning.local.on_cluster import Cluster, decompose_on_cluster, slice_on_cluster
+from farm.planning.local.slice_file import SliceOptions, slice_to_file
+from same_process import SameProcess
+
+OPTIONS = SliceOptions("ultimaker2_plus", "glue", "generic_pla", 0.4)
+
+
+class InlineLink:
+    """A cluster of one worker in this process."""
+
+    def __init__(self, executor, on_workers):
+        self._executor, self._on_workers = executor, on_workers
+
+    async def watch(self):
+        self._on_workers((ClusterWorker("w1", "tls://w1", 1),))
+        await asyncio.Event().wait()
+
+    async def submit(self, task, sent):
+        return await self._executor.execute(task, sent)
+
+
+@pytest.fixture
+def cluster(tmp_path, monkeypatch):
+    (tmp_path / "w1").mkdir()
+
+    def connect(own, scheduler, certificates):
+        executor = TaskExecutor("w1", tmp_path / "w1", SameProcess(), HERE)
+        return ClusterPool(own, scheduler, HERE, lambda on_workers, _: InlineLink(executor, on_workers))
+
+    monkeypatch.setattr(on_cluster, "connect_cluster", connect)
+    return Cluster("tls://a:8786", tmp_path, pytest.fail)
+
+
+@pytest.fixture
+def box(tmp_path):
+    path = tmp_path / "box.stl"
+    trimesh.creation.box((20.0, 18.0, 6.0)).export(path)
+    return path
+
+
+def test_a_slice_is_the_same(cluster, box, tmp_path):
+    there, here = tmp_path / "there" / "box.gcode", tmp_path / "here.gcode"
+    report = slice_on_cluster(cluster, box, there, OPTIONS, tmp_path / "cache")
+    assert report == slice_to_file(box, here, OPTIONS)
+    assert there.read_bytes() == here.read_bytes()
+    assert slice_on_cluster(cluster, box, there, OPTIONS, tmp_path / "cache")["cached"]  # by the worker
+    assert not (tmp_path / "cache").exists()
+
+
+def test_what_cannot_be_written_is_refused_before_anything_is_sent(cluster, box, tmp_path):
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "letter.txt").touch()
+    with pytest.raises(Refused, match="other files"):
+        decompose_on_cluster(cluster, box, tmp_path / "full", None, None)
+    with pytest.raises(FarmError, match=r"box\.gcode"):
+        slice_on_cluster(cluster, box, box / "box.gcode", OPTIONS, None)

@@ -1,0 +1,68 @@
+"""A Dask cluster in the process of a test, with workers of farms."""
+
+import asyncio
+from contextlib import AsyncExitStack, asynccontextmanager
+from functools import partial
+
+import dask
+from distributed import Scheduler
+
+from farm.compute.cluster.cluster_pool import ClusterPool
+from farm.compute.cluster.cluster_state import Place
+from farm.compute.cluster.connection import Connection
+from farm.compute.cluster.dask_worker import FarmWorker
+from farm.compute.cluster.installation import Installation
+from farm.compute.cluster.task_executor import TaskExecutor
+from same_process import SameProcess
+
+HERE = Installation("1", "4.13", "abc", "numpy 2", "", "", "")
+
+
+class Recorder:
+    """Pool of the computer that submits, which runs each task at once and records it."""
+
+    starting = None
+    memory_bytes = 2**30
+
+    def __init__(self):
+        self.calls = []
+
+    async def run(self, work, *args, limit=None, group=None):
+        self.calls.append(work)
+        return work(*args)
+
+    def close(self):
+        pass
+
+
+@asynccontextmanager
+async def cluster(folder, workers, pools=None, installations=None):
+    """Run a scheduler and some workers, and connect a pool to it."""
+    pools = pools or {}
+    dask.config.set({"distributed.comm.timeouts.connect": "5s"})
+    async with AsyncExitStack() as stack:
+        scheduler = await stack.enter_async_context(
+            Scheduler(host="127.0.0.1", port=0, dashboard_address="127.0.0.1:0")
+        )
+        for name in workers:
+            own = folder / name
+            own.mkdir(parents=True)
+            here = (installations or {}).get(name, HERE)
+            executor = TaskExecutor(name, own, pools.get(name, SameProcess()), here)
+            worker = FarmWorker(scheduler.address, executor, 1, here, name=name, folder=own)
+            await stack.enter_async_context(worker)
+        own = Recorder()
+        link = partial(Connection, scheduler.address, None, HERE)
+        pool = ClusterPool(own, scheduler.address, HERE, link)
+        pool.own = own
+        pool.start()
+        while len(pool.state.workers) < len(workers):
+            await asyncio.sleep(0.02)
+        try:
+            yield pool, scheduler
+        finally:
+            pool.close()
+            await pool.wait_closed()
+
+
+__all__ = ["HERE", "Place", "Recorder", "cluster"]

@@ -1,0 +1,47 @@
+"""Tasks with files that can run on a cluster, in a module that every process can import."""
+
+import os
+import signal
+from pathlib import Path
+
+from farm.compute import Deferred, TaskFiles
+from farm.errors import FarmError
+
+
+def list_files(source, folder, *_):
+    return TaskFiles(reads=(source,), folders=(folder,), live=(folder / "progress.json",))
+
+
+def _copy(source, folder):
+    folder.mkdir(exist_ok=True)
+    (folder / "copy.txt").write_bytes(source.read_bytes())
+    (folder / "deep").mkdir(exist_ok=True)
+    (folder / "deep" / "size.txt").write_text(str(source.stat().st_size))
+    return {"copy": folder / "copy.txt", "elsewhere": Path("/elsewhere/file")}
+
+
+def _fail(source, folder):
+    raise FarmError("this model is hollow")
+
+
+def _hold(source, folder, note):
+    """Report the process in a file of the test, and hold on until it is ended."""
+    folder.mkdir(exist_ok=True)
+    (folder / "progress.json").write_text("held")
+    with Path(note).open("a") as file:
+        file.write(f"{os.getpid()}\n")
+    signal.pause()
+
+
+def _hold_once(source, folder, note):
+    """Hold on the first time, and return the number of this call the second time."""
+    calls = Path(note).read_text().count("\n") + 1 if Path(note).exists() else 1
+    if calls == 1:
+        _hold(source, folder, note)
+    return calls
+
+
+copy = Deferred("portable_work:_copy", list_files)
+fail = Deferred("portable_work:_fail", list_files)
+hold = Deferred("portable_work:_hold", list_files)
+hold_once = Deferred("portable_work:_hold_once", list_files)
