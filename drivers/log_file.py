@@ -43,9 +43,9 @@ def rotate_log(path: Path, max_bytes: int = MAX_BYTES, file_count: int = KEPT) -
         return False
     try:
         for number in range(file_count, 0, -1):
-            older = _numbered(path, number - 1)
+            older = _number_path(path, number - 1)
             if older.exists():
-                older.replace(_numbered(path, number))
+                older.replace(_number_path(path, number))
         new_file.replace(path)
         for stream in (1, 2):
             if _is_open_as(stream, status):
@@ -57,7 +57,7 @@ def rotate_log(path: Path, max_bytes: int = MAX_BYTES, file_count: int = KEPT) -
     return True
 
 
-def _numbered(path: Path, number: int) -> Path:
+def _number_path(path: Path, number: int) -> Path:
     """Return the path of a renamed log; the log itself for 0."""
     return path.with_name(f"{path.name}.{number}") if number else path
 

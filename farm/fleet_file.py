@@ -141,7 +141,7 @@ class _Document:
         cause = error.get("ctx", {}).get("error")
         place = cause.place if isinstance(cause, FieldError) else error["loc"]
         if error["type"] == "extra_forbidden":
-            section = _section_of(self._find_source(place))
+            section = _find_section(self._find_source(place))
             keys = [*section.model_fields, *(["defaults"] if section is Fleet else [])]
             return self.error_at(place, f"unknown key; known are {', '.join(keys)}")
         return self.error_at(place, _reword(error, _PATTERNS.get(str(place[-1])) if place else None))
@@ -150,7 +150,7 @@ class _Document:
         """Find the line (from 1) of the deepest node on the way to `place`."""
         line, node = 1, self.node
         for step in place:
-            node = _child(node, step)
+            node = _find_child(node, step)
             if node is None:
                 break
             line = node.start_mark.line + 1
@@ -165,7 +165,7 @@ class _Document:
                 return None
             visited.add(id(node))
             keys: set[Any] = set()
-            for key, child in _children(node):
+            for key, child in _list_children(node):
                 key_path = (*place, key)
                 if key in keys:
                     return key_path
@@ -195,9 +195,9 @@ class _Document:
         """Find the place that a value comes from: a printer's key may be in `defaults`."""
         if len(place) < 3 or place[0] != "printers":
             return place
-        section = _child(_child(self.node, "printers"), place[1])
-        shared = _child(self.node, "defaults")
-        if _child(section, place[2]) is None and _child(shared, place[2]) is not None:
+        section = _find_child(_find_child(self.node, "printers"), place[1])
+        shared = _find_child(self.node, "defaults")
+        if _find_child(section, place[2]) is None and _find_child(shared, place[2]) is not None:
             return ("defaults", *place[2:])
         return place
 
@@ -282,7 +282,7 @@ def _reword(error: ErrorDetails, pattern: str | None) -> str:
     return f"must be {must_be}" if must_be else error["msg"].removeprefix("Value error, ")
 
 
-def _section_of(place: Place) -> type[BaseModel]:
+def _find_section(place: Place) -> type[BaseModel]:
     """Return the record to which a key belongs."""
     if len(place) > 2 and place[0] == "fleet":
         nested: dict[object, type[BaseModel]] = {
@@ -298,11 +298,11 @@ def _section_of(place: Place) -> type[BaseModel]:
     return owners.get(str(place[0]), Fleet) if len(place) > 1 else Fleet
 
 
-def _child(node: yaml.Node | None, step: str | int) -> yaml.Node | None:
-    return next((child for key, child in _children(node) if key == step), None)
+def _find_child(node: yaml.Node | None, step: str | int) -> yaml.Node | None:
+    return next((child for key, child in _list_children(node) if key == step), None)
 
 
-def _children(node: yaml.Node | None) -> Iterator[tuple[Any, yaml.Node]]:
+def _list_children(node: yaml.Node | None) -> Iterator[tuple[Any, yaml.Node]]:
     if isinstance(node, yaml.MappingNode):
         yield from ((key.value, value) for key, value in node.value)
     elif isinstance(node, yaml.SequenceNode):

@@ -125,17 +125,17 @@ def find_places(
         If the socket must be in the system's temporary folder, and another user could put one there.
     """
     home = Path(env.get("HOME", "/"))
-    state_path = state or _path(env, "FARM_STATE")
-    root = (state_path or (_path(env, "XDG_STATE_HOME") or home / ".local/state") / "farm").absolute()
-    socket = socket or _path(env, "FARM_SOCKET")
+    state_path = state or _read_path(env, "FARM_STATE")
+    root = (state_path or (_read_path(env, "XDG_STATE_HOME") or home / ".local/state") / "farm").absolute()
+    socket = socket or _read_path(env, "FARM_SOCKET")
     if socket is None:
-        runtime = _path(env, "XDG_RUNTIME_DIR")
+        runtime = _read_path(env, "XDG_RUNTIME_DIR")
         socket = runtime / "farm" / "farm.sock" if runtime and state_path is None else root / "farm.sock"
         if state_path is None and not _try(socket.exists) and _try(shared.parent.is_dir):
             socket = shared
-    fleet = fleet or _path(env, "FARM_FLEET")
+    fleet = fleet or _read_path(env, "FARM_FLEET")
     if fleet is None:
-        config = (_path(env, "XDG_CONFIG_HOME") or home / ".config") / "farm" / "fleet.yaml"
+        config = (_read_path(env, "XDG_CONFIG_HOME") or home / ".config") / "farm" / "fleet.yaml"
         candidates = (Path("fleet.yaml"), config, Path("/etc/farm/fleet.yaml"))
         fleet = next((path for path in candidates if _try(path.is_file)), candidates[0])
     return Places(StateFolder(root), _shorten_socket_path(socket.absolute(), env), fleet.absolute())
@@ -149,7 +149,7 @@ def _try(check: Callable[[], bool]) -> bool:
         return False
 
 
-def _path(env: Mapping[str, str], name: str) -> Path | None:
+def _read_path(env: Mapping[str, str], name: str) -> Path | None:
     return Path(env[name]) if env.get(name) else None
 
 
@@ -158,7 +158,7 @@ def _shorten_socket_path(socket: Path, env: Mapping[str, str]) -> Path:
     if len(os.fsencode(socket)) <= _MAX_SOCKET_PATH_BYTES:
         return socket
     digest = hashlib.sha256(os.fsencode(socket)).hexdigest()[:16]
-    folder = _path(env, "XDG_RUNTIME_DIR") or _make_private_folder(f"farm-{os.getuid()}")
+    folder = _read_path(env, "XDG_RUNTIME_DIR") or _make_private_folder(f"farm-{os.getuid()}")
     return folder / f"farm-{digest}.sock"
 
 

@@ -93,7 +93,7 @@ class Agent:
             self._recorder.begin(None, self._journal.state.filament, saved_print.extruded)
         self._board.open()
         self._board.tick()
-        self._server = Server(self._folder, self._selector, self._answer, self._snapshot)
+        self._server = Server(self._folder, self._selector, self._answer, self._build_snapshot)
         wake_wall_s = 0.0
         while not self._requests.ended:
             wait_s = wake_wall_s - wall_s()
@@ -122,7 +122,7 @@ class Agent:
 
     # --- messages ---
 
-    def _snapshot(self) -> Snapshot:
+    def _build_snapshot(self) -> Snapshot:
         return make_snapshot(self._start, self._recorder, self._clock.now())
 
     def _answer(self, request: Request) -> Reply:
@@ -131,11 +131,11 @@ class Agent:
         except (DriverError, OSError) as error:
             log.warning("%s refused: %s", request.do, error)
             is_late = isinstance(error, TooLate)
-            return Reply(id=request.id, error=str(error), late=is_late, snapshot=self._snapshot())
+            return Reply(id=request.id, error=str(error), late=is_late, snapshot=self._build_snapshot())
         prints = list_prints(self._recorder, request.since_s) if isinstance(request, ListPrints) else ()
         lines = self._board.wire.list_lines() if isinstance(request, ListLines) else ()
         listed = tuple(WireLine(at_s=one.at_s, sent=one.sent, text=one.text) for one in lines)
-        return Reply(id=request.id, snapshot=self._snapshot(), prints=prints, lines=listed)
+        return Reply(id=request.id, snapshot=self._build_snapshot(), prints=prints, lines=listed)
 
     def _push(self) -> None:
         """Send a snapshot to all clients, at once after a change and otherwise at intervals."""
@@ -161,7 +161,7 @@ class Agent:
         warm = report is not None and max(report.nozzle_c, report.bed_c) > WARM_C
         self._push_wall_s = now_s + (PUSH_S if warm or session is not None else IDLE_PUSH_S)
         if self._server is not None:
-            self._server.push(self._snapshot())
+            self._server.push(self._build_snapshot())
 
     # --- port and signals ---
 

@@ -125,10 +125,10 @@ class Server:
         connection.setblocking(False)
         client = _Client(connection)
         self._clients[client] = None
-        self._selector.register(connection, selectors.EVENT_READ, partial(self._ready, client))
+        self._selector.register(connection, selectors.EVENT_READ, partial(self._serve_client, client))
         self._send(client, _encode_line(self._make_snapshot()))
 
-    def _ready(self, client: _Client, mask: int) -> None:
+    def _serve_client(self, client: _Client, mask: int) -> None:
         if mask & selectors.EVENT_WRITE:
             self._send(client, b"")
         if mask & selectors.EVENT_READ and client in self._clients:

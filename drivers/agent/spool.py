@@ -30,14 +30,14 @@ class Spool:
         for partial_file in folder.glob(f"*{_PART}"):
             partial_file.unlink()
 
-    def _path(self, print_id: str) -> Path:
+    def _make_path(self, print_id: str) -> Path:
         if _PRINT_ID.fullmatch(print_id) is None:
             raise AgentError(f"{print_id!r}: a print id has letters, digits, dot, dash and underscore only")
         return self._folder / f"{print_id}{_GCODE}"
 
     def check(self, print_id: str) -> None:
         """Check a print id. Raises AgentError if it is invalid."""
-        self._path(print_id)
+        self._make_path(print_id)
 
     def put(self, print_id: str, at: int, data: bytes) -> None:
         """Append a piece of an uploaded file.
@@ -67,7 +67,7 @@ class Spool:
 
     def part(self, print_id: str) -> Path:
         """Return the path of an uploaded file."""
-        return self._path(print_id).with_suffix(_PART)
+        return self._make_path(print_id).with_suffix(_PART)
 
     def take(self, print_id: str, source: Path, sha256: str) -> Program:
         """Read a file, and copy its commands into the spool, completely on the disk.
@@ -79,7 +79,7 @@ class Spool:
         AgentError
             The copy cannot be written.
         """
-        path = self._path(print_id)
+        path = self._make_path(print_id)
         self.keep_only(print_id)
         digest = hashlib.sha256()
         refusal: BadGcode | None = None
@@ -112,7 +112,7 @@ class Spool:
 
     def keep_only(self, print_id: str | None) -> None:
         """Delete the files of all other prints: of an upload that was never started, of a dead agent."""
-        kept_files = set() if print_id is None else {self._path(print_id), self.part(print_id)}
+        kept_files = set() if print_id is None else {self._make_path(print_id), self.part(print_id)}
         for path in self._folder.iterdir():
             if path not in kept_files and path.suffix in (_GCODE, _PART):
                 with suppress(OSError):
@@ -120,7 +120,7 @@ class Spool:
 
     def drop(self, print_id: str) -> None:
         """Delete the files of a print."""
-        self._path(print_id).unlink(missing_ok=True)
+        self._make_path(print_id).unlink(missing_ok=True)
         self.part(print_id).unlink(missing_ok=True)
 
 

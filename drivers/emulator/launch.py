@@ -74,7 +74,7 @@ def launch(url: str, folder: Path, clock: Clock) -> Path:
     """
     address = parse_url(url)
     folder.mkdir(parents=True, exist_ok=True)
-    with _locked(folder / LAUNCH_LOCK):
+    with _lock_file(folder / LAUNCH_LOCK):
         if is_running(folder):
             return folder / TTY
         # This process forks the emulator and ends once the port exists.
@@ -149,7 +149,7 @@ def short_path(folder: Path) -> Iterator[str]:
 
 
 @contextlib.contextmanager
-def _locked(path: Path) -> Iterator[None]:
+def _lock_file(path: Path) -> Iterator[None]:
     with path.open("ab") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         yield

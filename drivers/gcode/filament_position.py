@@ -129,7 +129,7 @@ class Moves:
         self.at[axis] = value
         self._moves = deque(
             (
-                (_shifted(before, axis, shift), _shifted(after, axis, shift), retracted_mm)
+                (_shift(before, axis, shift), _shift(after, axis, shift), retracted_mm)
                 for before, after, retracted_mm in self._moves
             ),
             BUFFERED_LINES,
@@ -139,7 +139,7 @@ class Moves:
         """Compute `retracted_mm` for a stop in a buffered move; at the last line if no move passes there."""
         nearest_mm, found_mm = NEAR_MM, self.retracted_mm
         for before, after, retracted_mm in self._moves:
-            distance_mm = _distance(stopped_at, before, after)
+            distance_mm = _compute_distance(stopped_at, before, after)
             if distance_mm < nearest_mm:
                 fed_mm = stopped_at[3] - before[3]
                 nearest_mm = distance_mm
@@ -158,11 +158,11 @@ def _find_feed(program: Program, line: int) -> float:
     return math.nan
 
 
-def _shifted(point: list[float], axis: int, by_mm: float) -> list[float]:
+def _shift(point: list[float], axis: int, by_mm: float) -> list[float]:
     return [value + by_mm if at == axis else value for at, value in enumerate(point)]
 
 
-def _distance(point: Point, start: Point, end: Point) -> float:
+def _compute_distance(point: Point, start: Point, end: Point) -> float:
     """Compute the distance from a point to a line segment, over the axes that are known."""
     coordinates = [
         (p, b if math.isnan(a) else a, b)

@@ -118,7 +118,7 @@ class AgentClient:
         except (OSError, ValueError, TimeoutError) as error:
             raise AgentError(f"{command[0]}: no connection to the agent ({error or 'time-out'})") from error
         if not first:
-            raise AgentError(f"no connection to the agent: {_last_line(self._folder / AGENT_LOG)}")
+            raise AgentError(f"no connection to the agent: {_read_last_line(self._folder / AGENT_LOG)}")
         self._listen(reader)
         with suppress(MessageError):
             hello = read_line(first)
@@ -212,7 +212,7 @@ class AgentClient:
                     waiting.set_exception(AgentError(f"{self._folder}: {reason}"))
 
 
-def _last_line(log: Path) -> str:
+def _read_last_line(log: Path) -> str:
     lines = log.read_text(errors="replace").strip().splitlines() if log.exists() else []
     return lines[-1] if lines else "its log is empty"
 

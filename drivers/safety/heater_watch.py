@@ -174,7 +174,7 @@ class _Heater:
         rises = self._rise.check(now_c, max(target_c, set_c), now_s)
         if now_c <= SENSOR_BROKEN_C:
             self.cools = False
-            return self._finding(Fault.MINTEMP, f"reads {now_c:g} C: its sensor is broken")
+            return self._make_finding(Fault.MINTEMP, f"reads {now_c:g} C: its sensor is broken")
         if set_c == 0.0:
             if rises:
                 self.cools = False
@@ -191,9 +191,11 @@ class _Heater:
             self._min_distance_c, self._progress_s = distance_c, now_s
         elif now_s - self._progress_s > max(self._rule.stall_s, self._patience_s):
             if now_c > self._set_c:
-                return self._finding(Fault.HEATER_STUCK_ON, f"stays at {now_c:g} C, above {self._set_c:g}")
+                return self._make_finding(
+                    Fault.HEATER_STUCK_ON, f"stays at {now_c:g} C, above {self._set_c:g}"
+                )
             progress_text = f"got to {now_c:g} of {self._set_c:g} C and no further"
-            return self._finding(Fault.HEATER_TIMEOUT, progress_text)
+            return self._make_finding(Fault.HEATER_TIMEOUT, progress_text)
         return None
 
     def _check_hold(self, now_c: float, now_s: float) -> Finding | None:
@@ -204,8 +206,8 @@ class _Heater:
         if now_s - self._off_target_since_s <= max(self._rule.away_s, self._patience_s):
             return None
         if now_c > self._set_c:
-            return self._finding(Fault.HEATER_STUCK_ON, f"went up to {now_c:g} C, above {self._set_c:g}")
-        return self._finding(Fault.THERMAL_RUNAWAY, f"fell from {self._set_c:g} to {now_c:g} C")
+            return self._make_finding(Fault.HEATER_STUCK_ON, f"went up to {now_c:g} C, above {self._set_c:g}")
+        return self._make_finding(Fault.THERMAL_RUNAWAY, f"fell from {self._set_c:g} to {now_c:g} C")
 
     def _check_off(self, now_c: float, now_s: float) -> Finding | None:
         rule = self._rule
@@ -222,9 +224,9 @@ class _Heater:
         return None
 
     def _stuck_on_finding(self, detail: str) -> Finding:
-        return replace(self._finding(Fault.HEATER_STUCK_ON, detail), off=True)
+        return replace(self._make_finding(Fault.HEATER_STUCK_ON, detail), off=True)
 
-    def _finding(self, fault: Fault, detail: str) -> Finding:
+    def _make_finding(self, fault: Fault, detail: str) -> Finding:
         return Finding(fault, f"the {self._name} {detail}")
 
 

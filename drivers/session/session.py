@@ -51,7 +51,7 @@ class Session:
         """Time of the next call of `advance` without events."""
         if self.context.ended:
             return math.inf
-        return min(self._wait.deadline_s, self._last_moment_s(), power_off_due_s(self.context))
+        return min(self._wait.deadline_s, self._find_last_moment_s(), power_off_due_s(self.context))
 
     def advance(self, events: Events, now_s: float) -> None:
         """Process the events of the link, and run the script as far as possible."""
@@ -60,7 +60,7 @@ class Session:
         ended: PrintEnded | None = None
         for event in events:
             ended = ended or _notice(context, event)
-        if now_s >= self._last_moment_s():
+        if now_s >= self._find_last_moment_s():
             ended = ended or PrintEnded(Fault.HOURS_ENDED, UNATTENDED)
         if ended is not None:
             self._leave(ended)
@@ -113,7 +113,7 @@ class Session:
         if text not in (reason or ""):
             self.context.reason = text if reason is None else f"{reason}; {text}"
 
-    def _last_moment_s(self) -> float:
+    def _find_last_moment_s(self) -> float:
         """Compute the time limit of an open print."""
         context = self.context
         going_on = context.phase is not PrintPhase.ENDING and not context.ended

@@ -94,14 +94,14 @@ async def _send(
         if authentication is not None:
             request = next(authentication.auth_flow(request))
         try:
-            return await client.send(request, stream=True, auth=_no_authentication)
+            return await client.send(request, stream=True, auth=_leave_unchanged)
         except httpx.ConnectError:
             if number == len(addresses):
                 raise
     raise CameraError("its name has no address")
 
 
-def _no_authentication(request: httpx.Request) -> httpx.Request:
+def _leave_unchanged(request: httpx.Request) -> httpx.Request:
     return request
 
 

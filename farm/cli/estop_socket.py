@@ -64,11 +64,11 @@ def find_estop_socket(places: Places) -> Path | None:
         If the farm is another user's and has no such socket: the caller's folders are of another farm.
     """
     path = places.socket.with_name("estop.sock")
-    owners = {owner for socket in (path, places.socket) if (owner := _owner(socket)) is not None}
+    owners = {owner for socket in (path, places.socket) if (owner := _find_owner(socket)) is not None}
     named_by_root = os.geteuid() == 0 and (places.state.root / "agents").is_dir()
     if named_by_root or owners <= {os.geteuid()}:
         return None
-    if _owner(path) is None:
+    if _find_owner(path) is None:
         raise FarmError(
             f"the farm at {places.socket} belongs to another user and has no estop.sock: ask its owner to "
             "stop its printers, or switch them off by hand"
@@ -76,7 +76,7 @@ def find_estop_socket(places: Places) -> Path | None:
     return path
 
 
-def _owner(path: Path) -> int | None:
+def _find_owner(path: Path) -> int | None:
     try:
         return path.stat().st_uid
     except OSError:

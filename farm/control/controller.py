@@ -139,7 +139,7 @@ class Controller:
         effects: list[Effect] = []
         self._next_change_s = -math.inf
         try:
-            for effect in chain(self._commit(events), self._unconfirmed(printer), self._schedule()):
+            for effect in chain(self._commit(events), self._list_unconfirmed(printer), self._schedule()):
                 effects.append(effect)  # noqa: PERF402  (after an error, the earlier effects are performed)
         finally:
             self._perform(effects)
@@ -149,7 +149,7 @@ class Controller:
         if self.clock.now() >= self._next_change_s:
             self.handle()
         else:
-            self._perform(self._unconfirmed(None))
+            self._perform(self._list_unconfirmed(None))
 
     @property
     def next_change_s(self) -> float | None:
@@ -192,8 +192,8 @@ class Controller:
         if self.stopping:
             return
         now_s = self.clock.now()
-        held_back = self._held_back()
-        complete_situation = self._situation(held_back)
+        held_back = self._find_held_back()
+        complete_situation = self._build_situation(held_back)
         yield from self._replanning.recut_failures(self.books, complete_situation)
         situation = complete_situation.without(self._replanning.holds())
         reserved = self._replanning.reserved_printers
@@ -224,7 +224,7 @@ class Controller:
         """Assign plates to printers; jobs that have not started get none reserved for a replan."""
         return self._replanning.without_reserved(self.books, assign_plates(situation))
 
-    def _held_back(self) -> dict[str, Hold]:
+    def _find_held_back(self) -> dict[str, Hold]:
         """Return the holds of the plates that are excluded from assignment."""
         may_hold = self._situations.may_hold_back
         return find_plate_holds(self.books, self.fleet.printers, self.clock.now(), may_hold)
@@ -232,8 +232,8 @@ class Controller:
     def plate_holds(self) -> dict[str, Hold]:
         """Find the current hold of each waiting plate."""
         revised = self.planning.revisions.holds(self.books, self.clock.now())
-        held_back = self._held_back() | self._replanning.holds()
-        situation = self._situation(held_back)
+        held_back = self._find_held_back() | self._replanning.holds()
+        situation = self._build_situation(held_back)
         return held_back | find_holds(situation, self._assign(situation)) | revised
 
     def _admit_jobs(self, situation: Situation) -> Iterator[Effect]:
@@ -246,12 +246,12 @@ class Controller:
 
     def list_reservations(self) -> dict[str, str]:
         """Return the free printers that are reserved, each with its purpose."""
-        situation = self._situation(self._held_back())
+        situation = self._build_situation(self._find_held_back())
         given = {assignment.plate for assignment in self._assign(situation)}
         reserved = self._replanning.reserved_printers
         return self.planning.find_reservations(self.books, situation.without(given), reserved)
 
-    def _situation(self, held_back: Mapping[str, Hold]) -> Situation:
+    def _build_situation(self, held_back: Mapping[str, Hold]) -> Situation:
         """Return the current situation, with all waiting plates except those held back."""
         return Situation(
             waiting=self._situations.waiting(self.books),
@@ -265,16 +265,18 @@ class Controller:
     def expected_situation(self) -> Situation:
         """Return the situation for the forecast, without plates that are paused."""
         codes = (HoldCode.PAUSED, HoldCode.STOPPED)
-        return self._situation({n: hold for n, hold in self._held_back().items() if hold.code in codes})
+        return self._build_situation(
+            {n: hold for n, hold in self._find_held_back().items() if hold.code in codes}
+        )
 
-    def _unconfirmed(self, printer: str | None) -> Iterator[ev.AnyInstruction]:
+    def _list_unconfirmed(self, printer: str | None) -> Iterator[ev.AnyInstruction]:
         """Yield the instructions on open prints, of one printer or all, that agents have not confirmed."""
         attempts = self.books.open_prints() if printer is None else [self.books.open_print_on(printer)]
         for attempt in [candidate for candidate in attempts if candidate is not None]:
             snapshot = self.telemetry.snapshots.get(attempt.printer)
             if snapshot is not None:
                 yield from list_unconfirmed_instructions(
-                    attempt, snapshot, self.books, self._situation_of(attempt.printer)
+                    attempt, snapshot, self.books, self._build_printer_situation(attempt.printer)
                 )
 
     # -- agents -----------------------------------------------------------------------------------------
@@ -293,7 +295,7 @@ class Controller:
             if reading.events or changed:
                 self._handle_all(reading.events, name)
             else:
-                self._perform(self._unconfirmed(name))
+                self._perform(self._list_unconfirmed(name))
             self._perform(reading.instructions)
         except StoreError as error:
             self.telemetry.reject(snapshot, previous, str(error))
@@ -327,13 +329,13 @@ class Controller:
 
     def on_plan(self, number: int, result: Plan | FarmError) -> None:
         """Record the plan of a job, or the error that prevents it."""
-        situation = self._situation(self._held_back())
+        situation = self._build_situation(self._find_held_back())
         event = self.planning.finish(self.books.job(number), result, self.books, situation)
         self.handle(*([event] if event is not None else []))
 
     def on_replan(self, plate: str, result: ReplannedPlate | FarmError) -> None:
         """Record the result of a replan."""
-        situation = self._situation(self._held_back())
+        situation = self._build_situation(self._find_held_back())
         event = self._replanning.finish(plate, result, self.books, situation)
         self.handle(*([event] if event is not None else []))
 
@@ -364,9 +366,9 @@ class Controller:
     def print_limits(self, print_id: str) -> PrintLimits:
         """Return the time limits of a print from the attended and quiet hours."""
         attempt = self.books.prints[print_id]
-        return find_print_limits(attempt, self.books, self._situation_of(attempt.printer))
+        return find_print_limits(attempt, self.books, self._build_printer_situation(attempt.printer))
 
-    def _situation_of(self, name: str) -> Situation:
+    def _build_printer_situation(self, name: str) -> Situation:
         """Return the situation of one printer, if it is enabled, without waiting plates."""
         printer = self.fleet_printer(name)
         return Situation((), () if printer is None else (printer,), self.rules, self.clock.now())

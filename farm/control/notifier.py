@@ -42,7 +42,7 @@ class Notifier:
     def __init__(self, urls: Sequence[SecretStr], farm: str, file: Path, now_s: float) -> None:
         for name in ("apprise", "urllib3"):  # they log addresses
             logging.getLogger(name).setLevel(logging.CRITICAL)
-        self._addresses = [_address(number, url) for number, url in enumerate(urls, 1)]
+        self._addresses = [_open_channel(number, url) for number, url in enumerate(urls, 1)]
         self._title, self._file = farm, file
         self._since_s, self._sent = _load_record(file, now_s)
         self._queue: SimpleQueue[str] = SimpleQueue()
@@ -91,7 +91,7 @@ def delete_record(file: Path) -> None:
     file.unlink(missing_ok=True)
 
 
-def _address(number: int, url: SecretStr) -> Any:
+def _open_channel(number: int, url: SecretStr) -> Any:
     try:
         from apprise import Apprise
     except ImportError as error:

@@ -31,7 +31,7 @@ class PartCommands:
 
     def reprint(self, job: int, part: str, why: str, by: str) -> str:
         """Print a part again, whatever its state. Returns its name."""
-        plate = self._plate(job, part)
+        plate = self._find_plate(job, part)
         entry = self._controller.books.job(job)
         if entry.pruned_s is not None:
             on = datetime.fromtimestamp(entry.pruned_s, self._controller.fleet.zone)
@@ -42,7 +42,7 @@ class PartCommands:
         state = self._controller.books.plate_state(plate)
         stopped = find_stopped_print(plate, self._controller.books.prints_of(plate))
         if state in _PENDING and stopped is None:
-            printer = self._printer_of(plate)
+            printer = self._find_printer(plate)
             raise Refused(f"part {plate.parts[0]} {_PENDING[state].format(printer=printer)}")
         at_s = self._controller.clock.now()
         self._controller.handle(ev.ReprintRequested(at_s=at_s, plate=plate.id, why=why, by=by))
@@ -50,7 +50,7 @@ class PartCommands:
 
     def cancel(self, job: int, part: str, by: str) -> str:
         """Cancel a part, so that it is not printed. Returns its name."""
-        return self._cancel(self._plate(job, part), by)
+        return self._cancel(self._find_plate(job, part), by)
 
     def cancel_on(self, printer: str, by: str) -> str:
         """Cancel the part that a printer prints. Returns its name."""
@@ -59,15 +59,15 @@ class PartCommands:
 
     def _cancel(self, plate: Plate, by: str) -> str:
         state = self._controller.books.plate_state(plate)
-        if state in _PRINTED and (state is not PlateState.GOOD or self._printer_of(plate) is None):
+        if state in _PRINTED and (state is not PlateState.GOOD or self._find_printer(plate) is None):
             raise Refused(f"part {plate.parts[0]} {_PRINTED[state]}")
         self._controller.handle(ev.PlateCancelled(at_s=self._controller.clock.now(), plate=plate.id, by=by))
         return plate.parts[0]
 
     def pause(self, job: int, part: str, wanted: bool, by: str) -> str:
         """Pause or resume a part, on its printer or in the queue. Returns the printer, if any."""
-        plate = self._plate(job, part)
-        printer = self._printer_of(plate)
+        plate = self._find_plate(job, part)
+        printer = self._find_printer(plate)
         if printer is not None:
             self._printers.pause(printer, wanted, by)
             return printer
@@ -83,7 +83,7 @@ class PartCommands:
         self._controller.handle(ev.PlatePaused(at_s=at_s, plate=plate.id, wanted=wanted, by=by))
         return ""
 
-    def _plate(self, job: int, part: str) -> Plate:
+    def _find_plate(self, job: int, part: str) -> Plate:
         """Return the plate of a part, by its name with or without the job number: 3/p01, p01, 01 or 1."""
         books = self._controller.books
         entry = books.job(job)
@@ -98,7 +98,7 @@ class PartCommands:
         part_names = " ".join(name.rpartition("/")[2] for name in entry.parts) or "none yet"
         raise NoSuchThing(f"job {job} has no part {part}; its parts are {part_names}")
 
-    def _printer_of(self, plate: Plate) -> str | None:
+    def _find_printer(self, plate: Plate) -> str | None:
         """Return the printer that prints a plate now."""
         attempts = self._controller.books.prints_of(plate)
         return next((attempt.printer for attempt in attempts if not attempt.state.ended), None)

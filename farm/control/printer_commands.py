@@ -73,7 +73,7 @@ class PrinterCommands:
         judged = books.print_to_judge(printer)
         if request.bad and judged is None:
             raise Refused(f"no part printed on {printer} waits for a verdict: leave out --bad")
-        good_print = None if request.good is None else self._failed_print_of(printer, request.good)
+        good_print = None if request.good is None else self._find_failed_print(printer, request.good)
         self._controller.handle(
             ev.BedCleared(
                 at_s=self._controller.clock.now(),
@@ -97,7 +97,7 @@ class PrinterCommands:
         )
         return api.Cleared(again=plate.parts[0] if plate is not None and is_reprinted else None)
 
-    def _failed_print_of(self, printer: str, part: str) -> Print | None:
+    def _find_failed_print(self, printer: str, part: str) -> Print | None:
         """Return the failed print of a part on a bed; None if its print is recorded as done."""
         books = self._controller.books
         judged, failed = books.print_to_judge(printer), failed_print_on(books, printer)

@@ -102,7 +102,11 @@ class TemperatureRecord:
         same_minute = last is not None and now_s - last.at_s < _INTERVAL_S
         if last is not None and same_minute and (last.nozzle_c is None) == (nozzle_c is None):
             readings.pop()
-            at_s, nozzle_c, bed_c = last.at_s, _hotter(last.nozzle_c, nozzle_c), _hotter(last.bed_c, bed_c)
+            at_s, nozzle_c, bed_c = (
+                last.at_s,
+                _choose_hotter(last.nozzle_c, nozzle_c),
+                _choose_hotter(last.bed_c, bed_c),
+            )
         targets = _round(snapshot.nozzle_target_c), _round(snapshot.bed_target_c)
         readings.append(Temperatures(at_s, nozzle_c, bed_c, *targets))
 
@@ -111,7 +115,7 @@ def _round(degrees_c: float | None) -> int | None:
     return None if degrees_c is None else round(min(_MAX_C, max(_MIN_C, degrees_c)))
 
 
-def _hotter(one_c: int | None, other_c: int | None) -> int | None:
+def _choose_hotter(one_c: int | None, other_c: int | None) -> int | None:
     known = [degrees_c for degrees_c in (one_c, other_c) if degrees_c is not None]
     return max(known, default=None)
 

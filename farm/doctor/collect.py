@@ -114,7 +114,7 @@ def _check_files(books: Books, state: StateFolder) -> FileFacts:
     for job in books.jobs.values():
         if job.state.ended:
             continue
-        for name, sha256 in _files_of(books, job):
+        for name, sha256 in _list_job_files(books, job):
             checked += 1
             path = state.files / name
             try:
@@ -125,7 +125,7 @@ def _check_files(books: Books, state: StateFolder) -> FileFacts:
     return FileFacts(checked, tuple(missing), tuple(changed))
 
 
-def _files_of(books: Books, job: Job) -> Iterator[tuple[str, str]]:
+def _list_job_files(books: Books, job: Job) -> Iterator[tuple[str, str]]:
     """Yield the files of a job and their hashes; files in the store are named by their hash."""
     yield job.model_file, Path(job.model_file).stem
     for plate in books.plates_of(job):

@@ -62,7 +62,7 @@ class Person:
 
     def belongs_to(self, group: str) -> bool:
         """Return whether the person is a member of a group, by the group database or by their login."""
-        number = _gid(group)
+        number = _find_gid(group)
         try:
             return number in (self.gid, *os.getgrouplist(pwd.getpwuid(self.uid).pw_name, self.gid))
         except KeyError:  # a user that the database does not know
@@ -156,7 +156,7 @@ def find_caller_name(request: Request) -> str:
 
 def is_operator(request: Request) -> bool:
     """Return whether the caller may let printers continue. Raises Refused if nobody is known."""
-    return identify_caller(request).is_operator(_operators(request))
+    return identify_caller(request).is_operator(_find_operators(request))
 
 
 def operator_name(request: Request) -> str:
@@ -164,18 +164,18 @@ def operator_name(request: Request) -> str:
     name = identify_caller(request).name
     if is_operator(request):
         return name
-    group = _operators(request)
+    group = _find_operators(request)
     raise Refused(f"{name} is not an operator: only members of the group {group} may do this")
 
 
-def _operators(request: Request) -> str | None:
+def _find_operators(request: Request) -> str | None:
     group: str | None = request.app.state.controller.fleet.fleet.operators
     return group
 
 
 def check_operators(group: str | None) -> None:
     """Raise FleetFileError if `fleet.operators` names a group that this host does not have."""
-    if group is not None and _gid(group) is None:
+    if group is not None and _find_gid(group) is None:
         raise FleetFileError(f"fleet.operators: there is no group {group}; `groupadd {group}` creates it")
 
 
@@ -207,7 +207,7 @@ def listen(path: Path, group: str) -> socket.socket:
 
 def _share(path: Path, group: str) -> None:
     """Give a socket to a group, or log why only its owner may use it."""
-    number = _gid(group)
+    number = _find_gid(group)
     if number is None:
         log.info("listening on %s, for this user alone: there is no group %s", path, group)
         return
@@ -220,7 +220,7 @@ def _share(path: Path, group: str) -> None:
         log.info("listening on %s, for group %s", path, group)
 
 
-def _gid(group: str) -> int | None:
+def _find_gid(group: str) -> int | None:
     try:
         return grp.getgrnam(group).gr_gid
     except KeyError:

@@ -158,7 +158,7 @@ class BoundedServer(uvicorn.Server):
         """The connections at present."""
         return cast(set[WaitingConnection], self.server_state.connections)
 
-    def _protocol(self) -> asyncio.Protocol:
+    def _make_protocol(self) -> asyncio.Protocol:
         make = cast(type, self.config.http_protocol_class)
         made: asyncio.Protocol = make(
             config=self.config, server_state=self.server_state, app_state=self.lifespan.state
@@ -210,7 +210,7 @@ class BoundedServer(uvicorn.Server):
         try:
             await self.make_room(connection)
             await loop.connect_accepted_socket(
-                self._protocol, connection, ssl=tls, ssl_handshake_timeout=REQUEST_S if tls else None
+                self._make_protocol, connection, ssl=tls, ssl_handshake_timeout=REQUEST_S if tls else None
             )
         except asyncio.CancelledError:
             connection.close()
@@ -233,16 +233,16 @@ class BoundedServer(uvicorn.Server):
             if idle is not None:
                 idle.transport.abort()
                 self._rate_limited_log.warn(
-                    "too many connections: one without a request was closed", self._now_s()
+                    "too many connections: one without a request was closed", self._read_clock_s()
                 )
             await asyncio.sleep(0.0 if idle is not None else _WAIT_S)
 
     async def _sweep(self) -> None:
         while True:
-            for one in find_overdue(self.connections, self._now_s()):
+            for one in find_overdue(self.connections, self._read_clock_s()):
                 one.transport.abort()
             await asyncio.sleep(_SWEEP_S)
 
     @staticmethod
-    def _now_s() -> float:
+    def _read_clock_s() -> float:
         return asyncio.get_running_loop().time()

@@ -20,7 +20,7 @@ FORMER_NAMES = {
 """Fields that the books of farm 0.1 have under another name."""
 
 
-def _accepted_names(field: str) -> str | AliasChoices:
+def _accept_names(field: str) -> str | AliasChoices:
     former = FORMER_NAMES.get(field)
     return field if former is None else AliasChoices(field, former)
 
@@ -29,5 +29,5 @@ class Entity(BaseModel):
     """Frozen record of the books."""
 
     model_config = ConfigDict(
-        frozen=True, extra="forbid", alias_generator=AliasGenerator(validation_alias=_accepted_names)
+        frozen=True, extra="forbid", alias_generator=AliasGenerator(validation_alias=_accept_names)
     )

@@ -92,7 +92,7 @@ def book_plan(sliced: SlicedJob, files: Path) -> Plan:
         plates=tuple(plates),
         repairs=decomposed.repairs,
         scale=decomposed.scale,
-        serial_s=_serial_s(sliced),
+        serial_s=_estimate_serial_s(sliced),
         expected_s=sliced.makespan_s(),
         picture=store_file(files, task.folder / PICTURE),
         assembly=store_file(files, task.folder / ASSEMBLY),
@@ -124,7 +124,7 @@ def list_job_files(job: Job, parts: Iterable[Part], plates: Iterable[Plate]) -> 
     return names
 
 
-def _serial_s(sliced: SlicedJob) -> float:
+def _estimate_serial_s(sliced: SlicedJob) -> float:
     """Return the time of the whole model in one piece: its estimate, scaled by the parts' slices.
 
     Slicing the whole model would take minutes, for a printer that does not exist.

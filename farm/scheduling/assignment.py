@@ -55,7 +55,7 @@ def find_holds(situation: Situation, assignments: Iterable[Assignment]) -> dict[
         The result of `assign_plates`.
     """
     given = {assignment.plate: assignment.printer for assignment in assignments}
-    starts, limit = _allowed_starts(situation), situation.rules.max_heating
+    starts, limit = _count_allowed_starts(situation), situation.rules.max_heating
     limit_reached = limit if len(given) >= starts else None
     reasons = HoldReasons(situation, frozenset(given.values()), situation.spare_printers, limit_reached)
     places = {plate.job: plate.places for plate in situation.waiting if plate.places is not None}
@@ -69,7 +69,7 @@ def find_holds(situation: Situation, assignments: Iterable[Assignment]) -> dict[
     }
 
 
-def _allowed_starts(situation: Situation) -> int:
+def _count_allowed_starts(situation: Situation) -> int:
     """Return the number of printers that may start to heat now."""
     limit = situation.rules.max_heating
     if limit is None:
@@ -92,7 +92,7 @@ def _match(situation: Situation) -> dict[str, WaitingPlate]:
         planned=situation.planned,
         spare_printers=situation.spare_printers,
         places={plate.job: plate.places for plate in situation.waiting if plate.places is not None},
-        starts=_allowed_starts(situation),
+        starts=_count_allowed_starts(situation),
         rules=situation.rules,
         now_s=situation.now_s,
     )

@@ -82,8 +82,8 @@ def forecast_prints(situation: Situation, bounded: bool = True) -> Forecast:
     if bounded:
         started = {slot.plate for slot in slots}
         plates = [plate for plate in situation.by_priority if plate.id in started]
-        ready_s = {p.name: _ready_s(p, rules, now_s) for p in coming}
-        bound_s = _lower_bound_s(plates, _fitting(plates, coming), ready_s, rules, now_s)
+        ready_s = {p.name: _find_ready_s(p, rules, now_s) for p in coming}
+        bound_s = _lower_bound_s(plates, _find_fitting(plates, coming), ready_s, rules, now_s)
     return Forecast(tuple(slots), unplaced, ends_s, min(bound_s, ends_s))
 
 
@@ -127,7 +127,7 @@ class _Simulation:
             self._push(max(now_s, printer.heats_until_s or now_s), _HEATED, printer.name)
         if not used:
             return
-        ready_s = _ready_s(printer, self._rules, now_s)
+        ready_s = _find_ready_s(printer, self._rules, now_s)
         if ready_s <= now_s:
             self._idle.add(printer.name)
         else:
@@ -140,7 +140,7 @@ class _Simulation:
     def run(self) -> None:
         """Simulate until no plate waits, or no waiting plate can ever start."""
         self._match()
-        edge_s, give_up_s = self._next_edge_s(), self._now_s + _FARTHEST_S
+        edge_s, give_up_s = self._find_next_edge_s(), self._now_s + _FARTHEST_S
         while self.queue:
             change_s = self._changes[0][0] if self._changes else math.inf
             if edge_s <= change_s:
@@ -148,7 +148,7 @@ class _Simulation:
                     return
                 self._now_s = edge_s
                 self._stuck.clear()
-                edge_s = self._next_edge_s()
+                edge_s = self._find_next_edge_s()
             elif change_s == math.inf:
                 return
             else:
@@ -157,7 +157,7 @@ class _Simulation:
             if self._match():
                 give_up_s = self._now_s + _FARTHEST_S
 
-    def _next_edge_s(self) -> float:
+    def _find_next_edge_s(self) -> float:
         edges = (self._rules.attended.edge_s(self._now_s), self._rules.quiet.edge_s(self._now_s))
         return min((edge_s for edge_s in edges if edge_s is not None), default=math.inf)
 
@@ -194,7 +194,7 @@ class _Simulation:
             free=free,
             order=self._order,
             planned=planned,
-            spare_printers=self._spare_printers(planned),
+            spare_printers=self._choose_spare_printers(planned),
             places=self._places,
             starts=starts,
             rules=self._rules,
@@ -207,7 +207,7 @@ class _Simulation:
             self._stuck |= free - starting.keys()
         return bool(starting)
 
-    def _spare_printers(self, planned: Collection[str]) -> frozenset[str]:
+    def _choose_spare_printers(self, planned: Collection[str]) -> frozenset[str]:
         if not self._spares or self._rules.is_attended(self._now_s):
             return frozenset()
         most = max(self._spares.values())
@@ -255,14 +255,14 @@ def seconds_on(plate: WaitingPlate, printer: FleetPrinter) -> float:
     return plate.heating_s + layers_s * printer.time_factor / plate.time_factor
 
 
-def _ready_s(printer: FleetPrinter, rules: StartRules, now_s: float) -> float:
+def _find_ready_s(printer: FleetPrinter, rules: StartRules, now_s: float) -> float:
     """Return the time at which a printer is idle and clear."""
     if printer.obstacle() is None:
         return now_s
     return rules.bed_clear_s(max(now_s, printer.free_s or now_s), CLEARING_S)
 
 
-def _fitting(
+def _find_fitting(
     plates: Iterable[WaitingPlate], printers: Iterable[FleetPrinter]
 ) -> dict[str, list[FleetPrinter]]:
     """Return the printers that hold each plate and have enough on their reels."""
@@ -307,11 +307,11 @@ def _lower_bound_s(
         work_s[names] = work_s.get(names, 0.0) + min(seconds_on(plate, p) for p in can[plate.id])
     for names in work_s:
         total_s = sum(seconds for subset, seconds in work_s.items() if subset <= names)
-        bound_s = max(bound_s, _filled_s(total_s, sorted(ready_s[name] for name in names)))
+        bound_s = max(bound_s, _compute_filled_s(total_s, sorted(ready_s[name] for name in names)))
     return bound_s
 
 
-def _filled_s(work_s: float, ready: Sequence[float]) -> float:
+def _compute_filled_s(work_s: float, ready: Sequence[float]) -> float:
     """Return the time at which machines that are ready at these times (ascending) finish this amount of
     work."""
     level_s = ready[0]

@@ -69,7 +69,7 @@ def find_plate_holds(
     return held
 
 
-def _loss_window_end_s(books: Books, holds: Mapping[str, Hold]) -> float:
+def _find_loss_window_end_s(books: Books, holds: Mapping[str, Hold]) -> float:
     """Return the time at which the first hold for a printer that was just lost ends; infinity if there is
     none."""
     lost = (books.plates[name].prints[-1] for name, hold in holds.items() if hold.code is HoldCode.JUST_LOST)
@@ -97,7 +97,7 @@ def find_next_change_s(
     moments = (*others_s, *(at_s for at_s in starts if at_s is not None))
     return min(
         situation.next_change_s(),
-        _loss_window_end_s(books, held_back),
+        _find_loss_window_end_s(books, held_back),
         *(at_s for at_s in moments if at_s > situation.now_s),
     )
 
@@ -215,12 +215,12 @@ class HoldReasons:
             text = f"its job starts {rules.format_moment(plate.not_before_s, now_s)}"
             return Hold(code=HoldCode.START_TIME, text=text)  # no printer would start it now
         reel_hold: Hold | None = None
-        for name in self._idle_among(names):
+        for name in self._list_idle(names):
             hold = self._find_printer_hold(plate, name)
             if hold is not None and hold.code is not HoldCode.REEL_TOO_SHORT:
                 return hold  # ends by itself
             reel_hold = reel_hold or hold
-        busy = self._printing(names)
+        busy = self._find_busy_hold(names)
         if busy is not None:
             return (
                 Hold(code=busy.code, text=f"{busy.text}; {reel_hold.text}", reel=reel_hold.reel)
@@ -229,9 +229,9 @@ class HoldReasons:
             )
         planned = self._obstacles.get(plate.planned) if plate.planned in names else None
         first = next((hold for n in names if (hold := self._obstacles[n]) is not None), None)
-        return planned or reel_hold or first or _all_taken_hold()
+        return planned or reel_hold or first or _make_all_taken_hold()
 
-    def _idle_among(self, names: tuple[str, ...]) -> tuple[str, ...]:
+    def _list_idle(self, names: tuple[str, ...]) -> tuple[str, ...]:
         if names not in self._idle_of:
             self._idle_of[names] = tuple(name for name in names if name in self._idle)
         return self._idle_of[names]
@@ -256,17 +256,17 @@ class HoldReasons:
             )
         return None
 
-    def _printing(self, names: tuple[str, ...]) -> Hold | None:
+    def _find_busy_hold(self, names: tuple[str, ...]) -> Hold | None:
         """Return the hold for busy printers, with its end and how to start earlier."""
         if names not in self._busy:
-            self._busy[names] = self._printing_now(names)
+            self._busy[names] = self._make_busy_hold(names)
         return self._busy[names]
 
-    def _printing_now(self, names: tuple[str, ...]) -> Hold | None:
+    def _make_busy_hold(self, names: tuple[str, ...]) -> Hold | None:
         obstacles = {n: hold for n in names if (hold := self._obstacles[n]) is not None}
         busy = [n for n, hold in obstacles.items() if hold.code is HoldCode.PRINTER_BUSY]
         if not busy:
-            return _all_taken_hold() if any(n in self._given for n in names) else None
+            return _make_all_taken_hold() if any(n in self._given for n in names) else None
         ends = [
             end
             for n in busy
@@ -282,7 +282,7 @@ class HoldReasons:
         return Hold(code=HoldCode.PRINTER_BUSY, text=text)
 
 
-def _all_taken_hold() -> Hold:
+def _make_all_taken_hold() -> Hold:
     return Hold(code=HoldCode.PRINTER_BUSY, text="every matching printer got another plate")
 
 

@@ -29,11 +29,11 @@ class Hours:
 
     def span(self, at_s: float) -> Span | None:
         """Return the half-open span around `at_s`; else None. A span without a gap ends at infinity."""
-        return next((span for span in self._spans_near(at_s) if span[0] <= at_s < span[1]), None)
+        return next((span for span in self._list_spans_near(at_s) if span[0] <= at_s < span[1]), None)
 
     def following(self, at_s: float) -> Span | None:
         """Return the first span that starts after `at_s`; None if there is none."""
-        return next((span for span in self._spans_near(at_s) if span[0] > at_s), None)
+        return next((span for span in self._list_spans_near(at_s) if span[0] > at_s), None)
 
     def edge_s(self, at_s: float) -> float | None:
         """Return the next start or end of a window; None if there is none."""
@@ -42,13 +42,13 @@ class Hours:
             return None if math.isinf(now[1]) else now[1]
         return then[0] if then is not None else None
 
-    def _spans_near(self, at_s: float) -> tuple[Span, ...]:
+    def _list_spans_near(self, at_s: float) -> tuple[Span, ...]:
         day = datetime.fromtimestamp(at_s, self.zone).toordinal()
-        return _spans(self.windows, self.zone, day)
+        return _list_spans(self.windows, self.zone, day)
 
 
 @lru_cache(maxsize=64)
-def _spans(windows: tuple[Window, ...], zone: tzinfo, day: int) -> tuple[Span, ...]:
+def _list_spans(windows: tuple[Window, ...], zone: tzinfo, day: int) -> tuple[Span, ...]:
     """Return the spans from the day before this one on, merged, in order."""
     spans = []
     for ordinal in range(day - 1, day + _HORIZON_DAYS):

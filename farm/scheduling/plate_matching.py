@@ -127,7 +127,7 @@ class _Kind:
     def from_printers(cls, names: list[str], inputs: MatchingInputs) -> _Kind:
         """Describe free printers of one kind."""
         first = inputs.fleet[names[0]]
-        grams = max(_grams(inputs.fleet[name]) for name in names)
+        grams = max(_read_grams(inputs.fleet[name]) for name in names)
         window = inputs.rules.start_window(first.unattended, inputs.now_s)
         return cls(first.capabilities, names, grams, window)
 
@@ -165,7 +165,7 @@ class _Matching:
         return False
 
     def _augment(self, plate: WaitingPlate, visited: set[str]) -> bool:
-        choices = [name for name in self._choices(plate) if name not in visited]
+        choices = [name for name in self._list_choices(plate) if name not in visited]
         for name in choices:
             if name not in self.taken:
                 self.taken[name] = plate
@@ -178,19 +178,19 @@ class _Matching:
                     return True
         return False
 
-    def _choices(self, plate: WaitingPlate) -> list[str]:
+    def _list_choices(self, plate: WaitingPlate) -> list[str]:
         """Return the printers that can take a plate now, the best first."""
         if plate.id not in self._choices_by_plate:
             planned, rank = self._inputs.planned, self._rank
             names = self._list_capable(plate)
             if plate.failed_on:
                 unfailed = [name for name in names if name not in plate.failed_on]
-                names = unfailed if unfailed or not self._failed_everywhere(plate) else names
+                names = unfailed if unfailed or not self._has_failed_everywhere(plate) else names
             names.sort(key=lambda name: (name != plate.planned, name in planned, rank[name]))
             self._choices_by_plate[plate.id] = names
         return self._choices_by_plate[plate.id]
 
-    def _failed_everywhere(self, plate: WaitingPlate) -> bool:
+    def _has_failed_everywhere(self, plate: WaitingPlate) -> bool:
         """Return whether a plate failed on every printer that matches."""
         untried = (p for p in self._inputs.fleet.values() if p.name not in plate.failed_on)
         return not any(plate.requirements.matches(p.capabilities) for p in untried)
@@ -206,7 +206,7 @@ class _Matching:
                 and plate.requirements.matches(kind.capabilities)
             ):
                 names += [
-                    n for n in kind.names if grams <= _grams(inputs.fleet[n]) and self._may_use(plate, n)
+                    n for n in kind.names if grams <= _read_grams(inputs.fleet[n]) and self._may_use(plate, n)
                 ]
         names.sort(key=self._rank.__getitem__)
         return names
@@ -215,5 +215,5 @@ class _Matching:
         return name not in self._inputs.spare_printers or takes_spare(plate, self._inputs.fleet)
 
 
-def _grams(printer: FleetPrinter) -> float:
+def _read_grams(printer: FleetPrinter) -> float:
     return float("inf") if printer.grams is None else printer.grams

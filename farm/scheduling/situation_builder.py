@@ -32,7 +32,7 @@ def _describe_printer(
     attention_reason = entry.attention_reason
     if report is not None and report.link is Link.FAULT and attention_reason is None:
         attention_reason = report.reason or "its agent reports a fault"
-    why_attended = _attended_reason(section, report)
+    why_attended = _find_attended_reason(section, report)
     return FleetPrinter(
         name=section.name,
         capabilities=describe_capabilities(section, rooms),
@@ -43,7 +43,7 @@ def _describe_printer(
         attention_reason=attention_reason,
         maintenance=entry.maintenance,
         heating=attempt is not None and attempt.state in (PrintState.ASSIGNED, PrintState.HEATING),
-        free_s=None if attempt is None else _expected_end_s(books, attempt, entry.time_factor),
+        free_s=None if attempt is None else _compute_expected_end_s(books, attempt, entry.time_factor),
         job=None if attempt is None else attempt.job,
         heats_until_s=None if attempt is None else _start_s(attempt) + books.plates[attempt.plate].prelude_s,
         grams=_free_grams(books, entry, attempt),
@@ -66,7 +66,7 @@ def describe_capabilities(section: PrinterSection, rooms: BuildVolumes) -> Capab
     )
 
 
-def _attended_reason(section: PrinterSection, report: AgentSnapshot | None) -> str:
+def _find_attended_reason(section: PrinterSection, report: AgentSnapshot | None) -> str:
     """Return why a printer prints only while attended; empty if it may print unattended."""
     firmware = PROFILES[section.model].firmware
     if report is not None and not report.reset_verified:
@@ -87,7 +87,7 @@ def _start_s(attempt: Print) -> float:
     return attempt.started_s if attempt.started_s is not None else attempt.assigned_s
 
 
-def _expected_end_s(books: Books, attempt: Print, factor: float) -> float:
+def _compute_expected_end_s(books: Books, attempt: Print, factor: float) -> float:
     """Return the expected end of a print, rounded up to whole minutes."""
     return math.ceil((_start_s(attempt) + books.plates[attempt.plate].expected_on(factor)) / 60) * 60.0
 
@@ -113,17 +113,17 @@ class SituationBuilder:
         self, fleet: Fleet, books: Books, snapshots: Mapping[str, AgentSnapshot]
     ) -> tuple[FleetPrinter, ...]:
         """Describe the enabled printers."""
-        sections = self._enabled(fleet).values()
+        sections = self._list_enabled(fleet).values()
         return tuple([self._describe(section, books, snapshots.get(section.name)) for section in sections])
 
     def printer(
         self, fleet: Fleet, name: str, books: Books, snapshots: Mapping[str, AgentSnapshot]
     ) -> FleetPrinter | None:
         """Describe one printer; None if it is disabled or unknown."""
-        section = self._enabled(fleet).get(name)
+        section = self._list_enabled(fleet).get(name)
         return None if section is None else self._describe(section, books, snapshots.get(name))
 
-    def _enabled(self, fleet: Fleet) -> dict[str, PrinterSection]:
+    def _list_enabled(self, fleet: Fleet) -> dict[str, PrinterSection]:
         if fleet is not self._fleet:
             self._fleet = fleet
             self._sections = {section.name: section for section in fleet.printers if section.enabled}
@@ -161,15 +161,15 @@ class SituationBuilder:
         """Describe the waiting plates of printing jobs, in the order in which they are served."""
         printing = [job for job in books.jobs.values() if job.state is JobState.PRINTING]
         printing.sort(key=lambda job: job.turn)
-        plates_by_job = {job.id: self._plates(books, job) for job in printing}
+        plates_by_job = {job.id: self._describe_plates(books, job) for job in printing}
         self._jobs = {number: self._jobs[number] for number in plates_by_job}
         return tuple(chain.from_iterable(plates.waiting for plates in plates_by_job.values()))
 
     def may_hold_back(self, books: Books, job: Job) -> bool:
         """Return whether a plate of a printing job may be held back by the job's own state."""
-        return self._plates(books, job).may_hold_back
+        return self._describe_plates(books, job).may_hold_back
 
-    def _plates(self, books: Books, job: Job) -> _JobPlates:
+    def _describe_plates(self, books: Books, job: Job) -> _JobPlates:
         revision = books.revision(job.id)
         cached_inputs, described = self._jobs.get(job.id, (None, None))
         if described is None or cached_inputs is not revision:

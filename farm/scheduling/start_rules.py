@@ -115,8 +115,8 @@ class StartRules:
             reason = Hold(code=HoldCode.START_TIME, text=f"its job starts {self.format_moment(at_s, from_s)}")
         while at_s < from_s + _FARTHEST_S:
             for start in (
-                self._after_quiet_hours(plate, at_s, from_s),
-                self._attended_start(plate, printer, at_s, from_s),
+                self._skip_quiet_hours(plate, at_s, from_s),
+                self._find_attended_start(plate, printer, at_s, from_s),
             ):
                 if start is not None:
                     break
@@ -141,7 +141,7 @@ class StartRules:
             first_layers_attended=self.first_layers_attended,
         )
 
-    def _after_quiet_hours(self, plate: WaitingPlate, at_s: float, now_s: float) -> Start | None:
+    def _skip_quiet_hours(self, plate: WaitingPlate, at_s: float, now_s: float) -> Start | None:
         """Return the end of the quiet hours that a print at `at_s` would reach; else None."""
         quiet = self.quiet.span(at_s) or self.quiet.following(at_s)
         if quiet is None or at_s + plate.expected_s * LATE <= quiet[0]:
@@ -153,11 +153,11 @@ class StartRules:
         until = self.format_moment(quiet[1], now_s)
         return Start(quiet[1], Hold(code=HoldCode.QUIET_HOURS, text=f"{text} to {until}"))
 
-    def _attended_start(
+    def _find_attended_start(
         self, plate: WaitingPlate, printer: FleetPrinter, at_s: float, now_s: float
     ) -> Start | None:
         """Return the next attended hours if the present ones are too short for a print; else None."""
-        needed_s = self._needed_attendance_s(plate, printer)
+        needed_s = self._compute_attendance_s(plate, printer)
         if needed_s is None:
             return None
         rule = "first layers are printed only in attended hours"
@@ -173,7 +173,7 @@ class StartRules:
         text = f"{rule}: from {self.format_moment(next_span[0], now_s)}"
         return Start(next_span[0], Hold(code=HoldCode.UNATTENDED, text=text))
 
-    def _needed_attendance_s(self, plate: WaitingPlate, printer: FleetPrinter) -> float | None:
+    def _compute_attendance_s(self, plate: WaitingPlate, printer: FleetPrinter) -> float | None:
         """Return the seconds from its start in which a print needs a person; None if it needs none."""
         if not printer.unattended:
             return plate.expected_s * LATE + ENDED_BEFORE_S
@@ -181,9 +181,9 @@ class StartRules:
 
     def latest_start_s(self, plate: WaitingPlate, printer: FleetPrinter, at_s: float) -> float:
         """Return the latest start of a plate that may start at `at_s`; infinity for no limit."""
-        return min(self._latest_starts_s([plate], [printer], at_s))
+        return min(self._list_latest_starts_s([plate], [printer], at_s))
 
-    def _latest_starts_s(
+    def _list_latest_starts_s(
         self, plates: Iterable[WaitingPlate], printers: Collection[FleetPrinter], at_s: float
     ) -> Iterator[float]:
         """Yield the latest start in the hours around `at_s` for each plate on each printer."""
@@ -191,7 +191,7 @@ class StartRules:
         for plate in plates:
             before_quiet_s = math.inf if quiet is None else quiet[0] - plate.expected_s * LATE
             for printer in printers:
-                needed_s = self._needed_attendance_s(plate, printer)
+                needed_s = self._compute_attendance_s(plate, printer)
                 if needed_s is None or attended is None:
                     yield before_quiet_s
                 else:
@@ -209,7 +209,9 @@ class StartRules:
         moments = [self.attended.edge_s(now_s), self.quiet.edge_s(now_s)]
         moments += [plate.not_before_s for plate in plates if plate.not_before_s is not None]
         if self.quiet.windows or self.attended.windows:
-            moments += [at_s + _JUST_AFTER_S for at_s in self._latest_starts_s(plates, kinds.values(), now_s)]
+            moments += [
+                at_s + _JUST_AFTER_S for at_s in self._list_latest_starts_s(plates, kinds.values(), now_s)
+            ]
         return min((at_s for at_s in moments if at_s is not None and at_s > now_s), default=math.inf)
 
     def ends_by_s(self, printer: FleetPrinter, at_s: float) -> float | None:

@@ -177,7 +177,7 @@ def put(books: Books, *entities: Entity) -> Books:
             on = table("_open_on").get(entity.printer)
             if isinstance(on, Print) and on.id == entity.id:
                 table("_open_on").pop(entity.printer)
-            if _ended_last(entity, table("_last").get(entity.printer)):
+            if _has_ended_last(entity, table("_last").get(entity.printer)):
                 table("_last")[entity.printer] = entity
     if not changed:
         return books
@@ -186,7 +186,7 @@ def put(books: Books, *entities: Entity) -> Books:
     return replace(books, **changed, _revisions=revisions or books._revisions)  # type: ignore[arg-type]
 
 
-def _ended_last(attempt: Print, before: Entity | None) -> bool:
+def _has_ended_last(attempt: Print, before: Entity | None) -> bool:
     """Return whether an ended print is its printer's last; one that never started does not count."""
     if attempt.started_s is None and attempt.state is PrintState.CANCELLED:
         return False

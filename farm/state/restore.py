@@ -20,14 +20,14 @@ def restore_books(event: ev.BooksRestored, books: Books) -> Books:
     All keys and sessions are revoked: one that was revoked since the backup must not be accepted again.
     Prints since the backup are taken from the agents' journals (`import_agent_journal`).
     """
-    printers = [_restored_printer(printer, event, books) for printer in books.printers.values()]
+    printers = [_restore_printer(printer, event, books) for printer in books.printers.values()]
     prints = [replace_fields(attempt, restored=True) for attempt in books.open_prints()]
-    jobs = [_held_job(job) for job in books.jobs.values() if not job.state.ended]
-    keys = [_revoked_key(key, event.at_s) for key in books.keys.values()]
+    jobs = [_hold_job(job) for job in books.jobs.values() if not job.state.ended]
+    keys = [_revoke_key(key, event.at_s) for key in books.keys.values()]
     return put(books, *printers, *prints, *jobs, *keys)
 
 
-def _restored_printer(printer: Printer, event: ev.BooksRestored, books: Books) -> Printer:
+def _restore_printer(printer: Printer, event: ev.BooksRestored, books: Books) -> Printer:
     """Return a printer whose state since the backup is unknown."""
     since_s = event.copied_s
     if printer.unreported_since_s is not None:
@@ -45,11 +45,11 @@ def _restored_printer(printer: Printer, event: ev.BooksRestored, books: Books) -
     )
 
 
-def _revoked_key(key: Key, at_s: float) -> Key:
+def _revoke_key(key: Key, at_s: float) -> Key:
     return key if key.revoked_s is not None else replace_fields(key, revoked_s=at_s)
 
 
-def _held_job(job: Job) -> Job:
+def _hold_job(job: Job) -> Job:
     """Return a job that waits for approval; it may have been approved since the backup."""
     if job.state in (JobState.QUEUED, JobState.PLANNING):
         return replace_fields(job, options=job.options.model_copy(update={"hold": True}), restored=True)

@@ -52,7 +52,7 @@ def list_reprinting_printers(books: Books, attempt: Print) -> list[str]:
     """Return the printers that are printing a print's part again."""
     return sorted(
         attempt_again.printer
-        for attempt_again in _reprints(books, attempt)
+        for attempt_again in _list_reprints(books, attempt)
         if attempt_again.cancel_reason is None
     )
 
@@ -62,7 +62,7 @@ def list_attempted_plates(books: Books, attempt: Print) -> Iterator[Plate]:
     return (p for p in books.plates_of(books.jobs[attempt.job]) if attempt.id in p.prints)
 
 
-def _reprints(books: Books, attempt: Print) -> list[Print]:
+def _list_reprints(books: Books, attempt: Print) -> list[Print]:
     others = (p for plate in list_attempted_plates(books, attempt) for p in books.prints_of(plate))
     return list({p.id: p for p in others if p.id != attempt.id and not p.state.ended}.values())
 
@@ -82,7 +82,7 @@ def record_complete_part(books: Books, print_id: str, by: str, at_s: float) -> R
         grams=plate.grams,
     )
     reel = subtract_grams(printer.reel, plate.grams - attempt.grams)
-    not_begun = [p for p in _reprints(books, attempt) if p.state is PrintState.ASSIGNED]
+    not_begun = [p for p in _list_reprints(books, attempt) if p.state is PrintState.ASSIGNED]
     stopped = [request_cancel(p, f"{part_name(books, attempt)} was confirmed good") for p in not_begun]
     books = put(books, usable_part, replace_fields(printer, reel=reel), *(p for p, _ in stopped))
     return update_job_state(books, attempt.job, at_s), tuple(stop for _, stop in stopped)

@@ -27,33 +27,33 @@ def validate_books(books: Books) -> list[str]:
     list of str
         A sentence for each contradiction, the entity first; empty if there is none.
     """
-    missing = list(_missing_entries(books))
+    missing = list(_find_missing_entries(books))
     if missing:  # the other checks need all entities
         return missing
-    checks = (_jobs, _plates, _prints, _printers, _outages)
+    checks = (_check_jobs, _check_plates, _prints, _check_printers, _check_outages)
     return [problem for check in checks for problem in check(books)]
 
 
-def _missing_entries(books: Books) -> Iterator[str]:
+def _find_missing_entries(books: Books) -> Iterator[str]:
     for job in books.jobs.values():
-        yield from _missing(f"job {job.id}: its plate", job.plates, books.plates)
-        yield from _missing(f"job {job.id}: its part", job.parts, books.parts)
+        yield from _find_missing(f"job {job.id}: its plate", job.plates, books.plates)
+        yield from _find_missing(f"job {job.id}: its part", job.parts, books.parts)
     for plate in books.plates.values():
-        yield from _missing(f"plate {plate.id}: its job", (plate.job,), books.jobs)
-        yield from _missing(f"plate {plate.id}: its part", plate.parts, books.parts)
-        yield from _missing(f"plate {plate.id}: its print", plate.prints, books.prints)
-        yield from _missing(f"plate {plate.id}: its replacement", plate.replaced_by, books.plates)
+        yield from _find_missing(f"plate {plate.id}: its job", (plate.job,), books.jobs)
+        yield from _find_missing(f"plate {plate.id}: its part", plate.parts, books.parts)
+        yield from _find_missing(f"plate {plate.id}: its print", plate.prints, books.prints)
+        yield from _find_missing(f"plate {plate.id}: its replacement", plate.replaced_by, books.plates)
     for attempt in books.prints.values():
-        yield from _missing(f"print {attempt.id}: its plate", (attempt.plate,), books.plates)
-        yield from _missing(f"print {attempt.id}: its job", (attempt.job,), books.jobs)
-        yield from _missing(f"print {attempt.id}: its printer", (attempt.printer,), books.printers)
+        yield from _find_missing(f"print {attempt.id}: its plate", (attempt.plate,), books.plates)
+        yield from _find_missing(f"print {attempt.id}: its job", (attempt.job,), books.jobs)
+        yield from _find_missing(f"print {attempt.id}: its printer", (attempt.printer,), books.printers)
 
 
-def _missing(owner: str, names: Iterable[object], entities: Container[object]) -> Iterator[str]:
+def _find_missing(owner: str, names: Iterable[object], entities: Container[object]) -> Iterator[str]:
     yield from (f"{owner} {name} does not exist" for name in names if name not in entities)
 
 
-def _jobs(books: Books) -> Iterator[str]:
+def _check_jobs(books: Books) -> Iterator[str]:
     for job in books.jobs.values():
         for plate in books.plates_of(job):
             if plate.job != job.id:
@@ -70,7 +70,7 @@ def _jobs(books: Books) -> Iterator[str]:
             yield f"job {job.id}: it is {job.state} and has no end"
 
 
-def _plates(books: Books) -> Iterator[str]:
+def _check_plates(books: Books) -> Iterator[str]:
     for plate in books.plates.values():
         prints = list(books.prints_of(plate))
         current = [p for p in prints if not p.state.ended and not p.restored]
@@ -108,7 +108,7 @@ def _is_abandoned(books: Books, attempt: Print) -> bool:
     return state is PlateState.CANCELLED and attempt.cancel_reason is None
 
 
-def _printers(books: Books) -> Iterator[str]:
+def _check_printers(books: Books) -> Iterator[str]:
     for name, number in Counter(p.printer for p in books.open_prints()).items():
         if number > 1:
             yield f"printer {name}: it has {number} open prints"
@@ -127,7 +127,7 @@ def _printers(books: Books) -> Iterator[str]:
             yield f"printer {printer.name}: it has an alarm, and no inspection is requested"
 
 
-def _outages(books: Books) -> Iterator[str]:
+def _check_outages(books: Books) -> Iterator[str]:
     unconfirmed = [outage.id for outage in books.outages.values() if outage.confirmed_s is None]
     if len(unconfirmed) > 1:
         yield f"the farm: outages {' and '.join(map(str, unconfirmed))} are not confirmed, there can be one"

@@ -85,10 +85,10 @@ def list_jobs(context: ViewContext, state: JobState | None, last: int) -> list[a
     """List the jobs that were submitted last, in order of submission."""
     found = [job for job in context.books.jobs.values() if state in (None, job.state)]
     found.sort(key=lambda job: job.id)
-    return [_job_row(context, job) for job in found[-last:]]
+    return [_make_job_row(context, job) for job in found[-last:]]
 
 
-def _job_row(context: ViewContext, job: Job) -> api.JobRow:
+def _make_job_row(context: ViewContext, job: Job) -> api.JobRow:
     summary = summarise_job(context.books, job)
     return api.JobRow(
         id=job.id,

@@ -74,14 +74,16 @@ def measure_times(context: ViewContext, job: Job) -> JobTimes:
     runs = tuple(list_runs(job, prints, context.now_s))
     printed = job.state in (JobState.PRINTED, JobState.DONE)
     elapsed_s = sum(run.length_s for run in runs) if runs else None
-    remaining_s = None if job.state is not JobState.PRINTING else _remaining_s(context, plates)
+    remaining_s = None if job.state is not JobState.PRINTING else _estimate_remaining_s(context, plates)
     makespan_s, end_s = None, job.ended_s if printed else None
     if printed:
         makespan_s = elapsed_s or job.expected_s
     elif not job.state.ended:  # the time of a failed or cancelled job is meaningless
         makespan_s = job.expected_s
         if elapsed_s is not None:
-            makespan_s = elapsed_s + _growth_s(context, plates, runs, remaining_s or 0.0) or job.expected_s
+            makespan_s = (
+                elapsed_s + _estimate_growth_s(context, plates, runs, remaining_s or 0.0) or job.expected_s
+            )
         end_s = None if remaining_s is None else context.now_s + remaining_s
     reached_s = sum(map(duration_s, prints))
     return JobTimes(
@@ -90,7 +92,9 @@ def measure_times(context: ViewContext, job: Job) -> JobTimes:
         makespan_s=makespan_s,
         end_s=end_s,
         speedup=job.serial_s / makespan_s if job.serial_s and makespan_s else None,
-        utilisation=_utilisation(context.books, job, plates, runs, makespan_s) if makespan_s else None,
+        utilisation=_compute_utilisation(context.books, job, plates, runs, makespan_s)
+        if makespan_s
+        else None,
         starved_share=sum(p.starved_s for p in prints) / reached_s if reached_s else None,
     )
 
@@ -114,7 +118,7 @@ def list_runs(job: Job, prints: Sequence[Print], now_s: float) -> Iterator[Run]:
         yield Run(min(started_s), end_s, printers, ended_s is None)
 
 
-def _utilisation(
+def _compute_utilisation(
     books: Books, job: Job, plates: Sequence[Plate], runs: Sequence[Run], makespan_s: float
 ) -> float | None:
     """Return the printing time of a job's plates over that of the printers used in each run."""
@@ -131,7 +135,7 @@ def _utilisation(
     return busy_s / available_s if available_s else None
 
 
-def _growth_s(
+def _estimate_growth_s(
     context: ViewContext, plates: Sequence[Plate], runs: Sequence[Run], remaining_s: float
 ) -> float:
     """Estimate the seconds that the runs will last longer: a new one begins when its first print starts."""
@@ -141,15 +145,15 @@ def _growth_s(
     return min(remaining_s, sum(plate.expected_s for plate in waiting))
 
 
-def _remaining_s(context: ViewContext, plates: Sequence[Plate]) -> float:
+def _estimate_remaining_s(context: ViewContext, plates: Sequence[Plate]) -> float:
     """Estimate the time to the end of the last plate, at least 0.
 
     A waiting plate ends according to the forecast, or as if it started now if there is no forecast.
     """
-    return max((_plate_remaining_s(context, plate) for plate in plates), default=0.0)
+    return max((_estimate_plate_remaining_s(context, plate) for plate in plates), default=0.0)
 
 
-def _plate_remaining_s(context: ViewContext, plate: Plate) -> float:
+def _estimate_plate_remaining_s(context: ViewContext, plate: Plate) -> float:
     state = context.books.plate_state(plate)
     if state is PlateState.WAITING:
         return max(0.0, context.ends_s.get(plate.id, context.now_s + plate.expected_s) - context.now_s)

@@ -54,8 +54,8 @@ def describe_job(context: ViewContext, job: Job) -> api.JobView:
         submitted=context.format_time(job.submitted_s) or "",
         submitted_by=job.submitted_by,
         options=job.options,
-        parts=[_part_view(context, name, files) for name in job.parts],
-        plates=[_plate_view(context, plate, files) for plate in plates],
+        parts=[_make_part_view(context, name, files) for name in job.parts],
+        plates=[_make_plate_view(context, plate, files) for plate in plates],
         repairs=list(job.repairs),
         scale=job.scale,
         plan=job.plan,
@@ -124,7 +124,7 @@ def _waits_for_person(context: ViewContext, job: Job, plates: list[Plate]) -> bo
     return not printing and any(hold is not None and hold.code not in _TEMPORARY_HOLDS for hold in waiting)
 
 
-def _part_view(context: ViewContext, name: str, files: str | None) -> api.PartView:
+def _make_part_view(context: ViewContext, name: str, files: str | None) -> api.PartView:
     part = context.books.parts[name]
     plate, job = context.books.plates[part.plate], context.books.jobs[part.job]
     picture = job.part_pictures.get(part.id)
@@ -133,9 +133,9 @@ def _part_view(context: ViewContext, name: str, files: str | None) -> api.PartVi
         cut_from=part.cut_from,
         copy_number=part.copy_number,
         glue_rank=part.glue_rank,
-        verdict=_verdict(context.books, plate),
+        verdict=_find_verdict(context.books, plate),
         plate=part.plate,
-        file=_file_path(files, part.file),
+        file=_make_file_path(files, part.file),
         picture=str(context.state.files / picture) if picture is not None else None,
         prints=[describe_print(context, attempt) for attempt in context.books.prints_of(plate)],
     )
@@ -153,26 +153,26 @@ def describe_print(context: ViewContext, attempt: Print) -> api.PrintView:
         why=attempt.verdict_why,
         started=context.format_time(attempt.started_s),
         ended=context.format_time(attempt.ended_s),
-        stills=[_still_view(context, attempt, still) for still in attempt.stills],
+        stills=[_make_still_view(context, attempt, still) for still in attempt.stills],
     )
 
 
-def _still_view(context: ViewContext, attempt: Print, still: Still) -> api.StillView:
+def _make_still_view(context: ViewContext, attempt: Print, still: Still) -> api.StillView:
     pruned = context.books.jobs[attempt.job].pruned_s is not None
     return api.StillView(
         moment=still.moment,
         taken=context.format_time(still.at_s) or "",
-        file=_file_path(None if pruned else str(context.state.files), still.file),
+        file=_make_file_path(None if pruned else str(context.state.files), still.file),
     )
 
 
-def _verdict(books: Books, plate: Plate) -> Verdict | None:
+def _find_verdict(books: Books, plate: Plate) -> Verdict | None:
     """Return a person's verdict on the last print that was done."""
     successes = [attempt for attempt in books.prints_of(plate) if attempt.state is PrintState.DONE]
     return successes[-1].verdict if successes else None
 
 
-def _plate_view(context: ViewContext, plate: Plate, files: str | None) -> api.PlateStatus:
+def _make_plate_view(context: ViewContext, plate: Plate, files: str | None) -> api.PlateStatus:
     own_prints = [
         p for p in context.books.prints_of(plate) if p.plate == plate.id
     ]  # not of the part it was cut from
@@ -180,7 +180,7 @@ def _plate_view(context: ViewContext, plate: Plate, files: str | None) -> api.Pl
         id=plate.id,
         parts=list(plate.parts),
         printer=own_prints[-1].printer if own_prints else plate.printer,
-        gcode=_file_path(files, plate.gcode),
+        gcode=_make_file_path(files, plate.gcode),
         estimated_s=plate.expected_s,
         grams=plate.grams,
         filament_mm=plate.filament_mm,
@@ -192,6 +192,6 @@ def _plate_view(context: ViewContext, plate: Plate, files: str | None) -> api.Pl
     )
 
 
-def _file_path(files: str | None, name: str) -> str | None:
+def _make_file_path(files: str | None, name: str) -> str | None:
     """Return the path of a file; None if it was pruned."""
     return None if files is None else f"{files}/{name}"  # no `Path`: a page names thousands

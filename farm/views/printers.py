@@ -29,17 +29,17 @@ def describe_printer(
         **snapshot.readings(),
         name=section.name,
         model=section.model,
-        state=_printer_state(entry, snapshot, attempt, section.enabled),
+        state=_derive_printer_state(entry, snapshot, attempt, section.enabled),
         bed=entry.bed,
         filament=entry.filament,
-        reel=_reel(section, entry),
+        reel=_describe_reel(section, entry),
         agent_pid=snapshot.agent_pid,
         nozzle_c=snapshot.nozzle_c,
         bed_c=snapshot.bed_c,
         targets=api.Targets(nozzle_c=snapshot.nozzle_target_c, bed_c=snapshot.bed_target_c),
         time_factor=entry.time_factor,
-        print=_progress(context, attempt) if attempt else None,
-        last=_last_print(context, section.name),
+        print=_describe_progress(context, attempt) if attempt else None,
+        last=_describe_last_print(context, section.name),
         look=entry.attention_reason
         or (snapshot.reason if snapshot.link in (Link.FAULT, Link.ABSENT) else None),
         maintenance=entry.maintenance,
@@ -49,7 +49,7 @@ def describe_printer(
     )
 
 
-def _last_print(context: ViewContext, printer: str) -> api.LastPrint | None:
+def _describe_last_print(context: ViewContext, printer: str) -> api.LastPrint | None:
     attempt = context.books.last_print_on(printer)
     if attempt is None:
         return None
@@ -66,7 +66,7 @@ def _last_print(context: ViewContext, printer: str) -> api.LastPrint | None:
     )
 
 
-def _reel(section: PrinterSection, entry: Printer) -> api.Reel:
+def _describe_reel(section: PrinterSection, entry: Printer) -> api.Reel:
     return api.Reel(
         material=section.material,
         kind=section.material_kind,
@@ -76,7 +76,7 @@ def _reel(section: PrinterSection, entry: Printer) -> api.Reel:
     )
 
 
-def _progress(context: ViewContext, attempt: Print) -> api.PrintProgress:
+def _describe_progress(context: ViewContext, attempt: Print) -> api.PrintProgress:
     plate = context.books.plates[attempt.plate]
     remaining_s = context.remaining_s(attempt)
     reported = context.reported_print(attempt)
@@ -92,7 +92,9 @@ def _progress(context: ViewContext, attempt: Print) -> api.PrintProgress:
     )
 
 
-def _printer_state(entry: Printer, snapshot: AgentSnapshot, attempt: Print | None, enabled: bool) -> str:
+def _derive_printer_state(
+    entry: Printer, snapshot: AgentSnapshot, attempt: Print | None, enabled: bool
+) -> str:
     if not enabled:
         return "disabled"
     if snapshot.alarm is not None:

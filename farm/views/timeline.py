@@ -53,7 +53,7 @@ def describe_timeline(context: ViewContext, number: int, situation: Situation) -
         job=job.id,
         now=context.format_time(context.now_s) or "",
         plan=job.plan or "",
-        slots=[_slot_view(slot, plates[slot.plate], context) for slot in slots],
+        slots=[_make_slot_view(slot, plates[slot.plate], context) for slot in slots],
         left=[name for name in forecast.left if name in plates],
         notices=list(job.repairs),
         makespan_s=end_s - begin_s,
@@ -74,7 +74,7 @@ def _list_started_slots(plates: Iterable[Plate], books: Books) -> Iterator[Slot]
             yield Slot(plate.id, attempt.printer, start_s, ends_s)
 
 
-def _slot_view(slot: Slot, plate: Plate, context: ViewContext) -> api.SlotView:
+def _make_slot_view(slot: Slot, plate: Plate, context: ViewContext) -> api.SlotView:
     return api.SlotView(
         plate=slot.plate,
         parts=list(plate.parts),

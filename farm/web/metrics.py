@@ -50,7 +50,9 @@ class _FarmCollector(Collector):
 
     def collect(self) -> Iterator[Metric]:
         yield InfoMetricFamily("farm_build", "Version of farm.", {"version": self._status.daemon.version})
-        yield _gauge("farm_clock_scale", "Speed of the clock.", (), [((), self._status.fleet.time_scale)])
+        yield _make_gauge(
+            "farm_clock_scale", "Speed of the clock.", (), [((), self._status.fleet.time_scale)]
+        )
         yield from _collect_jobs(self._context)
         yield from _collect_printers(self._status)
         yield from _collect_prints(self._context.books)
@@ -59,10 +61,12 @@ class _FarmCollector(Collector):
 def _collect_jobs(context: ViewContext) -> Iterator[Metric]:
     books = context.books
     states = Counter(str(job.state) for job in books.jobs.values())
-    yield _gauge("farm_jobs", "Jobs by state.", ("state",), (((str(s),), states[str(s)]) for s in JobState))
+    yield _make_gauge(
+        "farm_jobs", "Jobs by state.", ("state",), (((str(s),), states[str(s)]) for s in JobState)
+    )
     waiting = (plate for plate in books.waiting_plates() if books.plate_state(plate) is PlateState.WAITING)
     holds = Counter("none" if hold is None else str(hold.code) for hold in map(context.plate_hold, waiting))
-    yield _gauge(
+    yield _make_gauge(
         "farm_plates_waiting",
         "Waiting plates by the reason, `none` for a plate that is about to start.",
         ("code",),
@@ -73,12 +77,12 @@ def _collect_jobs(context: ViewContext) -> Iterator[Metric]:
 def _collect_printers(status: api.Status) -> Iterator[Metric]:
     printers = status.printers
     tasks = Counter(task.code for task in status.todo)
-    yield _gauge("farm_todo", "Tasks of people.", ("code",), (((code,), n) for code, n in tasks.items()))
+    yield _make_gauge("farm_todo", "Tasks of people.", ("code",), (((code,), n) for code, n in tasks.items()))
     info = GaugeMetricFamily("farm_printer_info", "Printers.", labels=("printer", "model", "material"))
     for one in printers:
         info.add_metric((one.name, one.model, one.reel.material), 1)
     yield info
-    yield _gauge(
+    yield _make_gauge(
         "farm_printer_state",
         "1 for the state of a printer, 0 for all others.",
         ("printer", "state"),
@@ -102,13 +106,13 @@ def _collect_printers(status: api.Status) -> Iterator[Metric]:
 def _collect_readings(printers: Sequence[api.PrinterView]) -> Iterator[Metric]:
     """Collect the values that printers report; one without a value has no sample."""
     heaters = ("printer", "heater")
-    yield _gauge(
+    yield _make_gauge(
         "farm_printer_temperature_celsius",
         "Temperature of a heater.",
         heaters,
         (((p.name, h), t) for p in printers for h, t in (("nozzle", p.nozzle_c), ("bed", p.bed_c))),
     )
-    yield _gauge(
+    yield _make_gauge(
         "farm_printer_target_celsius",
         "Target of a heater; 0 is off.",
         heaters,
@@ -169,10 +173,10 @@ def _by_printer(
     value: Callable[[api.PrinterView], float | None],
 ) -> Metric:
     """Return a gauge with one sample for each printer that has a value."""
-    return _gauge(name, text, ("printer",), (((one.name,), value(one)) for one in printers))
+    return _make_gauge(name, text, ("printer",), (((one.name,), value(one)) for one in printers))
 
 
-def _gauge(name: str, text: str, labels: Sequence[str], rows: Rows) -> Metric:
+def _make_gauge(name: str, text: str, labels: Sequence[str], rows: Rows) -> Metric:
     """Return a gauge with the samples that have a value."""
     family = GaugeMetricFamily(name, text, labels=labels)
     for values, value in rows:

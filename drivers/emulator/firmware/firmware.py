@@ -101,7 +101,7 @@ class EmulatedFirmware(Listener):
             machine.last_command_s = max(machine.last_command_s, now_s - machine.dead_man_s + 1e-3)
         self._advance(now_s)
         if data and self.phase in (Phase.RUNNING, Phase.BOOTING):
-            if not self._busy():
+            if not self._is_busy():
                 self._time_s = now_s
             self._store(data, now_s)
         if not self._out:
@@ -118,7 +118,7 @@ class EmulatedFirmware(Listener):
         With a slack, oks may be sent so much later while the planner stays well filled: one wake-up serves
         several moves, and no move is delayed.
         """
-        due_s = self._alarm_s()
+        due_s = self._find_alarm_s()
         if self.phase is Phase.RUNNING:
             if self._asleep_until_s > self._time_s:
                 return min(due_s, self._asleep_until_s)
@@ -149,28 +149,28 @@ class EmulatedFirmware(Listener):
 
     # --- time ---
 
-    def _busy(self) -> bool:
+    def _is_busy(self) -> bool:
         return self._running is not None or bool(self.machine.waiting)
 
-    def _alarm_s(self) -> float:
+    def _find_alarm_s(self) -> float:
         """Return the time of the next event without input."""
         due_s = self._schedule[0][0] if self._schedule else math.inf
         if self.phase in (Phase.RUNNING, Phase.MUTE):
             machine = self.machine
             due_s = min(due_s, machine.trip_s, self.dialect.inactive_since_s(machine) + machine.dead_man_s)
-            if self.dialect.keep_alive and self._busy():
+            if self.dialect.keep_alive and self._is_busy():
                 due_s = min(due_s, self._busy_message_s)
         return due_s
 
     def _advance(self, now_s: float) -> None:
         """Advance the state up to `now_s`."""
-        while (at_s := self._alarm_s()) <= now_s:
+        while (at_s := self._find_alarm_s()) <= now_s:
             self._run_main_loop(at_s)
-            if self._alarm_s() > at_s:
+            if self._find_alarm_s() > at_s:
                 continue  # a command that ended meanwhile postponed it
             if self._schedule and self._schedule[0][0] <= at_s:
                 self._schedule.popleft()[1](at_s)
-            elif self._busy_message_s <= at_s and self.dialect.keep_alive and self._busy():
+            elif self._busy_message_s <= at_s and self.dialect.keep_alive and self._is_busy():
                 self._say(self.dialect.keep_alive)
                 self._busy_message_s += self.machine.keep_alive_s
             elif self.machine.trip_s <= at_s:
@@ -187,7 +187,7 @@ class EmulatedFirmware(Listener):
             if self._asleep_until_s > now_s:
                 break
             self._time_s = max(self._time_s, self._asleep_until_s)
-            if self._receiver.ring and self.dialect.reads_while_busy and self._busy():
+            if self._receiver.ring and self.dialect.reads_while_busy and self._is_busy():
                 self._get_command()
             if self._ok_pending and not machine.waiting:
                 self._ok_pending = False
@@ -250,7 +250,7 @@ class EmulatedFirmware(Listener):
                 self._end_move(self._number)
             return
         if code is not None and 0 <= int(code) <= 3:
-            self._ok()
+            self._finish_command()
             return
         m_code = None if code is not None else value(line, b"M")
         if m_code == 105:  # does not feed the dead-man
@@ -265,7 +265,7 @@ class EmulatedFirmware(Listener):
             self._running = None
             return
         if self._running is None:
-            self._ok()
+            self._finish_command()
         else:
             self._resume_s = now_s
             self._continue_command()
@@ -276,7 +276,7 @@ class EmulatedFirmware(Listener):
         resume_s = next(self._running, None)
         if resume_s is None:
             self._running = None
-            self._ok()
+            self._finish_command()
         else:
             self._resume_s = resume_s
 
@@ -296,22 +296,22 @@ class EmulatedFirmware(Listener):
         machine = self.machine
         if self.dialect.halts:
             if message:
-                self._error(message)
+                self._report_error(message)
             self.kill(now_s)
             return
         machine.trip_s = math.inf
         self.board.heaters_off(now_s)
         if message:
-            self._error(message)
+            self._report_error(message)
         if not machine.stopped:
             machine.stopped = True
             self._stopped_number = self._last_number
-            self._error(b"Error:" + wording.STOPPED)
+            self._report_error(b"Error:" + wording.STOPPED)
 
     def kill(self, now_s: float) -> None:
         """Execute ``kill()``: everything off until the watchdog or the host resets the board."""
         self.machine.power_down(now_s)
-        self._error(wording.KILLED)
+        self._report_error(wording.KILLED)
         self.phase = Phase.HALTED
         self._running = None
         self._schedule = deque(() if self.dialect.halts else ((now_s + WATCHDOG_S, self._reset_by_watchdog),))

@@ -77,7 +77,7 @@ class Listener(ABC):
             self.noise.forget()
 
     @abstractmethod
-    def _busy(self) -> bool:
+    def _is_busy(self) -> bool:
         """True while a command is executed."""
 
     @abstractmethod
@@ -132,7 +132,7 @@ class Listener(ABC):
 
     def _get_command(self) -> None:
         """Fill the line buffer from the ring buffer."""
-        capacity = self.dialect.buffer_lines - (self.dialect.reads_while_busy and self._busy())
+        capacity = self.dialect.buffer_lines - (self.dialect.reads_while_busy and self._is_busy())
         while len(self._buffer) < capacity and self.phase is Phase.RUNNING:
             line = self._receiver.line()
             if line is None:
@@ -167,7 +167,9 @@ class Listener(ABC):
                 self.noise.check_accepted(n, line)
         elif star >= 0 and self.dialect.checksum_needs_number:
             answer = wording.line_error(wording.NO_LINE_NUMBER, self._last_number)
-            (self._error if _COMMAND.search(line) else self._say)(answer)  # without a command it is a query
+            (self._report_error if _COMMAND.search(line) else self._say)(
+                answer
+            )  # without a command it is a query
             return
         elif (urgent := self.dialect.urgent.get(int(value(line, b"M") or 0))) is not None:
             urgent(self.machine, self._time_s)
@@ -184,7 +186,7 @@ class Listener(ABC):
             self._trigger_due_faults()
 
     def _refuse(self, reason: bytes) -> None:
-        self._error(wording.line_error(reason, self._last_number))
+        self._report_error(wording.line_error(reason, self._last_number))
         self._request_resend()
 
     def _request_resend(self) -> None:
@@ -199,7 +201,7 @@ class Listener(ABC):
     def _say(self, text: bytes) -> None:
         self._out.append(text)
 
-    def _ok(self) -> None:
+    def _finish_command(self) -> None:
         """Acknowledge a finished command (``ClearToSend``)."""
         self.machine.last_command_s = max(self.machine.last_command_s, self._time_s)
         self._acknowledge()
@@ -214,7 +216,7 @@ class Listener(ABC):
             text = b"ok N%d P%d B%d\n" % (self._number, *free)
         self._say(self._sampler.garble_ok(text))
 
-    def _error(self, text: bytes) -> None:
+    def _report_error(self, text: bytes) -> None:
         self.errors += 1
         self._say(text)
 

@@ -96,7 +96,7 @@ def _halt(machine: Machine, line: bytes, now_s: float) -> None:
     machine.stop(b"", now_s)
 
 
-def _inactive_since_s(machine: Machine) -> float:
+def _find_last_activity_s(machine: Machine) -> float:
     """Return the time of the last move, or of the last M85 (``manage_inactivity``)."""
     planner = machine.planner
     return max(machine.armed_s, planner.end_s if len(planner) else planner.idle_since_s)
@@ -143,6 +143,6 @@ MARLIN2 = Dialect(
     acknowledges_read_moves=False,
     advanced_ok=True,
     keep_alive=b"echo:busy: processing\n",
-    inactive_since_s=_inactive_since_s,
+    inactive_since_s=_find_last_activity_s,
     halts=True,
 )

@@ -76,7 +76,7 @@ def _load_printers(places: Places) -> tuple[PrinterSection, ...]:
     return load_fleet(places.fleet, frozenset(PROFILES)).printers
 
 
-def _same_port(path: str, section: PrinterSection) -> bool:
+def _is_same_port(path: str, section: PrinterSection) -> bool:
     """Return whether a path is the port of a printer on this host, under any of its names."""
     if section.host is not None:
         return False
@@ -99,7 +99,7 @@ def _commission(places: Places, sections: tuple[PrinterSection, ...], place: str
     """Reset the board of an idle printer and check that it restarts, through its agent if one runs."""
     from drivers.discovery import commission, commission_by_agent
 
-    section = next((one for one in sections if place == one.name or _same_port(place, one)), None)
+    section = next((one for one in sections if place == one.name or _is_same_port(place, one)), None)
     if section is None and not place.startswith(("/", NET)):
         names = " ".join(one.name for one in sections)
         raise NoSuchThing(

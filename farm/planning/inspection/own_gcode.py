@@ -72,7 +72,7 @@ def inspect_gcode(
     """
     _check_options(options)
     matching = list_matching_printers(printers, options)
-    accepted = _rewrite(path, matching[0], _common_nozzle_mm(matching), name)
+    accepted = _rewrite(path, matching[0], _find_common_nozzle_mm(matching), name)
     section = _find_fitting_printer(matching, accepted, name)
     requirements = _measure_needs(accepted, section)
     stored = path.with_name(f"gcode-{uuid.uuid4().hex}.gcode")
@@ -96,7 +96,7 @@ def plan_gcode(task: DecomposeTask, files: Path) -> Plan:
             section.name,
         ),
     )
-    nozzle_mm = _common_nozzle_mm(order)
+    nozzle_mm = _find_common_nozzle_mm(order)
     accepted = _rewrite(task.model, order[0], nozzle_mm, "the file")
     section = _find_fitting_printer(order, accepted, "the file")
     if section is not order[0]:  # it may have a different material
@@ -153,7 +153,7 @@ def _book_gcode(
     return part, plate
 
 
-def _common_nozzle_mm(printers: Sequence[PrinterSection]) -> float | None:
+def _find_common_nozzle_mm(printers: Sequence[PrinterSection]) -> float | None:
     """Return the nozzle that all printers have; None if they differ."""
     sizes_mm = {section.nozzle_mm for section in printers}
     return sizes_mm.pop() if len(sizes_mm) == 1 else None
@@ -193,7 +193,7 @@ def _list_notices(accepted: AcceptedGcode, section: PrinterSection) -> tuple[str
     if (
         filament_type is not None
         and kind is not None
-        and _material_kind(filament_type) != _material_kind(kind)
+        and _normalise_material(filament_type) != _normalise_material(kind)
     ):
         notices.append(
             f"Warning: it was sliced for {quote_text(filament_type)}, and {section.name} has "
@@ -208,7 +208,7 @@ def _list_notices(accepted: AcceptedGcode, section: PrinterSection) -> tuple[str
     return tuple(notices)
 
 
-def _material_kind(kind: str) -> str:
+def _normalise_material(kind: str) -> str:
     """Normalise the name of a kind of material, as slicers and Cura use several for some."""
     first = re.split(r"[\s\d_+-]", kind.strip().upper().removeprefix("TOUGH "), maxsplit=1)[0]
     return _SAME_MATERIAL.get(first, first)

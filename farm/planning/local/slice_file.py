@@ -138,7 +138,7 @@ def _read_model(path: Path, options: SliceOptions, on_step: OnStep) -> Model:
 def _find_room(name: str, model: Model, settings: EngineSettings, profile: Profile) -> tuple[RoomBox, ...]:
     """Return the room for a part with its brim. Raises FarmError if the model does not fit it."""
     room = part_room(profile, settings.brim_width_mm)
-    size = _printed_size_mm(model, settings)
+    size = _compute_printed_size_mm(model, settings)
     if place(size, room) is None:
         raise FarmError(
             f"{name} ({_format_size(size)} mm as printed) does not fit the {profile.title}: "
@@ -148,7 +148,7 @@ def _find_room(name: str, model: Model, settings: EngineSettings, profile: Profi
     return room
 
 
-def _printed_size_mm(model: Model, settings: EngineSettings) -> tuple[float, float, float]:
+def _compute_printed_size_mm(model: Model, settings: EngineSettings) -> tuple[float, float, float]:
     """Return the size (x, y, z) of a model as it is printed: enlarged to compensate for shrinkage."""
     x, y, z = map(float, model.extents_mm)
     return x * settings.scale_xy, y * settings.scale_xy, z * settings.scale_z
@@ -160,7 +160,7 @@ def _slice_model(model: Model, task: SliceTask, profile: Profile, on_step: OnSte
     on_step(f"slicing {task.part}")
     result = slice_part(task, lambda share: on_step(f"slicing {task.part}, {share:.0%}"))
     with translate_errors():
-        settings = settings_of(task, _printed_size_mm(model, task.settings)[2])
+        settings = settings_of(task, _compute_printed_size_mm(model, task.settings)[2])
     return _build_report(model, result, settings, profile)
 
 
@@ -221,16 +221,16 @@ def check_writable(out: Path, model: Path) -> None:
     """Raise FarmError if the file cannot be written, before minutes of work. Creates nothing."""
     try:
         if out.is_dir():
-            raise _unwritable(out, "it is a folder")
+            raise _make_write_error(out, "it is a folder")
         if out.exists() and model.exists() and out.samefile(model):
-            raise _unwritable(out, "it is the model")
+            raise _make_write_error(out, "it is the model")
         existing = next(place for place in (out, *out.absolute().parents) if place.exists())
         if existing is not out and not existing.is_dir():
-            raise _unwritable(out, f"{existing} is no folder")
+            raise _make_write_error(out, f"{existing} is no folder")
     except OSError as error:
-        raise _unwritable(out, error.strerror) from error
+        raise _make_write_error(out, error.strerror) from error
     if not os.access(existing, os.W_OK):
-        raise _unwritable(out, "no permission")
+        raise _make_write_error(out, "no permission")
 
 
 def _write_output(gcode: Path, out: Path) -> None:
@@ -248,8 +248,8 @@ def _write_output(gcode: Path, out: Path) -> None:
         finally:
             temporary.unlink(missing_ok=True)
     except OSError as error:
-        raise _unwritable(out, error.strerror) from error
+        raise _make_write_error(out, error.strerror) from error
 
 
-def _unwritable(out: Path, reason: str | None) -> FarmError:
+def _make_write_error(out: Path, reason: str | None) -> FarmError:
     return FarmError(f"{out}: cannot be written ({reason}); name another file with --out")

@@ -141,7 +141,7 @@ class ReplanCoordinator:
         printer: FleetPrinter,
         situation: Situation,
     ) -> bool:
-        untried = _attempt_key(plate, printer.capabilities) not in self._attempted
+        untried = _make_attempt_key(plate, printer.capabilities) not in self._attempted
         return untried and (
             printer.name not in situation.spare_printers or takes_spare(view, situation.fleet)
         )
@@ -167,7 +167,7 @@ class ReplanCoordinator:
             return None  # cancelled or printed meanwhile
         for printer in replan.printers:
             if printer in situation.fleet:
-                self._attempted.add(_attempt_key(plate, situation.fleet[printer].capabilities))
+                self._attempted.add(_make_attempt_key(plate, situation.fleet[printer].capabilities))
         if isinstance(result, FarmError):
             log.warning("plate %s is unchanged: %s", name, result, extra={"plate": name})
             return None
@@ -215,7 +215,7 @@ class ReplanCoordinator:
         return self._running[plate.id]
 
 
-def _attempt_key(plate: Plate, capabilities: Capabilities) -> _AttemptKey:
+def _make_attempt_key(plate: Plate, capabilities: Capabilities) -> _AttemptKey:
     return plate.id, len(plate.prints), capabilities.family, capabilities.nozzle_mm
 
 

@@ -103,7 +103,11 @@ def end_in_one_piece_s(plate: WaitingPlate, situation: Situation) -> float:
     """Return the time at which a waiting plate's part ends in one piece, resliced if that is sooner."""
     other = _find_best_printer(plate, situation.free, situation)
     as_planned_s = expected_end_s(plate, situation)
-    return as_planned_s if other is None else min(as_planned_s, _resliced_end_s(plate, other, situation))
+    return (
+        as_planned_s
+        if other is None
+        else min(as_planned_s, _estimate_resliced_end_s(plate, other, situation))
+    )
 
 
 def choose_reslice(
@@ -128,7 +132,7 @@ def choose_reslice(
     best = _find_best_printer(plate, free, situation)
     if best is None:
         return None
-    after_s = _resliced_end_s(plate, best, situation)
+    after_s = _estimate_resliced_end_s(plate, best, situation)
     if not saves_enough((ends or ExpectedEnds(situation)).find(plate), after_s, situation.now_s):
         return None
     return Reslice(plate.id, best.name)
@@ -157,7 +161,7 @@ def choose_recut(plate: WaitingPlate, situation: Situation) -> Recut | None:
     free = [
         p
         for p in situation.free
-        if p.name not in used_printers and _same_filament(plate, p) and _could_start(piece, p, situation)
+        if p.name not in used_printers and _has_same_filament(plate, p) and _could_start(piece, p, situation)
     ]
     most = min(len(free), MAX_PIECES, len(free) if plate.places is None else plate.places)
     if most < 2:
@@ -180,7 +184,7 @@ def waits_for_its_printer_kind(code: HoldCode) -> bool:
     return code in _REASONS_OF_KIND
 
 
-def _same_filament(plate: WaitingPlate, printer: FleetPrinter) -> bool:
+def _has_same_filament(plate: WaitingPlate, printer: FleetPrinter) -> bool:
     requirements, capabilities = plate.requirements, printer.capabilities
     return capabilities.meets((requirements.material, requirements.colour, None, None, requirements.only))
 
@@ -208,7 +212,7 @@ def _find_best_printer(
     ]
     if plate.places == 0 or not ready:
         return None
-    return min(ready, key=lambda p: (_seconds_sliced_for(plate, p), p.name))
+    return min(ready, key=lambda p: (_estimate_sliced_s(plate, p), p.name))
 
 
 def _could_start(plate: WaitingPlate, printer: FleetPrinter, situation: Situation) -> bool:
@@ -216,12 +220,12 @@ def _could_start(plate: WaitingPlate, printer: FleetPrinter, situation: Situatio
     return has_filament and situation.can_start(plate, printer)
 
 
-def _resliced_end_s(plate: WaitingPlate, printer: FleetPrinter, situation: Situation) -> float:
+def _estimate_resliced_end_s(plate: WaitingPlate, printer: FleetPrinter, situation: Situation) -> float:
     begins_s = situation.now_s + SLICING_S * situation.time_scale
-    return begins_s + _seconds_sliced_for(plate, printer)
+    return begins_s + _estimate_sliced_s(plate, printer)
 
 
-def _seconds_sliced_for(plate: WaitingPlate, printer: FleetPrinter) -> float:
+def _estimate_sliced_s(plate: WaitingPlate, printer: FleetPrinter) -> float:
     """Return the seconds of a plate sliced for that printer: a finer nozzle prints finer lines.
 
     A coarser nozzle is not assumed to be faster.

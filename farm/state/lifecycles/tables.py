@@ -32,22 +32,22 @@ _BY_BED = {
 }
 
 
-def _job_state(books: Books, key: object) -> State | None:
+def _find_job_state(books: Books, key: object) -> State | None:
     job = books.jobs.get(key)  # type: ignore[call-overload]
     return NEW if job is None else job.state
 
 
-def _plate_state(books: Books, key: object) -> State | None:
+def _find_plate_state(books: Books, key: object) -> State | None:
     plate = books.plates.get(str(key))
     return NEW if plate is None else books.plate_state(plate)
 
 
-def _print_state(books: Books, key: object) -> State | None:
+def _find_print_state(books: Books, key: object) -> State | None:
     attempt = books.prints.get(str(key))
     return NEW if attempt is None else attempt.state
 
 
-def _row(event: Kind, starts: Iterable[State | None], ends: Iterable[State] | None) -> Transition:
+def _make_row(event: Kind, starts: Iterable[State | None], ends: Iterable[State] | None) -> Transition:
     return Transition(event, frozenset(starts), None if ends is None else frozenset(ends))
 
 
@@ -59,32 +59,32 @@ JOB = Lifecycle(
     entity="job",
     key="job",
     states=JobState,
-    find_state=_job_state,
+    find_state=_find_job_state,
     transitions=(
-        _row(ev.JobSubmitted, [NEW], [_J.QUEUED]),
-        _row(ev.JobHeld, [_J.QUEUED], None),
-        _row(ev.PlanningStarted, [_J.QUEUED], [_J.PLANNING]),
-        _row(ev.PlanningAbandoned, [_J.PLANNING], [_J.QUEUED]),
-        _row(ev.JobPlanned, [_J.PLANNING], [_J.HELD, _J.PRINTING]),
-        _row(ev.PlanRevised, [_J.PRINTING], None),
-        _row(ev.JobApproved, [_J.HELD], _DERIVED),
-        _row(ev.JobReleased, [_J.QUEUED, _J.PLANNING, _J.HELD], None),
-        _row(ev.JobFailed, [_J.PLANNING], [_J.FAILED]),
-        _row(ev.JobPaused, _LIVE, None),
-        _row(ev.JobMoved, _LIVE, None),
-        _row(ev.JobAssembled, [_J.PRINTED, _J.DONE], None),
-        _row(ev.JobCancelled, _LIVE, [_J.CANCELLED]),
-        _row(ev.JobPruned, [_J.DONE, _J.FAILED, _J.CANCELLED], None),
+        _make_row(ev.JobSubmitted, [NEW], [_J.QUEUED]),
+        _make_row(ev.JobHeld, [_J.QUEUED], None),
+        _make_row(ev.PlanningStarted, [_J.QUEUED], [_J.PLANNING]),
+        _make_row(ev.PlanningAbandoned, [_J.PLANNING], [_J.QUEUED]),
+        _make_row(ev.JobPlanned, [_J.PLANNING], [_J.HELD, _J.PRINTING]),
+        _make_row(ev.PlanRevised, [_J.PRINTING], None),
+        _make_row(ev.JobApproved, [_J.HELD], _DERIVED),
+        _make_row(ev.JobReleased, [_J.QUEUED, _J.PLANNING, _J.HELD], None),
+        _make_row(ev.JobFailed, [_J.PLANNING], [_J.FAILED]),
+        _make_row(ev.JobPaused, _LIVE, None),
+        _make_row(ev.JobMoved, _LIVE, None),
+        _make_row(ev.JobAssembled, [_J.PRINTED, _J.DONE], None),
+        _make_row(ev.JobCancelled, _LIVE, [_J.CANCELLED]),
+        _make_row(ev.JobPruned, [_J.DONE, _J.FAILED, _J.CANCELLED], None),
     ),
     consequences=(
-        _row(ev.PrintEnded, [_J.PRINTING], _DERIVED),
+        _make_row(ev.PrintEnded, [_J.PRINTING], _DERIVED),
         # Losses that prove to be an outage: the failures of their prints no longer count as attempts.
-        _row(ev.PrintEnded, [_J.FAILED], [_J.PRINTING]),
-        _row(ev.PrinterLost, [_J.FAILED], [_J.PRINTING]),
-        _row(ev.BedCleared, [_J.PRINTING, _J.PRINTED, _J.FAILED], _DERIVED),
-        _row(ev.PlateCancelled, [_J.PRINTING, _J.PRINTED, _J.FAILED], _DERIVED),
-        _row(ev.ReprintRequested, [_J.PRINTED, _J.DONE, _J.FAILED, _J.CANCELLED], [_J.PRINTING]),
-        _row(ev.BooksRestored, [_J.PRINTING], [_J.HELD]),
+        _make_row(ev.PrintEnded, [_J.FAILED], [_J.PRINTING]),
+        _make_row(ev.PrinterLost, [_J.FAILED], [_J.PRINTING]),
+        _make_row(ev.BedCleared, [_J.PRINTING, _J.PRINTED, _J.FAILED], _DERIVED),
+        _make_row(ev.PlateCancelled, [_J.PRINTING, _J.PRINTED, _J.FAILED], _DERIVED),
+        _make_row(ev.ReprintRequested, [_J.PRINTED, _J.DONE, _J.FAILED, _J.CANCELLED], [_J.PRINTING]),
+        _make_row(ev.BooksRestored, [_J.PRINTING], [_J.HELD]),
     ),
 )
 
@@ -93,34 +93,34 @@ PLATE = Lifecycle(
     entity="plate",
     key="plate",
     states=PlateState,
-    find_state=_plate_state,
+    find_state=_find_plate_state,
     transitions=(
-        _row(ev.PlateAssigned, [_P.WAITING], [_P.PRINTING]),
-        _row(ev.PlateReplaced, [_P.WAITING], [_P.REPLACED]),
-        _row(ev.PlatePaused, [_P.WAITING], None),
-        _row(ev.PlateCancelled, _UNPRINTED, [_P.CANCELLED]),
-        _row(ev.PlateCancelled, [_P.PRINTED, _P.GOOD], None),
+        _make_row(ev.PlateAssigned, [_P.WAITING], [_P.PRINTING]),
+        _make_row(ev.PlateReplaced, [_P.WAITING], [_P.REPLACED]),
+        _make_row(ev.PlatePaused, [_P.WAITING], None),
+        _make_row(ev.PlateCancelled, _UNPRINTED, [_P.CANCELLED]),
+        _make_row(ev.PlateCancelled, [_P.PRINTED, _P.GOOD], None),
         # After `farm estop` the plate already waits; open prints are not ended.
-        _row(
+        _make_row(
             ev.ReprintRequested,
             [_P.WAITING, _P.PRINTED, _P.GOOD, _P.OUT_OF_ATTEMPTS, _P.CANCELLED],
             [_P.WAITING, _P.PRINTING, _P.PRINTED, _P.GOOD],
         ),
-        _row(ev.PrintFound, [_P.WAITING, _P.PRINTING], [_P.PRINTING]),
+        _make_row(ev.PrintFound, [_P.WAITING, _P.PRINTING], [_P.PRINTING]),
     ),
     consequences=(
-        _row(ev.JobPlanned, [NEW], [_P.WAITING]),
-        _row(ev.PlanRevised, [NEW, _P.REPLACED], [_P.WAITING]),
-        _row(ev.PlanRevised, [_P.WAITING], [_P.REPLACED]),
-        _row(ev.PlateReplaced, [NEW], [_P.WAITING]),
-        _row(ev.JobCancelled, _UNPRINTED, [_P.CANCELLED]),
-        _row(ev.JobFailed, _UNPRINTED, [_P.CANCELLED]),
-        _row(ev.PrintEnded, [_P.PRINTING], [_P.PRINTED, _P.WAITING, _P.OUT_OF_ATTEMPTS]),
-        _row(ev.PrintEnded, [_P.CANCELLED], [_P.PRINTED]),
-        _row(ev.PrintEnded, [_P.OUT_OF_ATTEMPTS], [_P.WAITING]),
-        _row(ev.PrinterLost, [_P.OUT_OF_ATTEMPTS], [_P.WAITING]),
-        _row(ev.BedCleared, [_P.PRINTED], [_P.GOOD, _P.WAITING, _P.PRINTING, _P.CANCELLED]),
-        _row(ev.BedCleared, [*_UNPRINTED, _P.CANCELLED], [_P.GOOD]),
+        _make_row(ev.JobPlanned, [NEW], [_P.WAITING]),
+        _make_row(ev.PlanRevised, [NEW, _P.REPLACED], [_P.WAITING]),
+        _make_row(ev.PlanRevised, [_P.WAITING], [_P.REPLACED]),
+        _make_row(ev.PlateReplaced, [NEW], [_P.WAITING]),
+        _make_row(ev.JobCancelled, _UNPRINTED, [_P.CANCELLED]),
+        _make_row(ev.JobFailed, _UNPRINTED, [_P.CANCELLED]),
+        _make_row(ev.PrintEnded, [_P.PRINTING], [_P.PRINTED, _P.WAITING, _P.OUT_OF_ATTEMPTS]),
+        _make_row(ev.PrintEnded, [_P.CANCELLED], [_P.PRINTED]),
+        _make_row(ev.PrintEnded, [_P.OUT_OF_ATTEMPTS], [_P.WAITING]),
+        _make_row(ev.PrinterLost, [_P.OUT_OF_ATTEMPTS], [_P.WAITING]),
+        _make_row(ev.BedCleared, [_P.PRINTED], [_P.GOOD, _P.WAITING, _P.PRINTING, _P.CANCELLED]),
+        _make_row(ev.BedCleared, [*_UNPRINTED, _P.CANCELLED], [_P.GOOD]),
     ),
 )
 
@@ -129,18 +129,18 @@ PRINT = Lifecycle(
     entity="print",
     key="print_id",
     states=PrintState,
-    find_state=_print_state,
+    find_state=_find_print_state,
     transitions=(
-        _row(ev.PlateAssigned, [NEW], [_A.ASSIGNED]),
-        _row(ev.PrintFound, [NEW], [_A.ASSIGNED]),
-        _row(ev.PrintProgressed, _OPEN, _OPEN),
-        _row(ev.PauseRequested, _OPEN, None),
-        _row(ev.PrintFailRequested, _OPEN, None),
-        _row(ev.PrintWithdrawn, [_A.ASSIGNED], None),
-        _row(ev.PrintEnded, _OPEN, [_A.DONE, _A.FAILED, _A.CANCELLED]),
-        _row(ev.StillKept, PrintState, None),
+        _make_row(ev.PlateAssigned, [NEW], [_A.ASSIGNED]),
+        _make_row(ev.PrintFound, [NEW], [_A.ASSIGNED]),
+        _make_row(ev.PrintProgressed, _OPEN, _OPEN),
+        _make_row(ev.PauseRequested, _OPEN, None),
+        _make_row(ev.PrintFailRequested, _OPEN, None),
+        _make_row(ev.PrintWithdrawn, [_A.ASSIGNED], None),
+        _make_row(ev.PrintEnded, _OPEN, [_A.DONE, _A.FAILED, _A.CANCELLED]),
+        _make_row(ev.StillKept, PrintState, None),
     ),
-    consequences=(_row(ev.BedCleared, [_A.FAILED, _A.CANCELLED], [_A.DONE]),),
+    consequences=(_make_row(ev.BedCleared, [_A.FAILED, _A.CANCELLED], [_A.DONE]),),
 )
 
 _IDLE = (_B.CLEAR, _B.NOT_CLEAR, _B.UNKNOWN)
@@ -150,25 +150,25 @@ PRINTER = Lifecycle(
     states=PrinterState,
     find_state=lambda books, key: printer_state(books, str(key)),
     transitions=(
-        _row(ev.PrinterAdded, [NEW], _IDLE),
-        _row(ev.PlateAssigned, [_B.CLEAR], [_B.PRINTING]),
-        _row(ev.PrintFound, _IDLE, [_B.PRINTING]),
-        _row(ev.BedCleared, _IDLE, [_B.CLEAR]),
-        _row(ev.BedReported, [_B.UNKNOWN], [_B.CLEAR, _B.NOT_CLEAR, _B.UNKNOWN]),
-        _row(ev.BedReported, [_B.CLEAR, _B.NOT_CLEAR], None),
-        _row(ev.BedBecameUnknown, _IDLE, [_B.UNKNOWN]),
-        _row(ev.BedBecameUnknown, [_B.PRINTING], None),
-        _row(ev.PrinterAlarmed, PrinterState, None),
-        _row(ev.PrinterLost, _IDLE, None),
-        _row(ev.ReelLoaded, PrinterState, None),
-        _row(ev.MaintenanceStarted, PrinterState, None),
-        _row(ev.MaintenanceEnded, PrinterState, None),
-        _row(ev.AgentJournalImported, PrinterState, None),
-        _row(ev.AgentJournalImported, _IDLE, [_B.UNKNOWN]),
+        _make_row(ev.PrinterAdded, [NEW], _IDLE),
+        _make_row(ev.PlateAssigned, [_B.CLEAR], [_B.PRINTING]),
+        _make_row(ev.PrintFound, _IDLE, [_B.PRINTING]),
+        _make_row(ev.BedCleared, _IDLE, [_B.CLEAR]),
+        _make_row(ev.BedReported, [_B.UNKNOWN], [_B.CLEAR, _B.NOT_CLEAR, _B.UNKNOWN]),
+        _make_row(ev.BedReported, [_B.CLEAR, _B.NOT_CLEAR], None),
+        _make_row(ev.BedBecameUnknown, _IDLE, [_B.UNKNOWN]),
+        _make_row(ev.BedBecameUnknown, [_B.PRINTING], None),
+        _make_row(ev.PrinterAlarmed, PrinterState, None),
+        _make_row(ev.PrinterLost, _IDLE, None),
+        _make_row(ev.ReelLoaded, PrinterState, None),
+        _make_row(ev.MaintenanceStarted, PrinterState, None),
+        _make_row(ev.MaintenanceEnded, PrinterState, None),
+        _make_row(ev.AgentJournalImported, PrinterState, None),
+        _make_row(ev.AgentJournalImported, _IDLE, [_B.UNKNOWN]),
     ),
     consequences=(
-        _row(ev.PrintEnded, [_B.PRINTING], _IDLE),
-        _row(ev.BooksRestored, [_B.CLEAR, _B.UNKNOWN], [_B.NOT_CLEAR]),
+        _make_row(ev.PrintEnded, [_B.PRINTING], _IDLE),
+        _make_row(ev.BooksRestored, [_B.CLEAR, _B.UNKNOWN], [_B.NOT_CLEAR]),
     ),
 )
 

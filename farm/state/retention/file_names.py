@@ -33,7 +33,7 @@ def list_job_file_names(books: Books, job: Job) -> frozenset[str]:
 
 def group_file_names_by_job(books: Books) -> Mapping[int, frozenset[str]]:
     """List the files of each job; several jobs may share a file."""
-    names = {job.id: _own_names(job) for job in books.jobs.values()}
+    names = {job.id: _list_own_names(job) for job in books.jobs.values()}
     unpruned = {number for number, job in books.jobs.items() if job.pruned_s is None}
     for part in books.parts.values():
         if part.job in unpruned:
@@ -47,7 +47,7 @@ def group_file_names_by_job(books: Books) -> Mapping[int, frozenset[str]]:
     return {number: frozenset(job_names) for number, job_names in names.items()}
 
 
-def _own_names(job: Job) -> set[str]:
+def _list_own_names(job: Job) -> set[str]:
     """List the files that the record of a job names itself."""
     pictures = {*job.part_pictures.values(), *([job.picture] if job.picture else [])}
     if job.pruned_s is not None:

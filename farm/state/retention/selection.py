@@ -88,7 +88,7 @@ def select_jobs(
         if ended_s >= now_s - rules.days * DAY_S and total <= rules.max_bytes:
             break
         selected.append(job.id)
-        for name in names[job.id] - _kept_names(job):
+        for name in names[job.id] - _list_kept_names(job):
             users[name] -= 1
             if users[name] == 0:
                 total -= sizes.get(name, 0)
@@ -100,7 +100,7 @@ def list_prunable_files(books: Books, names: Iterable[str], now_s: float) -> set
     prunable = {job.id for job, _ in _list_candidates(books, now_s - MIN_AGE_S)}
     kept_names: set[str] = set()
     for number, job_names in group_file_names_by_job(books).items():
-        kept_names |= _kept_names(books.jobs[number]) if number in prunable else job_names
+        kept_names |= _list_kept_names(books.jobs[number]) if number in prunable else job_names
     return set(names) - kept_names
 
 
@@ -117,7 +117,7 @@ def list_lost_jobs(books: Books, names: Container[str]) -> list[int]:
         number
         for number, job_names in by_job.items()
         if any(name not in names for name in job_names)
-        and all(name in names for name in _kept_names(books.jobs[number]))
+        and all(name in names for name in _list_kept_names(books.jobs[number]))
         and _find_need(books, books.jobs[number], on_beds) is None
     ]
 
@@ -133,5 +133,5 @@ def _list_candidates(books: Books, before_s: float) -> Iterable[tuple[Job, float
     return sorted(ended, key=lambda pair: (pair[1], pair[0].id))
 
 
-def _kept_names(job: Job) -> frozenset[str]:
+def _list_kept_names(job: Job) -> frozenset[str]:
     return frozenset([job.picture] if job.picture else [])

@@ -36,8 +36,8 @@ def _(event: ev.PlanningAbandoned, books: Books) -> Result:
 
 @change.register
 def _(event: ev.JobPlanned, books: Books) -> Result:
-    job = _planned_job(books.job(event.job), event)
-    hold = (restore.HOLD if job.restored else _approval_hold(job.id)) if event.held else None
+    job = _apply_plan(books.job(event.job), event)
+    hold = (restore.HOLD if job.restored else _make_approval_hold(job.id)) if event.held else None
     job = replace_fields(job, state=JobState.HELD if event.held else JobState.PRINTING, hold=hold)
     return put(books, job, *event.parts, *event.plates), (ev.NameFiles(job=job.id),)
 
@@ -48,13 +48,13 @@ def _(event: ev.PlanRevised, books: Books) -> Result:
     plates = list(books.plates_of(before))
     if any(books.plate_state(plate) is not PlateState.WAITING or plate.prints for plate in plates):
         raise InvalidTransition(event, JOB, before.id, before.state, "one of its plates has started")
-    job = replace_fields(_planned_job(before, event), revisions=before.revisions + 1)
+    job = replace_fields(_apply_plan(before, event), revisions=before.revisions + 1)
     left = [plate for plate in plates if plate.id not in job.plates]
     replaced = [replace_fields(plate, replaced_by=job.plates) for plate in left]
     return put(books, job, *replaced, *event.parts, *event.plates), (ev.NameFiles(job=job.id),)
 
 
-def _planned_job(job: Job, event: ev.JobPlanned) -> Job:
+def _apply_plan(job: Job, event: ev.JobPlanned) -> Job:
     """Return a job with the figures of its plan."""
     return replace_fields(
         job,
@@ -77,7 +77,7 @@ def _planned_job(job: Job, event: ev.JobPlanned) -> Job:
     )
 
 
-def _approval_hold(job: int) -> Hold:
+def _make_approval_hold(job: int) -> Hold:
     text = f"held until `farm approve {job}`"
     return Hold(code=HoldCode.APPROVAL, text=text)
 

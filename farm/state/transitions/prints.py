@@ -38,24 +38,24 @@ def _(event: ev.PrintProgressed, books: Books) -> Result:
 
 @change.register
 def _(event: ev.PrintWithdrawn, books: Books) -> Result:
-    stopped, stop = request_cancel(_not_being_ended(event, books), event.reason)
+    stopped, stop = request_cancel(_require_not_ending(event, books), event.reason)
     return put(books, stopped), (stop,)
 
 
 @change.register
 def _(event: ev.PauseRequested, books: Books) -> Result:
-    paused, send = request_pause(_not_being_ended(event, books), event.wanted)
+    paused, send = request_pause(_require_not_ending(event, books), event.wanted)
     return put(books, paused), (send,)
 
 
 @change.register
 def _(event: ev.PrintFailRequested, books: Books) -> Result:
-    attempt = replace_fields(_not_being_ended(event, books), fail_reason=event.why)
+    attempt = replace_fields(_require_not_ending(event, books), fail_reason=event.why)
     stopped, stop = request_cancel(attempt, event.why)
     return put(books, stopped), (stop,)
 
 
-def _not_being_ended(
+def _require_not_ending(
     event: ev.PrintWithdrawn | ev.PauseRequested | ev.PrintFailRequested, books: Books
 ) -> Print:
     """Return the print of an event, which must not be ending.

@@ -169,7 +169,7 @@ def describe_fleet_timeline(
         zone=context.fleet.fleet.timezone,
         back_s=back_s,
         chart=_lay_out(context, situation, plan, since_s),
-        table=tuple(_table_row(context, one) for one in plan.prints),
+        table=tuple(_make_table_row(context, one) for one in plan.prints),
         left=tuple(context.books.plates[name].parts[0] for name in plan.left),
         unplanned=tuple(WaitingJob(job.id, job.name) for job in jobs if not job.plates),
         waiting=tuple(WaitingJob(job.id, job.name) for job in jobs if job.plates),
@@ -227,7 +227,7 @@ def _lay_out_bar(context: ViewContext, axis: TimeAxis, one: PlannedPrint) -> Bar
     return Bar(x, width, one.kind, label, text, one.job)
 
 
-def _table_row(context: ViewContext, one: PlannedPrint) -> TableRow:
+def _make_table_row(context: ViewContext, one: PlannedPrint) -> TableRow:
     return TableRow(
         printer=one.printer,
         job=one.job,

@@ -35,13 +35,13 @@ class _Figure:
 
 
 @cache
-def _templates() -> Environment:
+def _load_templates() -> Environment:
     return Environment(loader=PackageLoader("farm.views.report"), autoescape=True, undefined=StrictUndefined)
 
 
 def draw_gantt(bars: Sequence[Bar]) -> str:
     """Draw bars as SVG with a key of colours."""
-    return _templates().get_template("gantt.html").render(gantt=lay_out_gantt(bars))
+    return _load_templates().get_template("gantt.html").render(gantt=lay_out_gantt(bars))
 
 
 def render_page(
@@ -71,7 +71,7 @@ def render_page(
     decomposition
         How the parts are glued; None if it is not known.
     """
-    template = _templates().get_template("report.html")
+    template = _load_templates().get_template("report.html")
     page = template.render(
         title=f"Job {job.id}: {job.name}, {job.state}",
         job=job,
@@ -80,7 +80,7 @@ def render_page(
         failures=_list_failures(job),
         stills=_list_stills(job, pictures),
         figures=[_describe_part(part, job, pictures.get(part.id)) for part in job.parts_by_use],
-        assembly=None if assembly is None else _data_url(assembly),
+        assembly=None if assembly is None else _make_data_url(assembly),
         decomposition=decomposition or Report(),
         steps=[] if decomposition is None else _list_steps(decomposition),
     )
@@ -134,7 +134,7 @@ def _list_stills(job: api.JobView, pictures: Mapping[str, bytes]) -> list[tuple[
             f"{attempt.part} on {attempt.printer}",
             moment.replace("_", " "),
             datetime.fromisoformat(taken).strftime("%a %d %b %H:%M"),
-            _data_url(picture),
+            _make_data_url(picture),
         )
         for taken, attempt, moment, picture in sorted(stills, key=lambda still: still[0])
     ]
@@ -149,7 +149,7 @@ def _describe_part(part: api.PartView, job: api.JobView, picture: bytes | None) 
         plate=plate,
         outcome=f"{outcome}, {len(prints)} prints" if len(prints) > 1 else outcome,
         times=_compare_times(prints[-1] if prints else None, plate.estimated_s),
-        picture=_data_url(picture) if picture else None,
+        picture=_make_data_url(picture) if picture else None,
     )
 
 
@@ -161,6 +161,6 @@ def _compare_times(last: api.PrintView | None, expected_s: float) -> str:
     return f"{format_duration(actual.total_seconds())}, expected {format_duration(expected_s)}"
 
 
-def _data_url(picture: bytes) -> str:
+def _make_data_url(picture: bytes) -> str:
     kind = "jpeg" if picture.startswith(_JPEG) else "png"
     return f"data:image/{kind};base64,{b64encode(picture).decode()}"

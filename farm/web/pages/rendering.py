@@ -94,11 +94,11 @@ def render_message(title: str, text: str, has_login_hint: bool = False) -> str:
 
 def load_template(name: str) -> Template:
     """Load a template of this folder; it escapes all text."""
-    return _templates().get_template(name)
+    return _load_templates().get_template(name)
 
 
 @cache
-def _templates() -> Environment:
+def _load_templates() -> Environment:
     environment = Environment(
         loader=PackageLoader("farm.web.pages"),
         autoescape=True,

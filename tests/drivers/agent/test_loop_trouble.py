@@ -46,7 +46,7 @@ class Driven(Agent):
 
     @property
     def snapshot(self) -> m.Snapshot:
-        return self._snapshot()
+        return self._build_snapshot()
 
 
 @pytest.fixture

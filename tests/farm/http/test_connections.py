@@ -199,7 +199,7 @@ def test_errors_of_accept_are_logged_and_accepting_continues(tmp_path, monkeypat
     monkeypatch.setattr(connections, "_LOG_EVERY_S", 0.0)
 
     async def scenario(server, path):
-        loop, make = asyncio.get_running_loop(), server._protocol
+        loop, make = asyncio.get_running_loop(), server._make_protocol
         accept, faults = loop.sock_accept, [MemoryError("no room"), ValueError("no socket")]
 
         async def failing(listening):
@@ -208,11 +208,11 @@ def test_errors_of_accept_are_logged_and_accepting_continues(tmp_path, monkeypat
             return await accept(listening)
 
         def broken():
-            server._protocol = make
+            server._make_protocol = make
             raise RuntimeError("no protocol")
 
         monkeypatch.setattr(loop, "sock_accept", failing)
-        server._protocol = broken
+        server._make_protocol = broken
         assert await ask(path) == b""  # by the accept that was under way: refused
         assert b"well" in await ask(path, WHOLE)
         assert not faults

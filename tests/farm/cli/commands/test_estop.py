@@ -117,7 +117,7 @@ def test_farm_of_another_user_without_a_socket_is_reported(tmp_path, monkeypatch
 
 def test_root_with_a_state_folder_needs_no_socket(tmp_path, monkeypatch):
     (tmp_path / "estop.sock").touch()
-    monkeypatch.setattr(estop_socket, "_owner", lambda path: 4711 if path.exists() else None)
+    monkeypatch.setattr(estop_socket, "_find_owner", lambda path: 4711 if path.exists() else None)
     monkeypatch.setattr(estop_socket.os, "geteuid", lambda: 0)
     places = find_places(tmp_path / "state", tmp_path / "farm.sock", None)
     assert estop_socket.find_estop_socket(places) == tmp_path / "estop.sock"
