@@ -52,6 +52,7 @@ from farm.http import (
 from farm.log_format import start_log
 from farm.paths import Places, StateFolder, read_anchor, write_anchor
 from farm.planning import JobPlanner, list_bed_boxes
+from farm.planning.error_translation import translate_errors
 from farm.planning.replanning import ReplanWorker
 from farm.planning.tasks import warm
 from farm.state.storage import NightlyBackup, open_books
@@ -90,7 +91,8 @@ class Daemon:
         self._workers: Pool = Workers(self._state.work / "workers", compute.workers, compute.memory_gb, warm)
         self._cluster: ClusterPool | None = None
         if compute.scheduler is not None:
-            self._cluster = connect_cluster(self._workers, compute.scheduler, compute.certificates)
+            with translate_errors():
+                self._cluster = connect_cluster(self._workers, compute.scheduler, compute.certificates)
             self._workers = self._cluster
         controller = self._controller = Controller(fleet, self._store, self._clock, list_bed_boxes)
         self._agents = AgentManager(fleet, self._state, self._clock, controller)

@@ -182,6 +182,8 @@ class ClusterPool:
             sent = await asyncio.to_thread(_read_contents, files)
             answer = await self._submit(task, sent, group)
             self._sent.update(sent)
+            if answer.unfit is not None:
+                raise AttemptLost(f"worker {answer.host}: {answer.unfit}")
             if not answer.missing:
                 return answer
         raise AttemptLost(f"worker {answer.host} did not keep its files")

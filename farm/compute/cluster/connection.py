@@ -69,6 +69,7 @@ class Connection:
         self._client: Client | None = None
         self._workers: tuple[ClusterWorker, ...] = ()
         self._heard: dict[str, tuple[float, float]] = {}  # last heartbeat, and when it was new here
+        _use_own_log()
         dask.config.set({"distributed.admin.large-graph-warning-threshold": "16 GiB"})  # models are large
 
     async def watch(self) -> None:
@@ -217,6 +218,15 @@ def list_stuck(
         if address not in heard or heard[address][0] != last_s:
             heard[address] = (last_s, now_s)
     return [(address, now_s - heard[address][1] > _STUCK_S) for address in records]
+
+
+def _use_own_log() -> None:
+    """Let Dask's messages go to the log of this process, in its form: Dask has handlers of its own."""
+    for name in ("distributed", "distributed.client"):
+        logger = logging.getLogger(name)
+        logger.handlers.clear()
+        logger.propagate = True
+        logger.setLevel(logging.WARNING)
 
 
 def _ignore_result(cancelling: asyncio.Future[Any]) -> None:

@@ -70,6 +70,8 @@ class RemoteAnswer:
         Result, by `relocation.dump`; None if there is none.
     error
         Exception of the work; None if it succeeded.
+    unfit
+        Reason for which the worker could not do it, where another may; None if it could.
     files
         The files that it wrote, by their paths where the task was submitted.
     """
@@ -78,6 +80,7 @@ class RemoteAnswer:
     missing: tuple[str, ...] = ()
     result: bytes | None = None
     error: Exception | None = None
+    unfit: str | None = None
     files: dict[str, bytes] = field(default_factory=dict)
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import logging
 import shutil
-import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
@@ -14,7 +13,6 @@ from farm.compute.cluster.installation import Installation
 from farm.compute.cluster.relocation import Relocation, run_relocated
 from farm.compute.cluster.remote_task import RemoteAnswer, RemoteTask
 from farm.compute.pool import Pool
-from farm.errors import FarmError
 from slicing.cache import trim_cache
 
 log = logging.getLogger(__name__)
@@ -59,19 +57,22 @@ class TaskExecutor:
         """
         difference = self._installation.describe_difference(task.installation)
         if difference is not None:
-            return RemoteAnswer(self._host, error=FarmError(f"worker {self._host} is refused: {difference}"))
+            return RemoteAnswer(self._host, unfit=difference)
         with self._files.use(task.hashes()):
             try:
                 for sha256, content in sent.items():
                     await asyncio.to_thread(self._files.store, sha256, content)
             except (OSError, ValueError) as error:
-                return RemoteAnswer(self._host, error=FarmError(f"worker {self._host}: {error}"))
+                return RemoteAnswer(self._host, unfit=str(error))
             missing = self._files.list_missing(task.hashes())
             if missing:
                 return RemoteAnswer(self._host, missing=missing)
-            folder = Path(tempfile.mkdtemp(dir=self._tasks))
+            folder = self._tasks / task.id
             try:
+                folder.mkdir()
                 return await self._run(task, self._place_files(task, folder), on_live)
+            except OSError as error:  # a full disk of this computer
+                return RemoteAnswer(self._host, unfit=str(error))
             except Exception as error:
                 return RemoteAnswer(self._host, error=error)
             finally:

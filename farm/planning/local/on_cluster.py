@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 
 from farm.compute import CHECKING, Deferred, Limit, TaskFiles, read_process_bytes
 from farm.compute.cluster import connect_cluster
+from farm.planning.error_translation import translate_errors
 from farm.planning.local.decompose_file import DecomposeRequest, empty_for_parts
 from farm.planning.local.slice_file import SliceOptions, check_writable
 
@@ -71,9 +72,11 @@ def slice_on_cluster(
 def _run(cluster: Cluster, work: Deferred, path: Path, out: Path, *args: object) -> dict[str, Any]:
     """Run a function on the cluster, or here without one."""
 
+    own = _ThisProcess(cluster.on_notice)
+    with translate_errors():
+        pool = connect_cluster(own, cluster.scheduler, cluster.certificates)
+
     async def run() -> dict[str, Any]:
-        own = _ThisProcess(cluster.on_notice)
-        pool = await asyncio.to_thread(connect_cluster, own, cluster.scheduler, cluster.certificates)
         pool.start()
         try:
             report: dict[str, Any] = await pool.run(work, path, out, *args, limit=_LIMIT)

@@ -11,6 +11,7 @@ from farm.compute import Workers
 from farm.compute.cluster.cluster_pool import ClusterPool
 from farm.compute.cluster.cluster_state import ClusterWorker
 from farm.compute.cluster.remote_task import AttemptLost, RemoteAnswer, RemoteTask, write_files
+from farm.compute.cluster.task_executor import TaskExecutor
 from farm.compute.limits import CHECKING
 from farm.errors import FarmError
 
@@ -137,6 +138,40 @@ def test_work_goes_on_here_when_the_cluster_is_silent_for_half_a_minute(tmp_path
         assert len({name for name, _ in link.tasks}) == 4
 
     asyncio.run(main())
+
+
+class UnfitLink(LostLink):
+    """Cluster whose one worker has a full disk."""
+
+    async def submit(self, task, sent):
+        self.tasks.append(sorted(sent.values()))
+        return RemoteAnswer("w1", unfit="No space left on device")
+
+
+def test_what_a_worker_could_not_do_is_done_here(tmp_path, source):
+    async def main():
+        links, own = [], Recorder()
+        pool = ClusterPool(own, "tls://a:1", HERE, lambda *on: links.append(UnfitLink(*on)) or links[0])
+        links[0].on_workers((ClusterWorker("w1", "tls://b:1", 1),))
+        assert (await pool.run(work.copy, source, tmp_path / "out"))["copy"].exists()
+        assert own.calls == [work.copy] and links[0].tasks == [[source.read_bytes()], [], []]
+
+    asyncio.run(main())
+
+
+@pytest.mark.parametrize(
+    "sent", [{"0" * 64: b"other bytes"}, {}], ids=["damaged on its way", "of another version"]
+)
+def test_a_worker_refuses_damaged_files_and_other_versions(tmp_path, sent):
+    async def main():
+        executor = TaskExecutor("w1", tmp_path, Recorder(), HERE)
+        wanted = HERE if sent else replace(HERE, settings="other")
+        return await executor.execute(RemoteTask("t", b"", CHECKING, wanted), sent)
+
+    answer = asyncio.run(main())
+    assert answer.unfit == (
+        "the file 000000000000 was damaged on its way" if sent else "it has Cura's settings abc, not other"
+    )
 
 
 @pytest.mark.parametrize("name", ["/etc/passwd", "/work/job-1/../other", "/work/job-10/p.stl", "/work/job-1"])
