@@ -154,7 +154,7 @@ COMMANDS = {
         ),
         CommandEntry(
             "worker",
-            "worker.worker",
+            "local.worker",
             "Run tasks of farms on this computer, as a part of a Dask cluster.",
         ),
     ),

@@ -49,7 +49,7 @@ async def cluster(folder, workers, pools=None, installations=None):
             own.mkdir(parents=True)
             here = (installations or {}).get(name, HERE)
             executor = TaskExecutor(name, own, pools.get(name, SameProcess()), here)
-            worker = FarmWorker(scheduler.address, executor, 1, here, name=name, folder=own)
+            worker = FarmWorker(scheduler.address, executor, 1, own / "dask")
             await stack.enter_async_context(worker)
         own = Recorder()
         link = partial(Connection, scheduler.address, None, HERE)

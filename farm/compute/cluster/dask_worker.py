@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import asyncio
 from pathlib import Path
-from typing import Any
 
 from distributed import Security, Worker, get_worker
 
-from farm.compute.cluster.installation import Installation
 from farm.compute.cluster.remote_task import RemoteAnswer, RemoteTask
 from farm.compute.cluster.task_executor import TaskExecutor
 
@@ -27,11 +25,13 @@ class FarmWorker(Worker):  # type: ignore[misc]
     scheduler
         Address of the scheduler.
     executor
-        Runs the tasks.
+        Runs the tasks. The clients compare its versions with theirs.
     slots
         Number of tasks at the same time.
-    installation
-        Versions on this computer, which the clients compare with theirs.
+    folder
+        Folder for Dask's files.
+    security
+        See `make_security`.
     """
 
     def __init__(
@@ -39,15 +39,11 @@ class FarmWorker(Worker):  # type: ignore[misc]
         scheduler: str,
         executor: TaskExecutor,
         slots: int,
-        installation: Installation,
-        *,
-        name: str,
         folder: Path,
         security: Security | None = None,
-        **options: Any,
     ) -> None:
         self.farm_executor = executor
-        record = installation.as_record()
+        record = executor.installation.as_record()
 
         async def describe(_: Worker) -> dict[str, str]:
             return record
@@ -56,13 +52,12 @@ class FarmWorker(Worker):  # type: ignore[misc]
             scheduler,
             nthreads=slots,
             resources={RESOURCE: slots},
-            name=name,
-            local_directory=str(folder / "dask"),
+            name=executor.host,
+            local_directory=str(folder),
             security=security,
             startup_information={RESOURCE: describe},
             memory_limit=0,  # each process has its own limit
             dashboard=False,
-            **options,
         )
 
 

@@ -58,15 +58,7 @@ async def serve_tasks(options: WorkerOptions, warm: Warm | None) -> None:
     executor = TaskExecutor(options.name, options.folder, pool, installation)
     try:
         while not stopped.is_set():
-            worker = FarmWorker(
-                options.scheduler,
-                executor,
-                options.slots,
-                installation,
-                name=options.name,
-                folder=options.folder,
-                security=security,
-            )
+            worker = FarmWorker(options.scheduler, executor, options.slots, options.folder / "dask", security)
             await _serve_once(worker, stopped)
             if not stopped.is_set():
                 log.warning("the connection to %s ended; connecting again", options.scheduler)

@@ -37,7 +37,8 @@ class TaskExecutor:
     """
 
     def __init__(self, host: str, folder: Path, pool: Pool, installation: Installation) -> None:
-        self._host, self._folder, self._pool, self._installation = host, folder, pool, installation
+        self.host, self.installation = host, installation
+        self._folder, self._pool = folder, pool
         self._files = FileCache(folder / "files")
         self._tasks = folder / "tasks"
         shutil.rmtree(self._tasks, ignore_errors=True)
@@ -55,32 +56,32 @@ class TaskExecutor:
         on_live
             Called with a live file of the task (its path where the task was submitted) when it changes.
         """
-        difference = self._installation.describe_difference(task.installation)
+        difference = self.installation.describe_difference(task.installation)
         if difference is not None:
-            return RemoteAnswer(self._host, unfit=difference)
+            return RemoteAnswer(self.host, unfit=difference)
         with self._files.use(task.hashes()):
             try:
                 for sha256, content in sent.items():
                     await asyncio.to_thread(self._files.store, sha256, content)
             except (OSError, ValueError) as error:
-                return RemoteAnswer(self._host, unfit=str(error))
+                return RemoteAnswer(self.host, unfit=str(error))
             missing = self._files.list_missing(task.hashes())
             if missing:
-                return RemoteAnswer(self._host, missing=missing)
+                return RemoteAnswer(self.host, missing=missing)
             folder = self._tasks / task.id
             try:
                 folder.mkdir()
                 return await self._run(task, self._place_files(task, folder), on_live)
             except OSError as error:  # a full disk of this computer
-                return RemoteAnswer(self._host, unfit=str(error))
+                return RemoteAnswer(self.host, unfit=str(error))
             except Exception as error:
-                return RemoteAnswer(self._host, error=error)
+                return RemoteAnswer(self.host, error=error)
             finally:
                 await asyncio.to_thread(shutil.rmtree, folder, ignore_errors=True)
 
     def _place_files(self, task: RemoteTask, folder: Path) -> Relocation:
         """Put the files that a task reads into its folder. Returns the way from its paths to these."""
-        pairs: list[tuple[Path | str, Path | str]] = list(task.installation.pair_paths(self._installation))
+        pairs: list[tuple[Path | str, Path | str]] = list(task.installation.pair_paths(self.installation))
         for number, file in enumerate(task.reads):
             here = folder / f"read-{number}" / Path(file.path).name
             here.parent.mkdir()
@@ -109,7 +110,7 @@ class TaskExecutor:
         files = await asyncio.to_thread(lambda: dict(_collect_files(task, relocation)))
         if task.caches:
             await asyncio.to_thread(trim_cache, self._folder / "slices")
-        return RemoteAnswer(self._host, result=result, files=files)
+        return RemoteAnswer(self.host, result=result, files=files)
 
 
 def _collect_files(task: RemoteTask, relocation: Relocation) -> Iterator[tuple[str, bytes]]:
