@@ -3,6 +3,6 @@
 from __future__ import annotations
 
 from farm.views.report.figures import list_figures
-from farm.views.report.page import draw_gantt, render_page
+from farm.views.report.page import render_page
 
-__all__ = ["draw_gantt", "list_figures", "render_page"]
+__all__ = ["list_figures", "render_page"]

@@ -16,7 +16,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from farm import api
 from farm.model import PrintState
 from farm.text import format_duration
-from farm.views.charts import Bar, lay_out_gantt, list_bars, name_outcome
+from farm.views.charts import lay_out_gantt, list_bars, name_outcome
 from farm.views.decomposition_report import Report
 
 _SIGNS = str.maketrans({"^": "", ".": "●"})  # of codes, as they are read on parts
@@ -37,11 +37,6 @@ class _Figure:
 @cache
 def _load_templates() -> Environment:
     return Environment(loader=PackageLoader("farm.views.report"), autoescape=True, undefined=StrictUndefined)
-
-
-def draw_gantt(bars: Sequence[Bar]) -> str:
-    """Draw bars as SVG with a key of colours."""
-    return _load_templates().get_template("gantt.html").render(gantt=lay_out_gantt(bars))
 
 
 def render_page(

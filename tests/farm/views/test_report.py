@@ -19,7 +19,7 @@ from farm.upkeep.part_pictures import draw_part
 from farm.views import describe_job, list_history
 from farm.views.charts import COLOURS, Bar, lay_out_gantt, list_bars
 from farm.views.decomposition_report import parse_report
-from farm.views.report import draw_gantt, list_figures, render_page
+from farm.views.report import list_figures, render_page
 from make_books import run
 from make_stl import stl_bytes
 
@@ -39,7 +39,8 @@ def test_bar_of_every_print_has_the_colour_of_its_outcome():
         ev.BedCleared(at_s=300.0, printer="um2-01", by="ann"),
         ev.BedCleared(at_s=300.0, printer="um2-02", by="ann", verdict=Verdict.BAD, why="warped"),
     )
-    drawn = list_bars(*report_of(books))
+    job, others, now = report_of(books)
+    drawn = list_bars(job, others, now)
     assert {bar.printer: bar.kind for bar in drawn} == {
         "um2-01": "good",
         "um2-02": "bad",
@@ -47,8 +48,8 @@ def test_bar_of_every_print_has_the_colour_of_its_outcome():
         "um2-04": "failed",
         "um2-05": "printing",
     }
-    svg = draw_gantt(drawn)
-    picture = ElementTree.fromstring(svg[: svg.index("</svg>") + 6])
+    svg = render_page(job, others, now, (), {}, None)
+    picture = ElementTree.fromstring(svg[svg.index("<svg") : svg.index("</svg>") + 6])
     rects = list(picture.iter("rect"))
     assert len(rects) == 5
     assert {rect.get("fill") for rect in rects} == {
