@@ -5,7 +5,6 @@ OpenCASCADE runs in a process of its own: it prints on stdout, and may crash on 
 
 from __future__ import annotations
 
-import importlib.util
 import subprocess
 import sys
 import tempfile
@@ -17,6 +16,7 @@ import trimesh
 
 from decompose.arrays import Floats
 from decompose.errors import ModelEmpty, ModelTooDetailed, ModelUnreadable
+from decompose.files.extras import reads_step
 
 CHORD_MM = 0.01  # greatest distance between a curved face and its triangles
 CHORD_RAD = 0.2  # greatest angle between neighbouring triangles of a curved face
@@ -61,7 +61,7 @@ def read_step(name: str, data: bytes, max_triangles: int | None = None) -> Float
     """
     if _BEGIN not in data[:_EDGE_BYTES] or _END not in data[-_EDGE_BYTES:]:
         raise ModelUnreadable(f"{name}: not a STEP file or only a part of one; copy or export it again")
-    if importlib.util.find_spec("cascadio") is None:
+    if not reads_step():
         raise ModelUnreadable(
             f"{name}: STEP needs the package cascadio: `pip install 'farm[step]'`, or export it as 3MF or STL"
         )

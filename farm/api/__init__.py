@@ -40,6 +40,7 @@ from farm.api.requests import AssembledRequest as AssembledRequest
 from farm.api.requests import Cleared as Cleared
 from farm.api.requests import ClearedRequest as ClearedRequest
 from farm.api.requests import DownRequest as DownRequest
+from farm.api.requests import JobStart as JobStart
 from farm.api.requests import LoadRequest as LoadRequest
 from farm.api.requests import Named as Named
 from farm.api.requests import PruneRequest as PruneRequest

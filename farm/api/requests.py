@@ -90,6 +90,12 @@ class QueueMove(View):
     before: int | None = None
 
 
+class JobStart(View):
+    """Request to start a job not before a time, such as `22:00` or `fri 22:00`; `now` for when it can."""
+
+    at: str = Field(min_length=1, max_length=40)
+
+
 class QueueEntry(View):
     """One open job of the queue."""
 

@@ -137,6 +137,29 @@ class JobCommands:
         at_s = self._controller.clock.now()
         self._controller.handle(ev.JobMoved(at_s=at_s, job=number, before=successor, by=by))
 
+    def reschedule(self, number: int, at: str, by: str) -> None:
+        """Set the time before which nothing more of a job starts; "now" lets it start when it can.
+
+        Raises
+        ------
+        Refused
+            If the job has ended, or nothing of it waits.
+        FarmError
+            If the time cannot be read, or is not in the future.
+        """
+        job, now_s = self._controller.books.job(number), self._controller.clock.now()
+        if job.state.ended:
+            raise Refused(f"job {number} has already ended: it is {job.state}")
+        if number not in [one.id for one in list_queue(self._controller.books)]:
+            raise Refused(f"nothing of job {number} waits: all of its plates have started")
+        not_before_s = None
+        if at.strip().lower() != "now":
+            try:
+                not_before_s = parse_moment_s(at, now_s, self._controller.fleet.zone)
+            except ValueError as error:
+                raise FarmError(str(error), ErrorCode.SETTINGS) from error
+        self._controller.handle(ev.JobRescheduled(at_s=now_s, job=number, not_before_s=not_before_s, by=by))
+
     async def approve(self, number: int, plan: str, state: StateFolder, by: str) -> None:
         """Release a held job to print, with exactly the plan and files that the user has reviewed.
 

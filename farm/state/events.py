@@ -232,6 +232,14 @@ class JobMoved(Event):
     by: str = A_PERSON
 
 
+class JobRescheduled(Event):
+    """A person set the time before which nothing of a job starts; without one, it starts when it can."""
+
+    job: int
+    not_before_s: float | None
+    by: str = A_PERSON
+
+
 class JobPaused(Event):
     """A person paused a job (its prints pause, and none starts) or resumed it."""
 
@@ -364,6 +372,7 @@ AnyEvent = (
     | PlateCancelled
     | ReprintRequested
     | JobMoved
+    | JobRescheduled
     | JobPaused
     | JobAssembled
     | MaintenanceStarted

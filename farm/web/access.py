@@ -32,6 +32,7 @@ _LOOK = (
 )
 _PRINT = (
     "/jobs",
+    "/jobs/{number}/assembled",
     "/jobs/{number}/cancel",
     "/jobs/{number}/pause",
     "/jobs/{number}/resume",
@@ -45,11 +46,11 @@ _PRINT = (
     "/printers/{name}/cancel",
     "/printers/{name}/maintenance",
 )
-_PRINT_ONLY_API = ("/jobs/{number}/assembled",)
 _PLAN_FORMS = ("/jobs/{number}/release", "/jobs/{number}/keep", "/jobs/{number}/replan")
 _OPERATE = (
     "/jobs/{number}/approve",
     "/jobs/{number}/move",
+    "/jobs/{number}/start",
     "/printers/{name}/cleared",
     "/printers/{name}/load",
     "/printers/{name}/maintained",
@@ -63,6 +64,7 @@ PAGES = (
     "/history.csv",
     "/jobs/{number}",
     "/jobs/{number}/instructions",
+    "/jobs/{number}/parts.zip",
     "/jobs/{number}/report",
     "/jobs/{number}/stills/{name}",
 )
@@ -86,7 +88,7 @@ ROLES: dict[tuple[str, str], Role] = {
     **{("GET", path): Role.OPERATE for path in OPERATOR_PAGES},
     ("POST", "/logout"): Role.LOOK,
     **{("GET", NETWORK_PREFIX + path): Role.LOOK for path in _LOOK},
-    **{("POST", NETWORK_PREFIX + path): Role.PRINT for path in (*_PRINT, *_PRINT_ONLY_API)},
+    **{("POST", NETWORK_PREFIX + path): Role.PRINT for path in _PRINT},
     **{("POST", NETWORK_PREFIX + path): Role.OPERATE for path in _OPERATE},
     **{("POST", path): Role.PRINT for path in _PRINT if path != "/jobs"},  # forms of the pages
     **{("POST", path): Role.PRINT for path in (*_PLAN_FORMS, "/submit")},

@@ -12,6 +12,7 @@ from typing import Any
 from fastapi import Depends, FastAPI, Response
 from fastapi.responses import HTMLResponse, JSONResponse, PlainTextResponse
 from starlette.datastructures import Headers, MutableHeaders
+from starlette.middleware.gzip import DEFAULT_EXCLUDED_CONTENT_TYPES, GZipMiddleware
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 import farm
@@ -31,7 +32,6 @@ from farm.web.access import LIVENESS, METRICS, SCHEMA, SCHEMA_PAGE, find_role, i
 from farm.web.actions import job_forms, printer_forms
 from farm.web.address_limit import group_address
 from farm.web.callers import CallerFinder, KeyHolder, Visitor
-from farm.web.compression import PageCompression
 from farm.web.cookies import SessionCookie
 from farm.web.guard import Refusal, check_head, check_host, check_origin, check_page
 from farm.web.live import LivePages, live_routes
@@ -45,11 +45,17 @@ from farm.web.pages import (
     job_pages,
     login_routes,
     page_routes,
+    printer_routes,
     render_api_page,
     render_message,
+    submit_routes,
 )
 from farm.web.slicers import add_slicer_routes, is_slicer_path, is_slicer_upload, make_text
 
+_GZIP_LEVEL = 5
+_FILES = ("text/plain", "model/*", "application/octet-stream", "application/vnd.ms-pki.stl")
+_NOT_COMPRESSED = (*DEFAULT_EXCLUDED_CONTENT_TYPES, *_FILES)
+"""G-code and models may be large: they are sent as they are, with their length."""
 _HEADERS = {
     "content-security-policy": "default-src 'none'; style-src 'self'; script-src 'self'; "
     "img-src 'self'; connect-src 'self'; form-action 'self'; frame-ancestors 'none'; base-uri 'none'",
@@ -77,7 +83,7 @@ def make_web_app(services: Services, dry_runs: DryRuns, names: Collection[str]) 
     )
     add_routes(app, services, dry_runs, NETWORK_PREFIX)
     add_slicer_routes(app, services)
-    app.add_middleware(PageCompression)
+    app.add_middleware(GZipMiddleware, compresslevel=_GZIP_LEVEL, exclude_content_types=_NOT_COMPRESSED)
     app.add_middleware(
         BodyLimit,
         is_upload=lambda path: path in (NETWORK_PREFIX + UPLOAD_PATH, SUBMIT_PATH) or is_slicer_upload(path),
@@ -121,8 +127,10 @@ def _add_pages(app: FastAPI, services: Services, dry_runs: DryRuns) -> None:
     live = LivePages(services.page_streams)
     app.include_router(page_routes(services, notes, live))
     app.include_router(live_routes(live, services.page_streams))
-    app.include_router(fleet_routes(services, notes))
+    app.include_router(fleet_routes(services, notes, live))
+    app.include_router(printer_routes(services, notes, live))
     app.include_router(job_pages(services, jobs, dry_runs, notes, live))
+    app.include_router(submit_routes(services, jobs, notes))
     app.include_router(printer_forms(printers, parts))
     app.include_router(job_forms(services, jobs, parts))
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 from farm.model import Role
@@ -57,6 +59,13 @@ class Notes:
         if len(self._notes) > _MAX_READERS:
             del self._notes[next(iter(self._notes))]
 
-    def take(self, reader: str) -> Note | None:
-        """Return the note of a reader and forget it; None if there is none."""
-        return self._notes.pop(reader, None)
+    @contextmanager
+    def show(self, reader: str) -> Iterator[Note | None]:
+        """Take the note of a reader; it is kept if the page with it fails. None if there is none."""
+        note = self._notes.pop(reader, None)
+        try:
+            yield note
+        except BaseException:
+            if note is not None:
+                self._notes.setdefault(reader, note)
+            raise

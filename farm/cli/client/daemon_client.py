@@ -92,6 +92,9 @@ class Client:
     def move(self, number: int, request: api.QueueMove) -> api.Queue:
         return self._ask(api.Queue, "POST", f"/jobs/{number}/move", body=request)
 
+    def reschedule(self, number: int, request: api.JobStart) -> api.JobStatus:
+        return self._ask(api.JobStatus, "POST", f"/jobs/{number}/start", body=request)
+
     def timeline(self, number: int) -> api.Timeline:
         return self._ask(api.Timeline, "GET", f"/jobs/{number}/timeline")
 

@@ -36,15 +36,24 @@ def queue(
     before: Annotated[
         int | None, typer.Option(help="Move it before this job.", autocompletion=completion.jobs)
     ] = None,
+    at: Annotated[
+        str | None, typer.Option(help="Start nothing more of it before this time; `now`: when it can.")
+    ] = None,
     json: Json = False,
 ) -> None:
-    """Show the jobs in the order in which they get printers, and move one."""
-    if job is not None and (to is None) == (before is None):
-        raise typer.BadParameter("give up, down, first or last, or --before JOB", param_hint="TO")
-    if job is None and before is not None:
-        raise typer.BadParameter("give the job to move too", param_hint="--before")
+    """Show the jobs in the order in which they get printers; move one, or give it another start."""
+    if job is not None and [to, before, at].count(None) != 2:
+        raise typer.BadParameter(
+            "give up, down, first or last, or --before JOB, or --at TIME", param_hint="TO"
+        )
+    if job is None and (before is not None or at is not None):
+        raise typer.BadParameter("give the job too", param_hint="--before" if at is None else "--at")
     client = connect(places)
-    answer = client.queue() if job is None else client.move(job, api.QueueMove(to=to, before=before))
+    if job is not None and at is not None:
+        client.reschedule(job, api.JobStart(at=at))
+    elif job is not None:
+        client.move(job, api.QueueMove(to=to, before=before))
+    answer = client.queue()
     if json:
         print_json(answer)
         return

@@ -49,6 +49,11 @@ def job_routes(services: Services, jobs: JobCommands, dry_runs: DryRuns) -> APIR
         jobs.move(number, request, by)
         return await queue()
 
+    @router.post("/jobs/{number}/start")
+    async def reschedule(number: int, request: api.JobStart, by: OperatorName) -> api.JobStatus:
+        jobs.reschedule(number, request.at, by)
+        return await job(number)
+
     @router.post("/jobs/{number}/cancel")
     async def cancel(number: int, by: CallerName) -> api.JobStatus:
         jobs.cancel(number, by)

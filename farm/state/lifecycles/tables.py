@@ -72,6 +72,7 @@ JOB = Lifecycle(
         _make_row(ev.JobFailed, [_J.PLANNING], [_J.FAILED]),
         _make_row(ev.JobPaused, _LIVE, None),
         _make_row(ev.JobMoved, _LIVE, None),
+        _make_row(ev.JobRescheduled, _LIVE, None),
         _make_row(ev.JobAssembled, [_J.PRINTED, _J.DONE], None),
         _make_row(ev.JobCancelled, _LIVE, [_J.CANCELLED]),
         _make_row(ev.JobPruned, [_J.DONE, _J.FAILED, _J.CANCELLED], None),

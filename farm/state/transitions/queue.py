@@ -1,4 +1,4 @@
-"""Rule for a job that is moved in the queue. Pure.
+"""Rules for a job that is moved in the queue, or has another start. Pure.
 
 A moved job takes the priority of the job that follows it, and a rank between its neighbours. The rank of a
 job that was never moved is its number, so that jobs submitted later stand behind all of its priority.
@@ -25,6 +25,11 @@ def _(event: ev.JobMoved, books: Books) -> Result:
         raise InvalidTransition(event, JOB, target.id, target.state, "not in the queue")
     place = len(others) if event.before is None else numbers.index(event.before)
     return put(books, *_place_job(books.job(event.job), others, place, max(books.jobs))), ()
+
+
+@change.register
+def _(event: ev.JobRescheduled, books: Books) -> Result:
+    return put(books, replace_fields(books.job(event.job), not_before_s=event.not_before_s)), ()
 
 
 def _place_job(job: Job, others: list[Job], place: int, last_number: int) -> Iterator[Job]:

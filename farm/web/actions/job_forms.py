@@ -26,6 +26,13 @@ def job_forms(services: Services, jobs: JobCommands, parts: PartCommands) -> API
         jobs.move(number, await read_form(request, api.QueueMove), by)
         return answer_form(request, Note(f"Job {number} has moved in the queue."))
 
+    @router.post("/jobs/{number}/start")
+    async def reschedule(number: int, request: Request, by: OperatorName) -> Response:
+        at = (await read_form(request, api.JobStart)).at
+        jobs.reschedule(number, at, by)
+        when = "as soon as it can" if at == "now" else f"not before {at}"
+        return answer_form(request, Note(f"Job {number} starts {when}."))
+
     @router.post("/jobs/{number}/cancel")
     async def cancel(number: int, request: Request, by: CallerName) -> Response:
         jobs.cancel(number, by)
@@ -40,6 +47,12 @@ def job_forms(services: Services, jobs: JobCommands, parts: PartCommands) -> API
     async def resume(number: int, request: Request, by: CallerName) -> Response:
         jobs.pause(number, False, by)
         return answer_form(request, Note(f"Job {number} goes on."))
+
+    @router.post("/jobs/{number}/assembled")
+    async def assembled(number: int, request: Request, by: CallerName) -> Response:
+        minutes = (await read_form(request, api.AssembledRequest)).minutes
+        jobs.record_assembly(number, minutes, by)
+        return answer_form(request, Note(f"Job {number} is assembled, in {minutes:g} minutes."))
 
     @router.post("/jobs/{number}/parts/{part}/reprint")
     async def reprint_part(number: int, part: str, request: Request, by: CallerName) -> Response:

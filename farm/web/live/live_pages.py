@@ -10,8 +10,9 @@ import json
 import logging
 import re
 import time
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import suppress
+from functools import partial
 
 from farm.errors import FarmError, NoSuchThing
 from farm.http import StreamLimit
@@ -21,8 +22,8 @@ from farm.web.notes import Reader
 
 log = logging.getLogger(__name__)
 
-Render = Callable[[Reader, str], str]
-"""Renders a page for a reader, from the variable part of its path."""
+Render = Callable[[Reader, str, str], Awaitable[str]]
+"""Renders a page for a reader, from the variable part of its path, and the query of its address."""
 
 _PERIOD_S = 1.0
 _LARGEST_SHARE = 0.05  # of a core, that rendering may take
@@ -32,19 +33,31 @@ _BEAT = b"event: beat\ndata:\n\n"
 
 
 class _Topic:
-    """One page for one role, as its viewers last saw it."""
+    """One page for one role, as its viewers last saw it; rendered again in each so many rounds."""
 
-    def __init__(self, render: Callable[[], str]) -> None:
+    def __init__(self, render: Callable[[], Awaitable[str]], page: str, rounds: int) -> None:
         self._render = render
+        self._rounds = self._rounds_left = rounds
         self.viewers, self.is_over = 0, False
-        self.fragments = split_page(render())
+        self.fragments = split_page(page)
         self.version, self._message = self.fragments.version, b""
         self._before: str | None = None
         self._change = asyncio.Event()
 
-    def refresh(self) -> None:
-        """Render again, and wake the viewers if something has changed."""
-        fragments = split_page(self._render())
+    async def refresh(self) -> None:
+        """Render again if its round has come, and wake the viewers if something has changed."""
+        self._rounds_left -= 1
+        if self._rounds_left <= 0:
+            await self._render_again()
+
+    async def receive(self, version: str) -> None:
+        """Take up a viewer; one whose version is another may have a later one than a page of many rounds."""
+        if self._rounds > 1 and version not in (self.version, self._before):
+            await self._render_again()
+
+    async def _render_again(self) -> None:
+        self._rounds_left = self._rounds
+        fragments = split_page(await self._render())
         changes = find_changes(self.fragments, fragments)
         if changes:
             self._before, self.version, self.fragments = self.version, fragments.version, fragments
@@ -82,36 +95,49 @@ class LivePages:
 
     def __init__(self, streams: StreamLimit) -> None:
         self._streams = streams
-        self._renders: list[tuple[re.Pattern[str], Render]] = []
+        self._pages: list[tuple[re.Pattern[str], Render, int]] = []
         self._topics: dict[tuple[str, Role], _Topic] = {}
         self._refreshing: asyncio.Task[None] | None = None
 
-    def add(self, path: str, render: Render) -> None:
-        """Add a page, with at most one variable in its path, such as `/jobs/{number}`."""
-        self._renders.append((re.compile(re.sub(r"\{\w+\}", "([^/]+)", path)), render))
+    def add(self, path: str, render: Render, rounds: int = 1) -> None:
+        """Add a page.
 
-    def join(self, path: str, role: Role) -> _Topic:
+        Parameters
+        ----------
+        path
+            Its path with at most one variable, such as `/jobs/{number}`.
+        render
+            Renders it.
+        rounds
+            It is rendered in each so many rounds, of a second or more.
+        """
+        self._pages.append((re.compile(re.sub(r"\{\w+\}", "([^/]+)", path)), render, rounds))
+
+    async def join(self, address: str, role: Role) -> _Topic:
         """Return a page for a role. Raises FarmError if there is no such page."""
-        topic = self._topics.get((path, role))
-        if topic is None:
-            topic = self._topics[path, role] = _Topic(self._find_render(path, role))
-        return topic
+        topic = self._topics.get((address, role))
+        if topic is not None:
+            return topic
+        render, rounds = self._find_render(address, role)
+        made = _Topic(render, await render(), rounds)
+        return self._topics.setdefault((address, role), made)
 
     async def follow(
-        self, path: str, role: Role, version: str, is_allowed: Callable[[], bool]
+        self, address: str, role: Role, version: str, is_allowed: Callable[[], bool]
     ) -> AsyncIterator[bytes]:
         """Yield the changes of a page as server-sent events, and a beat where there are none.
 
         Parameters
         ----------
-        path, role
-            The page, and the role of its viewer.
+        address, role
+            Path of the page, with its query, and the role of its viewer.
         version
             Version that the viewer has.
         is_allowed
             Returns whether the viewer may still see it.
         """
-        topic = self.join(path, role)
+        topic = await self.join(address, role)
+        await topic.receive(version)
         topic.viewers += 1
         self._start()
         try:
@@ -125,12 +151,12 @@ class LivePages:
         finally:
             topic.viewers -= 1
 
-    def _find_render(self, path: str, role: Role) -> Callable[[], str]:
-        for pattern, render in self._renders:
+    def _find_render(self, address: str, role: Role) -> tuple[Callable[[], Awaitable[str]], int]:
+        path, _, query = address.partition("?")
+        for pattern, render, rounds in self._pages:
             found = pattern.fullmatch(path)
             if found is not None:
-                reader, variable = Reader("", role), "".join(found.groups())
-                return lambda: render(reader, variable)
+                return partial(render, Reader("", role), "".join(found.groups()), query), rounds
         raise NoSuchThing(f"the page {path} is not kept up to date")
 
     def _start(self) -> None:
@@ -142,18 +168,20 @@ class LivePages:
         pause_s = _PERIOD_S
         while self._topics:
             await self._streams.wait(pause_s)
-            start_s = time.thread_time()
+            spent_s = 0.0
             for key, topic in list(self._topics.items()):
                 if topic.viewers == 0 or self._streams.is_closed:
                     self._end_topic(key)
                 else:
-                    self._refresh_topic(key, topic)
+                    begin_s = time.perf_counter()  # some pages are rendered beside the loop
+                    await self._refresh_topic(key, topic)
+                    spent_s += time.perf_counter() - begin_s
                 await asyncio.sleep(0.0)  # other work between two pages
-            pause_s = max(_PERIOD_S, (time.thread_time() - start_s) / _LARGEST_SHARE)
+            pause_s = max(_PERIOD_S, spent_s / _LARGEST_SHARE)
 
-    def _refresh_topic(self, key: tuple[str, Role], topic: _Topic) -> None:
+    async def _refresh_topic(self, key: tuple[str, Role], topic: _Topic) -> None:
         try:
-            topic.refresh()
+            await topic.refresh()
         except Exception as error:
             if not isinstance(error, FarmError):  # such as a job that was pruned
                 log.exception("the page %s", key[0])

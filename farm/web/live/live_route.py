@@ -11,7 +11,7 @@ from farm.http import StreamLimit, StreamResponse
 from farm.web.callers import find_holder
 from farm.web.live.live_pages import LivePages
 
-_MAX_LENGTH = 200
+_MAX_LENGTH = 300
 
 
 def live_routes(pages: LivePages, streams: StreamLimit) -> APIRouter:
@@ -27,7 +27,7 @@ def live_routes(pages: LivePages, streams: StreamLimit) -> APIRouter:
         """Send the elements of a page that change, by their ids, as JSON; beats while nothing does."""
         holder = find_holder(request)
         streams.check(holder.name)
-        pages.join(page, holder.role)  # an error is an answer, and no stream
+        await pages.join(page, holder.role)  # an error is an answer, and no stream
         changes = pages.follow(page, holder.role, version, request.state.is_allowed)
         return StreamResponse(changes, streams.count(holder.name))
 

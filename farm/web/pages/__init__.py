@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from farm.web.pages.api_page import POLICY, render_api_page
-from farm.web.pages.fleet import fleet_routes
+from farm.web.pages.fleet import fleet_routes, printer_routes
 from farm.web.pages.jobs import job_pages
 from farm.web.pages.login_routes import login_routes
 from farm.web.pages.rendering import render_message
 from farm.web.pages.routes import page_routes
-from farm.web.pages.submit import SUBMIT_PATH
+from farm.web.pages.submit import SUBMIT_PATH, submit_routes
 
 __all__ = [
     "POLICY",
@@ -17,6 +17,8 @@ __all__ = [
     "job_pages",
     "login_routes",
     "page_routes",
+    "printer_routes",
     "render_api_page",
     "render_message",
+    "submit_routes",
 ]

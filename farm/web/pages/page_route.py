@@ -3,21 +3,34 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Coroutine
-from typing import Any
+from typing import Any, TypeVar
+from urllib.parse import parse_qsl
 
 from fastapi import Request, Response
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import HTMLResponse
 from fastapi.routing import APIRoute
-from pydantic import BeforeValidator
+from pydantic import BaseModel, BeforeValidator, ValidationError
 
-from farm.errors import FarmError, NoSuchThing
+from farm.errors import ErrorCode, FarmError, NoSuchThing
 from farm.text import describe_first_error
 from farm.web.pages.rendering import render_message
 
+_MAX_FIELDS = 20
 _NOT_FOUND, _BAD_REQUEST = 404, 400
+_Query = TypeVar("_Query", bound=BaseModel)
 EMPTY_IS_NONE = BeforeValidator(lambda value: None if value == "" else value)
 """Reads a field of a form that was left empty as if it were missing."""
+
+
+def read_query(model: type[_Query], text: str) -> _Query:
+    """Read the query of an address, for a page without a request. Raises FarmError if it is wrong."""
+    try:
+        return model.model_validate(dict(parse_qsl(text, max_num_fields=_MAX_FIELDS)))
+    except ValidationError as error:
+        raise FarmError(describe_first_error(error.errors()), ErrorCode.SETTINGS) from error
+    except ValueError as error:
+        raise FarmError("the query of the address cannot be read", ErrorCode.SETTINGS) from error
 
 
 class PageRoute(APIRoute):

@@ -30,16 +30,19 @@ def page_routes(services: Services, notes: Notes, live: LivePages) -> APIRouter:
     """
     router = APIRouter(include_in_schema=False)
 
-    def show_home(reader: Reader, _: str = "", note: Note | None = None) -> str:
+    def show_home(reader: Reader, note: Note | None = None) -> str:
         return render_home(describe_farm(services), reader, note)
 
-    live.add("/", show_home)
+    async def show_live(reader: Reader, _variable: str, _query: str) -> str:
+        return show_home(reader)
+
+    live.add("/", show_live)
 
     @router.get("/")
     async def home(request: Request) -> Response:
         holder = find_holder(request)
-        page = show_home(Reader.for_holder(holder), note=notes.take(holder.key.id))
-        return HTMLResponse(publish_page(page))
+        with notes.show(holder.key.id) as note:
+            return HTMLResponse(publish_page(show_home(Reader.for_holder(holder), note)))
 
     @router.get("/static/{name}")
     async def static_file(name: str, request: Request) -> Response:

@@ -1,12 +1,13 @@
 """Jobs moved in the queue, through the daemon's own rules."""
 
+from datetime import datetime
 from pathlib import Path
 
 import pytest
 
 from farm.api import QueueMove, QueuePlace
-from farm.errors import NoSuchThing, Refused
-from farm.model import JobOptions
+from farm.errors import FarmError, NoSuchThing, Refused
+from farm.model import HoldCode, JobOptions
 from farm.paths import StateFolder
 from farm.planning.plan import Plan
 from farm.views.queue import describe_queue
@@ -79,3 +80,19 @@ def test_moved_job_gets_the_next_free_printer_and_forecast(farm, tmp_path):
     again = Farm(tmp_path)  # the order is in the books
     assert shown(again) == [3, 1, 2]
     assert [plate.job for plate in again.controller.expected_situation().by_priority[:3]] == [3, 3, 3]
+
+
+def test_another_start_is_set_and_taken_back(farm):
+    at = datetime.fromtimestamp(farm.controller.clock.now() + 7200.0, farm.controller.fleet.zone)
+    farm.jobs.reschedule(3, at.isoformat(" "), "ann")
+    assert farm.controller.books.job(3).not_before_s == pytest.approx(farm.controller.clock.now() + 7200.0)
+    held = {hold.code for name, hold in farm.controller.plate_holds().items() if name.startswith("3/")}
+    assert held == {HoldCode.START_TIME}
+    farm.jobs.reschedule(3, "now", "ann")
+    assert farm.controller.books.job(3).not_before_s is None
+    for text, error in (("25:00", "not a time"), ("2001-01-01 00:00", "has passed")):
+        with pytest.raises(FarmError, match=error):
+            farm.jobs.reschedule(3, text, "ann")
+    farm.jobs.cancel(3, "ann")
+    with pytest.raises(Refused, match="has already ended"):
+        farm.jobs.reschedule(3, "now", "ann")

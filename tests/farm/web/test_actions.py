@@ -86,6 +86,20 @@ def test_notes_of_a_thousand_readers_are_kept_at_most():
     notes = Notes()
     for number in range(1001):
         notes.put(str(number), Note("done"))
-    assert notes.take("0") is None
-    assert notes.take("1000") == Note("done")
-    assert notes.take("1000") is None
+    assert read_note(notes, "0") is None
+    assert read_note(notes, "1000") == Note("done")
+    assert read_note(notes, "1000") is None
+
+
+def test_note_stays_for_the_next_page_if_a_page_fails():
+    notes = Notes()
+    notes.put("ann", Note("job 1 is approved"))
+    with pytest.raises(ValueError, match="a fault"), notes.show("ann"):
+        raise ValueError("a fault")
+    assert read_note(notes, "ann") == Note("job 1 is approved")
+
+
+def read_note(notes, reader):
+    """Return the note of a reader, as a page shows it."""
+    with notes.show(reader) as note:
+        return note

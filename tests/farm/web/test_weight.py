@@ -11,6 +11,7 @@ from farm.web.notes import Reader
 from farm.web.pages.home import render_home
 from farm.web.pages.static_files import load_static_files
 from network_farm import NetworkFarm
+from planned_job import plan_job
 
 FIRST_PAGE_BYTES, WITH_VIEWER_BYTES = 60_000, 250_000
 
@@ -50,10 +51,23 @@ def test_page_is_compressed_for_clients_that_read_it(tmp_path):
     session = network.open_session()
     page = network.browse("GET", "/", session)
     assert page.headers["content-encoding"] == "gzip"
-    assert page.headers["vary"] == "accept-encoding"
+    assert page.headers["vary"].lower() == "accept-encoding"
     plain = network.browse("GET", "/", session, {"accept-encoding": "identity"})
     assert "content-encoding" not in plain.headers
     assert int(plain.headers["content-length"]) == len(plain.content)
     assert plain.text == page.text
     assert "content-encoding" not in network.ask("GET", "/healthz").headers
+    network.store.close()
+
+
+def test_files_of_jobs_are_sent_as_they_are(tmp_path):
+    network = NetworkFarm(tmp_path)
+    plan_job(network, glb=b"glTF" * 1000)
+    (network.state.files / "g.gcode").write_bytes(b"G1 X1\n" * 1000)
+    (network.state.files / "p.stl").write_bytes(b"solid " * 1000)
+    session = network.open_session()
+    for name in ("plate-01.gcode", "p01.stl", "assembly.glb"):
+        answer = network.browse("GET", f"/api/v1/jobs/1/files/{name}", session)
+        assert "content-encoding" not in answer.headers, (name, answer.headers)
+        assert int(answer.headers["content-length"]) == len(answer.content) >= 4000
     network.store.close()

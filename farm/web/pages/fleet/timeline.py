@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from datetime import datetime
 from typing import Annotated, Literal
+from urllib.parse import urlencode
+from zoneinfo import ZoneInfo
 
 from pydantic import BaseModel, Field
 
@@ -32,6 +35,10 @@ class TimelineQuery(BaseModel):
     def back_s(self) -> float:
         """Return the length of the shown past, in seconds."""
         return int(self.hours) * 3600.0
+
+    def write(self) -> str:
+        """Return it as it stands in an address."""
+        return urlencode(self.model_dump(exclude_defaults=True))
 
     def check(self) -> None:
         """Raise Refused if a job is named without a change, or a change without a job."""
@@ -78,9 +85,18 @@ def render_timeline(
         moves=MOVES,
         move=query.to or "",
         at=query.at,
+        address=f"/timeline?{query.write()}",
+        start=format_start(view),
         tried=describe_change(view.change, query),
         describe_shift=describe_shift,
     )
+
+
+def format_start(view: TimelineView) -> str:
+    """Write the start that is tried out with its date, so that it means the same later; empty for none."""
+    if view.change is None or view.change.not_before_s is None:
+        return ""
+    return datetime.fromtimestamp(view.change.not_before_s, ZoneInfo(view.zone)).isoformat(" ", "minutes")
 
 
 def describe_change(change: Change | None, query: TimelineQuery) -> str:

@@ -10,7 +10,6 @@ from farm.web.live import LivePages
 from farm.web.notes import Notes
 from farm.web.pages.jobs.forms import plan_forms
 from farm.web.pages.jobs.routes import job_page_routes
-from farm.web.pages.submit import submit_routes
 
 __all__ = ["job_pages"]
 
@@ -32,5 +31,4 @@ def job_pages(
     router = APIRouter(include_in_schema=False)
     router.include_router(job_page_routes(services, dry_runs, notes, live))
     router.include_router(plan_forms(services, jobs))
-    router.include_router(submit_routes(services, jobs, notes))
     return router

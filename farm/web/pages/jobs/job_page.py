@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
 
 from farm import api
-from farm.model import HoldCode, JobState, PlanProgress, PlanStep
+from farm.model import HoldCode, Job, JobState, PlanProgress, PlanStep, Plate, Role
 from farm.text import format_count, format_duration, format_mass, format_moment
 from farm.views.charts import Gantt, lay_out_gantt, list_bars, list_expected_bars
 from farm.views.decomposition_report import Report
@@ -49,6 +49,8 @@ class JobData:
         Names of its files.
     curve_job
         Job whose report has the curve; None for this one.
+    gcode
+        Figures of a person's own G-code.
     """
 
     job: api.JobView
@@ -58,6 +60,7 @@ class JobData:
     report: Report = field(default_factory=Report)
     files: Sequence[str] = ()
     curve_job: int | None = None
+    gcode: Sequence[tuple[str, str]] = ()
 
 
 def render_job_page(data: JobData, farm: str, reader: Reader, note: Note | None = None) -> str:
@@ -91,8 +94,8 @@ def render_job_page(data: JobData, farm: str, reader: Reader, note: Note | None 
         gantt=draw_job_gantt(data, now),
         curve=draw_job_curve(data, now) if job.options.dry_run else None,
         curve_job=data.curve_job or job.id,
-        is_live=data.curve_job is None,
-        figures=[(name, text) for name, text in list_figures(job) if text != "-"],
+        figures=[(name, text) for name, text in (*data.gcode, *list_figures(job)) if text != "-"],
+        is_glued_here=may_report_assembly(job, reader.role),
         report=data.report,
         model=_MODEL if _MODEL in data.files else None,
         picture=_PICTURE if _PICTURE in data.files else None,
@@ -157,6 +160,25 @@ def list_reasons(job: api.JobView, timeline: api.Timeline | None = None) -> list
         if text not in reasons:
             reasons.append(f"{shorten_names(plates)}: {text}")
     return reasons
+
+
+def may_report_assembly(job: api.JobView, role: Role) -> bool:
+    """Return whether a reader may say how long it took to glue the parts of a job."""
+    is_printed = job.state in (JobState.PRINTED, JobState.DONE)
+    return is_printed and len(job.parts) > 1 and role.allows(Role.PRINT)
+
+
+def measure_own_gcode(job: Job, plates: Iterable[Plate]) -> list[tuple[str, str]]:
+    """List size, layers and time of a person's own G-code, once it is planned; nothing for a model."""
+    if job.own_gcode is None:
+        return []
+    low_mm, high_mm = job.own_gcode.min_mm, job.own_gcode.max_mm
+    size = " × ".join(f"{high - low:.0f}" for low, high in zip(low_mm, high_mm, strict=True))
+    layers = [
+        (("layers", str(plate.layers)), ("time of its moves", format_duration(plate.sliced_s)))
+        for plate in plates
+    ]
+    return [("size", f"{size} mm"), *(layers[0] if layers else ())]
 
 
 def list_changes(job: api.JobView) -> list[str]:

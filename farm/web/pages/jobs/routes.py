@@ -7,9 +7,11 @@ import time
 from datetime import datetime
 from functools import lru_cache
 from pathlib import Path
+from typing import Annotated
 
-from fastapi import APIRouter, Request, Response
-from fastapi.responses import FileResponse, HTMLResponse
+from fastapi import APIRouter, Query, Request, Response
+from fastapi.responses import FileResponse, HTMLResponse, StreamingResponse
+from pydantic import BaseModel
 
 from farm import api
 from farm.control import READING_S, DryRuns
@@ -21,8 +23,9 @@ from farm.views.report import list_figures, render_page
 from farm.web.callers import find_holder
 from farm.web.live import LivePages, publish_page
 from farm.web.notes import Note, Notes, Reader
-from farm.web.pages.jobs.job_page import JobData, render_job_page
-from farm.web.pages.page_route import PageRoute
+from farm.web.pages.jobs.archive import write_archive
+from farm.web.pages.jobs.job_page import JobData, measure_own_gcode, render_job_page
+from farm.web.pages.page_route import EMPTY_IS_NONE, PageRoute, read_query
 
 _INSTRUCTIONS, _PICTURE, _REPORT = "instructions.html", "assembly.png", "decomposition.json"
 _DOCUMENT = {
@@ -31,6 +34,12 @@ _DOCUMENT = {
 }
 """Policy of a page that the farm wrote as one file: its own style and pictures, and no script."""
 _MAX_PRINTS = 2000  # of other jobs, in a timeline
+
+
+class JobQuery(BaseModel):
+    """Address of a job's page: the job whose curve it shows, if that is another one."""
+
+    curve: Annotated[int | None, EMPTY_IS_NONE] = None
 
 
 def job_page_routes(services: Services, dry_runs: DryRuns, notes: Notes, live: LivePages) -> APIRouter:
@@ -50,38 +59,49 @@ def job_page_routes(services: Services, dry_runs: DryRuns, notes: Notes, live: L
     router, controller = APIRouter(route_class=PageRoute, include_in_schema=False), services.controller
     farm = controller.fleet.fleet.name
 
-    def read_stored_report(number: int) -> Report:
+    async def read_stored_report(number: int) -> Report:
         stored = name_stored_files(controller.books, number).get(_REPORT)
         try:
-            return Report() if stored is None else _read_report(services.state.files / stored)
+            path = services.state.files / (stored or "")
+            return Report() if stored is None else await asyncio.to_thread(_read_report, path)
         except OSError:  # the page shows the rest
             return Report()
 
-    def show(reader: Reader, number: str, note: Note | None = None, curve: int | None = None) -> str:
-        report = read_stored_report(int(number))
+    async def show(reader: Reader, number: int, note: Note | None = None, curve: int | None = None) -> str:
+        dry_runs.keep(number, time.monotonic(), READING_S)
+        report = await read_stored_report(number)
         if curve is not None and not report.curve:
-            report = report.model_copy(update={"curve": read_stored_report(curve).curve})
-        data = describe_job_page(services, int(number), report, curve)
+            report = report.model_copy(update={"curve": (await read_stored_report(curve)).curve})
+        data = describe_job_page(services, number, report, curve)
         return render_job_page(data, farm, reader, note)
 
-    def show_live(reader: Reader, number: str) -> str:
+    async def show_live(reader: Reader, number: str, query: str) -> str:
         if not number.isdecimal():
             raise NoSuchThing(f"there is no job {number}")
-        return show(reader, number)
+        return await show(reader, int(number), curve=read_query(JobQuery, query).curve)
 
     live.add("/jobs/{number}", show_live)
 
     @router.get("/jobs/{number}")
-    async def show_job(number: int, request: Request, curve: int | None = None) -> Response:
+    async def show_job(number: int, request: Request, query: Annotated[JobQuery, Query()]) -> Response:
         holder = find_holder(request)
-        dry_runs.keep(number, time.monotonic(), READING_S)
-        page = show(Reader.for_holder(holder), str(number), notes.take(holder.key.id), curve)
-        return HTMLResponse(publish_page(page))
+        with notes.show(holder.key.id) as note:
+            page = await show(Reader.for_holder(holder), number, note, query.curve)
+            return HTMLResponse(publish_page(page))
 
     @router.get("/jobs/{number}/instructions")
     async def show_instructions(number: int) -> Response:
         path = await find_stored_file(services, number, _INSTRUCTIONS)
         return FileResponse(path, media_type="text/html", headers=_DOCUMENT)
+
+    @router.get("/jobs/{number}/parts.zip")
+    async def send_parts(number: int) -> Response:
+        stored = name_stored_files(controller.books, number)
+        parts = {name: services.state.files / file for name, file in stored.items() if name.endswith(".stl")}
+        for name in parts or ["parts.zip"]:
+            await find_stored_file(services, number, name)  # a missing one is an error, and no broken archive
+        headers = {"content-disposition": f'attachment; filename="job-{number}-parts.zip"'}
+        return StreamingResponse(write_archive(parts), media_type="application/zip", headers=headers)
 
     @router.get("/jobs/{number}/report")
     async def show_report(number: int) -> Response:
@@ -94,7 +114,7 @@ def job_page_routes(services: Services, dry_runs: DryRuns, notes: Notes, live: L
         except (NoSuchThing, OSError):
             picture = None
         now = datetime.fromtimestamp(context.now_s, controller.fleet.zone)
-        page = render_page(job, others, now, list_figures(job), {}, picture, read_stored_report(number))
+        page = render_page(job, others, now, list_figures(job), {}, picture, await read_stored_report(number))
         return HTMLResponse(page, headers=_DOCUMENT)
 
     return router
@@ -128,4 +148,5 @@ def describe_job_page(services: Services, number: int, report: Report, curve_job
         report,
         tuple(name_stored_files(controller.books, number)),
         curve_job,
+        measure_own_gcode(job, controller.books.plates_of(job)),
     )

@@ -49,7 +49,8 @@ def submit_routes(services: Services, jobs: JobCommands, notes: Notes) -> APIRou
     @router.get(SUBMIT_PATH)
     async def show_form(request: Request) -> Response:
         holder = find_holder(request)
-        return HTMLResponse(render(Reader.for_holder(holder), notes.take(holder.key.id)))
+        with notes.show(holder.key.id) as note:
+            return HTMLResponse(render(Reader.for_holder(holder), note))
 
     @router.post(SUBMIT_PATH)
     async def submit(request: Request, by: CallerName) -> Response:

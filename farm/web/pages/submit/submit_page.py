@@ -6,6 +6,7 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from decompose.files.extras import reads_step
 from drivers.printers import PROFILES
 from farm.config import Fleet, PrinterSection
 from farm.text import format_count
@@ -14,7 +15,8 @@ from farm.web.pages.rendering import render_page
 from farm.web.pages.submit.options import DEFAULTS, QUALITIES, UNITS
 
 SUBMIT_PATH = "/submit"
-FILE_TYPES = ".stl,.3mf,.obj,.ply,.off,.step,.stp,.gcode,.gco,.g"
+_MESHES, _GCODE = ".stl,.3mf,.obj,.ply,.off", ".gcode,.gco,.g"
+_STEP = ".step,.stp"
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,6 +33,8 @@ class SubmitChoices:
         Each size of build volume with the model's name: width, depth and height.
     timezone
         Time zone of the times in the form.
+    reads_step
+        Whether the extra that reads STEP is installed.
     """
 
     printers: int
@@ -38,6 +42,7 @@ class SubmitChoices:
     colours: Sequence[str]
     beds_mm: Sequence[tuple[str, float, float, float]]
     timezone: str
+    reads_step: bool = False
 
 
 def list_choices(fleet: Fleet) -> SubmitChoices:
@@ -50,6 +55,7 @@ def list_choices(fleet: Fleet) -> SubmitChoices:
         colours=sorted({one.colour for one in printers if one.colour}),
         beds_mm=sorted(beds),
         timezone=fleet.fleet.timezone,
+        reads_step=reads_step(),
     )
 
 
@@ -92,5 +98,5 @@ def render_submit_page(
         units=UNITS,
         qualities=QUALITIES,
         beds=json.dumps([list(bed) for bed in choices.beds_mm]),
-        file_types=FILE_TYPES,
+        file_types=",".join((_MESHES, *([_STEP] if choices.reads_step else []), _GCODE)),
     )

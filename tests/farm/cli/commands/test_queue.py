@@ -27,6 +27,9 @@ def moves(monkeypatch):
             requests.append((number, request.to, request.before))
             return self.queue()
 
+        def reschedule(self, number, request):
+            requests.append((number, request.at))
+
     monkeypatch.setattr(queue, "connect", Daemon)
     return requests
 
@@ -44,10 +47,21 @@ def test_jobs_are_listed_in_their_order(moves):
 def test_job_is_moved_by_direction_or_before_another(moves):
     assert CliRunner().invoke(app, ["queue", "3", "up"]).exit_code == 0
     assert CliRunner().invoke(app, ["queue", "3", "--before", "7"]).exit_code == 0
-    assert moves == [(3, "up", None), (3, None, 7)]
+    assert CliRunner().invoke(app, ["queue", "3", "--at", "fri 22:00"]).exit_code == 0
+    assert moves == [(3, "up", None), (3, None, 7), (3, "fri 22:00")]
 
 
-@pytest.mark.parametrize("words", [["3"], ["3", "up", "--before", "7"], ["--before", "7"], ["3", "sideways"]])
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["3"],
+        ["3", "up", "--before", "7"],
+        ["--before", "7"],
+        ["--at", "22:00"],
+        ["3", "up", "--at", "22:00"],
+        ["3", "sideways"],
+    ],
+)
 def test_move_without_one_target_is_refused(moves, words):
     assert CliRunner().invoke(app, ["queue", *words]).exit_code == 2
     assert moves == []

@@ -1,16 +1,21 @@
 """Streams that keep pages up to date: what viewers get, and when streams end."""
 
 import asyncio
+import html
 import json
+import time
 from contextlib import ExitStack
+from urllib.parse import urlencode
 
 import pytest
 
+from farm.control import READING_S
 from farm.errors import NoSuchThing
 from farm.http import StreamLimit
 from farm.model import Role
 from farm.web.live import LivePages
-from network_farm import NetworkFarm
+from network_farm import HOST, NetworkFarm
+from planned_job import plan_job
 
 BEAT = b"event: beat\ndata:\n\n"
 
@@ -21,11 +26,11 @@ class Page:
     def __init__(self):
         self.number, self.rendered, self.error = 0, 0, None
 
-    def render(self, reader, variable):
+    async def render(self, reader, variable, query):
         self.rendered += 1
         if self.error is not None:
             raise self.error
-        element = f'<p id="n">{self.number} {reader.role} {variable}</p>'
+        element = f'<p id="n">{self.number} {reader.role} {variable}{query}</p>'
         return f'<body><main id="main"><!--live:n-->{element}<!--/live--></main></body>'
 
 
@@ -66,6 +71,7 @@ def run(page, scenario):
         streams = QuickStreams()
         pages = LivePages(streams)
         pages.add("/x/{number}", page.render)
+        pages.add("/slow", page.render, rounds=10)
         async with asyncio.timeout(20):
             await scenario(pages, streams)
             streams.close()
@@ -172,4 +178,94 @@ def test_stream_over_http(tmp_path):
     farm.services.page_streams.close()
     ended = farm.browse("GET", "/live?page=/", session)
     assert (ended.status_code, "ending" in ended.text) == (409, True)
+    farm.store.close()
+
+
+def test_page_of_several_rounds_is_rendered_in_the_last_of_them_or_for_who_knows_a_later_one(page):
+    async def scenario(pages, limit):
+        stream = follow(pages, path="/slow")
+        await anext(stream)
+        await anext(stream)
+        rendered, rounds, page.number = page.rendered, limit.rounds, 1
+        after, changes = await read_changes(stream)
+        assert (page.rendered, limit.rounds - rounds) == (rendered + 1, 10)
+        assert changes == {"n": '<p id="n">1 look </p>'}
+        page.number = 2
+        known = follow(pages, path="/slow", version=after)
+        await anext(known)
+        assert await anext(known) == BEAT
+        later = follow(pages, path="/slow", version="of a page that was loaded just now")
+        await anext(later)
+        assert "2 look" in parse(await anext(later))[1]["main"]
+        for one in (stream, known, later):
+            await one.aclose()
+
+    run(page, scenario)
+
+
+def test_query_of_an_address_is_passed_to_the_page(page):
+    async def scenario(pages, _):
+        stream = follow(pages, path="/x/7?days=3")
+        await anext(stream)
+        assert "0 look 7days=3" in parse(await anext(stream))[1]["main"]
+        await stream.aclose()
+
+    run(page, scenario)
+
+
+def test_streams_continue_what_the_pages_show_and_other_addresses_are_errors(tmp_path):
+    farm = NetworkFarm(tmp_path)
+    plan_job(farm, hold=True)
+    session = farm.open_session()
+    for address in (
+        "/", "/jobs/1", "/jobs/1?curve=2", "/printers/a", "/timeline?hours=24&job=1&to=last",
+        "/history?days=7",
+    ):  # fmt: skip
+        shown = farm.browse("GET", address, session).text
+        assert html.unescape(shown.partition('data-live="')[2].partition('"')[0]) == address
+        version, changes = parse(asyncio.run(read_first_event(farm, session, address)))
+        assert (f'data-version="{version}"' in shown, list(changes)) == (True, ["main"])
+        farm.services.page_streams._closing.clear()
+    for address, status in {
+        "/history?days=x": 400, "/timeline?hours=1": 400, "/jobs/x": 404, "/jobs/9": 404, "/printers/x": 404,
+    }.items():  # fmt: skip
+        answer = farm.browse("GET", f"/live?{urlencode({'page': address})}", session)
+        assert answer.status_code == status
+    farm.store.close()
+
+
+async def read_first_event(farm, session, address):
+    """Return the first event with data of the stream of a page, and end the stream."""
+    events, requests = [], [{"type": "http.request", "body": b""}]
+
+    async def receive():
+        return requests.pop() if requests else await asyncio.Future()
+
+    async def send(message):
+        if b"data: {" in message.get("body", b""):
+            events.append(message["body"])
+            farm.services.page_streams.close()
+
+    headers = {"host": HOST, **farm.hold(session)}
+    scope = {
+        "type": "http",
+        "method": "GET",
+        "path": "/live",
+        "query_string": urlencode({"page": address}).encode(),
+        "headers": [(name.encode(), value.encode()) for name, value in headers.items()],
+    }
+    async with asyncio.timeout(20):
+        await farm.web(scope, receive, send)
+    return events[0]
+
+
+def test_dry_run_is_kept_while_its_page_is_open(tmp_path):
+    farm = NetworkFarm(tmp_path)
+    plan_job(farm, hold=True, dry_run=True)
+    session = farm.open_session()
+    asyncio.run(read_first_event(farm, session, "/jobs/1"))
+    farm.dry_runs.cancel_abandoned(time.monotonic() + READING_S - 1.0)
+    assert not farm.controller.books.job(1).state.ended
+    farm.dry_runs.cancel_abandoned(time.monotonic() + READING_S + 1.0)
+    assert farm.controller.books.job(1).state.ended
     farm.store.close()

@@ -40,7 +40,7 @@ PAGES = sorted(
     for method, path in ROLES.keys() - SLICER_ROLES.keys()
     if method == "GET" and not path.startswith((NETWORK_PREFIX, METRICS, SCHEMA, SCHEMA_PAGE, "/live"))
 )
-FILES = ("/jobs/{number}/instructions",)
+FILES = ("/jobs/{number}/instructions", "/jobs/{number}/parts.zip")
 """Pages that are files of a job, which the jobs here do not have."""
 
 

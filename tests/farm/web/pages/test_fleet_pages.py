@@ -1,6 +1,9 @@
 """Pages of the fleet: timeline, printers, history, as a browser asks for them."""
 
 import dataclasses
+import html
+import re
+from datetime import datetime
 
 import pytest
 
@@ -103,6 +106,20 @@ def test_change_is_tried_and_an_operator_may_make_it(busy_farm):
     assert 'action="/jobs/3/move"' in page
     assert busy_farm.controller.books.jobs[3].moved_rank is None
     assert 'action="/jobs/3/move"' not in read(busy_farm, "/timeline?job=3&to=first", Role.PRINT)
+
+
+def test_start_is_tried_and_an_operator_may_make_it(busy_farm):
+    page = read(busy_farm, "/timeline?job=3&at=23:50")
+    assert "starting not before 23:50" in page
+    button = re.search(r'action="/jobs/3/start"><input type="hidden" name="at" value="([^"]+)"', page)
+    moment = datetime.fromisoformat(html.unescape(button[1]))
+    assert (moment.hour, moment.minute, moment.tzinfo is not None) == (23, 50, True)
+    assert busy_farm.controller.books.jobs[3].not_before_s is None
+    assert 'action="/jobs/3/start"' not in read(busy_farm, "/timeline?job=3&at=23:50", Role.PRINT)
+    session = busy_farm.open_session()
+    busy_farm.browse("POST", "/jobs/3/start", session, data={"at": html.unescape(button[1])})
+    assert "Job 3 starts not before" in busy_farm.browse("GET", "/timeline", session).text
+    assert busy_farm.controller.books.jobs[3].not_before_s == moment.timestamp()
 
 
 @pytest.mark.parametrize(

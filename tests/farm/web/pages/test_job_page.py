@@ -8,12 +8,19 @@ import pytest
 
 from example_night import night_books, status_of, view_context_of
 from farm import api
-from farm.model import Hold, HoldCode, JobOptions, JobState, PlanProgress, PlanStep, Role
+from farm.model import Hold, HoldCode, JobOptions, JobState, OwnGcode, PlanProgress, PlanStep, Role
 from farm.state import events as ev
 from farm.views import describe_job
 from farm.views.decomposition_report import Report, parse_report
 from farm.web.notes import Reader
-from farm.web.pages.jobs.job_page import JobData, list_downloads, list_reasons, render_job_page, summarise_job
+from farm.web.pages.jobs.job_page import (
+    JobData,
+    list_downloads,
+    list_reasons,
+    measure_own_gcode,
+    render_job_page,
+    summarise_job,
+)
 from farm.web.pages.jobs.parts import list_part_rows
 from make_books import run
 
@@ -223,3 +230,15 @@ def test_text_of_people_is_escaped():
     assert "<script>x" not in page
     assert "&lt;script&gt;x" in page
     assert "&lt;b&gt;hole" in page
+
+
+def test_own_gcode_is_shown_with_size_layers_and_time():
+    books = night_books()
+    own = OwnGcode(nozzle_mm=0.4, min_mm=(-10.0, -20.0, 0.0), max_mm=(10.0, 20.0, 30.4))
+    job = books.job(1).model_copy(update={"own_gcode": own})
+    figures = [("size", "20 × 40 × 30 mm"), ("layers", "10"), ("time of its moves", "90 s")]
+    assert measure_own_gcode(job, books.plates_of(job)) == figures
+    assert measure_own_gcode(job, ()) == figures[:1]
+    assert measure_own_gcode(books.job(1), books.plates_of(job)) == []
+    page = render(replace(data_of(books), gcode=figures))
+    assert "<dt>Layers</dt><dd>10</dd>" in page

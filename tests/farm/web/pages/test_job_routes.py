@@ -1,10 +1,13 @@
 """Routes of a job's page and of the forms about its plan."""
 
+import io
 import re
+import zipfile
 
 import pytest
 
 from farm.model import JobState, Role
+from farm.state.books import put
 from network_farm import NetworkFarm
 from planned_job import plan_job, submit_model
 
@@ -116,3 +119,37 @@ def test_job_without_a_plan_or_files_has_a_page(farm, ann):
 @pytest.mark.parametrize("number", ["x", "9", "-1", "1.5"])
 def test_job_that_does_not_exist_is_not_kept_up_to_date(farm, ann, number):
     assert farm.browse("GET", f"/live?page=/jobs/{number}", ann).status_code == 404
+
+
+def test_parts_are_one_archive(farm, ann):
+    number = plan_job(farm)
+    (farm.state.files / "p.stl").write_bytes(b"solid" * 9)
+    answer = farm.browse("GET", f"/jobs/{number}/parts.zip", ann)
+    assert answer.headers["content-disposition"] == f'attachment; filename="job-{number}-parts.zip"'
+    with zipfile.ZipFile(io.BytesIO(answer.content)) as archive:
+        assert archive.testzip() is None
+        assert {name: archive.read(name) for name in archive.namelist()} == {
+            "p01.stl": b"solid" * 9,
+            "p02.stl": b"solid" * 9,
+        }
+
+
+def test_archive_without_a_file_is_an_error(farm, ann):
+    number = plan_job(farm)
+    answer = farm.browse("GET", f"/jobs/{number}/parts.zip", ann)
+    assert (answer.status_code, "has no file" in answer.text) == (404, True)
+    assert farm.browse("GET", "/jobs/9/parts.zip", ann).status_code == 404
+
+
+def test_time_of_gluing_is_reported_once_the_parts_are_printed(farm, ann):
+    number = plan_job(farm)
+    path, form = f"/jobs/{number}", f'action="/jobs/{number}/assembled"'
+    farm.browse("POST", f"{path}/assembled", ann, data={"minutes": "42"})
+    early = farm.browse("GET", path, ann).text
+    assert "report its assembly once all parts are printed" in early and form not in early
+    job = farm.controller.books.job(number)
+    farm.controller.books = put(farm.controller.books, job.model_copy(update={"state": JobState.DONE}))
+    assert form in farm.browse("GET", path, ann).text
+    farm.browse("POST", f"{path}/assembled", ann, data={"minutes": "42"})
+    assert f"Job {number} is assembled, in 42 minutes." in farm.browse("GET", path, ann).text
+    assert farm.controller.books.job(number).gluing.minutes == 42.0

@@ -1,5 +1,6 @@
 """The page that submits a model: its fields, and the job that follows."""
 
+import importlib.util
 import re
 
 import pytest
@@ -148,3 +149,12 @@ def test_request_for_more_printers_than_there_are_is_a_note(farm):
     ann = farm.open_session(Role.PRINT, "ann")
     send(farm, ann, goal="count", printers="5")
     assert "the fleet has 1 printer" in farm.browse("GET", "/jobs/1", ann).text
+
+
+@pytest.mark.parametrize("reads_step", [True, False])
+def test_step_is_offered_where_it_can_be_read(monkeypatch, reads_step):
+    monkeypatch.setattr(importlib.util, "find_spec", lambda _: object() if reads_step else None)
+    page = render_submit_page(list_choices(fleet()), REQUEST, "farm", Reader("ann", Role.PRINT))
+    accepted = re.search(r'accept="([^"]*)"', page)[1].split(",")
+    assert (".step" in accepted, "STEP" in page) == (reads_step, reads_step)
+    assert {".stl", ".gcode"} <= set(accepted)
