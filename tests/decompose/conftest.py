@@ -27,7 +27,7 @@ def fleet() -> list[PrinterRoom]:
 
 
 @pytest.fixture(scope="session")
-def lump() -> Solid:
+def ring_with_bar() -> Solid:
     """Solid of 120 mm with curved and flat faces and a hole, off the axes."""
     ring = trimesh.creation.torus(40.0, 20.0, major_sections=40, minor_sections=20)
     ring.apply_transform(trimesh.transformations.rotation_matrix(0.6, [1.0, 0.5, 0.2]))
@@ -44,6 +44,6 @@ def ball() -> Model:
 
 
 @pytest.fixture(scope="session")
-def triangles(lump: Solid) -> np.ndarray:
-    vertices, faces = lump.arrays()
+def triangles(ring_with_bar: Solid) -> np.ndarray:
+    vertices, faces = ring_with_bar.arrays()
     return vertices[faces]

@@ -20,9 +20,9 @@ COARSE = Options(Engine.GUILLOTINE, granularity="vcoarse", prove=False)
 
 
 def test_expensive_handling_uses_fewer_printers(
-    lump: Solid, fleet: list[PrinterRoom], cost: CostModel
+    ring_with_bar: Solid, fleet: list[PrinterRoom], cost: CostModel
 ) -> None:
-    model = Model(lump, (), 1.0)
+    model = Model(ring_with_bar, (), 1.0)
     most = auto.decompose_auto(model, fleet, COARSE, cost, goal=auto.CountGoal(0.0, 0.0))
     fewest = auto.decompose_auto(model, fleet, COARSE, cost, goal=auto.CountGoal(1e5, 1e5))
     assert [p.printer for p in fewest.parts] == [fleet[0].name]
@@ -32,9 +32,9 @@ def test_expensive_handling_uses_fewer_printers(
 
 
 def test_curve_considers_the_speed_of_printers(
-    lump: Solid, fleet: list[PrinterRoom], cost: CostModel
+    ring_with_bar: Solid, fleet: list[PrinterRoom], cost: CostModel
 ) -> None:
-    model = Model(lump, (), 1.0)
+    model = Model(ring_with_bar, (), 1.0)
     printers = [replace(fleet[0], name=name, time_factor=f) for name, f in (("slow", 2.0), ("slower", 4.0))]
     equal, slow = (auto.decompose_auto(model, own, COARSE, cost).curve for own in (fleet[:2], printers))
     alone, both = (b.makespan_s / a.makespan_s for a, b in zip(equal, slow, strict=True))
@@ -57,9 +57,9 @@ def test_curve_considers_the_room_of_printers(cost: CostModel) -> None:
 
 
 def test_all_printers_are_used_if_the_curve_is_too_optimistic(
-    lump: Solid, fleet: list[PrinterRoom], cost: CostModel, monkeypatch: pytest.MonkeyPatch
+    ring_with_bar: Solid, fleet: list[PrinterRoom], cost: CostModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    model = Model(Solid.union([lump, Solid.box((0, 0, 300), (20, 20, 320))]), (), 1.0)
+    model = Model(Solid.union([ring_with_bar, Solid.box((0, 0, 300), (20, 20, 320))]), (), 1.0)
     monkeypatch.setattr(auto, "build_curve", lambda problem: (CurvePoint(1, 100.0),))
     assert len(auto.decompose_auto(model, fleet[:3], COARSE, cost).parts) > 1
 

@@ -41,19 +41,21 @@ def test_ball_is_cut_for_eight_printers(ball: Model, fleet: list[PrinterRoom], c
     assert all((a.to_model == b.to_model).all() for a, b in zip(repeated.parts, result.parts, strict=True))
 
 
-def test_more_printers_never_take_longer(lump: Solid, fleet: list[PrinterRoom], cost: CostModel) -> None:
-    model = Model(lump, (), 1.0)
+def test_more_printers_never_take_longer(
+    ring_with_bar: Solid, fleet: list[PrinterRoom], cost: CostModel
+) -> None:
+    model = Model(ring_with_bar, (), 1.0)
     options = replace(COARSE, best=BestOptions(0.0), prove=False)
     makespans = [decompose_model(model, fleet[:n], options, cost).makespan_s for n in range(1, 6)]
     assert all(b <= a + 1.0 for a, b in pairwise(makespans))
 
 
 def test_one_printer_prints_a_small_model_whole(
-    lump: Solid, fleet: list[PrinterRoom], cost: CostModel
+    ring_with_bar: Solid, fleet: list[PrinterRoom], cost: CostModel
 ) -> None:
-    result = decompose_model(Model(lump, (), 1.0), fleet[:1], COARSE, cost)
+    result = decompose_model(Model(ring_with_bar, (), 1.0), fleet[:1], COARSE, cost)
     (part,) = result.parts
-    assert part.solid.volume_mm3 == pytest.approx(lump.volume_mm3)
+    assert part.solid.volume_mm3 == pytest.approx(ring_with_bar.volume_mm3)
     assert part.price_s == pytest.approx(result.serial_s)
 
 
@@ -147,16 +149,16 @@ def test_granularity_is_set_by_name_number_or_size() -> None:
     assert choose_granularity("auto", 50) > 20
 
 
-def test_invalid_wall_is_refused(lump: Solid, fleet: list[PrinterRoom], cost: CostModel) -> None:
+def test_invalid_wall_is_refused(ring_with_bar: Solid, fleet: list[PrinterRoom], cost: CostModel) -> None:
     with pytest.raises(DecomposeError, match="--min-wall"):
-        decompose_model(Model(lump, (), 1.0), fleet, Options(min_wall_mm=float("nan")), cost)
+        decompose_model(Model(ring_with_bar, (), 1.0), fleet, Options(min_wall_mm=float("nan")), cost)
 
 
 def test_written_parts_fit_together_to_the_model(
-    lump: Solid, fleet: list[PrinterRoom], cost: CostModel, tmp_path: Path
+    ring_with_bar: Solid, fleet: list[PrinterRoom], cost: CostModel, tmp_path: Path
 ) -> None:
     result = write_decomposition(
-        decompose_model(Model(lump, (), 1.0), fleet[:4], COARSE, cost), tmp_path / "out"
+        decompose_model(Model(ring_with_bar, (), 1.0), fleet[:4], COARSE, cost), tmp_path / "out"
     )
     book = json.loads((tmp_path / "out" / "decomposition.json").read_text())
     assert book["schema"] == 1
@@ -187,7 +189,7 @@ def test_written_parts_fit_together_to_the_model(
         solid = Solid.from_arrays(mesh.vertices, mesh.faces)
         assert solid.volume_mm3 == pytest.approx(part["volume_mm3"], rel=1e-5)
         total += part["volume_mm3"]
-    assert total <= lump.volume_mm3 * (1.0 + 1e-9)
+    assert total <= ring_with_bar.volume_mm3 * (1.0 + 1e-9)
     assert (tmp_path / "out" / "assembly.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
 
 

@@ -38,7 +38,7 @@ def farm(tmp_path):
     farm.end()
 
 
-def tended(farm):
+def clear_and_list_prints(farm):
     """Clear the beds that are to be cleared; return the prints whose first layer has begun."""
     view = farm.ask_until_answered("GET", "/status")
     farm.clear_beds(view)
@@ -69,7 +69,7 @@ def test_full_disk_stops_and_loses_no_print(disk_farm):
     farm = disk_farm
     farm.keep([])
     farm.submit(2)
-    wait_for("both to print", lambda: tended(farm) == {"1/01", "2/01"})
+    wait_for("both to print", lambda: clear_and_list_prints(farm) == {"1/01", "2/01"})
     farm.disk.fill()
     status, message = farm.answer("POST", *farm.submission(9))
     assert status == 500
@@ -101,7 +101,7 @@ def test_damaged_database_is_restored_and_no_part_is_printed_twice(farm):
     wait_for("all to be planned", lambda: states(farm) == {"held"})
     back_up(StateFolder(farm.state), farm.clock().now())
     farm.approve()
-    wait_for("the last of them to print", lambda: "3/01" in tended(farm))
+    wait_for("the last of them to print", lambda: "3/01" in clear_and_list_prints(farm))
     farm.stop_keeping()
     for name in ("farm.db", "farm.db-wal"):
         path = farm.state / name

@@ -53,7 +53,7 @@ def nan(path):
     trimesh.Trimesh(vertices, box.faces, process=False, validate=False).export(path)
 
 
-def half_an_stl(path):
+def write_half_stl(path):
     trimesh.creation.icosphere(3, 50.0).export(path)
     path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
 
@@ -74,7 +74,7 @@ REFUSED = {
     "empty": (empty, "empty"),
     "flat": (flat, "flat"),
     "nan": (nan, "not a number"),
-    "half_an_stl": (half_an_stl, "promises"),
+    "half_an_stl": (write_half_stl, "promises"),
     "loose_triangles": (loose_triangles, "solid"),
     "in_metres": (in_metres, "--scale"),
 }

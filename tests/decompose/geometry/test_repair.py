@@ -24,7 +24,7 @@ def block(lo: tuple[float, ...], hi: tuple[float, ...]) -> np.ndarray:
     return vertices[faces]
 
 
-def soup(triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def join_corners(triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Vertices and faces of triangles, with common corners joined."""
     vertices, faces = np.unique(triangles.reshape(-1, 3), axis=0, return_inverse=True)
     return vertices, faces.reshape(-1, 3)
@@ -72,7 +72,7 @@ def test_overlapping_bodies_with_a_common_edge_are_united() -> None:
     """The mesh is closed, although solid and air do not alternate around the shared edge."""
     triangles = overlapping_at_an_edge()
     solid, repairs = close_surface("hair", weld_triangles(triangles))
-    first, second = (Solid.from_arrays(*soup(item)) for item in np.split(triangles, 2))
+    first, second = (Solid.from_arrays(*join_corners(item)) for item in np.split(triangles, 2))
     assert solid.volume_mm3 == pytest.approx(Solid.union([first, second]).volume_mm3, rel=1e-9)
     sentence = "Separated bodies that touch or overlap (1 edges shared by more than two triangles)."
     assert repairs[0] == sentence

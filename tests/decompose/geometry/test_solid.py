@@ -23,9 +23,9 @@ def test_open_surface_is_refused() -> None:
 
 @settings(max_examples=15, deadline=None)
 @given(axis=st.integers(0, 2), at=st.floats(-24.0, 39.0))
-def test_split_keeps_volume_and_adds_the_cut_twice(lump: Solid, axis: int, at: float) -> None:
-    below, above = lump.split(axis, at)
-    assert below.volume_mm3 + above.volume_mm3 == pytest.approx(lump.volume_mm3, rel=1e-9)
+def test_split_keeps_volume_and_adds_the_cut_twice(ring_with_bar: Solid, axis: int, at: float) -> None:
+    below, above = ring_with_bar.split(axis, at)
+    assert below.volume_mm3 + above.volume_mm3 == pytest.approx(ring_with_bar.volume_mm3, rel=1e-9)
     if not below.is_empty:
         assert below.bounds_mm[1, axis] <= at + 1e-9
     if not above.is_empty:

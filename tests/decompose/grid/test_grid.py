@@ -57,12 +57,12 @@ def box_in(draw: st.DrawFn, shape: tuple[int, int, int]) -> tuple[int, ...]:
 @settings(max_examples=40, deadline=None)
 @given(data=st.data())
 def test_sums_over_a_box_equal_those_of_the_cut_solid(
-    data: st.DataObject, grid: Grid, boxes: BoxTables, recipe_cost: CostModel, lump: Solid
+    data: st.DataObject, grid: Grid, boxes: BoxTables, recipe_cost: CostModel, ring_with_bar: Solid
 ) -> None:
     box = data.draw(box_in(grid.shape))
     x0, y0, z0, x1, y1, z1 = box
     cells = (slice(x0, x1), slice(y0, y1), slice(z0, z1))
-    inside = lump.clip(*grid.bounds_mm(box))
+    inside = ring_with_bar.clip(*grid.bounds_mm(box))
     assert grid.sums[cells][..., VOLUME].sum() == pytest.approx(inside.volume_mm3, rel=1e-9, abs=1e-6)
     at = box_index(box, grid.shape)  # type: ignore[arg-type]
     if inside.is_empty:
@@ -99,18 +99,18 @@ def test_separate_rods_in_one_cell_are_counted_separately(
 
 @settings(max_examples=20, deadline=None)
 @given(axis=st.integers(0, 2), data=st.data())
-def test_cut_areas_match_a_real_cut(axis: int, data: st.DataObject, grid: Grid, lump: Solid) -> None:
+def test_cut_areas_match_a_real_cut(axis: int, data: st.DataObject, grid: Grid, ring_with_bar: Solid) -> None:
     plane = data.draw(st.integers(1, grid.shape[axis] - 1))
-    below, above = lump.split(axis, float(grid.planes[axis][plane]))
-    cut = (below.area_mm2 + above.area_mm2 - lump.area_mm2) / 2.0
+    below, above = ring_with_bar.split(axis, float(grid.planes[axis][plane]))
+    cut = (below.area_mm2 + above.area_mm2 - ring_with_bar.area_mm2) / 2.0
     assert np.take(grid.cuts[axis], plane, axis=axis).sum() == pytest.approx(cut, rel=1e-7, abs=1e-5)
 
 
-def test_cells_are_classified(grid: Grid, lump: Solid) -> None:
+def test_cells_are_classified(grid: Grid, ring_with_bar: Solid) -> None:
     for cell in np.ndindex(grid.shape):
         x, y, z = cell
         lo, hi = grid.bounds_mm((x, y, z, x + 1, y + 1, z + 1))
-        volume = lump.clip(lo, hi).volume_mm3
+        volume = ring_with_bar.clip(lo, hi).volume_mm3
         if grid.cells[cell] == Cell.EXTERNAL:
             assert volume == 0.0
         elif grid.cells[cell] == Cell.INTERNAL:

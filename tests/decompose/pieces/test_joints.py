@@ -68,9 +68,9 @@ def test_pieces_that_meet_in_an_edge_have_no_joint() -> None:
 @settings(max_examples=15, deadline=None)
 @given(*[st.lists(st.floats(-35.0, 70.0).map(lambda v: round(v, 2)), max_size=2, unique=True)] * 3)
 def test_each_cut_face_is_glued_on_both_sides(
-    lump: Solid, x: list[float], y: list[float], z: list[float]
+    ring_with_bar: Solid, x: list[float], y: list[float], z: list[float]
 ) -> None:
-    pieces = cut(lump, tuple(x), tuple(y), tuple(z))
+    pieces = cut(ring_with_bar, tuple(x), tuple(y), tuple(z))
     cut_mm2 = 0.0
     for piece in pieces:
         vertices, faces = piece.solid.arrays()

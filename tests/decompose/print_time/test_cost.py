@@ -167,14 +167,14 @@ def test_every_term_has_a_factor() -> None:
 @settings(max_examples=25, deadline=None)
 @given(turn=st.tuples(*[st.floats(-math.pi, math.pi)] * 3), cut_mm=st.floats(-30.0, 60.0))
 def test_additive_features_add_up_over_a_cut(
-    turn: tuple[float, float, float], cut_mm: float, lump: Solid, cost: CostModel
+    turn: tuple[float, float, float], cut_mm: float, ring_with_bar: Solid, cost: CostModel
 ) -> None:
     """Two halves have the features of the whole, and twice those of the cut: wall or skin by its slope."""
     rotations = Rotation.from_euler("xyz", [turn]).as_matrix()
-    halves = lump.split(0, cut_mm)
-    whole, _ = sum_pose_features(*lump.arrays(), rotations, cost)
+    halves = ring_with_bar.split(0, cut_mm)
+    whole, _ = sum_pose_features(*ring_with_bar.arrays(), rotations, cost)
     parts = sum(sum_pose_features(*half.arrays(), rotations, cost)[0] for half in halves)
-    cut_mm2 = (sum(half.area_mm2 for half in halves) - lump.area_mm2) / 2.0
+    cut_mm2 = (sum(half.area_mm2 for half in halves) - ring_with_bar.area_mm2) / 2.0
     n = abs(float(rotations[0, 2, 0]))
     upright = math.sqrt(1.0 - n * n)
     added = np.array([0.0, upright, n * (n > cost.skin_cos), upright * (n > cost.skin_cos)]) * 2.0 * cut_mm2
@@ -184,9 +184,9 @@ def test_additive_features_add_up_over_a_cut(
 @settings(max_examples=25, deadline=None)
 @given(turns=st.tuples(*[st.floats(-math.pi, math.pi)] * 6), shift=st.tuples(*[st.floats(-1e3, 1e3)] * 3))
 def test_rotating_part_and_bed_together_changes_no_price(
-    turns: tuple[float, ...], shift: tuple[float, float, float], lump: Solid, cost: CostModel
+    turns: tuple[float, ...], shift: tuple[float, float, float], ring_with_bar: Solid, cost: CostModel
 ) -> None:
-    vertices, faces = lump.arrays()
+    vertices, faces = ring_with_bar.arrays()
     pose, motion = Rotation.from_euler("xyz", [turns[:3], turns[3:]]).as_matrix()
     still, extents = sum_pose_features(vertices, faces, pose[None], cost)
     moved, turned = sum_pose_features(vertices @ motion.T + shift, faces, (pose @ motion.T)[None], cost)
@@ -195,8 +195,8 @@ def test_rotating_part_and_bed_together_changes_no_price(
     assert turned == pytest.approx(extents, abs=1e-6)
 
 
-def test_axis_poses_are_priced_like_other_rotations(lump: Solid, cost: CostModel) -> None:
-    vertices, faces = lump.arrays()
+def test_axis_poses_are_priced_like_other_rotations(ring_with_bar: Solid, cost: CostModel) -> None:
+    vertices, faces = ring_with_bar.arrays()
     assert np.linalg.det(POSE_ROTATIONS) == pytest.approx([1.0] * 6)
     for pose, rotation in enumerate(POSE_ROTATIONS):
         assert rotation[2, find_pose_axes(pose)[2]] == (-1.0 if pose % 2 else 1.0)
@@ -204,12 +204,12 @@ def test_axis_poses_are_priced_like_other_rotations(lump: Solid, cost: CostModel
     assert turned[4] == pytest.approx(price_axis_poses_s(vertices, faces, cost)[0])
 
 
-def test_features_are_returned_in_the_order_of_the_poses(lump: Solid, cost: CostModel) -> None:
+def test_features_are_returned_in_the_order_of_the_poses(ring_with_bar: Solid, cost: CostModel) -> None:
     rotations = Rotation.random(40, random_state=3).as_matrix()
-    together, _ = sum_pose_features(*lump.arrays(), rotations, cost)
+    together, _ = sum_pose_features(*ring_with_bar.arrays(), rotations, cost)
     assert together.shape == (40, len(ADDITIVE))
     for i in (0, 17, 39):
-        alone, _ = sum_pose_features(*lump.arrays(), rotations[i : i + 1], cost)
+        alone, _ = sum_pose_features(*ring_with_bar.arrays(), rotations[i : i + 1], cost)
         assert together[i] == pytest.approx(alone[0])
 
 

@@ -68,7 +68,7 @@ def test_foot_beside_a_cut_face_on_the_bed_is_seen():
 
 
 def test_hidden_faces_make_a_part_lie_on_its_cut():
-    """Of two equal ends, the one that is cut goes down."""
+    """The cut end of two equal ones goes down."""
     vertices, faces = Solid.box((0.0, 0.0, 0.0), (80.0, 80.0, 10.0)).arrays()
     flat = [PrinterRoom("flat", ((90.0, 90.0, 15.0),))]
     for plane, up in ((BELOW, 1.0), ((0.0, 0.0, 1.0, 10.0), -1.0)):
@@ -78,17 +78,17 @@ def test_hidden_faces_make_a_part_lie_on_its_cut():
 
 
 @pytest.mark.parametrize("top_share", [0.0, COST.hidden_top_share])
-def test_tables_price_hidden_faces_as_parts_do(lump: Solid, top_share: float):
+def test_tables_price_hidden_faces_as_parts_do(ring_with_bar: Solid, top_share: float):
     """Those on the bed exactly; those on top only where no other face needs skin, above or below."""
     angles = {"supported_deg": math.degrees(math.asin(0.7)), "skin_cos": 0.75}
     cost = replace(COST, hidden_top_share=top_share, **angles)
-    vertices, faces = lump.arrays()
+    vertices, faces = ring_with_bar.arrays()
     grid = build_grid(vertices[faces], 4, GridRules(0.0, True, 0.7, 0.75))
     boxes = price_boxes(grid, [PrinterRoom("huge", ((1e4, 1e4, 1e4),))], cost)
     saving = 0
     for at in np.flatnonzero(boxes.trimmed == np.arange(len(boxes.trimmed)))[::9]:
         lo, hi = grid.bounds_mm(box_at(int(at), grid.shape))
-        mesh = lump.clip(lo, hi).arrays()
+        mesh = ring_with_bar.clip(lo, hi).arrays()
         planes = [[*axis, end[i]] for end in (lo, hi) for i, axis in enumerate(np.eye(3).tolist())]
         cut = find_cut_faces(*mesh, np.array(planes))
         features, extents = sum_pose_features(*mesh, POSE_ROTATIONS, cost, cut=cut)

@@ -41,7 +41,7 @@ def laid(solid: Solid, room: PrinterRoom = ROOM, cut: npt.NDArray[np.bool_] = NO
     return pose
 
 
-def up_of(pose: Pose) -> npt.NDArray[np.float64]:
+def find_up(pose: Pose) -> npt.NDArray[np.float64]:
     return pose.to_model[:3, 2]
 
 
@@ -121,7 +121,7 @@ def test_rotating_the_model_rotates_the_pose() -> None:
     solid = Solid.union([tee(), Solid.box((-5, -15, 0), (20, 10, 8))])
     here, there = laid(solid), laid(turned(solid))
     assert there.price_s == pytest.approx(here.price_s, rel=0.01)
-    assert up_of(there) == pytest.approx(TURNED @ up_of(here), abs=1e-6)
+    assert find_up(there) == pytest.approx(TURNED @ find_up(here), abs=1e-6)
     assert sorted(there.size_mm) == pytest.approx(sorted(here.size_mm), abs=1e-6)
 
 
@@ -139,7 +139,7 @@ def test_no_support_touches_a_cut_face_where_another_pose_fits() -> None:
     assert laid(solid, upright_only, cut).touched_mm2 > 0.0
     free = laid(solid, ROOM, cut)
     assert free.touched_mm2 <= 1.0
-    assert abs(up_of(free)[2]) < 0.9
+    assert abs(find_up(free)[2]) < 0.9
 
 
 def test_pose_with_the_least_support_on_cut_faces_is_preferred() -> None:
@@ -147,7 +147,7 @@ def test_pose_with_the_least_support_on_cut_faces_is_preferred() -> None:
     solid = spool()
     cut = level_faces(solid, inner=True)
     pose = laid(solid, PrinterRoom("p", ((51.0, 51.0, 61.0),)), cut)
-    assert up_of(pose) == pytest.approx([0.0, 0.0, -1.0])
+    assert find_up(pose) == pytest.approx([0.0, 0.0, -1.0])
     assert pose.touched_mm2 == pytest.approx(2 * (30 * 30 - 10 * 10), rel=0.05)
 
 

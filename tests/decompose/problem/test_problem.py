@@ -77,9 +77,11 @@ def test_bound_is_proven_for_candidates_only(factor: float, cost: CostModel) -> 
 
 
 @pytest.mark.parametrize("engine", [Engine.GUILLOTINE, Engine.PARALLELOBOX, Engine.CUBE_SKELETON])
-def test_bound_scales_with_the_speed_of_the_printers(engine: Engine, lump: Solid, cost: CostModel) -> None:
+def test_bound_scales_with_the_speed_of_the_printers(
+    engine: Engine, ring_with_bar: Solid, cost: CostModel
+) -> None:
     options = replace(OPTIONS, engine=engine, prove=True)
-    model = Model(lump, (), 1.0)
+    model = Model(ring_with_bar, (), 1.0)
     usual, quick = (decompose_model(model, fleet(*[f] * 8), options, cost) for f in (1.0, 0.5))
     assert quick.makespan_s == pytest.approx(0.5 * usual.makespan_s)
     assert quick.grid_makespan_s == pytest.approx(0.5 * usual.grid_makespan_s)
@@ -87,17 +89,17 @@ def test_bound_scales_with_the_speed_of_the_printers(engine: Engine, lump: Solid
     assert quick.possible_gain(fleet(*[0.5] * 8)) == pytest.approx(usual.possible_gain(fleet(*[1.0] * 8)))
 
 
-def test_bound_holds_on_unequal_printers_for_common_boxes(lump: Solid, cost: CostModel) -> None:
+def test_bound_holds_on_unequal_printers_for_common_boxes(ring_with_bar: Solid, cost: CostModel) -> None:
     options = replace(OPTIONS, engine=Engine.PARALLELOBOX, prove=True)
-    result = decompose_model(Model(lump, (), 1.0), fleet(0.5, *[1.0] * 7), options, cost)
-    equal = decompose_model(Model(lump, (), 1.0), fleet(*[1.0] * 8), options, cost)
+    result = decompose_model(Model(ring_with_bar, (), 1.0), fleet(0.5, *[1.0] * 7), options, cost)
+    equal = decompose_model(Model(ring_with_bar, (), 1.0), fleet(*[1.0] * 8), options, cost)
     assert 0.5 * equal.grid_makespan_s <= result.grid_makespan_s <= equal.grid_makespan_s
     assert 0.0 < result.lower_bound_s <= result.grid_makespan_s
     assert result.lower_bound_s == pytest.approx(0.5 * equal.lower_bound_s)
 
 
-def test_reported_time_includes_every_attempt(lump: Solid, cost: CostModel) -> None:
+def test_reported_time_includes_every_attempt(ring_with_bar: Solid, cost: CostModel) -> None:
     options = replace(OPTIONS, engine=Engine.BEST)
-    result = decompose_model(Model(lump, (), 1.0), fleet(*[1.0] * 4), options, cost)
+    result = decompose_model(Model(ring_with_bar, (), 1.0), fleet(*[1.0] * 4), options, cost)
     assert len(result.attempts) == 2
     assert result.compute_s["total"] >= sum(item.compute_s for item in result.attempts)

@@ -203,7 +203,7 @@ def printing(folder: Path, command: str | None) -> tuple[Agent, Rig]:
     return agent, rig
 
 
-def go_on(agent: Agent, rig: Rig, until: Callable[[], bool]) -> None:
+def step_until(agent: Agent, rig: Rig, until: Callable[[], bool]) -> None:
     """Run session and recorder together; after the end wait for the command."""
     while not until():
         if rig.session.context.ended:
@@ -220,11 +220,11 @@ def test_mains_are_cut_once_at_the_end_of_a_print_with_a_short_reason(
 ):
     agent, rig = printing(tmp_path, relay(mark) if command else None)
     rig.firmware.trigger_fault(f"{heater}_burns_after", rig.now_s)
-    go_on(agent, rig, lambda: agent.alarm is not None)
+    step_until(agent, rig, lambda: agent.alarm is not None)
     assert rig.session.context.phase is PrintPhase.ENDING  # while it still ends, people are told
     reported = read_journal(tmp_path / JOURNAL)[0].alarm
     assert reported is not None and reported.suspected and f"the {heater} went up to" in reported.text
-    go_on(agent, rig, lambda: agent.board.session is None)
+    step_until(agent, rig, lambda: agent.board.session is None)
     ended = agent.journal.state.print
     assert ended is not None and ended.phase is PrintPhase.FAILED
     message = CUT if command else NO_COMMAND
@@ -240,23 +240,23 @@ def test_end_of_a_print_waits_for_the_outcome_of_the_command(tmp_path: Path, mar
     os.mkfifo(tmp_path / "gate")
     agent, rig = printing(tmp_path, relay(mark, f"read go < {tmp_path}/gate; echo no >&2; exit 1"))
     rig.firmware.trigger_fault("nozzle_burns_after", rig.now_s)
-    go_on(agent, rig, lambda: rig.session.context.ended)
+    step_until(agent, rig, lambda: rig.session.context.ended)
     agent.recorder.record_changes()
     assert agent.board.session is not None and agent.journal.state.print is not None
     shot = agent.recorder.describe_print(agent.journal.state.print, rig.session.context)
     assert shot.phase is PrintPhase.ENDING and shot.ended_s is None
     (tmp_path / "gate").write_text("go\n")
-    go_on(agent, rig, lambda: agent.board.session is None)
+    step_until(agent, rig, lambda: agent.board.session is None)
     assert "power_off_cmd failed (no): switch it off by hand" in agent.look
 
 
 def test_cooling_heater_ends_the_alarm(tmp_path: Path, mark: Path):
     agent, rig = printing(tmp_path, relay(mark))
     rig.firmware.trigger_fault("nozzle_burns_after", rig.now_s)
-    go_on(agent, rig, lambda: agent.alarm is not None)
+    step_until(agent, rig, lambda: agent.alarm is not None)
     rig.firmware.board.nozzle.temperature_c(rig.now_s)
     rig.firmware.board.nozzle.burns = False
-    go_on(agent, rig, lambda: agent.board.session is None)
+    step_until(agent, rig, lambda: agent.board.session is None)
     assert agent.alarm is None and read_journal(tmp_path / JOURNAL)[0].alarm is None
     assert runs(mark) == 0 and "went up to" in agent.look
 
@@ -265,6 +265,6 @@ def test_cancelled_print_with_a_stuck_heater_needs_attention(tmp_path: Path, mar
     agent, rig = printing(tmp_path, relay(mark))
     rig.firmware.trigger_fault("nozzle_burns_after", rig.now_s)
     rig.session.cancel("no more", rig.now_s)
-    go_on(agent, rig, lambda: agent.board.session is None)
+    step_until(agent, rig, lambda: agent.board.session is None)
     assert runs(mark) == 1
     assert agent.look.startswith("no more; the nozzle is off, and gets hotter")

@@ -57,7 +57,7 @@ def exchange(host: Host, link: Link, seconds: float) -> list[Event]:
             host.now_s += 1e-4
 
 
-def ended(host: Host) -> bool:
+def has_ended(host: Host) -> bool:
     board, machine = host.board, host.firmware.machine
     return board.nozzle.target_c == board.bed.target_c == 0.0 and not machine.waiting and not machine.planner
 
@@ -65,9 +65,9 @@ def ended(host: Host) -> bool:
 def test_heat_and_queued_moves_end_within_one_move():
     host = busy_host()
     host.firmware.feed(ULTIMAKER2.abort_unnumbered, host.now_s)
-    assert not ended(host)
+    assert not has_ended(host)
     host.wait(1.1 * MOVE_S)
-    assert ended(host)
+    assert has_ended(host)
 
 
 @pytest.mark.parametrize("cut_off", ["G1 X7", "N19 G1 X70 Y5", "N1"])
@@ -78,7 +78,7 @@ def test_truncated_line_before_the_abort_costs_one_more_move_at_most(cut_off: st
     link = Link(ULTIMAKER2)
     link.on_opened(host.now_s, ULTIMAKER2.abort_unnumbered)
     events = exchange(host, link, 2.1 * MOVE_S)
-    assert ended(host)
+    assert has_ended(host)
     [up] = [event for event in events if isinstance(event, Connected)]
     assert not up.restarted
 
@@ -92,7 +92,7 @@ def test_longest_line_the_abort_and_a_poll_fit_into_the_receive_buffer():
     link = Link(ULTIMAKER2)
     link.on_opened(host.now_s, ULTIMAKER2.abort_unnumbered)
     exchange(host, link, 3.1 * MOVE_S)
-    assert ended(host) and link.drained
+    assert has_ended(host) and link.drained
 
 
 def test_on_marlin_2_moves_end_at_once_and_heat_a_second_later():
@@ -100,14 +100,14 @@ def test_on_marlin_2_moves_end_at_once_and_heat_a_second_later():
     host.firmware.feed(MARLIN2.abort_unnumbered, host.now_s)
     assert not host.firmware.machine.planner
     host.wait(1.1)
-    assert ended(host)
+    assert has_ended(host)
     link = Link(MARLIN2)
     link.on_opened(host.now_s, MARLIN2.abort_unnumbered)
     [up] = [event for event in exchange(host, link, 5.0) if isinstance(event, Connected)]
     assert not up.restarted
     link.send(host.now_s, *MARLIN2.abort, MARLIN2.wait_moves)
     exchange(host, link, 5.0)
-    assert ended(host) and link.drained
+    assert has_ended(host) and link.drained
 
 
 def test_restarting_board_loses_the_abort_and_is_seen_to_restart():
@@ -118,7 +118,7 @@ def test_restarting_board_loses_the_abort_and_is_seen_to_restart():
     link.on_opened(host.now_s, ULTIMAKER2.abort_unnumbered)
     events = exchange(host, link, 5.0)
     assert [event.restarted for event in events if isinstance(event, Connected)] == [True]
-    assert ended(host) and link.drained
+    assert has_ended(host) and link.drained
 
 
 @pytest.fixture

@@ -29,7 +29,7 @@ class Curve:
         return self.now_c
 
 
-def look(watch: HeaterWatch, name: HeaterName, now_c: float, set_c: float, now_s: float) -> Finding | None:
+def observe(watch: HeaterWatch, name: HeaterName, now_c: float, set_c: float, now_s: float) -> Finding | None:
     nozzle_c, bed_c = (now_c, 21.0) if name is NOZZLE else (21.0, now_c)
     return watch.judge(Report(nozzle_c, 0.0, bed_c, 0.0), {NOZZLE: 0.0, BED: 0.0} | {name: set_c}, now_s)
 
@@ -48,7 +48,7 @@ def test_healthy_heater_causes_no_finding(name: HeaterName, set_c: float, every_
             if (curve.now_c < target_c) != on and target_c:
                 curve.now_c = target_c
             seen_c = curve.now_c + rng.gauss(0.0, 0.15)
-            assert look(watch, name, seen_c, target_c, now_s) is None
+            assert observe(watch, name, seen_c, target_c, now_s) is None
     assert watch.cools
 
 
@@ -64,7 +64,7 @@ def test_heater_that_stops_warming_is_found(name: HeaterName, fails_at_c: float,
         if math.isnan(failed_s):
             curve.step(True, 1.0)
             failed_s = now_s if curve.now_c >= fails_at_c else math.nan
-        result = look(watch, name, curve.now_c, set_c, now_s)
+        result = observe(watch, name, curve.now_c, set_c, now_s)
         if result is not None:
             assert result.fault is Fault.HEATER_TIMEOUT
             assert now_s - failed_s <= within_s
@@ -79,9 +79,9 @@ def test_heater_that_leaves_its_target_is_found(name: HeaterName, on: bool):
     watch, curve, now_s = HeaterWatch(4.0), Curve(name, set_c), 0.0
     for _ in range(100):
         now_s += 3.0
-        assert look(watch, name, set_c, set_c, now_s) is None
+        assert observe(watch, name, set_c, set_c, now_s) is None
     left_s = now_s
-    while (result := look(watch, name, curve.step(on, 3.0), set_c, now_s)) is None:
+    while (result := observe(watch, name, curve.step(on, 3.0), set_c, now_s)) is None:
         now_s += 3.0
         assert now_s < left_s + 400.0
     assert result.fault is (Fault.HEATER_STUCK_ON if on else Fault.THERMAL_RUNAWAY)
@@ -96,9 +96,9 @@ def test_only_falling_temperatures_confirm_a_heater_off(name: HeaterName):
     result = None
     for second in range(1, 200):
         now_s = float(second)
-        assert look(falls, name, curve.step(False, 1.0), 0.0, now_s) is None
-        result = result or look(stays, name, warm_c, 0.0, now_s)
-        look(late, name, repeated.step(second > 60, 1.0), 0.0, now_s)
+        assert observe(falls, name, curve.step(False, 1.0), 0.0, now_s) is None
+        result = result or observe(stays, name, warm_c, 0.0, now_s)
+        observe(late, name, repeated.step(second > 60, 1.0), 0.0, now_s)
         if second == 40:
             assert falls.cools and not stays.cools and late.cools
     assert falls.cools and not stays.cools and not late.cools
@@ -114,12 +114,12 @@ def test_gap_without_reports_is_not_a_heater_fault(name: HeaterName, seconds: fl
         watch, curve, now_s = HeaterWatch(4.0), Curve(name, start_c), 0.0
         for second in range(60):
             now_s += seconds if second in (5, 6, 30) else 1.0
-            assert look(watch, name, curve.step(target_c > 0, 1.0), target_c, now_s) is None
+            assert observe(watch, name, curve.step(target_c > 0, 1.0), target_c, now_s) is None
 
 
 def test_sensor_that_reads_below_freezing_is_broken_and_not_cold():
     watch = HeaterWatch(4.0)
-    results = [look(watch, BED, -14.0, 0.0, float(second)) for second in range(5)]
+    results = [observe(watch, BED, -14.0, 0.0, float(second)) for second in range(5)]
     assert results[-1] is not None and results[-1].fault is Fault.MINTEMP
     assert not watch.cools
 
@@ -134,4 +134,4 @@ def test_garbled_report_among_good_ones_is_ignored(garbled: list[tuple[int, floa
     for good, bad_c in garbled:
         for seen_c in (*[set_c] * (good + 2), bad_c):
             now_s += 3.0
-            assert look(watch, name, seen_c, set_c, now_s) is None
+            assert observe(watch, name, seen_c, set_c, now_s) is None

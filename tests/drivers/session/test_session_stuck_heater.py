@@ -178,18 +178,18 @@ def overshoot(now_s: float, peak_c: float) -> float:
     )
 
 
-def look(watch: HeaterWatch, nozzle_c: float, target_c: float, now_s: float) -> Finding | None:
+def observe(watch: HeaterWatch, nozzle_c: float, target_c: float, now_s: float) -> Finding | None:
     return watch.judge(Report(nozzle_c, target_c, 21.0, 0.0), {NOZZLE: 0.0, BED: 0.0}, now_s)
 
 
 @pytest.mark.parametrize("peak_c", [2.0, 6.0, 9.0])
 def test_overshoot_of_a_healthy_nozzle_causes_no_finding(peak_c: float):
     watch = HeaterWatch(4.0)
-    assert all(look(watch, overshoot(s, peak_c), 0.0, s) is None for s in map(float, range(60)))
+    assert all(observe(watch, overshoot(s, peak_c), 0.0, s) is None for s in map(float, range(60)))
 
 
 def test_heat_before_the_off_command_is_not_a_fault():
     """A command waits behind homing, so the report shows the former target."""
     watch = HeaterWatch(4.0)
-    assert all(look(watch, 100.0 + 3 * s, 210.0, float(s)) is None for s in range(36))
-    assert all(look(watch, overshoot(s, 3.0), 0.0, 36.0 + s) is None for s in map(float, range(60)))
+    assert all(observe(watch, 100.0 + 3 * s, 210.0, float(s)) is None for s in range(36))
+    assert all(observe(watch, overshoot(s, 3.0), 0.0, 36.0 + s) is None for s in map(float, range(60)))

@@ -87,7 +87,7 @@ def lines(snapshot_values):
         yield received
 
 
-def look(controller, folder):
+def read_views(controller, folder):
     """Render everything that is shown or sent to people."""
     view_context = controller.build_view_context(StateFolder(folder))
     shown = [describe_job(view_context, job) for job in controller.books.jobs.values()]
@@ -122,7 +122,7 @@ def test_any_snapshot_can_be_recorded_shown_and_read(snapshot_values, tmp_path_f
     other = farm.controller.books.prints["theirs"]
     for received in lines(snapshot_values):
         farm.controller.on_snapshot(to_farm_snapshot(received, Clock()))
-        look(farm.controller, folder)
+        read_views(farm.controller, folder)
     assert farm.controller.books.prints["theirs"] == other
     with Store(folder / "farm.db") as store:
         assert store.load() == farm.controller.books
@@ -141,7 +141,7 @@ def test_any_journal_since_the_backup_can_be_recorded(last, reported_prints, tmp
         shot = [to_farm_print(item, compute_clock_offset_s(received, Clock())) for item in shown]
         farm.controller.on_journal(to_farm_snapshot(received, Clock()), shot)
         assert farm.controller.unreported_since_s("a") is None
-        look(farm.controller, folder)
+        read_views(farm.controller, folder)
     assert farm.controller.books.prints["theirs"] == other
     with Store(folder / "farm.db") as store:
         assert store.load() == farm.controller.books

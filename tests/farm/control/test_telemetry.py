@@ -95,7 +95,7 @@ def test_temperatures_are_bounded_and_in_order_even_if_the_clock_is_set_back(rea
 
 
 def test_temperatures_from_before_twelve_hours_are_not_listed():
-    """They would stretch the chart: the printer was away, or the clock was set forward by years."""
+    """Older ones would stretch the chart: the printer was away, or the clock was set forward by years."""
     telemetry = Telemetry()
     telemetry.store(BUSY.model_copy(update={"nozzle_c": 200.0}), 0.0)
     telemetry.store(BUSY.model_copy(update={"nozzle_c": 21.0}), 1.7e9)

@@ -20,7 +20,7 @@ def assigned(*pairs):
     ]
 
 
-def lost(printer, at_s, fault="port_lost"):
+def lose_printer(printer, at_s, fault="port_lost"):
     return ended(printer, PrintState.FAILED, at_s, fault=fault, reason="the port is not there")
 
 
@@ -28,9 +28,9 @@ TWO = (("1/01", "a"), ("1/02", "b"))
 
 
 def test_losses_within_the_window_are_one_outage_without_attempts():
-    books, _ = run(printing(), *assigned(*TWO), lost("a", 100.0))
+    books, _ = run(printing(), *assigned(*TWO), lose_printer("a", 100.0))
     assert (books.outage, books.prints["a"].charged) == (None, True)
-    books, _ = run(books, lost("b", 100.0 + WINDOW_S, fault="agent_died"))
+    books, _ = run(books, lose_printer("b", 100.0 + WINDOW_S, fault="agent_died"))
     assert books.outage.printers == ("a", "b")
     assert [books.prints[name].charged for name in "ab"] == [False, False]
     assert {books.plate_state(plate) for plate in books.plates.values()} == {PlateState.WAITING}
@@ -42,17 +42,17 @@ def test_losses_within_the_window_are_one_outage_without_attempts():
 
 def test_outage_window_covers_reporting_delays_on_a_fast_clock():
     assert [outage_window_s(scale) for scale in (1.0, 5.0, 300.0)] == [WINDOW_S, WINDOW_S, 300.0]
-    second = lost("b", 250.0)  # half a wall second after the other
-    real, _ = run(printing(), *assigned(*TWO), lost("a", 100.0), second)
+    second = lose_printer("b", 250.0)  # half a wall second after the other
+    real, _ = run(printing(), *assigned(*TWO), lose_printer("a", 100.0), second)
     assert real.outage is None
     fast = replace(printing(), outage_window_s=outage_window_s(300.0))
-    fast, _ = run(fast, *assigned(*TWO), lost("a", 100.0), second)
+    fast, _ = run(fast, *assigned(*TWO), lose_printer("a", 100.0), second)
     assert fast.outage.printers == ("a", "b")
 
 
-@pytest.mark.parametrize("second", [lost("b", 111.0), lost("b", 101.0, fault="maxtemp")])
+@pytest.mark.parametrize("second", [lose_printer("b", 111.0), lose_printer("b", 101.0, fault="maxtemp")])
 def test_failure_counts_as_an_attempt(second):
-    books, _ = run(printing(), *assigned(*TWO), lost("a", 100.0), second)
+    books, _ = run(printing(), *assigned(*TWO), lose_printer("a", 100.0), second)
     assert books.outage is None
     assert [books.prints[name].charged for name in "ab"] == [True, True]
 
@@ -68,7 +68,10 @@ def test_job_continues_after_failures_by_an_outage():
             ended(name, PrintState.FAILED, 10.0 + attempt, fault="maxtemp"),
         )
     books, _ = run(
-        books, ev.BedCleared(at_s=3.0, printer="a", by="ann"), *assigned(("1/01", "a")), lost("a", 100.0)
+        books,
+        ev.BedCleared(at_s=3.0, printer="a", by="ann"),
+        *assigned(("1/01", "a")),
+        lose_printer("a", 100.0),
     )
     assert books.jobs[1].state is JobState.FAILED
     books, _ = run(books, ev.PrinterLost(at_s=105.0, printer="b"))
@@ -96,7 +99,7 @@ def test_failure_before_an_outage_stays_charged():
         ev.PlateAssigned(at_s=61.0, plate="1/01", printer="a", print_id="again"),
         *assigned(("1/02", "b")),
     )
-    books, _ = run(printing(), *own, lost("again", 100.0), lost("b", 101.0))
+    books, _ = run(printing(), *own, lose_printer("again", 100.0), lose_printer("b", 101.0))
     assert books.outage.printers == ("a", "b")
     assert {name: attempt.charged for name, attempt in books.prints.items()} == {
         "a": True,

@@ -39,15 +39,15 @@ def failed(books, times, printer="a", plate="1/01", start=0):
     return books
 
 
-def stands(books, plate="1/01"):
+def find_state(books, plate="1/01"):
     return books.plate_state(books.plates[plate])
 
 
 def test_job_is_done_when_a_person_has_found_every_part_good():
     books = printed(2)
-    assert (books.jobs[1].state, stands(books)) == (JobState.PRINTED, PlateState.PRINTED)
+    assert (books.jobs[1].state, find_state(books)) == (JobState.PRINTED, PlateState.PRINTED)
     books, _ = run(books, cleared("a"))
-    assert (books.jobs[1].state, stands(books)) == (JobState.PRINTED, PlateState.GOOD)
+    assert (books.jobs[1].state, find_state(books)) == (JobState.PRINTED, PlateState.GOOD)
     books, _ = run(books, cleared("b"))
     assert (books.jobs[1].state, books.jobs[1].ended_s) == (JobState.DONE, 200.0)
 
@@ -58,7 +58,7 @@ def test_bad_part_is_printed_again_without_an_attempt():
     assert [plate.id for plate in books.waiting_plates()] == ["1/01"]
     assert (books.prints["a"].verdict, books.prints["a"].verdict_why) == (Verdict.BAD, "stringy")
     books = failed(books, ATTEMPTS - 1)
-    assert stands(books) is PlateState.WAITING
+    assert find_state(books) is PlateState.WAITING
     books, _ = run(books, cleared("a"), assigned("1/01", "a", "x"), ended("x", at_s=900.0), cleared("a"))
     assert (books.jobs[1].state, books.jobs[1].ended_s) == (JobState.DONE, 900.0)
 
@@ -73,7 +73,7 @@ def test_print_failed_by_a_person_is_repeated(end):
     requested = ev.PrintFailRequested(at_s=50.0, print_id="x", why="a blob", by="ann")
     books, reported = run(printing(plates=1), assigned("1/01", "a", "x"), requested, ended("x", end))
     assert reported[1] == ev.SendCancel(print_id="x", printer="a", reason="a blob")
-    assert stands(books) is PlateState.WAITING
+    assert find_state(books) is PlateState.WAITING
     assert books.printers["a"].bed is Bed.NOT_CLEAR
     if end is PrintState.CANCELLED:
         print_ = books.prints["x"]
@@ -93,7 +93,7 @@ def test_fault_while_a_print_is_ended_by_a_person_is_no_attempt():
 def test_plate_without_attempts_does_not_block_others():
     books, _ = run(printing(plates=2), assigned("1/02", "b", "y"))
     books = failed(books, ATTEMPTS)
-    assert stands(books) is PlateState.OUT_OF_ATTEMPTS
+    assert find_state(books) is PlateState.OUT_OF_ATTEMPTS
     assert books.jobs[1].state is JobState.PRINTING
     assert books.prints["y"].cancel_reason is None
     books, _ = run(books, ended("y", at_s=500.0))
@@ -113,9 +113,9 @@ def test_reprint_of_failed_cancelled_and_good_parts():
         books, _ = run(books, repeated)
         job = books.jobs[1]
         assert (job.state, job.error, job.reason, job.ended_s) == (JobState.PRINTING, None, None, None)
-        assert stands(books) is PlateState.WAITING
-        assert stands(failed(books, ATTEMPTS - 1, start=10)) is PlateState.WAITING
-        assert stands(failed(books, ATTEMPTS, start=10)) is PlateState.OUT_OF_ATTEMPTS
+        assert find_state(books) is PlateState.WAITING
+        assert find_state(failed(books, ATTEMPTS - 1, start=10)) is PlateState.WAITING
+        assert find_state(failed(books, ATTEMPTS, start=10)) is PlateState.OUT_OF_ATTEMPTS
 
 
 def test_cancelled_part_is_not_repeated_while_others_continue():

@@ -30,7 +30,7 @@ def whole(print_id="x", printer="a"):
     return ev.BedCleared(at_s=500.0, printer=printer, by="ann", whole=print_id)
 
 
-def asked(books):
+def list_asked(books):
     sections = [{"name": n, "model": "ultimaker2_plus", "port": "sim://ultimaker2_plus"} for n in "abc"]
     fleet = Fleet.model_validate({"fleet": {"timezone": "UTC"}, "printers": sections})
     assert fleet.zone.utcoffset(None) == UTC.utcoffset(None)
@@ -118,7 +118,7 @@ def test_part_recut_before_is_complete_with_all_pieces():
 
 
 def test_task_asks_for_the_verdict_with_part_and_command():
-    (item,) = asked(died())
+    (item,) = list_asked(died())
     assert item.printers == ["a"]
     for text in (item.text, item.brief):
         assert text.endswith("; if part 1/p01 is good nevertheless: `farm cleared a --good 1/p01`")
@@ -128,7 +128,7 @@ def test_task_asks_for_the_verdict_with_part_and_command():
 def test_task_asks_for_the_verdict_after_an_outage():
     start = (given("1/01", "a", "x"), given("1/02", "b", "y"))
     lost = (ended(name, PrintState.FAILED, 110.0, **DIED) for name in "xy")
-    (item,) = asked(run(printing(2), *start, *lost)[0])
+    (item,) = list_asked(run(printing(2), *start, *lost)[0])
     assert item.code == "outage"
     assert "`farm cleared a --good 1/p01`" in item.text and "`farm cleared b --good 1/p02`" in item.text
 

@@ -270,7 +270,7 @@ def test_failed_run_is_reported_and_the_next_one_continues(tmp_path, monkeypatch
 
 
 def test_full_disk_deletes_jobs_from_before_the_last_backup(tmp_path, monkeypatch):
-    """Otherwise a full disk would keep the backup, and with it the prune, from making room."""
+    """A full disk prevents the backup, which must not keep the prune from making room."""
     state, _ = fill(tmp_path)
     back_up(state, NOW_S - 97 * DAY_S)
 

@@ -75,11 +75,11 @@ def test_every_height_is_fitted_or_reported(nozzle_mm, heights):
     """Check every whole micrometre from some layers up to the highest printer."""
     first = round(1000 * heights.first_mm)
     low, high = round(0.75 * first), min(round(1.25 * first), round(800 * nozzle_mm))
-    assert reached(heights, low, high).all()
-    assert not reached(heights, first, first).all()
+    assert list_reached(heights, low, high).all()
+    assert not list_reached(heights, first, first).all()
 
 
-def reached(heights, low, high):
+def list_reached(heights, low, high):
     """First layers between these limits reach every height of several layers to within 20 um."""
     other, count = round(1000 * heights.other_mm), int(1000 * HIGHEST_MM)
     near = np.zeros(count + 1, dtype=bool)

@@ -47,13 +47,13 @@ def printers(count: int) -> list[PrinterRoom]:
 @settings(max_examples=30, deadline=None)
 @given(direction=directions, share=st.floats(0.2, 0.8))
 def test_solid_is_cut_by_an_oblique_plane(
-    lump: Solid, direction: tuple[float, float, float], share: float
+    ring_with_bar: Solid, direction: tuple[float, float, float], share: float
 ) -> None:
     normal = np.array(direction) / np.linalg.norm(direction)
-    along = lump.arrays()[0] @ normal
+    along = ring_with_bar.arrays()[0] @ normal
     at_mm = float(along.min() + share * np.ptp(along))
-    below, above = lump.split_by_plane(normal, at_mm)
-    assert below.volume_mm3 + above.volume_mm3 == pytest.approx(lump.volume_mm3, rel=1e-9)
+    below, above = ring_with_bar.split_by_plane(normal, at_mm)
+    assert below.volume_mm3 + above.volume_mm3 == pytest.approx(ring_with_bar.volume_mm3, rel=1e-9)
     assert (below.arrays()[0] @ normal).max() < at_mm + 1e-7
     assert (above.arrays()[0] @ normal).min() > at_mm - 1e-7
     # The faces on the plane are known for cuts: what is left is the surface as it was.
@@ -63,7 +63,7 @@ def test_solid_is_cut_by_an_oblique_plane(
         corners = vertices[faces[~find_cut_faces(vertices, faces, np.array([[*normal, at_mm]]))]]
         cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         uncut += float(np.linalg.norm(cross, axis=1).sum() / 2.0)
-    assert uncut == pytest.approx(lump.area_mm2, rel=1e-7)
+    assert uncut == pytest.approx(ring_with_bar.area_mm2, rel=1e-7)
 
 
 def test_number_of_parts_required_by_the_room_is_computed() -> None:
@@ -136,6 +136,6 @@ def test_parts_that_do_not_fit_are_counted_in_the_error(rough_ball: Model, cost:
     assert raised.value.printers_needed == 8
 
 
-def test_one_printer_gets_an_uncut_model_that_fits(lump: Solid, cost: CostModel) -> None:
+def test_one_printer_gets_an_uncut_model_that_fits(ring_with_bar: Solid, cost: CostModel) -> None:
     for options in (MENDED, FAITHFUL):
-        assert len(decompose_model(Model(lump, (), 1.0), printers(1), options, cost).parts) == 1
+        assert len(decompose_model(Model(ring_with_bar, (), 1.0), printers(1), options, cost).parts) == 1

@@ -71,9 +71,9 @@ def test_too_few_printers_are_reported_with_the_required_kind(cost: CostModel) -
         decompose_model(model, [*lows, *highs[:2]], options, cost)
 
 
-def test_fast_printer_gets_more_work(lump: Solid, cost: CostModel) -> None:
+def test_fast_printer_gets_more_work(ring_with_bar: Solid, cost: CostModel) -> None:
     printers = [*(PrinterRoom(f"fine-{i}", HIGH) for i in range(3)), PrinterRoom("wide", HIGH, 0.45)]
-    model = Model(lump, (), 1.0)
+    model = Model(ring_with_bar, (), 1.0)
     result = decompose_model(model, printers, OPTIONS, cost)
     ends = ends_s(result, printers)
     assert result.makespan_s == max(ends.values())
@@ -83,10 +83,12 @@ def test_fast_printer_gets_more_work(lump: Solid, cost: CostModel) -> None:
     assert result.lower_bound_s <= result.grid_makespan_s
 
 
-def test_bound_holds_for_the_quickest_printer_with_the_largest_room(lump: Solid, cost: CostModel) -> None:
+def test_bound_holds_for_the_quickest_printer_with_the_largest_room(
+    ring_with_bar: Solid, cost: CostModel
+) -> None:
     printers = [PrinterRoom("a", LOW, 1.2), PrinterRoom("b", LOW), PrinterRoom("c", HIGH, 0.7)]
-    result = decompose_model(Model(lump, (), 1.0), printers, replace(OPTIONS, prove=True), cost)
+    result = decompose_model(Model(ring_with_bar, (), 1.0), printers, replace(OPTIONS, prove=True), cost)
     best = [replace(printers[2], name=name) for name in "abc"]
-    at_best = decompose_model(Model(lump, (), 1.0), best, OPTIONS, cost)
+    at_best = decompose_model(Model(ring_with_bar, (), 1.0), best, OPTIONS, cost)
     assert 0.0 < result.lower_bound_s <= result.grid_makespan_s
     assert result.lower_bound_s <= at_best.grid_makespan_s * (1.0 + 1e-6)

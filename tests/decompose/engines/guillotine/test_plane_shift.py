@@ -310,18 +310,18 @@ def test_shifted_part_still_fits_its_printer(cost: CostModel) -> None:
 @settings(max_examples=5, deadline=None)
 @given(at=st.tuples(st.integers(1, 5), st.integers(1, 5), st.integers(1, 5)))
 def test_shifted_planes_give_a_complete_and_no_slower_partition(
-    lump: Solid, cost: CostModel, at: tuple[int, int, int]
+    ring_with_bar: Solid, cost: CostModel, at: tuple[int, int, int]
 ) -> None:
-    task = problem(lump, cost, 8, cells=6)
+    task = problem(ring_with_bar, cost, 8, cells=6)
     grid = task.build_grid(task.model)
     nx, ny, nz = grid.shape
     x, y, z = (min(a, n - 1) for a, n in zip(at, grid.shape, strict=True))
     left: list[Box] = [(0, 0, 0, x, y, nz), (0, y, 0, x, ny, z), (0, y, z, x, ny, nz)]
     chosen: list[Box] = [*left, (x, 0, 0, nx, ny, z), (x, 0, z, nx, ny, nz)]
-    chosen = [box for box in chosen if cut_cells(lump, grid, box)]
+    chosen = [box for box in chosen if cut_cells(ring_with_bar, grid, box)]
     before, after = run(task, chosen)
     assert len(after) <= len(before)
     assert longest_s(task, after) <= longest_s(task, before)
-    assert sum(piece.solid.volume_mm3 for piece in after) == pytest.approx(lump.volume_mm3)
+    assert sum(piece.solid.volume_mm3 for piece in after) == pytest.approx(ring_with_bar.volume_mm3)
     repeated = run(task, chosen)[1]
     assert [p.boxes_mm.tolist() for p in repeated] == [p.boxes_mm.tolist() for p in after]

@@ -88,7 +88,7 @@ works = st.lists(st.integers(1, 40).map(lambda quarters: quarters / 4), min_size
 def test_revision_saves_the_margin_with_its_planning_time_and_is_the_last(
     states, hours, used, planning_s, night
 ):
-    """If the new plan ends as estimated, no other follows while the printers are unchanged."""
+    """No other plan follows one that ends as estimated while the printers are unchanged."""
     fleet = [printer("abcdefgh"[at], **facts) for at, facts in enumerate(states)]
     names = tuple(p.name for p in fleet)
     free = tuple(p.name for p in fleet if p.obstacle() is None)
