@@ -22,6 +22,7 @@ Tables = tuple[npt.NDArray[np.float32], npt.NDArray[np.int32], npt.NDArray[np.in
 
 RESTARTS, STEPS = 60, 100  # most restarts, and steps between them
 TOLERANCE = 1e-4  # share by which the fewest boxes exceed the printers when the search stops
+CLOSE = 1e-3  # or of the fewest boxes, by which the bounds on them differ: a T so near is not worth more
 
 
 @dataclass(frozen=True, slots=True)
@@ -293,7 +294,7 @@ def _search(p: _Programme, work: _Workspace, printers: int, current: _Iterate) -
                 upper, best_shares = high, iterate.shares / least_covered_cell
             if high - low < closest:
                 closest, restart = high - low, iterate
-        if lower > printers * (1.0 + TOLERANCE) or upper <= printers or upper - lower < TOLERANCE * lower:
+        if lower > printers * (1.0 + TOLERANCE) or upper <= printers or upper - lower < CLOSE * lower:
             break
         by_shares = ((restart.shares - old.shares) ** 2 * p.content).sum()
         by_weights = ((restart.weights - old.weights) ** 2 * p.overlap).sum()

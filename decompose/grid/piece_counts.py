@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from decompose.arrays import Bools, Ints
 from decompose.geometry.shells import label_components
-from decompose.grid.box_index import index_of
+from decompose.grid.box_index import interval
 from decompose.jit import jit
 
 
@@ -98,7 +98,117 @@ def _join_groups(parent: npt.NDArray[np.int32], a: int, b: int) -> int:
     return 1
 
 
+class _Order(NamedTuple):
+    """Order of the axes in which boxes are gone through: boxes extend each other along the last one.
+
+    Attributes
+    ----------
+    axes
+        Axes from the outermost loop to the innermost.
+    sizes
+        Cells of the grid along each of them.
+    cell_strides, box_strides
+        Steps between cells in an array (nx, ny, nz), and between intervals in the tables of boxes.
+    """
+
+    axes: tuple[int, int, int]
+    sizes: tuple[int, int, int]
+    cell_strides: tuple[int, int, int]
+    box_strides: tuple[int, int, int]
+
+
 @jit
+def _find_last_top(
+    base: tuple[int, int],
+    order: _Order,
+    trimmed: npt.NDArray[np.int32],
+    seconds: npt.NDArray[np.float32],
+) -> int:
+    """Find the top of the highest box over a base that may be printed; its bottom for none.
+
+    Parameters
+    ----------
+    base
+        Index of a box without the share of its last axis, and its bottom along that axis.
+    order, trimmed, seconds
+        As in `_count_in_order`.
+    """
+    row, bottom = base
+    for top in range(order.sizes[2], bottom, -1):
+        box = row + interval(bottom, top, order.sizes[2]) * order.box_strides[2]
+        if trimmed[box] == box and seconds[box] < np.inf:
+            return top
+    return bottom
+
+
+@jit
+def _add_layer(
+    ends: tuple[int, int, int, int],
+    bottom: int,
+    layer: int,
+    order: _Order,
+    bodies: CellBodies,
+    parent: npt.NDArray[np.int32],
+) -> int:
+    """Add a layer of cells to the forest of a box; return by how much the number of pieces changes.
+
+    Parameters
+    ----------
+    ends
+        First and last cell, half-open, along the first axis and the second.
+    bottom, layer
+        First layer of the box along the last axis, and the one that is added.
+    parent
+        (bodies,) forest of all bodies, changed.
+    """
+    a0, a1, b0, b1 = ends
+    first, first_link, links = bodies
+    change = 0
+    for a in range(a0, a1):
+        for b in range(b0, b1):
+            cell = a * order.cell_strides[0] + b * order.cell_strides[1] + layer * order.cell_strides[2]
+            for body in range(first[cell], first[cell + 1]):
+                parent[body] = body
+                change += 1
+    for a in range(a0, a1):
+        for b in range(b0, b1):
+            cell = a * order.cell_strides[0] + b * order.cell_strides[1] + layer * order.cell_strides[2]
+            for k in range(3):
+                inside = a > a0 if k == 0 else b > b0 if k == 1 else layer > bottom
+                if not inside:
+                    continue
+                axis = order.axes[k]
+                for i in range(first_link[axis, cell], first_link[axis, cell + 1]):
+                    change -= _join_groups(parent, links[axis, i, 0], links[axis, i, 1])
+    return change
+
+
+@jit
+def _count_in_order(
+    order: _Order,
+    bodies: CellBodies,
+    trimmed: npt.NDArray[np.int32],
+    seconds: npt.NDArray[np.float32],
+    pieces: npt.NDArray[np.int16],
+) -> None:
+    """Count the pieces of every box that may be printed; see `count_pieces`."""
+    na, nb, nc = order.sizes
+    parent = np.zeros(bodies.first[-1], np.int32)
+    for a0 in range(na):
+        for a1 in range(a0 + 1, na + 1):
+            for b0 in range(nb):
+                for b1 in range(b0 + 1, nb + 1):
+                    row = interval(a0, a1, na) * order.box_strides[0]
+                    row += interval(b0, b1, nb) * order.box_strides[1]
+                    for bottom in range(nc):
+                        k = 0
+                        for layer in range(bottom, _find_last_top((row, bottom), order, trimmed, seconds)):
+                            k += _add_layer((a0, a1, b0, b1), bottom, layer, order, bodies, parent)
+                            box = row + interval(bottom, layer + 1, nc) * order.box_strides[2]
+                            if trimmed[box] == box and seconds[box] < np.inf:
+                                pieces[box] = max(1, k)
+
+
 def count_pieces(
     shape: tuple[int, int, int],
     bodies: CellBodies,
@@ -108,7 +218,7 @@ def count_pieces(
 ) -> None:
     """Count the pieces of every box that may be printed.
 
-    Union-find by layers: each box extends the one below it by one layer of cells.
+    Union-find by layers: each box extends the one below it by one layer of cells, across the longest axis.
 
     Parameters
     ----------
@@ -121,28 +231,14 @@ def count_pieces(
     pieces
         (boxes,) filled in.
     """
-    nx, ny, nz = shape
-    first, first_link, links = bodies
-    parent = np.zeros(first[-1], np.int32)
-    for x0 in range(nx):
-        for x1 in range(x0 + 1, nx + 1):
-            for y0 in range(ny):
-                for y1 in range(y0 + 1, ny + 1):
-                    for z0 in range(nz):
-                        k = 0
-                        for z in range(z0, nz):
-                            for x in range(x0, x1):
-                                for y in range(y0, y1):
-                                    cell = (x * ny + y) * nz + z
-                                    for body in range(first[cell], first[cell + 1]):
-                                        parent[body] = body
-                                        k += 1
-                                    for axis in range(3):
-                                        inside = x > x0 if axis == 0 else y > y0 if axis == 1 else z > z0
-                                        if not inside:
-                                            continue
-                                        for i in range(first_link[axis, cell], first_link[axis, cell + 1]):
-                                            k -= _join_groups(parent, links[axis, i, 0], links[axis, i, 1])
-                            box = index_of((x0, y0, z0, x1, y1, z + 1), shape)
-                            if trimmed[box] == box and seconds[box] < np.inf:
-                                pieces[box] = max(1, k)
+    _, ny, nz = shape
+    ty, tz = ny * (ny + 1) // 2, nz * (nz + 1) // 2
+    a, b, c = sorted(range(3), key=lambda axis: shape[axis])
+    cell_strides, box_strides = (ny * nz, nz, 1), (ty * tz, tz, 1)
+    order = _Order(
+        (a, b, c),
+        (shape[a], shape[b], shape[c]),
+        (cell_strides[a], cell_strides[b], cell_strides[c]),
+        (box_strides[a], box_strides[b], box_strides[c]),
+    )
+    _count_in_order(order, bodies, trimmed, seconds, pieces)
