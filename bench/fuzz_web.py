@@ -24,6 +24,7 @@ from typing import Any
 
 from bench.fuzz_requests import FuzzedRequest, list_statuses, make_request
 from bench.web_farm import WebFarm
+from farm.http.stream_limit import STREAM_TYPE
 
 ANSWER_S = 120.0  # the first model waits for the start of the workers
 DAMAGED_S = 0.05
@@ -68,16 +69,16 @@ class FuzzedFarm(WebFarm):
         }
 
 
-async def send(port: int, request: FuzzedRequest) -> list[int]:
+async def send(port: int, request: FuzzedRequest, answer_s: float = ANSWER_S) -> list[int]:
     """Send a request on a connection of its own. Returns the statuses of the answers."""
-    answer, patience_s = b"", ANSWER_S if request.intact else DAMAGED_S
+    answer, patience_s = b"", answer_s if request.intact else DAMAGED_S
     with suppress(ConnectionError, TimeoutError):
         reader, writer = await asyncio.open_connection("127.0.0.1", port)
         try:
             writer.write(request.data)
             while chunk := await asyncio.wait_for(reader.read(65536), patience_s):
                 answer += chunk
-                if request.path.endswith("/events"):
+                if STREAM_TYPE.encode() in answer:
                     break  # it does not end
         finally:
             writer.close()

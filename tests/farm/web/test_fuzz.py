@@ -7,7 +7,8 @@ import socket
 import pytest
 import uvicorn
 
-from bench.fuzz_requests import list_statuses, make_request
+from bench.fuzz_requests import FuzzedRequest, make_request
+from bench.fuzz_web import send
 from farm.http import BoundedServer, PeerProtocol
 from farm.model import Role
 from farm.web.access import ROLES
@@ -15,6 +16,7 @@ from network_farm import NetworkFarm
 
 AT_ONCE = 8
 PATIENCE_S = 20.0
+ANSWER_S = 5.0
 
 
 @pytest.fixture
@@ -22,23 +24,6 @@ def farm(tmp_path):
     farm = NetworkFarm(tmp_path)
     yield farm
     farm.store.close()
-
-
-async def send(port, request):
-    """Send a request on a connection of its own. Returns all that comes back."""
-    reader, writer = await asyncio.open_connection("127.0.0.1", port)
-    try:
-        writer.write(request.data)
-        answer = b""
-        while chunk := await asyncio.wait_for(reader.read(65536), 5.0 if request.intact else 0.05):
-            answer += chunk
-            if request.path.endswith("/events"):
-                break
-    except (ConnectionError, TimeoutError):
-        pass
-    finally:
-        writer.close()
-    return answer
 
 
 async def fuzz(farm, requests):
@@ -55,7 +40,7 @@ async def fuzz(farm, requests):
     async def work():
         while waiting:
             request = waiting.pop()
-            answers.append((request, list(list_statuses(await send(port, request)))))
+            answers.append((request, await send(port, request, ANSWER_S)))
 
     await asyncio.gather(*(work() for _ in range(AT_ONCE)))
     server.should_exit = True
@@ -105,3 +90,24 @@ def test_requests_with_every_role_do_not_fail(farm):
                   request.method != "GET")  # fmt: skip
     assert 0 < len(farm.store.events()) - events <= 5 * changed
     assert farm.went_down == [] and not list(farm.state.work.iterdir())
+
+
+def test_a_stream_is_read_until_its_first_event():
+    """Streams do not end: the first whole run of the bench waited for one forever."""
+
+    async def stream(reader, writer):
+        await reader.readuntil(b"\r\n\r\n")
+        while not writer.is_closing():
+            writer.write(b"HTTP/1.1 200 OK\r\ncontent-type: text/event-stream\r\n\r\n: quiet\n\n")
+            await writer.drain()
+            await asyncio.sleep(0)
+        writer.close()
+
+    async def ask():
+        async with await asyncio.start_server(stream, "127.0.0.1", 0) as server:
+            port = server.sockets[0].getsockname()[1]
+            data = b"GET /live HTTP/1.1\r\nHost: localhost\r\n\r\n"
+            request = FuzzedRequest(data, "look", "GET", "/live", intact=True)
+            return await asyncio.wait_for(send(port, request), PATIENCE_S)
+
+    assert 200 in asyncio.run(ask())
