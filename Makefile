@@ -13,7 +13,7 @@ LOCK_OPTIONS := --quiet --generate-hashes --allow-unsafe --strip-extras --all-bu
 	--no-emit-index-url --no-emit-find-links --no-emit-trusted-host --no-emit-options
 
 .PHONY: install demo test test-system test-waiting test-rest test-newest fresh interop peers check docs screenshots mutants lock \
-	clean engine pages deb test-deb wheel
+	clean engine pages deb test-deb test-container wheel
 .DELETE_ON_ERROR:
 
 install: engine pages $(VENV)/.compiled
@@ -79,6 +79,10 @@ deb: engine pages $(VENV)/.installed
 
 test-deb: deb
 	@deploy/debian/test.sh
+
+# The container file, built without a registry, as root; its simulated printers print a model.
+test-container: deb
+	@deploy/container/test.sh
 
 # The wheel, and the versions that it is tested with, for pipx and uv.
 wheel: pages $(VENV)/.installed

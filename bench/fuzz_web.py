@@ -26,7 +26,7 @@ from bench.fuzz_requests import FuzzedRequest, list_statuses, make_request
 from bench.web_farm import WebFarm
 from farm.http.stream_limit import STREAM_TYPE
 
-ANSWER_S = 120.0  # the first model waits for the start of the workers
+ANSWER_S = 600.0  # a model waits for the start of the workers, and for the planning of those before
 DAMAGED_S = 0.05
 """Time for the answer to a request that a server need not answer."""
 WARM_UP = 5000
@@ -136,8 +136,11 @@ def measure(number: int, seed: int, at_once: int) -> dict[str, Any]:
             looked = farm.measure()
             accepted_powerless = fuzzing.accepted
             asyncio.run(fuzzing.run(number - number * 3 // 4, powerful))
-            time.sleep(2.0)  # until uploads that were cut have been dropped
             ended = farm.measure()
+            given_up_s = time.monotonic() + ANSWER_S
+            while ended["uploads"] and time.monotonic() < given_up_s:
+                time.sleep(1.0)  # a whole upload is inspected, also if its sender has left
+                ended = farm.measure()
             status = json.loads(farm.run("status", "--json"))
         finally:
             farm.run("down", "--now")
