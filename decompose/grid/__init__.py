@@ -13,6 +13,7 @@ from decompose.grid.grid import (
     GridRules,
     build_grid,
     count_cells,
+    count_cuts,
     fill_grid,
     find_flat_coordinates,
 )
@@ -35,6 +36,7 @@ __all__ = [
     "box_index",
     "build_grid",
     "count_cells",
+    "count_cuts",
     "fill_grid",
     "find_flat_coordinates",
     "index_of",

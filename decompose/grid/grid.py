@@ -7,6 +7,7 @@ from that of its near side, and the first moment of that flux gives the volume. 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from enum import IntEnum
 from typing import Any
@@ -22,6 +23,7 @@ GRANULARITY = {
     "ucoarse": 2, "xcoarse": 3, "vcoarse": 8, "coarse": 9, "regular": 10, "fine": 12, "vfine": 15,
 }  # fmt: skip
 MAX_BOXES = 10_000_000  # all boxes of the grid are held in memory
+MAX_CUTS = 300_000_000  # of all boxes: a solve of the search computes one sum for each
 FLAT_BOXES_RATIO = 1.5  # boxes of a flat model over those of a cube with as many cells
 MIN_CELL_MM = 4.0
 FINER, MAX_FINE_CELLS = 3, 500_000  # division of cells to tell their bodies apart
@@ -146,10 +148,18 @@ def place_planes(lo_mm: float, hi_mm: float, count: int, flats: npt.NDArray[Any]
     return planes
 
 
+def count_cuts(shape: tuple[int, int, int]) -> int:
+    """Count the cuts of all boxes of a grid; each takes one sum."""
+    spans = [n * (n + 1) // 2 for n in shape]
+    cuts = [n * (n * n - 1) // 6 for n in shape]
+    return sum(math.prod([*spans[:axis], cuts[axis], *spans[axis + 1 :]]) for axis in range(3))
+
+
 def count_cells(size_mm: Floats, granularity: int) -> tuple[int, int, int]:
     """Count cells along each axis: near-cubes, granularity cubed of them, fewer if they get too small.
 
-    There are fewer too where a flat model would have many times as many boxes of cells as a cube.
+    There are fewer too where a flat model would have many times as many boxes of cells as a cube, or a long one
+    many times as many cuts.
 
     Parameters
     ----------
@@ -162,7 +172,8 @@ def count_cells(size_mm: Floats, granularity: int) -> tuple[int, int, int]:
     most_boxes = min(MAX_BOXES, FLAT_BOXES_RATIO * (granularity * (granularity + 1) // 2) ** 3)
     while True:
         nx, ny, nz = (max(1, round(float(s) / edge)) for s in size_mm)
-        if nx * (nx + 1) // 2 * (ny * (ny + 1) // 2) * (nz * (nz + 1) // 2) <= most_boxes:
+        boxes = nx * (nx + 1) // 2 * (ny * (ny + 1) // 2) * (nz * (nz + 1) // 2)
+        if boxes <= most_boxes and count_cuts((nx, ny, nz)) <= MAX_CUTS:
             return nx, ny, nz
         edge *= 1.03
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from decompose.problem.effort import Effort, Work
+from decompose.problem.effort import WORK_NS, Effort, Work
 from decompose.problem.granularity import FINEST, choose_granularity
 from decompose.problem.problem import GridFigures, Partition, Problem, validate_problem
 
 __all__ = [
     "FINEST",
+    "WORK_NS",
     "Effort",
     "GridFigures",
     "Partition",

@@ -31,8 +31,8 @@ class Work(StrEnum):
 
 WORK_NS = {
     Work.FACE_GRIDDED: 4_000.0,
-    Work.BOX_PRICED: 350.0,
-    Work.SUM: 0.7,
+    Work.BOX_PRICED: 100.0,
+    Work.SUM: 0.4,
     Work.FACE_CUT: 100.0,
     Work.FACE_POSED: 3_000.0,
     Work.PIECE_POSED: 15e6,
@@ -40,7 +40,7 @@ WORK_NS = {
     Work.PIECE_MEASURED: 5e6,
     Work.POINT_CLUSTERED: 300.0,
     Work.CELL_GROWN: 1_500.0,
-    Work.BOX_PROVEN: 700.0,
+    Work.BOX_PROVEN: 400.0,
 }
 """Nanoseconds of one core for a unit of each kind."""
 
@@ -59,12 +59,15 @@ class Effort:
         Whether a search has stopped because of the budget.
     on_spent
         Called with the work done, in seconds, whenever work is started; None for nobody.
+    reserved_s
+        Part of the budget for work that is done in any case, which no search may use.
     """
 
     budget_s: float = math.inf
     done: Counter[Work] = field(default_factory=Counter)
     cut_short: bool = False
     on_spent: Callable[[float], None] | None = None
+    reserved_s: float = 0.0
 
     @property
     def spent_s(self) -> float:
@@ -79,12 +82,13 @@ class Effort:
 
     def can_afford(self, work: Work, units: int) -> bool:
         """Check whether that much may be done; a refusal is recorded in `cut_short`."""
-        can_afford = self.spent_s + units * WORK_NS[work] / 1e9 <= self.budget_s
+        wanted_s = self.spent_s + self.reserved_s + units * WORK_NS[work] / 1e9
+        can_afford = wanted_s <= self.budget_s
         self.cut_short = self.cut_short or not can_afford
         return can_afford
 
     def is_spent(self) -> bool:
         """Check whether no more may be done; if so, that is recorded in `cut_short`."""
-        spent = self.spent_s >= self.budget_s
+        spent = self.spent_s + self.reserved_s >= self.budget_s
         self.cut_short = self.cut_short or spent
         return spent

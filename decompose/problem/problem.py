@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -123,21 +123,43 @@ class Problem:
         self.effort.record(Work.BOX_PRICED, len(boxes.seconds))
         return boxes
 
+    def start_proof(self, grid: Grid, boxes: BoxTables, partition: Sequence[Box]) -> Callable[[], float]:
+        """Start to prove a lower bound on the makespan of boxes, beside other work if there is an executor.
+
+        Returns
+        -------
+        Callable
+            Waits for the bound in s that no partition of the grid undercuts, by the tables.
+        """
+        self.effort.record(Work.BOX_PROVEN, len(boxes.seconds))
+        makespan_s = boxes.longest_s(partition)
+        prove = partial(bound_makespan, boxes, grid.needed, len(self.printers), makespan_s)
+        if self.executor is None:
+            return lambda: prove().seconds
+        proof = self.executor.submit(prove)
+        return lambda: proof.result().seconds
+
     def grid_figures(
-        self, grid: Grid, boxes: BoxTables, partition: list[Box], pieces: Sequence[Piece]
+        self,
+        grid: Grid,
+        boxes: BoxTables,
+        partition: list[Box],
+        pieces: Sequence[Piece],
+        proof: Callable[[], float] | None = None,
     ) -> GridFigures:
         """Compute the makespan of boxes by the tables, and a bound that no partition undercuts.
 
-        `pieces` are the final pieces from these boxes, or from similar ones. The boxes fit every printer: the
-        longest is for the fastest one. The bound is proven as if all printers were as fast as that one.
+        `pieces` are the final pieces from these boxes, or from similar ones; `proof` is of `start_proof`, if
+        it has begun. The boxes fit every printer: the longest is for the fastest one. The bound is proven as
+        if all printers were as fast as that one.
         """
         printers = len(self.printers)
         times_s = sorted((boxes.longest_s([box]) for box in partition), reverse=True)
         needed_mm3 = float(grid.sums[grid.needed][:, VOLUME].sum())
         bound_s = bound_by_surface_s(self.model.solid.area_mm2, needed_mm3, printers, self.cost)
-        if self.needs_proof(pieces):
-            self.effort.record(Work.BOX_PROVEN, len(boxes.seconds))
-            bound_s = max(bound_s, bound_makespan(boxes, grid.needed, printers, times_s[0]).seconds)
+        if proof is None and self.needs_proof(pieces):
+            proof = self.start_proof(grid, boxes, partition)
+        bound_s = bound_s if proof is None else max(bound_s, proof())
         factors = sorted(printer.time_factor for printer in self.printers)
         ends_s = max(time_s * factor for time_s, factor in zip(times_s, factors, strict=False))
         return GridFigures(ends_s, self.fastest_factor * bound_s, grid.shape)

@@ -11,7 +11,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from decompose import best as best_module
-from decompose.best import OTHER_GRIDS, OTHER_YAWS_DEG, find_best
+from decompose.best import OTHER_GRIDS, OTHER_YAWS_DEG, choose_first_grid, find_best
 from decompose.decompose import decompose_model
 from decompose.errors import DecomposeError, GeometryError, ModelNotSolid, NoFit, Rule
 from decompose.geometry import Model, Solid
@@ -76,15 +76,15 @@ def far(options: Options) -> float:
     return 1.2 * BOUND_S - finer
 
 
-FIRST_TWO = [(Engine.GUILLOTINE, "auto"), (Engine.PARALLELOBOX, "auto")]
+FIRST = [(Engine.GUILLOTINE, "auto")]
 
 
 def test_other_grids_are_tried_and_none_twice(cost: CostModel, result: Decomposition) -> None:
     engines = Engines(result, far)
     best = find_best(problem(cost), engines)
-    grids = [cells for _, cells in engines.tried[2:] if isinstance(cells, int)]
+    grids = [cells for _, cells in engines.tried[1:] if isinstance(cells, int)]
     turned = [(Engine.GUILLOTINE, "auto")] * len(OTHER_YAWS_DEG)
-    assert engines.tried == FIRST_TWO + [(Engine.GUILLOTINE, cells) for cells in grids] + turned
+    assert engines.tried == FIRST + [(Engine.GUILLOTINE, cells) for cells in grids] + turned
     shapes = [count_cells(BLOCK.extents_mm, cells) for cells in grids]
     shapes.append(count_cells(BLOCK.extents_mm, problem(cost).granularity(BLOCK)))
     assert len({*shapes}) == len(shapes) > 1
@@ -115,9 +115,9 @@ def test_other_grids_are_not_tried_for_small_gains(cost: CostModel, result: Deco
     """Decomposition in which all printers are busy nearly to the end."""
     engines = Engines(replace(result, sum_s=20.0 * 1.2 * BOUND_S), lambda _: 1.2 * 1.02 * BOUND_S)
     best = find_best(problem(cost), engines)
-    assert engines.tried[:2] == FIRST_TWO
+    assert engines.tried[:1] == FIRST
     assert {cells for _, cells in engines.tried} == {"auto"}
-    assert yaws_deg(best) == [0.0, 0.0, *OTHER_YAWS_DEG]
+    assert yaws_deg(best) == [0.0, *OTHER_YAWS_DEG]
 
 
 @pytest.mark.parametrize(("printers", "options"), [(20, {"granularity": 8}), (1, {})])
@@ -126,13 +126,13 @@ def test_only_the_requested_grid_is_tried(
 ) -> None:
     engines = Engines(result, far)
     find_best(problem(cost, printers, **options), engines)
-    assert len(engines.tried) == 2
+    assert len(engines.tried) == 1
     assert {cells for _, cells in engines.tried} == {options.get("granularity", "auto")}
 
 
 def test_other_grids_are_tried_at_the_best_angle(cost: CostModel, result: Decomposition) -> None:
     def ends_s(options: Options) -> float:
-        return BOUND_S * (1.2 if len(engines.posed_problem) == 2 + len(first) + 2 else 1.3)  # the second yaw
+        return BOUND_S * (1.2 if len(engines.posed_problem) == 1 + len(first) + 2 else 1.3)  # the second yaw
 
     first: list[object] = []
     engines = Engines(result, lambda options: 1.3 * BOUND_S)
@@ -141,12 +141,12 @@ def test_other_grids_are_tried_at_the_best_angle(cost: CostModel, result: Decomp
     engines = Engines(result, ends_s)
     best = find_best(problem(cost), engines)
     yaw_deg = OTHER_YAWS_DEG[1]
-    later = best.attempts[2 + len(first) + len(OTHER_YAWS_DEG) :]
+    later = best.attempts[1 + len(first) + len(OTHER_YAWS_DEG) :]
     assert best.makespan_s == 1.2 * BOUND_S
     assert later
     assert {attempt.yaw_deg for attempt in later} == {yaw_deg}
     lengths = [item.model.extents_mm[0] for item in engines.posed_problem]
-    assert lengths[-1] == pytest.approx(lengths[2 + len(first) + 1])
+    assert lengths[-1] == pytest.approx(lengths[1 + len(first) + 1])
     assert lengths[-1] == pytest.approx(300 * math.cos(math.radians(15)) + 90 * math.sin(math.radians(15)))
 
 
@@ -155,10 +155,10 @@ def test_rotated_cuts_need_a_minimum_gain(
     share: float, taken: bool, cost: CostModel, result: Decomposition
 ) -> None:
     busy = replace(result, sum_s=20.0 * 0.98 * BOUND_S)  # other grids are not tried
-    engines = Engines(busy, lambda _: BOUND_S * (share if len(engines.posed_problem) > 2 else 1.0))
+    engines = Engines(busy, lambda _: BOUND_S * (share if len(engines.posed_problem) > 1 else 1.0))
     best = find_best(problem(cost), engines)
     assert best.makespan_s == BOUND_S * (share if taken else 1.0)
-    assert [a.makespan_s for a in best.attempts[2:]] == [share * BOUND_S] * len(OTHER_YAWS_DEG)
+    assert [a.makespan_s for a in best.attempts[1:]] == [share * BOUND_S] * len(OTHER_YAWS_DEG)
 
 
 def test_parts_of_a_rotated_model_are_in_the_original_frame(
@@ -245,7 +245,7 @@ def test_result_with_faults_is_the_last_choice(cost: CostModel, result: Decompos
 def test_broken_rule_is_reported_after_the_budget_was_spent(
     error: DecomposeError, reported: str, cost: CostModel, result: Decomposition
 ) -> None:
-    engines = Engines(result, far)
+    engines = Engines(result, far, faulty=(Engine.GUILLOTINE,))
 
     def late(task: Problem) -> Decomposition:
         if task.options.engine is Engine.GUILLOTINE:
@@ -259,11 +259,33 @@ def test_broken_rule_is_reported_after_the_budget_was_spent(
     assert not second.finished
 
 
-def test_no_attempt_starts_after_the_budget_is_spent(cost: CostModel, result: Decomposition) -> None:
+@pytest.mark.parametrize(("budget_s", "begun"), [(1.4, 1), (1.6, 2), (2.0, 2), (2.6, 3)])
+def test_no_attempt_starts_with_too_little_budget(
+    budget_s: float, begun: int, cost: CostModel, result: Decomposition, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each attempt takes a second, and another one needs half of that."""
+    monkeypatch.setattr(best_module, "GRID_SHARE", math.inf)
     engines = Engines(result, far)
-    best = find_best(problem(cost, best=BestOptions(1.5)), engines)
-    assert engines.tried == FIRST_TWO
-    later = best.attempts[2:]
+    best = find_best(problem(cost, best=BestOptions(budget_s)), engines)
+    assert len(engines.tried) == begun
+    later = best.attempts[begun:]
     assert later
     assert not any(a.finished for a in later)
     assert all("not begun" in a.reason for a in later)
+
+
+def test_parallelobox_is_tried_only_without_a_sound_result(cost: CostModel, result: Decomposition) -> None:
+    engines = Engines(result, far)
+    find_best(problem(cost), engines)
+    assert Engine.PARALLELOBOX not in {engine for engine, _ in engines.tried}
+
+
+def test_first_grid_is_coarser_for_a_small_budget(cost: CostModel) -> None:
+    grids = [choose_first_grid(problem(cost, best=BestOptions(budget_s))) for budget_s in (0.0, 2.0, 6.0)]
+    assert grids[0] == 15  # as for few printers
+    assert [*grids] == sorted(grids)
+    assert grids[1] < grids[2] < problem(cost).granularity(BLOCK)
+    assert choose_first_grid(problem(cost)) == "auto"
+    assert choose_first_grid(problem(cost, granularity=30, best=BestOptions(0.0))) == 30
+    narrow = tuple(PrinterRoom(str(i), ((32.0, 32.0, 32.0),)) for i in range(20))
+    assert choose_first_grid(replace(problem(cost, best=BestOptions(0.0)), printers=narrow)) == 19

@@ -15,7 +15,7 @@ import numpy as np
 from decompose.bound import bound_by_surface_s
 from decompose.engines.guillotine.neighbourhood import improve_locally, sorted_times_s
 from decompose.engines.guillotine.partitioner import Partitioner
-from decompose.engines.guillotine.plane_shift import shift_planes
+from decompose.engines.guillotine.plane_shift import estimate_shift_s, shift_planes
 from decompose.engines.guillotine.recursion import UNREACHABLE
 from decompose.errors import NoFit, format_size
 from decompose.grid import VOLUME, Box, BoxTables, Grid, box_index
@@ -26,7 +26,7 @@ MAX_ROUNDS = 8  # of true prices for the chosen boxes, and a new choice
 MAX_REJECTIONS = 40  # choices given up for a sliver or a weak joint
 RETRY_RATIO = 1.01  # a true makespan of more than this share of the tables' is worth another round
 TOLERANCE_S = 1.0  # to which the least makespan by the tables is found
-SEARCH_SHARE = 0.6  # of the budget; the rest is left for windows and planes
+SEARCH_SHARE = 0.75  # of the budget, besides what is reserved; the rest is left for windows
 LATE_STEP = 0.02  # share of the makespan by which its limit grows when that is used up and nothing is found
 LOOSER = (0.1, 0.25, 0.4)  # of the way to the least makespan of one printer less
 LOOSEST = 1.06  # of the least makespan, if there is none for one printer less
@@ -43,8 +43,12 @@ def cut_for_uniform_printers(problem: Problem) -> Partition:
     """
     grid, boxes, bound_s = build_tables(problem)
     engine = ExactSearch(problem, grid, boxes, bound_s)
+    is_proven = problem.options.prove and math.isinf(problem.best_known_s)  # whatever the planes gain
+    problem.effort.reserved_s = estimate_shift_s(problem, len(problem.printers))
     partition = engine.run()
+    problem.effort.reserved_s = 0.0
     problem.on_stage("search")
+    proof = problem.start_proof(grid, boxes, list(partition)) if is_proven else None
     pieces = tuple(shift_planes(problem, grid, partition))
     is_promising = problem.thorough and problem.makespan_s(pieces) < CLOSE_RATIO * problem.best_known_s
     if is_promising and not problem.effort.is_spent():
@@ -53,7 +57,7 @@ def cut_for_uniform_printers(problem: Problem) -> Partition:
             if problem.effort.is_spent():
                 break
     problem.on_stage("planes")
-    figures = problem.grid_figures(grid, boxes, list(partition), pieces)
+    figures = problem.grid_figures(grid, boxes, list(partition), pieces, proof)
     problem.on_stage("bound")
     return Partition(pieces, problem.model, np.eye(3), figures)
 
@@ -91,7 +95,7 @@ class ExactSearch:
         best: list[Box] = []
         best_s = math.inf
         rounds, effort = 0, self.problem.effort
-        until_s = effort.spent_s + SEARCH_SHARE * (effort.budget_s - effort.spent_s)
+        until_s = effort.spent_s + SEARCH_SHARE * (effort.budget_s - effort.reserved_s - effort.spent_s)
         while True:
             is_late = effort.spent_s >= until_s
             if is_late:

@@ -32,7 +32,7 @@ from decompose.engines.guillotine.recursion import (
     fill_keys,
     solve_recursion,
 )
-from decompose.grid import Box, BoxTables, box_at, box_index
+from decompose.grid import Box, BoxTables, box_at, box_index, count_cuts
 
 GALLOP = 4.0  # factor on the steps by which a limit grows until it is reached
 MAX_TIED = 120_000_000  # values of all states, beyond which ties are not broken, to save memory
@@ -236,13 +236,6 @@ def class_states(counts: Sequence[int]) -> tuple[Ints, Ints]:
         for part in np.ndindex(*(w + 1 for w in whole))
     ]
     return np.array(states, dtype=np.int64).reshape(len(states), len(counts)), np.array(sums, dtype=np.int64)
-
-
-def count_cuts(shape: tuple[int, int, int]) -> int:
-    """Count the cuts of all boxes of a grid; each takes one sum."""
-    spans = [n * (n + 1) // 2 for n in shape]
-    cuts = [n * (n * n - 1) // 6 for n in shape]
-    return sum(math.prod([*spans[:axis], cuts[axis], *spans[axis + 1 :]]) for axis in range(3))
 
 
 def _box(sides: list[int]) -> Box:

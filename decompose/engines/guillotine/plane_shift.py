@@ -46,7 +46,7 @@ from decompose.options import Interior
 from decompose.pieces import SLIVER_MM, Piece, cut_box, find_cut_faces, find_faults
 from decompose.print_time import Pose, measure_pose
 from decompose.printers import PrinterRoom
-from decompose.problem import Problem, Work
+from decompose.problem import WORK_NS, Problem, Work
 
 Face = tuple[int, ...]  # of a box: its side, 0 or 1, and its axis
 
@@ -63,6 +63,7 @@ PLANE_DIGITS = 6  # of a plane that moved, in mm
 UNMOVED_MM = 0.02
 MAX_COVERED = 20_000_000  # fine cells times boxes in the test of the covering
 MAX_KEPT = 4  # solutions of a step, each around more planes that flat faces stop
+USUAL_MEASURED = 10  # times that each part of a search is priced: for its slopes, and after its moves
 
 
 def shift_planes(problem: Problem, grid: Grid, cut: Mapping[Box, Sequence[Piece]]) -> list[Piece]:
@@ -83,6 +84,13 @@ def shift_planes(problem: Problem, grid: Grid, cut: Mapping[Box, Sequence[Piece]
     return shift_box_planes(
         problem, grid, np.array([grid.bounds_mm(box) for box in filled]), list(cut.values())
     )
+
+
+def estimate_shift_s(problem: Problem, parts: int) -> float:
+    """Estimate the effort in s of the search that is made in any case, for a number of parts."""
+    faces = problem.model.solid.faces
+    measured_ns = WORK_NS[Work.PIECE_MEASURED] * parts + WORK_NS[Work.FACE_MEASURED] * 2.0 * faces
+    return (USUAL_MEASURED * measured_ns + WORK_NS[Work.FACE_GRIDDED] * faces) / 1e9
 
 
 def shift_box_planes(

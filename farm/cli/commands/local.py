@@ -61,7 +61,7 @@ def decompose(
     ] = "leave",
     min_wall: Annotated[float, typer.Option(min=0, help="Thinnest wall around the hollow, mm.")] = 10.0,
     min_glue: Annotated[float, typer.Option(min=0, help="Smallest area of a joint that holds, mm2.")] = 25.0,
-    engine: Annotated[str, typer.Option(help="The algorithm; best: guillotine and parallelobox.")] = "best",
+    engine: Annotated[str, typer.Option(help="The algorithm; best: guillotine on several grids.")] = "best",
     budget: Annotated[
         float, typer.Option(min=0, help="best: computing time in seconds of one core, about.")
     ] = 20.0,

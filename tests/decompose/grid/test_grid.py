@@ -21,6 +21,7 @@ from decompose.grid import (
     box_index,
     build_grid,
     count_cells,
+    count_cuts,
     find_flat_coordinates,
     price_boxes,
 )
@@ -156,6 +157,13 @@ def test_cell_counts_follow_the_proportions_of_the_model() -> None:
     nx, ny, nz = count_cells(np.array([355.0, 3.0, 355.0]), 15)
     assert (ny, nx) == (1, nz)
     assert count_cells(np.array([1.0, 1.0, 1.0]), 15) == (1, 1, 1)
+
+
+@pytest.mark.parametrize("size_mm", [(450.0, 450.0, 1.0), (2000.0, 20.0, 20.0), (2000.0, 300.0, 2.0)])
+def test_solves_of_long_and_flat_grids_are_short(size_mm: tuple[float, float, float]) -> None:
+    shape = count_cells(np.array(size_mm), 24)
+    assert count_cuts(shape) <= 3e8
+    assert max(shape) >= 2000.0 / 100.0  # no cell is longer than half a room
 
 
 @pytest.mark.parametrize("size_mm", [(450.0, 450.0, 1.0), (2000.0, 20.0, 20.0), (450.0, 100.0, 100.0)])

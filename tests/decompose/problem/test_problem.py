@@ -101,5 +101,5 @@ def test_bound_holds_on_unequal_printers_for_common_boxes(ring_with_bar: Solid, 
 def test_reported_time_includes_every_attempt(ring_with_bar: Solid, cost: CostModel) -> None:
     options = replace(OPTIONS, engine=Engine.BEST)
     result = decompose_model(Model(ring_with_bar, (), 1.0), fleet(*[1.0] * 4), options, cost)
-    assert len(result.attempts) == 2
+    assert result.attempts[0].compute_s > 0.0
     assert result.compute_s["total"] >= sum(item.compute_s for item in result.attempts)

@@ -10,9 +10,9 @@ import pytest
 
 from decompose.engines.guillotine import exact_search
 from decompose.engines.guillotine.exact_search import LOOSER, ExactSearch
-from decompose.engines.guillotine.partitioner import Partitioner, count_cuts
+from decompose.engines.guillotine.partitioner import Partitioner
 from decompose.geometry import Model
-from decompose.grid import Box, box_index
+from decompose.grid import Box, box_index, count_cuts
 from decompose.options import Engine, Options
 from decompose.pieces import Piece
 from decompose.print_time import CostModel
