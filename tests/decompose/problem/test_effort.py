@@ -148,3 +148,17 @@ def test_sum_of_work_is_independent_of_order(work: list[tuple[Work, int]], budge
 def test_search_computes_one_sum_per_cut_of_each_box(shape: tuple[int, int, int]) -> None:
     spans = [[b - a for a in range(n) for b in range(a + 1, n + 1)] for n in shape]
     assert count_cuts(shape) == sum(x + y + z - 3 for x in spans[0] for y in spans[1] for z in spans[2])
+
+
+@pytest.mark.parametrize("size_mm", [(260.0, 90.0, 80.0), (220.0, 210.0, 30.0)])
+def test_first_grid_with_its_bound_keeps_a_small_budget(
+    size_mm: tuple[float, float, float], cost: CostModel
+) -> None:
+    """A block with a bore, askew: the search, a search of planes and the bound together."""
+    x, y, z = size_mm
+    bore = Solid.box((0.3 * x, 0.2 * y, -1.0), (0.6 * x, 0.7 * y, z + 1.0))
+    turn = trimesh.transformations.rotation_matrix(0.3, (0.2, 0.1, 1.0))[:3, :3]
+    model = Model(Solid.box((0, 0, 0), size_mm).subtract(bore).rotate(turn), (), 1.0)
+    result = decompose_module.decompose_model(model, PRINTERS, Options(best=BestOptions(3.0)), cost)
+    assert result.lower_bound_s <= result.grid_makespan_s
+    assert effort_s(result) <= 1.25 * 3.0
