@@ -21,14 +21,16 @@ def make_certificates(folder):
 
 
 async def run_scheduler(folder, certificates):
-    """Run a scheduler; its address is in a file of the folder."""
+    """Run a scheduler; its address is in a file of the folder, and stays the same later."""
     from distributed import Scheduler
 
     from farm.compute.cluster.security import make_security
 
     security = make_security("tls://", certificates)
+    file = folder / "address"
+    port = int(file.read_text().rpartition(":")[2]) if file.exists() else 0
     async with Scheduler(
-        host="127.0.0.1", port=0, protocol="tls", security=security, dashboard_address="127.0.0.1:0"
+        host="127.0.0.1", port=port, protocol="tls", security=security, dashboard_address="127.0.0.1:0"
     ) as scheduler:
         (folder / "address.new").write_text(scheduler.address)
         (folder / "address.new").replace(folder / "address")

@@ -135,7 +135,7 @@ class ClusterPool:
         files = work.list_files(*args)
         task = RemoteTask(
             id="",
-            call=dump((work, args)),
+            call=dump((Deferred(work.target), args)),
             limit=limit,
             installation=self._installation,
             reads=await asyncio.to_thread(read_files, files),

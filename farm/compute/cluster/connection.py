@@ -180,9 +180,9 @@ class Connection:
     async def _disconnect(self) -> None:
         client, self._client = self._client, None
         if client is not None:
-            with contextlib.suppress(OSError, TimeoutError, asyncio.CancelledError):
-                async with asyncio.timeout(_POLL_S):
-                    await client.close(timeout=_POLL_S)
+            closing = asyncio.ensure_future(client.close(timeout=_POLL_S))
+            closing.add_done_callback(_ignore_result)
+            await asyncio.wait({closing}, timeout=_POLL_S)
 
 
 def list_workers(records: dict[str, dict[str, Any]], installation: Installation) -> tuple[ClusterWorker, ...]:
