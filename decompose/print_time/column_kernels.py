@@ -13,6 +13,9 @@ from decompose.jit import jit, jit_inline
 MIN_STEP_MM = 0.4
 LEVELS = 8  # heights at which the growing part is measured
 ISLAND_LEVELS, ISLAND_STRIDE = 16, 2  # heights at which islands are counted, in every second column each way
+FEW_ISLANDS, MANY_SHARE = 4, 0.6
+"""Number of islands of a layer that count in full, and the share for which each further one counts, as among
+many the next is near; measured on slices of posts and fins (`bench/print_time_contours.py`)."""
 LEVEL_MM = 0.01  # heights closer than this are the same
 STEEPEST = 20.0  # the tangent that counts as upright
 MIN_GAP_MM = 0.3  # a face that is lower above the bed, or above the part, gets no support
@@ -48,7 +51,7 @@ class Sweep(NamedTuple):
         (nx, ny) bool: support carries the part from the bed.
     supports_mm
         (nx, ny) float64 height of support in each column.
-    towers_mm, edges_mm2, islands_mm
+    towers_mm, edges_mm2, islands_mm, bodies_mm
         See `_sum_towers_mm` and `_sum_islands_mm`.
     """
 
@@ -59,6 +62,7 @@ class Sweep(NamedTuple):
     towers_mm: float
     edges_mm2: float
     islands_mm: float
+    bodies_mm: float
 
 
 @jit
@@ -100,8 +104,8 @@ def sweep_columns(triangles: Floats, marked: Floats, rays: Rays, height: float, 
             passing[above] += ending[level]
     carried = step * np.sqrt(1.0 - overhang_cos * overhang_cos) / overhang_cos
     towers_mm, edges_mm2 = _sum_towers_mm(runs, supports, carried, step)
-    islands_mm = _sum_islands_mm(runs, rays.shape, height)
-    return Sweep(touched, passing, propped, supports, towers_mm, edges_mm2, islands_mm)
+    islands_mm, bodies_mm = _sum_islands_mm(runs, rays.shape, height)
+    return Sweep(touched, passing, propped, supports, towers_mm, edges_mm2, islands_mm, bodies_mm)
 
 
 @jit_inline
@@ -240,8 +244,10 @@ def _sum_towers_mm(runs: Runs, supports: Floats, carried: float, step: float) ->
 
 
 @jit
-def _sum_islands_mm(runs: Runs, shape: tuple[int, int], height: float) -> float:
-    """Sum the number of islands but one, of solid and of support, over the height in mm.
+def _sum_islands_mm(runs: Runs, shape: tuple[int, int], height: float) -> tuple[float, float]:
+    """Sum the islands of each layer but one, and its bodies of solid but one, over the height in mm.
+
+    Of many islands, those after the first few count less: `MANY_SHARE`.
 
     Parameters
     ----------
@@ -254,13 +260,13 @@ def _sum_islands_mm(runs: Runs, shape: tuple[int, int], height: float) -> float:
     """
     start, counts, ends = runs.start, runs.counts, runs.ends
     nx, ny = shape
-    total = 0
+    total, others = 0.0, 0
     rows, row = (nx + ISLAND_STRIDE - 1) // ISLAND_STRIDE, (ny + ISLAND_STRIDE - 1) // ISLAND_STRIDE
     kind = np.zeros(rows * row, np.int8)  # none, solid, support
     parent = np.zeros(rows * row, np.int64)
     for level in range(ISLAND_LEVELS):
         z = height * (level + 0.5) / ISLAND_LEVELS
-        islands = 0
+        islands, bodies = 0, 0
         for i in range(rows):
             for j in range(row):
                 index = i * row + j
@@ -273,7 +279,9 @@ def _sum_islands_mm(runs: Runs, shape: tuple[int, int], height: float) -> float:
                         kind[index] = 2
                 if kind[index] == 0:
                     continue
+                solid = 1 if kind[index] == 1 else 0
                 islands += 1
+                bodies += solid
                 for n in range(4):  # the four of the eight neighbours that were visited before
                     u, v = (i, j - 1) if n == 3 else (i - 1, j - 1 + n)
                     if u < 0 or v < 0 or v >= row or kind[u * row + v] != kind[index]:
@@ -282,8 +290,10 @@ def _sum_islands_mm(runs: Runs, shape: tuple[int, int], height: float) -> float:
                     if a != b:
                         parent[a] = b
                         islands -= 1
-        total += max(0, islands - 1)
-    return total * height / ISLAND_LEVELS
+                        bodies -= solid
+        total += max(0, min(islands, FEW_ISLANDS) - 1) + MANY_SHARE * max(0, islands - FEW_ISLANDS)
+        others += max(0, bodies - 1)
+    return total * height / ISLAND_LEVELS, others * height / ISLAND_LEVELS
 
 
 @jit

@@ -31,7 +31,10 @@ class Columns:
     towers_mm
         Height of all towers under tips in mid-air, whose sides need no support.
     islands_mm
-        Height of all islands but one, of part or support, in each layer: the nozzle goes there and back.
+        Height of all islands but one, of part or support, in each layer: the nozzle goes there and back. Of
+        many, each counts less.
+    bodies_mm
+        Height of all bodies of the part but one in each layer: inner walls are shorter in each.
     propped_mm2, props_mm
         Area, as seen from above, that this support carries from the bed, and (p, 2) points of it on the bed:
         the ends of each row of columns, which span the rest.
@@ -46,6 +49,7 @@ class Columns:
     support_side_mm2: float
     towers_mm: float
     islands_mm: float
+    bodies_mm: float
     propped_mm2: float
     props_mm: Floats
     touched_mm2: float
@@ -84,6 +88,7 @@ def measure_columns(triangles: Floats, marked: Bools, overhang_cos: float, count
         support_side_mm2=_sum_side_mm2(sums.supports_mm, step) + sums.edges_mm2,
         towers_mm=sums.towers_mm,
         islands_mm=sums.islands_mm,
+        bodies_mm=sums.bodies_mm,
         propped_mm2=float(sums.propped.sum() * area),
         props_mm=origin + step * _find_row_ends(sums.propped),
         touched_mm2=float(sums.touched * area),

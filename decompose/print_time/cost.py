@@ -105,6 +105,12 @@ class CostModel:
         support = self.support_s_mm3 * support_mm3 + self.support_side_s_mm2 * side_mm2
         return support + self.tower_s_mm * towers_mm + self.island_s_mm * islands_mm
 
+    def inset_price_s(self, lateral_mm2: float, height_mm: float, bodies_mm: float) -> float:
+        """Price what shorter inner walls save in all bodies of a layer but one, which `price` leaves out."""
+        most_s = MAX_INSET_SHARE * self.lateral_s_mm2 * lateral_mm2
+        one_s = min(self.inset_s_mm * height_mm, most_s)
+        return min(self.inset_s_mm * (height_mm + bodies_mm), most_s) - one_s
+
     def prices(self) -> Prices:
         """Return the coefficients as a record for compiled code, one float64 a field, by their names."""
         record: Prices = np.array([astuple(self)], dtype=_PRICES)[0]

@@ -16,6 +16,7 @@ from decompose.print_time.hidden_faces import find_hidden_faces
 from decompose.print_time.pose_prices import price_short_layers_s, sum_pose_features
 from decompose.print_time.recipe import ADDITIVE
 
+LATERAL = ADDITIVE.index("lateral_mm2")
 COLUMN = ADDITIVE.index("column_mm3")  # the last: the support's volume, were it to reach the bed
 TOUCHED_MM2 = 1.0  # less than this of a cut face under support is rounding
 
@@ -163,6 +164,7 @@ def measure_from_features(
         to_model=to_model,
         size_mm=(width, depth, height),
         price_s=pose_cost.price_s([*features[:COLUMN], 0.0], hi - lo)
+        - cost.inset_price_s(float(features[LATERAL]), height, inside.bodies_mm)
         + cost.support_price_s(
             inside.support_mm3, inside.support_side_mm2, inside.towers_mm, inside.islands_mm
         )

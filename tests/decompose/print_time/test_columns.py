@@ -94,8 +94,19 @@ def test_islands_are_separate_areas_of_a_layer() -> None:
     assert measure(legs[0]).islands_mm == 0.0
     assert measure(Solid.union(legs)).islands_mm == pytest.approx(3 * 30.0)
     assert measure(table).islands_mm == pytest.approx(
-        4 * 30.0, abs=4 * 40.0 / 16
+        3.6 * 30.0, abs=4 * 40.0 / 16
     )  # and the support between them
+    assert (
+        measure(Solid.union(legs)).bodies_mm == measure(table).bodies_mm == pytest.approx(3 * 30.0, abs=8.0)
+    )
+    assert measure(legs[0]).bodies_mm == 0.0
+
+
+def test_further_islands_of_many_count_less() -> None:
+    posts = [Solid.box((x, y, 0), (x + 6, y + 6, 30)) for x in range(0, 60, 12) for y in (0, 12, 24, 36)]
+    result = measure(Solid.union(posts))
+    assert result.islands_mm == pytest.approx((3 + 0.6 * 16) * 30.0)
+    assert result.bodies_mm == pytest.approx(19 * 30.0)
 
 
 def test_slope_from_its_wall_needs_no_tower() -> None:

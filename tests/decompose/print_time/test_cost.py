@@ -230,3 +230,17 @@ def test_compiled_code_reads_prices_by_name() -> None:
     dtype = np.dtype([(name, np.float64) for name in values])
     moved = np.array([tuple(values.values())], dtype=dtype)[0]
     assert price(moved, additive, extents) == cost.price_s(additive, extents)
+
+
+def test_inner_walls_of_each_body_are_shorter() -> None:
+    """Four posts: what their inner walls lack is that of one post four times, up to a share of all walls."""
+    cost = CostModel.from_recipe(Recipe(min_layer_s=0.0))
+    lateral_mm2, height_mm = 4.0 * 4.0 * 30.0 * 50.0, 50.0
+    assert cost.inset_price_s(lateral_mm2, height_mm, 0.0) == 0.0
+    assert cost.inset_price_s(lateral_mm2, height_mm, 3.0 * height_mm) == pytest.approx(
+        3.0 * cost.inset_s_mm * height_mm
+    )
+    most_s = 0.1 * cost.lateral_s_mm2 * lateral_mm2
+    assert cost.inset_price_s(lateral_mm2, height_mm, 1e6) == pytest.approx(
+        most_s - cost.inset_s_mm * height_mm
+    )
