@@ -98,14 +98,15 @@ class Stage:
         """Return `farm status --json`."""
         return json.loads(self.farm("status", "--json"))
 
-    def wait(self, what: str, condition: Callable[[Any], object]) -> None:
-        """Wait until the status is so."""
+    def wait(self, what: str, condition: Callable[[Any], object]) -> Any:
+        """Wait until the status is so, and return it: a later one may be another."""
         give_up_s = time.monotonic() + PATIENCE_S
         print(f"waiting for {what} ...", flush=True)
-        while not condition(self.read_status()):
+        while not condition(status := self.read_status()):
             if time.monotonic() > give_up_s:
                 raise SystemExit(f"gave up waiting for {what}")
             time.sleep(1.0)
+        return status
 
 
 def find_afternoon() -> str:
@@ -130,8 +131,8 @@ def set_stage(stage: Stage) -> None:
     ):
         stage.farm("submit", aqueduct, "--name", name, *options)
     stage.wait("plans", lambda s: all(one["plates"] for one in s["jobs"]))
-    stage.wait("a print", lambda s: any(one["state"] == "printing" for one in s["printers"]))
-    busy = next(one["name"] for one in stage.read_status()["printers"] if one["state"] == "printing")
+    status = stage.wait("a print", lambda s: any(one["state"] == "printing" for one in s["printers"]))
+    busy = next(one["name"] for one in status["printers"] if one["state"] == "printing")
     stage.farm("fail", busy, "--why", "the first layer came off")
     stage.wait("the first part", lambda s: s["jobs"][0]["printed"] > 1)
     done = [one for one in stage.read_status()["printers"] if (one["last"] or {}).get("state") == "done"]

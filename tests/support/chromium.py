@@ -8,90 +8,34 @@ import os
 import shutil
 
 CHROMIUM = shutil.which("chromium")
-PATIENCE_S = 30.0
+PATIENCE_S = 120.0
 
 
-class Chromium:
-    """One page of a browser with a profile of its own; `async with` ends it.
+class Tab:
+    """One page of a browser.
 
     Parameters
     ----------
-    profile
-        Folder for the profile.
-    hosts
-        Rules by which names are found, such as `MAP farm.lab 127.0.0.1`.
+    pipe
+        Connection to the browser.
+    session
+        Its session there.
     """
 
-    def __init__(self, profile, hosts):
-        self._command = [CHROMIUM, "--headless=new", "--no-sandbox", "--disable-gpu", "--no-first-run"]
-        self._command += ["--enable-unsafe-swiftshader"]  # WebGL without a graphics card
-        self._command += ["--remote-debugging-pipe", f"--user-data-dir={profile}", "--disable-dev-shm-usage"]
-        self._command += [f"--host-resolver-rules={hosts}", "--window-size=1000,700"]
-        self._numbers = itertools.count(1)
-        self._answers = {}
-        self.messages = []
-        """Lines that the browser logged, such as violations of a page's policy."""
+    def __init__(self, pipe, session):
+        self._pipe, self._session = pipe, session
         self._loaded = asyncio.Event()
+        pipe.tabs[session] = self
 
-    async def __aenter__(self):
-        to_browser, own_write = os.pipe()
-        own_read, from_browser = os.pipe()
-
-        def place_pipes():
-            read, write = os.dup(to_browser), os.dup(from_browser)
-            for number, end in ((3, read), (4, write)):
-                os.dup2(end, number)
-                os.set_inheritable(number, True)  # dup2 leaves that as it was if both are the same
-
-        self._process = await asyncio.create_subprocess_exec(
-            *self._command,
-            preexec_fn=place_pipes,
-            close_fds=False,
-            stdout=asyncio.subprocess.DEVNULL,
-            stderr=asyncio.subprocess.DEVNULL,
-            start_new_session=True,
-        )
-        os.close(to_browser)
-        os.close(from_browser)
-        self._out = os.fdopen(own_write, "wb", buffering=0)
-        self._in = os.fdopen(own_read, "rb", buffering=0)
-        reader = asyncio.StreamReader(limit=2**26)
-        self._transport, _ = await asyncio.get_running_loop().connect_read_pipe(
-            lambda: asyncio.StreamReaderProtocol(reader), self._in
-        )
-        self._reading = asyncio.create_task(self._read(reader))
-        self._session = None
-        target = (await self.call("Target.createTarget", url="about:blank"))["targetId"]
-        attached = await self.call("Target.attachToTarget", targetId=target, flatten=True)
-        self._session = attached["sessionId"]
+    async def prepare(self):
+        """Turn on what is reported about the page."""
         for domain in ("Page", "Log", "Network", "Runtime"):
             await self.call(f"{domain}.enable")
         return self
 
-    async def __aexit__(self, *_):
-        self._reading.cancel()
-        self._out.close()  # it ends when its pipe is closed
-        self._transport.close()
-        try:
-            async with asyncio.timeout(PATIENCE_S):
-                await self._process.wait()
-        except TimeoutError:
-            os.killpg(self._process.pid, 9)
-            await self._process.wait()
-
     async def call(self, method, **params):
         """Call a method of the protocol, and return its result."""
-        number = next(self._numbers)
-        message = {"id": number, "method": method, "params": params}
-        if self._session:
-            message["sessionId"] = self._session
-        self._answers[number] = asyncio.get_running_loop().create_future()
-        self._out.write(json.dumps(message).encode() + b"\0")
-        async with asyncio.timeout(PATIENCE_S):
-            answer = await self._answers[number]
-        del self._answers[number]
-        assert "error" not in answer, (method, answer)
-        return answer["result"]
+        return await self._pipe.call(method, self._session, params)
 
     async def open(self, url):
         """Open an address, and wait until the page is loaded."""
@@ -121,10 +65,26 @@ class Chromium:
         node = (await self.call("DOM.querySelector", nodeId=page, selector=selector))["nodeId"]
         await self.call("DOM.setFileInputFiles", files=[str(path)], nodeId=node)
 
+    async def drop_file(self, selector, path):
+        """Drag a file onto an element, and drop it."""
+        area = f"document.querySelector({selector!r}).getBoundingClientRect()"
+        left, top, width, height = [
+            await self.evaluate(f"{area}.{side}") for side in ("left", "top", "width", "height")
+        ]
+        data = {"items": [], "files": [str(path)], "dragOperationsMask": 1}
+        for kind in ("dragEnter", "dragOver", "drop"):
+            at = {"x": left + width / 2, "y": top + height / 2}
+            await self.call("Input.dispatchDragEvent", type=kind, data=data, **at)
+
     async def click(self, x, y):
         """Click a point of the window."""
         for kind in ("mousePressed", "mouseReleased"):
             await self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
+
+    async def cut_network(self, is_cut=True):
+        """Cut the page off from the network, or connect it again."""
+        unlimited = {"latency": 0, "downloadThroughput": -1, "uploadThroughput": -1}
+        await self.call("Network.emulateNetworkConditions", offline=is_cut, **unlimited)
 
     async def read_text(self):
         """Return the text of the page."""
@@ -138,12 +98,118 @@ class Chromium:
         async with asyncio.timeout(PATIENCE_S):
             await self._loaded.wait()
 
-    async def _read(self, reader):
+    def on_event(self, method, params):
+        """Take up an event of the page."""
+        if method == "Page.loadEventFired":
+            self._loaded.set()
+
+
+class Pipe:
+    """Calls to a browser and their answers."""
+
+    def __init__(self, out):
+        self._out = out
+        self._numbers = itertools.count(1)
+        self._answers = {}
+        self.tabs, self.messages = {}, []
+
+    async def call(self, method, session, params):
+        """Call a method, of a session or of the browser, and return its result."""
+        number = next(self._numbers)
+        message = {"id": number, "method": method, "params": params}
+        if session:
+            message["sessionId"] = session
+        self._answers[number] = asyncio.get_running_loop().create_future()
+        self._out.write(json.dumps(message).encode() + b"\0")
+        async with asyncio.timeout(PATIENCE_S):
+            answer = await self._answers[number]
+        del self._answers[number]
+        assert "error" not in answer, (method, answer)
+        return answer["result"]
+
+    async def open_session(self):
+        """Return the session of a new tab."""
+        made = await self.call("Target.createTarget", None, {"url": "about:blank", "newWindow": True})
+        attach = {"targetId": made["targetId"], "flatten": True}
+        attached = await self.call("Target.attachToTarget", None, attach)
+        return attached["sessionId"]
+
+    async def read(self, reader):
+        """Give answers to who waits for them, and events to their tabs."""
         while True:
             message = json.loads((await reader.readuntil(b"\0"))[:-1])
             if message.get("id") in self._answers:
                 self._answers[message["id"]].set_result(message)
-            elif message.get("method") == "Page.loadEventFired":
-                self._loaded.set()
             elif message.get("method") == "Log.entryAdded":
                 self.messages.append(message["params"]["entry"]["text"])
+            elif message.get("sessionId") in self.tabs:
+                self.tabs[message["sessionId"]].on_event(message["method"], message["params"])
+
+
+class Chromium(Tab):
+    """Browser with a profile of its own, and its first tab; `async with` ends it.
+
+    Parameters
+    ----------
+    profile
+        Folder for the profile.
+    hosts
+        Rules by which names are found, such as `MAP farm.lab 127.0.0.1`.
+    """
+
+    def __init__(self, profile, hosts):
+        self._command = [CHROMIUM, "--headless=new", "--no-sandbox", "--disable-gpu", "--no-first-run"]
+        self._command += ["--enable-unsafe-swiftshader"]  # WebGL without a graphics card
+        self._command += ["--remote-debugging-pipe", f"--user-data-dir={profile}", "--disable-dev-shm-usage"]
+        self._command += [f"--host-resolver-rules={hosts}", "--window-size=1000,700"]
+
+    @property
+    def messages(self):
+        """Lines that the browser logged, such as violations of a page's policy."""
+        return self._pipe.messages
+
+    async def open_tab(self):
+        """Open another tab; it shows nothing yet."""
+        return await Tab(self._pipe, await self._pipe.open_session()).prepare()
+
+    async def __aenter__(self):
+        to_browser, own_write = os.pipe()
+        own_read, from_browser = os.pipe()
+
+        def place_pipes():
+            read, write = os.dup(to_browser), os.dup(from_browser)
+            for number, end in ((3, read), (4, write)):
+                os.dup2(end, number)
+                os.set_inheritable(number, True)  # dup2 leaves that as it was if both are the same
+
+        self._process = await asyncio.create_subprocess_exec(
+            *self._command,
+            preexec_fn=place_pipes,
+            close_fds=False,
+            stdout=asyncio.subprocess.DEVNULL,
+            stderr=asyncio.subprocess.DEVNULL,
+            start_new_session=True,
+        )
+        os.close(to_browser)
+        os.close(from_browser)
+        self._out = os.fdopen(own_write, "wb", buffering=0)
+        self._in = os.fdopen(own_read, "rb", buffering=0)
+        reader = asyncio.StreamReader(limit=2**26)
+        self._transport, _ = await asyncio.get_running_loop().connect_read_pipe(
+            lambda: asyncio.StreamReaderProtocol(reader), self._in
+        )
+        pipe = Pipe(self._out)
+        self._reading = asyncio.create_task(pipe.read(reader))
+        super().__init__(pipe, await pipe.open_session())
+        return await self.prepare()
+
+    async def __aexit__(self, *_):
+        self._reading.cancel()
+        self._out.close()  # it ends when its pipe is closed
+        self._transport.close()
+        try:
+            async with asyncio.timeout(PATIENCE_S):
+                await self._process.wait()
+        except TimeoutError:
+            os.killpg(self._process.pid, 9)
+            await self._process.wait()
