@@ -129,7 +129,7 @@ def assemble(folder: Path) -> Outcome:
         for part in step.moved:
             placed[part] = way @ placed[part]
     outcome.wrong_fits = sum(
-        any(find_ways(fixed, moved, None))
+        any(True for _ in find_ways(fixed, moved, None))
         for (a, (fixed, _)), (b, (_, moved)) in product(enumerate(sockets), repeat=2)
         if a != b
     )

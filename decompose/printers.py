@@ -22,3 +22,22 @@ class PrinterRoom:
             height_mm <= z and ((width_mm <= x and depth_mm <= y) or (depth_mm <= x and width_mm <= y))
             for x, y, z in self.boxes
         )
+
+
+@dataclass(frozen=True, slots=True)
+class BedPlace:
+    """Place of a part on the bed of its printer, seen from the front.
+
+    Attributes
+    ----------
+    bed_mm
+        Width and depth of the bed.
+    at_mm
+        Centre of the part's box, to the right of the bed's centre and behind it.
+    turned
+        Whether the part is turned by 90 degrees about z, counterclockwise, from the pose of its file.
+    """
+
+    bed_mm: tuple[float, float]
+    at_mm: tuple[float, float]
+    turned: bool

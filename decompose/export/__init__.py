@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from decompose.export.files import write_decomposition
+from decompose.export.files import FindPlace, write_decomposition
 from decompose.export.glb import write_glb
 from decompose.export.picture import draw_assembly
 
 __all__ = [
+    "FindPlace",
     "draw_assembly",
     "write_decomposition",
     "write_glb",

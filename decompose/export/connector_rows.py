@@ -26,6 +26,15 @@ def list_codes(decomposition: Decomposition, joint: int) -> list[dict[str, str]]
     ]
 
 
+def list_blank_faces(decomposition: Decomposition, joint: int) -> list[str]:
+    """List the numbers of the parts of a joint that have no code on it, where codes were wanted."""
+    if not decomposition.options.connectors.marks:
+        return []
+    coded = {mark.part for mark in decomposition.connectors.marks if mark.joint == joint}
+    pair = decomposition.joints[joint]
+    return [short_label(decomposition.parts[part].id) for part in (pair.a, pair.b) if part not in coded]
+
+
 def list_pins(decomposition: Decomposition, joint: int) -> list[dict[str, str]]:
     """List the pins of a joint, with their numbers in the report."""
     return [

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,11 +14,26 @@ from decompose.export.instructions import write_instructions
 from decompose.export.picture import draw_assembly
 from decompose.files.names import ASSEMBLY, INSTRUCTIONS, PICTURE, REPORT
 from decompose.geometry import write_stl
+from decompose.printers import BedPlace
 from decompose.results import Decomposition, Part, check_stl, connect_parts
 
+FindPlace = Callable[[Part], BedPlace | None]
+"""Finds the place of a part on the bed of its printer; None if that is not known."""
 
-def write_decomposition(decomposition: Decomposition, folder: Path) -> Decomposition:
+
+def write_decomposition(
+    decomposition: Decomposition, folder: Path, find_place: FindPlace = lambda part: None
+) -> Decomposition:
     """Write one binary STL per part, report, picture, GLB and instructions; read each STL back.
+
+    Parameters
+    ----------
+    decomposition
+        Its parts.
+    folder
+        Created where it does not exist.
+    find_place
+        For the instructions, which show each part on its bed.
 
     Returns
     -------
@@ -45,7 +60,8 @@ def write_decomposition(decomposition: Decomposition, folder: Path) -> Decomposi
     (folder / REPORT).write_text(text, encoding="utf-8")
     draw_assembly(stored.parts, folder / PICTURE)
     write_glb(stored.parts, folder / ASSEMBLY, stored.assembly.steps)
-    write_instructions(stored, folder / INSTRUCTIONS, folder / PICTURE)
+    places = [find_place(part) for part in stored.parts]
+    write_instructions(stored, folder / INSTRUCTIONS, folder / PICTURE, places)
     return stored
 
 

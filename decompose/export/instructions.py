@@ -13,12 +13,19 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from decompose.assembly import AssemblyStep
-from decompose.export.connector_rows import explain_pins, list_codes, list_orphans, list_pins
-from decompose.export.layout import draw_layout, name_printer, sort_by_use
+from decompose.export.connector_rows import (
+    explain_pins,
+    list_blank_faces,
+    list_codes,
+    list_orphans,
+    list_pins,
+)
+from decompose.export.layout import describe_place, draw_layout, name_printer, sort_by_use
 from decompose.export.page_check import find_page_faults
 from decompose.export.pin_sheet import make_sheet
 from decompose.export.step_picture import StepPictures, draw_steps
 from decompose.files.names import short_label
+from decompose.printers import BedPlace
 from decompose.results import Decomposition
 
 
@@ -29,14 +36,26 @@ def _templates() -> Environment:
 
 @dataclass(frozen=True, slots=True)
 class Pictures:
-    """Pictures of a page, as PNG: each step, all parts pulled apart, and all parts as they were printed."""
+    """Pictures of a page, as PNG: each step, all parts pulled apart, and all parts on their beds.
+
+    Attributes
+    ----------
+    places
+        Place of each part on its bed; empty if they are not known.
+    """
 
     steps: Sequence[StepPictures] = ()
     overview: bytes | None = None
     layout: bytes | None = None
+    places: tuple[BedPlace | None, ...] = ()
 
 
-def write_instructions(decomposition: Decomposition, path: Path, overview: Path | None = None) -> None:
+def write_instructions(
+    decomposition: Decomposition,
+    path: Path,
+    overview: Path | None = None,
+    places: Sequence[BedPlace | None] = (),
+) -> None:
     """Draw all steps and write the page.
 
     Parameters
@@ -47,11 +66,14 @@ def write_instructions(decomposition: Decomposition, path: Path, overview: Path 
         File to write.
     overview
         PNG of the parts with their numbers.
+    places
+        Place of each part on its bed, as far as known.
     """
     pictures = Pictures(
         draw_steps(decomposition),
         None if overview is None else overview.read_bytes(),
-        draw_layout(decomposition.parts, _order_parts(decomposition)),
+        draw_layout(decomposition.parts, _order_parts(decomposition), places),
+        tuple(places),
     )
     page = render_instructions(decomposition, pictures)
     faults = find_page_faults(page, decomposition)
@@ -81,7 +103,7 @@ def render_instructions(decomposition: Decomposition, pictures: Pictures, faults
         _templates()
         .get_template("instructions.html")
         .render(
-            parts=_list_parts(decomposition),
+            parts=_list_parts(decomposition, pictures.places),
             steps=steps,
             levels=assembly.levels,
             locked=[_name_parts(decomposition, group) for group in assembly.locked],
@@ -104,7 +126,7 @@ def _order_parts(decomposition: Decomposition) -> list[int]:
     return sort_by_use(decomposition.parts, decomposition.assembly.part_order)
 
 
-def _list_parts(decomposition: Decomposition) -> list[dict[str, Any]]:
+def _list_parts(decomposition: Decomposition, places: Sequence[BedPlace | None]) -> list[dict[str, Any]]:
     """Describe each part in the order of use, with the first step that uses it."""
     first: dict[int, int] = {}
     for number, step in enumerate(decomposition.assembly.steps, 1):
@@ -118,6 +140,7 @@ def _list_parts(decomposition: Decomposition) -> list[dict[str, Any]]:
             {
                 "id": piece.id,
                 "printer": name_printer(piece),
+                "place": describe_place(places[index] if places else None),
                 "size": " x ".join(f"{extent:.0f}" for extent in np.ptp(vertices, axis=0)),
                 "volume": f"{piece.solid.volume_mm3 / 1000.0:.1f}",
                 "step": str(first.get(index, "")),
@@ -162,6 +185,7 @@ def _describe_joint(number: int, decomposition: Decomposition) -> dict[str, Any]
         "area": f"{joint.area_mm2:,.0f}",
         "weak": "" if joint.holds(decomposition.options.min_glue_mm2) else "holds nothing by itself",
         "codes": list_codes(decomposition, number),
+        "blank": list_blank_faces(decomposition, number),
         "pins": list_pins(decomposition, number),
     }
 

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from decompose.arrays import Floats, Ints
 from decompose.export.picture import (
     encode_png,
     make_figure,
@@ -15,6 +16,7 @@ from decompose.export.picture import (
 )
 from decompose.export.raster import Shape, draw, make_camera
 from decompose.files.names import short_label
+from decompose.printers import BedPlace
 from decompose.results import Part
 
 WIDER = 1.5  # columns over rows
@@ -22,6 +24,8 @@ GAP = 0.15  # between two places, as a share of the longest side
 EYE_DEG = 50.0  # above the table
 LONG_SIDE_PX = 900
 NAME_PT = 9.0
+BED_COLOUR = np.array([0.93, 0.93, 0.95])
+BELOW_MM = 0.5  # of a bed below its part
 
 
 def sort_by_use(parts: Sequence[Part], order: Sequence[int]) -> list[int]:
@@ -29,7 +33,7 @@ def sort_by_use(parts: Sequence[Part], order: Sequence[int]) -> list[int]:
     return [*order, *(number for number in range(len(parts)) if number not in set(order))]
 
 
-def draw_layout(parts: Sequence[Part], order: Sequence[int]) -> bytes:
+def draw_layout(parts: Sequence[Part], order: Sequence[int], places: Sequence[BedPlace | None] = ()) -> bytes:
     """Draw the parts as they were printed, row by row from behind, each with its number and printer.
 
     Parameters
@@ -38,6 +42,8 @@ def draw_layout(parts: Sequence[Part], order: Sequence[int]) -> bytes:
         All parts, at least one.
     order
         Numbers of parts, in the order in which they are drawn.
+    places
+        Place of each part on its bed, which is drawn where it is known; empty for none.
 
     Returns
     -------
@@ -45,18 +51,28 @@ def draw_layout(parts: Sequence[Part], order: Sequence[int]) -> bytes:
         PNG.
     """
     colours = part_colours(len(parts))
-    meshes = [parts[number].printing_mesh() for number in order]
-    extents_mm = np.array([np.ptp(vertices, axis=0) for vertices, _ in meshes])
+    beds = [places[number] if places else None for number in order]
+    meshes = [
+        put_on_bed(*parts[number].printing_mesh(), bed) for number, bed in zip(order, beds, strict=True)
+    ]
+    extents_mm = np.array(
+        [_find_extents(vertices, bed) for (vertices, _), bed in zip(meshes, beds, strict=True)]
+    )
     seen_mm = extents_mm[:, 1] + extents_mm[:, 2] / np.tan(np.radians(EYE_DEG))  # of depth and height
     pitch_mm = (1.0 + GAP) * np.array([extents_mm[:, 0].max(), seen_mm.max(), 0.0])
     columns = int(np.ceil(np.sqrt(WIDER * len(order))))
     shapes, front_mm = [], []
-    for place, (number, (vertices, faces)) in enumerate(zip(order, meshes, strict=True)):
-        middle_mm = (vertices.max(axis=0) + vertices.min(axis=0)) / 2.0 * [1.0, 1.0, 0.0]
+    tables = []
+    for place, (number, (vertices, faces), bed) in enumerate(zip(order, meshes, beds, strict=True)):
         at_mm = pitch_mm * [place % columns, -(place // columns), 0.0]
-        placed = vertices - middle_mm + at_mm
+        placed = vertices + at_mm
         shapes.append(Shape(placed[faces], colours[number]))
-        front_mm.append([at_mm[0], placed[:, 1].min(), 0.0])
+        front = placed[:, 1].min()
+        if bed is not None:
+            tables.append(Shape(_make_bed(bed) + at_mm, BED_COLOUR))
+            front = min(front, at_mm[1] - bed.bed_mm[1] / 2.0)
+        front_mm.append([at_mm[0], front, 0.0])
+    shapes += tables
     below_mm = np.min(front_mm, axis=0) - [0.0, GAP / 2.0 * pitch_mm[1], 0.0]
     shapes.append(Shape(np.tile(below_mm, (1, 3, 1)), np.ones(3)))  # no area: room for the last names
     drawing = draw(shapes, make_camera(-90.0, EYE_DEG), LONG_SIDE_PX, oversample=2)
@@ -68,6 +84,45 @@ def draw_layout(parts: Sequence[Part], order: Sequence[int]) -> bytes:
             ha="center", va="top", fontsize=NAME_PT, path_effects=white_outline(),
         )  # fmt: skip
     return encode_png(figure)
+
+
+def describe_place(place: BedPlace | None) -> str:
+    """Describe where the middle of a part is on its bed, seen from the front; empty if it is not known."""
+    if place is None:
+        return ""
+    right, back = (round(mm) for mm in place.at_mm)
+    words = [
+        f"{abs(mm)} mm {names[mm > 0]}"
+        for mm, names in ((right, ("to the left", "to the right")), (back, ("to the front", "to the back")))
+        if mm
+    ]
+    return f"{' and '.join(words)}, from the middle" if words else "in the middle"
+
+
+def put_on_bed(vertices: Floats, faces: Ints, bed: BedPlace | None) -> tuple[Floats, Ints]:
+    """Move vertices (n, 3) so that the middle of their box is at its place."""
+    middle_mm = (vertices.max(axis=0) + vertices.min(axis=0)) / 2.0 * [1.0, 1.0, 0.0]
+    placed = vertices - middle_mm
+    if bed is None:
+        return placed, faces
+    if bed.turned:
+        placed = placed @ np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    return placed + np.array([*bed.at_mm, 0.0]), faces
+
+
+def _find_extents(vertices: Floats, bed: BedPlace | None) -> Floats:
+    """Find the room (3,) that a part takes, with its bed around the origin."""
+    if bed is None:
+        return np.asarray(np.ptp(vertices, axis=0))
+    reach = np.maximum(2.0 * np.abs(vertices[:, :2]).max(axis=0), bed.bed_mm)
+    return np.append(reach, np.ptp(vertices[:, 2]))
+
+
+def _make_bed(bed: BedPlace) -> Floats:
+    """Build two triangles (2, 3, 3) of a bed, a little below the parts."""
+    x, y = np.array(bed.bed_mm) / 2.0
+    corners = np.array([[-x, -y, -BELOW_MM], [x, -y, -BELOW_MM], [x, y, -BELOW_MM], [-x, y, -BELOW_MM]])
+    return np.asarray(corners[[[0, 1, 2], [0, 2, 3]]])
 
 
 def name_printer(part: Part) -> str:

@@ -59,3 +59,5 @@ def test_pins_of_unequal_depth_leave_one_way_and_equal_ones_two() -> None:
     assert len(list(find_ways(*equal, [13.0, 13.0]))) == 2
     further = Socket(1.1 * unequal[1].at_mm, unequal[1].depths_mm, unequal[1].normals, {})
     assert list(find_ways(unequal[0], further, [13.0, 7.0])) == []  # distances of pins are unique
+    assert list(find_ways(unequal[0], further, None)) == []
+    assert len(list(find_ways(*equal, None))) == 2  # a foreign body fits if all holes meet

@@ -33,6 +33,7 @@ from farm.compute import read_process_bytes
 from farm.errors import ErrorCode, FarmError, Refused
 from farm.planning.error_translation import translate_errors
 from farm.planning.local.sliced_parts import PartSlicer, level_by_slices, write_sliced
+from farm.planning.parts.bed_places import Bed
 from farm.planning.parts.pricing import build_recipe, select_connectors
 from farm.planning.printer_settings import build_slicing_printer, list_model_sizes
 from slicing.cache import trim_cache
@@ -161,7 +162,8 @@ def decompose_to_folder(
                 if cache is not None:
                     trim_cache(cache)
             else:
-                report = write_decomposition(decomposition, out).as_dict()
+                bed = Bed(profile.bed_mm, room, settings)
+                report = write_decomposition(decomposition, out, bed.place).as_dict()
     return {**report, "repairs": list(model.repairs), "scale": model.scale}
 
 

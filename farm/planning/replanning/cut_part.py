@@ -21,6 +21,7 @@ from farm.errors import ErrorCode, FarmError
 from farm.model import Part
 from farm.planning.error_translation import translate_errors
 from farm.planning.part_records import DecomposedPart
+from farm.planning.parts.bed_places import find_beds, place_on
 from farm.planning.parts.pricing import build_decompose_options, price_rooms
 from farm.planning.replanning.replan import Pieces, ReplanTask
 from slicing.settings import find_resources
@@ -44,7 +45,9 @@ def cut_part(task: ReplanTask) -> Pieces:
         decomposition = decompose_auto(whole, rooms, options, cost)
         if len(decomposition.parts) < 2:
             raise FarmError(f"part {task.part.id} finishes sooner in one piece", ErrorCode.NO_FIT)
-        stored = write_decomposition(_rename_pieces(decomposition, task.part), task.folder)
+        beds = find_beds(task.printers, task.options.quality, resources)
+        pieces_of_part = _rename_pieces(decomposition, task.part)
+        stored = write_decomposition(pieces_of_part, task.folder, place_on(beds))
     except NoFit as error:
         raise FarmError(str(error), ErrorCode.NO_FIT) from error
     except FarmError:

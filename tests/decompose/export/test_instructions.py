@@ -142,6 +142,17 @@ def test_pins_and_codes_are_listed_in_their_steps(drilled: Decomposition, page: 
         assert cells in page
 
 
+def test_faces_without_a_code_are_named(drilled: Decomposition, drawn: list[StepPictures]) -> None:
+    first = drilled.connectors.marks[0]
+    kept = tuple(
+        mark for mark in drilled.connectors.marks if (mark.part, mark.joint) != (first.part, first.joint)
+    )
+    connectors = replace(drilled.connectors, marks=kept)
+    text = render_instructions(replace(drilled, connectors=connectors), Pictures(drawn))
+    assert f"no code on {first.part + 1}<" in text
+    assert "no code on" not in render_instructions(drilled, Pictures(drawn))
+
+
 def test_ruler_and_gauge_have_their_size_in_millimetres(page: str) -> None:
     drawing = draw_gauge([13.0, 7.0], 2.85)
     size = re.search(r'width="([\d.]+)mm" height="([\d.]+)mm" viewBox="0 0 ([\d.]+) ([\d.]+)"', drawing)

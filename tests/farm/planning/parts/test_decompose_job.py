@@ -33,6 +33,8 @@ def test_requested_engine_is_used(bar, files, tmp_path):
     report = json.loads((grown.folder / "decomposition.json").read_text())
     assert report["engine"] == "parallelobox"
     assert report["options"]["budget_s"] == 7.0
+    page = (grown.folder / "instructions.html").read_text()
+    assert page.count("<td>in the middle</td>") + page.count(", from the middle</td>") == 2
 
 
 def test_too_few_printers_report_the_required_number_unless_in_rounds(bar, files, tmp_path):

@@ -1,0 +1,54 @@
+"""Places of parts on the beds of their printers, as they will be sliced."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from decompose.export import FindPlace
+from decompose.printers import BedPlace
+from decompose.results import Part
+from drivers.printers import PROFILES, RoomBox, place
+from farm.config import PrinterSection
+from farm.planning.printer_settings import find_printer_room, printer_settings
+from slicing.settings import EngineSettings, Resources
+
+
+@dataclass(frozen=True, slots=True)
+class Bed:
+    """Bed of a printer: width and depth in mm, boxes that a part may fill, and settings of the slicer."""
+
+    size_mm: tuple[float, float]
+    room: tuple[RoomBox, ...]
+    settings: EngineSettings
+
+    def place(self, part: Part) -> BedPlace | None:
+        """Place a part as `slice_part` does; None if it does not fit."""
+        scale = np.array((self.settings.scale_xy, self.settings.scale_xy, self.settings.scale_z))
+        width, depth, height = map(float, np.ptp(part.printing_mesh()[0], axis=0) * scale)
+        placement = place((width, depth, height), self.room)
+        if placement is None:
+            return None
+        return BedPlace(self.size_mm, (placement.x_mm, placement.y_mm), placement.turned)
+
+
+def find_beds(printers: Sequence[PrinterSection], quality: str, resources: Resources) -> dict[str, Bed]:
+    """Find the beds of printers by their names."""
+    beds = {}
+    for section in printers:
+        settings = printer_settings(section, quality, resources)
+        room = find_printer_room(section, settings.brim_width_mm)
+        beds[section.name] = Bed(PROFILES[section.model].bed_mm, room, settings)
+    return beds
+
+
+def place_on(beds: Mapping[str, Bed]) -> FindPlace:
+    """Return the function that finds the place of a part on the bed of its printer, if that is known."""
+
+    def find_place(part: Part) -> BedPlace | None:
+        bed = beds.get(part.printer)
+        return None if bed is None else bed.place(part)
+
+    return find_place

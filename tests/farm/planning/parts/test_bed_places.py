@@ -1,0 +1,48 @@
+"""Places of parts on beds, as the instructions show them, are those at which the parts are sliced."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import trimesh
+
+from decompose.export.layout import describe_place, put_on_bed
+from decompose.geometry import Solid
+from decompose.printers import BedPlace
+from decompose.results import Part
+from drivers.printers import PROFILES, part_room, place
+from farm.planning.parts import slice_part
+from farm.planning.parts.bed_places import Bed, place_on
+
+PROFILE = PROFILES["ultimaker2_plus"]
+BED = Bed(PROFILE.bed_mm, part_room(PROFILE, 8.0), SimpleNamespace(scale_xy=1.0, scale_z=1.0))
+
+
+def make_part(*size_mm):
+    corner = np.array(size_mm) / 2.0
+    return Part("p01", Solid.box(-corner, corner), np.eye(4), 1.0, "um2-01")
+
+
+@pytest.mark.parametrize("size_mm", [(50.0, 20.0, 10.0), (160.0, 205.0, 10.0), (190.0, 206.0, 10.0)])
+def test_part_is_drawn_where_it_is_sliced(size_mm):
+    part = make_part(*size_mm)
+    found = place_on({"um2-01": BED})(part)
+    placement = place(size_mm, BED.room)
+    assert found == BedPlace(PROFILE.bed_mm, (placement.x_mm, placement.y_mm), placement.turned)
+    vertices, faces = part.printing_mesh()
+    drawn, _ = put_on_bed(vertices, faces, found)
+    mesh = trimesh.Trimesh(vertices, faces, process=False)
+    mesh.apply_transform(slice_part._transform(mesh, placement, np.ones(3)))
+    assert drawn[:, :2] == pytest.approx(mesh.vertices[:, :2])
+
+
+def test_part_of_an_unknown_printer_and_one_that_does_not_fit_have_no_place():
+    assert place_on({})(make_part(10.0, 10.0, 10.0)) is None
+    assert BED.place(make_part(300.0, 10.0, 10.0)) is None
+
+
+def test_place_is_described_from_the_front():
+    assert describe_place(None) == ""
+    assert describe_place(BedPlace((223.0, 223.0), (0.2, -0.4), False)) == "in the middle"
+    text = describe_place(BedPlace((223.0, 223.0), (-3.0, 12.4), True))
+    assert text == "3 mm to the left and 12 mm to the back, from the middle"
