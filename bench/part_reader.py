@@ -21,7 +21,8 @@ SEED_MM2, FACE_MM2 = 4.0, 25.0  # least triangle that a face is begun with, and 
 FLAT_MM = 0.01
 PLAY_MM = (0.1, 1.5)  # width of a hole beyond its pin
 GROOVES_MM = ((8.0, 0.6), (6.0, 0.5), (5.0, 0.45))  # height of letters, and depth of their grooves
-SAME_MM = 0.06  # of strokes and points
+RISE_MM = 0.05  # half of what the bottom of a groove rises
+SAME_MM = 0.12  # of strokes and points
 CLEAR = 0.3  # of the height of letters: room around a code
 RIM_RAYS = 8
 SHALLOW_MM = 1.0  # deeper than all grooves
@@ -114,7 +115,7 @@ def _read_holes(
         if PLAY_MM[0] < 2.0 * circle.length - pin_mm < PLAY_MM[1]:
             centre = np.array(circle.coords[0])
             angles = 2.0 * np.pi * np.arange(RIM_RAYS) / RIM_RAYS
-            rim = centre + 0.45 * pin_mm * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+            rim = centre + 0.49 * pin_mm * np.stack([np.cos(angles), np.sin(angles)], axis=1)
             depth_mm = min(_probe(corners, at @ axes + offset_mm * normal, -normal) for at in rim)
             if depth_mm > SHALLOW_MM:  # not the inside of a digit
                 yield Hole(centre @ axes + offset_mm * normal, depth_mm)
@@ -148,7 +149,9 @@ def _read_codes(
     depths_mm = offset_mm - vertices @ normal
     inside = shapely.contains_xy(shapely.convex_hull(outline), vertices @ axes.T)
     for height_mm, groove_mm in GROOVES_MM:
-        flat = np.unique((vertices @ axes.T)[inside & (np.abs(depths_mm - groove_mm) < 0.02)], axis=0)
+        flat = np.unique(
+            (vertices @ axes.T)[inside & (np.abs(depths_mm - groove_mm + RISE_MM) < RISE_MM + 0.02)], axis=0
+        )
         arrows = [(frame, at) for frame, at in _match("^", height_mm, flat)]
         on_arrow = np.zeros(len(flat), dtype=np.bool_)
         for frame, at in arrows:

@@ -33,11 +33,12 @@ RIGHT_MM, RIGHT_TURN = 1.5, 0.05  # a body further from its place, or turned mor
 
 @dataclass(frozen=True, slots=True)
 class PageStep:
-    """Step as the page tells it: parts, codes by part number, and the lengths of its pins."""
+    """Step as the page tells it: parts, codes, parts with a face without one, and the lengths of its pins."""
 
     moved: tuple[str, ...]
     fixed: tuple[str, ...]
     codes: tuple[tuple[str, str], ...]
+    blank: tuple[str, ...]
     pins_mm: tuple[float, ...]
 
 
@@ -53,7 +54,7 @@ class Socket:
 
 @dataclass(slots=True)
 class Outcome:
-    """Outcome of a job: steps put together rightly, wrongly, in several ways, or not by pins.
+    """Outcome of a job: steps put together rightly, wrongly, in several ways or none, or with under two pins.
 
     Attributes
     ----------
@@ -70,6 +71,7 @@ class Outcome:
     right: int = 0
     wrong: int = 0
     ambiguous: int = 0
+    unsolved: int = 0
     without_pins: int = 0
     misread: int = 0
     wrong_fits: int = 0
@@ -83,10 +85,13 @@ def read_page(page: str) -> tuple[float, list[PageStep]]:
     for section in re.findall(r'<section class="step".*?</section>', page, re.S):
         bodies = re.search(r"Glue <strong>(.*?)</strong> onto <strong>(.*?)</strong>", section)
         codes = re.findall(r'class="code"[^>]*>([^<]*)</span> on ([0-9A-Za-z]+)', section)
+        blank = ", ".join(re.findall(r"no code on ([0-9A-Za-z, ]+)<", section))
+        dotted = [part for text, part in codes if "-" not in text]
         pins = re.findall(r">pin ([\d.]+) mm<", section)
         moved, fixed = (tuple(name.split(", ")) for name in bodies.groups()) if bodies else ((), ())
         plain = ((part, html.unescape(text).removesuffix(" ↑")) for text, part in codes)
-        steps.append(PageStep(moved, fixed, tuple(plain), tuple(map(float, pins))))
+        bare = (*filter(None, blank.split(", ")), *dotted)
+        steps.append(PageStep(moved, fixed, tuple(plain), bare, tuple(map(float, pins))))
     return float(diameter[1]) if diameter else 0.0, steps
 
 
@@ -111,8 +116,10 @@ def assemble(folder: Path) -> Outcome:
         pair = [collect(body, step, faces, placed, names) for body in (step.fixed, step.moved)]
         ways = list(find_ways(pair[0], pair[1], step.pins_mm)) if len(step.pins_mm) > 1 else []
         right = truth_of(step, truth, placed)
-        if not ways:
+        if len(step.pins_mm) < 2:
             outcome.without_pins += 1
+        elif not ways:
+            outcome.unsolved += 1
         elif len(ways) > 1:
             outcome.ambiguous += 1
         elif (
@@ -154,7 +161,7 @@ def collect(
     planes = [
         plane_of(face, turn, move)
         for face, name, turn, move in found
-        if any((name, text) in wanted for text in face.codes)
+        if any((name, text) in wanted for text in face.codes) or (face.holes and name in step.blank)
     ]
     chosen = [
         (face, name, turn, move)
