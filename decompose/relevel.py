@@ -80,8 +80,8 @@ def _shift_planes(problem: Problem, before: list[list[Piece]]) -> list[Piece] | 
     """Move the planes between the pieces of each box; None if the gain is not worth slicing again."""
     boxes_mm = np.array([pieces[0].boxes_mm[0] for pieces in before])
     after = shift_box_planes(problem, problem.build_grid(problem.model), boxes_mm, before)
-    old_s = _makespan_s(problem, [piece for pieces in before for piece in pieces])
-    return after if _makespan_s(problem, after) <= (1.0 - MIN_GAIN) * old_s else None
+    old_s = _compute_makespan_s(problem, [piece for pieces in before for piece in pieces])
+    return after if _compute_makespan_s(problem, after) <= (1.0 - MIN_GAIN) * old_s else None
 
 
 def _carry_over(previous: Decomposition, result: Decomposition, elapsed_s: float) -> Decomposition:
@@ -132,7 +132,7 @@ def _cut_previous_boxes(
     return part_pieces
 
 
-def _makespan_s(problem: Problem, pieces: Sequence[Piece]) -> float:
+def _compute_makespan_s(problem: Problem, pieces: Sequence[Piece]) -> float:
     """Compute the sliced time when the last piece ends, each on its best printer; inf if one fits none."""
     poses = [pose for pose in problem.find_poses(pieces) if pose is not None]
     if len(poses) != len(pieces):

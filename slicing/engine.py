@@ -121,7 +121,7 @@ def run_engine(
         if code > 0 and _UNKNOWN in log:  # seen on a machine under load, where a second run succeeded
             code, log = _run_process(command, folder, limits, progress)
         if code != 0:
-            raise _engine_error(code, log, limits.memory_bytes)
+            raise _make_engine_error(code, log, limits.memory_bytes)
         gcode = folder / "part.gcode"
         return EngineOutput(gcode.read_bytes() if gcode.is_file() else b"", log)
 
@@ -194,7 +194,7 @@ def _read(pipe: int) -> bytes:
         return b""
 
 
-def _engine_error(code: int, log: str, memory_bytes: int) -> EngineFailed:
+def _make_engine_error(code: int, log: str, memory_bytes: int) -> EngineFailed:
     """Build the error for an exit code and a log; a signal is a negative code."""
     lines = log.splitlines()
     message = next((line.strip() for line in reversed(lines) if "ERROR" in line or "xception" in line), None)

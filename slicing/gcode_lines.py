@@ -115,7 +115,7 @@ def parse_words(rest: str, number: int) -> Words:
         if letter in words:
             raise GcodeRefused(f"line {number}: {letter} appears twice in {quote_text(rest)}: take one out")
         value = float(digits)
-        if abs(value) > _max_value(letter):
+        if abs(value) > _find_max_value(letter):
             raise GcodeRefused(
                 f"line {number}: {letter}{digits} is out of any printer's range: is the file damaged?"
             )
@@ -132,7 +132,7 @@ def quote_text(text: str) -> str:
     return repr(text if len(text) <= 40 else text[:39] + "…")
 
 
-def _max_value(letter: str) -> float:
+def _find_max_value(letter: str) -> float:
     """Return the maximum of a word with this letter."""
     if letter in "XYZIJ":
         return MAX_MM

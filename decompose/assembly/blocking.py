@@ -59,7 +59,9 @@ def find_blocking(solids: Sequence[Solid], axes: Floats) -> Bools:
         spans = [points @ frame.T for points in corners]
         lo = np.array([span.min(axis=0) for span in spans])
         hi = np.array([span.max(axis=0) for span in spans])
-        beside = (_overlap_mm(lo[:, 1:], hi[:, 1:]) > TOUCH_MM).all(axis=2) & ~np.eye(count, dtype=np.bool_)
+        beside = (_find_overlap_mm(lo[:, 1:], hi[:, 1:]) > TOUCH_MM).all(axis=2) & ~np.eye(
+            count, dtype=np.bool_
+        )
         beyond = lo[:, None, 0] >= hi[None, :, 0] - TOUCH_MM  # [i, j]: i lies wholly beyond j
         blocking[k], blocking[k + len(axes)] = beside & beyond, beside & beyond.T
         unclear = beside & ~beyond & ~beyond.T
@@ -74,7 +76,7 @@ def make_frame(axis: Floats, axes: Sequence[Floats] | Floats = ()) -> Floats:
     return np.stack([axis, *_complete_frame(axis, axes)])
 
 
-def _overlap_mm(lo: Floats, hi: Floats) -> Floats:
+def _find_overlap_mm(lo: Floats, hi: Floats) -> Floats:
     overlap: Floats = np.minimum(hi[:, None], hi[None]) - np.maximum(lo[:, None], lo[None])
     return overlap
 

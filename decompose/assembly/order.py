@@ -178,7 +178,7 @@ class _Plan:
             return 0
         split = self._find_split(parts)
         if split is None:
-            self.locked.append(_numbers(parts))
+            self.locked.append(_list_numbers(parts))
             return 0
         across = np.outer(split.moved, split.fixed)
         loose = not (self._glue_mm2 * across).any()
@@ -191,8 +191,8 @@ class _Plan:
     def _build_step(self, split: _Split, level: int) -> AssemblyStep:
         """Choose the body that is moved: the lighter one, unless only it stands with its joint upwards."""
         moved, fixed, direction = split.moved, split.fixed, split.direction
-        rest = find_rest(self._weights, _numbers(fixed), direction)
-        other = find_rest(self._weights, _numbers(moved), -direction)
+        rest = find_rest(self._weights, _list_numbers(fixed), direction)
+        other = find_rest(self._weights, _list_numbers(moved), -direction)
         lighter = float(self._volumes_mm3[moved].sum()) > float(self._volumes_mm3[fixed].sum())
         if bool(other) > bool(rest) or (lighter and bool(other) == bool(rest)):
             moved, fixed, direction, rest = fixed, moved, -direction, other
@@ -200,8 +200,8 @@ class _Plan:
         across = np.outer(moved, fixed)
         glue_mm2 = float((self._glue_mm2 * across).sum())
         return AssemblyStep(
-            moved=_numbers(moved),
-            fixed=_numbers(fixed),
+            moved=_list_numbers(moved),
+            fixed=_list_numbers(fixed),
             direction=direction,
             joints=tuple(
                 k
@@ -218,7 +218,7 @@ class _Plan:
         """Find the best split of a set (n,) into two that can be moved apart, in as few bodies as can be."""
         numbers = np.flatnonzero(parts)
         candidates = list(
-            chain.from_iterable(self._candidates(d, numbers) for d in range(len(self._directions)))
+            chain.from_iterable(self._find_candidates(d, numbers) for d in range(len(self._directions)))
         )
         if not candidates:
             return None
@@ -246,7 +246,7 @@ class _Plan:
         selected[numbers[moved]] = True
         return _Split(selected, parts & ~selected, self._directions[direction])
 
-    def _candidates(self, direction: int, numbers: Ints) -> list[tuple[int, Bools]]:
+    def _find_candidates(self, direction: int, numbers: Ints) -> list[tuple[int, Bools]]:
         """Find sets of parts that can be moved along a direction, as masks over `numbers`.
 
         Each part with all that blocks it; and what lies beyond a plane that cuts no part, each body of it
@@ -256,7 +256,7 @@ class _Plan:
             len(numbers), dtype=np.bool_
         )
         reach = _close(blocked_by)
-        sets = [*reach, *self._beyond_planes(direction, numbers)]
+        sets = [*reach, *self._list_beyond_planes(direction, numbers)]
         holding = self._holding[np.ix_(numbers, numbers)]
         for beyond in list(sets):
             count, label = connected_components(holding[beyond][:, beyond], directed=False)
@@ -269,7 +269,7 @@ class _Plan:
         distinct = {mask.tobytes(): mask for mask in sets if 0 < mask.sum() < len(numbers)}
         return [(direction, mask) for mask in distinct.values()]
 
-    def _beyond_planes(self, direction: int, numbers: Ints) -> list[Bools]:
+    def _list_beyond_planes(self, direction: int, numbers: Ints) -> list[Bools]:
         low, high = self._low_mm[direction, numbers], self._high_mm[direction, numbers]
         planes = np.unique(np.round(low, 3))
         sides = [low >= at_mm - TOUCH_MM for at_mm in planes]
@@ -296,5 +296,5 @@ def _count_bodies(holding: Bools, parts: Bools) -> int:
     return int(count)
 
 
-def _numbers(parts: Bools) -> tuple[int, ...]:
+def _list_numbers(parts: Bools) -> tuple[int, ...]:
     return tuple(int(number) for number in np.flatnonzero(parts))

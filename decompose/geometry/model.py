@@ -104,14 +104,14 @@ def load_model(
     ModelUnreadable, ModelEmpty, ModelNotFinite, ModelFlat, ModelTiny, ModelHuge, ModelNotSolid
         Approximately in the order of the checks.
     """
-    source = _one_line(str(path) if name is None else name)
+    source = _flatten(str(path) if name is None else name)
     suffix = Path(path.name if name is None else name).suffix.lower()
-    name = _one_line(path.name if name is None else name)
+    name = _flatten(path.name if name is None else name)
     _check_size_options(scale, longest_side_mm)
     report("reading")
     triangles, notes = _read(path, source, name, suffix, memory_bytes)
     longest, reach = _measure_triangles(name, triangles)
-    factor = _factor(name, longest, scale, longest_side_mm)
+    factor = _choose_factor(name, longest, scale, longest_side_mm)
     if longest * factor < SMALLEST_MM:
         raise ModelTiny(f"{name}: would be less than {SMALLEST_MM:g} mm long; give a larger --longest-side")
     if not reach * factor <= LARGEST_MM:
@@ -159,7 +159,7 @@ def _measure_triangles(name: str, triangles: Floats) -> tuple[float, float]:
     return float(size.max()) * reach, reach
 
 
-def _one_line(text: str) -> str:
+def _flatten(text: str) -> str:
     """Replace line breaks and unprintable characters; file names may hold anything."""
     return "".join(c if c.isprintable() else "?" for c in text)
 
@@ -227,7 +227,7 @@ def _load_triangles(name: str, data: bytes, suffix: str) -> Floats:
             triangles = np.array(loaded.triangles, dtype=np.float64)
     except Exception as error:  # on hostile bytes a reader may raise anything
         reason = (
-            _one_line(str(error).strip().splitlines()[0][:80]) if str(error).strip() else "no reason given"
+            _flatten(str(error).strip().splitlines()[0][:80]) if str(error).strip() else "no reason given"
         )
         if isinstance(error, ImportError):  # the reader looks for a package that guesses encodings
             reason = "its text is not UTF-8"
@@ -239,7 +239,7 @@ def _load_triangles(name: str, data: bytes, suffix: str) -> Floats:
     return triangles.reshape(-1, 3, 3)
 
 
-def _factor(name: str, longest: float, scale: float | None, longest_side_mm: float | None) -> float:
+def _choose_factor(name: str, longest: float, scale: float | None, longest_side_mm: float | None) -> float:
     if longest_side_mm is not None:
         return longest_side_mm / longest
     if scale is not None:

@@ -23,7 +23,7 @@ def orient_faces(faces: Ints) -> Ints | None:
 
     Neighbours are the two faces of an edge. In each surface the smaller part of the faces is reversed.
     """
-    tail, head, face = _half_edges(faces)
+    tail, head, face = _list_half_edges(faces)
     order, starts, counts = _by_edge(tail, head)
     first = starts[counts == 2]
     a, b = order[first], order[first + 1]
@@ -56,7 +56,7 @@ def split_shells(vertices: Floats, faces: Ints) -> list[tuple[Floats, Ints]] | N
     list or None
         None if not as many faces begin solid as end it around an edge.
     """
-    tail, head, face = _half_edges(faces)
+    tail, head, face = _list_half_edges(faces)
     order, starts, counts = _by_edge(tail, head)
     first = starts[counts == 2]
     a, b = order[first], order[first + 1]
@@ -65,7 +65,7 @@ def split_shells(vertices: Floats, faces: Ints) -> list[tuple[Floats, Ints]] | N
     matched = []
     for start, count in zip(starts[counts > 2], counts[counts > 2], strict=True):
         edge_order = order[start : start + count]
-        begins_ends = _around_edge(vertices, faces, tail, head, face, edge_order)
+        begins_ends = _order_around_edge(vertices, faces, tail, head, face, edge_order)
         if begins_ends is None:
             return None
         matched.append(begins_ends)
@@ -80,7 +80,7 @@ def split_shells(vertices: Floats, faces: Ints) -> list[tuple[Floats, Ints]] | N
 
 def _separate(vertices: Floats, faces: Ints, pairs: Ints) -> list[tuple[Floats, Ints]]:
     """Split triangles into the surfaces that pairs (k, 2) of half-edges connect; see `split_shells`."""
-    tail, _, face = _half_edges(faces)
+    tail, _, face = _list_half_edges(faces)
     a, b = pairs.T
     # Corner 3 f + k is vertex k of face f; a half-edge goes from its own corner to the next one of its face.
     following = np.arange(len(tail)) // 3 * 3 + (np.arange(len(tail)) % 3 + 1) % 3
@@ -98,7 +98,7 @@ def _separate(vertices: Floats, faces: Ints, pairs: Ints) -> list[tuple[Floats, 
 
 def find_rims(faces: Ints) -> list[Ints]:
     """Find the rims of the holes of a shell, as vertices in the order of a face that fills them."""
-    tail, head, _ = _half_edges(faces)
+    tail, head, _ = _list_half_edges(faces)
     order, starts, counts = _by_edge(tail, head)
     single_starts = order[starts[counts == 1]]
     after = dict(zip(head[single_starts].tolist(), tail[single_starts].tolist(), strict=True))
@@ -128,7 +128,7 @@ def cap_holes(vertices: Floats, faces: Ints) -> Ints:
     """
     loops = find_rims(faces)
     size = float(np.ptp(vertices, axis=0).max())
-    normals = [_newell(vertices[loop]) for loop in loops]
+    normals = [_compute_area_vector(vertices[loop]) for loop in loops]
     order = sorted(range(len(loops)), key=lambda i: -float(np.linalg.norm(normals[i])))
     outers: list[tuple[list[int], shapely.Polygon, Floats]] = []
     for i in order:
@@ -140,7 +140,7 @@ def cap_holes(vertices: Floats, faces: Ints) -> Ints:
                     members.append(i)
                     break
         if not placed:
-            frame = _frame(vertices[loops[i]], normals[i])
+            frame = _find_frame(vertices[loops[i]], normals[i])
             flat = (vertices[loops[i]] - frame[3]) @ frame[:2].T
             outers.append(([i], shapely.Polygon(flat), frame))
     caps = []
@@ -160,13 +160,13 @@ def _is_hole_of(rim: Floats, normal: Floats, polygon: shapely.Polygon, frame: Fl
     return bool(polygon.is_valid and inner.is_valid and polygon.contains(inner))
 
 
-def _newell(loop: Floats) -> Floats:
+def _compute_area_vector(loop: Floats) -> Floats:
     """Compute the area vector of a closed loop (k, 3), by Newell's method."""
     centred = loop - loop.mean(axis=0)
     return np.asarray(np.cross(centred, np.roll(centred, -1, axis=0)).sum(axis=0) / 2.0)
 
 
-def _frame(loop: Floats, normal: Floats) -> Floats:
+def _find_frame(loop: Floats, normal: Floats) -> Floats:
     """Find a frame (4, 3): two directions in the plane of a loop, its normal, and a point on it."""
     centre = loop.mean(axis=0)
     length = float(np.linalg.norm(normal))
@@ -177,7 +177,7 @@ def _frame(loop: Floats, normal: Floats) -> Floats:
     return np.stack([side, np.cross(up, side), up, centre])
 
 
-def _half_edges(faces: Ints) -> tuple[Ints, Ints, Ints]:
+def _list_half_edges(faces: Ints) -> tuple[Ints, Ints, Ints]:
     """List tail, head and face of each directed edge; number 3 f + k begins at corner k of face f."""
     return faces.reshape(-1), np.roll(faces, -1, axis=1).reshape(-1), np.arange(3 * len(faces)) // 3
 
@@ -209,7 +209,7 @@ def label_components(count: int, rows: Ints, columns: Ints) -> Ints:
     return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
 
 
-def _around_edge(
+def _order_around_edge(
     vertices: Floats, faces: Ints, tail: Ints, head: Ints, face: Ints, around: Ints
 ) -> tuple[Ints, Bools] | None:
     """Sort the half-edges (k,) of an edge by angle; also which of them (k,) begin solid, the others end it.

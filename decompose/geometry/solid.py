@@ -189,14 +189,14 @@ class Solid:
             return []
         surfaces = [Solid(_check_status(p, "separating pieces")) for p in self.manifold.decompose()]
         pieces = [s for s in surfaces if s.volume_mm3 > 0.0]
-        for cavity in (s._inside_out() for s in surfaces if s.volume_mm3 < 0.0):
+        for cavity in (s._turn_inside_out() for s in surfaces if s.volume_mm3 < 0.0):
             around = [i for i, p in enumerate(pieces) if p._encloses(cavity)]
             if around:  # where pieces lie in cavities of others, the smallest is the one next to it
                 i = min(around, key=lambda i: pieces[i].volume_mm3)
                 pieces[i] = pieces[i].subtract(cavity)
         return sorted(pieces, key=lambda p: tuple(p.bounds_mm.ravel()))
 
-    def _inside_out(self) -> Solid:
+    def _turn_inside_out(self) -> Solid:
         vertices, faces = self.arrays()
         return Solid.from_arrays(vertices, faces[:, ::-1])
 

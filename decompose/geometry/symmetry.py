@@ -51,13 +51,13 @@ class _Cloud:
 
     def draw_normals(self) -> Floats:
         """Draw normals (SAMPLES, 3), uniformly over all directions."""
-        return _unit(self.rng.standard_normal((SAMPLES, 3)))
+        return _normalise(self.rng.standard_normal((SAMPLES, 3)))
 
     def refine(self, normal: Floats, error_mm: float, samples: int = SAMPLES) -> tuple[Floats, float]:
         """Find the best normal near a given one, and its error."""
         least = error_mm
         for cone in CONES_RAD:
-            near = _unit(normal + cone * self.rng.standard_normal((samples, 3)))
+            near = _normalise(normal + cone * self.rng.standard_normal((samples, 3)))
             errors = [self.error_mm(mirror) for mirror in near]
             if min(errors) < least:
                 normal, least = near[int(np.argmin(errors))], min(errors)
@@ -92,7 +92,7 @@ def find_mirror(vertices: Floats, rng: np.random.Generator, tolerance: float = T
     errors = [cloud.error_mm(normal) for normal in normals]
     best = int(np.argmin(np.round(errors, 9)))
     normal, least = cloud.refine(normals[best], errors[best])
-    return cloud.mirror(normal, least) if least <= tolerance * _diagonal_mm(vertices) else None
+    return cloud.mirror(normal, least) if least <= tolerance * _measure_diagonal_mm(vertices) else None
 
 
 def draw_mirrors(vertices: Floats, rng: np.random.Generator, most: int) -> list[Mirror]:
@@ -129,7 +129,7 @@ def find_good_mirrors(
     ranked = sorted((cloud.error_mm(n), tuple(n)) for n in normals)
     mirrors = [cloud.refine(np.array(n), error, samples) for error, n in _pick_distinct(ranked, most)]
     refined = _pick_distinct(sorted((error, tuple(normal)) for normal, error in mirrors), most)
-    worst = tolerance * _diagonal_mm(vertices)
+    worst = tolerance * _measure_diagonal_mm(vertices)
     return [cloud.mirror(np.array(normal), error) for error, normal in refined if error <= worst]
 
 
@@ -145,7 +145,7 @@ def _pick_distinct(ranked: list[Scored], most: int) -> list[Scored]:
     return distinct
 
 
-def _diagonal_mm(vertices: Floats) -> float:
+def _measure_diagonal_mm(vertices: Floats) -> float:
     return float(np.linalg.norm(np.ptp(vertices, axis=0)))
 
 
@@ -170,6 +170,6 @@ def rotation_to_axis(normal: Floats) -> tuple[Floats, int]:
     return rotation, axis
 
 
-def _unit(vectors: Floats) -> Floats:
+def _normalise(vectors: Floats) -> Floats:
     unit: Floats = vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
     return unit

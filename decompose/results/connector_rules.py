@@ -50,7 +50,7 @@ class DrilledParts:
     def find_faults(self) -> Iterator[ConnectorFault]:
         """Check all rules, part by part, then pin by pin."""
         groups: dict[int, list[_Group]] = {}
-        for group in self._groups():
+        for group in self._list_groups():
             groups.setdefault(group.tools[0].part, []).append(group)
         for part, own in sorted(groups.items()):
             for rule, problem in self._check_part(part, own):
@@ -61,7 +61,7 @@ class DrilledParts:
         for problem in find_wrong_fits(self.connectors.pins):
             yield ConnectorFault(Rule.PINNED, None, problem)
 
-    def _groups(self) -> Iterator[_Group]:
+    def _list_groups(self) -> Iterator[_Group]:
         for pin in self.connectors.pins:
             for hole in pin.holes:
                 yield _Group((hole,), self.joints[pin.joint], math.radians(HOLE_DEG), "hole")
@@ -83,7 +83,7 @@ class DrilledParts:
             yield Rule.SKIN, f"the wall around a hole or mark is thinner than {RIM_MM:g} mm"
         if any(not group.is_hidden() for group in groups):
             yield Rule.SKIN, "a hole or mark is not inside of its joint"
-        if any(a.gap_mm(b, RIM_MM) < RIM_MM - FILM_MM for a, b in combinations(tools, 2) if _near(a, b)):
+        if any(a.gap_mm(b, RIM_MM) < RIM_MM - FILM_MM for a, b in combinations(tools, 2) if _is_near(a, b)):
             yield Rule.SKIN, "two holes or marks are too near to each other"
         for group in groups:
             steepest = group.overhang(self.blanks[part].up)
@@ -98,7 +98,7 @@ class DrilledParts:
         along = moved.into @ step.direction, -fixed.into @ step.direction, pin.axis @ step.direction
         if min(along) < COAXIAL or moved.part not in step.moved or fixed.part not in step.fixed:
             yield Rule.ORDER, f"a pin of step {pin.step + 1} is not along its direction"
-        circle = shapely.Point(pin.at_mm @ _across(pin.axis).T).buffer(pin.diameter_mm / 2.0)
+        circle = shapely.Point(pin.at_mm @ _find_axes_across(pin.axis).T).buffer(pin.diameter_mm / 2.0)
         middle_mm = float(pin.at_mm @ pin.axis)
         rod = _extrude(circle, pin.axis, middle_mm - pin.length_mm / 2.0, middle_mm + pin.length_mm / 2.0)
         for hole in pin.holes:
@@ -129,7 +129,7 @@ def find_wrong_fits(pins: Sequence[Pin]) -> list[str]:
 
 def _play_mm(pin: Pin) -> float:
     """Measure how far a pin can move across its holes, by the narrowest width of the wider one."""
-    across = _across(pin.axis)
+    across = _find_axes_across(pin.axis)
     hulls = [shapely.MultiPoint((hole.points_mm - pin.at_mm) @ across.T).convex_hull for hole in pin.holes]
     inner_mm = max(shapely.Point(0.0, 0.0).distance(hull.exterior) for hull in hulls)
     return float(2.0 * inner_mm - pin.diameter_mm)
@@ -144,8 +144,8 @@ class _Group:
     limit: float
     kind: str
 
-    def _outline(self) -> shapely.Geometry:
-        across = _across(self.tools[0].into)
+    def _draw_outline(self) -> shapely.Geometry:
+        across = _find_axes_across(self.tools[0].into)
         hulls = [shapely.MultiPoint(tool.points_mm @ across.T).convex_hull for tool in self.tools]
         return shapely.union_all(hulls).buffer(RIM_MM)
 
@@ -153,13 +153,13 @@ class _Group:
         """Build the tools with the wall around them, from just below the face."""
         first = self.tools[0]
         reach_mm = max(float((tool.points_mm @ first.into).max()) for tool in self.tools)
-        return _extrude(self._outline(), first.into, first.face_mm + FILM_MM, reach_mm + RIM_MM)
+        return _extrude(self._draw_outline(), first.into, first.face_mm + FILM_MM, reach_mm + RIM_MM)
 
     def is_hidden(self) -> bool:
         """Check that the mouths with their rim lie in a face of the joint."""
         into = self.tools[0].into
-        across = _across(into)
-        outline = self._outline()
+        across = _find_axes_across(into)
+        outline = self._draw_outline()
         for face in self.joint.faces:
             along = float(face.normal @ into)
             if abs(along) < COAXIAL or abs(face.offset_mm * along - self.tools[0].face_mm) > 1e-6:
@@ -193,13 +193,13 @@ def _is_thick(solid: Solid) -> bool:
     )
 
 
-def _near(a: Solid, b: Solid) -> bool:
+def _is_near(a: Solid, b: Solid) -> bool:
     """Check whether the boxes of two solids are nearer than the wall."""
     (a_low, a_high), (b_low, b_high) = a.bounds_mm, b.bounds_mm
     return bool((np.maximum(a_low, b_low) - np.minimum(a_high, b_high)).max() < RIM_MM)
 
 
-def _across(axis: Floats) -> Floats:
+def _find_axes_across(axis: Floats) -> Floats:
     """Choose two unit vectors (2, 3) so that they and the axis are a right-handed frame."""
     first = np.cross(np.eye(3)[int(np.abs(axis).argmin())], axis)
     first /= np.linalg.norm(first)
@@ -207,4 +207,4 @@ def _across(axis: Floats) -> Floats:
 
 
 def _extrude(outline: shapely.Geometry, axis: Floats, from_mm: float, to_mm: float) -> Solid:
-    return Solid.prism(rings_of(outline), np.vstack([_across(axis), axis]), from_mm, to_mm)
+    return Solid.prism(rings_of(outline), np.vstack([_find_axes_across(axis), axis]), from_mm, to_mm)

@@ -298,7 +298,7 @@ class Decomposition:
             "parts": [p.as_dict() for p in self.parts],
             "coverage": asdict(self.coverage),
             "curve": [asdict(point) for point in self.curve],
-            "joints": [self._joint_as_dict(number, joint) for number, joint in enumerate(self.joints)],
+            "joints": [self._describe_joint(number, joint) for number, joint in enumerate(self.joints)],
             "seam_mm": self.seam_mm(),
             "thin_rims": self.describe_thin_rims(),
             "small_feet": self.describe_small_feet(),
@@ -325,7 +325,7 @@ class Decomposition:
             return ""
         return f"Small feet for their height: {', '.join(feet)}; watch the first layers, or use a wider brim"
 
-    def _joint_as_dict(self, number: int, joint: Joint) -> dict[str, Any]:
+    def _describe_joint(self, number: int, joint: Joint) -> dict[str, Any]:
         seam = self.seams[number] if self.seams else Seam()
         return {
             "a": self.parts[joint.a].id,

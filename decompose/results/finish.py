@@ -83,7 +83,7 @@ def _build_decomposition(
     bound_s = bound_by_surface_s(problem.model.solid.area_mm2, 0.0, len(problem.printers), problem.cost)
     grid = partition.grid or GridFigures(makespan_s, problem.fastest_factor * bound_s, None)
     restored = tuple(_restore_frame(part, rotation) for part in parts)
-    joints = tuple(joint.move(_inverse(rotation)) for joint in touching)
+    joints = tuple(joint.move(_invert(rotation)) for joint in touching)
     return Decomposition(
         engine=problem.options.engine,
         options=problem.options,
@@ -183,12 +183,12 @@ def _restore_frame(part: Part, rotation: Floats) -> Part:
     return replace(
         part,
         solid=part.solid.rotate(rotation.T),
-        to_model=_inverse(rotation) @ part.to_model,
+        to_model=_invert(rotation) @ part.to_model,
         planes=rotate_planes(part.planes, rotation.T),
     )
 
 
-def _inverse(rotation: Floats) -> Floats:
+def _invert(rotation: Floats) -> Floats:
     """Return the transform (4, 4) back from a rotation (3, 3)."""
     transform = np.eye(4)
     transform[:3, :3] = rotation.T

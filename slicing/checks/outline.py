@@ -107,7 +107,7 @@ def check_outline(
     if np.linalg.det(corners).sum() < 0:  # inside out, which the engine accepts
         corners = corners[:, ::-1]
     walls = Walls.from_toolpath(path, layout, centre_mm, filament_mm2)
-    z_mm = _section_heights_mm(corners, walls, layout, removed_layers)
+    z_mm = _find_cut_heights_mm(corners, walls, layout, removed_layers)
     differ, off_mm2 = _find_differing_layers(corners, z_mm, walls, layout)
     if not len(differ):
         return ()
@@ -117,7 +117,7 @@ def check_outline(
     return _join_pieces(thin, layout, len(differ) / len(sampled))
 
 
-def _section_heights_mm(corners: Floats, walls: Walls, layout: WallLayout, removed_layers: int) -> Floats:
+def _find_cut_heights_mm(corners: Floats, walls: Walls, layout: WallLayout, removed_layers: int) -> Floats:
     """Compute the heights (layers,) at which the engine cut the model for the layers that it printed."""
     height_mm = float(corners[..., 2].max())
     planned = int((height_mm - layout.layer_height_0_mm) / layout.layer_height_mm + 0.5) + 1

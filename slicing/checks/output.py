@@ -65,10 +65,10 @@ def gather_facts(path: Toolpath, min_extrusion_c: float) -> GcodeFacts:
     homed = next((command.move for command in path.commands if command.code == "G28"), len(has_moved))
     cold, heaters_off = _check_heat(path, extruded_mm > 0, min_extrusion_c)
     return GcodeFacts(
-        flavour=_last_comment(path, "FLAVOR:"),
-        sliced_s=float(_last_comment(path, "TIME_ELAPSED:") or 0.0),
+        flavour=_read_last_comment(path, "FLAVOR:"),
+        sliced_s=float(_read_last_comment(path, "TIME_ELAPSED:") or 0.0),
         filament_mm=float(extruded_mm[prints].sum()),
-        layer_count=int(_last_comment(path, "LAYER_COUNT:") or 0),
+        layer_count=int(_read_last_comment(path, "LAYER_COUNT:") or 0),
         layers=len(np.unique(layers)),
         top_layer=int(layers[-1]) if len(layers) else -1,
         min_mm=(float(low[0]), float(low[1]), float(low[2])),
@@ -81,7 +81,7 @@ def gather_facts(path: Toolpath, min_extrusion_c: float) -> GcodeFacts:
     )
 
 
-def _last_comment(path: Toolpath, name: str) -> str:
+def _read_last_comment(path: Toolpath, name: str) -> str:
     """Read the last comment of a name; empty if there is none."""
     return next((n.text[len(name) :] for n in reversed(path.comments) if n.text.startswith(name)), "")
 

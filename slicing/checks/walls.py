@@ -146,7 +146,7 @@ class Walls:
         # An engine may draw rings in the opposite direction, but then all rings of a layer.
         turn = np.where(inside.area_mm2 < 0, -1.0, 1.0)
         band_mm2 = np.hypot(*(self.end - self.start).T) * self.half_mm * np.where(ring, 1.0, 2.0)
-        corners_mm2 = np.bincount(self.layer, self._corners_mm2(), count)
+        corners_mm2 = np.bincount(self.layer, self._compute_corners_mm2(), count)
         area = turn * (inside.area_mm2 + corners_mm2) + np.bincount(self.layer, band_mm2, count)
         moment = turn[:, None] * inside.moment_mm3
         for axis in range(2):
@@ -176,7 +176,7 @@ class Walls:
             must_mm2 += np.maximum(0.0, np.abs(outer.area_mm2) - further_mm * outer.length_mm)
         return np.where(open_lines, 0.0, must_mm2 - np.abs(inner.area_mm2))
 
-    def _corners_mm2(self) -> Floats:
+    def _compute_corners_mm2(self) -> Floats:
         """Compute the area (n,) of the band outside of a ring at the corner after each move."""
         if not len(self.run):
             return np.empty(0)

@@ -90,7 +90,7 @@ def accept_gcode(lines: Iterable[bytes], target: PrintTarget, *, stopwatch: Stop
         If the file cannot be printed; with the line, the reason, and what to do.
     """
     survey = survey_lines(lines, target.filament_mm)
-    line_mm = _line_width_mm(survey.nozzle_mm or target.nozzle_mm)
+    line_mm = _find_line_width_mm(survey.nozzle_mm or target.nozzle_mm)
     writer = Writer(stopwatch)
     clearance = Clearance(SLACK_LAYERS * HIGHEST_LAYER * line_mm, target.printer.head)
     interpreter = Interpreter(survey, writer, clearance, target, line_mm)
@@ -133,7 +133,7 @@ def _check_missing_lines(figures: StatedFigures, interpreter: Interpreter, targe
         raise GcodeRefused(f"{problem}: lines are missing; {INCOMPLETE}")
 
 
-def _line_width_mm(nozzle_mm: float | None) -> float:
+def _find_line_width_mm(nozzle_mm: float | None) -> float:
     """Return the nozzle's diameter as the width of a line; refuse a file for an unknown nozzle."""
     if nozzle_mm is None:
         raise GcodeRefused(

@@ -55,7 +55,7 @@ class Clearance:
         if self._above_nozzle is None or self._printed_since_mm > lowest_mm + self._slack_mm:
             self._flush()
             self._above_nozzle = ndimage.maximum_filter(self._height_mm, 3)
-            self._above_head = _highest_below_head(self._height_mm, self._head)
+            self._above_head = _find_highest_below_head(self._height_mm, self._head)
             self._printed_since_mm = 0.0
         assert self._above_head is not None
         xy, z = _sample_lines(np.array([[*old, *target]]))
@@ -89,7 +89,7 @@ def _find_cells(xy: NDArray[np.float64]) -> tuple[NDArray[np.intp], NDArray[np.i
     return cells[:, 1], cells[:, 0]
 
 
-def _highest_below_head(height_mm: NDArray[np.float64], head: HeadShape) -> NDArray[np.float64]:
+def _find_highest_below_head(height_mm: NDArray[np.float64], head: HeadShape) -> NDArray[np.float64]:
     """Find the highest cell within the head's outline for each place of the nozzle."""
     left, right, front, back = (
         round(edge / _CELL_MM) for edge in (head.left, head.right, head.front, head.back)

@@ -162,9 +162,9 @@ class Interpreter:
             case "G0" | "G1":
                 self._move(words)
             case "G2" | "G3":
-                self._arc(code == "G2", words)
+                self._move_on_arc(code == "G2", words)
             case "G4":
-                self._dwell(words)
+                self._wait(words)
             case "G10" | "G11":
                 self._retract(code, words)
             case "G90" | "G91":
@@ -184,13 +184,13 @@ class Interpreter:
 
     def _move(self, words: Words) -> None:
         self._set_speed(words)
-        self._move_to(self._target(words), self._find_extruded_mm(words))
+        self._move_to(self._find_target(words), self._find_extruded_mm(words))
 
     def _move_to(self, target: list[float], extruded_mm: float, speed_mm_s: float | None = None) -> None:
         if self.head.move(target, extruded_mm, speed_mm_s or self._speed_mm_s, self._speed_factor):
             self._waiting_s = 0.0
 
-    def _target(self, words: Words) -> list[float]:
+    def _find_target(self, words: Words) -> list[float]:
         return [
             current if (value := words.get(axis)) is None else value + (current if self._relative else 0.0)
             for axis, current in zip("XYZ", self.head.position, strict=True)
@@ -205,13 +205,13 @@ class Interpreter:
         self._e += pushed
         return pushed * self._mm_per_e * self._flow_factor
 
-    def _arc(self, clockwise: bool, words: Words) -> None:
+    def _move_on_arc(self, clockwise: bool, words: Words) -> None:
         self._set_speed(words)
         x, y, z = self.head.position
         i, j = words.get("I", 0.0), words.get("J", 0.0)
         if "R" in words or not (i or j):
             self._objections.refuse("an arc needs I and J: switch arc fitting off in your slicer")
-        end = self._target(words)
+        end = self._find_target(words)
         extruded_mm, done_share = self._find_extruded_mm(words), 0.0
         if math.isnan(x + y + end[0] + end[1]):
             self.head.position = end
@@ -224,7 +224,7 @@ class Interpreter:
             self._move_to([to_x, to_y, z + (end[2] - z) * share], extruded_mm * (share - done_share))
             done_share = share
 
-    def _dwell(self, words: Words) -> None:
+    def _wait(self, words: Words) -> None:
         seconds = words.get("S", words.get("P", 0.0) / 1000)
         if self._printing and seconds > 0:
             self._total_dwell_s += seconds
@@ -324,7 +324,7 @@ class Arc:
     @property
     def turn(self) -> float:
         """Angle swept, in radians; negative clockwise."""
-        turn = (self._angle(self.end) - self._angle(self.start)) % math.tau
+        turn = (self._compute_angle(self.end) - self._compute_angle(self.start)) % math.tau
         if self.clockwise:
             return turn - math.tau
         return turn or math.tau
@@ -335,7 +335,7 @@ class Arc:
 
     def points(self) -> Iterator[tuple[Point, float]]:
         """Yield the end of each straight move, and the share of the arc done there; `end` is the last."""
-        radius_mm, turn, first = self.radius_mm, self.turn, self._angle(self.start)
+        radius_mm, turn, first = self.radius_mm, self.turn, self._compute_angle(self.start)
         step_mm = max(0.05, min(MAX_CHORD_MM, math.sqrt(8 * radius_mm * CHORD_DEVIATION_MM)))
         count = max(1, math.ceil(self.length_mm / step_mm))
         for i in range(1, count):
@@ -343,7 +343,7 @@ class Arc:
             yield self._at(angle, radius_mm), i / count
         yield self.end, 1.0
 
-    def _angle(self, point: Point) -> float:
+    def _compute_angle(self, point: Point) -> float:
         return math.atan2(point[1] - self.centre[1], point[0] - self.centre[0])
 
     def _at(self, angle: float, radius_mm: float) -> Point:

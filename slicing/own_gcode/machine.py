@@ -62,13 +62,13 @@ def find_machine(
     facts: Mapping[str, bytes], filament_mm: float | None, foreign_start: tuple[int, str] | None
 ) -> Machine:
     """Read the machine from a file's facts: key in lower case -> value as written."""
-    names = (_text(facts, key) for key in _NAMES)
+    names = (_read_text(facts, key) for key in _NAMES)
     name = next((name for name in names if name is not None and name.lower() not in _NO_NAME), None)
     return Machine(
         name=name,
         filament_mm=filament_mm,
-        filament_type=_text(facts, "filament_type") or _text(facts, "filament type #1"),
-        bed_corner=_text(facts, "bed_shape") or _text(facts, "printable_area"),
+        filament_type=_read_text(facts, "filament_type") or _read_text(facts, "filament type #1"),
+        bed_corner=_read_text(facts, "bed_shape") or _read_text(facts, "printable_area"),
         foreign_start=foreign_start,
     )
 
@@ -119,6 +119,6 @@ def check_machine(
     )
 
 
-def _text(facts: Mapping[str, bytes], key: str) -> str | None:
+def _read_text(facts: Mapping[str, bytes], key: str) -> str | None:
     value = facts.get(key)
     return value.decode("utf-8", "replace").strip().strip('"') or None if value is not None else None

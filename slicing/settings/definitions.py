@@ -73,10 +73,10 @@ def merge_definitions(chain: Sequence[Mapping[str, Any]]) -> dict[str, Setting]:
         for key, override in file.get("overrides", {}).items():
             if key in raw:
                 raw[key] = {**raw[key], **override}
-    return {key: _setting(key, entry) for key, entry in raw.items()}
+    return {key: _read_setting(key, entry) for key, entry in raw.items()}
 
 
-def _setting(key: str, entry: Mapping[str, Any]) -> Setting:
+def _read_setting(key: str, entry: Mapping[str, Any]) -> Setting:
     try:
         kind = SettingType(entry["type"])
     except ValueError:
@@ -87,9 +87,9 @@ def _setting(key: str, entry: Mapping[str, Any]) -> Setting:
         key=key,
         type=kind,
         default=entry.get("default_value"),
-        value=_formula(entry.get("value")),
-        resolve=_formula(entry.get("resolve")),
-        limit_to_extruder=_formula(entry.get("limit_to_extruder")),
+        value=_read_formula(entry.get("value")),
+        resolve=_read_formula(entry.get("resolve")),
+        limit_to_extruder=_read_formula(entry.get("limit_to_extruder")),
         per_extruder=_limit(entry.get("settable_per_extruder", True)),
         minimum=_limit(entry.get("minimum_value")),
         maximum=_limit(entry.get("maximum_value")),
@@ -98,7 +98,7 @@ def _setting(key: str, entry: Mapping[str, Any]) -> Setting:
     )
 
 
-def _formula(raw: Any) -> Formula | None:
+def _read_formula(raw: Any) -> Formula | None:
     return None if raw is None else Formula(str(raw))
 
 

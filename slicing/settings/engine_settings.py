@@ -128,7 +128,7 @@ def build_engine_settings(
     BadSetting
         If a raft is requested.
     """
-    global_, extruder = _scope_texts(resolver)
+    global_, extruder = _write_scopes(resolver)
     if global_["adhesion_type"] == "raft":
         raise BadSetting("adhesion_type=raft: a raft is not supported; set it to brim, or take quality glue")
     values = _ExtruderValues(resolver)
@@ -145,7 +145,7 @@ def build_engine_settings(
         infill_line_distance_mm=values.number("infill_line_distance") / directions,
         support_enabled=support,
         support_line_distance_mm=values.number("support_line_distance") if support else 0.0,
-        brim_width_mm=_brim_mm(global_["adhesion_type"], values),
+        brim_width_mm=_compute_brim_mm(global_["adhesion_type"], values),
         bed_c=values.number("material_bed_temperature_layer_0") if values.flag("machine_heated_bed") else 0.0,
         density_g_cm3=density_g_cm3,
         scale_xy=scale[0],
@@ -178,10 +178,10 @@ class _ExtruderValues:
         return bool(self.resolver.value(Scope.EXTRUDER, key))
 
 
-def _scope_texts(resolver: Resolver) -> tuple[dict[str, str], dict[str, str]]:
+def _write_scopes(resolver: Resolver) -> tuple[dict[str, str], dict[str, str]]:
     """Write the settings of the global scope and of the extruder's as text."""
-    global_ = {key: _text(resolver.value(Scope.GLOBAL, key)) for key in resolver.keys(Scope.GLOBAL)}
-    extruder = {key: _text(resolver.value(Scope.EXTRUDER, key)) for key in resolver.keys(Scope.EXTRUDER)}
+    global_ = {key: _format(resolver.value(Scope.GLOBAL, key)) for key in resolver.keys(Scope.GLOBAL)}
+    extruder = {key: _format(resolver.value(Scope.EXTRUDER, key)) for key in resolver.keys(Scope.EXTRUDER)}
     # The engine reads it in both scopes, and prints no support where it is false in either.
     extruder["support_enable"] = global_["support_enable"]
     # The mesh is scaled before it is placed, so that the checks compare the printed shape.
@@ -191,7 +191,7 @@ def _scope_texts(resolver: Resolver) -> tuple[dict[str, str], dict[str, str]]:
     return global_, extruder
 
 
-def _brim_mm(adhesion: str, values: _ExtruderValues) -> float:
+def _compute_brim_mm(adhesion: str, values: _ExtruderValues) -> float:
     """Compute the width of a brim, or of a skirt with its gap; 0 for neither."""
     width_mm = values.number("skirt_brim_line_width") * values.number("initial_layer_line_width_factor") / 100
     match adhesion:
@@ -202,6 +202,6 @@ def _brim_mm(adhesion: str, values: _ExtruderValues) -> float:
     return 0.0
 
 
-def _text(value: Any) -> str:
+def _format(value: Any) -> str:
     """Write a value as CuraEngine reads it: Python's own words for numbers, booleans and lists."""
     return "" if value is None else str(value)

@@ -49,7 +49,7 @@ def printed_height_mm(height_mm: float, heights: LayerHeights) -> float:
     height = 1000 * height_mm
     if height <= first / 2:
         return 0.0
-    above = max(0, _floor((height - first) / other + 0.5))
+    above = max(0, _round_down((height - first) / other + 0.5))
     return (first + above * other) / 1000
 
 
@@ -68,12 +68,12 @@ def fit_heights(height_mm: float, nominal: LayerHeights, *, max_first_mm: float)
     """
     first, other = _round_um(nominal.first_mm), _round_um(nominal.other_mm)
     height, tolerance = 1000 * height_mm, 1000 * EXACT_MM - _SLACK_UM
-    step = _floor(other * _MAX_CHANGE)
+    step = _round_down(other * _MAX_CHANGE)
 
     def candidates(low: int, high: int) -> Iterator[tuple[float, float, int, int]]:
         """Yield candidates: error (um), change of both heights, and both heights."""
         for layer in range(other - step, other + step + 1):
-            above = max(0, _floor((height - first) / layer))
+            above = max(0, _round_down((height - first) / layer))
             for count in (above, above + 1):
                 exact = height - count * layer  # height of the first layer without an error
                 near = round(min(max(first, exact - tolerance), exact + tolerance))
@@ -84,7 +84,7 @@ def fit_heights(height_mm: float, nominal: LayerHeights, *, max_first_mm: float)
 
     for spread in FIRST_LAYER_CHANGES if max_first_mm > 0 else FIRST_LAYER_CHANGES[:1]:
         low = math.ceil(first * (1 - spread))
-        high = max(low, min(_floor(first * (1 + spread)), _round_um(max_first_mm)))
+        high = max(low, min(_round_down(first * (1 + spread)), _round_um(max_first_mm)))
         missed, _, first_um, layer = min(candidates(low, high))
         if missed == 0:
             break
@@ -93,8 +93,8 @@ def fit_heights(height_mm: float, nominal: LayerHeights, *, max_first_mm: float)
 
 def _round_um(mm: float) -> int:
     """Round to whole micrometres as CuraEngine does: half a micrometre up."""
-    return _floor(1000 * mm + 0.5)
+    return _round_down(1000 * mm + 0.5)
 
 
-def _floor(number: float) -> int:
+def _round_down(number: float) -> int:
     return int(number // 1)

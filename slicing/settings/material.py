@@ -96,7 +96,7 @@ def read_material(root: ET.Element, name: str, product: str, hotend: str) -> Mat
     settings = root.find("m:settings", SPACE)
     values: dict[str, str] = {}
     compatible = True
-    sections = [] if settings is None else [settings, *_printer_sections(settings, product, hotend)]
+    sections = [] if settings is None else [settings, *_list_printer_sections(settings, product, hotend)]
     for section in sections:
         for entry in section.findall("m:setting", SPACE):
             key, text = entry.get("key", ""), (entry.text or "").strip()
@@ -135,7 +135,7 @@ def material_kind(root: ET.Element) -> str:
     return root.findtext("m:metadata/m:name/m:material", default="", namespaces=SPACE)
 
 
-def _printer_sections(settings: ET.Element, product: str, hotend: str) -> Iterator[ET.Element]:
+def _list_printer_sections(settings: ET.Element, product: str, hotend: str) -> Iterator[ET.Element]:
     """Yield the sections of this printer, then of this nozzle in it: the later one wins."""
     for machine in settings.findall("m:machine", SPACE):
         products = {i.get("product") for i in machine.findall("m:machine_identifier", SPACE)}

@@ -128,7 +128,7 @@ class Resolver:
     def bounds(self, scope: Scope, key: str) -> tuple[float | None, float | None]:
         """Compute the minimum and the maximum of a key by its definition; None for no limit."""
         setting = self.setting(key)
-        return self._bound(scope, key, setting.minimum), self._bound(scope, key, setting.maximum)
+        return self._read_bound(scope, key, setting.minimum), self._read_bound(scope, key, setting.maximum)
 
     def is_enabled(self, key: str) -> bool:
         """Check whether a setting has an effect with the values of the others; Cura hides it otherwise."""
@@ -147,7 +147,7 @@ class Resolver:
         raw = setting.per_extruder
         return bool(self._evaluate(Scope.GLOBAL, key, raw) if isinstance(raw, Formula) else raw)
 
-    def _bound(self, scope: Scope, key: str, raw: Any) -> float | None:
+    def _read_bound(self, scope: Scope, key: str, raw: Any) -> float | None:
         bound = self._evaluate(scope, key, raw) if isinstance(raw, Formula) else raw
         return None if bound is None else float(bound)
 
@@ -161,7 +161,7 @@ class Resolver:
     def _is_user_set(self, key: str) -> bool:
         return any(key in layer for place, layer in self._layers[Scope.GLOBAL] if place is Place.USER)
 
-    def _raw_value(self, scope: Scope, key: str) -> Any:
+    def _find_raw_value(self, scope: Scope, key: str) -> Any:
         """Find the first value or formula on the way down a stack."""
         for place, layer in self._layers[scope]:
             if key in layer and place >= self._from:
@@ -170,7 +170,7 @@ class Resolver:
         if setting is not None:
             return setting.default if setting.value is None else setting.value
         if scope is Scope.EXTRUDER:
-            return self._raw_value(Scope.GLOBAL, key)
+            return self._find_raw_value(Scope.GLOBAL, key)
         raise KeyError(key)
 
     def _value_below(self, place: int, scope: Scope, key: str) -> Any:
@@ -183,7 +183,7 @@ class Resolver:
 
     def _own_value(self, scope: Scope, key: str) -> Any:
         """Compute a stack's own value, its formula in that stack."""
-        raw = self._raw_value(scope, key)
+        raw = self._find_raw_value(scope, key)
         if not isinstance(raw, Formula):
             return raw
         step = (scope, key, self._resolving, self._from)

@@ -86,22 +86,22 @@ def _cut(problem: Problem, grid: Grid, shell: Shell, cube: Block | None) -> tupl
     """Cut a shell by the sides of a cube, merge the pieces, and add those of the skeleton."""
     skeleton: list[Piece] = []
     if cube is not None and shell.cavity.any() and problem.options.interior is Interior.KEEP:
-        skeleton = _skeleton([cube, *cubes_about(cube, shell.cavity)], grid, problem)
-    pieces = _regions(Piece(shell.solid, shell.planes, shell.boxes_mm), cube, grid)
+        skeleton = _cut_skeleton([cube, *cubes_about(cube, shell.cavity)], grid, problem)
+    pieces = _split_regions(Piece(shell.solid, shell.planes, shell.boxes_mm), cube, grid)
     if not problem.options.faithful:
-        pieces = [part for piece in pieces for part in _fitting(piece, problem)]
+        pieces = [part for piece in pieces for part in _cut_to_fit(piece, problem)]
     return (*_merge_regions(pieces, len(problem.printers) - len(skeleton), problem), *skeleton)
 
 
-def _skeleton(cubes: list[Block], grid: Grid, problem: Problem) -> list[Piece]:
+def _cut_skeleton(cubes: list[Block], grid: Grid, problem: Problem) -> list[Piece]:
     pieces = []
     for cube in cubes:
         box = np.array(grid.bounds_mm(cube))
-        pieces += _fitting(Piece(Solid.box(*box), list_box_planes(box), box[None]), problem)
+        pieces += _cut_to_fit(Piece(Solid.box(*box), list_box_planes(box), box[None]), problem)
     return pieces
 
 
-def _regions(piece: Piece, cube: Block | None, grid: Grid) -> list[Piece]:
+def _split_regions(piece: Piece, cube: Block | None, grid: Grid) -> list[Piece]:
     """Split a piece by the planes of a cube's sides; each region may be in several pieces."""
     parts = [piece]
     if cube is None:
@@ -119,7 +119,7 @@ def _split(piece: Piece, axis: int, at_mm: float) -> list[Piece]:
     return [Piece(side, planes, piece.boxes_mm) for side in sides if side.volume_mm3 > 0.0]
 
 
-def _fitting(piece: Piece, problem: Problem) -> list[Piece]:
+def _cut_to_fit(piece: Piece, problem: Problem) -> list[Piece]:
     """Cut a piece on a grid until every block fits every printer."""
     lo, hi = piece.solid.bounds_mm
     counts = np.array(count_blocks(hi - lo, problem.rooms))
@@ -129,7 +129,7 @@ def _fitting(piece: Piece, problem: Problem) -> list[Piece]:
     share = (counts[axis] // 2) / counts[axis]
     at_mm = float(lo[axis] + share * (hi - lo)[axis])
     halves = _split(piece, axis, place_clear_of_faces(piece.solid, np.eye(3)[axis], at_mm))
-    return [part for half in halves for part in _fitting(half, problem)] if len(halves) > 1 else [piece]
+    return [part for half in halves for part in _cut_to_fit(half, problem)] if len(halves) > 1 else [piece]
 
 
 @dataclass(slots=True, eq=False)

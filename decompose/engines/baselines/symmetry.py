@@ -93,7 +93,7 @@ def cut_by_symmetry(problem: Problem) -> Partition:
             f"the printers' rooms need at least {uncut_part.needs} parts, and there are {printers} printers",
             uncut_part.needs,
         )
-    parts = list(_best_leaves(form, uncut_part, printers, TREE_DEPTH)[printers][1])
+    parts = list(_find_best_leaves(form, uncut_part, printers, TREE_DEPTH)[printers][1])
     problem.on_stage("tree")
     parts = form.cut_further(parts)
     problem.on_stage("greedy")
@@ -104,7 +104,7 @@ def cut_by_symmetry(problem: Problem) -> Partition:
     return Partition(pieces, problem.model, np.eye(3))
 
 
-def _best_leaves(form: _Form, part: _Part, printers: int, depth: int) -> list[Leaves]:
+def _find_best_leaves(form: _Form, part: _Part, printers: int, depth: int) -> list[Leaves]:
     """Find the leaves of the tree of cuts whose greatest price is least, for 0, 1, ... printers."""
     best = [NO_LEAVES if k < part.needs else (part.price, (part,)) for k in range(printers + 1)]
     if depth == 0 or printers < 2:
@@ -112,7 +112,7 @@ def _best_leaves(form: _Form, part: _Part, printers: int, depth: int) -> list[Le
     for children in form.list_cuts(part):
         combined: list[Leaves] = [(0.0, ())] * (printers + 1)
         for child in children:
-            child_leaves = _best_leaves(form, child, printers, depth - 1)
+            child_leaves = _find_best_leaves(form, child, printers, depth - 1)
             combined = [_join_leaves(combined, child_leaves, k) for k in range(printers + 1)]
         best = [
             min(a, b, key=lambda leaves: (leaves[0], len(leaves[1])))
@@ -128,7 +128,7 @@ def _join_leaves(first: list[Leaves], second: list[Leaves], printers: int) -> Le
     return (max(a[0], b[0]), a[1] + b[1]) if max(a[0], b[0]) < math.inf else NO_LEAVES
 
 
-def _halves(piece: Piece, normal: Floats, at_mm: float) -> list[Piece]:
+def _cut_halves(piece: Piece, normal: Floats, at_mm: float) -> list[Piece]:
     """Cut a piece by a plane; the pieces on both sides, as far as they are not empty."""
     planes = np.vstack([piece.planes, [*normal, at_mm]])
     sides = piece.solid.split_by_plane(normal, at_mm)
@@ -156,7 +156,7 @@ class _PublishedForm(_Form):
 
     def cut_in_halves(self, part: _Part, mirror: Mirror) -> list[_Part]:
         """Cut a part into two halves, connected or not; none if one of them is too small."""
-        halves = [self.part(piece) for piece in _halves(part.piece, mirror.normal, mirror.offset_mm)]
+        halves = [self.part(piece) for piece in _cut_halves(part.piece, mirror.normal, mirror.offset_mm)]
         is_even = len(halves) == 2 and all(half.price >= MIN_SHARE * self.mean_mm3 for half in halves)
         return halves if is_even else []
 
@@ -203,7 +203,7 @@ class _CorrectedForm(_Form):
     def pieces(self, piece: Piece, normal: Floats, at_mm: float) -> Iterator[list[_Part]]:
         """Yield the connected pieces on both sides of a plane near a place, unless one of them is a crumb."""
         at_mm = place_clear_of_faces(piece.solid, normal, at_mm)
-        pieces = [p for half in _halves(piece, normal, at_mm) for p in connected_pieces(half)]
+        pieces = [p for half in _cut_halves(piece, normal, at_mm) for p in connected_pieces(half)]
         min_mm3 = CRUMB_SHARE * min(self.mean_mm3, piece.solid.volume_mm3)
         if len(pieces) > 1 and all(fragment.solid.volume_mm3 >= min_mm3 for fragment in pieces):
             yield [self.part(fragment) for fragment in pieces]

@@ -60,7 +60,7 @@ def cut_by_guillotine(problem: Problem) -> Partition:
     cuts += by_class.run(min((_ends_s(problem, cut) for cut in cuts), default=math.inf))
     if not cuts:
         assert failure is not None
-        raise _too_few_error(problem, grid, boxes) or failure
+        raise _make_too_few_error(problem, grid, boxes) or failure
     problem.on_stage("classes")
     best = min(cuts, key=lambda cut: _ends_s(problem, cut))
     pieces = tuple(shift_planes(problem, grid, best))
@@ -76,7 +76,7 @@ def cut_by_guillotine(problem: Problem) -> Partition:
 
 def _assign_cut(problem: Problem, cut: Cut) -> Cut:
     """Assign printers to the pieces of boxes so that the last one ends soonest."""
-    takers = problem.assign_printers(_pieces(cut))
+    takers = problem.assign_printers(_list_pieces(cut))
     return cut if takers is None else _set_printers(cut, takers)
 
 
@@ -89,12 +89,12 @@ def _set_printers(cut: Cut, takers: Sequence[PrinterRoom]) -> Cut:
     }
 
 
-def _pieces(cut: Cut) -> list[Piece]:
+def _list_pieces(cut: Cut) -> list[Piece]:
     return [piece for box_pieces in cut.values() for piece in box_pieces]
 
 
 def _ends_s(problem: Problem, cut: Cut) -> float:
-    return problem.makespan_s(_pieces(cut))
+    return problem.makespan_s(_list_pieces(cut))
 
 
 class _ClassSearch(ExactSearch):
@@ -157,12 +157,12 @@ class _ClassSearch(ExactSearch):
     def _assign_by_tables(self, boxes: Sequence[Box]) -> Cut:
         """Give each piece of boxes the printer that is best by the tables."""
         cut = {box: self.cut[box] for box in boxes}
-        takers = assign_bottleneck(self._seconds(boxes))
+        takers = assign_bottleneck(self._look_up_seconds(boxes))
         assert takers is not None  # the search found a way
         printers = [printer for printer_class in self.classes for printer in printer_class.printers]
         return _set_printers(cut, [printers[i] for i in takers])
 
-    def _seconds(self, boxes: Sequence[Box]) -> Floats:
+    def _look_up_seconds(self, boxes: Sequence[Box]) -> Floats:
         """Look up the time (pieces, printers) of each piece; printers in the order of the classes."""
         at = [box_index(box, self.boxes.shape) for box in boxes]
         rows = np.repeat(at, self.boxes.pieces[at])
@@ -192,7 +192,7 @@ class _ClassSearch(ExactSearch):
         The bound is proven as if all printers had the speed of the fastest and, for each box, the best room.
         """
         problem = self.problem
-        times = self._seconds(list(cut))
+        times = self._look_up_seconds(list(cut))
         takers = assign_bottleneck(times)
         if takers is None:  # the cut for all printers may use boxes that this search gave up
             makespan_s = _ends_s(problem, cut)
@@ -212,7 +212,7 @@ class _ClassSearch(ExactSearch):
         return GridFigures(makespan_s, min_s, grid.shape)
 
 
-def _too_few_error(problem: Problem, grid: Grid, shared: BoxTables) -> NoFit | None:
+def _make_too_few_error(problem: Problem, grid: Grid, shared: BoxTables) -> NoFit | None:
     """Build the error with the number of printers of these kinds that would be enough; None if unknown.
 
     Tries more printers of the first class, of one other, or of both.

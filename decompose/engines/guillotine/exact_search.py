@@ -107,7 +107,7 @@ class ExactSearch:
             if makespan_s is None or len(self.rejections) > MAX_REJECTIONS:
                 if best:
                     break  # prices only grow: no other partition fits
-                raise self._no_fit_error()
+                raise self._make_no_fit_error()
             self.min_s = max(self.min_s, makespan_s if is_late else makespan_s - close_s)
             if makespan_s >= best_s:
                 break
@@ -115,7 +115,7 @@ class ExactSearch:
             if self._correct_piece_counts(boxes) or self._forbid_faulty(boxes):
                 continue
             rounds += 1
-            longest_s = self._true_makespan_s(boxes)
+            longest_s = self._compute_true_makespan_s(boxes)
             if longest_s < best_s:
                 best, best_s = boxes, longest_s
             if longest_s <= RETRY_RATIO * makespan_s or rounds == MAX_ROUNDS:
@@ -161,7 +161,7 @@ class ExactSearch:
             boxes = self.solver.chosen_boxes()
             if self._correct_piece_counts(boxes) or self._forbid_faulty(boxes):
                 continue
-            longest_s = self._true_makespan_s(boxes)
+            longest_s = self._compute_true_makespan_s(boxes)
             best = boxes if math.isfinite(longest_s) else best
             if longest_s <= RETRY_RATIO * limit_s:
                 break
@@ -185,7 +185,7 @@ class ExactSearch:
                 break
             if self._correct_piece_counts(boxes) or self._forbid_faulty(boxes):
                 continue
-            self._true_makespan_s(boxes)
+            self._compute_true_makespan_s(boxes)
             if sorted_times_s(self.boxes, boxes) < sorted_times_s(self.boxes, best):
                 best = boxes
         return best
@@ -215,7 +215,7 @@ class ExactSearch:
     def _forbid(self, at: int) -> None:
         self.boxes.seconds[at] = math.inf
 
-    def _true_makespan_s(self, boxes: list[Box]) -> float:
+    def _compute_true_makespan_s(self, boxes: list[Box]) -> float:
         """Compute the true makespan of boxes in seconds, and raise the table to true prices above its own."""
         new = [(box, piece) for box in boxes if box not in self.posed_s for piece in self.cut[box]]
         poses = self.problem.find_poses([piece for _, piece in new])
@@ -227,7 +227,7 @@ class ExactSearch:
             self.boxes.seconds[at] = max(float(self.boxes.seconds[at]), self.posed_s[box])
         return max(self.posed_s[box] for box in boxes)
 
-    def _no_fit_error(self) -> NoFit:
+    def _make_no_fit_error(self) -> NoFit:
         """Build the error with the reason why there is no partition for these printers."""
         problem, model = self.problem, self.problem.model
         if self.rejections:

@@ -163,7 +163,7 @@ class Partitioner:
             for plane in range(box[axis] + 1, box[axis + 3]):
                 lower, upper = list(box), list(box)
                 lower[axis + 3] = upper[axis] = plane
-                far, near = _box(upper), _box(lower)
+                far, near = _make_box(upper), _make_box(lower)
                 for a, b in shares:
                     if self._value_of(near, a) + self._value_of(far, b) == value:
                         return (far, b), (near, a)
@@ -197,7 +197,7 @@ class Partitioner:
         while is_near and not reached and low + step_s < high:
             reached = self.solve(low + step_s) <= printers
             if reached:
-                high = self._reached_s(low + step_s)
+                high = self._find_reached_s(low + step_s)
             else:
                 low, step_s = low + step_s, GALLOP * step_s
         if high < 0.0 or (not reached and self.solve(high) > printers):
@@ -205,13 +205,13 @@ class Partitioner:
         while high - low > tolerance_s:
             middle = (low + high) / 2.0
             if self.solve(middle) <= printers:
-                high = self._reached_s(middle)
+                high = self._find_reached_s(middle)
             else:
                 low = middle
         self.solve(high, ties=self.can_break_ties)
         return high
 
-    def _reached_s(self, limit_s: float) -> float:
+    def _find_reached_s(self, limit_s: float) -> float:
         """Find the limit that the last solution, for this limit, truly needs."""
         return limit_s if self.others else min(limit_s, self.longest_s())
 
@@ -238,6 +238,6 @@ def class_states(counts: Sequence[int]) -> tuple[Ints, Ints]:
     return np.array(states, dtype=np.int64).reshape(len(states), len(counts)), np.array(sums, dtype=np.int64)
 
 
-def _box(sides: list[int]) -> Box:
+def _make_box(sides: list[int]) -> Box:
     x0, y0, z0, x1, y1, z1 = sides
     return x0, y0, z0, x1, y1, z1

@@ -40,7 +40,7 @@ def fill_out_boxes(partition: Sequence[Box], empty: Bools) -> list[Box]:
     boxes = np.array(partition)
     free = empty.copy()
     for box in boxes:
-        free[_cells(box)] = False
+        free[_slice_cells(box)] = False
     touching = [
         (int(i), int(j), axis)
         for axis in range(3)
@@ -58,13 +58,13 @@ def fill_out_boxes(partition: Sequence[Box], empty: Bools) -> list[Box]:
                     larger = boxes[box].copy()
                     larger[side] = extend(boxes[box, side], boxes[other, side])
                     gained_cells = np.prod(larger[3:] - larger[:3]) - np.prod(boxes[box, 3:] - boxes[box, :3])
-                    if gained_cells > 0 and free[_cells(larger)].sum() == gained_cells:
+                    if gained_cells > 0 and free[_slice_cells(larger)].sum() == gained_cells:
                         boxes[box] = larger
-                        free[_cells(larger)] = False
+                        free[_slice_cells(larger)] = False
     return [(a, b, c, d, e, f) for a, b, c, d, e, f in boxes.tolist()]
 
 
-def _cells(box: Ints) -> tuple[slice, ...]:
+def _slice_cells(box: Ints) -> tuple[slice, ...]:
     return tuple(slice(box[axis], box[axis + 3]) for axis in range(3))
 
 
@@ -83,10 +83,10 @@ def group_faces(boxes_mm: Floats) -> Ints:
         across = [i for i in range(3) if i != axis]
         on = np.abs(hi[:, None, axis] - lo[None, :, axis]) < SAME_MM
         for i, j in np.argwhere(on & (overlap[:, :, across] > SAME_MM).all(axis=2)):
-            groups.join(_face(i, 1, axis), _face(j, 0, axis))
-            shared[[_face(i, 1, axis), _face(j, 0, axis)]] = True
-    for i, j, axes in _crossings(boxes_mm, overlap):
-        pairs = [(_facing(boxes_mm, i, j, axis), _facing(boxes_mm, j, i, axis)) for axis in axes]
+            groups.join(_number_face(i, 1, axis), _number_face(j, 0, axis))
+            shared[[_number_face(i, 1, axis), _number_face(j, 0, axis)]] = True
+    for i, j, axes in _find_crossings(boxes_mm, overlap):
+        pairs = [(_find_facing(boxes_mm, i, j, axis), _find_facing(boxes_mm, j, i, axis)) for axis in axes]
         if all(groups.find(a) != groups.find(b) for a, b in pairs):
             groups.join(*min(pairs, key=lambda pair: groups.size(*pair)))
     labels = np.array([groups.find(face) for face in range(count * 6)])
@@ -97,7 +97,7 @@ def group_faces(boxes_mm: Floats) -> Ints:
     return np.asarray(labels.reshape(count, 2, 3), dtype=np.int64)
 
 
-def _crossings(boxes_mm: Floats, overlap: Floats) -> list[tuple[int, int, tuple[int, int]]]:
+def _find_crossings(boxes_mm: Floats, overlap: Floats) -> list[tuple[int, int, tuple[int, int]]]:
     """Find boxes i < j that meet at an edge only, and the two axes across that edge."""
     touches = np.abs(overlap) < SAME_MM
     crossings = []
@@ -108,13 +108,13 @@ def _crossings(boxes_mm: Floats, overlap: Floats) -> list[tuple[int, int, tuple[
     return crossings
 
 
-def _face(box: int, side: int, axis: int) -> int:
+def _number_face(box: int, side: int, axis: int) -> int:
     return int(box * 6 + side * 3 + axis)
 
 
-def _facing(boxes_mm: Floats, box: int, other: int, axis: int) -> int:
+def _find_facing(boxes_mm: Floats, box: int, other: int, axis: int) -> int:
     """Find the face of a box that lies on the plane at which another box begins."""
-    return _face(box, int(boxes_mm[box, 0, axis] < boxes_mm[other, 0, axis]), axis)
+    return _number_face(box, int(boxes_mm[box, 0, axis] < boxes_mm[other, 0, axis]), axis)
 
 
 class _Groups:

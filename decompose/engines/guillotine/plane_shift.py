@@ -173,7 +173,7 @@ class _PlaneShift:
         if not (self.free.any() and math.isfinite(longest_s(best))):
             return best
         self._record_effort([i for i in range(len(best)) for _ in range(6)])
-        slopes = np.array([self._slopes(i, part) for i, part in enumerate(best)])
+        slopes = np.array([self._measure_slopes(i, part) for i, part in enumerate(best)])
         for rounds in range(ROUNDS):
             if rounds and self.problem.effort.is_spent():
                 break
@@ -239,12 +239,12 @@ class _PlaneShift:
                 continue
             by_mm = part.box_mm - old.box_mm
             faces = [face for face in np.ndindex(2, 3) if by_mm[face] != 0.0]
-            broken = [] if part.is_like(old) else self._breaking_faces(i, old, faces, by_mm)
+            broken = [] if part.is_like(old) else self._find_breaking_faces(i, old, faces, by_mm)
             for face in broken or faces:
                 self.free[self.groups[(i, *face)], int(by_mm[face] > 0.0)] = False
         return bool((self.free != before).any())
 
-    def _breaking_faces(self, i: int, part: BoxPart, faces: Sequence[Face], by_mm: Floats) -> list[Face]:
+    def _find_breaking_faces(self, i: int, part: BoxPart, faces: Sequence[Face], by_mm: Floats) -> list[Face]:
         """Find the faces whose move alone breaks a part into pieces, or makes it too thin."""
         self.problem.effort.record(Work.FACE_CUT, len(faces) * self.near[i].faces)
         breaking = []
@@ -265,7 +265,7 @@ class _PlaneShift:
         at = places - self._measure_places(self.start_mm)
         low_mm = np.minimum(np.where(self.free[:, 0], np.maximum(-step_mm, -self.reach_mm - at), 0.0), 0.0)
         high_mm = np.maximum(np.where(self.free[:, 1], np.minimum(step_mm, self.reach_mm - at), 0.0), 0.0)
-        longer_mm = np.array([spare_length_mm(part.size_mm, self._rooms(part)) for part in parts])
+        longer_mm = np.array([spare_length_mm(part.size_mm, self._list_rooms(part)) for part in parts])
         shorter_mm = np.maximum(0.0, now[:, 1] - now[:, 0] - SLIVER_MM)
         seconds = np.array([part.seconds for part in parts])
         boxes_mm, promised_s = now, math.inf
@@ -300,7 +300,7 @@ class _PlaneShift:
                 new[group] = round(new[group], PLANE_DIGITS)
         return np.where(self.groups >= 0, new[self.groups], now)
 
-    def _rooms(self, part: BoxPart) -> list[PrinterRoom]:
+    def _list_rooms(self, part: BoxPart) -> list[PrinterRoom]:
         return [room for piece in part.pieces for room in self.problem.rooms_for(piece)]
 
     def _cut(self, i: int, box_mm: Floats) -> BoxPart:
@@ -364,7 +364,7 @@ class _PlaneShift:
         rotation, options = pose.to_model[:3, :3].T, self.problem.options
         return measure_pose(vertices, faces, cut, rotation, self.problem.cost, options.fit_first_layer)
 
-    def _slopes(self, i: int, part: BoxPart) -> Floats:
+    def _measure_slopes(self, i: int, part: BoxPart) -> Floats:
         """Measure the change (2, 3) of a part's time in s/mm as each of its faces moves up its axis."""
         slopes = np.zeros((2, 3))
         for side, axis in np.ndindex(2, 3):

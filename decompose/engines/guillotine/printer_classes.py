@@ -64,7 +64,7 @@ def classify_printers(printers: Sequence[PrinterRoom], max_sums: float) -> list[
     limit = MAX_LOSS_SHARE * sum(member.throughput for member in classes)
     while len(classes) > 1:
         loss, a, b = min(
-            (_lost_throughput(a, b), i, k) for (i, a), (k, b) in combinations(enumerate(classes), 2)
+            (_compute_lost_throughput(a, b), i, k) for (i, a), (k, b) in combinations(enumerate(classes), 2)
         )
         if loss > limit and count_sums([member.count for member in classes]) <= max_sums:
             break
@@ -78,7 +78,7 @@ def count_sums(counts: Sequence[int]) -> int:
     return prod((count + 1) * (count + 2) // 2 for count in sorted(counts)[:-1])
 
 
-def _lost_throughput(a: PrinterClass, b: PrinterClass) -> float:
+def _compute_lost_throughput(a: PrinterClass, b: PrinterClass) -> float:
     """Compute the throughput that two classes lose when they become one."""
     merged = _merge(a, b)
     rooms = sum(one.throughput for one in (a, b) if one.boxes != merged.boxes)
@@ -87,10 +87,10 @@ def _lost_throughput(a: PrinterClass, b: PrinterClass) -> float:
 
 def _merge(a: PrinterClass, b: PrinterClass) -> PrinterClass:
     factor = max(a.time_factor, b.time_factor)
-    return PrinterClass(_shared_room(a.boxes, b.boxes), factor, (*a.printers, *b.printers))
+    return PrinterClass(_find_shared_room(a.boxes, b.boxes), factor, (*a.printers, *b.printers))
 
 
-def _shared_room(a: Room, b: Room) -> Room:
+def _find_shared_room(a: Room, b: Room) -> Room:
     """Find the boxes that fit two rooms, without those that lie in others."""
     if a == b:
         return a

@@ -54,7 +54,7 @@ def align_model(model: Model, seed: int, overhang_cos: float) -> AlignedModel:
     vertices, faces = model.solid.arrays()
     mirror = find_mirror(vertices, np.random.default_rng(seed))
     rotation, axis = (np.eye(3), -1) if mirror is None else rotation_to_axis(mirror.normal)
-    turn = _box_frame(vertices @ rotation.T, axis)
+    turn = _find_box_frame(vertices @ rotation.T, axis)
     corners = (vertices @ rotation.T)[faces]
     if overhang_mm2(corners @ turn.T, overhang_cos) < WORTH_TURNING * overhang_mm2(corners, overhang_cos):
         rotation = turn @ rotation
@@ -81,14 +81,14 @@ def overhang_mm2(triangles: Floats, overhang_cos: float) -> float:
     return min(areas)
 
 
-def _box_frame(vertices: Floats, axis: int) -> Floats:
+def _find_box_frame(vertices: Floats, axis: int) -> Floats:
     """Find the rotation (3, 3) into the frame of the smallest box about vertices (n, 3).
 
     With an axis from 0 to 2 only turns about it, which leave a plane of symmetry where it is.
     """
     if axis < 0:
         to_box: Any = oriented_bounds  # its package has no types for it
-        return _min_turn(to_box(vertices, ordered=False)[0][:3, :3])
+        return _find_min_turn(to_box(vertices, ordered=False)[0][:3, :3])
     x, y = (axis + 1) % 3, (axis + 2) % 3
     angle = smallest_rectangle(convex_outline(np.ascontiguousarray(vertices[:, [x, y]])))
     angle = (angle + math.pi / 4.0) % (math.pi / 2.0) - math.pi / 4.0
@@ -98,7 +98,7 @@ def _box_frame(vertices: Floats, axis: int) -> Floats:
     return turn
 
 
-def _min_turn(rotation: Floats) -> Floats:
+def _find_min_turn(rotation: Floats) -> Floats:
     """Find the least rotation among the frames with the same axes, in any order and direction."""
     costs = np.abs(rotation)
     rows = [-1, -1, -1]

@@ -109,25 +109,25 @@ def run_attempts(
     """
 
     def attempt_one(seeds: Seeds) -> BlockPartition | None:
-        return _attempt(seeds, terrain, printers, score)
+        return _run_attempt(seeds, terrain, printers, score)
 
     results = [result for result in run(attempt_one, seed_sets) if result is not None]
     return sorted(results, key=lambda a: (a.longest, a.parts))
 
 
-def _attempt(seeds: Seeds, terrain: Terrain, printers: int, score: Score) -> BlockPartition | None:
+def _run_attempt(seeds: Seeds, terrain: Terrain, printers: int, score: Score) -> BlockPartition | None:
     """Make one attempt; None if it needs more parts than there are printers."""
     blocks, owner = grow_blocks(seeds, terrain, score)
-    filled = fill_voids(blocks, owner, terrain, printers - _parts(blocks, terrain))
-    if filled is None or _parts(filled, terrain) > printers:
+    filled = fill_voids(blocks, owner, terrain, printers - _count_parts(blocks, terrain))
+    if filled is None or _count_parts(filled, terrain) > printers:
         return None
     boxes = [(x0, y0, z0, x1, y1, z1) for x0, y0, z0, x1, y1, z1 in filled.tolist()]
     shape = terrain.shape
     longest = max(float(terrain.printing[box_index(box, shape)]) for box in boxes)
-    return BlockPartition(tuple(boxes), longest, _parts(filled, terrain))
+    return BlockPartition(tuple(boxes), longest, _count_parts(filled, terrain))
 
 
-def _parts(blocks: Ints, terrain: Terrain) -> int:
+def _count_parts(blocks: Ints, terrain: Terrain) -> int:
     indices = [box_index((*block,), terrain.shape) for block in blocks.tolist()]
     return int(terrain.pieces[indices].sum())
 

@@ -66,10 +66,10 @@ def read_3mf(name: str, data: bytes, max_triangles: int | None = None) -> tuple[
     with np.errstate(over="ignore", invalid="ignore"):  # checked by the caller
         placed = list(build.place(root, part.items, np.vstack((np.eye(3), np.zeros(3)))))
         triangles = np.concatenate(placed) * UNITS_MM[unit]
-    return triangles, tuple(_notes(build, part, len(placed), unit))
+    return triangles, tuple(_list_notes(build, part, len(placed), unit))
 
 
-def _notes(build: _Build, root: ModelPart, instances: int, unit: str) -> Iterator[str]:
+def _list_notes(build: _Build, root: ModelPart, instances: int, unit: str) -> Iterator[str]:
     if instances > 1:
         yield f"Read {instances} objects as one model, placed as in the file."
     if unit != "millimeter":

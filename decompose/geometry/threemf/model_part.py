@@ -205,16 +205,16 @@ class _Reader:
 
     def _add_component(self, attributes: Mapping[str, str]) -> None:
         if self._in_object:
-            self._object.components.append(_reference(attributes))
+            self._object.components.append(_read_reference(attributes))
 
     def _add_item(self, attributes: Mapping[str, str]) -> None:
         if attributes.get("printable", "1") in ("0", "false"):  # as slicers write it
             self.part.unprinted_items += 1
         else:
-            self.part.items.append(_reference(attributes))
+            self.part.items.append(_read_reference(attributes))
 
 
-def _reference(attributes: Mapping[str, str]) -> Reference:
+def _read_reference(attributes: Mapping[str, str]) -> Reference:
     text = attributes.get("transform")
     numbers = _IDENTITY if text is None else tuple(map(float, text.split()))
     if len(numbers) != 12 or not all(map(math.isfinite, numbers)):

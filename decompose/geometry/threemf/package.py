@@ -59,7 +59,7 @@ class Package:
             raise ModelUnreadable(
                 f"{name}: not a 3MF or only a part of one ({error}); copy or export it again"
             ) from error
-        self._entries = {_key(entry.filename): entry for entry in self._zip.infolist()}
+        self._entries = {_make_key(entry.filename): entry for entry in self._zip.infolist()}
 
     def find_model(self) -> str:
         """Find the name of the part that holds the model, by the package's relations."""
@@ -84,7 +84,7 @@ class Package:
         ModelUnreadable
             If the part is missing, damaged, encrypted, or unpacks to too many bytes.
         """
-        entry = self._entries.get(_key(part))
+        entry = self._entries.get(_make_key(part))
         if entry is None:
             raise ModelUnreadable(f"{self._name}: its part {_quote(part)} is missing; export it again")
         size, packed = entry.file_size, max(1, entry.compress_size)
@@ -125,7 +125,7 @@ def resolve_path(path: str) -> str:
     return posixpath.normpath("/" + path.replace("\\", "/")).lstrip("/")
 
 
-def _key(name: str) -> str:
+def _make_key(name: str) -> str:
     return resolve_path(name).lower()  # names of parts are equal regardless of case
 
 
