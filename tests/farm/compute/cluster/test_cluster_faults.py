@@ -10,7 +10,7 @@ import pytest
 import portable_work as work
 from cluster_processes import Processes
 from dask_cluster import HERE, Recorder
-from farm.compute.cluster import cluster_state
+from farm.compute.cluster import cluster_state, connection
 from farm.compute.cluster.cluster_pool import ClusterPool
 from farm.compute.cluster.cluster_state import Place
 from farm.compute.cluster.connection import Connection, list_stuck, list_workers
@@ -64,6 +64,32 @@ def test_a_killed_worker_and_a_killed_scheduler(tmp_path, monkeypatch):
         asyncio.run(main())
     finally:
         processes.close()
+
+
+def test_a_connection_that_is_cancelled_while_it_is_lost_ends(monkeypatch):
+    """Dask's client takes long to close when its scheduler is gone."""
+    monkeypatch.setattr(connection, "_POLL_S", 0.05)
+    closing = asyncio.Event()
+
+    class SlowClient:
+        async def close(self, timeout):
+            closing.set()
+            await asyncio.Event().wait()
+
+    async def lose(self):
+        self._client = SlowClient()
+        raise OSError("the scheduler is gone")
+
+    async def main():
+        monkeypatch.setattr(Connection, "_watch_once", lose)
+        link = Connection("tcp://127.0.0.1:1", None, HERE, lambda _: None, lambda _: None)
+        watching = asyncio.ensure_future(link.watch())
+        await closing.wait()
+        watching.cancel()
+        await asyncio.wait({watching}, timeout=5.0)
+        assert watching.cancelled()
+
+    asyncio.run(main())
 
 
 def test_a_worker_whose_heartbeat_stands_still_is_stuck():
