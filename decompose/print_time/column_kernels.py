@@ -280,8 +280,7 @@ def _sum_islands_mm(runs: Runs, shape: tuple[int, int], height: float) -> tuple[
                 if kind[index] == 0:
                     continue
                 solid = 1 if kind[index] == 1 else 0
-                islands += 1
-                bodies += solid
+                islands, bodies = islands + 1, bodies + solid
                 for n in range(4):  # the four of the eight neighbours that were visited before
                     u, v = (i, j - 1) if n == 3 else (i - 1, j - 1 + n)
                     if u < 0 or v < 0 or v >= row or kind[u * row + v] != kind[index]:

@@ -132,8 +132,7 @@ def build_engine_settings(
     if global_["adhesion_type"] == "raft":
         raise BadSetting("adhesion_type=raft: a raft is not supported; set it to brim, or take quality glue")
     values = _ExtruderValues(resolver)
-    support = values.flag("support_enable")
-    directions = _DIRECTIONS.get(extruder["infill_pattern"], 1)
+    support, directions = values.flag("support_enable"), _DIRECTIONS.get(extruder["infill_pattern"], 1)
     top_layers, bottom_layers = int(values.number("top_layers")), int(values.number("bottom_layers"))
     settings = EngineSettings(
         printer=printer,
