@@ -48,6 +48,25 @@ class PrintedPart:
         along = (self.path.before[:, :2] != self.path.after[:, :2]).any(axis=1)  # not after a retraction
         return float(self.path.extruded_mm[is_support & along].clip(min=0.0).sum())
 
+    def find_seams(self, longest_only: bool = False) -> Floats:
+        """Find the points (n, 3), in the joints' frame, where rings of the outer wall begin.
+
+        Parameters
+        ----------
+        longest_only
+            Leave out all rings but the longest of each layer: those around holes.
+        """
+        walls = self.walls
+        first = np.flatnonzero(np.diff(walls.run, prepend=-1))
+        first = first[walls.closed[first]]
+        if longest_only:
+            lengths = np.bincount(walls.run, np.hypot(*(walls.end - walls.start).T))[walls.run[first]]
+            order = first[np.lexsort((-lengths, walls.layer[first]))]
+            first = order[np.diff(walls.layer[order], prepend=-1) > 0]
+        z_mm = self.layout.layer_height_0_mm + self.layout.layer_height_mm * (walls.layer[first] - 0.5)
+        placed = np.column_stack([walls.start[first], z_mm]) - self.to_print[:3, 3]
+        return np.asarray(placed @ np.linalg.inv(self.to_print[:3, :3]).T)
+
     def is_printed(self, points_mm: Floats) -> Bools:
         """Tell which points (n, 3) of the joints' frame lie within the outer walls of their layer."""
         placed = points_mm @ self.to_print[:3, :3].T + self.to_print[:3, 3]
@@ -83,7 +102,7 @@ class PrintedPart:
             middle = np.array([ADVANCE * n + GRID_WIDE / 2.0 - text_width(code) / 2.0, 0.0])
             at = np.column_stack([_LETTER_GRID + middle, np.ones(len(_LETTER_GRID))]) @ lift
             missing = ~self.is_printed(at + BELOW_MM * mark.grooves[0].into)
-            yield max(LETTERS, key=lambda letter: _resemble(letter, half_width, missing))
+            yield max(_READABLE, key=lambda letter: _resemble(letter, half_width, missing))
 
 
 def measure_depth_mm(mark: Mark) -> float:
@@ -123,6 +142,7 @@ def slice_printed(part: Part, solid: Solid, folder: Path) -> PrintedPart:
     return PrintedPart(path, walls, layout, to_print, result.sliced_s)
 
 
+_READABLE = [letter for letter in LETTERS if letter not in ".^"]
 _EVERYWHERE = shapely.box(-1e4, -1e4, 1e4, 1e4)
 _LETTER_GRID = np.stack(
     np.meshgrid(

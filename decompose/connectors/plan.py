@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from decompose.assembly import Assembly
 from decompose.connectors.faces import Blank, Room
+from decompose.connectors.gutters import place_gutters
 from decompose.connectors.marks import place_marks
 from decompose.connectors.pins import place_pins
 from decompose.connectors.records import Connectors
@@ -21,7 +22,7 @@ def plan_connectors(
     options: ConnectorOptions,
     min_glue_mm2: float,
 ) -> Connectors:
-    """Place pins, then marks beside them.
+    """Place pins, then marks beside them, then gutters for the seams.
 
     Parameters
     ----------
@@ -41,7 +42,8 @@ def plan_connectors(
         else place_pins(room, joints, assembly, options.pin_mm, min_glue_mm2)
     )
     marks, unmarked = place_marks(room, joints, assembly) if options.marks else ([], [])
-    return Connectors(tuple(pins), tuple(marks), tuple(unpinned), tuple(unmarked))
+    gutters = place_gutters(room, joints) if options.marks else []
+    return Connectors(tuple(pins), tuple(marks), tuple(unpinned), tuple(unmarked), gutters=tuple(gutters))
 
 
 def drill(blanks: Sequence[Blank], connectors: Connectors) -> list[Solid]:

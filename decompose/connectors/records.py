@@ -93,6 +93,26 @@ class Mark:
     grooves: tuple[Tool, ...]
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Gutter:
+    """Upright V groove on a face that is glued, in which the seam of the outer wall hides.
+
+    Attributes
+    ----------
+    part, joint
+        Numbers of the part that has it, and of the joint.
+    line_mm
+        (2, 3) its lower and upper end on the face, as the part is printed.
+    groove
+        Its tool.
+    """
+
+    part: int
+    joint: int
+    line_mm: Floats
+    groove: Tool
+
+
 @dataclass(frozen=True, slots=True)
 class Connectors:
     """Pins and marks of all parts.
@@ -105,6 +125,8 @@ class Connectors:
         Steps without a pin, with the reason.
     unmarked
         Joints without a mark on one of their faces, with the reason.
+    gutters
+        In the order of the parts.
     failures
         Sentences about what was left out because it broke a rule.
     """
@@ -114,13 +136,15 @@ class Connectors:
     unpinned: tuple[tuple[int, str], ...] = ()
     unmarked: tuple[tuple[int, str], ...] = ()
     failures: tuple[str, ...] = ()
+    gutters: tuple[Gutter, ...] = ()
 
     @property
     def tools(self) -> list[Tool]:
-        """Tools of all pins and marks."""
+        """Tools of all pins, marks and gutters."""
         return [
             *(hole for pin in self.pins for hole in pin.holes),
             *(groove for mark in self.marks for groove in mark.grooves),
+            *(gutter.groove for gutter in self.gutters),
         ]
 
     def without_part(self, part: int, reason: str) -> Connectors:
@@ -129,6 +153,7 @@ class Connectors:
             self,
             pins=tuple(pin for pin in self.pins if all(hole.part != part for hole in pin.holes)),
             marks=tuple(mark for mark in self.marks if mark.part != part),
+            gutters=tuple(gutter for gutter in self.gutters if gutter.part != part),
             failures=(*self.failures, reason),
         )
 

@@ -43,6 +43,14 @@ def describe_connectors(
             {"part": names[mark.part], "joint": name_joint(mark.joint), **_describe_mark(mark)}
             for mark in connectors.marks
         ],
+        "gutters": [
+            {
+                "part": names[gutter.part],
+                "joint": name_joint(gutter.joint),
+                "line_mm": gutter.line_mm.tolist(),
+            }
+            for gutter in connectors.gutters
+        ],
         "unpinned": [{"step": step + 1, "reason": reason} for step, reason in connectors.unpinned],
         "unmarked": [{"joint": name_joint(joint), "reason": reason} for joint, reason in connectors.unmarked],
         "failures": list(connectors.failures),

@@ -67,6 +67,8 @@ class DrilledParts:
                 yield _Group((hole,), self.joints[pin.joint], math.radians(HOLE_DEG), "hole")
         for mark in self.connectors.marks:
             yield _Group(mark.grooves, self.joints[mark.joint], math.radians(GROOVE_DEG), "mark")
+        for gutter in self.connectors.gutters:
+            yield _Group((gutter.groove,), self.joints[gutter.joint], math.radians(GROOVE_DEG), "gutter")
 
     def _check_part(self, part: int, groups: Sequence[_Group]) -> Iterator[tuple[Rule, str]]:
         blank, drilled = self.blanks[part].solid, self.drilled[part]

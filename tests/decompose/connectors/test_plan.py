@@ -69,6 +69,16 @@ def test_marks_read_from_outside_and_their_arrows_agree():
         assert all(np.linalg.norm(wing - tip, axis=1).min() < 1e-9 for wing in wings)
 
 
+def test_upright_faces_have_a_gutter_inside_of_their_rim_and_level_ones_none():
+    connectors, _ = plan(boxes(((0, 0, 0), (30, 60, 60)), ((30, 0, 0), (60, 60, 60))))
+    assert [(gutter.part, gutter.joint) for gutter in connectors.gutters] == [(0, 0), (1, 0)]
+    for gutter in connectors.gutters:
+        low, high = gutter.line_mm
+        assert low[:2] == pytest.approx(high[:2]) and low[0] == pytest.approx(30.0)
+        assert low[2] > 1.7 and high[2] < 58.3 and high[2] - low[2] > 30.0
+    assert plan(HALVES)[0].gutters == ()
+
+
 def test_arrow_of_a_turned_text_still_points_up():
     narrow = boxes(((0, 0, 0), (30, 14, 70)), ((30, 0, 0), (60, 14, 70)))
     connectors, _ = plan(narrow, options=ConnectorOptions(marks=True))

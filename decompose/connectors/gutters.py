@@ -1,0 +1,88 @@
+"""Gutters: upright grooves on hidden faces, in which the seams of the outer walls hide and glue has room.
+
+The slicer begins each ring at its sharpest inner corner. Without one it takes an edge between two cut faces,
+or a fold of the visible surface, and leaves a bump there.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+
+from decompose.arrays import Floats
+from decompose.connectors.faces import Room, Side, find_sides
+from decompose.connectors.records import RIM_MM, Gutter
+from decompose.connectors.tools import GROOVE_MM, LIP_MM, make_groove
+from decompose.pieces import Joint
+
+UPRIGHT_SIN = 0.02  # of the angle between a face and the vertical, up to which it is upright
+PITCH_MM = 4.0  # of the places that are tried
+SHORTEST_MM = 15.0  # of heights that a gutter adds
+MOST = 3  # gutters of a part
+ROUND_MM = 0.05
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Place:
+    """Line (2, 3) on a side, from its lower to its upper end, and their heights in the part's pose."""
+
+    side: Side
+    line_mm: Floats
+    low_mm: float
+    high_mm: float
+
+
+def place_gutters(room: Room, joints: Sequence[Joint]) -> list[Gutter]:
+    """Place gutters on the upright faces of each part, so that most of its layers have one.
+
+    Their grooves are added to the room's tools.
+    """
+    sides: dict[int, list[Side]] = defaultdict(list)
+    for number, joint in enumerate(joints):
+        for pair in find_sides(room.blanks, number, joint):
+            for side in pair:
+                if abs(float(side.into @ room.blanks[side.part].up)) < UPRIGHT_SIN:
+                    sides[side.part].append(side)
+    gutters = []
+    for part, own in sorted(sides.items()):
+        places = [place for side in own for place in _find_places(room, side)]
+        covered = shapely.LineString()
+        for _ in range(MOST):
+            gains = [_span(place).difference(covered).length for place in places]
+            if not gains or max(gains) < SHORTEST_MM:
+                break
+            best = places[int(np.argmax(gains))]
+            covered = covered.union(_span(best))
+            places = [place for place in places if place.side is not best.side]
+            groove = make_groove(part, best.line_mm, best.side.into)
+            room.tools.append(groove)
+            gutters.append(Gutter(part, best.side.joint, best.line_mm, groove))
+    return gutters
+
+
+def _span(place: _Place) -> shapely.LineString:
+    return shapely.LineString([(place.low_mm, 0.0), (place.high_mm, 0.0)])
+
+
+def _find_places(room: Room, side: Side) -> Iterator[_Place]:
+    """List the places on a side where a gutter keeps its distance from the rim and from other tools."""
+    reach_mm = GROOVE_MM + LIP_MM + RIM_MM + ROUND_MM
+    free = room.find_room(side, GROOVE_MM).buffer(-reach_mm)
+    if free.is_empty:
+        return
+    up = room.blanks[side.part].up
+    upwards = side.face.axes @ up
+    frame = np.stack([[upwards[1], -upwards[0]], upwards]) / np.linalg.norm(upwards)
+    turned = shapely.transform(free, lambda flat: flat @ frame.T)
+    low_x, low_y, high_x, high_y = turned.bounds
+    for x in np.arange((low_x + high_x) / 2.0 % PITCH_MM + low_x // PITCH_MM * PITCH_MM, high_x, PITCH_MM):
+        cut = turned.intersection(shapely.LineString([(x, low_y - 1.0), (x, high_y + 1.0)]))
+        for run in getattr(cut, "geoms", [cut]):
+            if run.length >= SHORTEST_MM:
+                ends = np.array(run.coords)[[0, -1]]
+                line_mm = side.lift(ends[ends[:, 1].argsort()] @ frame)
+                yield _Place(side, line_mm, *map(float, line_mm @ up))
