@@ -19,7 +19,7 @@ from decompose.errors import GeometryError, ModelNotSolid, Rule
 from decompose.export import files, write_decomposition
 from decompose.files.names import REPORT
 from decompose.geometry import Model, Solid, write_stl
-from decompose.options import ConnectorOptions, Engine, Options
+from decompose.options import ConnectorOptions, Engine, Interior, Options
 from decompose.pieces import Piece, Seam, find_joints, list_box_planes
 from decompose.print_time import CostModel
 from decompose.printers import PrinterRoom
@@ -157,6 +157,25 @@ def test_hole_is_as_wide_as_the_printer_of_its_part_needs(halves: Decomposition)
             across = hole.points_mm[:6] - hole.points_mm[:6].mean(axis=0)
             widths[stored.parts[hole.part].printer] = np.sqrt(3.0) * np.linalg.norm(across, axis=1).max()
         assert widths == pytest.approx({printers[0]: 2.85 + 0.4, printers[1]: 2.85 + 0.7})
+
+
+def test_part_that_is_cut_again_keeps_its_holes_and_codes(halves: Decomposition) -> None:
+    """As after a fault: what is printed of the part is cut, and its neighbour is printed already."""
+    stored = connect_parts(halves)
+    whole = stored.parts[0].printed
+    printers = [PrinterRoom(f"p{i}", ((30.0, 40.0, 50.0),)) for i in range(2)]
+    options = replace(halves.options, interior=Interior.KEEP)
+    cost = CostModel(1.0, *[1e-3] * 7, brim_mm=0.0)
+    again = decompose_model(Model(whole, (), 1.0), printers, options, cost).with_assembly()
+    named = replace(
+        again, parts=tuple(replace(p, id=f"p01{c}") for c, p in zip("ab", again.parts, strict=True))
+    )
+    pieces = connect_parts(named)
+    assert not pieces.connectors.failures
+    assert {mark.text.rstrip("^") for mark in pieces.connectors.marks} == {"1a-1b", "1b-1a"}
+    printed = Solid.union([piece.printed for piece in pieces.parts])
+    old = [Solid.hull(tool.points_mm) for tool in stored.connectors.tools if tool.part == 0]
+    assert len(old) > 10 and printed.intersect(Solid.union(old)).volume_mm3 < 1e-3
 
 
 def test_without_options_parts_stay_as_they_were_cut(halves: Decomposition) -> None:
