@@ -4,7 +4,6 @@ import asyncio
 from contextlib import AsyncExitStack, asynccontextmanager
 from functools import partial
 
-import dask
 from distributed import Scheduler
 
 from farm.compute.cluster.cluster_pool import ClusterPool
@@ -39,7 +38,6 @@ class Recorder:
 async def cluster(folder, workers, pools=None, installations=None):
     """Run a scheduler and some workers, and connect a pool to it."""
     pools = pools or {}
-    dask.config.set({"distributed.comm.timeouts.connect": "5s"})
     async with AsyncExitStack() as stack:
         scheduler = await stack.enter_async_context(
             Scheduler(host="127.0.0.1", port=0, dashboard_address="127.0.0.1:0")
