@@ -11,8 +11,8 @@ from pathlib import Path
 from farm import api
 from farm.cli.client import Client
 from farm.upkeep.part_pictures import draw_part
-from farm.views.decomposition_report import parse_report
 from farm.views.report import list_figures, render_page
+from farm.views.report.decomposition import parse_report
 
 _ALL = 100_000
 _STILLS_BYTES = 50_000_000  # of all stills on a page

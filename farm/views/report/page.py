@@ -17,7 +17,7 @@ from farm import api
 from farm.model import PrintState
 from farm.text import format_duration
 from farm.views.charts import lay_out_gantt, list_bars, name_outcome
-from farm.views.decomposition_report import Report
+from farm.views.report.decomposition import Report
 
 _SIGNS = str.maketrans({"^": "", ".": "●"})  # of codes, as they are read on parts
 _JPEG = b"\xff\xd8"

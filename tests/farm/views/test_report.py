@@ -18,8 +18,8 @@ from farm.state import events as ev
 from farm.upkeep.part_pictures import draw_part
 from farm.views import describe_job, list_history
 from farm.views.charts import COLOURS, Bar, lay_out_gantt, list_bars
-from farm.views.decomposition_report import parse_report
 from farm.views.report import list_figures, render_page
+from farm.views.report.decomposition import parse_report
 from make_books import run
 from make_stl import stl_bytes
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta
 
 from farm.text import format_count, format_duration, format_moment
-from farm.views.decomposition_report import CurvePoint
+from farm.views.report.decomposition import CurvePoint
 
 _WIDTH, _HEIGHT, _LEFT, _RIGHT, _TOP, _BOTTOM = 640, 220, 60, 16, 12, 28  # px
 _MAX_LABELS = 12

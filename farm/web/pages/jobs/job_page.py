@@ -10,8 +10,8 @@ from farm import api
 from farm.model import HoldCode, Job, JobState, PlanProgress, PlanStep, Plate, Role
 from farm.text import format_count, format_duration, format_mass, format_moment
 from farm.views.charts import Gantt, lay_out_gantt, list_bars, list_expected_bars
-from farm.views.decomposition_report import Report
 from farm.views.report import list_figures
+from farm.views.report.decomposition import Report
 from farm.web.notes import Note, Reader
 from farm.web.pages.jobs.actions import list_job_actions
 from farm.web.pages.jobs.curve import Curve, draw_curve

@@ -18,8 +18,8 @@ from farm.control import READING_S, DryRuns
 from farm.errors import NoSuchThing
 from farm.http import Services, describe_farm, find_stored_file, name_stored_files
 from farm.views import describe_job, describe_timeline, list_history
-from farm.views.decomposition_report import Report, parse_report
 from farm.views.report import list_figures, render_page
+from farm.views.report.decomposition import Report, parse_report
 from farm.web.callers import find_holder
 from farm.web.live import LivePages, publish_page
 from farm.web.notes import Note, Notes, Reader

@@ -11,7 +11,7 @@ from farm import api
 from farm.model import Hold, HoldCode, JobOptions, JobState, OwnGcode, PlanProgress, PlanStep, Role
 from farm.state import events as ev
 from farm.views import describe_job
-from farm.views.decomposition_report import Report, parse_report
+from farm.views.report.decomposition import Report, parse_report
 from farm.web.notes import Reader
 from farm.web.pages.jobs.job_page import (
     JobData,
