@@ -17,7 +17,7 @@ from pydantic import BaseModel, ConfigDict, TypeAdapter
 from farm.errors import ErrorCode, FarmError
 from farm.paths import Places
 
-_MAX_LINE_BYTES = 1 << 16  # bytes of a line
+_MAX_LINE_BYTES = 1 << 16
 _SILENCE_S = 180.0  # between two lines; a hot printer is watched for 140 s
 
 

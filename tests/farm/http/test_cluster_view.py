@@ -1,4 +1,4 @@
-"""Where work runs, and for what it waits, in words."""
+"""Tests of the sentences on where work runs and for what it waits."""
 
 from farm.compute.cluster import ClusterState, ClusterWorker, Place, RunningTask
 from farm.http.cluster_view import describe_cluster
