@@ -6,6 +6,7 @@ import itertools
 import json
 import os
 import shutil
+import signal
 
 CHROMIUM = shutil.which("chromium")
 PATIENCE_S = 120.0
@@ -54,10 +55,22 @@ class Tab:
         return (await self.call("Runtime.evaluate", expression=expression))["result"].get("value")
 
     async def wait_for(self, expression):
-        """Wait until an expression on the page is true."""
+        """Wait until an expression on the page is true, which the page itself looks at ten times a second."""
+        watch = f"""new Promise(done => {{
+            const look = () => {{ if ({expression}) done(true); else setTimeout(look, 100) }}
+            look()
+        }})"""
         async with asyncio.timeout(PATIENCE_S):
-            while not await self.evaluate(expression):
-                await asyncio.sleep(0)
+            while not await self._await_promise(watch):
+                await asyncio.sleep(0)  # another page was loaded, and takes over
+
+    async def _await_promise(self, expression):
+        """Return the value of a promise on the page, or None where the page is left before it is known."""
+        try:
+            answer = await self.call("Runtime.evaluate", expression=expression, awaitPromise=True)
+        except AssertionError:
+            return None
+        return answer["result"].get("value")
 
     async def choose_file(self, selector, path):
         """Choose a file in a form."""
@@ -172,6 +185,10 @@ class Chromium(Tab):
         """Open another tab; it shows nothing yet."""
         return await Tab(self._pipe, await self._pipe.open_session()).prepare()
 
+    def sleep(self, is_asleep=True):
+        """Stop all processes of the browser, as a computer that goes to sleep does, or let them go on."""
+        os.killpg(self._process.pid, signal.SIGSTOP if is_asleep else signal.SIGCONT)
+
     async def __aenter__(self):
         to_browser, own_write = os.pipe()
         own_read, from_browser = os.pipe()
@@ -211,5 +228,5 @@ class Chromium(Tab):
             async with asyncio.timeout(PATIENCE_S):
                 await self._process.wait()
         except TimeoutError:
-            os.killpg(self._process.pid, 9)
+            os.killpg(self._process.pid, signal.SIGKILL)
             await self._process.wait()

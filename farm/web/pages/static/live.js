@@ -126,6 +126,7 @@ if (page) {
   addEventListener("pagehide", disconnect);
   addEventListener("pageshow", (event) => event.persisted && connect());
   addEventListener("online", connect);
+  addEventListener("offline", () => source?.onerror()); // a stream that is open may stay silent
   setInterval(() => source && Date.now() - heard > SILENCE_MS && source.onerror(), 1000);
   setInterval(showStills, STILL_MS);
   connect();
