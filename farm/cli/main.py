@@ -69,7 +69,7 @@ COMMANDS = {
         CommandEntry(
             "queue",
             "queue.queue",
-            "Show the jobs in the order in which they get printers, and move one.",
+            "Show the jobs in the order in which they get printers; move one, or give it another start.",
         ),
         CommandEntry(
             "pause",

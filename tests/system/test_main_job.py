@@ -129,13 +129,19 @@ def watched_farm(make_farm):
         farm.end()
 
 
+def have_last_stills(job):
+    """Tell that each print of a job has a still of its end or failure: it is fetched after that."""
+    return all(
+        ("failure" if attempt["state"] == "failed" else "end")
+        in {still["moment"] for still in attempt["stills"]}
+        for part in job["parts"]
+        for attempt in part["prints"]
+    )
+
+
 def check_stills(job):
-    """Check the stills of a job's prints: of first layers, ends and failures. Returns their number."""
-    stills = []
-    for attempt in (attempt for part in job["parts"] for attempt in part["prints"]):
-        last = "failure" if attempt["state"] == "failed" else "end"
-        assert last in {still["moment"] for still in attempt["stills"]}
-        stills += attempt["stills"]
+    """Check the stills of a job's prints. Returns their number."""
+    stills = [still for part in job["parts"] for attempt in part["prints"] for still in attempt["stills"]]
     # at 150 times the speed the first layer is over in a moment, which a busy machine may miss
     assert "first_layer" in {still["moment"] for still in stills}
     assert all(Path(still["file"]).read_bytes() == make_png() for still in stills)
@@ -186,6 +192,7 @@ def test_printer_of_a_dead_agent_is_cooled(watched_farm, bar, tmp_path):
     assert farm.job()["waits_for_person"]
     farm.ok("cleared", "one")
     wait_for("the second attempt", lambda: farm.job()["state"] == "printed")
+    wait_for("stills of the ends", lambda: have_last_stills(farm.job()))
     check_fetched_files(farm, tmp_path, check_stills(farm.job()))
 
 

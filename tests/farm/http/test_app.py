@@ -233,7 +233,7 @@ def test_unknown_path_is_not_found(daemon):
 def test_status_has_the_documented_fields(daemon):
     submit(daemon, stl())
     status = ask(daemon, "GET", "/status").json()
-    assert list(status) == ["schema", "daemon", "todo", "fleet", "printers", "jobs", "night"]
+    assert list(status) == ["schema", "daemon", "todo", "fleet", "printers", "jobs", "night", "cluster"]
     assert status["schema"] == 1
     promised = {
         "name",
