@@ -271,13 +271,8 @@ class Controller:
 
     def _list_unconfirmed(self, printer: str | None) -> Iterator[ev.AnyInstruction]:
         """Yield the instructions on open prints, of one printer or all, that agents have not confirmed."""
-        attempts = self.books.open_prints() if printer is None else [self.books.open_print_on(printer)]
-        for attempt in [candidate for candidate in attempts if candidate is not None]:
-            snapshot = self.telemetry.snapshots.get(attempt.printer)
-            if snapshot is not None:
-                yield from list_unconfirmed_instructions(
-                    attempt, snapshot, self.books, self._build_printer_situation(attempt.printer)
-                )
+        snapshots, find_situation = self.telemetry.snapshots, self._build_printer_situation
+        yield from list_unconfirmed_instructions(self.books, snapshots, printer, find_situation)
 
     # -- agents -----------------------------------------------------------------------------------------
 

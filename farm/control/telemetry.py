@@ -7,7 +7,7 @@ and the scheduler runs for changes to the fields that it reads.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from farm.model import AgentSnapshot, Link, Print, Temperatures
@@ -164,22 +164,37 @@ def read_snapshot(
 
 
 def list_unconfirmed_instructions(
-    attempt: Print, snapshot: AgentSnapshot, books: Books, situation: Situation
+    books: Books,
+    snapshots: Mapping[str, AgentSnapshot],
+    printer: str | None,
+    find_situation: Callable[[str], Situation],
 ) -> Iterator[ev.AnyInstruction]:
-    """Yield the instructions that, by its latest snapshot, the agent of an open print has not carried out.
+    """Yield the instructions that, by their latest snapshots, the agents of open prints have not carried out.
 
     A start is sent again only if the print may still start: not in an outage that nobody has confirmed,
     nor outside the allowed hours. For a printer removed from the fleet, the agent's time limit stays.
 
     Parameters
     ----------
-    attempt, snapshot
-        The open print, and its agent's latest snapshot.
     books
         The committed books.
-    situation
-        The current situation, with that printer if it is still enabled.
+    snapshots
+        Latest snapshot of each agent, by printer.
+    printer
+        The printer whose open print is looked at; None: all.
+    find_situation
+        Finds the current situation of a printer, which is in it if it is still enabled.
     """
+    attempts = books.open_prints() if printer is None else [books.open_print_on(printer)]
+    for attempt in [candidate for candidate in attempts if candidate is not None]:
+        snapshot = snapshots.get(attempt.printer)
+        if snapshot is not None:
+            yield from _list_unconfirmed(attempt, snapshot, books, find_situation(attempt.printer))
+
+
+def _list_unconfirmed(
+    attempt: Print, snapshot: AgentSnapshot, books: Books, situation: Situation
+) -> Iterator[ev.AnyInstruction]:
     printer = situation.fleet.get(attempt.printer)
     if printer is not None:
         ends_by_s = situation.rules.ends_by_s(printer, situation.now_s)
