@@ -114,21 +114,7 @@ class Workers:
     async def run(
         self, work: Callable[..., T], *args: object, limit: Limit = CHECKING, group: Hashable = None
     ) -> T:
-        """Run a function in a worker; a cancelled call ends its worker.
-
-        Parameters
-        ----------
-        work
-            Function to run; it runs a second time if its worker dies.
-        group
-            Of the waiting tasks of equal urgency, those of the group with the fewest running tasks are
-            started first. None: the task is a group of its own.
-
-        Raises
-        ------
-        FarmError
-            The error of the work; `limit` if its time or memory did not suffice; or if its workers died.
-        """
+        """Run a function in a worker, a second time if that dies; see `Pool.run`."""
         ended = ""
         group = object() if group is None else group
         for _ in range(_TRIES):
