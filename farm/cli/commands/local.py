@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import fcntl
 import logging
 import math
 import os
@@ -20,6 +19,7 @@ from rich.markup import escape
 from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 from decompose.options import PIN_FIT_MM, ConnectorOptions
+from drivers.locks import hold
 from farm.cli.display import open_console, print_json
 from farm.cli.notices import print_notice
 from farm.cli.options import (
@@ -40,7 +40,7 @@ from farm.errors import ErrorCode, FarmError, Refused
 from farm.text import format_count, format_duration
 from farm.wording import format_filament
 
-_MOST_SLOTS = 256
+_MAX_SLOTS = 256
 
 
 def decompose(
@@ -306,7 +306,7 @@ def worker(
     ] = None,
     slots: Annotated[
         int | None,
-        typer.Option(min=1, max=_MOST_SLOTS, help="Tasks at the same time; default: one for each core."),
+        typer.Option(min=1, max=_MAX_SLOTS, help="Tasks at the same time; default: one for each core."),
     ] = None,
     memory_gb: Annotated[
         float | None, typer.Option(min=1, help="Memory of each; default: an equal share.")
@@ -318,6 +318,7 @@ def worker(
     parse_scheduler(scheduler)
     check_cluster(scheduler, certificates)
     from farm.compute.cluster.serve import WorkerOptions, serve_tasks  # loads Dask
+    from farm.planning.error_translation import translate_errors
     from farm.planning.tasks import warm
 
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)s %(message)s")
@@ -331,11 +332,9 @@ def worker(
         memory_gb,
     )
     options.folder.mkdir(parents=True, exist_ok=True)
-    with (options.folder / "lock").open("w") as lock:
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise Refused(f"another worker uses {options.folder}: give each its own --folder") from None
+    if hold(options.folder / "lock") is None:  # until this process ends
+        raise Refused(f"another worker uses {options.folder}: give each its own --folder")
+    with translate_errors():
         asyncio.run(serve_tasks(options, warm))
 
 

@@ -1,0 +1,26 @@
+"""`farm worker` that cannot start: an error in one line."""
+
+import os
+
+import pytest
+
+from drivers import locks
+from farm.cli.commands import local
+from farm.errors import ErrorCode, FarmError, Refused
+
+SCHEDULER = "tcp://127.0.0.1:9"  # nothing listens on the port `discard`
+
+
+def test_worker_without_an_engine_says_what_to_do(tmp_path, monkeypatch):
+    monkeypatch.setenv("FARM_CURA_ENGINE", str(tmp_path / "none"))
+    with pytest.raises(FarmError, match="run 'farm setup'") as error:
+        local.worker(SCHEDULER, folder=tmp_path)
+    assert error.value.code is ErrorCode.ENGINE
+
+
+def test_folder_of_another_worker_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(locks, "_WAIT_S", 0.0)
+    other = locks.hold(tmp_path / "lock")
+    with pytest.raises(Refused, match="give each its own --folder"):
+        local.worker(SCHEDULER, folder=tmp_path)
+    os.close(other)
