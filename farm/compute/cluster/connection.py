@@ -79,7 +79,7 @@ class Connection:
             while True:
                 try:
                     await self._watch_once()
-                except (OSError, TimeoutError) as error:
+                except OSError as error:  # as a TimeoutError is
                     log.info("no connection to the scheduler %s: %s", self._scheduler, error)
                 self._report(())
                 await self._disconnect()
@@ -119,9 +119,7 @@ class Connection:
         )
         try:
             answer = await future
-        except FutureCancelledError as error:
-            raise AttemptLost(str(error)) from error
-        except (KilledWorker, OSError, TimeoutError) as error:
+        except (FutureCancelledError, KilledWorker, OSError) as error:
             raise AttemptLost(str(error)) from error
         finally:
             if not future.done():
@@ -172,8 +170,8 @@ class Connection:
         Dask does so after five minutes by default. The tasks go to other workers.
         """
         now_s = time.monotonic()
-        for address, stuck in list_stuck(records, self._heard, now_s):
-            if stuck and self._client is not None:
+        for address in list_stuck(records, self._heard, now_s):
+            if self._client is not None:
                 log.warning("worker %s is silent: its tasks go to others", records[address]["name"])
                 await self._client.scheduler.unregister(address=address, stimulus_id=f"farm-silent-{now_s}")
 
@@ -199,8 +197,8 @@ def list_workers(records: dict[str, dict[str, Any]], installation: Installation)
 
 def list_stuck(
     records: dict[str, dict[str, Any]], heard: dict[str, tuple[float, float]], now_s: float
-) -> list[tuple[str, bool]]:
-    """Return the workers, by address, each with whether it is silent for too long.
+) -> list[str]:
+    """Return the addresses of the workers that have been silent for too long.
 
     Parameters
     ----------
@@ -217,7 +215,7 @@ def list_stuck(
         last_s = float(record.get("last_seen", 0.0))
         if address not in heard or heard[address][0] != last_s:
             heard[address] = (last_s, now_s)
-    return [(address, now_s - heard[address][1] > _STUCK_S) for address in records]
+    return [address for address in records if now_s - heard[address][1] > _STUCK_S]
 
 
 def _use_own_log() -> None:

@@ -1,0 +1,55 @@
+"""Connection to a scheduler: its end, and the workers that it takes for usable."""
+
+import asyncio
+
+from dask_cluster import HERE
+from farm.compute.cluster import connection
+from farm.compute.cluster.connection import Connection, list_stuck, list_workers
+
+
+def test_a_connection_that_is_cancelled_while_it_is_lost_ends(monkeypatch):
+    """Dask's client takes long to close when its scheduler is gone."""
+    monkeypatch.setattr(connection, "_POLL_S", 0.05)
+    closing = asyncio.Event()
+
+    class SlowClient:
+        async def close(self, timeout):
+            closing.set()
+            await asyncio.Event().wait()
+
+    async def lose(self):
+        self._client = SlowClient()
+        raise OSError("the scheduler is gone")
+
+    async def main():
+        monkeypatch.setattr(Connection, "_watch_once", lose)
+        link = Connection("tcp://127.0.0.1:1", None, HERE, lambda _: None, lambda _: None)
+        watching = asyncio.ensure_future(link.watch())
+        await closing.wait()
+        watching.cancel()
+        await asyncio.wait({watching}, timeout=5.0)
+        assert watching.cancelled()
+
+    asyncio.run(main())
+
+
+def test_a_worker_whose_heartbeat_stands_still_is_stuck():
+    heard = {}
+    records = {"tls://a": {"last_seen": 100.0}, "tls://b": {"last_seen": 100.0}}
+    assert list_stuck(records, heard, 0.0) == [] and list(heard) == ["tls://a", "tls://b"]
+    records["tls://b"]["last_seen"] = 120.0
+    assert list_stuck(records, heard, 20.0) == []
+    assert list_stuck(records, heard, 20.5) == ["tls://a"]
+    del records["tls://a"]
+    assert list_stuck(records, heard, 21.0) == [] and list(heard) == ["tls://b"]
+
+
+def test_workers_of_others_are_not_used():
+    records = {
+        "tls://a": {"name": "a", "nthreads": 4, "farm": HERE.as_record()},
+        "tls://b": {"name": "b", "nthreads": 2},
+        "tls://c": {"name": "c", "nthreads": 2, "farm": {"farm": "0"}},
+    }
+    a, c = list_workers(records, HERE)
+    assert (a.name, a.slots, a.refused) == ("a", 4, None)
+    assert (c.name, c.refused) == ("c", "it has farm 0, not 1")
