@@ -42,6 +42,8 @@ class FileCache:
         ------
         ValueError
             If the content has another hash.
+        OSError
+            If it cannot be written.
         """
         if hashlib.sha256(content).hexdigest() != sha256:
             raise ValueError(f"the file {sha256[:12]} was damaged on its way")

@@ -48,6 +48,13 @@ async def serve_tasks(options: WorkerOptions, warm: Warm | None) -> None:
     ----------
     warm
         First call in every process; see `Workers`.
+
+    Raises
+    ------
+    FarmError
+        As `make_security`.
+    SlicingError
+        As `read_installation`.
     """
     stopped = asyncio.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
@@ -80,5 +87,7 @@ async def _serve_once(worker: FarmWorker, stopped: asyncio.Event) -> None:
     await asyncio.wait({serving, stopping}, return_when=asyncio.FIRST_COMPLETED)
     for task in (serving, stopping):
         task.cancel()
-    await asyncio.gather(serving, stopping, return_exceptions=True)
+    for result in await asyncio.gather(serving, stopping, return_exceptions=True):
+        if isinstance(result, Exception):
+            log.warning("worker %s: %s", worker.name, result.__cause__ or result)
     await worker.close(reason="the worker ends" if stopped.is_set() else "the scheduler is gone")
