@@ -102,11 +102,8 @@ class TemperatureRecord:
         same_minute = last is not None and now_s - last.at_s < _INTERVAL_S
         if last is not None and same_minute and (last.nozzle_c is None) == (nozzle_c is None):
             readings.pop()
-            at_s, nozzle_c, bed_c = (
-                last.at_s,
-                _choose_hotter(last.nozzle_c, nozzle_c),
-                _choose_hotter(last.bed_c, bed_c),
-            )
+            at_s = last.at_s
+            nozzle_c, bed_c = _choose_hotter(last.nozzle_c, nozzle_c), _choose_hotter(last.bed_c, bed_c)
         targets = _round(snapshot.nozzle_target_c), _round(snapshot.bed_target_c)
         readings.append(Temperatures(at_s, nozzle_c, bed_c, *targets))
 

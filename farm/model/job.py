@@ -63,9 +63,7 @@ class JobOptions(Entity):
     hold: bool = False  # nothing prints before `farm approve`
     dry_run: bool = False  # planned only: cancelled once its plan has been shown
     pin_mm: float | None = Field(default=None, ge=MIN_PIN_MM, le=MAX_PIN_MM)  # None: no holes for pins
-    pin_fit_mm: float | None = Field(
-        default=None, ge=0, le=2
-    )  # width of a hole beyond its pin; None: the printers'
+    pin_fit_mm: float | None = Field(default=None, ge=0, le=2)  # width beyond the pin; None: the printers'
     marks: bool = False  # part numbers are cut into the faces that are glued
     copies: int = Field(default=1, ge=1, le=500)
     name: ShortText | None = Field(default=None, max_length=60)  # shown instead of the file's name

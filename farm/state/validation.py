@@ -30,7 +30,7 @@ def validate_books(books: Books) -> list[str]:
     missing = list(_find_missing_entries(books))
     if missing:  # the other checks need all entities
         return missing
-    checks = (_check_jobs, _check_plates, _prints, _check_printers, _check_outages)
+    checks = (_check_jobs, _check_plates, _check_prints, _check_printers, _check_outages)
     return [problem for check in checks for problem in check(books)]
 
 
@@ -82,7 +82,7 @@ def _check_plates(books: Books) -> Iterator[str]:
             yield f"plate {plate.id}: it counts from print {plate.counted_from} of {len(plate.prints)}"
 
 
-def _prints(books: Books) -> Iterator[str]:
+def _check_prints(books: Books) -> Iterator[str]:
     for attempt in books.prints.values():
         plate, job = books.plates[attempt.plate], books.jobs[attempt.job]
         if attempt.id not in plate.prints:
