@@ -8,6 +8,29 @@ say() { echo "$SAYS: $*" >&2; }
 
 fail() { say "$*"; exit 2; }
 
+# usage: check WHAT COMMAND ...
+check() {
+    local what=$1
+    shift
+    "$@" || { say "FAILED: $what"; exit 1; }
+    say "ok: $what"
+}
+
+# Prints the path of the named package, or of the newest. usage: find_package [DEB]
+find_package() {
+    local deb=${1:-}
+    [[ -n $deb ]] || deb=$(find build/dist -name 'farm_*.deb' -printf '%T@ %p\n' | sort -n | tail -n 1 | cut -d' ' -f2)
+    [[ -f $deb ]] || fail "There is no package: make deb"
+    echo "$deb"
+}
+
+# Makes a folder on a disk, which goes with this script: `$scratch`. usage: make_scratch NAME
+make_scratch() {
+    scratch=$(mktemp -d "/var/tmp/farm-$1.XXXXXX")
+    trap 'rm -rf --one-file-system "$scratch"' EXIT
+    chmod 755 "$scratch"
+}
+
 # usage: mount_devices ROOT NO_SHM
 mount_devices() {
     local device
@@ -32,6 +55,7 @@ pip_paths() {
 enter() {
     local path root=$1 no_shm=${2:-}
     unset TMPDIR # a folder of this host
+    ip link set lo up 2>/dev/null || true
     mount --bind "$root" "$root"
     mount -t proc none "$root/proc"
     mount --rbind /sys "$root/sys"

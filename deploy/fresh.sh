@@ -30,7 +30,6 @@ run_there() {
 if [[ ${1:-} == --inside ]]; then
     no_shm=$2 root=$3
     shift 3
-    ip link set lo up 2>/dev/null || true
     enter "$root" "$no_shm"
     failed=0
     for target in "$@"; do
@@ -63,9 +62,7 @@ need_mmdebstrap
 [[ -z $(git status --porcelain) ]] || say "Changes that are not committed are ignored: it runs $(git rev-parse --short HEAD)."
 commit=$(git rev-parse --short HEAD) # somebody may check out another one while it runs
 
-scratch=$(mktemp -d /var/tmp/farm-fresh.XXXXXX)
-trap 'rm -rf --one-file-system "$scratch"' EXIT
-chmod 755 "$scratch"
+make_scratch fresh
 root=${kept:+$(realpath -m "$kept")}
 root=${root:-$scratch/root}
 home=$root$HOME_THERE

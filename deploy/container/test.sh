@@ -22,13 +22,6 @@ as_image() {
         env --chdir="$(cat /tmp/folder)" "$@"
 }
 
-check() {
-    local what=$1
-    shift
-    "$@" || { say "FAILED: $what"; exit 1; }
-    say "ok: $what"
-}
-
 answers() { as_image farm status > /dev/null 2>&1; }
 
 wait_for_daemon() {
@@ -55,7 +48,6 @@ run_image() {
 }
 
 if [[ ${1:-} == --inside ]]; then
-    ip link set lo up 2>/dev/null || true
     enter "$2"
     run_image
     exit
@@ -65,12 +57,9 @@ fi
 
 [[ $(id -u) == 0 ]] || fail "This needs root, for new roots and their mounts: sudo make test-container"
 command -v buildah > /dev/null || fail "There is no buildah: apt-get install buildah"
-deb=${1:-$(find build/dist -name 'farm_*.deb' -printf '%T@ %p\n' | sort -n | tail -n 1 | cut -d' ' -f2)}
-[[ -f $deb ]] || fail "There is no package: make deb"
+deb=$(find_package "${1:-}")
 need_mmdebstrap
-scratch=$(mktemp -d /var/tmp/farm-container.XXXXXX)
-trap 'rm -rf --one-file-system "$scratch"' EXIT
-chmod 755 "$scratch"
+make_scratch container
 export BUILDAH_ISOLATION=chroot
 buildah() { command buildah --root "$scratch/storage" --runroot "$scratch/run" --storage-driver vfs "$@"; }
 

@@ -21,13 +21,6 @@ as_farm() {
         FARM_STATE=/var/lib/farm FARM_SOCKET=/run/farm/farm.sock FARM_FLEET=/etc/farm/fleet.yaml "$@"
 }
 
-check() {
-    local what=$1
-    shift
-    "$@" || { say "FAILED: $what"; exit 1; }
-    say "ok: $what"
-}
-
 refused() { ! "$@"; }
 
 # usage: ask EXPRESSION     of `printers` and `daemon` in farm status --json
@@ -130,7 +123,6 @@ run_test() {
 }
 
 if [[ ${1:-} == --inside ]]; then
-    ip link set lo up 2>/dev/null || true
     enter "$2"
     run_test
     exit
@@ -139,12 +131,9 @@ fi
 # --- outside ----------------------------------------------------------------------------------------------------------
 
 [[ $(id -u) == 0 ]] || fail "This needs root, for the new root and its mounts: sudo make test-deb"
-deb=${1:-$(find build/dist -name 'farm_*.deb' -printf '%T@ %p\n' | sort -n | tail -n 1 | cut -d' ' -f2)}
-[[ -f $deb ]] || fail "There is no package: make deb"
+deb=$(find_package "${1:-}")
 need_mmdebstrap
-scratch=$(mktemp -d /var/tmp/farm-deb.XXXXXX)
-trap 'rm -rf --one-file-system "$scratch"' EXIT
-chmod 755 "$scratch"
+make_scratch deb
 root=$scratch/root
 build_root "$root" ca-certificates
 copy_settings "$root" "$root/root"
