@@ -33,7 +33,7 @@ _BEAT = b"event: beat\ndata:\n\n"
 
 
 class _Topic:
-    """One page for one role, as its viewers last saw it; rendered again in each so many rounds."""
+    """One page for one role, as its viewers last saw it; rendered again after a number of rounds."""
 
     def __init__(self, render: Callable[[], Awaitable[str]], page: str, rounds: int) -> None:
         self._render = render
@@ -45,13 +45,13 @@ class _Topic:
         self._change = asyncio.Event()
 
     async def refresh(self) -> None:
-        """Render again if its round has come, and wake the viewers if something has changed."""
+        """Count a round; after the last one render again, and wake the viewers if something has changed."""
         self._rounds_left -= 1
         if self._rounds_left <= 0:
             await self._render_again()
 
     async def receive(self, version: str) -> None:
-        """Take up a viewer; one whose version is another may have a later one than a page of many rounds."""
+        """Render a page of several rounds again for a viewer whose version may be later than its own."""
         if self._rounds > 1 and version not in (self.version, self._before):
             await self._render_again()
 
@@ -109,7 +109,7 @@ class LivePages:
         render
             Renders it.
         rounds
-            It is rendered in each so many rounds, of a second or more.
+            Rounds, of a second or more, from one rendering to the next.
         """
         self._pages.append((re.compile(re.sub(r"\{\w+\}", "([^/]+)", path)), render, rounds))
 
@@ -119,8 +119,8 @@ class LivePages:
         if topic is not None:
             return topic
         render, rounds = self._find_render(address, role)
-        made = _Topic(render, await render(), rounds)
-        return self._topics.setdefault((address, role), made)
+        topic = _Topic(render, await render(), rounds)
+        return self._topics.setdefault((address, role), topic)
 
     async def follow(
         self, address: str, role: Role, version: str, is_allowed: Callable[[], bool]
@@ -137,10 +137,10 @@ class LivePages:
             Returns whether the viewer may still see it.
         """
         topic = await self.join(address, role)
-        await topic.receive(version)
-        topic.viewers += 1
+        topic.viewers += 1  # at once, else a round may end the page
         self._start()
         try:
+            await topic.receive(version)
             yield _RETRY
             while is_allowed() and not self._streams.is_closed and not topic.is_over:
                 message = topic.catch_up(version)

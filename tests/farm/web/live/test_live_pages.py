@@ -24,10 +24,12 @@ class Page:
     """A page of one number, which counts how often it is rendered."""
 
     def __init__(self):
-        self.number, self.rendered, self.error = 0, 0, None
+        self.number, self.rendered, self.error, self.pauses = 0, 0, None, 0
 
     async def render(self, reader, variable, query):
         self.rendered += 1
+        for _ in range(self.pauses):  # other work meanwhile
+            await asyncio.sleep(0)
         if self.error is not None:
             raise self.error
         element = f'<p id="n">{self.number} {reader.role} {variable}{query}</p>'
@@ -199,6 +201,19 @@ def test_page_of_several_rounds_is_rendered_in_the_last_of_them_or_for_who_knows
         assert "2 look" in parse(await anext(later))[1]["main"]
         for one in (stream, known, later):
             await one.aclose()
+
+    run(page, scenario)
+
+
+def test_page_does_not_end_while_it_is_rendered_for_its_only_viewer(page):
+    async def scenario(pages, limit):
+        first = follow(pages, path="/slow")
+        await anext(first)
+        await first.aclose()
+        page.pauses = 10
+        late = follow(pages, path="/slow", version="later")
+        assert [await anext(late), parse(await anext(late))[1].keys()] == [b"retry: 3000\n\n", {"main"}]
+        await late.aclose()
 
     run(page, scenario)
 
