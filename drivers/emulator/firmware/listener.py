@@ -166,10 +166,10 @@ class Listener(ABC):
             if self.noise is not None:
                 self.noise.check_accepted(n, line)
         elif star >= 0 and self.dialect.checksum_needs_number:
-            answer = wording.line_error(wording.NO_LINE_NUMBER, self._last_number)
-            (self._report_error if _COMMAND.search(line) else self._say)(
-                answer
+            say = (
+                self._report_error if _COMMAND.search(line) else self._say
             )  # without a command it is a query
+            say(wording.line_error(wording.NO_LINE_NUMBER, self._last_number))
             return
         elif (urgent := self.dialect.urgent.get(int(value(line, b"M") or 0))) is not None:
             urgent(self.machine, self._time_s)
