@@ -41,11 +41,12 @@ from farm.web.openapi import describe_routes
 from farm.web.pages import (
     POLICY,
     SUBMIT_PATH,
+    PageContext,
     fleet_routes,
     job_pages,
     login_routes,
     page_routes,
-    printer_routes,
+    printer_pages,
     render_api_page,
     render_message,
     submit_routes,
@@ -125,12 +126,13 @@ def _add_pages(app: FastAPI, services: Services, dry_runs: DryRuns) -> None:
     parts = PartCommands(services.controller, printers)
     jobs = JobCommands(services.controller, printers)
     live = LivePages(services.page_streams)
-    app.include_router(page_routes(services, notes, live))
+    pages = PageContext(services, notes, live)
+    app.include_router(page_routes(pages))
     app.include_router(live_routes(live, services.page_streams))
-    app.include_router(fleet_routes(services, notes, live))
-    app.include_router(printer_routes(services, notes, live))
-    app.include_router(job_pages(services, jobs, dry_runs, notes, live))
-    app.include_router(submit_routes(services, jobs, notes))
+    app.include_router(fleet_routes(pages))
+    app.include_router(printer_pages(pages))
+    app.include_router(job_pages(pages, jobs, dry_runs))
+    app.include_router(submit_routes(pages, jobs))
     app.include_router(printer_forms(printers, parts))
     app.include_router(job_forms(services, jobs, parts))
 

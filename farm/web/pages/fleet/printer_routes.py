@@ -9,34 +9,25 @@ from fastapi.responses import FileResponse, HTMLResponse
 
 from drivers.messages import WireLine
 from farm.errors import NoSuchThing, Refused
-from farm.http import Services, find_stored_file
+from farm.http import find_stored_file
 from farm.views.dashboard import describe_printer_page
 from farm.web.callers import find_holder
-from farm.web.live import LivePages, publish_page
-from farm.web.notes import Note, Notes, Reader
+from farm.web.notes import Note, Reader
 from farm.web.pages.fleet.printer import render_printer, render_wire
+from farm.web.pages.page_context import PageContext
 from farm.web.pages.page_route import PageRoute
 
 _MAX_UPKEEP = 15
 _IMAGES = {".jpg": "image/jpeg", ".jpeg": "image/jpeg", ".png": "image/png"}
 
 
-def printer_routes(services: Services, notes: Notes, live: LivePages) -> APIRouter:
-    """Return the routes.
-
-    Parameters
-    ----------
-    services
-        Components of the daemon.
-    notes
-        Notes to show above the pages.
-    live
-        Receives the page, to keep it up to date.
-    """
-    router, controller = APIRouter(route_class=PageRoute, include_in_schema=False), services.controller
+def printer_pages(pages: PageContext) -> APIRouter:
+    """Return the routes."""
+    router, services = APIRouter(route_class=PageRoute, include_in_schema=False), pages.services
+    controller = services.controller
     fleet = controller.fleet.fleet
 
-    def render_printer_page(reader: Reader, name: str, note: Note | None = None) -> str:
+    async def show(reader: Reader, name: str, note: Note | None = None) -> str:
         context, printer = controller.build_view_context(services.state), controller.fleet_printer(name)
         page = describe_printer_page(
             context,
@@ -48,16 +39,11 @@ def printer_routes(services: Services, notes: Notes, live: LivePages) -> APIRout
         )
         return render_printer(page, fleet.name, fleet.timezone, reader, note)
 
-    async def show_live(reader: Reader, name: str, _query: str) -> str:
-        return render_printer_page(reader, name)
-
-    live.add("/printers/{name}", show_live)
+    pages.live.add("/printers/{name}", lambda reader, name, _query: show(reader, name))
 
     @router.get("/printers/{name}")
     async def show_printer(request: Request, name: str) -> Response:
-        holder = find_holder(request)
-        with notes.show(holder.key.id) as note:
-            return HTMLResponse(publish_page(render_printer_page(Reader.for_holder(holder), name, note)))
+        return await pages.answer(request, lambda reader, note: show(reader, name, note))
 
     @router.get("/printers/{name}/wire")
     async def show_wire(request: Request, name: str) -> Response:

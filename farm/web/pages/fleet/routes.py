@@ -6,12 +6,10 @@ import asyncio
 from typing import Annotated
 
 from fastapi import APIRouter, Query, Request, Response
-from fastapi.responses import HTMLResponse
 
 from farm import api
 from farm.control import find_successor
 from farm.errors import ErrorCode, FarmError, Refused
-from farm.http import Services
 from farm.scheduling import parse_moment_s
 from farm.views import ViewContext
 from farm.views.dashboard import (
@@ -23,27 +21,19 @@ from farm.views.dashboard import (
 )
 from farm.views.history import describe_ended_print
 from farm.views.queue import list_queue
-from farm.web.callers import find_holder
-from farm.web.live import LivePages, publish_page
-from farm.web.notes import Note, Notes, Reader
+from farm.web.notes import Note, Reader
 from farm.web.pages.fleet.history import HistoryQuery, render_history
 from farm.web.pages.fleet.timeline import TimelineQuery, render_timeline
+from farm.web.pages.page_context import PageContext
 from farm.web.pages.page_route import PageRoute, read_query
 
+_ROUNDS = 10  # of live pages from one rendering to the next: these read all jobs and prints
 
-def fleet_routes(services: Services, notes: Notes, live: LivePages) -> APIRouter:
-    """Return the routes of these pages. Long work on the books is done beside the loop, on a copy.
 
-    Parameters
-    ----------
-    services
-        Components of the daemon.
-    notes
-        Notes to show above the pages.
-    live
-        Receives the pages that are kept up to date.
-    """
-    router, controller = APIRouter(route_class=PageRoute, include_in_schema=False), services.controller
+def fleet_routes(pages: PageContext) -> APIRouter:
+    """Return the routes of these pages. Long work on the books is done beside the loop, on a copy."""
+    router, services = APIRouter(route_class=PageRoute, include_in_schema=False), pages.services
+    controller = services.controller
     fleet = controller.fleet.fleet
 
     async def render_timeline_page(reader: Reader, query: TimelineQuery, note: Note | None = None) -> str:
@@ -62,26 +52,22 @@ def fleet_routes(services: Services, notes: Notes, live: LivePages) -> APIRouter
         view = await asyncio.to_thread(describe_history, context, query.to_filter())
         return render_history(view, fleet.name, reader, note)
 
-    live.add(
-        "/timeline", lambda reader, _, text: render_timeline_page(reader, read_query(TimelineQuery, text)), 10
-    )
-    live.add(
-        "/history", lambda reader, _, text: render_history_page(reader, read_query(HistoryQuery, text)), 10
-    )
+    async def show_live_timeline(reader: Reader, _variable: str, query: str) -> str:
+        return await render_timeline_page(reader, read_query(TimelineQuery, query))
+
+    async def show_live_history(reader: Reader, _variable: str, query: str) -> str:
+        return await render_history_page(reader, read_query(HistoryQuery, query))
+
+    pages.live.add("/timeline", show_live_timeline, _ROUNDS)
+    pages.live.add("/history", show_live_history, _ROUNDS)
 
     @router.get("/timeline")
     async def show_timeline(request: Request, query: Annotated[TimelineQuery, Query()]) -> Response:
-        holder = find_holder(request)
-        with notes.show(holder.key.id) as note:
-            page = await render_timeline_page(Reader.for_holder(holder), query, note)
-            return HTMLResponse(publish_page(page))
+        return await pages.answer(request, lambda reader, note: render_timeline_page(reader, query, note))
 
     @router.get("/history")
     async def show_history(request: Request, query: Annotated[HistoryQuery, Query()]) -> Response:
-        holder = find_holder(request)
-        with notes.show(holder.key.id) as note:
-            page = await render_history_page(Reader.for_holder(holder), query, note)
-            return HTMLResponse(publish_page(page))
+        return await pages.answer(request, lambda reader, note: render_history_page(reader, query, note))
 
     @router.get("/history.csv")
     async def export_history(query: Annotated[HistoryQuery, Query()]) -> Response:

@@ -20,11 +20,10 @@ from farm.http import Services, describe_farm, find_stored_file, name_stored_fil
 from farm.views import describe_job, describe_timeline, list_history
 from farm.views.report import list_figures, render_page
 from farm.views.report.decomposition import Report, parse_report
-from farm.web.callers import find_holder
-from farm.web.live import LivePages, publish_page
-from farm.web.notes import Note, Notes, Reader
+from farm.web.notes import Note, Reader
 from farm.web.pages.jobs.archive import write_archive
 from farm.web.pages.jobs.job_page import JobData, measure_own_gcode, render_job_page
+from farm.web.pages.page_context import PageContext
 from farm.web.pages.page_route import EMPTY_IS_NONE, PageRoute, read_query
 
 _INSTRUCTIONS, _PICTURE, _REPORT = "instructions.html", "assembly.png", "decomposition.json"
@@ -42,28 +41,18 @@ class JobQuery(BaseModel):
     curve: Annotated[int | None, EMPTY_IS_NONE] = None
 
 
-def job_page_routes(services: Services, dry_runs: DryRuns, notes: Notes, live: LivePages) -> APIRouter:
-    """Return the routes.
-
-    Parameters
-    ----------
-    services
-        Components of the daemon.
-    dry_runs
-        Kept alive by pages that show them.
-    notes
-        Notes to show above the pages.
-    live
-        Receives the page, to keep it up to date.
-    """
-    router, controller = APIRouter(route_class=PageRoute, include_in_schema=False), services.controller
+def job_page_routes(pages: PageContext, dry_runs: DryRuns) -> APIRouter:
+    """Return the routes. Pages that show dry runs keep them alive."""
+    router, services = APIRouter(route_class=PageRoute, include_in_schema=False), pages.services
+    controller = services.controller
     farm = controller.fleet.fleet.name
 
     async def read_stored_report(number: int) -> Report:
         stored = name_stored_files(controller.books, number).get(_REPORT)
+        if stored is None:
+            return Report()
         try:
-            path = services.state.files / (stored or "")
-            return Report() if stored is None else await asyncio.to_thread(_read_report, path)
+            return await asyncio.to_thread(_read_report, services.state.files / stored)
         except OSError:  # the page shows the rest
             return Report()
 
@@ -80,14 +69,11 @@ def job_page_routes(services: Services, dry_runs: DryRuns, notes: Notes, live: L
             raise NoSuchThing(f"there is no job {number}")
         return await show(reader, int(number), curve=read_query(JobQuery, query).curve)
 
-    live.add("/jobs/{number}", show_live)
+    pages.live.add("/jobs/{number}", show_live)
 
     @router.get("/jobs/{number}")
     async def show_job(number: int, request: Request, query: Annotated[JobQuery, Query()]) -> Response:
-        holder = find_holder(request)
-        with notes.show(holder.key.id) as note:
-            page = await show(Reader.for_holder(holder), number, note, query.curve)
-            return HTMLResponse(publish_page(page))
+        return await pages.answer(request, lambda reader, note: show(reader, number, note, query.curve))
 
     @router.get("/jobs/{number}/instructions")
     async def show_instructions(number: int) -> Response:

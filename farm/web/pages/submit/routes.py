@@ -12,12 +12,13 @@ from starlette.exceptions import HTTPException
 
 from farm.control import JobCommands
 from farm.errors import FarmError
-from farm.http import CallerName, Services
+from farm.http import CallerName
 from farm.model import JobOptions
 from farm.planning.inspection import name_filament
 from farm.web.callers import find_holder
 from farm.web.forms import FormReader, FormUploads
-from farm.web.notes import Note, Notes, Reader
+from farm.web.notes import Note, Reader
+from farm.web.pages.page_context import PageContext
 from farm.web.pages.page_route import PageRoute
 from farm.web.pages.submit.options import DEFAULTS, read_job_options
 from farm.web.pages.submit.submit_page import SUBMIT_PATH, list_choices, render_submit_page
@@ -26,17 +27,9 @@ _SEE_OTHER, _BAD_REQUEST = 303, 400
 _REQUEST_ID = re.compile(r"[0-9a-f]{32}")
 
 
-def submit_routes(services: Services, jobs: JobCommands, notes: Notes) -> APIRouter:
-    """Return the routes.
-
-    Parameters
-    ----------
-    services, jobs
-        Components of the daemon.
-    notes
-        Notes to show above the pages.
-    """
-    router = APIRouter(route_class=PageRoute, include_in_schema=False)
+def submit_routes(pages: PageContext, jobs: JobCommands) -> APIRouter:
+    """Return the routes."""
+    router, services = APIRouter(route_class=PageRoute, include_in_schema=False), pages.services
     fleet = services.controller.fleet
     uploads = FormUploads(services.uploads, jobs)
 
@@ -46,11 +39,12 @@ def submit_routes(services: Services, jobs: JobCommands, notes: Notes) -> APIRou
             choices, uuid.uuid4().hex, fleet.fleet.name, reader, note, values or DEFAULTS
         )
 
+    async def show(reader: Reader, note: Note | None) -> str:
+        return render(reader, note)
+
     @router.get(SUBMIT_PATH)
     async def show_form(request: Request) -> Response:
-        holder = find_holder(request)
-        with notes.show(holder.key.id) as note:
-            return HTMLResponse(render(Reader.for_holder(holder), note))
+        return await pages.answer(request, show)
 
     @router.post(SUBMIT_PATH)
     async def submit(request: Request, by: CallerName) -> Response:
@@ -73,7 +67,7 @@ def submit_routes(services: Services, jobs: JobCommands, notes: Notes) -> APIRou
             return HTMLResponse(render(Reader.for_holder(holder), Note(text, True), values), _BAD_REQUEST)
         excess = jobs.find_excess(services.controller.books.job(number).options)
         if excess:
-            notes.put(holder.key.id, Note("; ".join(excess)))
+            pages.notes.put(holder.key.id, Note("; ".join(excess)))
         return RedirectResponse(f"/jobs/{number}", _SEE_OTHER)
 
     return router
