@@ -59,6 +59,12 @@ def list_job_actions(job: api.JobView, role: Role) -> list[Action]:
     return actions
 
 
+def may_report_assembly(job: api.JobView, role: Role) -> bool:
+    """Return whether a reader may say how long it took to glue the parts of a job."""
+    is_printed = job.state in (JobState.PRINTED, JobState.DONE)
+    return is_printed and len(job.parts) > 1 and role.allows(Role.PRINT)
+
+
 def list_part_actions(
     job: api.JobView, part: api.PartView, printer: api.PrinterView | None, role: Role
 ) -> Iterator[Action]:

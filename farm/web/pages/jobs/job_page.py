@@ -7,13 +7,13 @@ from dataclasses import dataclass, field
 from datetime import datetime
 
 from farm import api
-from farm.model import HoldCode, Job, JobState, PlanProgress, PlanStep, Plate, Role
+from farm.model import HoldCode, Job, JobState, PlanProgress, PlanStep, Plate
 from farm.text import format_count, format_duration, format_mass, format_moment
 from farm.views.charts import Gantt, lay_out_gantt, list_bars, list_expected_bars
 from farm.views.report import list_figures
 from farm.views.report.decomposition import Report
 from farm.web.notes import Note, Reader
-from farm.web.pages.jobs.actions import list_job_actions
+from farm.web.pages.jobs.actions import list_job_actions, may_report_assembly
 from farm.web.pages.jobs.curve import Curve, draw_curve
 from farm.web.pages.jobs.parts import list_part_rows
 from farm.web.pages.rendering import render_page
@@ -162,23 +162,17 @@ def list_reasons(job: api.JobView, timeline: api.Timeline | None = None) -> list
     return reasons
 
 
-def may_report_assembly(job: api.JobView, role: Role) -> bool:
-    """Return whether a reader may say how long it took to glue the parts of a job."""
-    is_printed = job.state in (JobState.PRINTED, JobState.DONE)
-    return is_printed and len(job.parts) > 1 and role.allows(Role.PRINT)
-
-
-def measure_own_gcode(job: Job, plates: Iterable[Plate]) -> list[tuple[str, str]]:
+def list_gcode_figures(job: Job, plates: Iterable[Plate]) -> list[tuple[str, str]]:
     """List size, layers and time of a person's own G-code, once it is planned; nothing for a model."""
     if job.own_gcode is None:
         return []
     low_mm, high_mm = job.own_gcode.min_mm, job.own_gcode.max_mm
     size = " × ".join(f"{high - low:.0f}" for low, high in zip(low_mm, high_mm, strict=True))
-    layers = [
-        (("layers", str(plate.layers)), ("time of its moves", format_duration(plate.sliced_s)))
-        for plate in plates
-    ]
-    return [("size", f"{size} mm"), *(layers[0] if layers else ())]
+    figures = [("size", f"{size} mm")]
+    plate = next(iter(plates), None)  # it is printed as one
+    if plate is not None:
+        figures += [("layers", str(plate.layers)), ("time of its moves", format_duration(plate.sliced_s))]
+    return figures
 
 
 def list_changes(job: api.JobView) -> list[str]:

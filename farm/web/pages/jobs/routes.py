@@ -22,7 +22,7 @@ from farm.views.report import list_figures, render_page
 from farm.views.report.decomposition import Report, parse_report
 from farm.web.notes import Note, Reader
 from farm.web.pages.jobs.archive import write_archive
-from farm.web.pages.jobs.job_page import JobData, measure_own_gcode, render_job_page
+from farm.web.pages.jobs.job_page import JobData, list_gcode_figures, render_job_page
 from farm.web.pages.page_context import PageContext
 from farm.web.pages.page_route import EMPTY_IS_NONE, PageRoute, read_query
 
@@ -134,5 +134,5 @@ def describe_job_page(services: Services, number: int, report: Report, curve_job
         report,
         tuple(name_stored_files(controller.books, number)),
         curve_job,
-        measure_own_gcode(job, controller.books.plates_of(job)),
+        list_gcode_figures(job, controller.books.plates_of(job)),
     )

@@ -16,8 +16,8 @@ from farm.web.notes import Reader
 from farm.web.pages.jobs.job_page import (
     JobData,
     list_downloads,
+    list_gcode_figures,
     list_reasons,
-    measure_own_gcode,
     render_job_page,
     summarise_job,
 )
@@ -237,8 +237,8 @@ def test_own_gcode_is_shown_with_size_layers_and_time():
     own = OwnGcode(nozzle_mm=0.4, min_mm=(-10.0, -20.0, 0.0), max_mm=(10.0, 20.0, 30.4))
     job = books.job(1).model_copy(update={"own_gcode": own})
     figures = [("size", "20 × 40 × 30 mm"), ("layers", "10"), ("time of its moves", "90 s")]
-    assert measure_own_gcode(job, books.plates_of(job)) == figures
-    assert measure_own_gcode(job, ()) == figures[:1]
-    assert measure_own_gcode(books.job(1), books.plates_of(job)) == []
+    assert list_gcode_figures(job, books.plates_of(job)) == figures
+    assert list_gcode_figures(job, ()) == figures[:1]
+    assert list_gcode_figures(books.job(1), books.plates_of(job)) == []
     page = render(replace(data_of(books), gcode=figures))
     assert "<dt>Layers</dt><dd>10</dd>" in page
