@@ -156,6 +156,16 @@ class Job(Entity):
         return self.assembled_by_s - ratio * (self.assembly_s or 0.0)
 
     @property
+    def assembled_s(self) -> float | None:
+        """Return when a person reported that its parts are glued; None before."""
+        return None if self.gluing is None else self.gluing.at_s
+
+    @property
+    def gluing_s(self) -> float | None:
+        """Return the time that a person reported for gluing its parts; None before."""
+        return None if self.gluing is None else 60.0 * self.gluing.minutes
+
+    @property
     def turn(self) -> tuple[int, float, int]:
         """Return the sort key of the queue: the smallest is served first."""
         return -self.priority, self.id if self.moved_rank is None else self.moved_rank, self.id

@@ -103,8 +103,8 @@ def _make_job_row(context: ViewContext, job: Job) -> api.JobRow:
         good=summary.good,
         error=job.error,
         reason=job.reason,
-        assembled=None if job.gluing is None else context.format_time(job.gluing.at_s),
-        assembly_s=None if job.gluing is None else 60.0 * job.gluing.minutes,
+        assembled=context.format_time(job.assembled_s),
+        assembly_s=job.gluing_s,
     )
 
 
@@ -121,6 +121,6 @@ def describe_ended_print(context: ViewContext, attempt: Print) -> api.HistoryRow
         expected_s=plate.expected_s,
         grams=attempt.grams,
         wasted=is_wasted(attempt),
-        assembled=None if job.gluing is None else context.format_time(job.gluing.at_s),
-        assembly_s=None if job.gluing is None else 60.0 * job.gluing.minutes,
+        assembled=context.format_time(job.assembled_s),
+        assembly_s=job.gluing_s,
     )

@@ -192,7 +192,7 @@ def measure_assembly(job: Job, printed_s: float | None, ratio: float) -> Assembl
         Ratio of reported to expected times (`assembly_ratio`).
     """
     if job.gluing is not None:
-        return AssemblyTimes(60.0 * job.gluing.minutes, job.gluing.at_s)
+        return AssemblyTimes(job.gluing_s, job.assembled_s)
     if job.assembly_s is None:
         return AssemblyTimes(None, None)
     work_s = job.assembly_s * ratio

@@ -139,7 +139,7 @@ def _describe_outcome(context: ViewContext, job: Job) -> JobOutcome:
         ended=context.format_time(job.ended_s),
         expected_s=job.expected_s,
         reached_s=measure_times(context, job).makespan_s if printed else None,
-        assembled=None if job.gluing is None else context.format_time(job.gluing.at_s),
+        assembled=context.format_time(job.assembled_s),
         assembly_expected_s=job.assembly_s,
-        assembly_s=None if job.gluing is None else 60.0 * job.gluing.minutes,
+        assembly_s=job.gluing_s,
     )
