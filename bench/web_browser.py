@@ -13,16 +13,14 @@ from __future__ import annotations
 import argparse
 import asyncio
 import json
-import multiprocessing
 import os
 import statistics
 import sys
-import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from bench.web_live import run_server
+from bench.web_live import start_server
 from chromium import CHROMIUM, Chromium  # type: ignore[import-not-found]  # in tests/support
 from farm.web.pages.static_files import load_static_files
 
@@ -102,16 +100,9 @@ async def browse(port: int, key: str, seconds: float, folder: Path) -> dict[str,
 
 def measure(printers: int, seconds: float) -> dict[str, Any]:
     """Serve the farm from a process of its own, and measure Home."""
-    context = multiprocessing.get_context("spawn")
-    here, there = context.Pipe()
-    with tempfile.TemporaryDirectory() as name:
-        server = context.Process(target=run_server, args=(Path(name), printers, there))
-        server.start()
-        port, keys, prints = here.recv()
-        result = asyncio.run(browse(port, keys[1], seconds, Path(name) / "profile"))
-        here.send(None)
-        server.join()
-    return {"prints": prints, **result, "load": os.getloadavg()[0]}
+    with start_server(printers) as server:
+        result = asyncio.run(browse(server.port, server.keys[1], seconds, server.folder / "profile"))
+    return {"prints": server.prints, **result, "load": os.getloadavg()[0]}
 
 
 def main() -> None:

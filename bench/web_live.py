@@ -18,9 +18,11 @@ import socket
 import sys
 import tempfile
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from bench.measured_daemon import PLATES_OF_A_JOB, fill_books
 from farm.api import KeyRequest
@@ -126,6 +128,36 @@ def run_server(folder: Path, printers: int, pipe: Connection) -> None:
     asyncio.run(serve(folder, printers, pipe))
 
 
+class Server(NamedTuple):
+    """Server in a process of its own: folder, port, the texts of two keys, and the number of prints."""
+
+    folder: Path
+    pipe: Connection
+    port: int
+    keys: list[str]
+    prints: int
+
+    def read_cpu_s(self) -> float:
+        """Return the CPU seconds of the process."""
+        self.pipe.send("cpu")
+        return float(self.pipe.recv())
+
+
+@contextmanager
+def start_server(printers: int) -> Iterator[Server]:
+    """Serve the farm from a process of its own, and end it afterwards."""
+    context = multiprocessing.get_context("spawn")
+    here, there = context.Pipe()
+    with tempfile.TemporaryDirectory() as name:
+        process = context.Process(target=run_server, args=(Path(name), printers, there))
+        process.start()
+        try:
+            yield Server(Path(name), here, *here.recv())
+        finally:
+            here.send(None)
+            process.join()
+
+
 def view(port: int, keys: list[str], viewers: int, seconds: float) -> int:
     """Receive streams for a time; return the bytes."""
     received, selector = 0, selectors.DefaultSelector()
@@ -145,28 +177,16 @@ def view(port: int, keys: list[str], viewers: int, seconds: float) -> int:
 
 def measure(printers: int, viewers: int, seconds: float) -> dict[str, Any]:
     """Measure the CPU of the server, without viewers and with them."""
-    context = multiprocessing.get_context("spawn")
-    here, there = context.Pipe()
-    with tempfile.TemporaryDirectory() as name:
-        server = context.Process(target=run_server, args=(Path(name), printers, there))
-        server.start()
-        port, keys, prints = here.recv()
-
-        def read_cpu_s() -> float:
-            here.send("cpu")
-            return float(here.recv())
-
+    with start_server(printers) as server:
         time.sleep(_WARM_UP_S)
-        idle_s, begin_s = read_cpu_s(), time.monotonic()
+        idle_s, begin_s = server.read_cpu_s(), time.monotonic()
         time.sleep(seconds / 2)
-        idle_share = (read_cpu_s() - idle_s) / (time.monotonic() - begin_s)
-        before_s, begin_s = read_cpu_s(), time.monotonic()
-        received = view(port, keys, viewers, seconds)
-        share = (read_cpu_s() - before_s) / (time.monotonic() - begin_s)
-        here.send(None)
-        server.join()
+        idle_share = (server.read_cpu_s() - idle_s) / (time.monotonic() - begin_s)
+        before_s, begin_s = server.read_cpu_s(), time.monotonic()
+        received = view(server.port, server.keys, viewers, seconds)
+        share = (server.read_cpu_s() - before_s) / (time.monotonic() - begin_s)
     return {
-        "printers": printers, "prints": prints, "viewers": viewers, "core_share": share,
+        "printers": printers, "prints": server.prints, "viewers": viewers, "core_share": share,
         "core_share_without_viewers": idle_share, "bytes_per_viewer_s": received / viewers / seconds,
         "load": os.getloadavg()[0],
     }  # fmt: skip
