@@ -26,7 +26,7 @@ Render = Callable[[Reader, str, str], Awaitable[str]]
 """Renders a page for a reader, from the variable part of its path, and the query of its address."""
 
 _PERIOD_S = 1.0
-_LARGEST_SHARE = 0.05  # of a core, that rendering may take
+_MAX_SHARE = 0.05  # of the time, that rendering may take
 _BEAT_S = 5.0
 _RETRY = b"retry: 3000\n\n"  # milliseconds after which a browser connects again
 _BEAT = b"event: beat\ndata:\n\n"
@@ -177,7 +177,7 @@ class LivePages:
                     await self._refresh_topic(key, topic)
                     spent_s += time.perf_counter() - begin_s
                 await asyncio.sleep(0.0)  # other work between two pages
-            pause_s = max(_PERIOD_S, spent_s / _LARGEST_SHARE)
+            pause_s = max(_PERIOD_S, spent_s / _MAX_SHARE)
 
     async def _refresh_topic(self, key: tuple[str, Role], topic: _Topic) -> None:
         try:

@@ -114,7 +114,9 @@ class Completeness:
         if self.closed(last_print) is False:
             slicer = self._mark.decode("ascii", "replace")
             return f"{slicer!r} closes its files with a comment, and there is none"
-        if (missing_layers := self._short or self._report_missing(self._limit_empty_layers())) is not None:
+        if (
+            missing_layers := self._short or self._describe_missing_layers(self._limit_empty_layers())
+        ) is not None:
             return missing_layers
         if (lost_time := self._figures.describe_missing_time()) is not None:
             return lost_time
@@ -134,13 +136,13 @@ class Completeness:
     def _begin_count(self, count: int, number: int) -> None:
         """Begin a count of layers: each object's, where they are printed one at a time."""
         if self._count and self._numbered:
-            self._short = self._short or self._report_missing(self._limit_empty_layers())
+            self._short = self._short or self._describe_missing_layers(self._limit_empty_layers())
             self._numbers.clear()
         self._count, self._count_at = count, number
 
     def warning(self) -> str | None:
         """Warn of missing layers in a file whose only sign of completeness is its closing mark."""
-        missing = self._report_missing(0) if self.figures.filament is None else None
+        missing = self._describe_missing_layers(0) if self.figures.filament is None else None
         return missing and f"Warning: {missing}: Cura leaves out empty ones; look at its preview."
 
     def _limit_empty_layers(self) -> int:
@@ -148,7 +150,7 @@ class Completeness:
             return 0
         return self._count if self.figures.filament is not None else max(1, int(EMPTY_SHARE * self._count))
 
-    def _report_missing(self, allowed: int) -> str | None:
+    def _describe_missing_layers(self, allowed: int) -> str | None:
         if self._count_layers >= self._count - allowed:
             return None
         return f"line {self._count_at} names {self._count} layers, and {self._count_layers} of them are in it"
