@@ -127,13 +127,7 @@ class JobCommands:
 
     def move(self, number: int, move: api.QueueMove, by: str) -> None:
         """Move a job in the queue: up, down, to its front or end, or before another job."""
-        books = self._controller.books
-        if books.job(number).state.ended:
-            raise Refused(f"job {number} has already ended: it is {books.job(number).state}")
-        order = [job.id for job in list_queue(books)]
-        if number not in order:
-            raise Refused(f"nothing of job {number} waits: all of its plates have started")
-        successor = find_successor(order, number, move)
+        successor = find_successor(self._list_order(number), number, move)
         at_s = self._controller.clock.now()
         self._controller.handle(ev.JobMoved(at_s=at_s, job=number, before=successor, by=by))
 
@@ -147,18 +141,24 @@ class JobCommands:
         FarmError
             If the time cannot be read, or is not in the future.
         """
-        job, now_s = self._controller.books.job(number), self._controller.clock.now()
-        if job.state.ended:
-            raise Refused(f"job {number} has already ended: it is {job.state}")
-        if number not in [one.id for one in list_queue(self._controller.books)]:
-            raise Refused(f"nothing of job {number} waits: all of its plates have started")
-        not_before_s = None
+        self._list_order(number)
+        now_s, not_before_s = self._controller.clock.now(), None
         if at.strip().lower() != "now":
             try:
                 not_before_s = parse_moment_s(at, now_s, self._controller.fleet.zone)
             except ValueError as error:
                 raise FarmError(str(error), ErrorCode.SETTINGS) from error
         self._controller.handle(ev.JobRescheduled(at_s=now_s, job=number, not_before_s=not_before_s, by=by))
+
+    def _list_order(self, number: int) -> list[int]:
+        """Return the jobs of the queue in their order. Raises Refused if the job is not one of them."""
+        books = self._controller.books
+        if books.job(number).state.ended:
+            raise Refused(f"job {number} has already ended: it is {books.job(number).state}")
+        order = [job.id for job in list_queue(books)]
+        if number not in order:
+            raise Refused(f"nothing of job {number} waits: all of its plates have started")
+        return order
 
     async def approve(self, number: int, plan: str, state: StateFolder, by: str) -> None:
         """Release a held job to print, with exactly the plan and files that the user has reviewed.
