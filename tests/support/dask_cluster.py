@@ -7,7 +7,6 @@ from functools import partial
 from distributed import Scheduler
 
 from farm.compute.cluster.cluster_pool import ClusterPool
-from farm.compute.cluster.cluster_state import Place
 from farm.compute.cluster.connection import Connection
 from farm.compute.cluster.dask_worker import FarmWorker
 from farm.compute.cluster.installation import Installation
@@ -61,6 +60,3 @@ async def cluster(folder, workers, pools=None, installations=None):
         finally:
             pool.close()
             await pool.wait_closed()
-
-
-__all__ = ["HERE", "Place", "Recorder", "cluster"]

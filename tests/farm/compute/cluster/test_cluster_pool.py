@@ -6,10 +6,10 @@ from dataclasses import replace
 import pytest
 
 import portable_work as work
-from dask_cluster import HERE, Place, Recorder, cluster
+from dask_cluster import HERE, Recorder, cluster
 from farm.compute import Workers
 from farm.compute.cluster.cluster_pool import ClusterPool
-from farm.compute.cluster.cluster_state import ClusterWorker
+from farm.compute.cluster.cluster_state import ClusterWorker, Place
 from farm.compute.cluster.remote_task import AttemptLost, RemoteAnswer, RemoteTask, write_files
 from farm.compute.cluster.task_executor import TaskExecutor
 from farm.compute.limits import CHECKING
