@@ -63,7 +63,7 @@ test-waiting:
 test-rest:
 	$(BIN)/python -m pytest tests $(addprefix --ignore=,$(SYSTEM) $(WAITING))
 
-# What starts no processes, with the newest Python here.
+# What may differ with a newer Python, of the tests that start no farm of real processes.
 test-newest: install
 	@deploy/test-newest.sh
 

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Runs the tests that start no farm of real processes, with the newest Python here for which all locked dependencies have
-# wheels. Where there is none newer than 3.11 it prints one line and ends without an error.
+# Runs tests that start no farm of real processes, and that may differ with a newer Python, with the newest one here for
+# which all locked dependencies have wheels. Where there is none newer than 3.11 it prints one line and ends without an error.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
