@@ -16,6 +16,7 @@ import trimesh
 
 from decompose.arrays import Floats, Ints
 from decompose.connectors.strokes import GRID_HIGH, draw_strokes, text_width
+from decompose.geometry import choose_plane_axes
 
 SEED_MM2, FACE_MM2 = 4.0, 25.0  # least triangle that a face is begun with, and least face
 FLAT_MM = 0.01
@@ -71,7 +72,7 @@ def read_part(path: Path, own: str, others: Iterable[str], pin_mm: float) -> lis
     texts = [f"{own}-{other}" for other in others]
     found = []
     for normal, offset_mm, triangles in find_flats(vertices, faces):
-        axes = _axes(normal)
+        axes = choose_plane_axes(normal)  # text reads from outside
         outline = _outline(vertices[triangles] @ axes.T)
         rings = [ring for polygon in shapely.get_parts(outline) for ring in polygon.interiors]
         if not rings:
@@ -207,13 +208,6 @@ def _distance(points: Floats, strokes: Floats) -> Floats:
     share = np.clip(((points[:, None] - strokes[None, :, 0]) * along).sum(axis=2) / length2, 0.0, 1.0)
     nearest = strokes[None, :, 0] + share[..., None] * along
     return np.asarray(np.linalg.norm(points[:, None] - nearest, axis=2).min(axis=1, initial=np.inf))
-
-
-def _axes(normal: Floats) -> Floats:
-    """Choose two unit vectors (2, 3), right-handed with the normal, so that text reads from outside."""
-    first = np.cross(np.eye(3)[int(np.abs(normal).argmin())], normal)
-    first = first / np.linalg.norm(first)
-    return np.stack([first, np.cross(normal, first)])
 
 
 def _outline(triangles: Floats) -> shapely.Geometry:

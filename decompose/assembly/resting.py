@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from decompose.arrays import Floats
-from decompose.geometry import Solid, convex_outline, half_planes
+from decompose.geometry import Solid, choose_plane_axes, convex_outline, half_planes
 
 ON_TABLE_MM = 0.1  # points this near to the lowest one touch the table
 STEADY_MM = 2.0  # minimum distance of the centre of mass inside the rim of what touches the table
@@ -49,8 +49,7 @@ def find_rest(weights: Sequence[Weight], body: Sequence[int], up: Floats) -> tup
     tuple of int
         Parts that touch the table; empty if the body would fall over.
     """
-    across = np.cross(np.eye(3)[int(np.abs(up).argmin())], up)
-    frame = np.stack([across, np.cross(up, across)]) / np.linalg.norm(across)
+    frame = choose_plane_axes(up)
     heights = {number: weights[number].points @ up for number in body}
     table_mm = min(float(height.min()) for height in heights.values()) + ON_TABLE_MM
     touching = {number: weights[number].points[height < table_mm] for number, height in heights.items()}

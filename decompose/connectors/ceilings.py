@@ -8,6 +8,7 @@ from scipy.spatial import ConvexHull
 
 from decompose.arrays import Floats
 from decompose.connectors.records import Tool
+from decompose.geometry import choose_plane_axes
 
 LAYER_MM, STEP_MM = 0.2, 0.23  # a layer, and the step between two of them that is not supported yet
 RING_MM = 1.0  # shorter rings are dropped by the slicer, so that a ceiling closes early
@@ -62,6 +63,4 @@ def _cut(tool: Tool, up: Floats, at_mm: float) -> shapely.Geometry:
     share = off_mm[above][:, None] / (off_mm[above][:, None] - off_mm[below])
     start = tool.points_mm[above][:, None]
     points = (start + share[..., None] * (tool.points_mm[below] - start)).reshape(-1, 3)
-    first = np.cross(np.eye(3)[int(np.abs(up).argmin())], up)
-    first /= np.linalg.norm(first)
-    return shapely.MultiPoint(points @ np.stack([first, np.cross(up, first)]).T).convex_hull
+    return shapely.MultiPoint(points @ choose_plane_axes(up).T).convex_hull

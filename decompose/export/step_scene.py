@@ -13,7 +13,7 @@ from decompose.assembly import AssemblyStep
 from decompose.connectors import Mark, Pin, Tool
 from decompose.export.picture import part_colours
 from decompose.export.raster import Shape
-from decompose.geometry import triangulate
+from decompose.geometry import choose_plane_axes, triangulate
 from decompose.pieces import JointFace, find_cut_faces
 from decompose.results import Decomposition
 
@@ -158,8 +158,7 @@ def _make_ribbons(mark: Mark, width_mm: float) -> Floats:
     ends = mark.lines_mm + 3.0 * LIFT_MM * out
     along = ends[:, 1] - ends[:, 0]
     length = np.linalg.norm(along, axis=1, keepdims=True)
-    across = np.cross(out, np.eye(3)[int(np.abs(out).argmin())])
-    dot = across / np.linalg.norm(across)  # a dot has no direction of its own
+    dot = choose_plane_axes(out)[0]  # a dot has no direction of its own
     along = np.where(length > 0.0, along / np.maximum(length, 1e-9), dot)
     half = width_mm / 2.0 * np.cross(out, along)
     a, b = ends[:, 0] - width_mm / 2.0 * along, ends[:, 1] + width_mm / 2.0 * along
@@ -169,11 +168,9 @@ def _make_ribbons(mark: Mark, width_mm: float) -> Floats:
 
 def _make_rod(pin: Pin) -> Floats:
     """Build triangles (m, 3, 3) of a pin in its place."""
-    first = np.cross(np.eye(3)[int(np.abs(pin.axis).argmin())], pin.axis)
-    first /= np.linalg.norm(first)
     angles = 2.0 * np.pi * np.arange(SIDES) / SIDES
-    ring = pin.diameter_mm / 2.0 * np.outer(np.cos(angles), first)
-    ring += pin.diameter_mm / 2.0 * np.outer(np.sin(angles), np.cross(pin.axis, first))
+    circle = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    ring = pin.diameter_mm / 2.0 * circle @ choose_plane_axes(pin.axis)
     ends = [pin.at_mm + sign * pin.length_mm / 2.0 * pin.axis for sign in (-1.0, 1.0)]
     low, high = (ring + end for end in ends)
     after_low, after_high = np.roll(low, -1, axis=0), np.roll(high, -1, axis=0)
@@ -190,8 +187,7 @@ def _fill_mouth(hole: Tool) -> Floats:
     """Build triangles (m, 3, 3) of the mouth of a hole, in front of its face."""
     at_mm = hole.points_mm @ hole.into
     mouth = hole.points_mm[at_mm < at_mm.min() + 1e-6]
-    first = np.cross(np.eye(3)[int(np.abs(hole.into).argmin())], hole.into)
-    axes = np.stack([first, np.cross(hole.into, first)]) / np.linalg.norm(first)
+    axes = choose_plane_axes(hole.into)
     ring = np.array(shapely.MultiPoint(mouth @ axes.T).convex_hull.exterior.coords)[:-1]
     corners = ring @ axes + (hole.face_mm - 3.0 * LIFT_MM) * hole.into
     return _turn_towards(corners[triangulate([ring])], -hole.into)
@@ -201,8 +197,7 @@ def _make_table(step: AssemblyStep, decomposition: Decomposition) -> Floats:
     """Build two triangles (2, 3, 3) below the fixed body, which stands on them along the step's direction."""
     points = np.concatenate([decomposition.parts[part].solid.arrays()[0] for part in step.fixed])
     up = step.direction
-    first = np.cross(np.eye(3)[int(np.abs(up).argmin())], up)
-    axes = np.stack([first, np.cross(up, first)]) / np.linalg.norm(first)
+    axes = choose_plane_axes(up)
     flat = points @ axes.T
     low, high = flat.min(axis=0), flat.max(axis=0)
     edge = TABLE_SHARE * float((high - low).max())

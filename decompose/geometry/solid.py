@@ -207,6 +207,13 @@ class Solid:
         return self.intersect(other).volume_mm3 > 0.5 * other.volume_mm3
 
 
+def choose_plane_axes(normal: Floats) -> Floats:
+    """Choose two unit vectors (2, 3) across a unit normal (3,); with it they are a right-handed frame."""
+    side = np.cross(np.eye(3)[int(np.abs(normal).argmin())], normal)
+    axes: Floats = np.stack([side, np.cross(normal, side)]) / np.linalg.norm(side)
+    return axes
+
+
 def triangulate(polygons: list[Floats]) -> Ints:
     """Fill polygons (n, 2), holes of opposite orientation, with triangles (k, 3); indices count all points.
 

@@ -11,7 +11,7 @@ import numpy as np
 import shapely
 
 from decompose.arrays import Floats, Ints
-from decompose.geometry import Solid, label_components
+from decompose.geometry import Solid, choose_plane_axes, label_components
 from decompose.options import MIN_GLUE_MM2
 from decompose.pieces.piece import ON_PLANE_MM, find_cut_faces
 
@@ -130,7 +130,7 @@ def find_joints(pieces: Sequence[CutSolid]) -> list[Joint]:
                 if shared.area > 0.0:
                     normal, offset_mm = side.plane[:3], float(side.plane[3])
                     joint_faces[min(a, b), max(a, b)].append(
-                        JointFace(normal, offset_mm, _choose_plane_axes(np.array(name[:3])), shared)
+                        JointFace(normal, offset_mm, choose_plane_axes(np.array(name[:3])), shared)
                     )
     return [
         Joint(
@@ -229,20 +229,13 @@ def _find_cut_sides(solid: Solid, planes: Floats) -> dict[tuple[float, ...], _Si
         sign = -1.0 if plane[int(np.abs(plane[:3]).argmax())] < 0.0 else 1.0
         name = np.round(sign * plane, SAME_DIGITS) + 0.0
         corners = np.round(
-            (vertices @ _choose_plane_axes(name[:3]).T)[flat], SAME_DIGITS
+            (vertices @ choose_plane_axes(name[:3]).T)[flat], SAME_DIGITS
         )  # a value next to 0 has no inverse
         rings = shapely.polygons(np.concatenate([corners, corners[:, :1]], axis=1))
         section = shapely.union_all(rings[shapely.area(rings) > 0.0])
         if section.area > 0.0:
             sides[tuple(float(v) for v in name)] = _Side(sign * plane, section)
     return sides
-
-
-def _choose_plane_axes(normal: Floats) -> Floats:
-    """Choose two unit vectors (2, 3) in the plane with a unit normal."""
-    side = np.cross(np.eye(3)[int(np.abs(normal).argmin())], normal)
-    axes: Floats = np.stack([side, np.cross(normal, side)]) / np.linalg.norm(side)
-    return axes
 
 
 def _measure_width_mm(face: shapely.Geometry) -> float:

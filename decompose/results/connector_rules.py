@@ -15,7 +15,7 @@ from decompose.assembly import AssemblyStep
 from decompose.connectors import Blank, Connectors, Pin, Tool, distance_mm, pairs_of, rings_of
 from decompose.connectors.ceilings import closes_in_a_step
 from decompose.errors import Rule
-from decompose.geometry import Solid
+from decompose.geometry import Solid, choose_plane_axes
 from decompose.pieces import Joint
 
 EPS_MM3 = 1e-3  # rounding of an operation on solids
@@ -100,7 +100,7 @@ class DrilledParts:
         along = moved.into @ step.direction, -fixed.into @ step.direction, pin.axis @ step.direction
         if min(along) < COAXIAL or moved.part not in step.moved or fixed.part not in step.fixed:
             yield Rule.ORDER, f"a pin of step {pin.step + 1} is not along its direction"
-        circle = shapely.Point(pin.at_mm @ _find_axes_across(pin.axis).T).buffer(pin.diameter_mm / 2.0)
+        circle = shapely.Point(pin.at_mm @ choose_plane_axes(pin.axis).T).buffer(pin.diameter_mm / 2.0)
         middle_mm = float(pin.at_mm @ pin.axis)
         rod = _extrude(circle, pin.axis, middle_mm - pin.length_mm / 2.0, middle_mm + pin.length_mm / 2.0)
         for hole in pin.holes:
@@ -131,7 +131,7 @@ def find_wrong_fits(pins: Sequence[Pin]) -> list[str]:
 
 def _play_mm(pin: Pin) -> float:
     """Measure how far a pin can move across its holes, by the narrowest width of the wider one."""
-    across = _find_axes_across(pin.axis)
+    across = choose_plane_axes(pin.axis)
     hulls = [shapely.MultiPoint((hole.points_mm - pin.at_mm) @ across.T).convex_hull for hole in pin.holes]
     inner_mm = max(shapely.Point(0.0, 0.0).distance(hull.exterior) for hull in hulls)
     return float(2.0 * inner_mm - pin.diameter_mm)
@@ -147,7 +147,7 @@ class _Group:
     kind: str
 
     def _draw_outline(self) -> shapely.Geometry:
-        across = _find_axes_across(self.tools[0].into)
+        across = choose_plane_axes(self.tools[0].into)
         hulls = [shapely.MultiPoint(tool.points_mm @ across.T).convex_hull for tool in self.tools]
         return shapely.union_all(hulls).buffer(RIM_MM)
 
@@ -160,7 +160,7 @@ class _Group:
     def is_hidden(self) -> bool:
         """Check that the mouths with their rim lie in a face of the joint."""
         into = self.tools[0].into
-        across = _find_axes_across(into)
+        across = choose_plane_axes(into)
         outline = self._draw_outline()
         for face in self.joint.faces:
             along = float(face.normal @ into)
@@ -201,12 +201,5 @@ def _is_near(a: Solid, b: Solid) -> bool:
     return bool((np.maximum(a_low, b_low) - np.minimum(a_high, b_high)).max() < RIM_MM)
 
 
-def _find_axes_across(axis: Floats) -> Floats:
-    """Choose two unit vectors (2, 3) so that they and the axis are a right-handed frame."""
-    first = np.cross(np.eye(3)[int(np.abs(axis).argmin())], axis)
-    first /= np.linalg.norm(first)
-    return np.stack([first, np.cross(axis, first)])
-
-
 def _extrude(outline: shapely.Geometry, axis: Floats, from_mm: float, to_mm: float) -> Solid:
-    return Solid.prism(rings_of(outline), np.vstack([_find_axes_across(axis), axis]), from_mm, to_mm)
+    return Solid.prism(rings_of(outline), np.vstack([choose_plane_axes(axis), axis]), from_mm, to_mm)
