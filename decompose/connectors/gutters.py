@@ -22,7 +22,7 @@ from decompose.pieces import Joint
 UPRIGHT_SIN = 0.02  # of the angle between a face and the vertical, up to which it is upright
 PITCH_MM = 4.0  # of the places that are tried
 SHORTEST_MM = 15.0  # of heights that a gutter adds
-MOST = 3  # gutters of a part
+MAX_GUTTERS = 3  # of a part
 ROUND_MM = 0.05
 
 
@@ -40,6 +40,18 @@ def place_gutters(room: Room, joints: Sequence[Joint]) -> list[Gutter]:
     """Place gutters on the upright faces of each part, so that most of its layers have one.
 
     Their grooves are added to the room's tools.
+
+    Parameters
+    ----------
+    room
+        The parts, with the tools of pins and marks; changed.
+    joints
+        Of these parts, in the same frame.
+
+    Returns
+    -------
+    list of Gutter
+        In the order of the parts, at most `MAX_GUTTERS` of each.
     """
     sides: dict[int, list[Side]] = defaultdict(list)
     for number, joint in enumerate(joints):
@@ -51,7 +63,7 @@ def place_gutters(room: Room, joints: Sequence[Joint]) -> list[Gutter]:
     for part, own in sorted(sides.items()):
         places = [place for side in own for place in _find_places(room, side)]
         covered = shapely.LineString()
-        for _ in range(MOST):
+        for _ in range(MAX_GUTTERS):
             gains = [_span(place).difference(covered).length for place in places]
             if not gains or max(gains) < SHORTEST_MM:
                 break

@@ -1,4 +1,4 @@
-"""Records of connectors: pins, marks, and the tools that cut their holes and grooves."""
+"""Records of connectors: pins, marks, gutters, and the tools that cut their holes and grooves."""
 
 from __future__ import annotations
 
@@ -45,6 +45,8 @@ class Pin:
         (3,) point on its axis, in the plane of the joint.
     axis
         (3,) unit vector: the direction of the step.
+    diameter_mm
+        Of the pin itself; its holes are wider by the fit.
     depth_mm
         Depth of its hole in each part.
     length_mm
@@ -102,7 +104,7 @@ class Gutter:
     part, joint
         Numbers of the part that has it, and of the joint.
     line_mm
-        (2, 3) its lower and upper end on the face, as the part is printed.
+        (2, 3) its ends on the face, in the frame of the parts; the first is lower as the part is printed.
     groove
         Its tool.
     """
@@ -115,7 +117,7 @@ class Gutter:
 
 @dataclass(frozen=True, slots=True)
 class Connectors:
-    """Pins and marks of all parts.
+    """Pins, marks and gutters of all parts.
 
     Attributes
     ----------

@@ -49,7 +49,7 @@ class EdgeUses:
 
     @property
     def is_closed(self) -> bool:
-        """Tell that each edge has two faces."""
+        """Check that each edge has two faces."""
         return self.single == self.shared == 0
 
 

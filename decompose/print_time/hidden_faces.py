@@ -13,7 +13,7 @@ import numpy as np
 from decompose.arrays import Bools, Floats
 from decompose.jit import jit
 
-LEVEL_COS = 0.999  # maximum downward part of the normal of a face that lies on the bed: within 2.6 degrees
+LEVEL_COS = 0.999  # minimum downward part of the normal of a face that lies on the bed: within 2.6 degrees
 ON_BED_MM = 0.15
 SEEN_MM2 = 1.0  # a smaller area of faces that are seen is rounding
 
