@@ -17,6 +17,7 @@ from decompose.export.pin_sheet import format_length
 from decompose.export.raster import Drawing, draw, make_camera
 from decompose.export.step_scene import Scene, build_both, build_moved
 from decompose.files.names import short_label
+from decompose.geometry import find_least_rotation
 from decompose.results import Decomposition
 
 AZIMUTHS_DEG = [AZIMUTH_DEG + turn for turn in (0.0, 45.0, -45.0, 90.0, -90.0, 135.0, -135.0, 180.0)]
@@ -77,13 +78,9 @@ def find_pose(direction: Floats) -> Floats:
 
     The model is turned as little as can be; upside down, its right stays.
     """
-    up = np.array([0.0, 0.0, 1.0])
     if direction[2] < -0.999999:
         return np.diag([1.0, -1.0, -1.0])
-    axis = np.cross(direction, up)
-    cross = np.array([[0.0, -axis[2], axis[1]], [axis[2], 0.0, -axis[0]], [-axis[1], axis[0], 0.0]])
-    turned: Floats = np.eye(3) + cross + cross @ cross / (1.0 + float(direction[2]))
-    return turned
+    return find_least_rotation(direction, np.array([0.0, 0.0, 1.0]))
 
 
 def turn_over(pose: Floats, azimuth_deg: float) -> Floats:

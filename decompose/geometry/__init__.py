@@ -7,7 +7,14 @@ from decompose.geometry.model import Model, load_model
 from decompose.geometry.shells import label_components
 from decompose.geometry.solid import Solid, choose_plane_axes, triangulate
 from decompose.geometry.stl import round_triangles, write_stl
-from decompose.geometry.symmetry import Mirror, draw_mirrors, find_good_mirrors, find_mirror, rotation_to_axis
+from decompose.geometry.symmetry import (
+    Mirror,
+    draw_mirrors,
+    find_good_mirrors,
+    find_least_rotation,
+    find_mirror,
+    rotation_to_axis,
+)
 
 __all__ = [
     "Mirror",
@@ -17,6 +24,7 @@ __all__ = [
     "convex_outline",
     "draw_mirrors",
     "find_good_mirrors",
+    "find_least_rotation",
     "find_mirror",
     "half_planes",
     "label_components",

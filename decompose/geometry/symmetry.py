@@ -163,11 +163,15 @@ def rotation_to_axis(normal: Floats) -> tuple[Floats, int]:
         (3, 3) rotation, and the axis from 0 to 2 that lies nearest to the normal.
     """
     axis = int(np.abs(normal).argmax())
-    target = np.eye(3)[axis] * np.sign(normal[axis])
-    cross, cosine = np.cross(normal, target), float(normal @ target)
+    return find_least_rotation(normal, np.eye(3)[axis] * np.sign(normal[axis])), axis
+
+
+def find_least_rotation(direction: Floats, target: Floats) -> Floats:
+    """Find the least rotation (3, 3) that turns a unit vector (3,) to another, not to its opposite."""
+    cross, cosine = np.cross(direction, target), float(direction @ target)
     skew = np.array([[0.0, -cross[2], cross[1]], [cross[2], 0.0, -cross[0]], [-cross[1], cross[0], 0.0]])
     rotation: Floats = np.eye(3) + skew + skew @ skew / (1.0 + cosine)
-    return rotation, axis
+    return rotation
 
 
 def _normalise(vectors: Floats) -> Floats:
