@@ -50,6 +50,22 @@ def draw_layout(parts: Sequence[Part], order: Sequence[int], places: Sequence[Be
     bytes
         PNG.
     """
+    shapes, front_mm = _lay_out(parts, order, places)
+    drawing = draw(shapes, make_camera(-90.0, EYE_DEG), LONG_SIDE_PX, oversample=2)
+    figure, axes = make_figure(drawing)
+    write_labels(axes, drawing, [short_label(parts[number].id) for number in order])
+    for number, (x, y) in zip(order, drawing.place(front_mm), strict=True):
+        axes.text(
+            x, y - NAME_PT, name_printer(parts[number]),
+            ha="center", va="top", fontsize=NAME_PT, path_effects=white_outline(),
+        )  # fmt: skip
+    return encode_png(figure)
+
+
+def _lay_out(
+    parts: Sequence[Part], order: Sequence[int], places: Sequence[BedPlace | None]
+) -> tuple[list[Shape], Floats]:
+    """Lay out the shapes of parts and beds; also points (n, 3) in mm in front of them, for their names."""
     colours = part_colours(len(parts))
     beds = [places[number] if places else None for number in order]
     meshes = [
@@ -61,8 +77,7 @@ def draw_layout(parts: Sequence[Part], order: Sequence[int], places: Sequence[Be
     seen_mm = extents_mm[:, 1] + extents_mm[:, 2] / np.tan(np.radians(EYE_DEG))  # of depth and height
     pitch_mm = (1.0 + GAP) * np.array([extents_mm[:, 0].max(), seen_mm.max(), 0.0])
     columns = int(np.ceil(np.sqrt(WIDER * len(order))))
-    shapes, front_mm = [], []
-    tables = []
+    shapes, tables, front_mm = [], [], []
     for place, (number, (vertices, faces), bed) in enumerate(zip(order, meshes, beds, strict=True)):
         at_mm = pitch_mm * [place % columns, -(place // columns), 0.0]
         placed = vertices + at_mm
@@ -72,18 +87,9 @@ def draw_layout(parts: Sequence[Part], order: Sequence[int], places: Sequence[Be
             tables.append(Shape(_make_bed(bed) + at_mm, BED_COLOUR))
             front = min(front, at_mm[1] - bed.bed_mm[1] / 2.0)
         front_mm.append([at_mm[0], front, 0.0])
-    shapes += tables
     below_mm = np.min(front_mm, axis=0) - [0.0, GAP / 2.0 * pitch_mm[1], 0.0]
-    shapes.append(Shape(np.tile(below_mm, (1, 3, 1)), np.ones(3)))  # no area: room for the last names
-    drawing = draw(shapes, make_camera(-90.0, EYE_DEG), LONG_SIDE_PX, oversample=2)
-    figure, axes = make_figure(drawing)
-    write_labels(axes, drawing, [short_label(parts[number].id) for number in order])
-    for number, (x, y) in zip(order, drawing.place(np.array(front_mm)), strict=True):
-        axes.text(
-            x, y - NAME_PT, name_printer(parts[number]),
-            ha="center", va="top", fontsize=NAME_PT, path_effects=white_outline(),
-        )  # fmt: skip
-    return encode_png(figure)
+    names = Shape(np.tile(below_mm, (1, 3, 1)), np.ones(3))  # no area: room for the last names
+    return [*shapes, *tables, names], np.array(front_mm)
 
 
 def describe_place(place: BedPlace | None) -> str:
