@@ -12,7 +12,7 @@ from decompose.arrays import Floats
 from decompose.connectors.records import RIM_MM, Tool
 from decompose.geometry import Solid
 from decompose.options import PIN_FIT_MM
-from decompose.pieces import Joint, JointFace
+from decompose.pieces import Joint, JointFace, list_polygons
 
 SKIN_MM = 0.05  # depth from which a part is examined: at the face itself rounding leaves films
 AREA_MM2 = 1e-3  # less is rounding
@@ -135,10 +135,9 @@ def _solid_below(solid: Solid, side: Side, depth_mm: float) -> shapely.Geometry:
 
 def rings_of(outline: shapely.Geometry) -> list[Floats]:
     """List the rings (n, 2) of all polygons of a geometry."""
-    polygons = [g for g in getattr(outline, "geoms", [outline]) if g.geom_type == "Polygon"]
     return [
         np.asarray(ring.coords)[:-1]
-        for polygon in polygons
+        for polygon in list_polygons(outline)
         for ring in (polygon.exterior, *polygon.interiors)
     ]
 

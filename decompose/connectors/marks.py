@@ -15,7 +15,7 @@ from decompose.connectors.faces import Room, Side, find_sides
 from decompose.connectors.records import RIM_MM, Mark
 from decompose.connectors.strokes import GRID_HIGH, draw_strokes, text_width
 from decompose.connectors.tools import GROOVE_SIN, LIP_MM, RIDGE_MM, make_groove
-from decompose.pieces import Joint
+from decompose.pieces import Joint, list_polygons
 
 SIZES_MM = ((8.0, 0.6), (6.0, 0.5), (5.0, 0.45))  # height of letters, depth of their grooves
 ARROW = "^"
@@ -201,7 +201,7 @@ def _text_frame(side: Side, upward: Floats, turn: int) -> Floats:
 
 def _find_middle(room: shapely.Geometry, half_mm: Floats) -> Floats | None:
     """Find the place (2,) of a rectangle in an area, as near to the widest place as can be."""
-    areas = [g for g in getattr(room, "geoms", [room]) if g.geom_type == "Polygon" and g.area > 0.0]
+    areas = [polygon for polygon in list_polygons(room) if polygon.area > 0.0]
     if not areas:
         return None
     widest = shapely.maximum_inscribed_circle(max(areas, key=lambda area: area.area)).coords[0]

@@ -18,7 +18,7 @@ from decompose.assembly import Assembly, AssemblyStep
 from decompose.connectors.faces import Room, Side, find_sides
 from decompose.connectors.records import RIM_MM, Pin, Tool, distance_mm
 from decompose.connectors.tools import make_hole
-from decompose.pieces import Joint
+from decompose.pieces import Joint, list_polygons
 
 DEPTHS = (2.45, 1.4)  # of the two holes in diameters of the pin
 END_MM = 0.5  # free at each end of a pin
@@ -221,7 +221,7 @@ class _Placer:
     def _place_one(self, deep: list[shapely.Geometry], shallow: list[shapely.Geometry]) -> list[Pin]:
         """Place one pin in the middle of the widest place, deep if it can be."""
         for index, places in enumerate((deep, shallow)):
-            areas = [(p, n) for n, place in enumerate(places) for p in _polygons(place)]
+            areas = [(p, n) for n, place in enumerate(places) for p in list_polygons(place) if p.area > 0.0]
             if areas:
                 area, number = max(areas, key=lambda pair: pair[0].area)
                 middle = shapely.maximum_inscribed_circle(area).coords[0]
@@ -294,7 +294,3 @@ def _sample(side: Side, area: shapely.Geometry, pitch_mm: float) -> Floats:
     grid = np.array(np.meshgrid(*spans)).reshape(2, -1).T
     inside = grid[shapely.contains_xy(area, grid)]
     return side.lift(inside if len(inside) else shapely.get_coordinates(area.representative_point()))
-
-
-def _polygons(geometry: shapely.Geometry) -> list[shapely.Polygon]:
-    return [g for g in getattr(geometry, "geoms", [geometry]) if g.geom_type == "Polygon" and g.area > 0.0]

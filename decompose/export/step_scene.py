@@ -14,7 +14,7 @@ from decompose.connectors import Mark, Pin, Tool
 from decompose.export.picture import part_colours
 from decompose.export.raster import Shape
 from decompose.geometry import choose_plane_axes, triangulate
-from decompose.pieces import JointFace, find_cut_faces
+from decompose.pieces import JointFace, find_cut_faces, list_polygons
 from decompose.results import Decomposition
 
 GLUE_COLOUR = np.array([1.0, 0.35, 0.0])
@@ -122,9 +122,7 @@ def fill_face(face: JointFace, outward: Floats) -> Floats:
     """Build triangles (m, 3, 3) of a face, a little before it."""
     offset_mm = face.offset_mm * face.normal + LIFT_MM * outward
     found = []
-    for polygon in shapely.get_parts(face.outline):
-        if polygon.geom_type != "Polygon":
-            continue
+    for polygon in list_polygons(face.outline):
         ordered = shapely.geometry.polygon.orient(polygon)
         rings = [np.array(ring.coords)[:-1] for ring in (ordered.exterior, *ordered.interiors)]
         corners = np.concatenate(rings) @ face.axes + offset_mm

@@ -3,7 +3,16 @@
 from __future__ import annotations
 
 from decompose.pieces.assignment import assign_bottleneck, assign_printers
-from decompose.pieces.joints import SLIVER_MM, CutSolid, Fault, Joint, JointFace, find_faults, find_joints
+from decompose.pieces.joints import (
+    SLIVER_MM,
+    CutSolid,
+    Fault,
+    Joint,
+    JointFace,
+    find_faults,
+    find_joints,
+    list_polygons,
+)
 from decompose.pieces.piece import (
     ON_PLANE_MM,
     Piece,
@@ -34,6 +43,7 @@ __all__ = [
     "find_faults",
     "find_joints",
     "list_box_planes",
+    "list_polygons",
     "measure_seams",
     "rotate_planes",
     "sort_pieces",

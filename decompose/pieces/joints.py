@@ -239,5 +239,9 @@ def _find_cut_sides(solid: Solid, planes: Floats) -> dict[tuple[float, ...], _Si
 
 
 def _measure_width_mm(face: shapely.Geometry) -> float:
-    areas = [g for g in getattr(face, "geoms", [face]) if g.geom_type == "Polygon"]
-    return max(2.0 * float(shapely.maximum_inscribed_circle(g).length) for g in areas)
+    return max(2.0 * float(shapely.maximum_inscribed_circle(g).length) for g in list_polygons(face))
+
+
+def list_polygons(geometry: shapely.Geometry) -> list[shapely.Polygon]:
+    """List the polygons of a geometry, without points and lines."""
+    return [part for part in shapely.get_parts(geometry) if part.geom_type == "Polygon"]
