@@ -15,13 +15,13 @@ import shapely
 import trimesh
 
 from decompose.arrays import Floats, Ints
+from decompose.connectors.marks import SIZES_MM
 from decompose.connectors.strokes import GRID_HIGH, draw_strokes, text_width
 from decompose.geometry import choose_plane_axes
 
 SEED_MM2, FACE_MM2 = 4.0, 25.0  # least triangle that a face is begun with, and least face
 FLAT_MM = 0.01
 PLAY_MM = (0.1, 1.5)  # width of a hole beyond its pin
-GROOVES_MM = ((8.0, 0.6), (6.0, 0.5), (5.0, 0.45))  # height of letters, and depth of their grooves
 RISE_MM = 0.05  # half of what the bottom of a groove rises
 SAME_MM = 0.12  # of strokes and points
 CLEAR = 0.3  # of the height of letters: room around a code
@@ -73,7 +73,7 @@ def read_part(path: Path, own: str, others: Iterable[str], pin_mm: float) -> lis
     found = []
     for normal, offset_mm, triangles in find_flats(vertices, faces):
         axes = choose_plane_axes(normal)  # text reads from outside
-        outline = _outline(vertices[triangles] @ axes.T)
+        outline = _unite_triangles(vertices[triangles] @ axes.T)
         rings = [ring for polygon in shapely.get_parts(outline) for ring in polygon.interiors]
         if not rings:
             continue
@@ -149,24 +149,24 @@ def _read_codes(
     codes: dict[str, Floats | None] = {}
     depths_mm = offset_mm - vertices @ normal
     inside = shapely.contains_xy(shapely.convex_hull(outline), vertices @ axes.T)
-    for height_mm, groove_mm in GROOVES_MM:
+    for height_mm, groove_mm in SIZES_MM:
         flat = np.unique(
             (vertices @ axes.T)[inside & (np.abs(depths_mm - groove_mm + RISE_MM) < RISE_MM + 0.02)], axis=0
         )
         arrows = [(frame, at) for frame, at in _match("^", height_mm, flat)]
         on_arrow = np.zeros(len(flat), dtype=np.bool_)
         for frame, at in arrows:
-            on_arrow |= _distance(flat, _strokes("^", height_mm) @ frame + at) < SAME_MM
+            on_arrow |= _measure_distances_mm(flat, _draw_text("^", height_mm) @ frame + at) < SAME_MM
         letters = flat[~on_arrow]
         for text in texts:
             for frame, at in _match(text, height_mm, letters):
-                strokes = _strokes(text, height_mm)
+                strokes = _draw_text(text, height_mm)
                 local = (letters - at) @ frame.T
                 half = (
                     np.array([text_width(text), GRID_HIGH]) * height_mm / GRID_HIGH / 2.0 + CLEAR * height_mm
                 )
                 near = (np.abs(local) < half).all(axis=1)
-                if (_distance(local[near], strokes) > SAME_MM).any():
+                if (_measure_distances_mm(local[near], strokes) > SAME_MM).any():
                     continue  # part of a longer code
                 pointed = min(
                     arrows, key=lambda arrow, at=at: float(np.linalg.norm(arrow[1] - at)), default=None
@@ -178,7 +178,7 @@ def _read_codes(
 
 def _match(text: str, height_mm: float, points: Floats) -> Iterator[tuple[Floats, Floats]]:
     """Find a text in points (n, 2): its frame, whose rows are right and up, and its middle (2,)."""
-    strokes = _strokes(text, height_mm)
+    strokes = _draw_text(text, height_mm)
     ends = np.unique(np.round(strokes.reshape(-1, 2), 6), axis=0)
     if len(points) < len(ends):
         return
@@ -197,11 +197,11 @@ def _match(text: str, height_mm: float, points: Floats) -> Iterator[tuple[Floats
             yield frame, at
 
 
-def _strokes(text: str, height_mm: float) -> Floats:
+def _draw_text(text: str, height_mm: float) -> Floats:
     return draw_strokes(text) * (height_mm / GRID_HIGH)
 
 
-def _distance(points: Floats, strokes: Floats) -> Floats:
+def _measure_distances_mm(points: Floats, strokes: Floats) -> Floats:
     """Measure the distances (n,) of points (n, 2) to strokes (k, 2, 2)."""
     along = strokes[:, 1] - strokes[:, 0]
     length2 = np.maximum((along**2).sum(axis=1), 1e-12)
@@ -210,6 +210,6 @@ def _distance(points: Floats, strokes: Floats) -> Floats:
     return np.asarray(np.linalg.norm(points[:, None] - nearest, axis=2).min(axis=1, initial=np.inf))
 
 
-def _outline(triangles: Floats) -> shapely.Geometry:
+def _unite_triangles(triangles: Floats) -> shapely.Geometry:
     rings = np.concatenate([triangles, triangles[:, :1]], axis=1)
     return shapely.union_all(shapely.polygons(rings), grid_size=1e-3)

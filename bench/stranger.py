@@ -115,17 +115,14 @@ def assemble(folder: Path) -> Outcome:
         outcome.misread += sum(code not in read for code in lettered)
         pair = [collect(body, step, faces, placed, names) for body in (step.fixed, step.moved)]
         ways = list(find_ways(pair[0], pair[1], step.pins_mm)) if len(step.pins_mm) > 1 else []
-        right = truth_of(step, truth, placed)
+        right = find_right_way(step, truth, placed)
         if len(step.pins_mm) < 2:
             outcome.without_pins += 1
         elif not ways:
             outcome.unsolved += 1
         elif len(ways) > 1:
             outcome.ambiguous += 1
-        elif (
-            np.abs((ways[0] - right)[:3, 3]).max() > RIGHT_MM
-            or np.abs((ways[0] - right)[:3, :3]).max() > 0.05
-        ):
+        elif differ(ways[0], right):
             outcome.wrong += 1
         else:
             outcome.right += 1
@@ -159,14 +156,14 @@ def collect(
         for face in faces[part]
     ]
     planes = [
-        plane_of(face, turn, move)
+        compute_plane(face, turn, move)
         for face, name, turn, move in found
         if any((name, text) in wanted for text in face.codes) or (face.holes and name in step.blank)
     ]
     chosen = [
         (face, name, turn, move)
         for face, name, turn, move in found
-        for plane in [plane_of(face, turn, move)]
+        for plane in [compute_plane(face, turn, move)]
         if any(plane[:3] @ other[:3] > TURN and abs(plane[3] - other[3]) < LEVEL_MM for other in planes)
     ]
     holes = [
@@ -188,7 +185,7 @@ def collect(
     )
 
 
-def plane_of(face: CodedFace, turn: Floats, move: Floats) -> Floats:
+def compute_plane(face: CodedFace, turn: Floats, move: Floats) -> Floats:
     """Compute the normal and offset (4,) of a face of a part that is turned and moved."""
     normal = turn @ face.normal
     return np.append(normal, face.offset_mm + float(normal @ move))
@@ -221,7 +218,7 @@ def find_ways(fixed: Socket, moved: Socket, pins_mm: Sequence[float] | None) -> 
 
 
 def differ(way: Floats, other: Floats) -> bool:
-    """Check whether two ways (4, 4) are not the same but for the play of the pins."""
+    """Check whether two ways (4, 4) differ by more than the play of the pins."""
     apart = np.abs(way - other)
     return bool(apart[:3, 3].max() > RIGHT_MM or apart[:3, :3].max() > RIGHT_TURN)
 
@@ -275,7 +272,7 @@ def measure_gap(fixed: Socket, moved: Socket, pins_mm: Sequence[float]) -> float
     return float(min(gaps, default=np.inf))
 
 
-def truth_of(step: PageStep, truth: dict[str, Floats], placed: dict[str, Floats]) -> Floats:
+def find_right_way(step: PageStep, truth: dict[str, Floats], placed: dict[str, Floats]) -> Floats:
     """Compute where the moved body belongs, in the frame of the fixed one."""
     a, b = step.fixed[0], step.moved[0]
     return np.asarray(placed[a] @ np.linalg.inv(truth[a]) @ truth[b] @ np.linalg.inv(placed[b]))
