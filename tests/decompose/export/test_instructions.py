@@ -241,6 +241,7 @@ def test_view_before_is_kept_or_approached(drilled: Decomposition) -> None:
         for before in (-58.0, 32.0, 122.0, 212.0)
     ]
     assert all(turn <= free + 1e-9 for turn, free in turns)
+    assert any(turn < free - 1.0 for turn, free in turns)  # the step before counts
 
 
 def test_parts_without_an_order_are_named(table: Decomposition) -> None:
