@@ -1,8 +1,8 @@
 """Engine `best`: the guillotine engine on several grids, within a budget.
 
 The result depends on the number of cells and on the angle of the model in the grid: grids with more or fewer
-cells are tried, then the model turned about z, then the other grids at the best angle. Parallelobox is tried
-where the first grid has no sound result: elsewhere its parts take half as long again.
+cells are tried, then the model turned about z, then the other grids at the best angle. Where the first grid,
+coarser for a small budget, has no sound result, the usual one follows, then Parallelobox.
 """
 
 from __future__ import annotations
@@ -49,7 +49,11 @@ def find_best(problem: Problem, by_engine: Callable[[Problem], Decomposition]) -
     trials = _Trials(problem, by_engine, options.best.budget_s)
     first = choose_first_grid(problem)
     trials.try_engine(Engine.GUILLOTINE, first)
-    if trials.best is None or trials.best.faults:
+    if not trials.has_sound_result and first != options.granularity:
+        first = options.granularity  # a small budget is no reason to refuse a model
+        trials.remaining_s = options.best.budget_s
+        trials.try_engine(Engine.GUILLOTINE, first, in_any_case=True)
+    if not trials.has_sound_result:
         trials.try_engine(Engine.PARALLELOBOX, options.granularity)
     if options.granularity == "auto" and len(problem.printers) > 1:
         trials.try_other_grids(first)
@@ -96,6 +100,11 @@ class _Trials:
     attempts: list[Attempt] = field(default_factory=list)
     failure: DecomposeError | None = None
 
+    @property
+    def has_sound_result(self) -> bool:
+        """Check that an attempt has parts without faults."""
+        return self.best is not None and not self.best.faults
+
     def result(self) -> Decomposition:
         """Return the best result; raises the error of the first engine if there is none."""
         if self.best is None:
@@ -104,10 +113,13 @@ class _Trials:
         options = self.problem.options
         return replace(self.best, options=options, yaw_deg=self.yaw_deg, attempts=tuple(self.attempts))
 
-    def try_engine(self, engine: Engine, cells: str | int, yaw_deg: float = 0.0) -> None:
-        """Add an engine's attempt, unless too little of the budget is left."""
+    def try_engine(
+        self, engine: Engine, cells: str | int, yaw_deg: float = 0.0, in_any_case: bool = False
+    ) -> None:
+        """Add an engine's attempt, unless too little of the budget is left; the first is made in any case."""
+        in_any_case = in_any_case or not self.attempts
         least_s = START_SHARE * self.attempts[0].effort_s if self.attempts else -math.inf
-        if self.attempts and (self.remaining_s <= 0.0 or (self.best and self.remaining_s < least_s)):
+        if not in_any_case and (self.remaining_s <= 0.0 or (self.best and self.remaining_s < least_s)):
             result_text = "not begun: the budget was spent"
             self.attempts.append(Attempt(engine, cells, yaw_deg, finished=False, reason=result_text))
             return

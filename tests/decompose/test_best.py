@@ -280,6 +280,24 @@ def test_parallelobox_is_tried_only_without_a_sound_result(cost: CostModel, resu
     assert Engine.PARALLELOBOX not in {engine for engine, _ in engines.tried}
 
 
+@pytest.mark.parametrize("budget_s", [0.0, 2.0])
+@pytest.mark.parametrize("faulty", [False, True])
+def test_small_budget_refuses_no_model_that_a_finer_grid_parts(
+    budget_s: float, faulty: bool, cost: CostModel, result: Decomposition
+) -> None:
+    """Coarse grids and the other engine have no result, or a faulty one."""
+
+    def part(posed: Problem) -> Decomposition:
+        coarse = posed.options.granularity != "auto" or posed.options.engine == Engine.PARALLELOBOX
+        fault = (posed.options.engine,) if coarse and faulty else ()
+        return Engines(result, lambda _: math.inf if coarse and not faulty else 1.2 * BOUND_S, fault)(posed)
+
+    best = find_best(problem(cost, best=BestOptions(budget_s)), part)
+    assert not best.faults
+    assert best.attempts[0].granularity != "auto"
+    assert best.attempts[1].granularity == "auto"
+
+
 def test_first_grid_is_coarser_for_a_small_budget(cost: CostModel) -> None:
     grids = [choose_first_grid(problem(cost, best=BestOptions(budget_s))) for budget_s in (0.0, 2.0, 6.0)]
     assert grids[0] == 15  # as for few printers
