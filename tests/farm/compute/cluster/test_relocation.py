@@ -12,11 +12,11 @@ PATHS = NAMES.map(lambda names: "/" + "/".join(names))
 
 
 def test_the_longest_match_counts_and_other_paths_stay():
-    moves = Relocation.of([("/work/job-1", "/here/0"), ("/work/job-1/levelled", "/here/1")])
-    assert moves.move("/work/job-1/p01.stl") == "/here/0/p01.stl"
-    assert moves.move("/work/job-1/levelled/p01.stl") == "/here/1/p01.stl"
-    assert moves.move("/work/job-10/p01.stl") == "/work/job-10/p01.stl"
-    assert moves.move("/work/job-1") == "/here/0"
+    moves = Relocation.of([("/state/job-1", "/here/0"), ("/state/job-1/levelled", "/here/1")])
+    assert moves.move("/state/job-1/p01.stl") == "/here/0/p01.stl"
+    assert moves.move("/state/job-1/levelled/p01.stl") == "/here/1/p01.stl"
+    assert moves.move("/state/job-10/p01.stl") == "/state/job-10/p01.stl"
+    assert moves.move("/state/job-1") == "/here/0"
 
 
 @given(st.lists(PATHS, max_size=4, unique=True), PATHS)
@@ -31,7 +31,7 @@ def swap(files, name):
 
 def test_a_call_has_the_paths_of_the_worker_and_its_result_those_of_the_caller():
     seen = Relocation.of([("/work", "/here")])
-    call = dump((swap, ((Path("/work/a"), Path("/usr/b")), "/work/text")))
-    assert load(call, seen)[1] == ((Path("/here/a"), Path("/usr/b")), "/work/text")
+    call = dump((swap, ((Path("/state/a"), Path("/usr/b")), "/state/text")))
+    assert load(call, seen)[1] == ((Path("/here/a"), Path("/usr/b")), "/state/text")
     result = load(run_relocated(call, seen))
-    assert result == {"first": Path("/usr/b"), "second": Path("/work/a"), "name": "/work/text"}
+    assert result == {"first": Path("/usr/b"), "second": Path("/state/a"), "name": "/state/text"}

@@ -90,7 +90,7 @@ def flip(path, at, bit=0):
     path.write_bytes(data)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=200, deadline=None)
 @given(
     of=st.sampled_from(["", "", "-wal", "-wal", "-count"]),
     at=st.integers(0, 2**20),
