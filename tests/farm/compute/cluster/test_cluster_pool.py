@@ -174,8 +174,8 @@ def test_a_worker_refuses_damaged_files_and_other_versions(tmp_path, sent):
     )
 
 
-@pytest.mark.parametrize("name", ["/etc/passwd", "/state/job-1/../other", "/state/job-10/p.stl", "/state/job-1"])
+@pytest.mark.parametrize("name", ["/etc/passwd", "/farm/job-1/../other", "/farm/job-10/p.stl", "/farm/job-1"])
 def test_a_worker_writes_no_other_files(name):
-    task = RemoteTask("t", b"", CHECKING, HERE, folders=("/state/job-1",))
+    task = RemoteTask("t", b"", CHECKING, HERE, folders=("/farm/job-1",))
     with pytest.raises(ValueError, match="no file of its task"):
         write_files(task, RemoteAnswer("w", files={name: b"x"}).files)

@@ -30,7 +30,7 @@ def swap(files, name):
 
 
 def test_a_call_has_the_paths_of_the_worker_and_its_result_those_of_the_caller():
-    seen = Relocation.of([("/work", "/here")])
+    seen = Relocation.of([("/state", "/here")])
     call = dump((swap, ((Path("/state/a"), Path("/usr/b")), "/state/text")))
     assert load(call, seen)[1] == ((Path("/here/a"), Path("/usr/b")), "/state/text")
     result = load(run_relocated(call, seen))
