@@ -107,7 +107,8 @@ def encode_png(figure: Any) -> bytes:
     """Encode a figure as a PNG of 128 colours, which is small."""
     from PIL import Image  # comes with matplotlib; slow to load
 
-    file, small = BytesIO(), BytesIO()
-    figure.savefig(file)
-    Image.open(file).convert("RGB").quantize(128).save(small, "PNG", optimize=True)
-    return small.getvalue()
+    figure.canvas.draw()
+    file = BytesIO()
+    picture = Image.fromarray(np.asarray(figure.canvas.buffer_rgba())[:, :, :3])
+    picture.quantize(128).save(file, "PNG", optimize=True)
+    return file.getvalue()

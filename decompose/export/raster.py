@@ -50,6 +50,39 @@ def _rasterise(
                     visible[y, x] = owner[t]
 
 
+@jit
+def _reduce(image: Floats, depth: Floats, step: float, oversample: int) -> Floats:
+    """Darken pixels beside which the depth jumps by more than a step, and average squares of pixels.
+
+    image (height, width, 3) and depth (height, width), -inf where nothing is drawn, in pixels; both sides are
+    multiples of oversample. Returns (height / oversample, width / oversample, 3).
+    """
+    height, width = depth.shape
+    lowest = np.inf
+    for y in range(height):
+        for x in range(width):
+            if depth[y, x] != -np.inf:
+                lowest = min(lowest, depth[y, x])
+    background = lowest - 2.0 * step
+    picture = np.zeros((height // oversample, width // oversample, 3))
+    share = 1.0 / oversample**2
+    for y in range(height):
+        for x in range(width):
+            weight = share
+            if depth[y, x] != -np.inf:
+                twice = 2.0 * depth[y, x]
+                across = along = 0.0
+                if 0 < y < height - 1:
+                    across = max(depth[y - 1, x], background) + max(depth[y + 1, x], background) - twice
+                if 0 < x < width - 1:
+                    along = max(depth[y, x - 1], background) + max(depth[y, x + 1], background) - twice
+                if abs(across) > step or abs(along) > step:
+                    weight *= EDGE
+            for channel in range(3):
+                picture[y // oversample, x // oversample, channel] += weight * image[y, x, channel]
+    return picture
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Shape:
     """Triangles (m, 3, 3) in mm, outside first, in one colour (red, green, blue from 0 to 1)."""
@@ -130,21 +163,11 @@ def draw(shapes: Sequence[Shape], frame: Floats, longest_px: int, oversample: in
     visible = np.zeros((size[1], size[0]), dtype=np.int64)
     pixels = (triangles - least + margin) * scale
     _rasterise(pixels, np.concatenate(colours), np.concatenate(owner), image, depth, visible)
-    _outline(image, depth, step=JUMP * float(np.ptp(triangles[:, :, 2])) * scale)
-    picture = image.reshape(size[1] // oversample, oversample, size[0] // oversample, oversample, 3)
+    step = JUMP * float(np.ptp(triangles[:, :, 2])) * scale
     return Drawing(
-        picture=picture.mean(axis=(1, 3)),
+        picture=_reduce(image, depth, step, oversample),
         visible=visible[::oversample, ::oversample],
         frame=frame,
         origin_mm=least[:2] - margin,
         pixels_per_mm=scale / oversample,
     )
-
-
-def _outline(image: Floats, depth: Floats, step: float) -> None:
-    """Darken pixels beside which the depth jumps by more than a step."""
-    filled = np.where(np.isfinite(depth), depth, depth[np.isfinite(depth)].min() - 2.0 * step)
-    jump = np.zeros(depth.shape, dtype=np.bool_)
-    jump[1:-1] |= np.abs(filled[2:] + filled[:-2] - 2.0 * filled[1:-1]) > step
-    jump[:, 1:-1] |= np.abs(filled[:, 2:] + filled[:, :-2] - 2.0 * filled[:, 1:-1]) > step
-    image[jump & np.isfinite(depth)] *= EDGE

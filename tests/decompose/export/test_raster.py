@@ -1,0 +1,48 @@
+"""Drawing of triangles: what is in front, the light, outlines, and the average of the pixels."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from decompose.export.raster import AMBIENT, EDGE, LIGHT, Drawing, Shape, draw, make_camera
+
+COLOUR = np.array([0.2, 0.6, 0.9])
+
+
+def draw_from_above(oversample: int, longest_px: int = 100) -> Drawing:
+    """Draw a plate of 40 x 20 mm from above, with a cube of 10 mm on its middle."""
+    plate = trimesh.creation.box((40.0, 20.0, 1.0)).triangles
+    cube = trimesh.creation.box((10.0, 10.0, 10.0)).triangles + np.array([0.0, 0.0, 5.5])
+    shapes = [Shape(plate, COLOUR), Shape(cube, np.array([0.9, 0.9, 0.9]))]
+    return draw(shapes, make_camera(-90.0, 90.0), longest_px, oversample)
+
+
+@pytest.mark.parametrize("oversample", [1, 2, 3])
+def test_level_faces_have_their_colour_in_the_light(oversample: int) -> None:
+    drawing = draw_from_above(oversample)
+    shade = AMBIENT + (1.0 - AMBIENT) * LIGHT[2]
+    column, row = drawing.place(np.array([[-12.0, 0.0, 0.5]]))[0].astype(int)
+    assert drawing.picture[row, column] == pytest.approx(shade * COLOUR)
+    assert drawing.picture[0, 0] == pytest.approx(1.0)
+
+
+def test_only_jumps_of_depth_are_outlined() -> None:
+    drawing = draw_from_above(1)
+    shade = (AMBIENT + (1.0 - AMBIENT) * LIGHT[2]) * COLOUR[2]
+    row = int(drawing.place(np.array([[0.0, 0.0, 0.5]]))[0, 1])
+    blue = drawing.picture[row, drawing.visible[row] == 1, 2]
+    dark = blue < shade * (1.0 + EDGE) / 2.0
+    assert blue[dark] == pytest.approx(shade * EDGE)
+    assert blue[~dark] == pytest.approx(shade)
+    # The rim of the plate and its edge beside the cube, on both sides; the middle of the plate has none.
+    assert dark[0] and dark[-1] and 4 <= dark.sum() <= 6
+
+
+@pytest.mark.parametrize("oversample", [2, 3])
+def test_a_pixel_is_the_average_of_the_finer_picture(oversample: int) -> None:
+    coarse = draw_from_above(oversample).picture
+    fine = draw_from_above(1, 100 * oversample).picture
+    height, width = (fine.shape[0] // oversample, fine.shape[1] // oversample)
+    squares = fine[: height * oversample, : width * oversample]
+    average = squares.reshape(height, oversample, width, oversample, 3).mean(axis=(1, 3))
+    assert coarse[:height, :width] == pytest.approx(average)
