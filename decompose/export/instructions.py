@@ -5,7 +5,6 @@ from __future__ import annotations
 from base64 import b64encode
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -28,10 +27,10 @@ from decompose.files.names import short_label
 from decompose.printers import BedPlace
 from decompose.results import Decomposition
 
-
-@cache
-def _templates() -> Environment:
-    return Environment(loader=PackageLoader("decompose.export"), autoescape=True, undefined=StrictUndefined)
+_TEMPLATE = Environment(
+    loader=PackageLoader("decompose.export"), autoescape=True, undefined=StrictUndefined
+).get_template("instructions.html")
+"""Read with this module: files may be replaced by those of another version while a worker runs."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,26 +98,22 @@ def render_instructions(decomposition: Decomposition, pictures: Pictures, faults
         _describe_step(number, step, decomposition, drawn)
         for number, (step, drawn) in enumerate(zip(assembly.steps, pictures.steps, strict=True), 1)
     ]
-    return (
-        _templates()
-        .get_template("instructions.html")
-        .render(
-            parts=_list_parts(decomposition, pictures.places),
-            steps=steps,
-            levels=assembly.levels,
-            locked=[_name_parts(decomposition, group) for group in assembly.locked],
-            overview=_embed(pictures.overview),
-            layout=_embed(pictures.layout),
-            minutes=_minutes(assembly.total_s),
-            least_minutes=_minutes(assembly.critical_s),
-            seam_mm=f"{decomposition.seam_mm():,.0f}",
-            thin_rims=decomposition.describe_thin_rims(),
-            sheet=make_sheet(decomposition.connectors.pins),
-            marked=bool(decomposition.connectors.marks),
-            orphans=list_orphans(decomposition),
-            failures=decomposition.connectors.failures,
-            faults=faults,
-        )
+    return _TEMPLATE.render(
+        parts=_list_parts(decomposition, pictures.places),
+        steps=steps,
+        levels=assembly.levels,
+        locked=[_name_parts(decomposition, group) for group in assembly.locked],
+        overview=_embed(pictures.overview),
+        layout=_embed(pictures.layout),
+        minutes=_minutes(assembly.total_s),
+        least_minutes=_minutes(assembly.critical_s),
+        seam_mm=f"{decomposition.seam_mm():,.0f}",
+        thin_rims=decomposition.describe_thin_rims(),
+        sheet=make_sheet(decomposition.connectors.pins),
+        marked=bool(decomposition.connectors.marks),
+        orphans=list_orphans(decomposition),
+        failures=decomposition.connectors.failures,
+        faults=faults,
     )
 
 

@@ -28,6 +28,7 @@ from farm.http import (
     identify_caller,
     make_problem,
 )
+from farm.views.report import load_templates as load_report_templates
 from farm.web.access import LIVENESS, METRICS, SCHEMA, SCHEMA_PAGE, find_role, is_open
 from farm.web.actions import job_forms, printer_forms
 from farm.web.address_limit import group_address
@@ -44,6 +45,7 @@ from farm.web.pages import (
     PageContext,
     fleet_routes,
     job_pages,
+    load_pages,
     login_routes,
     page_routes,
     printer_pages,
@@ -120,7 +122,9 @@ def make_web_app(services: Services, dry_runs: DryRuns, names: Collection[str]) 
 
 
 def _add_pages(app: FastAPI, services: Services, dry_runs: DryRuns) -> None:
-    """Add the pages and their forms."""
+    """Add the pages and their forms. Their files are read now: later ones may be of another version."""
+    load_pages()
+    load_report_templates()
     app.state.notes = notes = Notes()
     printers = PrinterCommands(services.controller)
     parts = PartCommands(services.controller, printers)

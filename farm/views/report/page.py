@@ -11,10 +11,11 @@ from dataclasses import dataclass
 from datetime import datetime
 from functools import cache
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
+from jinja2 import Environment
 
 from farm import api
 from farm.model import PrintState
+from farm.templates import load_environment
 from farm.text import format_duration
 from farm.views.charts import lay_out_gantt, list_bars, name_outcome
 from farm.views.report.decomposition import Report
@@ -35,8 +36,9 @@ class _Figure:
 
 
 @cache
-def _load_templates() -> Environment:
-    return Environment(loader=PackageLoader("farm.views.report"), autoescape=True, undefined=StrictUndefined)
+def load_templates() -> Environment:
+    """Load the templates of this folder, once."""
+    return load_environment("farm.views.report")
 
 
 def render_page(
@@ -66,7 +68,7 @@ def render_page(
     decomposition
         How the parts are glued; None if it is not known.
     """
-    template = _load_templates().get_template("report.html")
+    template = load_templates().get_template("report.html")
     page = template.render(
         title=f"Job {job.id}: {job.name}, {job.state}",
         job=job,

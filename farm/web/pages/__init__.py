@@ -7,7 +7,7 @@ from farm.web.pages.fleet import fleet_routes, printer_pages
 from farm.web.pages.jobs import job_pages
 from farm.web.pages.login_routes import login_routes
 from farm.web.pages.page_context import PageContext
-from farm.web.pages.rendering import render_message
+from farm.web.pages.rendering import load_pages, render_message
 from farm.web.pages.routes import page_routes
 from farm.web.pages.submit import SUBMIT_PATH, submit_routes
 
@@ -17,6 +17,7 @@ __all__ = [
     "PageContext",
     "fleet_routes",
     "job_pages",
+    "load_pages",
     "login_routes",
     "page_routes",
     "printer_pages",

@@ -6,13 +6,14 @@ from collections.abc import Callable
 from datetime import datetime
 from functools import cache, partial
 
-from jinja2 import Environment, PackageLoader, StrictUndefined, Template
+from jinja2 import Environment, Template
 from markupsafe import Markup, escape
 
 from farm.model import Role
+from farm.templates import load_environment
 from farm.text import format_duration, format_mass, format_moment
 from farm.web.notes import Note, Reader
-from farm.web.pages.static_files import find_address
+from farm.web.pages.static_files import find_address, load_static_files
 from farm.wording import format_deviation, format_share
 
 NAVIGATION: tuple[tuple[str, str, Role], ...] = (
@@ -94,29 +95,30 @@ def render_message(title: str, text: str, has_login_hint: bool = False) -> str:
 
 def load_template(name: str) -> Template:
     """Load a template of this folder; it escapes all text."""
-    return _load_templates().get_template(name)
+    return load_templates().get_template(name)
+
+
+def load_pages() -> None:
+    """Load all templates, and the files that pages load."""
+    load_templates()
+    load_static_files()
 
 
 @cache
-def _load_templates() -> Environment:
-    environment = Environment(
-        loader=PackageLoader("farm.web.pages"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.globals["asset"] = find_address
-    environment.filters["duration"] = format_duration
-    environment.filters["mass"] = format_mass
-    environment.filters["moment"] = format_time_element
-    environment.filters["degrees"] = _format_degrees
-    environment.filters["share"] = partial(_format_known, format_share)
-    environment.filters["deviation"] = partial(_format_known, format_deviation)
-    environment.filters["commands"] = format_commands
-    environment.filters["words"] = describe_value
-    environment.filters["state"] = format_state
-    return environment
+def load_templates() -> Environment:
+    """Load all templates of this folder, once."""
+    filters: dict[str, Callable[..., str]] = {
+        "duration": format_duration,
+        "mass": format_mass,
+        "moment": format_time_element,
+        "degrees": _format_degrees,
+        "share": partial(_format_known, format_share),
+        "deviation": partial(_format_known, format_deviation),
+        "commands": format_commands,
+        "words": describe_value,
+        "state": format_state,
+    }
+    return load_environment("farm.web.pages", filters, asset=find_address)
 
 
 def format_time_element(at: str | None, now: str) -> Markup:

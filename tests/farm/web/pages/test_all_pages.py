@@ -5,10 +5,12 @@ from html.parser import HTMLParser
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from jinja2 import PackageLoader
 
 from dashboard_farm import submit
 from drivers.errors import Fault
 from farm.api import NETWORK_PREFIX
+from farm.control import DryRuns
 from farm.model import (
     AgentSnapshot,
     Bed,
@@ -26,7 +28,10 @@ from farm.model import (
 )
 from farm.state.books import put
 from farm.state.faults import OwnFault
+from farm.views import report
+from farm.web import make_web_app
 from farm.web.access import METRICS, ROLES, SCHEMA, SCHEMA_PAGE
+from farm.web.pages import rendering, static_files
 from farm.web.slicers import SLICER_ROLES
 from network_farm import NetworkFarm
 
@@ -170,6 +175,19 @@ def test_pages_are_whole_for_other_roles(farm, role):
     holder = next(key for key in farm.controller.books.keys.values() if key.kind is KeyKind.SESSION)
     farm.controller.books = put(farm.controller.books, holder.model_copy(update={"role": role}))
     assert read_pages(farm, SOME, [1], role)
+
+
+def test_pages_read_no_file_once_the_farm_runs(farm, monkeypatch):
+    """An upgrade replaces files under a running daemon."""
+    for load in (rendering.load_templates, report.load_templates, static_files.load_static_files):
+        load.cache_clear()
+    make_web_app(farm.services, DryRuns(farm.controller), ())
+    monkeypatch.setattr(PackageLoader, "get_source", None)
+    monkeypatch.setattr(static_files, "files", None)
+    make_gallery(farm)
+    pages = read_pages(farm, SOME, [1])
+    assert {"/jobs/1/report", f"/printers/{SOME[0]}"} <= pages.keys()
+    assert farm.browse("GET", "/static/farm.css", farm.session).status_code == 200
 
 
 SOME = [PRINTERS[0], PRINTERS[1], PRINTERS[3], PRINTERS[-1]]

@@ -1,0 +1,43 @@
+"""Templates of pages, loaded whole. They escape all text."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+
+def load_environment(
+    package: str, filters: Mapping[str, Callable[..., Any]] | None = None, **functions: Callable[..., Any]
+) -> Environment:
+    """Load and compile all templates of a package.
+
+    A template that is read when it is first used may be newer than the program, where files were replaced
+    under a running daemon; its page fails.
+
+    Parameters
+    ----------
+    package
+        Package with a folder `templates`.
+    filters, functions
+        What templates may use besides what Jinja has, by name.
+
+    Returns
+    -------
+    Environment
+        It reads no file again.
+    """
+    environment = Environment(
+        loader=PackageLoader(package),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        auto_reload=False,
+    )
+    environment.filters.update(filters or {})
+    environment.globals.update(functions)
+    for name in environment.list_templates():
+        environment.get_template(name)
+    return environment
