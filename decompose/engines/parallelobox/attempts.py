@@ -19,11 +19,6 @@ from decompose.engines.parallelobox.terrain import Terrain
 from decompose.grid import Box, Cell, Grid, box_index
 from decompose.options import Score
 
-with warnings.catch_warnings():
-    # Without /dev/shm joblib has no semaphores, and warns about it; k-means needs none.
-    warnings.filterwarnings("ignore", message=".*joblib will operate in serial mode")
-    from sklearn.cluster import KMeans
-
 Seeds = list[Box]
 T = TypeVar("T")
 R = TypeVar("R")
@@ -132,6 +127,20 @@ def _count_parts(blocks: Ints, terrain: Terrain) -> int:
     return int(terrain.pieces[indices].sum())
 
 
+def _find_centres(points: Floats, count: int, draw: int) -> Floats:
+    """Find the centres (count, 3) of k-means clusters of points (n, 3), from a random state."""
+    with warnings.catch_warnings():
+        # Without /dev/shm joblib has no semaphores, and warns about it; k-means needs none.
+        warnings.filterwarnings("ignore", message=".*joblib will operate in serial mode")
+        from sklearn.cluster import (
+            KMeans,
+        )  # a third of the time to load this package; only this engine needs it
+    centres: Floats = (
+        KMeans(count, init="k-means++", n_init=1, random_state=draw).fit(points).cluster_centers_
+    )
+    return centres
+
+
 def draw_seeds(source: SeedSource, count: int, rng: np.random.Generator) -> list[Box]:
     """Draw cells to grow blocks from, all of them boundary cells and no two the same.
 
@@ -152,7 +161,7 @@ def draw_seeds(source: SeedSource, count: int, rng: np.random.Generator) -> list
     if len(points) < count:
         points = centres
     draw = int(rng.integers(2**31))
-    means = KMeans(count, init="k-means++", n_init=1, random_state=draw).fit(points).cluster_centers_
+    means = _find_centres(points, count, draw)
     free = np.ones(len(boundary), dtype=np.bool_)
     seeds: list[Box] = []
     for centroid in means:
