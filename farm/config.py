@@ -368,8 +368,8 @@ class Fleet(_Section):
                 raise FieldError(problem, *place, "unattended")
             if printer.simulated:
                 continue
-            here = printer.host is None and printer.port.startswith("/")
-            port = Path(printer.port).resolve() if here else f"{printer.host}:{printer.port}"
+            is_local_device = printer.host is None and printer.port.startswith("/")
+            port = Path(printer.port).resolve() if is_local_device else f"{printer.host}:{printer.port}"
             if port in ports:
                 raise FieldError(
                     f"{ports[port]} and {printer.name} are on one port ({printer.port}): "

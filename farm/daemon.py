@@ -140,8 +140,8 @@ class Daemon:
             cluster=self._cluster,
         )
         dry_runs = DryRuns(self._controller)
-        most = self._limit_connections()
-        self._server = self._make_server(make_app(services, dry_runs), most)
+        connection_limit = self._limit_connections()
+        self._server = self._make_server(make_app(services, dry_runs), connection_limit)
         self._controller.start(self._effects, self._restored_s)
         self._agents.start({attempt.printer for attempt in self._controller.books.open_prints()})
         gc.freeze()  # else each full collection would go through large books in the middle of an event
@@ -158,7 +158,7 @@ class Daemon:
         timers.start()
         following = asyncio.get_running_loop().create_task(self._follow_clock())
         await self._begin_upkeep(upkeep)
-        network = self._start_network_server(services, dry_runs, most)
+        network = self._start_network_server(services, dry_runs, connection_limit)
         try:
             with end_at_signals(self._server):
                 await self._server.serve(sockets=[listening])
@@ -185,8 +185,8 @@ class Daemon:
         workers += 1  # for urgent work
         servers = 1 if self._fleet.web is None else 2
         cameras = sum(printer.camera is not None for printer in self._fleet.printers)
-        kept = len(self._fleet.printers) + cameras  # a camera needs fewer than a printer
-        return compute_connection_limit(read_descriptor_limit() // servers, kept, workers)
+        descriptors = len(self._fleet.printers) + cameras  # a camera needs fewer than a printer
+        return compute_connection_limit(read_descriptor_limit() // servers, descriptors, workers)
 
     def _make_server(self, app: FastAPI, limit: int) -> BoundedServer:
         """Make the server on the Unix socket."""
@@ -343,13 +343,13 @@ def farm_clock(fleet: Fleet, state: StateFolder) -> Clock:
         If the state folder was used with another time scale.
     """
     scale = fleet.fleet.time_scale
-    saved = read_anchor(state.clock)
-    if saved is None:
-        saved = (scale, time.time())
-        write_anchor(state.clock, *saved)
-    if saved[0] != scale:
+    anchor = read_anchor(state.clock)
+    if anchor is None:
+        anchor = (scale, time.time())
+        write_anchor(state.clock, *anchor)
+    if anchor[0] != scale:
         raise Refused(
-            f"the state folder {state.root} was used with time_scale {saved[0]:g}, not {scale:g}: "
+            f"the state folder {state.root} was used with time_scale {anchor[0]:g}, not {scale:g}: "
             "set it back, or give another folder with --state"
         )
-    return Clock(*saved)
+    return Clock(*anchor)

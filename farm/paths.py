@@ -189,8 +189,8 @@ def _make_private_folder(name: str) -> Path:
 def read_anchor(path: Path) -> tuple[float, float] | None:
     """Read scale and anchor of the farm's clock; None if there is none."""
     try:
-        saved = json.loads(path.read_text())
-        return float(saved["scale"]), float(saved["anchor_s"])
+        anchor = json.loads(path.read_text())
+        return float(anchor["scale"]), float(anchor["anchor_s"])
     except (OSError, ValueError, KeyError, TypeError):
         return None
 

@@ -306,12 +306,12 @@ class Board:
             if self.session is None:
                 self._on_idle_trouble(event, now_s)
 
-    def _on_connected(self, up: Connected) -> None:
+    def _on_connected(self, connected: Connected) -> None:
         """Record whether the last pulse of DTR has reset the board."""
         self.idle_watch.reset()
-        if up.restarted:
+        if connected.restarted:
             self.idle_watch.filament.note_reset()
-        if up.restarted and (self._pulses_left or self.session is not None):
+        if connected.restarted and (self._pulses_left or self.session is not None):
             self.state.reset_verified, self.state.reset_failed = self._url, None
         elif self._pulses_left > 1:
             self._pulses_left -= 1

@@ -134,12 +134,12 @@ class Agent:
             return Reply(id=request.id, error=str(error), late=is_late, snapshot=self._build_snapshot())
         prints = list_prints(self._recorder, request.since_s) if isinstance(request, ListPrints) else ()
         lines = self._board.wire.list_lines() if isinstance(request, ListLines) else ()
-        listed = tuple(WireLine(at_s=one.at_s, sent=one.sent, text=one.text) for one in lines)
-        return Reply(id=request.id, snapshot=self._build_snapshot(), prints=prints, lines=listed)
+        wire_lines = tuple(WireLine(at_s=line.at_s, sent=line.sent, text=line.text) for line in lines)
+        return Reply(id=request.id, snapshot=self._build_snapshot(), prints=prints, lines=wire_lines)
 
     def _push(self) -> None:
         """Send a snapshot to all clients, at once after a change and otherwise at intervals."""
-        session, report, saved = self._board.session, self._board.report, self._journal.state
+        session, report, journal_state = self._board.session, self._board.report, self._journal.state
         self._inhibitor.hold(session is not None)
         context = None if session is None else session.context
         key = (
@@ -149,7 +149,7 @@ class Agent:
             self._board.idle_watch.filament.certain,
             self._recorder.alarms.message,
             report is None,
-            saved.print.print_id if saved.print is not None else None,
+            journal_state.print.print_id if journal_state.print is not None else None,
             context and (context.phase, context.extruded, context.filament, context.heaters_off),
         )
         now_s = wall_s()
@@ -185,11 +185,13 @@ class Agent:
 
     def _on_signal(self, _: int) -> None:
         """End after the open print on SIGTERM; on SIGINT end the print safely first."""
-        now = signal.SIGINT in self._signals[0].recv(64)
-        if self._board.session is None and (now or not self._board.state.hot):
+        ends_print = signal.SIGINT in self._signals[0].recv(64)
+        if self._board.session is None and (ends_print or not self._board.state.hot):
             self._requests.ended = True
             return
         self._requests.ending = True
-        log.warning("asked to end by a signal: %s", "at once" if now else "when the open print has ended")
-        if now:
+        log.warning(
+            "asked to end by a signal: %s", "at once" if ends_print else "when the open print has ended"
+        )
+        if ends_print:
             self._board.cancel("its agent was asked to end")

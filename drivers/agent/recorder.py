@@ -128,12 +128,12 @@ class Recorder:
             self.journal.write(now_s, **state.record(), alarm=alarm_record)
         if session is None or saved_state.print is None:
             return
-        context, saved = session.context, saved_state.print
+        context, saved_print = session.context, saved_state.print
         if self._awaits_outcome(context):
             return
         if context.phase is PrintPhase.PRINTING:
             self.board.idle_watch.filament.note_print()
-        changed = (context.phase, context.extruded) != (saved.phase, saved.extruded)
+        changed = (context.phase, context.extruded) != (saved_print.phase, saved_print.extruded)
         if not changed and context.filament is saved_state.filament:
             return
         attention = context.fault in _NEEDS_ATTENTION or context.wants_power_off or not context.heaters_off
@@ -141,7 +141,7 @@ class Recorder:
             self.board.state.attention_reason = context.reason
         if context.ended:
             self.board.state.hot = not context.heaters_off
-        snapshot = self.describe_print(saved, context)
+        snapshot = self.describe_print(saved_print, context)
         self.journal.write(
             now_s,
             print=snapshot.model_dump(mode="json"),
@@ -163,10 +163,10 @@ class Recorder:
         """Return True if the reason of an ended print still lacks the outcome of `power_off_cmd`."""
         return context.ended and self.alarms.pending
 
-    def describe_print(self, saved: PrintSnapshot, context: SessionContext) -> PrintSnapshot:
+    def describe_print(self, saved_print: PrintSnapshot, context: SessionContext) -> PrintSnapshot:
         """Return the current state of the open print."""
         status = self.board.emulator.status()
-        starved_s = saved.starved_s if status is None else status.starved_s - self._starved_before_s
+        starved_s = saved_print.starved_s if status is None else status.starved_s - self._starved_before_s
         awaits_outcome = self._awaits_outcome(context)
         readings: dict[str, object] = {
             "phase": PrintPhase.ENDING if awaits_outcome else context.phase,
@@ -186,7 +186,7 @@ class Recorder:
             if mark.layer is not None:
                 readings |= {"layer": mark.layer + 1, "z_mm": mark.z_mm, "feature": mark.feature}
             readings["started_s"] = context.started_s
-        return saved.model_copy(update=readings)
+        return saved_print.model_copy(update=readings)
 
 
 def _join(text: str | None, addition: str) -> str:

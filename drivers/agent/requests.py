@@ -109,8 +109,10 @@ class RequestHandler:
 
     def _start(self, request: StartPrint) -> None:
         self._spool.check(request.print_id)
-        saved = self._journal.state
-        if request.print_id in saved.ended or (saved.print and saved.print.print_id == request.print_id):
+        journal_state = self._journal.state
+        if request.print_id in journal_state.ended or (
+            journal_state.print and journal_state.print.print_id == request.print_id
+        ):
             return  # a repeated request
         now_s = self._clock.now()
         self._check_can_start(request, now_s)

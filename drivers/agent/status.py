@@ -55,16 +55,16 @@ def make_snapshot(start: StartFile, recorder: Recorder, now_s: float) -> Snapsho
     now_s
         The farm's clock.
     """
-    board, saved = recorder.board, recorder.journal.state
+    board, journal_state = recorder.board, recorder.journal.state
     session, report, emulator = board.session, board.report, board.emulator.status()
     link, reason = describe_link(board, recorder.journal_error)
     if session is not None:
         filament = session.context.filament
     else:
-        filament = saved.filament if board.idle_watch.filament.certain else Filament.UNKNOWN
+        filament = journal_state.filament if board.idle_watch.filament.certain else Filament.UNKNOWN
         if filament is Filament.UNKNOWN and emulator is not None and board.state.bed_unknown_reason is None:
             filament = _read_filament(emulator.filament_end_mm, board.profile.parked_mm)
-    off = report is not None and report.off
+    heaters_off = report is not None and report.off
     return Snapshot(
         protocol=PROTOCOL,
         printer=start.printer,
@@ -76,7 +76,7 @@ def make_snapshot(start: StartFile, recorder: Recorder, now_s: float) -> Snapsho
         reason=reason,
         nozzle=Heater(now_c=report.nozzle_c, target_c=report.nozzle_target_c) if report else None,
         bed=Heater(now_c=report.bed_c, target_c=report.bed_target_c) if report else None,
-        heaters_off=off if session is None else session.context.heaters_off,
+        heaters_off=heaters_off if session is None else session.context.heaters_off,
         filament=filament,
         bed_clear=emulator.bed_clear if emulator is not None else None,
         starved_s=emulator.starved_s if emulator is not None else 0.0,
@@ -98,10 +98,12 @@ def describe_print(recorder: Recorder) -> PrintSnapshot | None:
 
 def list_prints(recorder: Recorder, since_s: float) -> tuple[PrintSnapshot, ...]:
     """List all prints not ended at `since_s` of the farm's clock, the open one last."""
-    saved, current = recorder.journal.state, describe_print(recorder)
-    prints = [record for record in saved.recent if record.ended_s is None or record.ended_s >= since_s]
-    if current is not None and current.print_id not in saved.ended:
-        prints.append(current)
+    journal_state, open_print = recorder.journal.state, describe_print(recorder)
+    prints = [
+        record for record in journal_state.recent if record.ended_s is None or record.ended_s >= since_s
+    ]
+    if open_print is not None and open_print.print_id not in journal_state.ended:
+        prints.append(open_print)
     return tuple(prints)
 
 

@@ -39,14 +39,14 @@ def read_position(answer: bytes) -> Point | None:
         return None
 
 
-def measure_retraction(program: Program, done: int, stopped_at: Point | None = None) -> float:
+def measure_retraction(program: Program, done_lines: int, stopped_at: Point | None = None) -> float:
     """Compute the distance from the nozzle's tip back to the end of the filament.
 
     Parameters
     ----------
     program
         The program; the filament was at the nozzle at its first extrusion.
-    done
+    done_lines
         Number of acknowledged lines.
     stopped_at
         Position of the head after a quick stop; None if all moves were executed.
@@ -56,7 +56,7 @@ def measure_retraction(program: Program, done: int, stopped_at: Point | None = N
     float
         In mm, 0 at the tip. Exact except after a G92 among the last moves, which shifts the coordinates.
     """
-    moves = Moves(program, done)
+    moves = Moves(program, done_lines)
     return moves.retracted_mm if stopped_at is None else moves.find_retraction(stopped_at)
 
 
@@ -75,8 +75,8 @@ class Moves:
         True if G91, or M83, is in effect.
     """
 
-    def __init__(self, program: Program, done: int) -> None:
-        start = max(0, done - WINDOW_LINES)
+    def __init__(self, program: Program, done_lines: int) -> None:
+        start = max(0, done_lines - WINDOW_LINES)
         self.relative, self.relative_e = program.is_relative(start), program.is_e_relative(start)
         if self.relative or self.relative_e:  # the position is the sum of all lines before
             self.relative = self.relative_e = False
@@ -86,8 +86,8 @@ class Moves:
         self.feed_mm_min = _find_feed(program, start)
         # start, end, and how far the filament was retracted at the start
         self._moves: deque[tuple[list[float], list[float], float]] = deque(maxlen=BUFFERED_LINES)
-        for first in range(start, done, WINDOW_LINES):  # never reads a long file completely
-            for line in program.lines(first, min(done, first + WINDOW_LINES)):
+        for first in range(start, done_lines, WINDOW_LINES):  # never reads a long file completely
+            for line in program.lines(first, min(done_lines, first + WINDOW_LINES)):
                 self._follow(line)
 
     def _follow(self, line: bytes) -> None:
@@ -106,8 +106,8 @@ class Moves:
             self.relative_e = line == b"M83"
 
     def _move(self, line: bytes) -> None:
-        before = self.at
-        after = before.copy()
+        start_point = self.at
+        end_point = start_point.copy()
         for letter, value in _WORD.findall(line):
             if letter == b"F":
                 if float(value) > 0:  # else the firmware keeps the last feedrate
@@ -115,10 +115,10 @@ class Moves:
                 continue
             axis = _AXES[letter]
             relative = self.relative or (axis == 3 and self.relative_e)
-            after[axis] = float(value) + (before[axis] if relative else 0.0)
-        self._moves.append((before, after, self.retracted_mm))
-        self.at = after
-        fed_mm = after[3] - before[3]
+            end_point[axis] = float(value) + (start_point[axis] if relative else 0.0)
+        self._moves.append((start_point, end_point, self.retracted_mm))
+        self.at = end_point
+        fed_mm = end_point[3] - start_point[3]
         if not math.isnan(fed_mm):
             self.retracted_mm = max(0.0, self.retracted_mm - fed_mm)
 
@@ -129,8 +129,8 @@ class Moves:
         self.at[axis] = value
         self._moves = deque(
             (
-                (_shift(before, axis, shift), _shift(after, axis, shift), retracted_mm)
-                for before, after, retracted_mm in self._moves
+                (_shift(start_point, axis, shift), _shift(end_point, axis, shift), retracted_mm)
+                for start_point, end_point, retracted_mm in self._moves
             ),
             BUFFERED_LINES,
         )
@@ -138,10 +138,10 @@ class Moves:
     def find_retraction(self, stopped_at: Point) -> float:
         """Compute `retracted_mm` for a stop in a buffered move; at the last line if no move passes there."""
         nearest_mm, found_mm = NEAR_MM, self.retracted_mm
-        for before, after, retracted_mm in self._moves:
-            distance_mm = _compute_distance(stopped_at, before, after)
+        for start_point, end_point, retracted_mm in self._moves:
+            distance_mm = _compute_distance(stopped_at, start_point, end_point)
             if distance_mm < nearest_mm:
-                fed_mm = stopped_at[3] - before[3]
+                fed_mm = stopped_at[3] - start_point[3]
                 nearest_mm = distance_mm
                 found_mm = retracted_mm if math.isnan(fed_mm) else max(0.0, retracted_mm - fed_mm)
         return found_mm

@@ -232,8 +232,8 @@ class _Reader:
         if command.name in _HEATING:
             self._heats.append(_read_heat(command, number, count, self._profile))
         elif command.name in _MODES:
-            mode, on = _MODES[command.name]
-            if len(self._toggles[mode]) % 2 != on:
+            mode, state = _MODES[command.name]
+            if len(self._toggles[mode]) % 2 != state:
                 self._toggles[mode].append(count)
         elif command.name == b"G28":
             self._home_line = count if self._home_line < 0 else self._home_line

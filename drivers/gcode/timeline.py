@@ -97,13 +97,13 @@ class Timeline:
 
     def progress_at(self, line: int, count: int) -> Mark:
         """Compute the progress after `line` of all `count` lines."""
-        at = bisect_right(self._lines, line)
-        before = self[at - 1] if at else Mark(0, 0.0)
-        if line >= count or at == len(self):
-            return replace(before, line=line, seconds=self.time_s if line >= count else before.seconds)
-        share = (line - before.line) / (self._lines[at] - before.line)
+        index = bisect_right(self._lines, line)
+        previous = self[index - 1] if index else Mark(0, 0.0)
+        if line >= count or index == len(self):
+            return replace(previous, line=line, seconds=self.time_s if line >= count else previous.seconds)
+        share = (line - previous.line) / (self._lines[index] - previous.line)
         return replace(
-            before, line=line, seconds=before.seconds + share * (self._seconds[at] - before.seconds)
+            previous, line=line, seconds=previous.seconds + share * (self._seconds[index] - previous.seconds)
         )
 
     # --- filling ---

@@ -37,8 +37,8 @@ class Link:
     def __init__(self, firmware: Firmware, floor_s: float = 0.0) -> None:
         self._firmware = firmware
         self._floor_s = floor_s
-        patient = firmware.keep_alive is not None
-        self._silence_s = max(KEEP_ALIVE_S, floor_s / 4) if patient else max(SILENCE_S, floor_s / 8)
+        keeps_alive = firmware.keep_alive is not None
+        self._silence_s = max(KEEP_ALIVE_S, floor_s / 4) if keeps_alive else max(SILENCE_S, floor_s / 8)
         self.poll_every_s = math.inf
         self.ignore_faults = False  # faults that the firmware reports: a stopped board still answers M105
         self._reset()

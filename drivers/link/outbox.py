@@ -108,8 +108,8 @@ class Outbox:
         """Count the acknowledged lines of the program; `waiting`: the last sent line is not acknowledged."""
         number = self.number
         number -= waiting and not self.polls  # an M105 is not part of the program
-        done = self._source_start + number - self._source_number + 1
-        return min(max(done, self._source_start), self._source_stop)
+        line = self._source_start + number - self._source_number + 1
+        return min(max(line, self._source_start), self._source_stop)
 
     # --- queueing ---
 
@@ -126,8 +126,8 @@ class Outbox:
         """Drop all unsent lines."""
         sent = self._cursor + 1
         self._top = self.number
-        done = self._source_start + self._base + sent - self._source_number
-        self._source_stop = min(max(done, self._source_start), self._source_stop)
+        line = self._source_start + self._base + sent - self._source_number
+        self._source_stop = min(max(line, self._source_start), self._source_stop)
         self._source = None
         self._queue.clear()
         del self._frames[sent:]

@@ -64,10 +64,10 @@ class NetPort:
         threading.Thread(target=self._forward, args=(self._remote, self._remote_end), daemon=True).start()
 
     @staticmethod
-    def _forward(remote: RemotePort, to: socket.socket) -> None:
-        with suppress(Exception), to:  # after any error the reader sees a closed socket
+    def _forward(remote: RemotePort, receiver: socket.socket) -> None:
+        with suppress(Exception), receiver:  # after any error the reader sees a closed socket
             while True:
-                to.sendall(remote.read_some())
+                receiver.sendall(remote.read_some())
 
     def fileno(self) -> int:
         return self._local_end.fileno()

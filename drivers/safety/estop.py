@@ -243,11 +243,11 @@ class _Board:
             self._port.write_now(b"\n" + self._firmware.halt + b"\n")  # no print is left to lose
         if self._report is None or self._up is None:
             return "was reset, but shows no temperatures: switch it off", False
-        report, up = self._report, self._up
+        report, connected = self._report, self._up
         if not report.off:
             heats = f"nozzle {report.nozzle_target_c:g} C, bed {report.bed_target_c:g} C"
             return f"still shows targets ({heats}): switch it off", False
-        method = "its board was reset" if up.restarted else "by command: its board was not reset"
+        method = "its board was reset" if connected.restarted else "by command: its board was not reset"
         with suppress(OSError):  # the message may have no reader; the printer is still watched
             self._notify(f"shows both targets 0 ({method}), {self.motion}; it is watched until it cools")
         return self._confirm_cooling(method)

@@ -47,16 +47,16 @@ def _abort(context: SessionContext, homed: bool) -> Answer:
     if not (yield from send(context, *firmware.abort, limit_s=STOP_S)):
         return False
     if homed:  # else it is unknown how far the bed may go
-        done = context.done_lines
+        done_lines = context.done_lines
         context.position = None
         yield from send(context, firmware.position_query)
         if context.filament is Filament.AT_NOZZLE and context.program is not None:
             can_extrude = context.report is not None and extrudes(context, context.report.nozzle_c)
             yield from park(
-                context, measure_retracted_mm(context.program, done, context.position), can_extrude
+                context, measure_retracted_mm(context.program, done_lines, context.position), can_extrude
             )
         z_mm = math.nan if context.position is None else context.position[2]
-        up_mm = LIFT_MM if math.isnan(z_mm) else lift_mm(context, z_mm, done)
+        up_mm = LIFT_MM if math.isnan(z_mm) else lift_mm(context, z_mm, done_lines)
         park_commands = (b"G91", b"G1 F1200 Z%.3f" % up_mm, b"G90", b"G28 X0 Y0", firmware.motors_off)
         if not (yield from send(context, *park_commands, *(firmware.wait_moves,) * BARRIERS)):
             return False

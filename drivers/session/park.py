@@ -46,17 +46,17 @@ def park(context: SessionContext, back_mm: float, can_extrude: bool) -> Script:
         context.filament = Filament.UNKNOWN
 
 
-def measure_retracted_mm(program: Program, done: int, stopped_at: Point | None = None) -> float:
+def measure_retracted_mm(program: Program, done_lines: int, stopped_at: Point | None = None) -> float:
     """Compute the retraction of the filament; NaN if the file can no longer be read."""
     try:
-        return measure_retraction(program, done, stopped_at)
+        return measure_retraction(program, done_lines, stopped_at)
     except Unreadable:
         return math.nan
 
 
-def lift_mm(context: SessionContext, z_mm: float, done: int) -> float:
+def lift_mm(context: SessionContext, z_mm: float, done_lines: int) -> float:
     """Compute how far to lower the bed before the head leaves its part: finished parts may be higher."""
-    highest_mm = 0.0 if context.program is None else context.program.highest_mm(done)
+    highest_mm = 0.0 if context.program is None else context.program.highest_mm(done_lines)
     return max(0.0, min(max(z_mm, highest_mm) + LIFT_MM, context.profile.top_mm) - z_mm)
 
 
@@ -70,7 +70,7 @@ def pausable(context: SessionContext) -> bool:
     )
 
 
-def pause(context: SessionContext, program: Program, done: int) -> Script:
+def pause(context: SessionContext, program: Program, done_lines: int) -> Script:
     """Park, keep the bed warm, wait for a person, and return.
 
     The filament is parked, so that it is in place however the pause ends. Source:
@@ -82,22 +82,22 @@ def pause(context: SessionContext, program: Program, done: int) -> Script:
     stopped = yield from send(context, firmware.wait_moves, firmware.position_query, limit_s=math.inf)
     if not stopped or context.position is None:
         raise PrintEnded(Fault.NO_ANSWER, "the board does not report the position of the head")
-    moves = Moves(program, done)
+    moves = Moves(program, done_lines)
     at = [
         reported if math.isnan(exact) else exact
         for exact, reported in zip(moves.at, context.position, strict=True)
     ]
     yield from park(context, moves.retracted_mm, can_extrude=True)
-    lift = b"G1 F1200 Z%.3f" % (at[2] + lift_mm(context, at[2], done))
+    lift = b"G1 F1200 Z%.3f" % (at[2] + lift_mm(context, at[2], done_lines))
     yield from send(context, b"G90", lift, b"G1 F9000 X%g Y%g" % context.profile.aside_mm, b"M104 S0")
     context.nozzle_paused = True
     yield from arm_dead_man(context, PAUSE_DEAD_MAN_S)
     yield from _await_resume(context)
-    target_c = program.target_c(HeaterName.NOZZLE, done) or 0.0
+    target_c = program.target_c(HeaterName.NOZZLE, done_lines) or 0.0
     yield from arm_dead_man(context, PRINT_DEAD_MAN_S)
     yield from set_target(context, HeaterName.NOZZLE, target_c)
     context.nozzle_paused = False
-    yield from heat(context, Heat(done, HeaterName.NOZZLE, target_c, waits=True))
+    yield from heat(context, Heat(done_lines, HeaterName.NOZZLE, target_c, waits=True))
     context.filament = Filament.UNKNOWN
     yield from send(
         context, *_list_return_commands(moves, at, context.profile.parked_mm), firmware.wait_moves

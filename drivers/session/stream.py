@@ -53,9 +53,11 @@ def _list_stops(program: Program, cools: int) -> list[tuple[int, Heat | None]]:
     return sorted(((line, stops[line]) for line in stops if line <= program.count), key=lambda s: s[0])
 
 
-def _cools(heat_command: Heat, after: int) -> bool:
+def _cools(heat_command: Heat, after_line: int) -> bool:
     return (
-        heat_command.heater is HeaterName.NOZZLE and heat_command.target_c == 0 and heat_command.line > after
+        heat_command.heater is HeaterName.NOZZLE
+        and heat_command.target_c == 0
+        and heat_command.line > after_line
     )
 
 
@@ -99,8 +101,8 @@ def _finish(context: SessionContext, program: Program) -> Script:
     firmware = context.firmware
     context.phase = PrintPhase.ENDING
     context.final_lines = program.count
-    off = (*firmware.heaters_off, firmware.fan_off, *(firmware.wait_moves,) * BARRIERS)
-    yield from send(context, *off, limit_s=math.inf)
+    off_commands = (*firmware.heaters_off, firmware.fan_off, *(firmware.wait_moves,) * BARRIERS)
+    yield from send(context, *off_commands, limit_s=math.inf)
     if context.filament is Filament.AT_NOZZLE:
         # as far back as the end code left it; the nozzle cools already
         yield from park(context, measure_retracted_mm(program, program.count), can_extrude=False)

@@ -75,7 +75,7 @@ class PartView(View):
     @property
     def own_prints(self) -> list[PrintView]:
         """Prints of this part, without those of the part that it was cut from."""
-        return [one for one in self.prints if one.part == self.id]
+        return [attempt for attempt in self.prints if attempt.part == self.id]
 
 
 class PlateStatus(View):

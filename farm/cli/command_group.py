@@ -48,11 +48,11 @@ class LazyCommand(TyperCommand):
         click command
             The command with its options; typer does not export the type.
         """
-        module, function = self._entry.function.split(".")
-        run: Callable[..., None] = getattr(import_module(f"farm.cli.commands.{module}"), function)
-        one = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
-        one.command(self._entry.name, rich_help_panel=self.rich_help_panel)(run)
-        return typer.main.get_command(one)
+        module, function_name = self._entry.function.split(".")
+        function: Callable[..., None] = getattr(import_module(f"farm.cli.commands.{module}"), function_name)
+        single_command_app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
+        single_command_app.command(self._entry.name, rich_help_panel=self.rich_help_panel)(function)
+        return typer.main.get_command(single_command_app)
 
 
 def make_group(panels: Mapping[str, Iterable[CommandEntry]]) -> type[TyperGroup]:

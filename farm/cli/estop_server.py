@@ -142,8 +142,8 @@ def _begin(connection: socket.socket, request: bytes) -> subprocess.Popen[bytes]
         command, stdin=subprocess.PIPE, stdout=connection.fileno(), start_new_session=True
     )
     assert work.stdin is not None
-    with work.stdin as to, suppress(BrokenPipeError):
-        to.write(request)  # a pipe has room for the longest request
+    with work.stdin as stdin, suppress(BrokenPipeError):
+        stdin.write(request)  # a pipe has room for the longest request
     return work
 
 

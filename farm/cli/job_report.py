@@ -80,7 +80,7 @@ def _read_stills(view: api.JobView, find_file: FindFile) -> dict[str, bytes]:
     """Read the stills of a job's prints by their paths, the first ones of too many."""
     stills: dict[str, bytes] = {}
     left_bytes = _STILLS_BYTES
-    for path in [still.file for one in view.prints for still in one.stills if still.file is not None]:
+    for path in [still.file for attempt in view.prints for still in attempt.stills if still.file is not None]:
         found = find_file(path)
         if found is not None and (left_bytes := left_bytes - found.stat().st_size) >= 0:
             stills[path] = found.read_bytes()

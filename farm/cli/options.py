@@ -131,7 +131,7 @@ def _add_options(
         fleet: Path | None,
         url: str | None = None,
         key_file: Path | None = None,
-        **given: Any,
+        **arguments: Any,
     ) -> None:
         name = command.__name__
         if url is not None and name in LOCAL_COMMANDS:
@@ -140,7 +140,7 @@ def _add_options(
                 f"without --url{' and FARM_URL' if name in _LOCAL else ''}"
             )
         places = find_places(state, socket, fleet)
-        command(replace(places, url=url, key_file=key_file), **given)  # type: ignore[call-arg]
+        command(replace(places, url=url, key_file=key_file), **arguments)  # type: ignore[call-arg]
 
     wrapper: Any = run  # typer reads its signature
     wrapper.__signature__ = signature.replace(parameters=parameters)

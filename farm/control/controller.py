@@ -247,9 +247,9 @@ class Controller:
     def list_reservations(self) -> dict[str, str]:
         """Return the free printers that are reserved, each with its purpose."""
         situation = self._build_situation(self._find_held_back())
-        given = {assignment.plate for assignment in self._assign(situation)}
+        assigned = {assignment.plate for assignment in self._assign(situation)}
         reserved = self._replanning.reserved_printers
-        return self.planning.find_reservations(self.books, situation.without(given), reserved)
+        return self.planning.find_reservations(self.books, situation.without(assigned), reserved)
 
     def _build_situation(self, held_back: Mapping[str, Hold]) -> Situation:
         """Return the current situation, with all waiting plates except those held back."""

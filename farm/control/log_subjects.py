@@ -22,15 +22,15 @@ def find_subjects(event: object, books: Books) -> dict[str, object]:
     dict of str to object
         Those that are known, by the names in `log_format.SUBJECTS`.
     """
-    job, plate, printer, who = (getattr(event, name, None) for name in ("job", "plate", "printer", "by"))
+    job, plate, printer, user = (getattr(event, name, None) for name in ("job", "plate", "printer", "by"))
     if (attempt := books.prints.get(getattr(event, "print_id", ""))) is not None:
         job, plate, printer = attempt.job, attempt.plate, attempt.printer
     if isinstance(event, ev.JobSubmitted):
-        job, who = event.job.id, event.job.submitted_by
+        job, user = event.job.id, event.job.submitted_by
     if job is None and isinstance(plate, str):
         job = int(plate.partition("/")[0])
     for key in (getattr(event, name, None) for name in ("key", "session")):
         if isinstance(key, Key):
-            who = key.by
-    subjects = {"job": job, "plate": plate, "printer": printer, "who": who}
+            user = key.by
+    subjects = {"job": job, "plate": plate, "printer": printer, "who": user}
     return {name: subject for name, subject in subjects.items() if subject is not None}

@@ -34,10 +34,10 @@ class PartCommands:
         plate = self._find_plate(job, part)
         entry = self._controller.books.job(job)
         if entry.pruned_s is not None:
-            on = datetime.fromtimestamp(entry.pruned_s, self._controller.fleet.zone)
+            pruned_at = datetime.fromtimestamp(entry.pruned_s, self._controller.fleet.zone)
             raise Refused(
-                f"the files of job {job} were pruned on {on:%Y-%m-%d} (`fleet.keep` in fleet.yaml): submit "
-                f"{entry.name} again; `farm report {job}` still shows how it was printed"
+                f"the files of job {job} were pruned on {pruned_at:%Y-%m-%d} (`fleet.keep` in fleet.yaml): "
+                f"submit {entry.name} again; `farm report {job}` still shows how it was printed"
             )
         state = self._controller.books.plate_state(plate)
         stopped = find_stopped_print(plate, self._controller.books.prints_of(plate))

@@ -47,7 +47,7 @@ class Telemetry:
         """List the temperatures of a printer in the last twelve hours, oldest first."""
         record = self._temperatures.get(printer)
         readings = () if record is None else record.readings
-        return tuple(one for one in readings if now_s - one.at_s <= TEMPERATURES_KEPT_S)
+        return tuple(reading for reading in readings if now_s - reading.at_s <= TEMPERATURES_KEPT_S)
 
     def store(self, snapshot: AgentSnapshot, now_s: float) -> bool:
         """Store a snapshot. Returns True if a field that the scheduler reads has changed."""
@@ -57,13 +57,13 @@ class Telemetry:
         failed = self._failures.pop(snapshot.printer, None) is not None
         return failed or previous is None or availability(previous) != availability(snapshot)
 
-    def reject(self, snapshot: AgentSnapshot, before: AgentSnapshot | None, reason: str) -> None:
+    def reject(self, snapshot: AgentSnapshot, previous: AgentSnapshot | None, reason: str) -> None:
         """Undo the change of a snapshot that could not be handled, so that it is handled when repeated."""
         self._failures[snapshot.printer] = reason
-        if before is None:
+        if previous is None:
             self.snapshots.pop(snapshot.printer, None)
         else:
-            self.snapshots[snapshot.printer] = snapshot.model_copy(update={"link": before.link})
+            self.snapshots[snapshot.printer] = snapshot.model_copy(update={"link": previous.link})
 
 
 class TemperatureRecord:
@@ -137,7 +137,7 @@ class Reading:
 
 
 def read_snapshot(
-    books: Books, snapshot: AgentSnapshot, before: AgentSnapshot | None, in_use: bool, now_s: float
+    books: Books, snapshot: AgentSnapshot, previous: AgentSnapshot | None, in_use: bool, now_s: float
 ) -> Reading:
     """Compare a snapshot with the books.
 
@@ -145,7 +145,7 @@ def read_snapshot(
     ----------
     books
         The committed books.
-    snapshot, before
+    snapshot, previous
         The agent's latest snapshot, and the one before; None if there was none.
     in_use
         Whether the printer is in the fleet and enabled.
@@ -154,7 +154,7 @@ def read_snapshot(
     """
     comparison = _Comparison(books, snapshot, now_s)
     try:
-        comparison.run(before, in_use)
+        comparison.run(previous, in_use)
     except InvalidTransition as error:
         return Reading(tuple(comparison.events), tuple(comparison.instructions), error)
     return Reading(tuple(comparison.events), tuple(comparison.instructions))
@@ -211,12 +211,12 @@ class _Comparison:
         self.events: list[ev.AnyEvent] = []
         self.instructions: list[ev.AnyInstruction] = []
 
-    def run(self, before: AgentSnapshot | None, in_use: bool) -> None:
+    def run(self, previous: AgentSnapshot | None, in_use: bool) -> None:
         snapshot, now_s, name = self._snapshot, self._now_s, self._snapshot.printer
         self._add(detect_alarm(self._books.printer(name), snapshot, now_s))
         attempt, printer = self._books.open_print_on(name), self._books.printer(name)
         if attempt is None:
-            if before is not None and before.link is Link.READY and snapshot.link is Link.ABSENT:
+            if previous is not None and previous.link is Link.READY and snapshot.link is Link.ABSENT:
                 self._add([ev.PrinterLost(at_s=now_s, printer=name)])
             self._add(observe_idle_printer(self._books.printer(name), snapshot, now_s))
         elif attempt.cancel_reason is None and in_use and printer.unreported_since_s is not None:

@@ -150,18 +150,18 @@ def check_agents(facts: Facts) -> Iterator[Finding]:
 def check_ports(facts: Facts) -> Iterator[Finding]:
     """Check that the serial ports exist and may be used."""
     for port in facts.ports:
-        where = f"{port.printer}: {port.path}"
+        port_name = f"{port.printer}: {port.path}"
         if not port.exists:
             action = "switch the printer on and plug it in; `farm discover` lists the existing ports"
-            yield problem("ports", f"{where} does not exist", action)
+            yield problem("ports", f"{port_name} does not exist", action)
         elif not port.usable:
             group = port.group or "dialout"
             action = f"`sudo usermod -aG {group} {facts.user.name}`, then log in again"
             if group in facts.user.groups:
                 action = "see the permissions of the device (`ls -l`), and deploy/udev"
-            yield problem("ports", f"{where} may not be read and written by {facts.user.name}", action)
+            yield problem("ports", f"{port_name} may not be read and written by {facts.user.name}", action)
         else:
-            yield passed("ports", f"{where} exists and can be used")
+            yield passed("ports", f"{port_name} exists and can be used")
 
 
 def check_cura(facts: Facts) -> Iterator[Finding]:

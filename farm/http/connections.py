@@ -66,16 +66,16 @@ def read_descriptor_limit() -> int:
 def find_overdue(connections: Iterable[WaitingConnection], now_s: float) -> list[WaitingConnection]:
     """Return the connections whose request takes too long."""
     return [
-        one
-        for one in connections
-        if (since_s := one.waiting_since_s) is not None and now_s - since_s > REQUEST_S
+        connection
+        for connection in connections
+        if (since_s := connection.waiting_since_s) is not None and now_s - since_s > REQUEST_S
     ]
 
 
 def find_longest_waiting(connections: Iterable[WaitingConnection]) -> WaitingConnection | None:
     """Return the connection that has waited for a request longest; None if none waits."""
-    waiting = [one for one in connections if one.waiting_since_s is not None]
-    return min(waiting, key=lambda one: one.waiting_since_s or 0.0, default=None)
+    waiting = [connection for connection in connections if connection.waiting_since_s is not None]
+    return min(waiting, key=lambda connection: connection.waiting_since_s or 0.0, default=None)
 
 
 class RateLimitedLog:
@@ -159,11 +159,11 @@ class BoundedServer(uvicorn.Server):
         return cast(set[WaitingConnection], self.server_state.connections)
 
     def _make_protocol(self) -> asyncio.Protocol:
-        make = cast(type, self.config.http_protocol_class)
-        made: asyncio.Protocol = make(
+        protocol_class = cast(type, self.config.http_protocol_class)
+        protocol: asyncio.Protocol = protocol_class(
             config=self.config, server_state=self.server_state, app_state=self.lifespan.state
         )
-        return made
+        return protocol
 
     async def _accept(self, listening: socket.socket) -> None:
         loop = asyncio.get_running_loop()
@@ -239,8 +239,8 @@ class BoundedServer(uvicorn.Server):
 
     async def _sweep(self) -> None:
         while True:
-            for one in find_overdue(self.connections, self._read_clock_s()):
-                one.transport.abort()
+            for connection in find_overdue(self.connections, self._read_clock_s()):
+                connection.transport.abort()
             await asyncio.sleep(_SWEEP_S)
 
     @staticmethod

@@ -29,10 +29,10 @@ def build_planned_event(
     notices = plan.repairs
     materials = sorted({plate.material for plate in plan.plates})
     if len(materials) > 1:
-        of = " and ".join(materials)
+        material_names = " and ".join(materials)
         notices = (
             *notices,
-            f"Its parts are of {of}, like their printers: `--material` selects one.",
+            f"Its parts are of {material_names}, like their printers: `--material` selects one.",
         )
     if job.done_by_s is not None or job.assembled_by_s is not None:
         ends_s = forecast_prints(

@@ -143,10 +143,10 @@ def choose_printers(request: JobRequest, availability: Availability) -> Begin | 
     candidates = idle if idle and not request.starts_later else coming
     number, least = request.limit(len(candidates)), request.min_parts
     if least > number:
-        most = request.limit(len(coming))
-        if least > most:
+        max_parts = request.limit(len(coming))
+        if least > max_parts:
             return Begin(tuple(p.name for p in candidates[:number]), rounds=-(-least // number))
-        candidates, number = coming, most
+        candidates, number = coming, max_parts
     # The largest first, so that two requested printers are the two largest.
     largest = sorted(candidates, key=lambda p: (-p.capabilities.height_mm, p.name))
     return Begin(tuple(sorted(p.name for p in largest[:number])))

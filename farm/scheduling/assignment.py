@@ -40,8 +40,8 @@ def assign_plates(situation: Situation) -> list[Assignment]:
     list of Assignment
         Each printer and each plate at most once, in the order in which plates are taken.
     """
-    given = sorted(_match(situation).items(), key=lambda pair: pair[1].priority_key)
-    return [Assignment(plate.id, name) for name, plate in given]
+    pairs = sorted(_match(situation).items(), key=lambda pair: pair[1].priority_key)
+    return [Assignment(plate.id, name) for name, plate in pairs]
 
 
 def find_holds(situation: Situation, assignments: Iterable[Assignment]) -> dict[str, Hold]:
@@ -54,18 +54,20 @@ def find_holds(situation: Situation, assignments: Iterable[Assignment]) -> dict[
     assignments
         The result of `assign_plates`.
     """
-    given = {assignment.plate: assignment.printer for assignment in assignments}
+    printer_by_plate = {assignment.plate: assignment.printer for assignment in assignments}
     starts, limit = _count_allowed_starts(situation), situation.rules.max_heating
-    limit_reached = limit if len(given) >= starts else None
-    reasons = HoldReasons(situation, frozenset(given.values()), situation.spare_printers, limit_reached)
+    limit_reached = limit if len(printer_by_plate) >= starts else None
+    reasons = HoldReasons(
+        situation, frozenset(printer_by_plate.values()), situation.spare_printers, limit_reached
+    )
     places = {plate.job: plate.places for plate in situation.waiting if plate.places is not None}
     for plate in situation.by_priority:
-        if plate.id in given and plate.job in places:
+        if plate.id in printer_by_plate and plate.job in places:
             places[plate.job] -= 1
     return {
         plate.id: reasons.make_job_limit_hold() if places.get(plate.job) == 0 else reasons.find(plate)
         for plate in situation.by_priority
-        if plate.id not in given
+        if plate.id not in printer_by_plate
     }
 
 

@@ -184,8 +184,8 @@ class _Simulation:
         if self._spares:
             self._stuck.clear()  # the spares depend on the waiting plates
         free = self._idle - self._stuck
-        most = self._rules.max_heating
-        starts = len(free) if most is None else max(0, most - self._heating)
+        max_heating = self._rules.max_heating
+        starts = len(free) if max_heating is None else max(0, max_heating - self._heating)
         if not free or not starts:
             return False
         planned = self._planned.keys()
@@ -210,8 +210,8 @@ class _Simulation:
     def _choose_spare_printers(self, planned: Collection[str]) -> frozenset[str]:
         if not self._spares or self._rules.is_attended(self._now_s):
             return frozenset()
-        most = max(self._spares.values())
-        return choose_spares((self._fleet[name] for name in self._idle), planned, most)
+        spare_count = max(self._spares.values())
+        return choose_spares((self._fleet[name] for name in self._idle), planned, spare_count)
 
     def _start(self, plate: WaitingPlate, name: str) -> None:
         printer = self._fleet[name]

@@ -272,10 +272,10 @@ class HoldReasons:
             for n in busy
             if (end := self._situation.fleet[n].free_s) is not None and end > self._situation.now_s
         ]
-        until = (
+        end_text = (
             f" until {self._situation.rules.format_moment(min(ends), self._situation.now_s)}" if ends else ""
         )
-        text = f"{join_names(busy)} {'is' if len(busy) == 1 else 'are'} printing{until}"
+        text = f"{join_names(busy)} {'is' if len(busy) == 1 else 'are'} printing{end_text}"
         uncleared = [n for n, hold in obstacles.items() if hold.code is HoldCode.BED_NOT_CLEAR]
         if uncleared:
             text += f"; `farm cleared {uncleared[0]}` would let it start now, if that bed is clear"

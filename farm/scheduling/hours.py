@@ -37,10 +37,10 @@ class Hours:
 
     def edge_s(self, at_s: float) -> float | None:
         """Return the next start or end of a window; None if there is none."""
-        now, then = self.span(at_s), self.following(at_s)
-        if now is not None:
-            return None if math.isinf(now[1]) else now[1]
-        return then[0] if then is not None else None
+        current, following = self.span(at_s), self.following(at_s)
+        if current is not None:
+            return None if math.isinf(current[1]) else current[1]
+        return following[0] if following is not None else None
 
     def _list_spans_near(self, at_s: float) -> tuple[Span, ...]:
         day = datetime.fromtimestamp(at_s, self.zone).toordinal()

@@ -150,8 +150,8 @@ class StartRules:
         text = f"it takes {duration}, quiet hours are from {self.format_moment(quiet[0], now_s)}"
         if quiet[1] == float("inf"):
             return Start(None, Hold(code=HoldCode.QUIET_HOURS, text="fleet.yaml has quiet hours all week"))
-        until = self.format_moment(quiet[1], now_s)
-        return Start(quiet[1], Hold(code=HoldCode.QUIET_HOURS, text=f"{text} to {until}"))
+        end_text = self.format_moment(quiet[1], now_s)
+        return Start(quiet[1], Hold(code=HoldCode.QUIET_HOURS, text=f"{text} to {end_text}"))
 
     def _find_attended_start(
         self, plate: WaitingPlate, printer: FleetPrinter, at_s: float, now_s: float

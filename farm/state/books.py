@@ -174,8 +174,8 @@ def put(books: Books, *entities: Entity) -> Books:
             table("_open_on")[entity.printer] = entity
         elif isinstance(entity, Print):
             table("_open").pop(entity.id, None)
-            on = table("_open_on").get(entity.printer)
-            if isinstance(on, Print) and on.id == entity.id:
+            open_print = table("_open_on").get(entity.printer)
+            if isinstance(open_print, Print) and open_print.id == entity.id:
                 table("_open_on").pop(entity.printer)
             if _has_ended_last(entity, table("_last").get(entity.printer)):
                 table("_last")[entity.printer] = entity
@@ -186,11 +186,11 @@ def put(books: Books, *entities: Entity) -> Books:
     return replace(books, **changed, _revisions=revisions or books._revisions)  # type: ignore[arg-type]
 
 
-def _has_ended_last(attempt: Print, before: Entity | None) -> bool:
+def _has_ended_last(attempt: Print, last: Entity | None) -> bool:
     """Return whether an ended print is its printer's last; one that never started does not count."""
     if attempt.started_s is None and attempt.state is PrintState.CANCELLED:
         return False
-    return not isinstance(before, Print) or _order_key(attempt) >= _order_key(before)
+    return not isinstance(last, Print) or _order_key(attempt) >= _order_key(last)
 
 
 def _order_key(attempt: Print) -> tuple[int, float]:

@@ -73,7 +73,7 @@ READ_UPKEEP = (
 def make_row(values: Sequence[Any]) -> EventRow:
     """Make a row from the values of `READ_EVENTS`; an event of an older version may have other types."""
     number, at_s, kind, job, *texts = values
-    plate, printer, print_id, by, state, reason = (one if isinstance(one, str) else None for one in texts)
+    plate, printer, print_id, by, state, reason = (text if isinstance(text, str) else None for text in texts)
     return EventRow(
         number, at_s, kind, job if isinstance(job, int) else None, plate, printer, print_id, by, state, reason
     )

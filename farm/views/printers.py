@@ -53,15 +53,15 @@ def _describe_last_print(context: ViewContext, printer: str) -> api.LastPrint | 
     attempt = context.books.last_print_on(printer)
     if attempt is None:
         return None
-    off = None
+    deviation = None
     if attempt.state is PrintState.DONE and not attempt.paused:
-        off = duration_s(attempt) / context.books.plates[attempt.plate].expected_s - 1
+        deviation = duration_s(attempt) / context.books.plates[attempt.plate].expected_s - 1
     return api.LastPrint(
         id=attempt.id,
         plate=attempt.plate,
         state=attempt.state,
         ended=context.format_time(attempt.ended_s),
-        off=off,
+        off=deviation,
         verdict=attempt.verdict,
     )
 

@@ -51,9 +51,9 @@ def list_tasks(context: ViewContext) -> list[api.Todo]:
         tasks.append(_describe_outage(context, outage))
     occupied = []
     for section in context.fleet.printers:
-        listed = list(_list_printer_tasks(context, section, section.name in lost_printers))
-        tasks += listed
-        if not listed and _needs_clearing(context, section.name) and section.name not in lost_printers:
+        printer_tasks = list(_list_printer_tasks(context, section, section.name in lost_printers))
+        tasks += printer_tasks
+        if not printer_tasks and _needs_clearing(context, section.name) and section.name not in lost_printers:
             occupied.append(section.name)
     if occupied:
         occupied, names = _sort_by_use(context, occupied)
@@ -223,8 +223,8 @@ def list_deadlines(
     hours_s = math.inf if reported.ends_by_s is None else reported.ends_by_s
     waits = attempt.state is PrintState.PAUSED and attempt.pause_requested  # not parking, not resumed
     if waits and reported.pause_ends_s is not None:
-        by = describe_moment(min(reported.pause_ends_s, hours_s))
-        text = f"resume {name} by {by}, or its print will be ended: `farm resume {name}`"
+        deadline = describe_moment(min(reported.pause_ends_s, hours_s))
+        text = f"resume {name} by {deadline}, or its print will be ended: `farm resume {name}`"
         deadlines.append(api.Todo(code="resume", printers=[name], text=text))
     end_s = now_s + remaining_s
     if end_s > hours_s:

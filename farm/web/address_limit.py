@@ -84,8 +84,10 @@ class AddressLimitedServer(BoundedServer):
 
     def _list_own(self, client: str) -> list[WaitingConnection]:
         """List the connections of a client."""
-        peers = ((one, one.transport.get_extra_info("peername")) for one in self.connections)
-        return [one for one, peer in peers if peer and group_address(peer[0]) == client]
+        peers = (
+            (connection, connection.transport.get_extra_info("peername")) for connection in self.connections
+        )
+        return [connection for connection, peer in peers if peer and group_address(peer[0]) == client]
 
 
 def _find_peer(connection: socket.socket) -> str | None:

@@ -79,26 +79,33 @@ def _collect_printers(status: api.Status) -> Iterator[Metric]:
     tasks = Counter(task.code for task in status.todo)
     yield _make_gauge("farm_todo", "Tasks of people.", ("code",), (((code,), n) for code, n in tasks.items()))
     info = GaugeMetricFamily("farm_printer_info", "Printers.", labels=("printer", "model", "material"))
-    for one in printers:
-        info.add_metric((one.name, one.model, one.reel.material), 1)
+    for printer in printers:
+        info.add_metric((printer.name, printer.model, printer.reel.material), 1)
     yield info
     yield _make_gauge(
         "farm_printer_state",
         "1 for the state of a printer, 0 for all others.",
         ("printer", "state"),
-        (((one.name, state), one.state == state) for one in printers for state in _PRINTER_STATES),
+        (
+            ((printer.name, state), printer.state == state)
+            for printer in printers
+            for state in _PRINTER_STATES
+        ),
     )
     yield _by_printer(
-        "farm_printer_bed_clear", "Whether the bed is clear.", printers, lambda one: one.bed is Bed.CLEAR
+        "farm_printer_bed_clear",
+        "Whether the bed is clear.",
+        printers,
+        lambda printer: printer.bed is Bed.CLEAR,
     )
     yield _by_printer(
         "farm_printer_heaters_off",
         "Whether the heaters are off, as the board has shown.",
         printers,
-        lambda one: one.heaters_off,
+        lambda printer: printer.heaters_off,
     )
     yield _by_printer(
-        "farm_agent_up", "Whether the agent runs.", printers, lambda one: one.agent_pid is not None
+        "farm_agent_up", "Whether the agent runs.", printers, lambda printer: printer.agent_pid is not None
     )
     yield from _collect_readings(printers)
 
@@ -126,20 +133,22 @@ def _collect_readings(printers: Sequence[api.PrinterView]) -> Iterator[Metric]:
         "farm_print_progress_ratio",
         "Progress of the open print, by time.",
         printers,
-        lambda one: one.print.progress if one.print else None,
+        lambda printer: printer.print.progress if printer.print else None,
     )
     yield _by_printer(
         "farm_print_remaining_seconds",
         "Expected time to the end of the open print.",
         printers,
-        lambda one: one.print.remaining_s if one.print else None,
+        lambda printer: printer.print.remaining_s if printer.print else None,
     )
-    yield _by_printer("farm_reel_remaining_grams", "Filament left.", printers, lambda one: one.reel.grams)
+    yield _by_printer(
+        "farm_reel_remaining_grams", "Filament left.", printers, lambda printer: printer.reel.grams
+    )
     yield _by_printer(
         "farm_printer_time_factor",
         "Actual over expected time of its layers.",
         printers,
-        lambda one: one.time_factor,
+        lambda printer: printer.time_factor,
     )
 
 
@@ -173,7 +182,7 @@ def _by_printer(
     value: Callable[[api.PrinterView], float | None],
 ) -> Metric:
     """Return a gauge with one sample for each printer that has a value."""
-    return _make_gauge(name, text, ("printer",), (((one.name,), value(one)) for one in printers))
+    return _make_gauge(name, text, ("printer",), (((printer.name,), value(printer)) for printer in printers))
 
 
 def _make_gauge(name: str, text: str, labels: Sequence[str], rows: Rows) -> Metric:

@@ -103,8 +103,8 @@ def _find_references(value: Any) -> Iterator[str]:
         reference = value.get("$ref")
         if isinstance(reference, str) and reference.startswith(_REF):
             yield reference.removeprefix(_REF)
-        for one in value.values():
-            yield from _find_references(one)
+        for item in value.values():
+            yield from _find_references(item)
     elif isinstance(value, list):
-        for one in value:
-            yield from _find_references(one)
+        for item in value:
+            yield from _find_references(item)

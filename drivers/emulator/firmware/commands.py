@@ -78,8 +78,8 @@ def dwell(machine: Machine, line: bytes, now_s: float) -> Work:
 def home(machine: Machine, line: bytes, now_s: float) -> Work:
     yield from wait_for_moves(machine)
     begin_s = max(now_s, machine.planner.idle_since_s)
-    given = [letter in line for letter in (b"X", b"Y", b"Z")]
-    axes = given if any(given) else [True, True, True]
+    named_axes = [letter in line for letter in (b"X", b"Y", b"Z")]
+    axes = named_axes if any(named_axes) else [True, True, True]
     home = machine.board.profile.home_mm
     x, y, z, e = machine.planner.target
     position = [x, y, z]
@@ -146,12 +146,12 @@ def move_arc(machine: Machine, line: bytes, now_s: float) -> None:
 
 
 def retract(machine: Machine, line: bytes, now_s: float) -> None:
-    back = value(line, b"G") == 10
-    if back == bool(machine.retracted_mm):
+    is_retraction = value(line, b"G") == 10
+    if is_retraction == bool(machine.retracted_mm):
         return
-    machine.retracted_mm = RETRACT_MM if back else 0.0
+    machine.retracted_mm = RETRACT_MM if is_retraction else 0.0
     x, y, z, _ = machine.at
-    distance_mm = -RETRACT_MM if back else RETRACT_MM
+    distance_mm = -RETRACT_MM if is_retraction else RETRACT_MM
     machine.shift[3] += distance_mm  # the host's coordinates stay the same
     machine.queue(x, y, z, distance_mm, RETRACT_MM_S, now_s)
 

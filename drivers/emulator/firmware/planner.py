@@ -157,9 +157,9 @@ class Planner:
             duration_s = 1.0 / per_s
             per_s = 1.0 / (duration_s + 2.0 * (SHORT_S - duration_s) / queued)
         if dz or feedrate_mm_s > 200.0 or abs(de) > mm * 0.1:
-            for d, most in zip((dx, dy, dz, de), limits.feedrate_mm_s, strict=True):
-                if abs(d) * per_s > most:
-                    per_s = most / abs(d)
+            for d, max_mm_s in zip((dx, dy, dz, de), limits.feedrate_mm_s, strict=True):
+                if abs(d) * per_s > max_mm_s:
+                    per_s = max_mm_s / abs(d)
         vx, vy, vz, ve = dx * per_s, dy * per_s, dz * per_s, de * per_s
         v = mm * per_s
         a = limits.print_mm_s2 if dx or dy or dz else limits.retract_mm_s2
@@ -209,12 +209,12 @@ class Planner:
         """Limit the acceleration as the firmware does: by steps, relative to the axis with most steps."""
         limits = self.limits
         steps = [abs(d) * per for d, per in zip((dx, dy, dz, de), limits.steps_per_mm, strict=True)]
-        most = max(steps)
-        rate = a * most / mm
+        max_steps = max(steps)
+        rate = a * max_steps / mm
         for count, per, bound in zip(steps, limits.steps_per_mm, limits.acceleration_mm_s2, strict=True):
-            if rate * count > bound * per * most:
+            if rate * count > bound * per * max_steps:
                 rate = bound * per
-        return rate * mm / most
+        return rate * mm / max_steps
 
     def _limit_junction_speed(self, vx: float, vy: float, vz: float, ve: float, v: float) -> float:
         """Compute the highest entry speed of the new move, in mm/s."""
@@ -250,17 +250,17 @@ class Planner:
         at = last
         entry_2 = block.entry_2
         while at > self._fixed:  # reverse: the highest speed from which the following moves can brake
-            before = blocks[at - 1]
-            if before.entry_2 >= before.max_entry_2:
+            previous = blocks[at - 1]
+            if previous.entry_2 >= previous.max_entry_2:
                 break
-            entry_2 = min(before.max_entry_2, entry_2 + before.gain_2)
-            if entry_2 <= before.entry_2:
+            entry_2 = min(previous.max_entry_2, entry_2 + previous.gain_2)
+            if entry_2 <= previous.entry_2:
                 break
-            before.entry_2 = entry_2
+            previous.entry_2 = entry_2
             at -= 1
         for i in range(at, last + 1):  # forward: the highest speed that the preceding moves can reach
-            before = blocks[i - 1]
-            reach_2 = before.entry_2 + before.gain_2
+            previous = blocks[i - 1]
+            reach_2 = previous.entry_2 + previous.gain_2
             if blocks[i].entry_2 > reach_2:
                 blocks[i].entry_2 = reach_2
 

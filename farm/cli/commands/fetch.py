@@ -36,10 +36,10 @@ def fetch(
 
     client, folder = connect(places), out or Path(f"job-{job}")
     fetched = fetch_files(client, job, folder, force)
-    there = len(fetched.by_name) - len(fetched.written)
+    present_count = len(fetched.by_name) - len(fetched.written)
     print(
         f"{folder}: {format_count(len(fetched.written), 'file')} of job {job} fetched"
-        + (f", {there} already there" if there else "")
+        + (f", {present_count} already there" if present_count else "")
     )
     report = folder / _REPORT
     text = render_report(client, job, fetched.find).text

@@ -99,9 +99,11 @@ def _commission(places: Places, sections: tuple[PrinterSection, ...], place: str
     """Reset the board of an idle printer and check that it restarts, through its agent if one runs."""
     from drivers.discovery import commission, commission_by_agent
 
-    section = next((one for one in sections if place == one.name or _is_same_port(place, one)), None)
+    section = next(
+        (section for section in sections if place == section.name or _is_same_port(place, section)), None
+    )
     if section is None and not place.startswith(("/", NET)):
-        names = " ".join(one.name for one in sections)
+        names = " ".join(section.name for section in sections)
         raise NoSuchThing(
             f"there is no printer {place}; the fleet has {names or 'none'}; or give a port like /dev/ttyUSB0"
         )
@@ -127,7 +129,7 @@ def _commission(places: Places, sections: tuple[PrinterSection, ...], place: str
         raise Refused(str(error)) from error
     print(f"{place}: its board restarts when DTR is pulsed, so it can be stopped; it is an {model}")
     if section is None:
-        print(_format_entry(_make_name({one.name for one in sections}), model, place))
+        print(_format_entry(_make_name({section.name for section in sections}), model, place))
     elif section.model != model:
         raise FarmError(
             f"{section.name} is an {model}, but fleet.yaml says {section.model}: change it there",
@@ -151,14 +153,20 @@ def doctor(places: Places, json: Json = False) -> None:
     findings = check_installation(collect_facts(places, version, error))
     if json:
         rows = [
-            {"check": one.check, "level": str(one.level), "text": one.text, "action": one.action}
-            for one in findings
+            {
+                "check": finding.check,
+                "level": str(finding.level),
+                "text": finding.text,
+                "action": finding.action,
+            }
+            for finding in findings
         ]
         print_json({"schema": _SCHEMA, "findings": rows})
     else:
-        for one in findings:
-            print(f"{one.level:<8} {one.check}: {one.text}{f'; {one.action}' if one.action else ''}")
-    if any(one.level is Level.PROBLEM for one in findings):
+        for finding in findings:
+            action = f"; {finding.action}" if finding.action else ""
+            print(f"{finding.level:<8} {finding.check}: {finding.text}{action}")
+    if any(finding.level is Level.PROBLEM for finding in findings):
         raise typer.Exit(ExitCode.FAILED)
 
 

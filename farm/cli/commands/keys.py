@@ -106,12 +106,12 @@ def _list(answer: api.Keys, json: bool) -> None:
         print("no key; `farm key add NAME` adds one")
         return
     rows = []
-    for one in answer.keys:
-        end = f"valid until {format_time(one.expires, answer.now)}" if one.expires else "valid"
-        session = one.kind is KeyKind.SESSION
-        state = ("ended" if session else "revoked") if one.revoked else end if one.valid else "expired"
-        added, used = (format_time(time, answer.now) for time in (one.created, one.used))
-        rows.append((one.id, one.name, str(one.kind), str(one.role), state, used, f"{added} by {one.by}"))
+    for key in answer.keys:
+        end = f"valid until {format_time(key.expires, answer.now)}" if key.expires else "valid"
+        session = key.kind is KeyKind.SESSION
+        state = ("ended" if session else "revoked") if key.revoked else end if key.valid else "expired"
+        added, used = (format_time(time, answer.now) for time in (key.created, key.used))
+        rows.append((key.id, key.name, str(key.kind), str(key.role), state, used, f"{added} by {key.by}"))
     screen = open_console()
     for line in lay_out_table(_COLUMNS, rows, read_terminal_width(screen)):
         screen.print(line)

@@ -173,8 +173,8 @@ def summarise_decomposition(report: dict[str, Any], printers: int, out: Path) ->
         )
     steps = report["assembly"]["steps"]
     if steps:
-        about = format_duration(report["assembly"]["estimated_s"])
-        assembly = f"{format_count(len(steps), 'step')} of assembly, about {about}"
+        duration = format_duration(report["assembly"]["estimated_s"])
+        assembly = f"{format_count(len(steps), 'step')} of assembly, about {duration}"
         lines.append(f"{assembly}; {report['seam_mm']:.0f} mm of seam outside")
     connectors = report["connectors"]
     if connectors["pins"]:

@@ -114,9 +114,13 @@ def history(
         reason = row.why if row.verdict else row.reason or row.fault
         outcome = str(row.verdict or row.state) + (f": {reason}" if reason and row.wasted else "")
         used = f"{format_mass(row.grams)}{' wasted' if row.wasted and row.grams >= 0.5 else ''}"
-        ended, duration, by = format_time(row.ended, now), format_duration(row.took_s), row.submitted_by or ""
+        ended, duration, submitter = (
+            format_time(row.ended, now),
+            format_duration(row.took_s),
+            row.submitted_by or "",
+        )
         name = row.name[:20]
-        cells = (ended, row.printer, row.part, name, duration, deviation, used, by, outcome)
+        cells = (ended, row.printer, row.part, name, duration, deviation, used, submitter, outcome)
         rows.append((*cells, row.note or "") if noted else cells)
     screen = open_console()
     columns = (*_HISTORY, _NOTE) if noted else _HISTORY

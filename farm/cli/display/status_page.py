@@ -142,9 +142,9 @@ def _fold_texts(
     line_heads = [head, *[""] * len(lines)]
     return [
         line
-        for one, text in zip(line_heads, lines, strict=False)
+        for line_head, text in zip(line_heads, lines, strict=False)
         for line in wrap_text(
-            Text.assemble((one.ljust(_INDENT), style), (text.rstrip(), body)), width, _INDENT
+            Text.assemble((line_head.ljust(_INDENT), style), (text.rstrip(), body)), width, _INDENT
         )
     ]
 
@@ -173,8 +173,8 @@ def _list_live_lines(jobs: Sequence[api.JobView], now: str, width: int | None) -
         if len(same_hold) < 2:
             yield _list_job_lines(job, now, width)
         elif job is same_hold[0]:
-            numbers = shorten_names(str(one.id) for one in same_hold)
-            names = count_names(one.name[:_NAME_WIDTH] for one in same_hold)
+            numbers = shorten_names(str(held_job.id) for held_job in same_hold)
+            names = count_names(held_job.name[:_NAME_WIDTH] for held_job in same_hold)
             text = f"{numbers} ({names}): {_list_job_facts(job, now)[0]}"
             yield _fold_texts("JOBS", [text], "", width)
 
@@ -185,8 +185,8 @@ def _waits_in_queue(job: api.JobView) -> bool:
 
 def _list_job_lines(job: api.JobView, now: str, width: int | None) -> list[Text]:
     first, *more = _list_job_facts(job, now)
-    by = f" by {job.submitted_by}" if job.submitted_by else ""
-    facts = [f"{job.name[:_NAME_WIDTH]}{by}: {first}", *more]
+    submitter = f" by {job.submitted_by}" if job.submitted_by else ""
+    facts = [f"{job.name[:_NAME_WIDTH]}{submitter}: {first}", *more]
     texts = [f"{fact};" for fact in facts[:-1]] + facts[-1:]
     style, body = (NOTE, NOTE) if _is_over(job) else (HEADING, "")
     lines = _fold_texts(f"JOB {job.id}", texts, " ", width, style, body)
@@ -209,8 +209,10 @@ def _list_job_facts(job: api.JobView, now: str) -> list[str]:
         return [format_planning(job.progress)]
     if not job.parts:
         return [f"{job.state}, waits: {job.hold.text}" if job.hold is not None else str(job.state)]
-    of = len(job.plates)
-    parts = [f"printed {job.printed}/{of}" + (f", good {job.good}/{job.printed}" if job.printed else "")]
+    plate_count = len(job.plates)
+    parts = [
+        f"printed {job.printed}/{plate_count}" + (f", good {job.good}/{job.printed}" if job.printed else "")
+    ]
     if job.options.copies > 1:
         parts[0] += f", copies {job.printed_copies}/{job.options.copies}"
     if job.state not in (JobState.PRINTING, JobState.PRINTED):

@@ -214,7 +214,7 @@ class ClusterPool:
         for worker in workers:
             if worker.refused and worker not in self._workers:
                 log.warning("worker %s of the cluster is refused: %s", worker.name, worker.refused)
-        before = choose_place(self._lost_s())
+        previous_place = choose_place(self._lost_s())
         slots = sum(worker.slots for worker in workers if worker.refused is None)
         self._workers = workers
         if slots:
@@ -222,7 +222,7 @@ class ClusterPool:
         elif self._lost_since_s is None:
             self._lost_since_s = self._read_clock_s()
         place = choose_place(self._lost_s())
-        if place is not before:
+        if place is not previous_place:
             log.warning("cluster %s: %s", self._scheduler, place)
         if place is Place.HERE:
             self._given_up.set()

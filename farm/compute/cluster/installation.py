@@ -55,17 +55,17 @@ class Installation:
         """Describe the first difference to the wanted versions; None if both give the same bytes."""
         titles = {"farm": "farm", "engine": "CuraEngine", "settings": "Cura's settings", "libraries": ""}
         for name, title in titles.items():
-            mine, theirs = getattr(self, name), getattr(wanted, name)
-            if mine != theirs:
+            own_value, wanted_value = getattr(self, name), getattr(wanted, name)
+            if own_value != wanted_value:
                 if name == "libraries":
-                    mine, theirs = _list_differing(mine, theirs)
-                return f"it has {title} {mine}, not {theirs}".replace("  ", " ")
+                    own_value, wanted_value = _list_differing(own_value, wanted_value)
+                return f"it has {title} {own_value}, not {wanted_value}".replace("  ", " ")
         return None
 
-    def pair_paths(self, here: Installation) -> list[tuple[str, str]]:
+    def pair_paths(self, host_installation: Installation) -> list[tuple[str, str]]:
         """Pair the places of this installation with those of another, if this has them."""
         names = ("engine_path", "resources_path", "materials_path")
-        pairs = [(getattr(self, name), getattr(here, name)) for name in names]
+        pairs = [(getattr(self, name), getattr(host_installation, name)) for name in names]
         return [pair for pair in pairs if all(pair)]
 
 
@@ -113,7 +113,7 @@ def _find_version(name: str) -> str:
         return "missing"
 
 
-def _list_differing(mine: str, theirs: str) -> tuple[str, str]:
+def _list_differing(own: str, wanted: str) -> tuple[str, str]:
     """Return the entries of two lists of versions that differ."""
-    pairs = [(a, b) for a, b in zip(mine.split(", "), theirs.split(", "), strict=False) if a != b]
-    return (", ".join(a for a, _ in pairs), ", ".join(b for _, b in pairs)) if pairs else (mine, theirs)
+    pairs = [(a, b) for a, b in zip(own.split(", "), wanted.split(", "), strict=False) if a != b]
+    return (", ".join(a for a, _ in pairs), ", ".join(b for _, b in pairs)) if pairs else (own, wanted)

@@ -83,18 +83,18 @@ class TaskExecutor:
         """Put the files that a task reads into its folder. Returns the way from its paths to these."""
         pairs: list[tuple[Path | str, Path | str]] = list(task.installation.pair_paths(self.installation))
         for number, file in enumerate(task.reads):
-            here = folder / f"read-{number}" / Path(file.path).name
-            here.parent.mkdir()
-            here.hardlink_to(self._files.path(file.sha256))
-            pairs.append((file.path, here))
+            path = folder / f"read-{number}" / Path(file.path).name
+            path.parent.mkdir()
+            path.hardlink_to(self._files.path(file.sha256))
+            pairs.append((file.path, path))
         for number, name in enumerate(task.folders):
-            here = folder / f"folder-{number}"
-            here.mkdir()
-            pairs.append((name, here))
+            path = folder / f"folder-{number}"
+            path.mkdir()
+            pairs.append((name, path))
         for number, name in enumerate(task.writes):
-            here = folder / f"written-{number}" / Path(name).name
-            here.parent.mkdir()
-            pairs.append((name, here))
+            path = folder / f"written-{number}" / Path(name).name
+            path.parent.mkdir()
+            pairs.append((name, path))
         for name in task.caches:
             cache = self._folder / "slices"
             cache.mkdir(exist_ok=True)
@@ -116,14 +116,14 @@ class TaskExecutor:
 def _collect_files(task: RemoteTask, relocation: Relocation) -> Iterator[tuple[str, bytes]]:
     """Read the files that a task wrote, with their paths where it was submitted."""
     for name in task.writes:
-        here = Path(relocation.move(name))
-        if here.is_file():
-            yield name, here.read_bytes()
+        path = Path(relocation.move(name))
+        if path.is_file():
+            yield name, path.read_bytes()
     for name in task.folders:
         folder = Path(relocation.move(name))
-        for here in sorted(folder.rglob("*")):
-            if here.is_file() and not here.is_symlink():
-                yield f"{name}/{here.relative_to(folder)}", here.read_bytes()
+        for path in sorted(folder.rglob("*")):
+            if path.is_file() and not path.is_symlink():
+                yield f"{name}/{path.relative_to(folder)}", path.read_bytes()
 
 
 async def _watch(live: tuple[str, ...], relocation: Relocation, on_live: OnLive) -> None:

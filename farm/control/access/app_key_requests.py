@@ -56,7 +56,7 @@ class AppKeyRequests:
         waiting = self.list_open(now_s)
         if (
             len(waiting) >= MAX_REQUESTS
-            or sum(one.address == address for one in waiting) >= MAX_REQUESTS_PER_ADDRESS
+            or sum(request.address == address for request in waiting) >= MAX_REQUESTS_PER_ADDRESS
         ):
             raise Refused("too many programs ask for a key: wait for five minutes, or paste one")
         name = _OTHER.sub(" ", app).strip(" ._-")[:_MAX_APP_LENGTH].strip() or "app"
@@ -67,12 +67,14 @@ class AppKeyRequests:
 
     def list_open(self, now_s: float) -> list[AppKeyRequest]:
         """List the unanswered requests."""
-        self._requests = {token: one for token, one in self._requests.items() if now_s < one.ends_s}
-        return [one for one in self._requests.values() if one.key is None]
+        self._requests = {
+            token: request for token, request in self._requests.items() if now_s < request.ends_s
+        }
+        return [request for request in self._requests.values() if request.key is None]
 
     def find_open(self, code: str, now_s: float) -> AppKeyRequest:
         """Return the unanswered request with a code. Raises NoSuchThing."""
-        found = next((one for one in self.list_open(now_s) if one.code == code), None)
+        found = next((request for request in self.list_open(now_s) if request.code == code), None)
         if found is None:
             raise NoSuchThing(f"no program asks for a key with the code {code}; `farm key` lists them")
         return found
@@ -95,7 +97,9 @@ class AppKeyRequests:
     def deny(self, code: str, now_s: float) -> None:
         """Remove a request. Raises NoSuchThing."""
         denied = self.find_open(code, now_s)
-        self._requests = {token: one for token, one in self._requests.items() if one is not denied}
+        self._requests = {
+            token: request for token, request in self._requests.items() if request is not denied
+        }
 
     def take_key(self, token: str, now_s: float) -> str | None:
         """Return the granted key, once; None before the answer. Raises NoSuchThing."""

@@ -166,5 +166,5 @@ class SessionCommands:
         now_s = self._controller.clock.now()
         sessions = list_open_sessions(self._controller.books.keys.values(), now_s)
         self._links.clear()
-        self._controller.handle(*(ev.KeyRevoked(at_s=now_s, key=one.id, by=by) for one in sessions))
+        self._controller.handle(*(ev.KeyRevoked(at_s=now_s, key=session.id, by=by) for session in sessions))
         return api.EndedSessions(ended=len(sessions))

@@ -27,8 +27,8 @@ def key_routes(services: Services, keys: KeyCommands) -> APIRouter:
             network=services.network.describe(),
             keys=list_keys(context, services.key_uses_s),
             requests=[
-                api.AppKeyRequestView(code=one.code, app=one.app, address=one.address)
-                for one in services.app_key_requests.list_open(time.monotonic())
+                api.AppKeyRequestView(code=request.code, app=request.app, address=request.address)
+                for request in services.app_key_requests.list_open(time.monotonic())
             ],
         )
 

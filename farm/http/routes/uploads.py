@@ -42,8 +42,8 @@ def upload_routes(services: Services, jobs: JobCommands) -> APIRouter:
         wanted = await asyncio.to_thread(name_filament, wanted, fleet.printers, fleet.fleet.materials)
         name = clean_name(name)
         model = await uploads.receive_model(request.stream(), request_id, name, size, wanted)
-        number, again = jobs.submit(request_id, name, model, wanted, by)
-        return api.Submitted(job=number, again=again, notices=jobs.find_excess(wanted))
+        number, is_repeated = jobs.submit(request_id, name, model, wanted, by)
+        return api.Submitted(job=number, again=is_repeated, notices=jobs.find_excess(wanted))
 
     @router.get("/uploads/{request_id}")
     async def upload(request_id: str) -> api.UploadView:

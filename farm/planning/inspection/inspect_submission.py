@@ -109,8 +109,8 @@ def inspect_model(
 def read_inspected(path: Path) -> Model:
     """Read the model that `inspect_model` stored, without loss. Raises FarmError with code `model`."""
     try:
-        with np.load(path) as saved:
-            solid = Solid.from_arrays(saved["vertices"], saved["faces"])
-            return Model(solid, tuple(map(str, saved["repairs"])), float(saved["scale"]))
+        with np.load(path) as arrays:
+            solid = Solid.from_arrays(arrays["vertices"], arrays["faces"])
+            return Model(solid, tuple(map(str, arrays["repairs"])), float(arrays["scale"]))
     except (OSError, ValueError, KeyError) as error:
         raise FarmError(f"the stored model {path} cannot be read: {error}", ErrorCode.MODEL) from error

@@ -257,8 +257,10 @@ def _describe_obstacle(section: PrinterSection, accepted: AcceptedGcode) -> str 
             f"on the bed of {section.name}, off its clips and within its height; move it in your slicer"
         )
     profile = PROFILES[section.model]
-    most = (*profile.bed_mm, profile.height_mm + _REACH_MM)
-    for axis, low, high, end in zip("XYZ", accepted.reach_min_mm, accepted.reach_max_mm, most, strict=True):
+    size_mm = (*profile.bed_mm, profile.height_mm + _REACH_MM)
+    for axis, low, high, end in zip(
+        "XYZ", accepted.reach_min_mm, accepted.reach_max_mm, size_mm, strict=True
+    ):
         if low < -_SLACK_MM or high > end + _SLACK_MM:
             outermost = low if low < 0 else high
             return (
@@ -271,7 +273,7 @@ def _describe_obstacle(section: PrinterSection, accepted: AcceptedGcode) -> str 
 def _check_options(options: JobOptions) -> None:
     """Refuse options that apply only to models."""
     defaults = JobOptions()
-    given = {
+    is_set_by_option = {
         "--longest-side": options.longest_side_mm is not None,
         "--scale": options.scale is not None,
         "--printers": options.printers not in (None, 1) and options.copies == 1,
@@ -280,7 +282,7 @@ def _check_options(options: JobOptions) -> None:
         "--marks": options.marks,
         "--engine": options.engine != defaults.engine,
     }
-    flags = [flag for flag, is_given in given.items() if is_given]
+    flags = [flag for flag, is_given in is_set_by_option.items() if is_given]
     if flags:
         raise FarmError(
             f"{' '.join(flags)}: G-code is printed as it is, on one printer: leave it out, or submit a model",

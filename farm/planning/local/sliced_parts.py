@@ -120,10 +120,10 @@ def level_by_slices(
             break
         if moved is None or moved.faults:
             break
-        again = slicer.slice_parts(moved, work / str(number))
-        if max(again.times_s) >= max(best.times_s):
+        moved_slices = slicer.slice_parts(moved, work / str(number))
+        if max(moved_slices.times_s) >= max(best.times_s):
             break
-        best = again
+        best = moved_slices
     return best
 
 

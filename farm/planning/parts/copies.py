@@ -88,7 +88,9 @@ def multiply_plan(plan: Plan, task: DecomposeTask) -> Plan:
         takers = [section for section in printers if _can_print(section, plate)]
         choices = [_move_plate(plate, s, task.time_factors.get(s.name, 1.0)) for s in takers] or [plate]
         for number in range(1, copies + 1):
-            copied = min(choices, key=lambda one: (loads_s[one.printer] + one.expected_s, one.printer))
+            copied = min(
+                choices, key=lambda choice: (loads_s[choice.printer] + choice.expected_s, choice.printer)
+            )
             loads_s[copied.printer] += copied.expected_s
             name = _name_copy(plate.id, number)
             parts = tuple(_name_copy(part, number) for part in plate.parts)

@@ -109,8 +109,8 @@ def write_decomposed(
         Finds the place of a part on its bed.
     """
     stored = write_decomposition(decomposition, folder, find_place)
-    told = (stored.describe_thin_rims(), stored.describe_small_feet(), *stored.connectors.failures)
-    warnings = [text for text in told if text]
+    messages = (stored.describe_thin_rims(), stored.describe_small_feet(), *stored.connectors.failures)
+    warnings = [text for text in messages if text]
     ranks = {number: rank for rank, number in enumerate(stored.assembly.part_order, 1)}
     return DecomposedJob(
         parts=tuple(

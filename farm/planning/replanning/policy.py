@@ -163,8 +163,8 @@ def choose_recut(plate: WaitingPlate, situation: Situation) -> Recut | None:
         for p in situation.free
         if p.name not in used_printers and _has_same_filament(plate, p) and _could_start(piece, p, situation)
     ]
-    most = min(len(free), MAX_PIECES, len(free) if plate.places is None else plate.places)
-    if most < 2:
+    max_pieces = min(len(free), MAX_PIECES, len(free) if plate.places is None else plate.places)
+    if max_pieces < 2:
         return None
     free.sort(key=lambda p: (p.name in plate.failed_on, p.time_factor, -p.capabilities.height_mm, p.name))
 
@@ -173,7 +173,7 @@ def choose_recut(plate: WaitingPlate, situation: Situation) -> Recut | None:
         begins_s = situation.now_s + CUTTING_S * situation.time_scale
         return begins_s + plate.heating_s + layers_s * _CUT_TIME_RATIO * slowest / count + JOIN_S * count
 
-    count = min(range(2, most + 1), key=recut_end_s)
+    count = min(range(2, max_pieces + 1), key=recut_end_s)
     if not saves_enough(end_in_one_piece_s(plate, situation), recut_end_s(count), situation.now_s):
         return None
     return Recut(plate.id, tuple(p.name for p in free[:count]))
@@ -191,8 +191,8 @@ def _has_same_filament(plate: WaitingPlate, printer: FleetPrinter) -> bool:
 
 def is_other_kind(demand: Demand, kind: Capabilities) -> bool:
     """Return whether a printer has the filament of a plate, but is not of the kind it was sliced for."""
-    material, colour, _, _, only = demand
-    return kind.meets((material, colour, None, None, only)) and not kind.meets(demand)
+    material, colour, _, _, allowed_printers = demand
+    return kind.meets((material, colour, None, None, allowed_printers)) and not kind.meets(demand)
 
 
 def _differs_in_kind(plate: WaitingPlate, printer: FleetPrinter) -> bool:

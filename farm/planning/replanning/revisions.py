@@ -109,27 +109,29 @@ class PlanRevisions:
         if not waiting:
             return
         reservations, ratio = find_reservations(), assembly_ratio(books.jobs.values())
-        given = {assignment.printer: assignment.plate for assignment in assign_plates(situation)}
-        starting = {books.plates[plate].job for plate in given.values()}
+        plate_by_printer = {assignment.printer: assignment.plate for assignment in assign_plates(situation)}
+        starting = {books.plates[plate].job for plate in plate_by_printer.values()}
         for number, plates in waiting.items():
             job = books.job(number)
             own_uses = {plate.id for plate in plates} | {SPARE_USE}  # its spares are subtracted below
             taken_printers = {
-                name for name, use in (*reservations.items(), *given.items()) if use not in own_uses
+                name
+                for name, use in (*reservations.items(), *plate_by_printer.items())
+                if use not in own_uses
             }
             idle, coming = _list_candidates(job, situation, taken_printers)
             key = (number, job.plan, frozenset(idle), frozenset(coming))
             due = number in starting or not set(job.planned_for) <= set(coming)
             if not due or key in self._examined or self.is_running(number):
                 continue
-            self._examined = {one for one in self._examined if one[0] in changeable} | {key}
-            described = _describe(job, plates, situation, ratio)
-            names = choose_revision(described, situation, (idle, coming))
+            self._examined = {examined for examined in self._examined if examined[0] in changeable} | {key}
+            candidate = _describe(job, plates, situation, ratio)
+            names = choose_revision(candidate, situation, (idle, coming))
             if names is not None:
                 log.info("job %d is planned again for %s", number, " ".join(names), extra={"job": number})
                 self._running[number] = StartPlanning(number, names, rounds=1)
                 self._began_s[number] = situation.now_s
-                self._held_until_s[number] = situation.now_s + PATIENCE * described.planning_s
+                self._held_until_s[number] = situation.now_s + PATIENCE * candidate.planning_s
                 yield self._running[number]
 
     def _is_changeable(self, books: Books, job: Job) -> bool:

@@ -93,9 +93,9 @@ def describe_shortage(folder: str, use: DiskUse, keep_gb: float, reserve_gb: flo
     nights = estimate_nights_until_full(use, keep_gb * _GB, reserve_gb * _GB)
     if nights > SOON_NIGHTS:
         return None
-    when = "now" if nights < 0.5 else "in about a night" if nights < 1.5 else "in about two nights"
+    time = "now" if nights < 0.5 else "in about a night" if nights < 1.5 else "in about two nights"
     return (
-        f"the disk of {folder} is full {when} ({use.free_bytes / _GB:.1f} GB free, "
+        f"the disk of {folder} is full {time} ({use.free_bytes / _GB:.1f} GB free, "
         f"{use.day_bytes / _GB:.1f} GB stored a day): free some space, or lower `fleet.keep` in fleet.yaml, "
         "start the daemon again and `farm prune`"
     )

@@ -44,11 +44,11 @@ def _(event: ev.JobPlanned, books: Books) -> Result:
 
 @change.register
 def _(event: ev.PlanRevised, books: Books) -> Result:
-    before = books.job(event.job)
-    plates = list(books.plates_of(before))
+    previous = books.job(event.job)
+    plates = list(books.plates_of(previous))
     if any(books.plate_state(plate) is not PlateState.WAITING or plate.prints for plate in plates):
-        raise InvalidTransition(event, JOB, before.id, before.state, "one of its plates has started")
-    job = replace_fields(_apply_plan(before, event), revisions=before.revisions + 1)
+        raise InvalidTransition(event, JOB, previous.id, previous.state, "one of its plates has started")
+    job = replace_fields(_apply_plan(previous, event), revisions=previous.revisions + 1)
     left = [plate for plate in plates if plate.id not in job.plates]
     replaced = [replace_fields(plate, replaced_by=job.plates) for plate in left]
     return put(books, job, *replaced, *event.parts, *event.plates), (ev.NameFiles(job=job.id),)

@@ -34,8 +34,8 @@ def _(event: ev.PlateReplaced, books: Books) -> Result:
     job = books.job(plate.job)
     if job.state is not JobState.PRINTING:
         raise InvalidTransition(event, JOB, job.id, job.state)
-    kept = {"prints": plate.prints, "counted_from": plate.counted_from, "paused": plate.paused}
-    plates = [replace_fields(new, **kept) for new in event.plates]
+    kept_fields = {"prints": plate.prints, "counted_from": plate.counted_from, "paused": plate.paused}
+    plates = [replace_fields(new, **kept_fields) for new in event.plates]
     names = tuple(new.id for new in plates)
     old = replace_fields(plate, replaced_by=names)
     job = replace_fields(
@@ -79,8 +79,8 @@ def _(event: ev.ReprintRequested, books: Books) -> Result:
     job = books.job(plate.job)
     if job.pruned_s is not None:
         raise InvalidTransition(event, JOB, job.id, job.state, "pruned: its files are no longer kept")
-    done = find_successful_print(books.prints_of(plate))
-    if done is not None:
-        books = put(books, replace_fields(done, verdict=Verdict.BAD, verdict_why=event.why))
+    successful_print = find_successful_print(books.prints_of(plate))
+    if successful_print is not None:
+        books = put(books, replace_fields(successful_print, verdict=Verdict.BAD, verdict_why=event.why))
     books = put(books, replace_fields(plate, cancelled=False, paused=False, counted_from=len(plate.prints)))
     return update_job_state(books, plate.job, event.at_s, reopen=True), ()

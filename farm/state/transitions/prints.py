@@ -86,10 +86,10 @@ def _(event: ev.PrintFound, books: Books) -> Result:
 
 @change.register
 def _(event: ev.PrintEnded, books: Books) -> Result:
-    before = books.prints[event.print_id]
-    plate, printer = books.plates[before.plate], books.printer(before.printer)
-    unknown = _end_is_unknown(event, before)
-    attempt = _end_print(event, before, plate)
+    previous = books.prints[event.print_id]
+    plate, printer = books.plates[previous.plate], books.printer(previous.printer)
+    unknown = _end_is_unknown(event, previous)
+    attempt = _end_print(event, previous, plate)
     printer = replace_fields(
         printer, filament=event.filament, reel=subtract_grams(printer.reel, attempt.grams)
     )

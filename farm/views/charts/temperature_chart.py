@@ -79,10 +79,10 @@ def lay_out_temperatures(
     format_time
         Formats a time as ISO 8601.
     """
-    known = [one for one in readings if one.nozzle_c is not None or one.bed_c is not None]
+    known = [reading for reading in readings if reading.nozzle_c is not None or reading.bed_c is not None]
     if not known:
         return None
-    hottest_c = max(max(one.nozzle_c or 0, one.bed_c or 0) for one in known)
+    hottest_c = max(max(reading.nozzle_c or 0, reading.bed_c or 0) for reading in known)
     top_c = max(_MIN_TOP_C, -(-(hottest_c + 10) // _STEP_C) * _STEP_C)
     axis = TimeAxis(known[0].at_s, max(now_s, known[-1].at_s), _LEFT, _WIDTH - _LEFT - 20.0, zone)
 
@@ -90,23 +90,27 @@ def lay_out_temperatures(
         return _TOP + (_HEIGHT - _TOP - _BOTTOM) * (1.0 - max(0.0, degrees_c) / top_c)
 
     def draw(value: Callable[[Temperatures], int | None]) -> tuple[Points, ...]:
-        return tuple(_split(((axis.x(one.at_s), value(one)) for one in readings), y))
+        return tuple(_split(((axis.x(reading.at_s), value(reading)) for reading in readings), y))
 
     step = max(1, len(known) // _TABLE_ROWS)
     return TemperatureChart(
         curves=(
-            Curve("nozzle", "nozzle", draw(lambda one: one.nozzle_c)),
-            Curve("nozzle, target", "nozzle target", draw(lambda one: one.nozzle_target_c)),
-            Curve("bed", "bed", draw(lambda one: one.bed_c)),
-            Curve("bed, target", "bed target", draw(lambda one: one.bed_target_c)),
+            Curve("nozzle", "nozzle", draw(lambda reading: reading.nozzle_c)),
+            Curve("nozzle, target", "nozzle target", draw(lambda reading: reading.nozzle_target_c)),
+            Curve("bed", "bed", draw(lambda reading: reading.bed_c)),
+            Curve("bed, target", "bed target", draw(lambda reading: reading.bed_target_c)),
         ),
         marks=tuple(axis.list_marks()),
         degrees=tuple((y(c), c) for c in range(0, top_c + 1, _STEP_C)),
         rows=tuple(
             TemperatureRow(
-                format_time(one.at_s), one.nozzle_c, one.bed_c, one.nozzle_target_c, one.bed_target_c
+                format_time(reading.at_s),
+                reading.nozzle_c,
+                reading.bed_c,
+                reading.nozzle_target_c,
+                reading.bed_target_c,
             )
-            for one in reversed(known[::-step])
+            for reading in reversed(known[::-step])
         ),
         since=format_time(known[0].at_s),
         hottest_c=hottest_c,

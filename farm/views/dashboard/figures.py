@@ -68,21 +68,21 @@ def sum_figures(name: str, prints: Iterable[Print], plates: Mapping[str, Plate])
     plates
         Their plates, by name.
     """
-    ended = [one for one in prints if one.state.ended and one.started_s is not None]
-    wasted = [one for one in ended if is_wasted(one)]
-    compared = [one for one in ended if one.state is PrintState.DONE and not one.paused]
-    bad = sum(one.state is PrintState.DONE and one.verdict is Verdict.BAD for one in ended)
+    ended = [attempt for attempt in prints if attempt.state.ended and attempt.started_s is not None]
+    wasted = [attempt for attempt in ended if is_wasted(attempt)]
+    compared = [attempt for attempt in ended if attempt.state is PrintState.DONE and not attempt.paused]
+    bad = sum(attempt.state is PrintState.DONE and attempt.verdict is Verdict.BAD for attempt in ended)
     return Figures(
         name=name,
         prints=len(ended),
         good=len(ended) - len(wasted),
-        failed=bad + sum(one.state is PrintState.FAILED for one in ended),
-        cancelled=sum(one.state is PrintState.CANCELLED for one in ended),
+        failed=bad + sum(attempt.state is PrintState.FAILED for attempt in ended),
+        cancelled=sum(attempt.state is PrintState.CANCELLED for attempt in ended),
         used_s=sum(map(duration_s, ended)),
         wasted_s=sum(map(duration_s, wasted)),
-        grams=sum(one.grams for one in ended),
-        wasted_grams=sum(one.grams for one in wasted),
-        expected_s=sum(plates[one.plate].expected_s for one in compared),
+        grams=sum(attempt.grams for attempt in ended),
+        wasted_grams=sum(attempt.grams for attempt in wasted),
+        expected_s=sum(plates[attempt.plate].expected_s for attempt in compared),
         reached_s=sum(map(duration_s, compared)),
     )
 
@@ -92,12 +92,12 @@ def group_figures(
 ) -> list[Figures]:
     """Add up ended prints in groups, by the names of the groups."""
     groups: dict[str, list[Print]] = {}
-    for one in prints:
-        groups.setdefault(name(one), []).append(one)
+    for attempt in prints:
+        groups.setdefault(name(attempt), []).append(attempt)
     figures = (sum_figures(group, groups[group], plates) for group in sorted(groups))
-    return [one for one in figures if one.prints]
+    return [group for group in figures if group.prints]
 
 
-def name_month(one: Print, zone: tzinfo) -> str:
+def name_month(attempt: Print, zone: tzinfo) -> str:
     """Name the month in which a print ended, like 2026-11; empty if it has not."""
-    return "" if one.ended_s is None else f"{datetime.fromtimestamp(one.ended_s, zone):%Y-%m}"
+    return "" if attempt.ended_s is None else f"{datetime.fromtimestamp(attempt.ended_s, zone):%Y-%m}"

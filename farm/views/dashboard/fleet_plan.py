@@ -41,9 +41,9 @@ class FleetPlan:
     def job_ends_s(self) -> dict[int, float]:
         """Return the end of the last print of each job with any that runs or is planned."""
         ends_s: dict[int, float] = {}
-        for one in self.prints:
-            if one.kind in (PLANNED, "printing"):
-                ends_s[one.job] = max(one.ends_s, ends_s.get(one.job, one.ends_s))
+        for slot in self.prints:
+            if slot.kind in (PLANNED, "printing"):
+                ends_s[slot.job] = max(slot.ends_s, ends_s.get(slot.job, slot.ends_s))
         return ends_s
 
 
@@ -73,7 +73,7 @@ def plan_fleet(context: ViewContext, situation: Situation, since_s: float) -> Fl
         for slot in forecast.slots
     )
     prints = [*_list_started(context, since_s), *planned]
-    prints.sort(key=lambda one: (one.starts_s, one.printer))
+    prints.sort(key=lambda slot: (slot.starts_s, slot.printer))
     return FleetPlan(tuple(prints), forecast.left)
 
 
@@ -88,19 +88,26 @@ def _update_ends(context: ViewContext, situation: Situation) -> tuple[FleetPrint
 
 def _list_started(context: ViewContext, since_s: float) -> Iterator[PlannedPrint]:
     """List the prints that have begun, an open one up to its expected end."""
-    for one in context.books.prints.values():
-        if one.state.ended and (one.started_s is None or (one.ended_s or 0.0) < since_s):
+    for attempt in context.books.prints.values():
+        if attempt.state.ended and (attempt.started_s is None or (attempt.ended_s or 0.0) < since_s):
             continue
-        starts_s = one.started_s if one.started_s is not None else one.assigned_s
-        part = context.books.plates[one.plate].parts[0]
-        kind = name_outcome(one.state, one.verdict)
-        yield PlannedPrint(one.printer, one.job, part, kind, starts_s, _end_s(context, one, starts_s))
+        starts_s = attempt.started_s if attempt.started_s is not None else attempt.assigned_s
+        part = context.books.plates[attempt.plate].parts[0]
+        kind = name_outcome(attempt.state, attempt.verdict)
+        yield PlannedPrint(
+            attempt.printer,
+            attempt.job,
+            part,
+            kind,
+            starts_s,
+            _end_s(context, attempt, starts_s),
+        )
 
 
-def _end_s(context: ViewContext, one: Print, starts_s: float) -> float:
-    if one.ended_s is not None:
-        return max(starts_s, one.ended_s)
-    return context.now_s + max(60.0, context.remaining_s(one))
+def _end_s(context: ViewContext, attempt: Print, starts_s: float) -> float:
+    if attempt.ended_s is not None:
+        return max(starts_s, attempt.ended_s)
+    return context.now_s + max(60.0, context.remaining_s(attempt))
 
 
 def list_spans(hours: Hours, begin_s: float, end_s: float) -> list[tuple[float, float]]:

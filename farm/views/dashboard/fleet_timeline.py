@@ -169,38 +169,44 @@ def describe_fleet_timeline(
         zone=context.fleet.fleet.timezone,
         back_s=back_s,
         chart=_lay_out(context, situation, plan, since_s),
-        table=tuple(_make_table_row(context, one) for one in plan.prints),
+        table=tuple(_make_table_row(context, slot) for slot in plan.prints),
         left=tuple(context.books.plates[name].parts[0] for name in plan.left),
         unplanned=tuple(WaitingJob(job.id, job.name) for job in jobs if not job.plates),
         waiting=tuple(WaitingJob(job.id, job.name) for job in jobs if job.plates),
         change=change,
         shifts=tuple(
             Shift(
-                job=one.job.id,
-                name=one.job.name,
-                end=context.format_time(one.end_s),
-                new_end=context.format_time(one.new_end_s),
-                later_s=one.later_s,
+                job=shift.job.id,
+                name=shift.job.name,
+                end=context.format_time(shift.end_s),
+                new_end=context.format_time(shift.new_end_s),
+                later_s=shift.later_s,
             )
-            for one in shifts
+            for shift in shifts
         ),
     )
 
 
 def _lay_out(context: ViewContext, situation: Situation, plan: FleetPlan, since_s: float) -> Chart:
     """Lay out a plan over its whole time, over a week and a day at most."""
-    last_s = max((one.ends_s for one in plan.prints), default=context.now_s) + _AFTER_S
-    first_s = min((one.starts_s for one in plan.prints), default=context.now_s) - _AFTER_S
+    last_s = max((slot.ends_s for slot in plan.prints), default=context.now_s) + _AFTER_S
+    first_s = min((slot.starts_s for slot in plan.prints), default=context.now_s) - _AFTER_S
     begin_s = max(since_s, min(first_s, context.now_s - _AFTER_S))
     end_s = min(max(last_s, begin_s + _MIN_SPAN_S), context.now_s + _MAX_SPAN_S)
     axis = TimeAxis(begin_s, end_s, _LEFT, _WIDTH - _LEFT - _RIGHT, context.fleet.zone)
     rows = []
-    names = dict.fromkeys([*context.fleet.names, *(one.printer for one in plan.prints)])
+    names = dict.fromkeys([*context.fleet.names, *(slot.printer for slot in plan.prints)])
     for number, name in enumerate(names):
-        bars = (one for one in plan.prints if one.printer == name and one.starts_s < end_s)
-        rows.append(Row(name, _TOP + _ROW * number, tuple(_lay_out_bar(context, axis, one) for one in bars)))
+        bars = (slot for slot in plan.prints if slot.printer == name and slot.starts_s < end_s)
+        rows.append(
+            Row(
+                name,
+                _TOP + _ROW * number,
+                tuple(_lay_out_bar(context, axis, slot) for slot in bars),
+            )
+        )
     rules = situation.rules
-    kinds = {one.kind for one in plan.prints}
+    kinds = {slot.kind for slot in plan.prints}
     return Chart(
         rows=tuple(rows),
         marks=tuple(axis.list_marks()),
@@ -216,24 +222,24 @@ def _lay_out_bands(axis: TimeAxis, spans: Sequence[tuple[float, float]]) -> tupl
     return tuple(Band(axis.x(begin_s), axis.x(end_s) - axis.x(begin_s)) for begin_s, end_s in spans)
 
 
-def _lay_out_bar(context: ViewContext, axis: TimeAxis, one: PlannedPrint) -> Bar:
-    x = axis.x(one.starts_s)
-    width = max(3.0, axis.x(one.ends_s) - x - 1.0)
-    label = " ".join(filter(None, (SIGNS[one.kind], one.part)))
+def _lay_out_bar(context: ViewContext, axis: TimeAxis, slot: PlannedPrint) -> Bar:
+    x = axis.x(slot.starts_s)
+    width = max(3.0, axis.x(slot.ends_s) - x - 1.0)
+    label = " ".join(filter(None, (SIGNS[slot.kind], slot.part)))
     if len(label) * _CHARACTER > width:
-        label = SIGNS[one.kind] if width > 2 * _CHARACTER else ""
-    length = format_duration(one.ends_s - one.starts_s)
-    text = f"{one.part} ({context.books.jobs[one.job].name}) on {one.printer}: {one.kind}, {length}"
-    return Bar(x, width, one.kind, label, text, one.job)
+        label = SIGNS[slot.kind] if width > 2 * _CHARACTER else ""
+    length = format_duration(slot.ends_s - slot.starts_s)
+    text = f"{slot.part} ({context.books.jobs[slot.job].name}) on {slot.printer}: {slot.kind}, {length}"
+    return Bar(x, width, slot.kind, label, text, slot.job)
 
 
-def _make_table_row(context: ViewContext, one: PlannedPrint) -> TableRow:
+def _make_table_row(context: ViewContext, slot: PlannedPrint) -> TableRow:
     return TableRow(
-        printer=one.printer,
-        job=one.job,
-        name=context.books.jobs[one.job].name,
-        part=one.part,
-        kind=one.kind,
-        starts=context.format_time(one.starts_s) or "",
-        ends=context.format_time(one.ends_s) or "",
+        printer=slot.printer,
+        job=slot.job,
+        name=context.books.jobs[slot.job].name,
+        part=slot.part,
+        kind=slot.kind,
+        starts=context.format_time(slot.starts_s) or "",
+        ends=context.format_time(slot.ends_s) or "",
     )

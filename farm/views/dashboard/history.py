@@ -90,19 +90,23 @@ def describe_history(context: ViewContext, chosen: HistoryFilter, max_rows: int 
     books, zone = context.books, context.fleet.zone
     prints = select_prints(context, chosen)
     jobs = [
-        job for job in map(books.job, sorted({one.job for one in prints}, reverse=True)) if job.state.ended
+        job
+        for job in map(books.job, sorted({attempt.job for attempt in prints}, reverse=True))
+        if job.state.ended
     ]
     shown = prints[-max_rows:]
     return HistoryView(
         now=context.format_time(context.now_s) or "",
         chosen=chosen,
-        printers=tuple(sorted({*context.fleet.names, *(one.printer for one in books.prints.values())})),
+        printers=tuple(
+            sorted({*context.fleet.names, *(attempt.printer for attempt in books.prints.values())})
+        ),
         total=sum_figures("all", prints, books.plates),
-        by_printer=group_figures(prints, books.plates, lambda one: one.printer),
-        by_material=group_figures(prints, books.plates, lambda one: books.plates[one.plate].material),
-        by_month=group_figures(prints, books.plates, lambda one: name_month(one, zone)),
+        by_printer=group_figures(prints, books.plates, lambda attempt: attempt.printer),
+        by_material=group_figures(prints, books.plates, lambda attempt: books.plates[attempt.plate].material),
+        by_month=group_figures(prints, books.plates, lambda attempt: name_month(attempt, zone)),
         jobs=[_describe_outcome(context, job) for job in jobs[:max_rows]],
-        rows=[describe_ended_print(context, one) for one in reversed(shown)],
+        rows=[describe_ended_print(context, attempt) for attempt in reversed(shown)],
         hidden=len(prints) - len(shown),
     )
 
@@ -119,15 +123,15 @@ def select_prints(context: ViewContext, chosen: HistoryFilter) -> list[Print]:
         context.books.job(chosen.job)
     since_s = 0.0 if chosen.days is None else context.now_s - chosen.days * _DAY_S
     prints = [
-        one
-        for one in context.books.prints.values()
-        if one.state.ended
-        and one.started_s is not None
-        and chosen.printer in (None, one.printer)
-        and chosen.job in (None, one.job)
-        and (one.ended_s or 0.0) >= since_s
+        attempt
+        for attempt in context.books.prints.values()
+        if attempt.state.ended
+        and attempt.started_s is not None
+        and chosen.printer in (None, attempt.printer)
+        and chosen.job in (None, attempt.job)
+        and (attempt.ended_s or 0.0) >= since_s
     ]
-    return sorted(prints, key=lambda one: (one.ended_s or 0.0, one.id))
+    return sorted(prints, key=lambda attempt: (attempt.ended_s or 0.0, attempt.id))
 
 
 def _describe_outcome(context: ViewContext, job: Job) -> JobOutcome:

@@ -98,7 +98,7 @@ def describe_printer_page(
     if name not in context.fleet.names:
         raise NoSuchThing(f"there is no printer {name} in the fleet")
     section = context.fleet.printer(name)
-    prints = [one for one in context.books.prints.values() if one.printer == name]
+    prints = [attempt for attempt in context.books.prints.values() if attempt.printer == name]
     return PrinterPage(
         now=context.format_time(context.now_s) or "",
         printer=describe_printer(context, section, hold, kept_for),
@@ -116,26 +116,30 @@ def describe_printer_page(
 
 def _list_faults(context: ViewContext, prints: Sequence[Print]) -> list[FaultView]:
     """List the last prints that did not succeed and have a fault or a verdict, the newest first."""
-    faulty = [one for one in prints if one.state.ended and (one.fault or one.verdict_why or one.fail_reason)]
-    faulty.sort(key=lambda one: one.ended_s or 0.0, reverse=True)
-    return [_describe_fault(context, one) for one in faulty[:_FAULTS]]
+    faulty = [
+        attempt
+        for attempt in prints
+        if attempt.state.ended and (attempt.fault or attempt.verdict_why or attempt.fail_reason)
+    ]
+    faulty.sort(key=lambda attempt: attempt.ended_s or 0.0, reverse=True)
+    return [_describe_fault(context, attempt) for attempt in faulty[:_FAULTS]]
 
 
-def _describe_fault(context: ViewContext, one: Print) -> FaultView:
-    pruned = context.books.jobs[one.job].pruned_s is not None
+def _describe_fault(context: ViewContext, attempt: Print) -> FaultView:
+    pruned = context.books.jobs[attempt.job].pruned_s is not None
     return FaultView(
-        job=one.job,
-        part=context.books.plates[one.plate].parts[0],
-        ended=context.format_time(one.ended_s),
-        fault=one.fault,
-        text=one.reason or one.fail_reason or one.verdict_why or "",
+        job=attempt.job,
+        part=context.books.plates[attempt.plate].parts[0],
+        ended=context.format_time(attempt.ended_s),
+        fault=attempt.fault,
+        text=attempt.reason or attempt.fail_reason or attempt.verdict_why or "",
         stills=tuple(
             SeenStill(
                 moment=still.moment.replace("_", " "),
                 taken=context.format_time(still.at_s) or "",
-                file=f"print-{one.number}-{still.moment}.{still.file.rpartition('.')[2]}",
+                file=f"print-{attempt.number}-{still.moment}.{still.file.rpartition('.')[2]}",
             )
-            for still in one.stills
+            for still in attempt.stills
             if not pruned
         ),
     )

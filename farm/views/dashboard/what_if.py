@@ -108,7 +108,7 @@ def compare_plans(context: ViewContext, plan: FleetPlan, changed: FleetPlan) -> 
         for job in context.books.jobs.values()
         if job.id in ends_s or job.id in new_ends_s
     ]
-    return sorted(shifts, key=lambda one: (_find_end_s(ends_s, one.job.id), one.job.id))
+    return sorted(shifts, key=lambda shift: (_find_end_s(ends_s, shift.job.id), shift.job.id))
 
 
 def _find_end_s(ends_s: Mapping[int, float], job: int) -> float:

@@ -30,8 +30,8 @@ def job_forms(services: Services, jobs: JobCommands, parts: PartCommands) -> API
     async def reschedule(number: int, request: Request, by: OperatorName) -> Response:
         at = (await read_form(request, api.JobStart)).at
         jobs.reschedule(number, at, by)
-        when = "as soon as it can" if at == "now" else f"not before {at}"
-        return answer_form(request, Note(f"Job {number} starts {when}."))
+        time_text = "as soon as it can" if at == "now" else f"not before {at}"
+        return answer_form(request, Note(f"Job {number} starts {time_text}."))
 
     @router.post("/jobs/{number}/cancel")
     async def cancel(number: int, request: Request, by: CallerName) -> Response:

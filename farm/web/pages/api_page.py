@@ -70,19 +70,19 @@ def render_api_page(document: Mapping[str, Any], address: str) -> str:
 
 def _list_operations(document: Mapping[str, Any]) -> Iterator[_Operation]:
     for path, operations in document["paths"].items():
-        for verb, one in operations.items():
+        for verb, operation in operations.items():
             yield _Operation(
-                id=one["operationId"],
+                id=operation["operationId"],
                 method=verb.upper(),
                 path=path,
-                text=one.get("description") or f"{one['summary']}.",
-                role=one.get("x-role"),
+                text=operation.get("description") or f"{operation['summary']}.",
+                role=operation.get("x-role"),
                 parameters=[
                     _Parameter(p["name"], p["in"], p.get("required", False), describe_schema(p["schema"]))
-                    for p in one.get("parameters", ())
+                    for p in operation.get("parameters", ())
                 ],
-                bodies=_list_contents(one.get("requestBody", {})),
-                answers=_list_contents(one["responses"]["200"]),
+                bodies=_list_contents(operation.get("requestBody", {})),
+                answers=_list_contents(operation["responses"]["200"]),
             )
 
 
@@ -107,9 +107,9 @@ def describe_schema(schema: Mapping[str, Any]) -> Text:
         return (("", str(schema["$ref"]).rpartition("/")[2]),)
     if "anyOf" in schema:
         choices: list[tuple[str, str]] = []
-        for one in schema["anyOf"]:
+        for choice in schema["anyOf"]:
             choices += [(" or ", "")] if choices else []
-            choices += describe_schema(one)
+            choices += describe_schema(choice)
         return tuple(choices)
     kind = schema.get("type")
     if kind == "array":

@@ -142,8 +142,8 @@ def _make_keys(todos: Iterable[api.Todo]) -> Iterator[str]:
     """Yield a key for each task: its code and what it is about, with a number where that is not enough."""
     seen = Counter[str]()
     for todo in todos:
-        about = () if todo.code == "clear" else (*map(str, todo.jobs), *todo.printers)
-        key = "-".join((todo.code, *about))
+        subjects = () if todo.code == "clear" else (*map(str, todo.jobs), *todo.printers)
+        key = "-".join((todo.code, *subjects))
         seen[key] += 1
         yield key if seen[key] == 1 else f"{key}-{seen[key]}"
 
@@ -185,8 +185,8 @@ def _describe_task(
             text = todo.text
         case "connect":
             text = f"Connect {text}"
-    about = [jobs[number] for number in todo.jobs if number in jobs]
-    return Task(key, todo.code, text[:1].upper() + text[1:] if not names else text, names, about, beds)
+    jobs_of_task = [jobs[number] for number in todo.jobs if number in jobs]
+    return Task(key, todo.code, text[:1].upper() + text[1:] if not names else text, names, jobs_of_task, beds)
 
 
 def describe_bed(printer: api.PrinterView, good: str | None = None) -> Bed:

@@ -36,7 +36,7 @@ def load_static_files() -> Mapping[str, StaticFile]:
     found: dict[str, StaticFile] = {}
     for folder in _FOLDERS:
         place = files("farm.web.pages").joinpath(folder)
-        for entry in sorted(place.iterdir(), key=lambda one: one.name) if place.is_dir() else ():
+        for entry in sorted(place.iterdir(), key=lambda path: path.name) if place.is_dir() else ():
             media_type = _TYPES.get(entry.name[entry.name.rfind(".") :])
             if media_type is None:
                 continue

@@ -39,7 +39,7 @@ class Address:
 
     def sections(self, controller: Controller) -> list[PrinterSection]:
         """Return the printers that may print what is sent here."""
-        return [one for one in controller.fleet.printers if self.printer in (None, one.name)]
+        return [section for section in controller.fleet.printers if self.printer in (None, section.name)]
 
     def takes(self, job: Job) -> bool:
         """Return whether a job is listed here."""

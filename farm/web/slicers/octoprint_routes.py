@@ -40,7 +40,9 @@ def octoprint_routes(services: Services, jobs: JobCommands, selection: Selection
     async def job(address: Addressed, by: CallerName) -> dict[str, Any]:
         current = selection.find(by, address, controller.books)
         prints = controller.books.open_prints(current.id) if current is not None else ()
-        printer = next((one.printer for one in prints if address.printer in (None, one.printer)), None)
+        printer = next(
+            (attempt.printer for attempt in prints if address.printer in (None, attempt.printer)), None
+        )
         view = None if printer is None else _describe_printer(services, printer)
         return views.describe_current_job(current, view.print if view else None)
 
@@ -62,8 +64,8 @@ def octoprint_routes(services: Services, jobs: JobCommands, selection: Selection
     @router.get("/api/files")
     @router.get(FILES)
     async def files(address: Addressed) -> dict[str, Any]:
-        listed = [one for one in controller.books.open_jobs() if address.takes(one)]
-        return {"files": [views.describe_file(one, _locate(address, one)) for one in listed]}
+        open_jobs = [job for job in controller.books.open_jobs() if address.takes(job)]
+        return {"files": [views.describe_file(job, _locate(address, job)) for job in open_jobs]}
 
     @router.get(FILE)
     @router.get(FILE_OF_JOB)
@@ -117,7 +119,7 @@ def _add_descriptions(router: APIRouter, services: Services) -> None:
 
 def _describe_printer(services: Services, name: str) -> api.PrinterView:
     controller = services.controller
-    (section,) = (one for one in controller.fleet.printers if one.name == name)
+    (section,) = (section for section in controller.fleet.printers if section.name == name)
     return describe_printer(controller.build_view_context(services.state), section, None)
 
 

@@ -186,12 +186,12 @@ def describe_profiles(name: str, sections: Iterable[PrinterSection], resource: s
         Address of the profiles.
     """
     chosen = list(sections)
-    smallest = min((PROFILES[one.model] for one in chosen), key=lambda profile: profile.height_mm)
+    smallest = min((PROFILES[section.model] for section in chosen), key=lambda profile: profile.height_mm)
     width, depth = smallest.bed_mm
     profile = {
         "id": _PROFILE,
         "name": name,
-        "model": " / ".join(sorted({PROFILES[one.model].title for one in chosen})),
+        "model": " / ".join(sorted({PROFILES[section.model].title for section in chosen})),
         "color": "default",
         "current": True,
         "default": True,

@@ -73,8 +73,8 @@ def render_wire(
         Why there are no lines.
     """
     shown = [
-        ShownLine(f"{datetime.fromtimestamp(one.at_s, zone):%H:%M:%S.%f}"[:-3], one.sent, one.text)
-        for one in lines
+        ShownLine(f"{datetime.fromtimestamp(line.at_s, zone):%H:%M:%S.%f}"[:-3], line.sent, line.text)
+        for line in lines
     ]
     path = f"/printers/{name}/wire"
     return render_page("wire.html", farm, path, reader, name=name, lines=shown, problem=problem)

@@ -110,4 +110,4 @@ def find_change(context: ViewContext, query: TimelineQuery) -> Change | None:
 
 def _export(context: ViewContext, query: HistoryQuery) -> str:
     prints = select_prints(context, query.to_filter())
-    return write_csv(describe_ended_print(context, one) for one in prints)
+    return write_csv(describe_ended_print(context, attempt) for attempt in prints)

@@ -82,7 +82,7 @@ def list_part_actions(
     if not role.allows(Role.PRINT) or job.options.dry_run:
         return
     path = f"/jobs/{job.id}/parts/{part.id.rpartition('/')[2]}"
-    plate = next(one for one in job.plates if one.id == part.plate)
+    plate = next(candidate for candidate in job.plates if candidate.id == part.plate)
     last = part.own_prints[-1] if part.own_prints else None
     if printer is not None and printer.last is not None and role.allows(Role.OPERATE):
         is_done = last is not None and last.state is PrintState.DONE

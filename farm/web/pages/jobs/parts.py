@@ -74,7 +74,7 @@ def list_part_rows(
     """
     plates = {plate.id: plate for plate in job.plates}
     beds = find_parts_on_beds(job, printers)
-    open_prints = {one.print.plate: one.print for one in printers if one.print is not None}
+    open_prints = {printer.print.plate: printer.print for printer in printers if printer.print is not None}
     rows = []
     for part in job.parts:
         plate = plates[part.plate]

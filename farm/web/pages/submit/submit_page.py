@@ -47,12 +47,12 @@ class SubmitChoices:
 
 def list_choices(fleet: Fleet) -> SubmitChoices:
     """List the materials, colours and build volumes of the enabled printers, each once."""
-    printers = [one for one in fleet.printers if one.enabled]
-    beds = {_describe_bed(one) for one in printers if one.model in PROFILES}
+    printers = [printer for printer in fleet.printers if printer.enabled]
+    beds = {_describe_bed(printer) for printer in printers if printer.model in PROFILES}
     return SubmitChoices(
         printers=len(printers),
-        materials=sorted({one.material_kind or one.material for one in printers}),
-        colours=sorted({one.colour for one in printers if one.colour}),
+        materials=sorted({printer.material_kind or printer.material for printer in printers}),
+        colours=sorted({printer.colour for printer in printers if printer.colour}),
         beds_mm=sorted(beds),
         timezone=fleet.fleet.timezone,
         reads_step=reads_step(),
